@@ -1,0 +1,170 @@
+"""Errors that say what is wrong, where it is, and what to do about it.
+
+One family: everything that a user can put right derives from :class:`CalibError`. Its message is
+one line, the remedy stands in ``hint``, and the offending ``name``, ``value`` and ``bound`` are
+kept as attributes so that a program can act on them without parsing text.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+
+class CalibError(Exception):
+    """Base of all errors that a user of the library can put right.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong and where, in one line.
+    hint : str
+        What to do about it, in one line.
+    name : str, optional
+        The offending thing: a joint, a column, a key, a file.
+    value, bound : object, optional
+        The value found, and the bound it breaks.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        hint: str = "",
+        name: str | None = None,
+        value: object = None,
+        bound: object = None,
+    ) -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+        self.name = name
+        self.value = value
+        self.bound = bound
+
+    def __str__(self) -> str:
+        return f"{self.message} ({self.hint})" if self.hint else self.message
+
+
+class InputError(CalibError):
+    """A number, a shape or an option that cannot be used."""
+
+
+class RobotModelError(CalibError):
+    """A robot description that is missing, malformed or not a serial arm of revolute joints."""
+
+
+class UnreachableError(CalibError):
+    """A pose that no posture inside the joint limits takes."""
+
+
+class JointLimitError(CalibError):
+    """A joint value outside its limits.
+
+    Parameters
+    ----------
+    joint : str
+        Name of the joint.
+    value_deg, lower_deg, upper_deg : float
+        The value and the limits it breaks.
+    hint : str
+        What to do about it.
+    """
+
+    def __init__(
+        self, joint: str, value_deg: float, lower_deg: float, upper_deg: float, *, hint: str = ""
+    ) -> None:
+        super().__init__(
+            limit_reason(joint, value_deg, lower_deg, upper_deg),
+            hint=hint,
+            name=joint,
+            value=value_deg,
+            bound=(lower_deg, upper_deg),
+        )
+
+
+class FileFormatError(CalibError):
+    """A file whose content cannot be read as what it should be.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong.
+    path : Path or str
+        The file.
+    row : int, optional
+        Line number in the file, counted from 1 as an editor shows it.
+    column : str, optional
+        Name of the column or key.
+    hint : str
+        What to do about it.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        path: Path | str,
+        row: int | None = None,
+        column: str | None = None,
+        hint: str = "",
+        value: object = None,
+    ) -> None:
+        place = str(path)
+        if row is not None:
+            place += f", line {row}"
+        if column is not None:
+            place += f", column {column}"
+        super().__init__(f"{place}: {message}", hint=hint, name=column or str(path), value=value)
+        self.path = Path(path)
+        self.row = row
+        self.column = column
+
+
+class OutputError(CalibError):
+    """A file or folder that cannot be written."""
+
+
+class NotIdentifiableError(CalibError):
+    """Parameters that the measurements cannot tell apart, or cannot see at all.
+
+    Parameters
+    ----------
+    parameters : sequence of str
+        The parameters that would have to be left out.
+    combinations : sequence of str
+        In words, what each of them is mixed up with.
+    """
+
+    def __init__(self, parameters: Sequence[str], combinations: Sequence[str]) -> None:
+        super().__init__(
+            "these measurements cannot identify " + ", ".join(parameters) + ": "
+            + "; ".join(combinations),
+            hint="leave " + ("it" if len(parameters) == 1 else "them")
+            + " out of the parameters, or measure poses that move what hides it",
+            name=parameters[0] if parameters else None,
+        )
+        self.parameters = tuple(parameters)
+        self.combinations = tuple(combinations)
+
+
+class ConvergenceError(CalibError):
+    """An iteration that did not reach its tolerance."""
+
+
+def limit_reason(joint: str, value_deg: float, lower_deg: float, upper_deg: float) -> str:
+    """Say in words which limit a joint value breaks, e.g. ``J5 131.2 deg is above 125.0 deg``."""
+    if value_deg > upper_deg:
+        return f"{joint} {value_deg:.1f} deg is above {upper_deg:.1f} deg"
+    return f"{joint} {value_deg:.1f} deg is below {lower_deg:.1f} deg"
+
+
+def near_names(name: str, known: Iterable[str], *, most: int = 5) -> str:
+    """Hint for a mistyped name: the nearest known ones, or all of them where none is near."""
+    choices = list(known)
+    near = difflib.get_close_matches(name.lower(), [c.lower() for c in choices], n=most, cutoff=0.5)
+    picked = [c for n in near for c in choices if c.lower() == n]
+    if picked:
+        return "did you mean " + " or ".join(dict.fromkeys(picked)) + "?"
+    return "known: " + ", ".join(choices[:30]) if choices else "there are none"

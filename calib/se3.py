@@ -1,0 +1,182 @@
+"""Rotations and rigid transforms: the conventions of the whole project, and their conversions.
+
+Conventions
+-----------
+* ``T_a_b`` maps coordinates in frame b to coordinates in frame a: ``x_a = T_a_b @ x_b``. Adjacent
+  letters cancel: ``T_base_tool = T_base_flange @ T_flange_tool``. ``R_a_b`` is its rotation and
+  ``p_a_b`` its translation, the origin of b seen from a.
+* Lengths are in metres and angles in radians. Millimetres and degrees appear only at the edges
+  (files, command line, reports), in names that end in ``_mm`` and ``_deg``.
+* ``W, P, R`` are FANUC's angles: rotations about the fixed X, Y and Z axes in that order,
+  ``R = Rz(R) Ry(P) Rx(W)``. At P = +-90 deg W and R are degenerate: R is then set to zero and the
+  matrix is still right. Compare rotations, never angles.
+* Quaternions are ``(w, x, y, z)``, of unit norm; q and -q are the same rotation.
+* All functions take leading batch dimensions: ``(..., 3, 3)``, ``(..., 4, 4)``, ``(..., 3)``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from calib.errors import InputError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+RIGID_TOLERANCE = 1e-6
+"""Largest |RᵀR - I| of an accepted rotation: rounding to six decimals in a file passes,
+a scaled or sheared matrix does not."""
+
+_GIMBAL_COSINE = 1e-9
+"""|cos P| below which W and R cannot be told apart in double precision."""
+
+
+def skew(vector: ArrayLike) -> FloatArray:
+    """Cross-product matrix: ``skew(a) @ b == np.cross(a, b)``; ``(..., 3)`` to ``(..., 3, 3)``."""
+    v = np.asarray(vector, dtype=float)
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def transform(rotation: ArrayLike, translation: ArrayLike) -> FloatArray:
+    """Rigid transforms ``(..., 4, 4)`` from rotations ``(..., 3, 3)`` and translations ``(..., 3)``."""
+    R = np.asarray(rotation, dtype=float)
+    p = np.asarray(translation, dtype=float)
+    T = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))
+    T[..., :3, :3] = R
+    T[..., :3, 3] = p
+    T[..., 3, 3] = 1.0
+    return T
+
+
+def inverse(T: FloatArray) -> FloatArray:
+    """Inverse of rigid transforms ``(..., 4, 4)``."""
+    R_t = np.swapaxes(T[..., :3, :3], -1, -2)
+    return transform(R_t, -(R_t @ T[..., :3, 3:])[..., 0])
+
+
+def apply(T: FloatArray, points: FloatArray) -> FloatArray:
+    """Points ``(..., 3)`` mapped by transforms ``(..., 4, 4)``, batch dimensions broadcast."""
+    return (T[..., :3, :3] @ points[..., None])[..., 0] + T[..., :3, 3]
+
+
+def rotation_from_wpr(wpr: ArrayLike) -> FloatArray:
+    """Rotations ``(..., 3, 3)`` from FANUC W, P, R ``(..., 3)`` [rad]: ``Rz(R) Ry(P) Rx(W)``."""
+    angles = np.asarray(wpr, dtype=float)
+    (cw, cp, cr), (sw, sp, sr) = np.moveaxis(np.cos(angles), -1, 0), np.moveaxis(np.sin(angles), -1, 0)
+    R = np.empty((*angles.shape, 3))
+    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = cr * cp, cr * sp * sw - sr * cw, cr * sp * cw + sr * sw
+    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = sr * cp, sr * sp * sw + cr * cw, sr * sp * cw - cr * sw
+    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = -sp, cp * sw, cp * cw
+    return R
+
+
+def wpr_from_rotation(rotation: ArrayLike) -> FloatArray:
+    """FANUC W, P, R ``(..., 3)`` [rad] of rotations ``(..., 3, 3)``, each in (-pi, pi].
+
+    P lies in [-pi/2, pi/2]. Where it is +-pi/2, R is set to zero.
+    """
+    R = np.asarray(rotation, dtype=float)
+    cos_p = np.hypot(R[..., 2, 1], R[..., 2, 2])
+    regular = cos_p > _GIMBAL_COSINE
+    w = np.where(
+        regular,
+        np.arctan2(R[..., 2, 1], R[..., 2, 2]),
+        np.arctan2(-R[..., 1, 2], R[..., 1, 1]),
+    )
+    p = np.arctan2(-R[..., 2, 0], cos_p)
+    r = np.where(regular, np.arctan2(R[..., 1, 0], R[..., 0, 0]), 0.0)
+    wpr = np.stack([w, p, r], axis=-1)
+    return np.where(wpr <= -np.pi, np.pi, wpr) + 0.0  # + 0.0 turns -0.0 into 0.0
+
+
+def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
+    """Unit quaternions (w, x, y, z) ``(..., 4)`` of rotations ``(..., 3, 3)``, with w >= 0."""
+    R = np.asarray(rotation, dtype=float)
+    xyzw = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat(canonical=True)
+    return np.ascontiguousarray(np.roll(xyzw, 1, axis=-1)).reshape(*R.shape[:-2], 4)
+
+
+def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
+    """Rotations ``(..., 3, 3)`` of quaternions (w, x, y, z) ``(..., 4)``; the norm is divided out."""
+    q = np.asarray(quaternion, dtype=float)
+    xyzw = np.roll(q.reshape(-1, 4), -1, axis=-1)
+    return np.asarray(Rotation.from_quat(xyzw).as_matrix()).reshape(*q.shape[:-1], 3, 3)
+
+
+def rotation_exp(rotation_vector: ArrayLike) -> FloatArray:
+    """Rotations ``(..., 3, 3)`` of rotation vectors ``(..., 3)`` [rad]: axis times angle."""
+    v = np.asarray(rotation_vector, dtype=float)
+    return np.asarray(Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix()).reshape(*v.shape, 3)
+
+
+def rotation_log(rotation: ArrayLike) -> FloatArray:
+    """Rotation vectors ``(..., 3)`` [rad] of rotations ``(..., 3, 3)``, angle in [0, pi]."""
+    R = np.asarray(rotation, dtype=float)
+    return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()).reshape(*R.shape[:-1])
+
+
+def rotation_angle(rotation: ArrayLike) -> FloatArray:
+    """Angle in [0, pi] [rad] of rotations ``(..., 3, 3)``, accurate near zero and near pi."""
+    return np.asarray(np.linalg.norm(rotation_log(rotation), axis=-1))
+
+
+def project_to_rotation(matrix: ArrayLike) -> FloatArray:
+    """Nearest rotations (Frobenius norm, determinant +1) to matrices ``(..., 3, 3)``, by SVD.
+
+    What is often called "Rodrigues' formula" in this place cannot make a matrix orthogonal.
+    """
+    U, _, Vt = np.linalg.svd(np.asarray(matrix, dtype=float))
+    sign = np.ones(U.shape[:-1])
+    sign[..., 2] = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    return np.asarray((U * sign[..., None, :]) @ Vt)
+
+
+def check_transforms(T: ArrayLike, name: str) -> FloatArray:
+    """Return T as a float array ``(..., 4, 4)`` after checking that it is a rigid transform.
+
+    Raises
+    ------
+    InputError
+        Wrong shape, numbers that are not finite, a last row other than (0, 0, 0, 1), a rotation
+        part that is not orthonormal, or a left-handed one.
+    """
+    array = np.asarray(T, dtype=float)
+    if array.ndim < 2 or array.shape[-2:] != (4, 4):
+        raise InputError(f"{name} has shape {array.shape}, not (..., 4, 4)", name=name)
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise InputError(f"{name}{list(where)} is not a finite number", name=name)
+    if np.abs(array[..., 3, :] - [0, 0, 0, 1]).max(initial=0.0) > RIGID_TOLERANCE:
+        raise InputError(
+            f"{name}: the last row of a transform must be 0 0 0 1",
+            name=name,
+            hint="are the matrices transposed?",
+        )
+    R = array[..., :3, :3]
+    deviation = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-2, -1))
+    if deviation.max(initial=0.0) > RIGID_TOLERANCE:
+        worst = np.unravel_index(int(np.argmax(deviation)), deviation.shape)
+        raise InputError(
+            f"{name}{[int(i) for i in worst]}: the rotation part is not orthonormal "
+            f"(off by {deviation.max():.2g})",
+            name=name,
+            hint="write rotations with at least seven decimals",
+            value=float(deviation.max()),
+            bound=RIGID_TOLERANCE,
+        )
+    left = np.linalg.det(R) < 0
+    if left.any():
+        raise InputError(
+            f"{name}{[int(i) for i in np.argwhere(left)[0]]}: the rotation part is left-handed "
+            "(determinant -1)",
+            name=name,
+            hint="an axis is mirrored where the matrix was made",
+        )
+    return array

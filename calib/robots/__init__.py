@@ -1,0 +1,15 @@
+"""Robots: descriptions, kinematics over arrays, inverse kinematics, presets."""
+
+from calib.robots.chain import ChainState, SerialChain
+from calib.robots.inverse import InverseSolutions
+from calib.robots.presets import preset_info, preset_names
+from calib.robots.robot import Robot
+
+__all__ = [
+    "ChainState",
+    "InverseSolutions",
+    "Robot",
+    "SerialChain",
+    "preset_info",
+    "preset_names",
+]

@@ -1,0 +1,141 @@
+"""What the methods share: quaternion products as matrices, signs, batched least squares.
+
+Everything here works on batches: T problems of N pose pairs each, in arrays ``(T, N, ...)``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib import se3
+from calib.se3 import FloatArray
+
+
+def left_matrix(quaternion: FloatArray) -> FloatArray:
+    """Matrix of multiplication from the left: ``left_matrix(p) @ q`` is the product p q.
+
+    Parameters
+    ----------
+    quaternion : ndarray (..., 4)
+        In the order w, x, y, z; of any norm.
+
+    Returns
+    -------
+    ndarray (..., 4, 4)
+        The matrix that Li et al. 2010 write ã (after Eq. 11).
+    """
+    return _product_matrix(quaternion, 1.0)
+
+
+def right_matrix(quaternion: FloatArray) -> FloatArray:
+    """Matrix of multiplication from the right: ``right_matrix(q) @ p`` is the product p q.
+
+    Parameters
+    ----------
+    quaternion : ndarray (..., 4)
+        In the order w, x, y, z; of any norm.
+
+    Returns
+    -------
+    ndarray (..., 4, 4)
+        The matrix that Li et al. 2010 write b̃ (after Eq. 11, where the tilde is missing).
+    """
+    return _product_matrix(quaternion, -1.0)
+
+
+def _product_matrix(q: FloatArray, handedness: float) -> FloatArray:
+    out = np.empty((*q.shape, 4))
+    out[..., 0, 0] = q[..., 0]
+    out[..., 0, 1:] = -q[..., 1:]
+    out[..., 1:, 0] = q[..., 1:]
+    out[..., 1:, 1:] = q[..., :1, None] * np.eye(3) + handedness * se3.skew(q[..., 1:])
+    return out
+
+
+def conjugate(quaternion: FloatArray) -> FloatArray:
+    """Conjugate ``(..., 4)``: the inverse of a unit quaternion."""
+    return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def apply_matrix(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """Product of matrices ``(..., m, n)`` and vectors ``(..., n)``, batch dimensions broadcast."""
+    return np.asarray((matrix @ vector[..., None])[..., 0])
+
+
+def least_squares(matrix: FloatArray, right_side: FloatArray) -> FloatArray:
+    """Least-squares solutions ``(T, n)`` of ``matrix (T, m, n) @ u = right_side (T, m)``, m > n.
+
+    A QR factorisation of the matrix with the right side appended keeps the condition number where
+    the normal equations would square it. The triangle is inverted by its singular values, so that
+    one problem without a unique solution cannot stop the whole batch: it gets the shortest one.
+    """
+    n = matrix.shape[-1]
+    R = np.linalg.qr(np.concatenate([matrix, right_side[..., None]], axis=-1), mode="r")
+    return apply_matrix(np.linalg.pinv(R[..., :n, :n]), R[..., :n, n])
+
+
+def kronecker_mean(A: FloatArray, B: FloatArray) -> FloatArray:
+    """Mean over the pairs of ``R_A ⊗ R_B`` ``(T, 9, 9)``.
+
+    With row-major vec, ``R_Z = R_A R_X R_Bᵀ`` reads ``vec(R_Z) = (R_A ⊗ R_B) vec(R_X)``, so the
+    matrix has a singular value 1 with the singular vectors ``vec(R_Z)`` and ``vec(R_X)`` where
+    the data are free of noise. No quaternion, hence no sign, is involved.
+    """
+    T, N = A.shape[:2]
+    R_A, R_B = A[..., :3, :3].reshape(T, N, 9), B[..., :3, :3].reshape(T, N, 9)
+    blocks = (np.swapaxes(R_A, 1, 2) @ R_B / N).reshape(T, 3, 3, 3, 3)
+    return blocks.transpose(0, 1, 3, 2, 4).reshape(T, 9, 9)
+
+
+def closed_form_rotations(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations of X and Z ``(T, 3, 3)`` from the rotations alone.
+
+    They are the leading singular vectors of :func:`kronecker_mean`, made orthonormal: the
+    minimum of ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm. Defined wherever X and Z are,
+    half turns included, which is why signs and frames are chosen by it.
+    """
+    U, _, Vt = np.linalg.svd(kronecker_mean(A, B))
+    Z = U[..., :, 0].reshape(-1, 3, 3)
+    X = Vt[..., 0, :].reshape(-1, 3, 3)
+    # A pair of singular vectors is defined up to one common sign: that of a rotation.
+    sign = np.where(np.linalg.det(Z) < 0.0, -1.0, 1.0)[:, None, None]
+    return se3.project_to_rotation(sign * X), se3.project_to_rotation(sign * Z)
+
+
+def consistent_quaternions(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Quaternions a and b ``(T, N, 4)`` of the pairs, with signs for which all ``a x = z b`` agree.
+
+    q and -q are the same rotation, so every pair has a free sign, and equations linear in the
+    quaternions hold only if it is the same one over the whole set (both papers leave this out).
+    The usual remedy takes the leading eigenvector of the matrix of
+    ``<a_i, a_j> <b_i, b_j>``, which is blind where two poses differ by half a turn. The signs of
+    ``<a_i x, z b_i>`` at the sign-free solution are the same wherever that matrix decides, and
+    stay defined where it does not, as for the three orientations 1, Rx(180°), Ry(180°).
+    """
+    a = se3.quaternion_from_rotation(A[..., :3, :3])
+    b = se3.quaternion_from_rotation(B[..., :3, :3])
+    X, Z = closed_form_rotations(A, B)
+    x = se3.quaternion_from_rotation(X)[:, None]
+    z = se3.quaternion_from_rotation(Z)[:, None]
+    agreement = (apply_matrix(left_matrix(a), x) * apply_matrix(right_matrix(b), z)).sum(axis=-1)
+    return a, np.where(agreement < 0.0, -1.0, 1.0)[..., None] * b
+
+
+def assemble(
+    A: FloatArray, B: FloatArray, R_X: FloatArray, R_Z: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """X and Z ``(T, 4, 4)`` from their rotations ``(T, 3, 3)``, translations by least squares.
+
+    Minimises ``Σ |R_A p_X + p_A - R_Z p_B - p_Z|²`` (Eq. 16 of Li et al. 2010). p_Z is the mean
+    of what the rest leaves over; the equations less their mean give p_X.
+    """
+    T, N = A.shape[:2]
+    R_A = A[..., :3, :3]
+    offset = apply_matrix(R_Z[:, None], B[..., :3, 3]) - A[..., :3, 3]
+    R_mean, offset_mean = R_A.mean(axis=1), offset.mean(axis=1)
+    p_X = least_squares(
+        (R_A - R_mean[:, None]).reshape(T, 3 * N, 3),
+        (offset - offset_mean[:, None]).reshape(T, 3 * N),
+    )
+    p_Z = apply_matrix(R_mean, p_X) - offset_mean
+    return se3.transform(R_X, p_X), se3.transform(R_Z, p_Z)

@@ -1,0 +1,100 @@
+"""Linear solution of A X = Z B by dual quaternions (Li, Wang and Wu 2010).
+
+A transform is the dual quaternion ``q + ε q'`` with ``q' = ½ p q`` (the text's later ½ q p is a
+misprint). With ``z + ε z'`` for Z, which the paper forgets to define, Eq. 10 is linear in
+(x, x', z, z')::
+
+    [ ã   0  -b̃   0 ]
+    [ ã'  ã  -b̃' -b̃ ]  (x, x', z, z') = 0        Eq. 12, corrected
+
+ã being the matrix of multiplication from the left and b̃ from the right. The 8N x 16 matrix of all
+pairs has a null space of dimension two, since (0, x, 0, z) solves it as well; Eq. 14 picks the
+answer in it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib import se3
+from calib.robot_world.algebra import (
+    apply_matrix,
+    conjugate,
+    consistent_quaternions,
+    left_matrix,
+    right_matrix,
+)
+from calib.robot_world.results import Estimate
+from calib.se3 import FloatArray
+
+
+def estimate(A: FloatArray, B: FloatArray) -> Estimate:
+    """X and Z of T problems at once, rotations and translations together.
+
+    Parameters
+    ----------
+    A, B : ndarray (T, N, 4, 4)
+        Measured transforms, N >= 3. Eq. 12 adds rows with and without a length, unweighted: the
+        answer depends on the unit of length.
+
+    Returns
+    -------
+    Estimate
+        X and Z ``(T, 4, 4)``.
+
+    Notes
+    -----
+    The signs of the quaternions are made consistent first, which the paper omits. Under noise no
+    point of the plane spanned by the last two singular vectors satisfies Eq. 14a-d; see
+    :func:`_unit_combination` for the choice. Where noise makes Eq. 14 unsolvable the method fails:
+    its residuals show it.
+    """
+    T, N = A.shape[:2]
+    a, b = consistent_quaternions(A, B)
+    rows = np.zeros((T, N, 8, 16))
+    L, R = left_matrix(a), right_matrix(b)
+    rows[..., :4, 0:4] = rows[..., 4:, 4:8] = L
+    rows[..., :4, 8:12] = rows[..., 4:, 12:16] = -R
+    rows[..., 4:, 0:4] = left_matrix(_dual_part(A[..., :3, 3], a))
+    rows[..., 4:, 8:12] = -right_matrix(_dual_part(B[..., :3, 3], b))
+    triangle = np.linalg.qr(rows.reshape(T, 8 * N, 16), mode="r")
+    plane = np.linalg.svd(triangle)[2][..., 14:, :]  # (T, 2, 16)
+    solution = _unit_combination(plane).reshape(T, 4, 4)
+    return Estimate(
+        _transform(solution[:, 0], solution[:, 1]), _transform(solution[:, 2], solution[:, 3])
+    )
+
+
+def _dual_part(translation: FloatArray, quaternion: FloatArray) -> FloatArray:
+    """q' = ½ p q ``(..., 4)`` of translations ``(..., 3)`` and unit quaternions ``(..., 4)``."""
+    return 0.5 * apply_matrix(right_matrix(quaternion)[..., 1:], translation)
+
+
+def _unit_combination(plane: FloatArray) -> FloatArray:
+    """Solution ``(T, 16)`` in the planes ``(T, 2, 16)`` by Eq. 14, corrected.
+
+    Eq. 14a-d are four equations in two unknowns. The sum of 14b and 14d (right side 0 in both),
+    ``x·x' + z·z' = 0``, gives the ratio of the two unknowns; the scale follows when x and z are
+    normalised. Of the two ratios the one with the larger ``|x|² + |z|²`` is meant: the other belongs
+    to (0, x, 0, z), which has no rotation.
+    """
+    v = plane.reshape(-1, 2, 4, 4)  # vector, one of x x' z z', component
+    real, dual = v[:, :, 0::2].reshape(-1, 2, 8), v[:, :, 1::2].reshape(-1, 2, 8)
+    product = real @ np.swapaxes(dual, -1, -2)
+    form = product + np.swapaxes(product, -1, -2)
+    values, axes = np.linalg.eigh(form)  # ascending: -, + wherever there is a solution
+    # values[0] c0² + values[1] c1² = 0; clipped where noise leaves no real solution.
+    c0, c1 = np.sqrt(np.maximum(values[:, 1], 0.0)), np.sqrt(np.maximum(-values[:, 0], 0.0))
+    choices = np.stack([np.stack([c0, c1], axis=-1), np.stack([c0, -c1], axis=-1)], axis=1)
+    weights = choices @ np.swapaxes(axes, -1, -2)  # (T, 2 choices, 2)
+    size = ((weights @ real) ** 2).sum(axis=-1)
+    best = np.take_along_axis(weights, size.argmax(axis=-1)[:, None, None], axis=1)
+    return np.asarray((best @ plane)[:, 0])
+
+
+def _transform(real: FloatArray, dual: FloatArray) -> FloatArray:
+    """Transforms ``(T, 4, 4)`` of dual quaternions of any scale: p = vec(2 q' q*) / |q|²."""
+    norm = np.linalg.norm(real, axis=-1, keepdims=True)
+    q = real / norm
+    p = 2.0 * apply_matrix(right_matrix(conjugate(q)), dual / norm)[..., 1:]
+    return se3.transform(se3.rotation_from_quaternion(q), p)

@@ -1,0 +1,113 @@
+"""Linear solution of A X = Z B by the Kronecker product (Li, Wang and Wu 2010).
+
+With row-major vec (Eq. 17-19 hold for it, against the paper's Definition 1), one pair gives::
+
+    [ R_A ⊗ 1   -1 ⊗ R_Bᵀ    0    0 ]  [vec R_X]   [ 0 ]
+    [    0       1 ⊗ p_Bᵀ  -R_A   1 ]  [vec R_Z] = [p_A]        Eq. 19
+                                       [  p_X  ]
+                                       [  p_Z  ]
+
+(Eq. 18, corrected: its first unknown is vec R_Z; Eq. 15, corrected: R_A R_X = R_Z R_B.) The nine
+rotation rows are numbers without unit and the three translation rows are lengths, added unweighted,
+so the answer changes with the unit of length. ``estimate`` divides the lengths by one taken from
+the data; ``estimate_literal`` does as printed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib import se3
+from calib.robot_world.algebra import apply_matrix, assemble, kronecker_mean, least_squares
+from calib.robot_world.results import Estimate
+from calib.se3 import FloatArray
+
+
+def estimate(A: FloatArray, B: FloatArray) -> Estimate:
+    """X and Z of T problems at once, the same in every unit of length.
+
+    The translation rows are divided by the root mean square distance of the camera's positions
+    from their centre, both seen from the target: the length that the rotation of Z turns. The
+    translations are solved again after the rotations have been made orthonormal, which removes
+    most of the loss that the printed form suffers there.
+
+    Parameters
+    ----------
+    A, B : ndarray (T, N, 4, 4)
+        Measured transforms, N >= 3, in any unit of length.
+
+    Returns
+    -------
+    Estimate
+        X and Z ``(T, 4, 4)``.
+    """
+    p_B = B[..., :3, 3]
+    from_centre = p_B - p_B.mean(axis=1, keepdims=True)
+    length = np.sqrt((from_centre**2).sum(axis=-1).mean(axis=-1))
+    # A camera that stays in one place gives no length; then Eq. 19 does not fix the scale of R_Z
+    # either, whatever the weight, and the misfit of the result says so.
+    vec_X, vec_Z, _ = _solve_rows(A, B, np.where(length > 0.0, length, 1.0))
+    R_X = se3.project_to_rotation(vec_X.reshape(-1, 3, 3))
+    R_Z = se3.project_to_rotation(vec_Z.reshape(-1, 3, 3))
+    return Estimate(*assemble(A, B, R_X, R_Z))
+
+
+def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
+    """X and Z of T problems at once as printed: lengths as given, translations as they come.
+
+    The rotations are made orthonormal by singular value decomposition; the "Rodrigues' formula"
+    of the paper cannot do that.
+
+    Parameters
+    ----------
+    A, B : ndarray (T, N, 4, 4)
+        Measured transforms, N >= 3. The answer depends on their unit of length.
+
+    Returns
+    -------
+    Estimate
+        X and Z ``(T, 4, 4)``.
+    """
+    vec_X, vec_Z, p_X = _solve_rows(A, B, np.ones(len(A)))
+    Z_linear = vec_Z.reshape(-1, 3, 3)
+    # p_Z of Eq. 19 belongs to the matrix R_Z before it is made orthonormal.
+    p_Z = (
+        A[..., :3, 3].mean(axis=1)
+        + apply_matrix(A[..., :3, :3].mean(axis=1), p_X)
+        - apply_matrix(Z_linear, B[..., :3, 3].mean(axis=1))
+    )
+    R_X = se3.project_to_rotation(vec_X.reshape(-1, 3, 3))
+    return Estimate(
+        se3.transform(R_X, p_X), se3.transform(se3.project_to_rotation(Z_linear), p_Z)
+    )
+
+
+def _solve_rows(
+    A: FloatArray, B: FloatArray, length: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Least-squares vec R_X, vec R_Z ``(T, 9)`` and p_X ``(T, 3)`` of Eq. 19, lengths divided.
+
+    p_Z and vec R_X enter with orthonormal columns and are eliminated exactly. With
+    ``K = mean R_A ⊗ R_B`` the rotation rows become ``vec R_X = Kᵀ vec R_Z`` and
+    ``√(N (1 - s²)) uᵀ vec R_Z = 0`` for every left singular vector u of K with its value s:
+    12 unknowns and 9 + 3N rows in place of 24 and 12N.
+    """
+    T, N = A.shape[:2]
+    R_A, p_A, p_B = A[..., :3, :3], A[..., :3, 3], B[..., :3, 3]
+    K = kronecker_mean(A, B)
+    U, s, _ = np.linalg.svd(K)
+    weight = np.sqrt(N * np.maximum(1.0 - s**2, 0.0))
+    p_B_centred = p_B - p_B.mean(axis=1, keepdims=True)
+    rows = np.zeros((T, 9 + 3 * N, 12))
+    rows[:, :9, :9] = weight[..., None] * np.swapaxes(U, -1, -2)
+    translation = rows[:, 9:].reshape(T, N, 3, 12)
+    for axis in range(3):  # 1 ⊗ p_Bᵀ is block diagonal
+        translation[:, :, axis, 3 * axis : 3 * axis + 3] = p_B_centred
+    translation[..., 9:] = R_A.mean(axis=1, keepdims=True) - R_A
+    translation /= length[:, None, None, None]
+    right_side = np.zeros((T, 9 + 3 * N))
+    centred = p_A - p_A.mean(axis=1, keepdims=True)
+    right_side[:, 9:] = (centred / length[:, None, None]).reshape(T, 3 * N)
+    solution = least_squares(rows, right_side)
+    vec_Z = solution[:, :9]
+    return apply_matrix(np.swapaxes(K, -1, -2), vec_Z), vec_Z, solution[:, 9:]

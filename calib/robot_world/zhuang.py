@@ -1,0 +1,113 @@
+"""Linear quaternion solution of A X = Z B (Zhuang, Roth and Sudhakar 1994), made safe.
+
+The scalar part of ``a x = z b`` gives x_0 for each pair, the vector part divided by z_0 is then
+linear in six unknowns::
+
+    [a_0 1 + Ω(a) + a aᵀ/a_0 ,  -b_0 1 + Ω(b) - a bᵀ/a_0] (x/z_0, z/z_0) = b - (b_0/a_0) a
+
+It is what Li et al. 2010 call the quaternion method and compare with. As usually written it breaks
+where some A or Z is a rotation by half a turn (a_0 = 0, z_0 = 0) and where the signs of the
+quaternions do not agree over the set.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from calib import se3
+from calib.robot_world.algebra import (
+    apply_matrix,
+    assemble,
+    closed_form_rotations,
+    conjugate,
+    consistent_quaternions,
+    least_squares,
+    left_matrix,
+)
+from calib.robot_world.results import Estimate
+from calib.se3 import FloatArray
+
+_SAFE_SCALAR = 0.2
+"""Smallest |a_0| that needs no other reference: 157 deg from the mean orientation. The rows grow
+as 1/a_0, so below it a single pair would outweigh five others."""
+
+
+def estimate(A: FloatArray, B: FloatArray) -> Estimate:
+    """X and Z of T problems at once, the rotations first, then the translations.
+
+    Parameters
+    ----------
+    A, B : ndarray (T, N, 4, 4)
+        Measured transforms, N >= 3, in any unit of length.
+
+    Returns
+    -------
+    Estimate
+        X and Z ``(T, 4, 4)``.
+
+    Notes
+    -----
+    All frames are turned before the equations are written: the base and the flange so that a
+    reference orientation far from half a turn from every A becomes the identity, the target and
+    the camera so that X and Z, taken from the rotations in closed form, are near the identity
+    (z_0 near 1). Without noise the answer does not depend on it.
+    """
+    R_base = se3.rotation_from_quaternion(_reference(A))
+    R_X, R_Z = closed_form_rotations(A, B)
+    # A X = Z B becomes (PᵀA)(X Yᵀ) = (PᵀZ G)(GᵀB Yᵀ) with P the reference, Y = X and G = ZᵀP.
+    R_target = np.swapaxes(R_Z, -1, -2) @ R_base
+    to_base, to_target = np.swapaxes(R_base, -1, -2), np.swapaxes(R_target, -1, -2)
+    A_turned = _turn(A, to_base, np.eye(3)[None])
+    B_turned = _turn(B, to_target, np.swapaxes(R_X, -1, -2))
+    x, z = _solve_quaternions(*consistent_quaternions(A_turned, B_turned))
+    R_X = se3.rotation_from_quaternion(x) @ R_X
+    R_Z = R_base @ se3.rotation_from_quaternion(z) @ to_target
+    return Estimate(*assemble(A, B, R_X, R_Z))
+
+
+def _turn(T: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
+    """Transforms with the rotations ``left R right``; the translations play no part here."""
+    rotation = left[:, None] @ T[..., :3, :3] @ right[:, None]
+    return se3.transform(rotation, np.zeros(3))
+
+
+def _solve_quaternions(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit quaternions x and z ``(T, 4)`` from ``a x = z b`` of all pairs ``(T, N, 4)``."""
+    T, N = a.shape[:2]
+    a_0, b_0, a_v, b_v = a[..., :1], b[..., :1], a[..., 1:], b[..., 1:]
+    one = np.eye(3)
+    rows_x = a_0[..., None] * one + se3.skew(a_v) + _outer(a_v / a_0, a_v)
+    rows_z = -b_0[..., None] * one + se3.skew(b_v) - _outer(a_v / a_0, b_v)
+    rows = np.concatenate([rows_x, rows_z], axis=-1).reshape(T, 3 * N, 6)
+    ratio = least_squares(rows, (b_v - b_0 * a_v / a_0).reshape(T, 3 * N))
+    x_v, z_v = ratio[:, None, :3], ratio[:, None, 3:]
+    # Back in the scalar part, a_0 x_0 = a·x + b_0 z_0 - b·z, weighted as its least squares asks.
+    x_0 = (a_0 * ((a_v * x_v).sum(-1, keepdims=True) + b_0 - (b_v * z_v).sum(-1, keepdims=True)))
+    x_0 = x_0.sum(axis=1) / (a_0**2).sum(axis=1)
+    x = np.concatenate([x_0, ratio[:, :3]], axis=-1)
+    z = np.concatenate([np.ones((T, 1)), ratio[:, 3:]], axis=-1)
+    return x, z
+
+
+def _outer(u: FloatArray, v: FloatArray) -> FloatArray:
+    return u[..., :, None] * v[..., None, :]
+
+
+def _reference(A: FloatArray) -> FloatArray:
+    """Unit quaternions ``(T, 4)`` of orientations that are half a turn away from no pose.
+
+    The mean orientation, as long as it is safe; otherwise, of the poses themselves and of mixtures
+    of the principal axes of their quaternions, the one whose nearest half turn is farthest.
+    """
+    a = se3.quaternion_from_rotation(A[..., :3, :3])
+    axes = np.linalg.eigh(np.swapaxes(a, -1, -2) @ a)[1]  # columns, ascending: last is the mean
+    mixtures = np.array(list(itertools.product([1.0], [1.0, -1.0], [1.0, -1.0], [1.0, -1.0]))) / 2.0
+    candidates = np.concatenate(
+        [axes[:, None, :, 3], a, mixtures @ np.swapaxes(axes, -1, -2)], axis=1
+    )
+    nearest = np.abs(candidates @ np.swapaxes(a, -1, -2)).min(axis=-1)
+    nearest[:, 0] = np.where(nearest[:, 0] > _SAFE_SCALAR, 1.0, nearest[:, 0])
+    best = nearest.argmax(axis=-1)
+    return np.asarray(np.take_along_axis(candidates, best[:, None, None], axis=1)[:, 0])

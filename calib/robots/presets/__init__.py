@@ -1,0 +1,137 @@
+"""Robots as plain numbers: one TOML file an arm, each with its source and how far to trust it.
+
+Geometry in mm and degrees, joint by joint as in a URDF: where the joint sits in the link before
+it, about which axis it turns, its limits and speed, and what is known of the mass it carries and
+the stiffness of its reducer.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from calib.errors import RobotModelError, near_names
+from calib.se3 import rotation_from_wpr
+
+_NO_LIMIT = np.finfo(float).max
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A robot as loaded from its file.
+
+    Attributes
+    ----------
+    name, title, source, confidence, dialect : str
+        ``dialect`` is the controller language the arm speaks.
+    tip : str
+        Link that carries the tool.
+    base_posture_deg : tuple of float
+        A posture to start planning from, the tool in front of the arm and pointing down.
+    model : pinocchio.Model
+    stiffness : dict
+        Torsional stiffness by joint name [Nm/rad].
+    missing : tuple of str
+        What the source does not say.
+    """
+
+    name: str
+    title: str
+    source: str
+    confidence: str
+    dialect: str
+    tip: str
+    base_posture_deg: tuple[float, ...]
+    model: pin.Model
+    stiffness: dict[str, float]
+    missing: tuple[str, ...]
+
+
+def preset_names() -> list[str]:
+    """Names that :func:`load_preset` knows, sorted."""
+    files = resources.files(__name__).iterdir()
+    return sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml"))
+
+
+def preset_info(name: str) -> dict[str, Any]:
+    """Everything that stands in the file of a preset.
+
+    Raises
+    ------
+    RobotModelError
+        There is none of that name.
+    """
+    if name not in preset_names():
+        raise RobotModelError(
+            f"there is no preset {name!r}", hint=near_names(name, preset_names()), name=name
+        )
+    text = resources.files(__name__).joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def load_preset(name: str) -> Preset:
+    """Load a preset and build its Pinocchio model."""
+    info = preset_info(name)
+    stiffness = {
+        j["name"]: float(j["stiffness_nm_per_rad"])
+        for j in info["joint"]
+        if "stiffness_nm_per_rad" in j
+    }
+    return Preset(
+        name=name,
+        title=info["title"],
+        source=info["source"],
+        confidence=info["confidence"],
+        dialect=info["dialect"],
+        tip=info["tip"],
+        base_posture_deg=tuple(info["base_posture_deg"]),
+        model=_build_model(name, info),
+        stiffness=stiffness,
+        missing=tuple(info.get("missing", ())),
+    )
+
+
+def _build_model(name: str, info: dict[str, Any]) -> pin.Model:
+    model = pin.Model()
+    model.name = name
+    links: dict[str, tuple[int, pin.SE3]] = {}  # link -> joint that moves it, its place there
+
+    def add_link(link: str, joint: int, placement: pin.SE3) -> None:
+        links[link] = joint, placement
+        model.addFrame(pin.Frame(link, joint, 0, placement, pin.FrameType.BODY))
+
+    add_link(info["base"], 0, pin.SE3.Identity())
+    parent = info["base"]
+    for joint in info["joint"]:
+        mover, at = links[parent]
+        index = model.addJoint(
+            mover,
+            pin.JointModelRevoluteUnaligned(np.array(joint["axis"], dtype=float)),
+            at * _placement(joint),
+            joint["name"],
+            np.array([_NO_LIMIT]),
+            np.array([np.deg2rad(joint["speed_deg_s"])]),
+            np.array([np.deg2rad(joint["lower_deg"])]),
+            np.array([np.deg2rad(joint["upper_deg"])]),
+        )
+        if "mass_kg" in joint:
+            com = np.array(joint["com_mm"], dtype=float) / 1e3
+            model.appendBodyToJoint(
+                index, pin.Inertia(joint["mass_kg"], com, np.zeros((3, 3))), pin.SE3.Identity()
+            )
+        add_link(joint["link"], index, pin.SE3.Identity())
+        parent = joint["link"]
+    for frame in info["frame"]:
+        mover, at = links[frame["parent"]]
+        add_link(frame["name"], mover, at * _placement(frame))
+    return model
+
+
+def _placement(entry: dict[str, Any]) -> pin.SE3:
+    rotation = rotation_from_wpr(np.deg2rad(entry.get("rpy_deg", [0.0, 0.0, 0.0])))
+    return pin.SE3(rotation, np.array(entry.get("xyz_mm", [0.0, 0.0, 0.0]), dtype=float) / 1e3)

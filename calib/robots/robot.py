@@ -1,0 +1,298 @@
+"""A serial robot: its joints, its limits, where its tip is, and how its joints get there.
+
+Together with its two loaders this is the only place that imports Pinocchio: the model is built
+and checked there, and handed on as plain arrays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError, JointLimitError, RobotModelError, near_names
+from calib.robots.chain import ChainState, SerialChain
+from calib.robots.closed_form import ClosedForm
+from calib.robots.inverse import InverseKinematics, InverseSolutions
+from calib.robots.iterative import DampedIteration
+from calib.robots.presets import load_preset
+from calib.robots.urdf import load_urdf
+from calib.se3 import FloatArray, transform
+
+USUAL_TIPS = ("tool0", "flange")
+"""Names that ROS-Industrial and the makers give to the mounting face, the better one first."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A serial arm of n revolute joints between a base frame and a tip frame.
+
+    Make one with :meth:`from_urdf` or :meth:`preset`.
+
+    Attributes
+    ----------
+    name : str
+    chain : SerialChain
+        Kinematics from base to tip, as arrays.
+    joint_names : tuple of str
+        From the base to the tip; the joint's sign and zero are those of the URDF.
+    lower, upper : array (n,)
+        Joint limits [rad].
+    speed : array (n,)
+        Largest joint speeds [rad/s]; NaN where the description gives none.
+    link_mass : array (n,)
+        Mass of what each joint moves up to the next joint [kg]; zero where none is given.
+    link_com : array (n, 3)
+        Centre of mass of each link, in the frame of its joint [m].
+    stiffness : array (n,)
+        Torsional stiffness of each reducer [Nm/rad]; infinite where the description gives none.
+    base_frame, tip_frame : str
+    notices : tuple of str
+        What was decided while reading the description, in words.
+    """
+
+    name: str
+    chain: SerialChain
+    joint_names: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+    speed: FloatArray
+    link_mass: FloatArray
+    link_com: FloatArray
+    stiffness: FloatArray
+    base_frame: str
+    tip_frame: str
+    notices: tuple[str, ...] = ()
+    model: pin.Model = field(default=None, repr=False, compare=False)
+
+    @classmethod
+    def from_urdf(cls, path: Path | str, tip: str | None = None, base: str | None = None) -> Robot:
+        """Read a robot from a URDF file.
+
+        Parameters
+        ----------
+        path : path
+            The file. Meshes are not looked for.
+        tip : str, optional
+            Link that carries the tool: ``tool0``, ``flange``, else the link behind most joints.
+        base : str, optional
+            Link that positions are given in; the root of the tree by default.
+
+        Raises
+        ------
+        RobotModelError
+            The file cannot be used (see :func:`calib.robots.urdf.load_urdf`), a frame does not
+            exist, or what lies between base and tip is not a row of revolute joints.
+        """
+        model, notices, mimics = load_urdf(Path(path))
+        return cls.from_model(model, tip=tip, base=base, notices=notices, mimics=mimics)
+
+    @classmethod
+    def preset(cls, name: str, tip: str | None = None, base: str | None = None) -> Robot:
+        """Load one of the robots that come with the library (``calib.robots.preset_names()``).
+
+        Raises
+        ------
+        RobotModelError
+            There is no preset of that name; the hint lists near names.
+        """
+        preset = load_preset(name)
+        return cls.from_model(
+            preset.model, tip=tip or preset.tip, base=base, stiffness=preset.stiffness
+        )
+
+    @classmethod
+    def from_model(
+        cls,
+        model: pin.Model,
+        *,
+        tip: str | None = None,
+        base: str | None = None,
+        notices: list[str] | None = None,
+        mimics: frozenset[str] = frozenset(),
+        stiffness: dict[str, float] | None = None,
+    ) -> Robot:
+        """Take the chain between two frames out of a Pinocchio model; other joints are locked."""
+        said = list(notices or [])
+        base_id = _frame_id(model, base) if base else 1
+        tip_id = _frame_id(model, tip) if tip else _usual_tip(model, said)
+        joints = _joints_between(model, base_id, tip_id)
+        _check_joints(model, joints, mimics)
+        locked = [i for i in range(1, model.njoints) if i not in joints]
+        if locked:
+            said.append(
+                "locked at zero, not between base and tip: "
+                + ", ".join(model.names[i] for i in locked)
+            )
+            frames = model.frames[base_id].name, model.frames[tip_id].name
+            model = pin.buildReducedModel(model, locked, pin.neutral(model))
+            base_id, tip_id = (_frame_id(model, name) for name in frames)
+            joints = _joints_between(model, base_id, tip_id)
+        names = tuple(model.names[i] for i in joints)
+        columns = [model.joints[i].idx_v for i in joints]
+        speed = np.array(model.velocityLimit)[columns]
+        if not (speed > 0).all():
+            said.append(
+                "no speed given for "
+                + ", ".join(n for n, s in zip(names, speed, strict=True) if not s > 0)
+            )
+        inertias = [model.inertias[i] for i in joints]
+        return cls(
+            name=model.name,
+            chain=_chain(model, joints, base_id, tip_id),
+            joint_names=names,
+            lower=np.array(model.lowerPositionLimit)[columns],
+            upper=np.array(model.upperPositionLimit)[columns],
+            speed=np.where(speed > 0, speed, np.nan),
+            link_mass=np.array([i.mass for i in inertias]),
+            link_com=np.array([i.lever for i in inertias]),
+            stiffness=np.array([(stiffness or {}).get(n, np.inf) for n in names]),
+            base_frame=model.frames[base_id].name,
+            tip_frame=model.frames[tip_id].name,
+            notices=tuple(said),
+            model=model,
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.chain.n
+
+    @property
+    def joint_range(self) -> FloatArray:
+        """Upper minus lower limit of each joint, ``(n,)`` [rad]."""
+        return self.upper - self.lower
+
+    def state(self, q: ArrayLike) -> ChainState:
+        """Where joints and tip are at postures ``(..., n)`` [rad].
+
+        Raises
+        ------
+        InputError
+            The postures do not have n finite values each.
+        """
+        return self.chain.forward(self.check_posture(q))
+
+    def fk(self, q: ArrayLike) -> FloatArray:
+        """Pose of the tip in the base frame, ``(..., 4, 4)``, at postures ``(..., n)`` [rad]."""
+        return self.state(q).T_base_tip
+
+    def jacobian(self, q: ArrayLike) -> FloatArray:
+        """Jacobian of the tip ``(..., 6, n)`` at postures ``(..., n)`` [rad], in base axes.
+
+        Rows 0 to 2: velocity of the tip's origin [m/rad]; rows 3 to 5: angular velocity.
+        """
+        state = self.state(q)
+        return state.jacobian(state.p_base_tip)
+
+    def inverse(self, T_base_tip: ArrayLike, near: ArrayLike | None = None) -> InverseSolutions:
+        """Postures that bring the tip to poses ``(N, 4, 4)``: every branch of the arm.
+
+        Each branch is given once, each joint in that full turn which lies inside the limits and
+        nearest to ``near`` (default: the middle of the limits). See :class:`InverseSolutions`.
+        """
+        poses = np.asarray(T_base_tip, dtype=float).reshape(-1, 4, 4)
+        middle = (self.lower + self.upper) / 2.0
+        reference = middle if near is None else self.check_posture(near)
+        return self._inverse.solve(poses, self.lower, self.upper, reference)
+
+    @cached_property
+    def _inverse(self) -> InverseKinematics:
+        return ClosedForm.of(self.chain) or DampedIteration(self.chain)
+
+    def check_posture(self, q: ArrayLike) -> FloatArray:
+        """Return q as a float array after checking that it has n finite values a posture."""
+        posture = np.asarray(q, dtype=float)
+        if posture.ndim == 0 or posture.shape[-1] != self.n:
+            found = posture.shape[-1] if posture.ndim else 0
+            raise InputError(
+                f"{self.name} has {self.n} joints, the posture has {found} values",
+                hint=f"give one value for each of {', '.join(self.joint_names)}",
+                name="posture",
+            )
+        if not np.isfinite(posture).all():
+            joint = self.joint_names[int(np.argwhere(~np.isfinite(posture))[0][-1])]
+            raise InputError(f"the value of {joint} is not a finite number", name=joint)
+        return posture
+
+    def check_limits(self, q: ArrayLike) -> None:
+        """Raise :class:`JointLimitError` for the first joint of posture ``(n,)`` outside limits."""
+        posture = self.check_posture(q)
+        for j in range(self.n):
+            if not self.lower[j] <= posture[j] <= self.upper[j]:
+                raise JointLimitError(
+                    self.joint_names[j],
+                    *np.rad2deg([posture[j], self.lower[j], self.upper[j]]).tolist(),
+                )
+
+
+def _frame_id(model: pin.Model, name: str) -> int:
+    # getFrameId returns nframes in silence for a name that does not exist
+    if not model.existFrame(name, pin.FrameType.BODY):
+        known = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
+        raise RobotModelError(
+            f"{model.name}: there is no link {name!r}", hint=near_names(name, known), name=name
+        )
+    return int(model.getFrameId(name, pin.FrameType.BODY))
+
+
+def _usual_tip(model: pin.Model, notices: list[str]) -> int:
+    for name in USUAL_TIPS:
+        if model.existFrame(name, pin.FrameType.BODY):
+            return _frame_id(model, name)
+    bodies = [i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
+    deepest = max(bodies, key=lambda i: (len(model.supports[model.frames[i].parentJoint]), i))
+    notices.append(f"tip taken to be {model.frames[deepest].name}, the last link of the longest chain")
+    return deepest
+
+
+def _joints_between(model: pin.Model, base_id: int, tip_id: int) -> list[int]:
+    base, tip = model.frames[base_id], model.frames[tip_id]
+    path = list(model.supports[tip.parentJoint])
+    if base.parentJoint not in path:
+        raise RobotModelError(
+            f"{model.name}: {tip.name} does not hang on {base.name}",
+            hint="give a base between the root and the tip",
+            name=base.name,
+        )
+    joints = path[path.index(base.parentJoint) + 1 :]
+    if not joints:
+        raise RobotModelError(
+            f"{model.name}: there is no moving joint between {base.name} and {tip.name}",
+            hint="name another tip",
+            name=tip.name,
+        )
+    return joints
+
+
+def _check_joints(model: pin.Model, joints: list[int], mimics: frozenset[str]) -> None:
+    for i in joints:
+        name = model.names[i]
+        if name in mimics:
+            raise RobotModelError(
+                f"{model.name}: joint {name} follows another joint (mimic)",
+                hint="only independent joints can be calibrated",
+                name=name,
+            )
+        if not model.joints[i].shortname().startswith("JointModelR"):
+            raise RobotModelError(
+                f"{model.name}: joint {name} is not revolute",
+                hint="name a base and a tip with only revolute joints between them",
+                name=name,
+            )
+
+
+def _chain(model: pin.Model, joints: list[int], base_id: int, tip_id: int) -> SerialChain:
+    placements = np.array([model.jointPlacements[i].homogeneous for i in joints])
+    base, tip = model.frames[base_id].placement, model.frames[tip_id].placement
+    placements[0] = base.inverse().homogeneous @ placements[0]
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    axes = np.array([data.oMi[i].rotation.T @ data.J[3:, model.joints[i].idx_v] for i in joints])
+    return SerialChain(
+        placements=placements, axes=axes, T_link_tip=transform(tip.rotation, tip.translation)
+    )

@@ -1,0 +1,19 @@
+"""Robot-world and hand-eye calibration: solve A_i X = Z B_i for X and Z.
+
+One file for each method, one result type for all; :data:`METHODS` lists them.
+"""
+
+from calib.robot_world.noise import PairNoise
+from calib.robot_world.registry import METHODS, Method
+from calib.robot_world.results import RobotWorldBatch, RobotWorldResult
+from calib.robot_world.solver import solve, solve_batch
+
+__all__ = [
+    "METHODS",
+    "Method",
+    "PairNoise",
+    "RobotWorldBatch",
+    "RobotWorldResult",
+    "solve",
+    "solve_batch",
+]

@@ -54,7 +54,7 @@ def _product_matrix(q: FloatArray, handedness: float) -> FloatArray:
 
 def conjugate(quaternion: FloatArray) -> FloatArray:
     """Conjugate ``(..., 4)``: the inverse of a unit quaternion."""
-    return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+    return np.asarray(quaternion * [1.0, -1.0, -1.0, -1.0])
 
 
 def apply_matrix(matrix: FloatArray, vector: FloatArray) -> FloatArray:
@@ -74,8 +74,15 @@ def least_squares(matrix: FloatArray, right_side: FloatArray) -> FloatArray:
     return apply_matrix(np.linalg.pinv(R[..., :n, :n]), R[..., :n, n])
 
 
+def kronecker(A: FloatArray, B: FloatArray) -> FloatArray:
+    """``R_A ⊗ R_B`` of each pair: ``(..., 4, 4)`` to ``(..., 9, 9)``."""
+    R_A, R_B = A[..., :3, :3], B[..., :3, :3]
+    product = R_A[..., :, None, :, None] * R_B[..., None, :, None, :]
+    return np.asarray(product.reshape(*product.shape[:-4], 9, 9))
+
+
 def kronecker_mean(A: FloatArray, B: FloatArray) -> FloatArray:
-    """Mean over the pairs of ``R_A ⊗ R_B`` ``(T, 9, 9)``.
+    """Mean over the pairs of ``R_A ⊗ R_B`` ``(T, 9, 9)``, without an array of all of them.
 
     With row-major vec, ``R_Z = R_A R_X R_Bᵀ`` reads ``vec(R_Z) = (R_A ⊗ R_B) vec(R_X)``, so the
     matrix has a singular value 1 with the singular vectors ``vec(R_Z)`` and ``vec(R_X)`` where
@@ -83,7 +90,7 @@ def kronecker_mean(A: FloatArray, B: FloatArray) -> FloatArray:
     """
     T, N = A.shape[:2]
     R_A, R_B = A[..., :3, :3].reshape(T, N, 9), B[..., :3, :3].reshape(T, N, 9)
-    blocks = (np.swapaxes(R_A, 1, 2) @ R_B / N).reshape(T, 3, 3, 3, 3)
+    blocks = np.asarray(np.swapaxes(R_A, 1, 2) @ R_B / N).reshape(T, 3, 3, 3, 3)
     return blocks.transpose(0, 1, 3, 2, 4).reshape(T, 9, 9)
 
 
@@ -95,8 +102,8 @@ def closed_form_rotations(A: FloatArray, B: FloatArray) -> tuple[FloatArray, Flo
     half turns included, which is why signs and frames are chosen by it.
     """
     U, _, Vt = np.linalg.svd(kronecker_mean(A, B))
-    Z = U[..., :, 0].reshape(-1, 3, 3)
-    X = Vt[..., 0, :].reshape(-1, 3, 3)
+    Z = np.asarray(U)[:, :, 0].reshape(-1, 3, 3)
+    X = np.asarray(Vt)[:, 0].reshape(-1, 3, 3)
     # A pair of singular vectors is defined up to one common sign: that of a rotation.
     sign = np.where(np.linalg.det(Z) < 0.0, -1.0, 1.0)[:, None, None]
     return se3.project_to_rotation(sign * X), se3.project_to_rotation(sign * Z)

@@ -12,7 +12,8 @@ multiplication from the left and the right::
 
 so a cycle is one step of the power iteration on M Mᵀ. It converges to the leading singular vectors
 of M, which is the closed form of Dornaika and Horaud 1998, and shrinks the error by (σ2/σ1)² a
-cycle.
+cycle. A step multiplies the share of the i-th left singular vector in z by σ_i², so any iterate
+follows without the ones before: the iterates are those of the paper, but none is walked through.
 
 The paper's averaging of translations alternates in the same way between the p_X and the p_Z that
 minimise ``Σ |R_A p_X + p_A - R_Z p_B - p_Z|²``. Its only fixed point is that least-squares
@@ -20,6 +21,8 @@ solution, which is therefore computed at once: the same numbers without a second
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,9 +41,9 @@ from calib.se3 import BoolArray, FloatArray, IntArray
 TOLERANCE_RAD = 1e-12
 """Half-angle error at which an iteration has arrived: what double precision can still hold."""
 
-CYCLE_LIMIT = 1_000_000
-"""Cycles after which an iteration counts as not converged. A 10 deg cone with n = 3 needs some
-ten thousand, so what does not arrive by then is next to degenerate."""
+CYCLE_LIMIT = 10**9
+"""Cycles after which an iteration counts as not converged: a count in closed form costs nothing,
+and only motion next to degenerate needs so many."""
 
 LITERAL_CYCLE_LIMIT = 400
 """Cycles allowed to the printed form: it has long settled by then, rightly or wrongly."""
@@ -48,6 +51,9 @@ LITERAL_CYCLE_LIMIT = 400
 _ORTHOGONAL_START = 1e-6
 """Share of the answer in the identity below which another start is taken, as the paper advises
 for Z half a turn away from the guess."""
+
+_WHOLE = 1.0 - 1e-15
+"""Largest loss of a share in one cycle: stands for all of it, whose logarithm is infinite."""
 
 
 def estimate(A: FloatArray, B: FloatArray) -> Estimate:
@@ -64,10 +70,172 @@ def estimate(A: FloatArray, B: FloatArray) -> Estimate:
         X and Z ``(T, 4, 4)``, and the cycles that bring the half-angle error of z from its start,
         the identity, below :data:`TOLERANCE_RAD`.
     """
-    U, s, Vt, share = _decompose(A, B)
-    count, converged = _count_cycles(s, share, TOLERANCE_RAD)
-    z = apply_matrix(U, _errors(s, share, count))
-    # x ∝ Mᵀ z, with M = U S Vᵀ
-    x = apply_matrix(np.swapaxes(Vt, -1, -2), s * apply_matrix(np.swapaxes(U, -1, -2), z))
+    iteration = _prepare(A, B)
+    count = _count_cycles(iteration, TOLERANCE_RAD)
+    z = apply_matrix(iteration.basis, iteration.after(count))
+    x = apply_matrix(np.swapaxes(iteration.mean, -1, -2), z)
+    R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)
+    return Estimate(
+        *assemble(A, B, R_X, R_Z),
+        iterations=count,
+        converged=iteration.has_arrived(count, TOLERANCE_RAD),
+    )
+
+
+def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
+    """X and Z of T problems at once, by the iteration as printed.
+
+    Section 2.2 takes every quaternion with a scalar part >= 0 and averages these. The proof of
+    convergence needs that of the *error* quaternions instead, which are unknown, so that this form
+    often settles elsewhere, up to π/2 from the answer, on data without noise.
+
+    Parameters
+    ----------
+    A, B : ndarray (T, N, 4, 4)
+        Measured transforms, N >= 3, in any unit of length.
+
+    Returns
+    -------
+    Estimate
+        X and Z ``(T, 4, 4)``, and the cycles until z stands still within :data:`TOLERANCE_RAD`,
+        :data:`LITERAL_CYCLE_LIMIT` at most. To stand still is not to have arrived.
+    """
+    x, z, count, converged = iterate_literal(A, B, LITERAL_CYCLE_LIMIT)
     R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)
     return Estimate(*assemble(A, B, R_X, R_Z), iterations=count, converged=converged)
+
+
+def cycles(A: FloatArray, B: FloatArray, tolerance_rad: float) -> IntArray:
+    """Cycles from the identity until z is within a tolerance of where the iteration ends.
+
+    Parameters
+    ----------
+    A, B : ndarray (T, N, 4, 4)
+        Measured transforms.
+    tolerance_rad : float
+        The paper's measure of error: the angle between quaternions as vectors of four numbers,
+        which is half the rotation angle.
+
+    Returns
+    -------
+    ndarray of int (T,)
+        At most :data:`CYCLE_LIMIT`.
+    """
+    return _count_cycles(_prepare(A, B), tolerance_rad)
+
+
+def predicted_cycles(A: FloatArray, B: FloatArray, tolerance_rad: float) -> FloatArray:
+    """Cycles ``(T,)`` after which a rate of (σ2/σ1)² a cycle brings the error below a tolerance.
+
+    Never fewer than :func:`cycles` counts (before rounding up), since no part of the error shrinks
+    more slowly. Parameters as there.
+    """
+    iteration = _prepare(A, B)
+    start = np.linalg.norm(iteration.shares[:, 1:], axis=-1) / np.abs(iteration.shares[:, 0])
+    with np.errstate(divide="ignore"):  # a start at the answer, or a rate of 1
+        needed = np.log(np.tan(tolerance_rad) / start) / iteration.log_rates[:, 1]
+    return np.asarray(np.maximum(needed, 0.0))
+
+
+@dataclass(frozen=True)
+class _Iteration:
+    """The power iteration of T problems, in the basis of the left singular vectors of M.
+
+    ``shares`` ``(T, 4)`` are the components of the start, ``log_rates`` ``(T, 4)`` the logarithms
+    of (σ_i/σ_1)², by which a cycle multiplies them; the columns of ``basis`` are the vectors.
+    """
+
+    mean: FloatArray
+    basis: FloatArray
+    shares: FloatArray
+    log_rates: FloatArray
+
+    def after(self, count: IntArray) -> FloatArray:
+        """Iterate z after some cycles ``(T,)``, in the basis ``(T, 4)``, not normalised."""
+        return np.asarray(self.shares * np.exp(count[:, None] * self.log_rates))
+
+    def has_arrived(self, count: IntArray, tolerance_rad: float) -> BoolArray:
+        """Whether the half-angle error after some cycles ``(T,)`` is within a tolerance."""
+        z = self.after(count)
+        error = np.linalg.norm(z[:, 1:], axis=-1)
+        return np.asarray(error <= np.tan(tolerance_rad) * np.abs(z[:, 0]))
+
+
+def _prepare(A: FloatArray, B: FloatArray) -> _Iteration:
+    """Singular vectors and rates of M, and the start of z.
+
+    Stacked, the (M_i - M)ᵀ have the same right singular vectors as Mᵀ in reversed order, with
+    values d_i² = N (1 - σ_i²): in a narrow cone they keep the digits that 1 - σ_i² would lose.
+    """
+    a, b = consistent_quaternions(A, B)
+    M_pairs = left_matrix(a) @ right_matrix(conjugate(b))
+    M = M_pairs.mean(axis=1)
+    T, N = a.shape[:2]
+    stacked = np.swapaxes(M_pairs - M[:, None], -1, -2).reshape(T, 4 * N, 4)
+    _, d, Vt = np.linalg.svd(np.linalg.qr(stacked, mode="r"))
+    d, basis = d[:, ::-1], np.swapaxes(Vt[:, ::-1], -1, -2)
+    loss = (d**2 - d[:, :1] ** 2) / (N - d[:, :1] ** 2)
+    # Row j of the basis is the start e_j: the identity, or else the nearest half turn.
+    nearest = np.abs(basis[:, :, 0]).argmax(axis=-1)
+    start = np.where(np.abs(basis[:, 0, 0]) < _ORTHOGONAL_START, nearest, 0)
+    shares = np.take_along_axis(basis, start[:, None, None], axis=1)[:, 0]
+    return _Iteration(M, basis, shares, np.log1p(-np.minimum(loss, _WHOLE)))
+
+
+def _count_cycles(iteration: _Iteration, tolerance_rad: float) -> IntArray:
+    """Fewest cycles ``(T,)`` to a half-angle error within the tolerance; at most the limit.
+
+    The error never grows from one cycle to the next, so bisection finds the cycle.
+    """
+    low = np.zeros(len(iteration.shares), dtype=np.intp)
+    high = np.full_like(low, CYCLE_LIMIT)
+    for _ in range(CYCLE_LIMIT.bit_length()):
+        middle = (low + high) // 2
+        arrived = iteration.has_arrived(middle, tolerance_rad)
+        high = np.where(arrived, middle, high)
+        low = np.where(arrived, low, np.minimum(middle + 1, high))
+    return high
+
+
+def iterate_literal(
+    A: FloatArray, B: FloatArray, limit: int
+) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
+    """Rotation part of :func:`estimate_literal`: x, z ``(T, 4)``, cycles and convergence ``(T,)``.
+
+    Parameters
+    ----------
+    A, B : ndarray (T, N, 4, 4)
+        Measured transforms.
+    limit : int
+        Cycles after which to stop.
+    """
+    a = se3.quaternion_from_rotation(A[..., :3, :3])
+    b = se3.quaternion_from_rotation(B[..., :3, :3])
+    forward = left_matrix(a) @ right_matrix(conjugate(b))  # z_i = a_i x b_i*
+    backward = np.swapaxes(forward, -1, -2)  # x_i = a_i* z b_i
+    z = np.tile([1.0, 0.0, 0.0, 0.0], (len(A), 1))
+    x = z.copy()
+    count = np.zeros(len(A), dtype=np.intp)
+    moving = np.arange(len(A))
+    for _ in range(limit):
+        x[moving] = _printed_average(apply_matrix(backward[moving], z[moving, None]))
+        new = _printed_average(apply_matrix(forward[moving], x[moving, None]))
+        step = np.linalg.norm(new - z[moving], axis=-1)
+        z[moving] = new
+        count[moving] += 1
+        moving = moving[step > TOLERANCE_RAD]
+        if not len(moving):
+            break
+    converged = np.ones(len(A), dtype=bool)
+    converged[moving] = False
+    return x, z, count, converged
+
+
+def _printed_average(quaternions: FloatArray) -> FloatArray:
+    """Average ``(T, 4)`` of quaternions ``(T, N, 4)`` with scalar parts made >= 0 (section 2.2)."""
+    sign = np.where(quaternions[..., :1] < 0.0, -1.0, 1.0)
+    mean = (sign * quaternions).mean(axis=1)
+    size = np.linalg.norm(mean, axis=-1, keepdims=True)
+    # Item 4: where the average vanishes, the identity takes its place.
+    vanished = size < TOLERANCE_RAD
+    return np.where(vanished, [1.0, 0.0, 0.0, 0.0], mean / np.where(vanished, 1.0, size))

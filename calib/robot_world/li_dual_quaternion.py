@@ -66,7 +66,7 @@ def estimate(A: FloatArray, B: FloatArray) -> Estimate:
 
 
 def _dual_part(translation: FloatArray, quaternion: FloatArray) -> FloatArray:
-    """q' = ½ p q ``(..., 4)`` of translations ``(..., 3)`` and unit quaternions ``(..., 4)``."""
+    """Dual parts ½ p q ``(..., 4)`` of translations ``(..., 3)`` and quaternions ``(..., 4)``."""
     return 0.5 * apply_matrix(right_matrix(quaternion)[..., 1:], translation)
 
 
@@ -75,8 +75,8 @@ def _unit_combination(plane: FloatArray) -> FloatArray:
 
     Eq. 14a-d are four equations in two unknowns. The sum of 14b and 14d (right side 0 in both),
     ``x·x' + z·z' = 0``, gives the ratio of the two unknowns; the scale follows when x and z are
-    normalised. Of the two ratios the one with the larger ``|x|² + |z|²`` is meant: the other belongs
-    to (0, x, 0, z), which has no rotation.
+    normalised. Of the two ratios the one with the larger ``|x|² + |z|²`` is meant: the other
+    belongs to (0, x, 0, z), which has no rotation.
     """
     v = plane.reshape(-1, 2, 4, 4)  # vector, one of x x' z z', component
     real, dual = v[:, :, 0::2].reshape(-1, 2, 8), v[:, :, 1::2].reshape(-1, 2, 8)

@@ -18,7 +18,13 @@ from __future__ import annotations
 import numpy as np
 
 from calib import se3
-from calib.robot_world.algebra import apply_matrix, assemble, kronecker_mean, least_squares
+from calib.robot_world.algebra import (
+    apply_matrix,
+    assemble,
+    kronecker,
+    kronecker_mean,
+    least_squares,
+)
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
@@ -77,9 +83,7 @@ def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
         - apply_matrix(Z_linear, B[..., :3, 3].mean(axis=1))
     )
     R_X = se3.project_to_rotation(vec_X.reshape(-1, 3, 3))
-    return Estimate(
-        se3.transform(R_X, p_X), se3.transform(se3.project_to_rotation(Z_linear), p_Z)
-    )
+    return Estimate(se3.transform(R_X, p_X), se3.transform(se3.project_to_rotation(Z_linear), p_Z))
 
 
 def _solve_rows(
@@ -88,18 +92,16 @@ def _solve_rows(
     """Least-squares vec R_X, vec R_Z ``(T, 9)`` and p_X ``(T, 3)`` of Eq. 19, lengths divided.
 
     p_Z and vec R_X enter with orthonormal columns and are eliminated exactly. With
-    ``K = mean R_A ⊗ R_B`` the rotation rows become ``vec R_X = Kᵀ vec R_Z`` and
-    ``√(N (1 - s²)) uᵀ vec R_Z = 0`` for every left singular vector u of K with its value s:
-    12 unknowns and 9 + 3N rows in place of 24 and 12N.
+    ``k_i = R_A ⊗ R_B`` and its mean K, the rotation rows become ``vec R_X = Kᵀ vec R_Z`` and
+    ``(k_i - K)ᵀ vec R_Z = 0``: 12 unknowns in place of 24.
     """
     T, N = A.shape[:2]
     R_A, p_A, p_B = A[..., :3, :3], A[..., :3, 3], B[..., :3, 3]
     K = kronecker_mean(A, B)
-    U, s, _ = np.linalg.svd(K)
-    weight = np.sqrt(N * np.maximum(1.0 - s**2, 0.0))
-    p_B_centred = p_B - p_B.mean(axis=1, keepdims=True)
+    deviation = kronecker(A, B) - K[:, None]
     rows = np.zeros((T, 9 + 3 * N, 12))
-    rows[:, :9, :9] = weight[..., None] * np.swapaxes(U, -1, -2)
+    rows[:, :9, :9] = np.linalg.qr(np.swapaxes(deviation, -1, -2).reshape(T, 9 * N, 9), mode="r")
+    p_B_centred = p_B - p_B.mean(axis=1, keepdims=True)
     translation = rows[:, 9:].reshape(T, N, 3, 12)
     for axis in range(3):  # 1 ⊗ p_Bᵀ is block diagonal
         translation[:, :, axis, 3 * axis : 3 * axis + 3] = p_B_centred

@@ -18,13 +18,10 @@ import numpy as np
 
 from calib import se3
 from calib.robot_world.algebra import (
-    apply_matrix,
     assemble,
     closed_form_rotations,
-    conjugate,
     consistent_quaternions,
     least_squares,
-    left_matrix,
 )
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
@@ -84,7 +81,7 @@ def _solve_quaternions(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatA
     ratio = least_squares(rows, (b_v - b_0 * a_v / a_0).reshape(T, 3 * N))
     x_v, z_v = ratio[:, None, :3], ratio[:, None, 3:]
     # Back in the scalar part, a_0 x_0 = a·x + b_0 z_0 - b·z, weighted as its least squares asks.
-    x_0 = (a_0 * ((a_v * x_v).sum(-1, keepdims=True) + b_0 - (b_v * z_v).sum(-1, keepdims=True)))
+    x_0 = a_0 * ((a_v * x_v).sum(-1, keepdims=True) + b_0 - (b_v * z_v).sum(-1, keepdims=True))
     x_0 = x_0.sum(axis=1) / (a_0**2).sum(axis=1)
     x = np.concatenate([x_0, ratio[:, :3]], axis=-1)
     z = np.concatenate([np.ones((T, 1)), ratio[:, 3:]], axis=-1)

@@ -1,0 +1,76 @@
+"""What a set of measurements can tell about each parameter, before a number is returned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.errors import NotIdentifiableError
+from calib.se3 import BoolArray, FloatArray
+
+RANK_TOLERANCE = 1e-9
+"""Smallest singular value, relative to the largest, of columns of unit length that still counts.
+Analytic Jacobians leave about 1e-15 where a direction is invisible, and the worst measuring sets
+met in practice stay above 1e-6."""
+
+_SHARE = 0.02
+"""Parameters whose weight in an invisible combination is below this are not named in it."""
+
+
+def check_identifiable(
+    jacobian: FloatArray, names: Sequence[str], nuisance: BoolArray | None = None
+) -> None:
+    """Refuse parameters that the stacked Jacobian cannot tell apart, or cannot see.
+
+    Columns are brought to unit length, so that units do not matter. Where the rank is deficient,
+    parameters are taken in one by one, those of the set-up first, and each that lies in the span
+    of those before it is named together with what it is mixed up with.
+
+    Parameters
+    ----------
+    jacobian : array (M, p)
+        Whitened or not; all rows of all measurements.
+    names : sequence of str
+    nuisance : array (p,) of bool, optional
+        Parameters of the set-up: they have to be free, so they are blamed last.
+
+    Raises
+    ------
+    NotIdentifiableError
+        Naming the parameters to leave out and the invisible combinations.
+    """
+    length = np.linalg.norm(jacobian, axis=0)
+    largest = length.max(initial=0.0)
+    seen = length > RANK_TOLERANCE * largest
+    unit = jacobian[:, seen] / length[seen]
+    if seen.all() and _rank_is_full(unit):
+        return
+    index = np.flatnonzero(seen)
+    first = np.zeros(len(names), dtype=bool) if nuisance is None else nuisance
+    order = sorted(range(len(index)), key=lambda k: (not first[index[k]], k))
+    refused = [names[i] for i in np.flatnonzero(~seen)]
+    why = [f"nothing measured depends on {name}" for name in refused]
+    kept: list[int] = []
+    for k in order:
+        if _rank_is_full(unit[:, [*kept, k]]):
+            kept.append(k)
+            continue
+        refused.append(names[index[k]])
+        why.append(_absorbed_by(unit, k, kept, [names[i] for i in index]))
+    raise NotIdentifiableError(refused, why)
+
+
+def _rank_is_full(columns: FloatArray) -> bool:
+    if columns.shape[0] < columns.shape[1]:
+        return False
+    values = np.linalg.svd(columns, compute_uv=False)
+    return bool(values.size == 0 or values[-1] > RANK_TOLERANCE * values[0])
+
+
+def _absorbed_by(unit: FloatArray, k: int, kept: list[int], names: list[str]) -> str:
+    if not kept:
+        return f"{names[k]} stands alone and is not seen"
+    weights = np.abs(np.linalg.lstsq(unit[:, kept], unit[:, k], rcond=None)[0])
+    partners = [kept[i] for i in np.flatnonzero(weights > _SHARE * weights.max())]
+    return f"{names[k]} is absorbed by " + ", ".join(names[i] for i in sorted(partners))

@@ -1,0 +1,307 @@
+"""Identification: the parameters that bring the tool point onto the target at every posture.
+
+Two ways to the same minimum. ``gauss-newton`` uses the analytic Jacobian. ``newton-raphson`` is
+the paper's own (Eq. 4 to 8 of [Watanabe2006]_): finite differences, pseudo inverse, full steps.
+Both weight the rows by the noise unless told not to, as the paper does not.
+
+The batch solver at the bottom carries many trials of one plan at once: Monte Carlo is a single
+call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from calib.errors import ConvergenceError, InputError
+from calib.identification.identifiability import check_identifiable
+from calib.identification.result import IdentificationResult, chi2_is_too_large
+from calib.measurement.data import TouchUps
+from calib.measurement.simulate import touch
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray
+
+Method = Literal["gauss-newton", "newton-raphson"]
+
+ITERATIONS = 30
+"""Steps after which a fit has failed; calibrations take three to six."""
+
+STEP_TOLERANCE = 1e-13
+"""Largest last step [rad, m], far below what any joint resolves, and the rounding floor of
+arms of a few metres: a tighter one would never be met."""
+
+FINITE_DIFFERENCE = 1e-6
+"""The Δp of Eq. 5 [rad, m]: balances truncation against rounding for arms of a few metres."""
+
+_ITERATIONS_BATCH = 12
+
+
+def identify(
+    model: CalibrationModel,
+    measurements: TouchUps,
+    *,
+    weighted: bool = True,
+    method: Method = "gauss-newton",
+    name: str = "offsets",
+) -> IdentificationResult:
+    """Identify the parameters of a model from touch-ups.
+
+    Parameters
+    ----------
+    model : CalibrationModel
+    measurements : TouchUps
+        One set, postures ``(N, n)``.
+    weighted : bool
+        Divide the rows by the noise of the measurement (the better estimate), or take all rows
+        alike as in the paper. The covariance is right in both cases.
+    method : {"gauss-newton", "newton-raphson"}
+    name : str
+        Name of the set of parameters in the result.
+
+    Raises
+    ------
+    InputError
+        Fewer equations than parameters, or an unknown method.
+    NotIdentifiableError
+        Parameters that these measurements cannot identify; nothing is returned then.
+    ConvergenceError
+        No minimum within the iterations allowed.
+    """
+    q, target = measurements.postures, measurements.target
+    if measurements.labels != model.labels:
+        raise InputError(
+            f"the touch-ups name the targets {', '.join(measurements.labels)}, "
+            f"the model {', '.join(model.labels)}",
+            name="target",
+        )
+    equations = measurements.count * model.measurement.rows
+    if equations < model.p:
+        need = -(-model.p // model.measurement.rows)
+        raise InputError(
+            f"{measurements.count} touch-ups give {equations} equations for {model.p} parameters",
+            hint=f"measure at least {need} poses, better twice as many",
+            name="touch-ups",
+            value=equations,
+            bound=model.p,
+        )
+    jacobians: dict[str, Callable[[FloatArray], FloatArray]] = {
+        "gauss-newton": lambda x: model.jacobian(q, x, target),
+        "newton-raphson": lambda x: finite_difference_jacobian(model, q, x, target),
+    }
+    if method not in jacobians:
+        raise InputError(f"unknown method {method!r}", hint="one of " + ", ".join(jacobians))
+    x, iterations = model.nominal.copy(), 0
+    x = _place_setup(model, measurements, x, weighted)
+    _check_identifiable_at(model, measurements, x)
+    while True:
+        rows = _weigh(model, q, x, model.predict(q, x, target)[..., None], weighted).ravel()
+        J = _weigh(model, q, x, jacobians[method](x), weighted).reshape(-1, model.p)
+        step = _least_squares(J, -rows)
+        x = x + step
+        iterations += 1
+        if np.abs(step).max() < _tolerance(method):
+            break
+        if iterations == ITERATIONS or not np.isfinite(x).all():
+            raise ConvergenceError(
+                f"the identification has not converged after {iterations} iterations "
+                f"(last step {np.abs(step).max():.2g} rad or m)",
+                hint="check that the touch-ups belong to this robot and that the tool point and "
+                "the joint signs are about right",
+            )
+    return _result(model, measurements, x, weighted, iterations, name)
+
+
+def finite_difference_jacobian(
+    model: CalibrationModel, q: FloatArray, x: FloatArray, target: np.ndarray | None = None
+) -> FloatArray:
+    """Eq. 5 of [Watanabe2006]_ as printed: forward differences, ``(N, m, p)``."""
+    shifted = x + FINITE_DIFFERENCE * np.eye(model.p)
+    moved = model.predict(q[None], shifted, target)  # (p, N, m)
+    columns = (moved - model.predict(q, x, target)) / FINITE_DIFFERENCE
+    return np.moveaxis(columns, 0, -1)
+
+
+def identify_batch(
+    model: CalibrationModel, measurements: TouchUps, *, weighted: bool = True
+) -> FloatArray:
+    """Identify every trial of a Monte Carlo run, ``(T, N, n)`` postures, to ``(T, p)`` values [SI].
+
+    Full Gauss-Newton steps for all trials at once. Identifiability is checked on the first trial:
+    trials of one plan differ by noise only.
+
+    Raises
+    ------
+    NotIdentifiableError, ConvergenceError
+        As :func:`identify`.
+    """
+    q, target = measurements.postures, measurements.target
+    x = np.broadcast_to(model.nominal, (len(q), model.p)).copy()
+    _check_identifiable_at(model, TouchUps(q[0], target, measurements.labels), x[0])
+    for _ in range(_ITERATIONS_BATCH):
+        rows, J, R = model.linearise(q, x, target)
+        stacked = np.concatenate([J, rows[..., None]], axis=-1)
+        if weighted:
+            stacked = model.measurement.whiten(stacked, R)
+        stacked = stacked.reshape(len(q), -1, model.p + 1)
+        scale = np.linalg.norm(stacked[..., :-1], axis=1, keepdims=True)  # (T, 1, p)
+        # QR, not normal equations: the worst planned sets have a condition of 1e4
+        Q, Rf = np.linalg.qr(stacked[..., :-1] / scale)
+        right = np.swapaxes(Q, -1, -2) @ stacked[..., -1:]
+        step = np.linalg.solve(Rf, -right)[..., 0] / scale[:, 0]
+        x = x + step
+        if np.abs(step).max() < STEP_TOLERANCE * 1e2:  # every trial, the worst of thousands
+            return x
+    raise ConvergenceError(
+        f"{int((np.abs(step).max(axis=1) > 1e-9).sum())} of {len(q)} trials have not converged",
+        hint="are the simulated errors of a size that occurs?",
+    )
+
+
+def covariance_of(
+    model: CalibrationModel,
+    q: FloatArray,
+    x: FloatArray | None = None,
+    target: np.ndarray | None = None,
+    *,
+    weighted: bool = True,
+) -> FloatArray:
+    """Covariance ``(p, p)`` [SI] that the noise of the measurement gives, before measuring.
+
+    Weighted: ``(JᵀJ)⁻¹`` of the whitened Jacobian, the Cramér-Rao bound. Unweighted: the scatter
+    of the paper's estimate (Eq. 8), ``G⁺ Σ G⁺ᵀ``, under the same noise.
+    """
+    _, J, R = model.linearise(q, x, target)
+    white = model.measurement.whiten(J, R)
+    if weighted:
+        root = np.linalg.pinv(white.reshape(-1, model.p))
+        return np.asarray(root @ root.T)
+    gain = np.linalg.pinv(J.reshape(-1, model.p)).reshape(model.p, *J.shape[:2])
+    rows = J.shape[1]
+    # whiten(I) = Σ^(-1/2) of each posture
+    unit = np.broadcast_to(np.eye(rows), (*J.shape[:2], rows))
+    noise_root = np.linalg.inv(model.measurement.whiten(unit, R))
+    spread = np.einsum("pim,imk->pik", gain, noise_root).reshape(model.p, -1)
+    return np.asarray(spread @ spread.T)
+
+
+def _check_identifiable_at(model: CalibrationModel, measurements: TouchUps, x: FloatArray) -> None:
+    """Check what the postures can tell, with the residuals taken out of them.
+
+    A residual lends a hidden parameter a false hold: turning the whole arm about its base turns
+    every residual with it, so that the Jacobian is not quite singular, though nothing has been
+    seen. The postures are therefore first moved (by as little as the residuals) onto the target.
+    """
+    q, _ = touch(model, measurements.postures, x, measurements.target, hold_orientation=False)
+    _, J, R = model.linearise(q, x, measurements.target)
+    white = model.measurement.whiten(J, R).reshape(-1, model.p)
+    check_identifiable(white, model.names, model.nuisance)
+
+
+def _tolerance(method: Method) -> float:
+    # forward differences leave a Jacobian error of about FINITE_DIFFERENCE: linear convergence,
+    # and steps that stop shrinking at the rounding of the differences
+    return STEP_TOLERANCE if method == "gauss-newton" else 1e-12
+
+
+def _place_setup(
+    model: CalibrationModel, measurements: TouchUps, x: FloatArray, weighted: bool
+) -> FloatArray:
+    """First guess: tool point and targets where the nominal robot puts them.
+
+    With the robot held they enter linearly (touch-up) or nearly so, so that any first guess of
+    them will do. The step is the shortest one where they cannot be told apart.
+    """
+    q, target = measurements.postures, measurements.target
+    free = model.nuisance
+    if not free.any():
+        return x
+    for _ in range(2):
+        rows = _weigh(model, q, x, model.predict(q, x, target)[..., None], weighted).ravel()
+        J = _weigh(model, q, x, model.jacobian(q, x, target), weighted).reshape(-1, model.p)
+        x = x.copy()
+        x[free] += np.linalg.lstsq(J[:, free], -rows, rcond=1e-9)[0]
+    return x
+
+
+def _weigh(
+    model: CalibrationModel, q: FloatArray, x: FloatArray, rows: FloatArray, weighted: bool
+) -> FloatArray:
+    return model.whiten(q, rows, x) if weighted else rows
+
+
+def _least_squares(J: FloatArray, rows: FloatArray) -> FloatArray:
+    """``G⁺ e`` of Eq. 8, with columns brought to unit length first so that units do not matter."""
+    scale = np.linalg.norm(J, axis=0)
+    return np.asarray(np.linalg.lstsq(J / scale, rows, rcond=None)[0] / scale)
+
+
+def _result(
+    model: CalibrationModel,
+    measurements: TouchUps,
+    x: FloatArray,
+    weighted: bool,
+    iterations: int,
+    name: str,
+) -> IdentificationResult:
+    q, target = measurements.postures, measurements.target
+    rows, J, R = model.linearise(q, x, target)
+    white = model.measurement.whiten(rows[..., None], R)[..., 0]
+    chi2 = float(np.sum(white**2))
+    freedom = rows.size - model.p
+    scale = float(np.sqrt(chi2 / freedom)) if freedom else 1.0
+    covariance = covariance_of(model, q, x, target, weighted=weighted)
+    if chi2_is_too_large(chi2, freedom):
+        covariance = covariance * scale**2
+        message = (
+            f"the residuals are {scale:.1f} times the noise given: the model leaves something out "
+            "or the noise is larger; standard deviations are scaled up to the residuals"
+        )
+    else:
+        message = f"the noise given explains the residuals (ratio {scale:.2f})"
+    return IdentificationResult(
+        model=name,
+        names=model.names,
+        units=model.units,
+        nuisance=model.nuisance,
+        values=x,
+        nominal=model.nominal,
+        covariance=covariance,
+        residuals=rows,
+        leave_one_out=leave_one_out(J, rows, R, model, weighted),
+        chi2=chi2,
+        degrees_of_freedom=freedom,
+        noise_scale=scale,
+        iterations=iterations,
+        status="converged",
+        message=message,
+    )
+
+
+def leave_one_out(
+    J: FloatArray, rows: FloatArray, R: FloatArray, model: CalibrationModel, weighted: bool
+) -> FloatArray:
+    """Rows ``(N, m)`` at each posture, predicted from the fit to all the others.
+
+    In closed form from one fit: ``(I - H_ii)⁻¹ r_i`` with H the hat matrix. Exact where the model
+    is linear, and calibrations are nearly so at their solution. A posture without which the
+    parameters cannot be identified gives NaN.
+    """
+    if weighted:
+        J, r = model.measurement.whiten(J, R), model.measurement.whiten(rows[..., None], R)
+    else:
+        r = rows[..., None]
+    count, m, p = J.shape
+    Q = np.linalg.qr(J.reshape(-1, p) / np.linalg.norm(J.reshape(-1, p), axis=0))[0]
+    Q = Q.reshape(count, m, p)
+    rest = np.eye(m) - Q @ np.swapaxes(Q, -1, -2)
+    alone = np.linalg.svd(rest, compute_uv=False)[:, -1] < 1e-9
+    rest[alone] = np.eye(m)
+    out = np.linalg.solve(rest, r)
+    if weighted:  # back to metres
+        unit = np.broadcast_to(np.eye(m), (count, m, m))
+        out = np.linalg.solve(model.measurement.whiten(unit, R), out)
+    out = out[..., 0]
+    out[alone] = np.nan
+    return np.asarray(out)

@@ -1,0 +1,130 @@
+"""Simulated touch-ups: the postures at which an arm with errors, and noise, meets its target."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.errors import ConvergenceError
+from calib.measurement.data import TouchUps
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray, IntArray, rotation_log
+
+TOUCH_TOLERANCE_M = 1e-12
+"""How near the simulated loop brings the tool point: the noise is added on purpose, and nothing
+else may be left in the data."""
+
+_ITERATIONS = 25
+_DAMPING = 1e-12
+"""Added to J Jᵀ [m², 1]: keeps postures next to a singularity solvable, below all that matters."""
+
+_LARGEST_STEP_RAD = 0.2
+
+
+def touch(
+    model: CalibrationModel,
+    q: FloatArray,
+    x: FloatArray,
+    target: IntArray | None = None,
+    displacement: FloatArray | float = 0.0,
+    *,
+    hold_orientation: bool = True,
+) -> tuple[FloatArray, FloatArray]:
+    """Move the arm from postures until its tool point meets the target, as touch-up does.
+
+    Newton's method on the joints. The correction is a shift of the arm tip (Eq. 3 and Fig. 4 of
+    [Watanabe2006]_): the controller holds the W, P, R that it believes in, of the nominal robot.
+
+    Parameters
+    ----------
+    model : CalibrationModel
+    q : array (..., N, n)
+        Postures to start from [rad].
+    x : array (..., p)
+        True parameters; a leading dimension holds trials.
+    target : array (N,), optional
+        Index of the target that each posture touches.
+    displacement : array (..., N, 3)
+        Where the tool point stops, seen from the target, in base axes [m].
+    hold_orientation : bool
+        Hold W, P, R; otherwise take the smallest joint motion.
+
+    Returns
+    -------
+    q : array (..., N, n)
+        Joint values as the controller shows them [rad].
+    error : array (..., N)
+        Distance still missing [m]; above ``TOUCH_TOLERANCE_M`` where there is no such posture.
+    """
+    chain = model.robot.chain
+    batch = np.broadcast_shapes(q.shape[:-2], x.shape[:-1], np.shape(displacement)[:-2])
+    q = np.broadcast_to(q, (*batch, *q.shape[-2:]))
+    R_held = chain.forward(q).R_base_tip
+    for _ in range(_ITERATIONS):
+        view, error = model.view(q, x, target)
+        missing = displacement - error
+        distance = np.linalg.norm(missing, axis=-1)
+        J = view.joint_motion[..., :3, :]
+        right = missing
+        if hold_orientation:
+            nominal = chain.forward(q)
+            turn = rotation_log(R_held @ np.swapaxes(nominal.R_base_tip, -1, -2))
+            J = np.concatenate([J, np.swapaxes(nominal.axes, -1, -2)], axis=-2)
+            right = np.concatenate([missing, turn], axis=-1)
+        if np.abs(right).max(initial=0.0) < TOUCH_TOLERANCE_M:
+            break
+        Jt = np.swapaxes(J, -1, -2)
+        step = (Jt @ np.linalg.solve(J @ Jt + _DAMPING * np.eye(J.shape[-2]), right[..., None]))[..., 0]
+        largest = np.abs(step).max(axis=-1, keepdims=True)
+        q = q + step * np.minimum(1.0, _LARGEST_STEP_RAD / np.maximum(largest, 1e-300))
+    return np.asarray(q), distance
+
+
+def simulate_touch_ups(
+    truth: CalibrationModel,
+    x: FloatArray,
+    q: FloatArray,
+    rng: np.random.Generator | None = None,
+    *,
+    trials: int | None = None,
+    target: IntArray | None = None,
+) -> TouchUps:
+    """Touch up planned postures with a robot that has errors.
+
+    Parameters
+    ----------
+    truth : CalibrationModel
+        The robot as it really is: any parameters, and the measurement with its noise.
+    x : array (p,)
+        True parameters.
+    q : array (N, n)
+        Planned postures [rad].
+    rng : numpy.random.Generator, optional
+        Source of the noise; none: measurements without noise.
+    trials : int, optional
+        Number of Monte Carlo trials; the postures then get a leading dimension.
+    target : array (N,), optional
+        Index of the target that each posture touches.
+
+    Raises
+    ------
+    ConvergenceError
+        The arm cannot bring its tool point to the target from one of the postures.
+    """
+    start, _ = touch(truth, q, x, target)
+    displacement: FloatArray | float = 0.0
+    if rng is not None:
+        R = truth.view(start, x, target)[0].state.R_base_tip
+        batch = () if trials is None else (trials,)
+        displacement = truth.measurement.sample(np.broadcast_to(R, (*batch, *R.shape)), rng)
+    elif trials is not None:
+        start = np.broadcast_to(start, (trials, *start.shape))
+    postures, missing = touch(truth, start, x, target, displacement)
+    if missing.max(initial=0.0) > 1e3 * TOUCH_TOLERANCE_M:
+        pose = int(np.argmax(missing.reshape(-1, missing.shape[-1]).max(axis=0)))
+        raise ConvergenceError(
+            f"pose {pose + 1}: the simulated arm stays {missing.max() * 1e3:.3g} mm from its target",
+            hint="the pose is next to a singularity or out of reach; plan with a larger margin",
+            name=f"pose {pose + 1}",
+        )
+    touched = np.zeros(len(q), dtype=np.intp) if target is None else target
+    return TouchUps(postures, touched, truth.labels)

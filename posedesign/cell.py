@@ -1,0 +1,250 @@
+"""The cell: a robot with its tool, its target and its measurement, ready to be planned for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import CalibError, FileFormatError, InputError, JointLimitError
+from calib.measurement import Measurement, TouchUp, ViewLine
+from calib.model import CalibrationModel
+from calib.parameters import (
+    JointCompliance,
+    ParameterBlock,
+    Payload,
+    TargetPoints,
+    ToolPoint,
+    ZeroOffsets,
+)
+from calib.robots import Robot
+from calib.se3 import FloatArray, transform
+from posedesign.config import CellConfig, MeasurementSection, parse_config, read_config
+
+MOST_RADIANS = np.pi
+"""A base posture whose values all lie within this, most of them with a fraction, was written in
+radians: no arm stands within three degrees of its zero to measure."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What the planner, the simulation and the identification work on.
+
+    Attributes
+    ----------
+    config : CellConfig
+        As written, in mm and degrees.
+    robot : Robot
+    base_posture : array (n,)
+        [rad]
+    tool_m : array (3,)
+        Tool point in the tip frame [m].
+    target_m : array (3,)
+        Target in the base frame [m].
+    offset_joints : tuple of str
+        Joints whose zero offset is identified.
+    """
+
+    config: CellConfig
+    robot: Robot
+    base_posture: FloatArray
+    tool_m: FloatArray
+    target_m: FloatArray
+    offset_joints: tuple[str, ...]
+
+    @classmethod
+    def load(cls, path: Path | str) -> Cell:
+        """Read a ``cell.toml`` and the robot that it names.
+
+        Raises
+        ------
+        FileFormatError
+            Something in the file cannot be used; file and key are named.
+        RobotModelError
+            The robot cannot be loaded.
+        """
+        file = Path(path)
+        return cls.from_config(read_config(file), file)
+
+    @classmethod
+    def from_text(cls, text: str, path: Path | str = "cell.toml") -> Cell:
+        """The cell of a ``cell.toml`` given as text; ``path`` is named in errors."""
+        import tomllib
+
+        return cls.from_config(parse_config(tomllib.loads(text), Path(path)), Path(path))
+
+    @classmethod
+    def from_config(cls, config: CellConfig, path: Path) -> Cell:
+        """Build the cell; relative paths in it are relative to the folder of ``path``."""
+        source = config.robot
+        if source.preset is not None:
+            robot = Robot.preset(source.preset, tip=source.tip, base=source.base)
+        else:
+            urdf = path.parent / str(source.urdf)
+            robot = Robot.from_urdf(urdf, tip=source.tip, base=source.base)
+        posture = _base_posture(config, robot, path)
+        tool = np.array(config.tool.point_mm) / 1e3
+        given = config.target.position_mm
+        target = robot.state(posture).point(tool) if given is None else np.array(given) / 1e3
+        listed = config.parameters.zero_offsets
+        cell = cls(
+            config=config,
+            robot=robot,
+            base_posture=posture,
+            tool_m=tool,
+            target_m=target,
+            # the first and the last joint are absorbed by target and tool point (section 3.2)
+            offset_joints=robot.joint_names[1:-1] if listed is None else listed,
+        )
+        with _naming(path, "parameters.zero_offsets"):
+            ZeroOffsets(robot, cell.offset_joints)
+        true_offsets = config.truth.zero_offsets_deg
+        if true_offsets is not None and len(true_offsets) != robot.n:
+            raise FileFormatError(
+                f"{len(true_offsets)} values for {robot.n} joints",
+                path=path,
+                column="truth.zero_offsets_deg",
+                hint="give one value for each joint",
+            )
+        return cell
+
+    @property
+    def measurement(self) -> Measurement:
+        """The measurement with its noise."""
+        return make_measurement(self.config.measurement)
+
+    @property
+    def tool_axes(self) -> str:
+        """Axes along which the tool point is identified: not along a view line."""
+        given = self.config.parameters.tool_axes
+        if given is not None:
+            return given
+        return "xyz" if self.config.measurement.kind == "touch-up" else "xy"
+
+    @property
+    def payload(self) -> Payload | None:
+        """What the flange carries."""
+        tool = self.config.tool
+        return Payload(tool.mass_kg, np.array(tool.com_mm) / 1e3) if tool.mass_kg else None
+
+    @property
+    def margin(self) -> float:
+        """Distance [rad] that planned poses keep from the joint limits."""
+        return float(np.deg2rad(self.config.plan.limit_margin_deg))
+
+    @property
+    def T_tip_camera(self) -> FloatArray:
+        """Camera in the tip frame: axes of the tip, lens behind the tool point along its z."""
+        lens = self.tool_m - [0.0, 0.0, self.config.tool.camera_stand_off_mm / 1e3]
+        return transform(np.eye(3), lens)
+
+    def model(
+        self,
+        offsets: tuple[str, ...] | None = None,
+        *,
+        measurement: Measurement | None = None,
+        targets: TargetPoints | None = None,
+    ) -> CalibrationModel:
+        """The model that is identified: zero offsets, tool point, target.
+
+        Parameters
+        ----------
+        offsets : tuple of str, optional
+            Joints with an unknown offset; those of the cell by default.
+        measurement : Measurement, optional
+            Another measurement than the cell's. With a view line the tool point stays free across
+            it only.
+        targets : TargetPoints, optional
+            Other targets than the cell's one.
+        """
+        measured = self.measurement if measurement is None else measurement
+        axes = "xy" if isinstance(measured, ViewLine) and measurement else self.tool_axes
+        return CalibrationModel(
+            self.robot,
+            [
+                ZeroOffsets(self.robot, self.offset_joints if offsets is None else offsets),
+                ToolPoint(self.tool_m, axes),
+                targets or TargetPoints([self.target_m], [self.config.target.name]),
+            ],
+            measured,
+        )
+
+    def truth(self, measurement: Measurement | None = None) -> tuple[CalibrationModel, FloatArray]:
+        """The simulated robot: its model, with offsets of all joints and deflection, and its values."""
+        truth = self.config.truth
+        given = truth.zero_offsets_deg
+        offsets = _usual_offsets(self.robot.n) if given is None else np.deg2rad(given)
+        tool = ToolPoint(self.tool_m)
+        target = TargetPoints([self.target_m], [self.config.target.name])
+        blocks: list[ParameterBlock] = [ZeroOffsets(self.robot, self.robot.joint_names)]
+        values = [offsets]
+        if truth.deflection:
+            blocks.append(JointCompliance(self.robot, self.robot.joint_names, self.payload))
+            values.append(1.0 / self.robot.stiffness)
+        values += [
+            tool.nominal + np.array(truth.tool_error_mm) / 1e3,
+            target.nominal + np.array(truth.target_error_mm) / 1e3,
+        ]
+        model = CalibrationModel(
+            self.robot,
+            [*blocks, tool, target],
+            self.measurement if measurement is None else measurement,
+        )
+        return model, np.concatenate(values)
+
+
+def make_measurement(section: MeasurementSection) -> Measurement:
+    """The measurement that a section of the file describes."""
+    sigma = np.array(section.three_sigma_mm) / 3e3
+    return TouchUp(sigma) if section.kind == "touch-up" else ViewLine(sigma[:2])
+
+
+class _naming:
+    """Name file and key in an error that was raised without knowing them."""
+
+    def __init__(self, path: Path, key: str) -> None:
+        self._path, self._key = path, key
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, CalibError):
+            raise FileFormatError(
+                error.message, path=self._path, column=self._key, hint=error.hint
+            ) from error
+
+
+def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
+    degrees = np.array(config.base_pose.posture_deg)
+    key = "base_pose.posture_deg"
+    with _naming(path, key):
+        posture = robot.check_posture(np.deg2rad(degrees))
+    fractions = np.count_nonzero(degrees % 1.0)
+    if np.abs(degrees).max() <= MOST_RADIANS and fractions >= min(3, robot.n):
+        raise FileFormatError(
+            f"looks like radians (largest value {np.abs(degrees).max():g})",
+            path=path,
+            column=key,
+            hint="give degrees",
+        )
+    try:
+        robot.check_limits(posture)
+    except JointLimitError as error:
+        raise FileFormatError(
+            f"the base pose is outside the limits: {error.message}",
+            path=path,
+            column=key,
+            hint="choose a posture inside the limits",
+            value=error.value,
+        ) from error
+    return posture
+
+
+def _usual_offsets(n: int) -> FloatArray:
+    """Zero offsets [rad] as found on arms that were mastered by eye: up to about a tenth of a degree."""
+    if n < 1:
+        raise InputError("a robot needs joints")
+    pattern = np.deg2rad([0.03, 0.08, -0.06, 0.05, 0.10, -0.04])
+    return np.resize(pattern, n)

@@ -1,0 +1,198 @@
+"""What may stand in a ``cell.toml``: every key, its unit, its default and its bounds.
+
+Millimetres and degrees, because people write this file. :mod:`posedesign.cell` turns it into the
+objects that the planner works on.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from calib.errors import FileFormatError, near_names
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Vector = tuple[Finite, Finite, Finite]
+PositiveVector = tuple[Positive, Positive, Positive]
+
+LARGEST_CELL_BYTES = 1_000_000
+
+
+class Section(BaseModel):
+    """A table of the file; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
+
+
+class RobotSection(Section):
+    """Which arm: a preset or a URDF file."""
+
+    preset: str | None = None
+    urdf: str | None = None
+    base: str | None = None
+    tip: str | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> RobotSection:
+        if (self.preset is None) == (self.urdf is None):
+            raise ValueError("give either preset or urdf")
+        return self
+
+
+class ToolSection(Section):
+    """The tool point (virtual pin tip) in the tip frame, and what the flange carries."""
+
+    point_mm: Vector
+    mass_kg: NotNegative = 0.0
+    com_mm: Vector = (0.0, 0.0, 0.0)
+    camera_stand_off_mm: NotNegative = 350.0
+
+
+class BasePoseSection(Section):
+    """The posture with the tool point on the target that poses are varied around."""
+
+    posture_deg: tuple[Finite, ...]
+
+
+class TargetSection(Section):
+    """The point that is touched; where the tool point stands at the base pose by default."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40)] = "T1"
+    position_mm: Vector | None = None
+
+
+class VariationSection(Section):
+    """D_W, D_P, D_R of Eq. 13: where they start, how they grow, how far they may go."""
+
+    start_deg: PositiveVector = (5.0, 5.0, 5.0)
+    step_deg: PositiveVector = (5.0, 5.0, 5.0)
+    largest_deg: PositiveVector = (60.0, 60.0, 60.0)
+    raise_: Annotated[Literal["together", "best"], Field(alias="raise")] = "together"
+
+
+class PlanSection(Section):
+    """When the loop has done enough, and how poses that cannot be reached are replaced."""
+
+    condition_threshold: Positive = 1.0e5
+    limit_margin_deg: NotNegative = 0.0
+    repair: bool = True
+    repair_margin_deg: NotNegative = 2.0
+    repair_tilt_deg: Annotated[float, Field(gt=0, le=180)] = 60.0
+    repair_base_joint_deg: Annotated[float, Field(gt=0, le=360)] = 90.0
+
+
+class ParameterSection(Section):
+    """What is identified besides the target."""
+
+    zero_offsets: tuple[str, ...] | None = None
+    tool_axes: Annotated[str, Field(pattern=r"^x?y?z?$")] | None = None
+
+
+class MeasurementSection(Section):
+    """How touch-ups are done, and how well."""
+
+    kind: Literal["touch-up", "view-line"] = "touch-up"
+    three_sigma_mm: PositiveVector = (0.02, 0.02, 0.12)
+    weighted: bool = True
+    camera_three_sigma_deg: Positive = 0.06
+    camera_three_sigma_mm: Positive = 0.3
+
+
+class TruthSection(Section):
+    """The robot that is simulated: nothing but the simulation looks at this."""
+
+    seed: Annotated[int, Field(ge=0)] = 1
+    zero_offsets_deg: tuple[Finite, ...] | None = None
+    tool_error_mm: Vector = (2.0, -1.0, 3.0)
+    target_error_mm: Vector = (5.0, -4.0, 2.0)
+    deflection: bool = True
+
+
+class ProgramSection(Section):
+    """The robot program."""
+
+    name: str = "CALIB01"
+    user_frame: Annotated[int, Field(ge=0, le=9)] = 0
+    tool_frame: Annotated[int, Field(ge=1, le=10)] = 1
+    speed_percent: Annotated[int, Field(ge=1, le=100)] = 10
+    settle_s: NotNegative = 1.0
+    measure_call: str | None = "MEASURE"
+
+
+class CellConfig(Section):
+    """A whole ``cell.toml``."""
+
+    robot: RobotSection
+    tool: ToolSection
+    base_pose: BasePoseSection
+    target: TargetSection = TargetSection()
+    variations: VariationSection = VariationSection()
+    plan: PlanSection = PlanSection()
+    parameters: ParameterSection = ParameterSection()
+    measurement: MeasurementSection = MeasurementSection()
+    truth: TruthSection = TruthSection()
+    program: ProgramSection = ProgramSection()
+
+
+def read_config(path: Path) -> CellConfig:
+    """Read and check a ``cell.toml``.
+
+    Raises
+    ------
+    FileFormatError
+        The file is missing, no TOML, or a key in it is unknown, missing or out of bounds.
+    """
+    try:
+        if path.stat().st_size > LARGEST_CELL_BYTES:
+            raise FileFormatError("is too large for a cell", path=path)
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileFormatError(
+            f"cannot be read: {error.strerror}",
+            path=path,
+            hint="make one with: posedesign new > cell.toml",
+        ) from error
+    except UnicodeDecodeError as error:
+        raise FileFormatError("is not UTF-8 text", path=path, hint="save it as UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
+        raise FileFormatError(f"is no valid TOML: {error}", path=path, hint="mend the line") from error
+    return parse_config(raw, path)
+
+
+def parse_config(raw: dict[str, Any], path: Path) -> CellConfig:
+    """Check the content of a ``cell.toml``; ``path`` is named in errors."""
+    try:
+        return CellConfig.model_validate(raw)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise FileFormatError(
+            _reason(first), path=path, column=key or None, hint=_hint(first), value=first.get("input")
+        ) from error
+
+
+def _reason(error: Any) -> str:
+    kind, given = error["type"], error.get("input")
+    if kind == "extra_forbidden":
+        return "there is no such key"
+    if kind == "missing":
+        return "is missing"
+    text = error["msg"].removeprefix("Value error, ")
+    shown = f", not {given!r}" if isinstance(given, (int, float, str, bool)) else ""
+    return f"{text[0].lower()}{text[1:]}{shown}"
+
+
+def _hint(error: Any) -> str:
+    where = [part for part in error["loc"] if isinstance(part, str)]
+    if error["type"] == "extra_forbidden":
+        section: Any = CellConfig
+        for part in where[:-1]:
+            section = section.model_fields[part].annotation
+        known = [field.alias or name for name, field in section.model_fields.items()]
+        return near_names(where[-1], known)
+    return "posedesign new prints a commented example"

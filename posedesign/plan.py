@@ -1,0 +1,171 @@
+"""What planning gives: the poses, how they came about, and how good they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from hashlib import sha256
+
+import numpy as np
+
+from calib.model import CalibrationModel
+from calib.parameters.base import Unit
+from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.indices import Indices
+
+
+class PoseStatus(StrEnum):
+    """Where a pose comes from."""
+
+    GRID = "grid"
+    REPAIRED = "repaired"
+    DROPPED = "dropped"
+
+
+class StopReason(StrEnum):
+    """Why the loop ended."""
+
+    THRESHOLD = "threshold reached"
+    NO_IMPROVEMENT = "no further improvement"
+    VARIATION_LIMIT = "variation limit"
+    INFEASIBLE = "infeasible"
+
+
+@dataclass(frozen=True)
+class PoseSet:
+    """The 27 poses of one round, taken, repaired or dropped.
+
+    Attributes
+    ----------
+    postures : array (27, n)
+        [rad]; NaN where the pose was dropped.
+    status : tuple of PoseStatus
+    reasons : tuple of str
+        Empty for a pose of the grid that can be taken as it is.
+    """
+
+    postures: FloatArray
+    status: tuple[PoseStatus, ...]
+    reasons: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """P01, P02, ..."""
+        return tuple(f"P{i + 1:02d}" for i in range(len(self.status)))
+
+    @property
+    def kept(self) -> FloatArray:
+        """Postures ``(N, n)`` [rad] that are measured."""
+        return self.postures[np.isfinite(self.postures).all(axis=1)]
+
+    def count(self, status: PoseStatus) -> int:
+        """Number of poses with a status."""
+        return self.status.count(status)
+
+
+@dataclass(frozen=True)
+class Round:
+    """One turn of the loop.
+
+    Attributes
+    ----------
+    number : int
+    variation_deg : tuple of float
+        D_W, D_P, D_R.
+    grid, repaired, dropped : int
+        Poses taken as generated, replaced, and left out.
+    c_g, cond_2_g : float
+    sigma : array (p,)
+        Predicted standard deviation of each parameter [SI]; infinite where not identifiable.
+    """
+
+    number: int
+    variation_deg: tuple[float, float, float]
+    grid: int
+    repaired: int
+    dropped: int
+    c_g: float
+    cond_2_g: float
+    sigma: FloatArray
+
+
+@dataclass(frozen=True)
+class PosePlan:
+    """A set of measuring poses with its history.
+
+    Attributes
+    ----------
+    poses : PoseSet
+        Those of the best round.
+    best : int
+        Index into ``rounds`` of the round that the poses are from.
+    rounds : tuple of Round
+    indices : Indices
+    model : CalibrationModel
+        What the plan was made for.
+    threshold : float
+        C_G asked for.
+    stop : StopReason
+    advice : str
+        What to change where the threshold was not reached.
+    """
+
+    poses: PoseSet
+    best: int
+    rounds: tuple[Round, ...]
+    indices: Indices
+    model: CalibrationModel
+    threshold: float
+    stop: StopReason
+    advice: str
+
+    @property
+    def reached(self) -> bool:
+        """Whether C_G is below the threshold."""
+        return self.stop is StopReason.THRESHOLD
+
+    @property
+    def postures(self) -> FloatArray:
+        """Postures ``(N, n)`` [rad] to measure at."""
+        return self.poses.kept
+
+    @property
+    def message(self) -> str:
+        """The outcome in one line."""
+        best = self.rounds[self.best]
+        angles = "/".join(f"{d:g}" for d in best.variation_deg)
+        return (
+            f"{self.stop}: C_G {best.c_g:.4g} (asked for {self.threshold:.4g}) with "
+            f"{len(self.postures)} poses at D_W/D_P/D_R {angles} deg" + f"; {self.advice}" * bool(self.advice)
+        )
+
+    def sigma_displayed(self) -> list[tuple[str, str, float]]:
+        """Name, unit and predicted standard deviation of each parameter as people read them."""
+        return displayed_sigma(self.model, self.rounds[self.best].sigma)
+
+    @property
+    def fingerprint(self) -> str:
+        """Short digest of the postures: programs and results carry it, so that none is mixed up."""
+        return fingerprint(self.postures)
+
+
+def displayed_sigma(model: CalibrationModel, sigma: FloatArray) -> list[tuple[str, str, float]]:
+    """Name, unit and value in deg or mm of standard deviations ``(p,)`` [SI]."""
+    from calib.identification.result import DISPLAY
+
+    units: tuple[Unit, ...] = model.units
+    return [
+        (name, DISPLAY[unit][0], float(value * DISPLAY[unit][1]))
+        for name, unit, value in zip(model.names, units, sigma, strict=True)
+    ]
+
+
+def fingerprint(postures: FloatArray) -> str:
+    """Eight hex digits of postures ``(N, n)`` [rad], the same after a round trip through a file."""
+    degrees = np.round(np.rad2deg(postures), 4) + 0.0
+    return sha256(np.ascontiguousarray(degrees).tobytes()).hexdigest()[:8]
+
+
+def tip_wpr(model: CalibrationModel, postures: FloatArray) -> FloatArray:
+    """W, P, R ``(N, 3)`` [rad] of the tip at postures ``(N, n)``."""
+    return wpr_from_rotation(model.robot.fk(postures)[..., :3, :3])

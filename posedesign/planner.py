@@ -1,0 +1,228 @@
+"""The loop of Watanabe et al. 2006, section 2.4: vary, check, repair, evaluate, vary more.
+
+Steps 1 to 6 of the paper are the functions below, in that order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from calib.errors import UnreachableError
+from calib.identification import covariance_of
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.cell import Cell
+from posedesign.feasibility import nearest_postures
+from posedesign.generation import touching_poses, wpr_rotations
+from posedesign.indices import condition_2, condition_inf, evaluate
+from posedesign.plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
+from posedesign.repair import farthest_postures, repair_pool
+
+IMPROVEMENT = 0.99
+"""A round counts as better when it brings C_G below this part of the best so far."""
+
+PATIENCE = 3
+"""Rounds without improvement after which the loop ends."""
+
+Progress = Callable[[Round], None]
+
+
+def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
+    """Plan measuring poses until C_G falls below the threshold of the cell.
+
+    Parameters
+    ----------
+    cell : Cell
+    progress : callable, optional
+        Called with each :class:`Round` as it is done.
+
+    Raises
+    ------
+    UnreachableError
+        The base pose itself does not bring the tool point to the target, or breaks the margin.
+    NotIdentifiableError, InputError
+        The parameters asked for do not fit the robot.
+    """
+    return _Loop(cell, progress).run()
+
+
+class _Loop:
+    """State of one planning run: the rounds so far, the best of them, the repair pool."""
+
+    def __init__(self, cell: Cell, progress: Progress | None) -> None:
+        self.cell = cell
+        self.model = cell.model()
+        self.progress = progress
+        self.rounds: list[Round] = []
+        self.sets: list[PoseSet] = []
+        self._pool: FloatArray | None = None
+        check_base_pose(cell)
+
+    def run(self) -> PosePlan:
+        section = self.cell.config.variations
+        variation = np.array(section.start_deg)  # step 1
+        largest = np.array(section.largest_deg)
+        while True:
+            self._round(variation)
+            stop = self._stop()
+            if stop is None:
+                following = self._raise(variation)
+                if following is None:
+                    stop = StopReason.VARIATION_LIMIT
+                else:
+                    variation = np.minimum(following, largest)
+                    continue
+            return self._finish(stop)
+
+    def _round(self, variation: FloatArray) -> None:
+        poses = self._generate(variation)
+        done = _evaluate(self.model, poses, len(self.rounds) + 1, variation)
+        self.rounds.append(done)
+        self.sets.append(poses)
+        if self.progress is not None:
+            self.progress(done)
+
+    def _generate(self, variation: FloatArray) -> PoseSet:
+        """Steps 2 to 4: the grid, what of it can be reached, and replacements for the rest."""
+        poses = grid_poses(self.cell, variation)
+        if PoseStatus.DROPPED in poses.status and self.cell.config.plan.repair:
+            if self._pool is None:
+                self._pool = repair_pool(self.cell)
+            poses = repair(self.cell, poses, self._pool)
+        return poses
+
+    def _stop(self) -> StopReason | None:
+        """Step 5."""
+        values = [r.c_g for r in self.rounds]
+        if values[-1] < self.cell.config.plan.condition_threshold:
+            return StopReason.THRESHOLD
+        recent, before = values[-PATIENCE:], values[:-PATIENCE]
+        if before and min(recent) > IMPROVEMENT * min(before) and np.isfinite(min(before)):
+            return StopReason.NO_IMPROVEMENT
+        return None
+
+    def _raise(self, variation: FloatArray) -> FloatArray | None:
+        """Step 6: all angles by their steps, or the one that lowers C_G most; None at the limit."""
+        section = self.cell.config.variations
+        step, largest = np.array(section.step_deg), np.array(section.largest_deg)
+        if (variation >= largest).all():
+            return None
+        if section.raise_ == "together":
+            return np.asarray(variation + step)
+        options = [
+            np.minimum(variation + step * axis, largest)
+            for axis in np.eye(3)
+            if (variation + 0.0)[axis > 0] < largest[axis > 0]
+        ]
+        scores = [
+            condition_inf(self.model.jacobian(self._generate(option).kept)) for option in options
+        ]
+        return np.asarray(options[int(np.argmin(scores))])
+
+    def _finish(self, stop: StopReason) -> PosePlan:
+        values = [r.c_g for r in self.rounds]
+        best = len(values) - 1 if stop is StopReason.THRESHOLD else int(np.argmin(values))
+        if not np.isfinite(values[best]):
+            stop = StopReason.INFEASIBLE
+        postures = self.sets[best].kept
+        _, blocks, R = self.model.linearise(postures)
+        return PosePlan(
+            poses=self.sets[best],
+            best=best,
+            rounds=tuple(self.rounds),
+            indices=evaluate(blocks, self.model.measurement.whiten(blocks, R)),
+            model=self.model,
+            threshold=self.cell.config.plan.condition_threshold,
+            stop=stop,
+            advice=_advice(stop, self.rounds[best]),
+        )
+
+
+def check_base_pose(cell: Cell) -> None:
+    """Check that the base posture touches the target and keeps the margin from the limits.
+
+    Raises
+    ------
+    UnreachableError
+    """
+    q, robot = cell.base_posture, cell.robot
+    rotation = robot.fk(q)[:3, :3]
+    pose = touching_poses(rotation[None], cell.tool_m, cell.target_m)
+    there = nearest_postures(robot, pose, q, cell.margin)
+    if not there.feasible[0]:
+        raise UnreachableError(
+            f"the base pose cannot be taken: {there.reasons[0]}",
+            hint="move the target or the base posture, or lower plan.limit_margin_deg",
+            name="base_pose",
+        )
+
+
+def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
+    """Steps 2 and 3: the 27 poses of Eq. 13, with those that cannot be taken marked dropped.
+
+    Parameters
+    ----------
+    cell : Cell
+    variation_deg : array (3,)
+        D_W, D_P, D_R [deg].
+    """
+    wpr = wpr_from_rotation(cell.robot.fk(cell.base_posture)[:3, :3])
+    rotations = wpr_rotations(wpr, np.deg2rad(variation_deg))
+    poses = touching_poses(rotations, cell.tool_m, cell.target_m)
+    found = nearest_postures(cell.robot, poses, cell.base_posture, cell.margin)
+    status = tuple(PoseStatus.GRID if ok else PoseStatus.DROPPED for ok in found.feasible)
+    return PoseSet(found.q, status, found.reasons)
+
+
+def repair(cell: Cell, poses: PoseSet, pool: FloatArray) -> PoseSet:
+    """Step 4: replace each dropped pose by the posture of the pool farthest from all others."""
+    gaps = [i for i, status in enumerate(poses.status) if status is PoseStatus.DROPPED]
+    found = farthest_postures(pool, poses.kept, len(gaps), cell.robot.joint_range)
+    postures, status, reasons = poses.postures.copy(), list(poses.status), list(poses.reasons)
+    for i, posture in zip(gaps, found, strict=False):
+        postures[i] = posture
+        status[i] = PoseStatus.REPAIRED
+    for i in gaps[len(found) :]:
+        reasons[i] += "; no posture inside the limits is left to take its place"
+    return PoseSet(postures, tuple(status), tuple(reasons))
+
+
+def _evaluate(
+    model: CalibrationModel, poses: PoseSet, number: int, variation: FloatArray
+) -> Round:
+    kept = poses.kept
+    _, blocks, R = model.linearise(kept)
+    c_g = condition_inf(blocks) if len(kept) else float("inf")
+    if np.isfinite(c_g) and len(kept) * model.measurement.rows >= model.p:
+        sigma = np.sqrt(np.diag(covariance_of(model, kept)))
+    else:
+        c_g, sigma = float("inf"), np.full(model.p, np.inf)
+    return Round(
+        number=number,
+        variation_deg=(float(variation[0]), float(variation[1]), float(variation[2])),
+        grid=poses.count(PoseStatus.GRID),
+        repaired=poses.count(PoseStatus.REPAIRED),
+        dropped=poses.count(PoseStatus.DROPPED),
+        c_g=c_g,
+        cond_2_g=condition_2(blocks) if len(kept) else float("inf"),
+        sigma=sigma,
+    )
+
+
+def _advice(stop: StopReason, best: Round) -> str:
+    if stop is StopReason.THRESHOLD:
+        return ""
+    if stop is StopReason.INFEASIBLE:
+        return (
+            "no set of these poses identifies the parameters: free fewer of them, or move the base "
+            "pose to where more orientations can be reached"
+        )
+    if stop is StopReason.VARIATION_LIMIT:
+        return "raise variations.largest_deg or plan.condition_threshold"
+    lost = f" ({best.dropped} poses were dropped there)" if best.dropped else ""
+    return (
+        f"wider angles no longer help{lost}: raise plan.condition_threshold, or choose a base pose "
+        "with more room around it"
+    )

@@ -100,6 +100,8 @@ class PosePlan:
     best : int
         Index into ``rounds`` of the round that the poses are from.
     rounds : tuple of Round
+    history : tuple of PoseSet
+        The poses of every round.
     indices : Indices
     model : CalibrationModel
         What the plan was made for.
@@ -113,6 +115,7 @@ class PosePlan:
     poses: PoseSet
     best: int
     rounds: tuple[Round, ...]
+    history: tuple[PoseSet, ...]
     indices: Indices
     model: CalibrationModel
     threshold: float

@@ -132,6 +132,7 @@ class _Loop:
             poses=self.sets[best],
             best=best,
             rounds=tuple(self.rounds),
+            history=tuple(self.sets),
             indices=evaluate(blocks, self.model.measurement.whiten(blocks, R)),
             model=self.model,
             threshold=self.cell.config.plan.condition_threshold,

@@ -1,4 +1,4 @@
-"""FANUC ``.LS``: the positions of a /POS section as they stand, whatever the layout of its lines."""
+"""FANUC ``.LS``: the positions of a /POS section as they stand, whatever their layout."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from typing import NoReturn
 
 from calib.errors import FileFormatError
 
+# Repeats inside the brackets are bounded: a damaged line of megabytes must not be retried for
+# each way in which it could be divided.
 _TOKEN = re.compile(
     r"""\s*(?:
-      P\s*\[\s*(?P<number>\d{1,6})\s*(?::\s*(?:"(?P<quoted>[^"]*)"|(?P<bare>[^]"]*))\s*)?\]\s*\{
+      P\s*\[\s*(?P<number>\d{1,6})\s*
+        (?::(?:\s*"(?P<quoted>[^"]{0,99})"\s*|(?P<bare>[^]"]{0,99})))?\]\s*\{
     | (?P<close>\}\s*;?)
     | GP(?P<group>\d{1,2})\s*:
     | (?P<frame>UF|UT)\s*:\s*(?P<frame_number>\d{1,3}|F)
@@ -61,7 +64,7 @@ class PositionParser:
             token = _TOKEN.match(line, at)
             if token is None:
                 rest = line[at:].strip()[:30]
-                refuse(f"cannot make sense of {rest!r} in a position", self.path, row, "")
+                refuse(f"cannot make sense of {rest!r} in a position", self.path, row)
             at = max(token.end(), at + 1)
             if token["number"] is not None:
                 self._begin(token, row)
@@ -71,7 +74,7 @@ class PositionParser:
     def finish(self, row: int) -> None:
         """End of the section: no position may be open."""
         if self._open is not None:
-            refuse(f"P[{self._open.number}] is not closed by }};", self.path, row, "")
+            refuse(f"P[{self._open.number}] is not closed by }};", self.path, row)
 
     def _begin(self, token: re.Match[str], row: int) -> None:
         self.finish(row)
@@ -84,7 +87,7 @@ class PositionParser:
     def _take(self, token: re.Match[str], row: int) -> None:
         position = self._open
         if position is None:
-            refuse(f"{token[0].strip()[:30]!r} is outside a position", self.path, row, "")
+            refuse(f"{token[0].strip()[:30]!r} is outside a position", self.path, row)
         group = position.group
         if token["close"]:
             self.positions.append(position)
@@ -92,20 +95,23 @@ class PositionParser:
         elif token["group"]:
             number = int(token["group"])
             if number in position.groups:
-                refuse(f"P[{position.number}] has GP{number} twice", self.path, row, "")
+                refuse(f"P[{position.number}] has GP{number} twice", self.path, row)
             position.group = position.groups[number] = StoredGroup(row)
         elif group is None:
-            refuse(f"P[{position.number}] has a value outside a group", self.path, row, "")
+            refuse(f"P[{position.number}] has a value outside a group", self.path, row)
         elif token["frame"]:
             value = token["frame_number"]
             group.frames[token["frame"]] = None if value == "F" else int(value)
         elif token["config"]:
             group.config_line = row
         elif token["name"] in group.fields:
-            refuse(f"P[{position.number}] has {token['name']} twice", self.path, row, "")
+            refuse(f"P[{position.number}] has {token['name']} twice", self.path, row)
         else:
             group.fields[token["name"]] = (token["value"], token["unit"] or "", row)
 
 
-def refuse(message: str, path: Path | str, row: int | None, hint: str) -> NoReturn:
+def refuse(
+    message: str, path: Path | str, row: int | None = None, hint: str = "save the program again"
+) -> NoReturn:
+    """Raise FileFormatError for a line of a file."""
     raise FileFormatError(message, path=path, row=row, hint=hint)

@@ -9,14 +9,17 @@ positions without a value, an extended axis that carries the arm from one positi
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NoReturn
 
-from calib.errors import FileFormatError
 from posedesign.files import read_bytes_bounded
 from posedesign.programs.controller_view import FANUC_JOINTS, urdf_from_pendant
-from posedesign.programs.program import RecordedPosition, RecordedProgram
+from posedesign.programs.fanuc_ls_positions import (
+    PositionParser,
+    StoredGroup,
+    StoredPosition,
+    refuse,
+)
+from posedesign.programs.recorded import RecordedPosition, RecordedProgram
 
 MOST_BYTES = 20_000_000
 """Largest file read: the largest program a controller holds is far smaller."""
@@ -29,9 +32,14 @@ _EXTENDED = ("E1", "E2", "E3")
 _CARTESIAN = {"X", "Y", "Z", "W", "P", "R", "RX", "RY", "RZ", "RW", "RP", "RR"}
 
 _SECTION = re.compile(r"\s*/(PROG|ATTR|APPL|MN|POS|END)(?![A-Za-z_])\s*(\S*)")
-_COMMENT = re.compile(r'COMMENT\s*=\s*"([^"]*)"')
-_PLAN = re.compile(r"\s*\d+\s*:\s*!PLAN\s+([0-9A-Fa-f]{4,16})\s*;")
+_HEADERS = {
+    "ATTR": re.compile(r'COMMENT\s*=\s*"([^"]*)"'),
+    "MN": re.compile(r"\s*\d+\s*:\s*!PLAN\s+([0-9A-Fa-f]{4,16})\s*;"),
+}
+_LISTING = "name a program saved in ASCII, .LS"
+_NOT_TEXT = re.compile(rb"[^\t\r\n -~]")
 _NUMBER = re.compile(r"[-+]?(?:\d{1,9}(?:\.\d{0,20})?|\.\d{1,20})")
+
 
 def read_fanuc_ls(path: Path | str) -> RecordedProgram:
     """Read the joint positions of a FANUC program.
@@ -58,8 +66,8 @@ def read_fanuc_ls(path: Path | str) -> RecordedProgram:
 def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
     """Program in the content of a file; ``path`` is for the messages. See `read_fanuc_ls`."""
     lines = _text_lines(data, path)
-    name = comment = fingerprint = ""
-    section = ""
+    name = section = ""
+    headers = dict.fromkeys(_HEADERS, "")
     parser = PositionParser(path)
     for row, line in enumerate(lines, start=1):
         heading = _SECTION.match(line)
@@ -67,40 +75,37 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
             if section == "POS":
                 parser.finish(row)
             section = heading[1]
-            if section == "PROG" and not name:
-                name = heading[2]
-            elif section == "END":
+            name = name or (heading[2] if section == "PROG" else "")
+            if section == "END":
                 break
         elif section == "POS":
             parser.feed(line, row)
-        elif section == "ATTR" and not comment:
-            comment = _first(_COMMENT, line).strip()
-        elif section == "MN" and not fingerprint:
-            fingerprint = _first(_PLAN, line)
+        elif section in headers and not headers[section]:
+            found = _HEADERS[section].match(line)
+            headers[section] = found[1].strip() if found else ""
         elif not section and line.strip():
-            refuse("is not a FANUC program: it does not start with /PROG", path, row, "")
+            refuse("is no FANUC program: it does not start with /PROG", path, row, _LISTING)
     if not name:
-        refuse("is not a FANUC program: there is no name behind /PROG", path, 1, "")
+        refuse("is no FANUC program: there is no name behind /PROG", path, 1, _LISTING)
     if section != "END":
         refuse("is cut off: there is no /END", path, len(lines), "copy the file again")
     positions = tuple(_recorded(position, path) for position in parser.positions)
     if not positions:
-        refuse("holds no positions", path, None, "save the program that was touched up")
+        refuse("holds no positions", path, hint="save the program that was touched up")
     _check_extended_axes(parser.positions, path)
-    return RecordedProgram(name, comment, fingerprint, positions)
+    return RecordedProgram(name, headers["ATTR"], headers["MN"], positions)
 
 
 def _text_lines(data: bytes, path: Path | str) -> list[str]:
     """Lines of the file, after checking that it is plain ASCII text."""
-    for row, line in enumerate(data.split(b"\n"), start=1):
-        bad = next((byte for byte in line if byte not in b"\t\r" and not 32 <= byte <= 126), None)
-        if bad is not None:
-            refuse(
-                f"holds the byte 0x{bad:02x}, which is not plain ASCII text",
-                path,
-                row,
-                "a binary .TP is no listing: save it as .LS; or remove accents from comments",
-            )
+    bad = _NOT_TEXT.search(data)
+    if bad:
+        refuse(
+            f"holds the byte 0x{bad[0][0]:02x}, which is not plain ASCII text",
+            path,
+            data.count(b"\n", 0, bad.start()) + 1,
+            "save a binary .TP as .LS; remove accented letters from comments",
+        )
     return data.decode("ascii").split("\n")
 
 
@@ -109,7 +114,7 @@ def _recorded(position: StoredPosition, path: Path | str) -> RecordedPosition:
     label = f"P[{position.number}]"
     group = position.groups.get(1)
     if group is None:
-        refuse(f"{label} has no motion group GP1", path, position.line, "")
+        refuse(f"{label} has no motion group GP1", path, position.line)
     cartesian = [row for name, (_, _, row) in group.fields.items() if name in _CARTESIAN]
     if cartesian or group.config_line is not None:
         refuse(
@@ -121,7 +126,7 @@ def _recorded(position: StoredPosition, path: Path | str) -> RecordedPosition:
     unknown = sorted(set(group.fields) - set(_JOINTS) - set(_EXTENDED))
     if unknown:
         row = group.fields[unknown[0]][2]
-        refuse(f"{label}: {unknown[0]} is no joint of a six-joint arm", path, row, "")
+        refuse(f"{label}: {unknown[0]} is no joint of a six-joint arm", path, row)
     values = [_joint_deg(label, joint, group, path) for joint in _JOINTS]
     return RecordedPosition(
         position.number,
@@ -140,9 +145,9 @@ def _joint_deg(label: str, joint: str, group: StoredGroup, path: Path | str) -> 
     if set(text) == {"*"}:
         refuse(f"{label}: {joint} has no value (***)", path, row, "touch the position up")
     if not _NUMBER.fullmatch(text):
-        refuse(f"{label}: {joint} is {text[:30]!r}, not a number", path, row, "")
+        refuse(f"{label}: {joint} is {text[:30]!r}, not a number", path, row)
     if unit != "deg":
-        refuse(f"{label}: {joint} is in {unit or 'no unit'}, not in deg", path, row, "")
+        refuse(f"{label}: {joint} is in {unit or 'no unit'}, not in deg", path, row)
     if abs(float(text)) > MOST_JOINT_DEG:
         reason = f"{label}: {joint} is {text} deg, beyond +-{MOST_JOINT_DEG:g} deg"
         refuse(reason, path, row, "no arm turns so far")
@@ -159,10 +164,3 @@ def _check_extended_axes(positions: list[StoredPosition], path: Path | str) -> N
                 row = position.groups[1].line
                 reason = f"P[{position.number}]: {axis} differs from P[{positions[0].number}]"
                 refuse(reason, path, row, "measure with the extended axes at rest")
-
-
-def _first(pattern: re.Pattern[str], line: str) -> str:
-    found = pattern.match(line)
-    return found[1] if found else ""
-
-

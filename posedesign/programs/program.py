@@ -103,9 +103,7 @@ class ProgramOptions:
         for name in ("user_frame", "tool_frame", "speed_percent"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | np.integer):
-                raise InputError(
-                    f"{name} is {value!r}, not a whole number", name=name, value=value
-                )
+                raise InputError(f"{name} is {value!r}, not a whole number", name=name, value=value)
         in_range("speed_percent", self.speed_percent, 1, 100)
         if not np.isfinite(self.settle_s) or self.settle_s < 0:
             raise InputError(

@@ -1,0 +1,297 @@
+"""Accuracy against condition: what a lower condition number buys, by simulation.
+
+The pose sets are those that the loop passes through on its way to the widest angles: each is what
+the loop would return for some threshold. Each set is touched up many times with fresh noise; the
+recordings go into the identification (by touch-up, weighted and not, and by view line only) and
+into every AX=ZB solver, and the identified robot measures a plate of known pitch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2 as chi2_distribution
+
+from calib.errors import CalibError, InputError
+from calib.identification import covariance_of, identify_batch
+from calib.identification.result import DISPLAY
+from calib.measurement import Measurement, TouchUp, ViewLine
+from calib.model import CalibrationModel
+from calib.robot_world import solve_batch
+from calib.se3 import FloatArray, inverse, rotation_angle
+from posedesign.cell import Cell
+from posedesign.evaluation import PlateTest, try_plate
+from posedesign.plan import PosePlan, Round
+from posedesign.planner import plan
+from posedesign.simulation import SimulatedRobot
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SOLVERS = ("li-kronecker", "li-dual-quaternion", "zhuang", "hirsh")
+"""The methods of the papers, in the form that is fit for use."""
+
+FEWEST_DRAWS = 10
+"""As many data sets a pose set as the paper took."""
+
+CONFIDENCE = 0.95
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the draws of one pose set gave for one quantity by one estimator.
+
+    Attributes
+    ----------
+    d_w_deg, d_p_deg, d_r_deg : float
+        Variation of the pose set.
+    poses : int
+    c_g, cond_2_g : float
+    estimator : str
+        ``touch-up weighted``, ``touch-up unweighted``, ``view line``, a solver, ``uncalibrated``.
+    quantity, unit : str
+    predicted_sigma : float
+        From the covariance, before any draw; NaN where there is none.
+    spread, spread_low, spread_high : float
+        Standard deviation over the draws with its 95 % interval; NaN for errors that have no sign.
+    error_median, error_p95 : float
+        Of the absolute error against the truth.
+    draws, failed : int
+        Draws, and how many of them gave no answer.
+    """
+
+    d_w_deg: float
+    d_p_deg: float
+    d_r_deg: float
+    poses: int
+    c_g: float
+    cond_2_g: float
+    estimator: str
+    quantity: str
+    unit: str
+    predicted_sigma: float
+    spread: float
+    spread_low: float
+    spread_high: float
+    error_median: float
+    error_p95: float
+    draws: int
+    failed: int
+
+
+@dataclass(frozen=True)
+class AccuracyStudy:
+    """All findings, and what could not be studied.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+    plan : PosePlan
+        The loop that the pose sets are from.
+    draws, seed : int
+    notes : tuple of str
+    """
+
+    findings: tuple[Finding, ...]
+    plan: PosePlan
+    draws: int
+    seed: int
+    notes: tuple[str, ...]
+
+    def frame(self) -> pd.DataFrame:
+        """The findings as a table, a row each."""
+        import pandas as pd
+
+        return pd.DataFrame([finding.__dict__ for finding in self.findings])
+
+
+def accuracy_study(
+    cell: Cell, *, draws: int = 50, seed: int = 1, progress: Progress | None = None
+) -> AccuracyStudy:
+    """Run the study on a cell.
+
+    Parameters
+    ----------
+    cell : Cell
+        Its threshold plays no part: the loop goes on to the widest angles.
+    draws : int
+        Noise draws a pose set, at least ten.
+    seed : int
+    progress : callable, optional
+        Called with what is being done and the part of the work that is done.
+
+    Raises
+    ------
+    InputError
+        Fewer than ten draws.
+    CalibError
+        What planning, simulation or identification raise.
+    """
+    if draws < FEWEST_DRAWS:
+        raise InputError(
+            f"{draws} draws are too few to see a spread", hint=f"take at least {FEWEST_DRAWS}",
+            name="draws", value=draws, bound=FEWEST_DRAWS,
+        )
+    history = plan(_to_the_widest(cell))
+    sets = improving_rounds(history)
+    if not sets:
+        raise InputError(
+            "no pose set of this cell identifies the parameters", hint=history.advice, name="cell"
+        )
+    findings: list[Finding] = []
+    notes: list[str] = []
+    for done, (turn, postures) in enumerate(sets):
+        if progress is not None:
+            progress(f"D = {'/'.join(f'{d:g}' for d in turn.variation_deg)} deg", done / len(sets))
+        # a seed for each set: a set added or left out changes no other
+        rng = np.random.default_rng([seed, done])
+        study = _SetStudy(cell, turn, postures, draws, rng)
+        findings += study.run()
+        notes += [note for note in study.notes if note not in notes]
+    return AccuracyStudy(tuple(findings), history, draws, seed, tuple(notes))
+
+
+def improving_rounds(history: PosePlan) -> list[tuple[Round, FloatArray]]:
+    """The rounds that the loop would have returned for some threshold, with their postures."""
+    chosen: list[tuple[Round, FloatArray]] = []
+    best = float("inf")
+    for turn, poses in zip(history.rounds, history.history, strict=True):
+        if turn.c_g < best:
+            best = turn.c_g
+            chosen.append((turn, poses.kept))
+    return chosen
+
+
+def _to_the_widest(cell: Cell) -> Cell:
+    # no set reaches C_G = 1, its value for orthogonal columns, so the loop never stops early
+    section = cell.config.plan.model_copy(update={"condition_threshold": 1.0})
+    return replace(cell, config=cell.config.model_copy(update={"plan": section}))
+
+
+class _SetStudy:
+    """Everything that is done with one pose set."""
+
+    def __init__(
+        self, cell: Cell, turn: Round, postures: FloatArray, draws: int, rng: np.random.Generator
+    ) -> None:
+        self.cell, self.turn, self.postures = cell, turn, postures
+        self.draws, self.rng = draws, rng
+        self.notes: list[str] = []
+        self.robot = SimulatedRobot.of(cell)
+        self.plate = try_plate(self.robot, rng, draws)
+        if isinstance(self.plate, str):
+            self.notes.append(f"plate test left out: {self.plate}")
+
+    def run(self) -> Iterator[Finding]:
+        sigma = np.array(self.cell.config.measurement.three_sigma_mm) / 3e3
+        for name, weighted, measurement in (
+            ("touch-up weighted", True, TouchUp(sigma)),
+            ("touch-up unweighted", False, TouchUp(sigma)),
+            ("view line", True, ViewLine(sigma[:2])),
+        ):
+            try:
+                yield from self._identification(name, weighted, measurement)
+            except CalibError as error:
+                self.notes.append(f"{name} left out: {error.message}")
+        if isinstance(self.plate, PlateTest):
+            model = self.cell.model()
+            worst = self.plate.worst_error(model, model.nominal)
+            yield from self._plate_findings("uncalibrated", worst)
+        yield from self._robot_world()
+
+    def _identification(
+        self, name: str, weighted: bool, measurement: Measurement
+    ) -> Iterator[Finding]:
+        robot = SimulatedRobot.of(self.cell, measurement)
+        model = self.cell.model(measurement=measurement)
+        touched = robot.touch_up(self.postures, self.rng, trials=self.draws)
+        values = identify_batch(model, touched, weighted=weighted)  # (T, p)
+        covariance = covariance_of(model, self.postures, weighted=weighted)
+        truth = effective_truth(robot, model)
+        for k, (parameter, unit) in enumerate(zip(model.names, model.units, strict=True)):
+            label, factor = DISPLAY[unit]
+            yield self._finding(
+                name, parameter, label,
+                factor * (values[:, k] - truth[k]), factor * float(np.sqrt(covariance[k, k])),
+            )
+        if isinstance(self.plate, PlateTest):
+            yield from self._plate_findings(name, self.plate.worst_error(model, values))
+
+    def _plate_findings(self, estimator: str, worst: FloatArray) -> Iterator[Finding]:
+        for k, column in enumerate(worst.T):
+            yield self._finding(estimator, f"plate distance {100 * (k + 1)} mm", "mm", 1e3 * column)
+        yield self._finding(estimator, "plate distance worst", "mm", 1e3 * worst.max(axis=1))
+
+    def _robot_world(self) -> Iterator[Finding]:
+        touched = self.robot.touch_up(self.postures, self.rng, trials=self.draws)
+        A, B = self.robot.camera_poses(touched.postures, self.rng)
+        for solver in SOLVERS:
+            found = solve_batch(A, B, solver)
+            for letter, estimate, true in (
+                ("X", found.X, self.robot.T_tip_camera),
+                ("Z", found.Z, self.robot.T_base_target),
+            ):
+                error = inverse(true) @ estimate
+                angle = np.full(len(error), np.nan)
+                angle[found.ok] = rotation_angle(error[found.ok, :3, :3])
+                shift = np.where(found.ok, np.linalg.norm(error[:, :3, 3], axis=-1), np.nan)
+                yield self._finding(solver, f"{letter} rotation", "deg", np.rad2deg(angle))
+                yield self._finding(solver, f"{letter} translation", "mm", 1e3 * shift)
+
+    def _finding(
+        self, estimator: str, quantity: str, unit: str, error: FloatArray, predicted: float = np.nan
+    ) -> Finding:
+        """Spread and size of errors ``(T,)``; signed ones have a spread about their own mean."""
+        good = error[np.isfinite(error)]
+        signed = np.isfinite(predicted)
+        spread = float(np.std(good, ddof=1)) if signed and len(good) > 1 else np.nan
+        low, high = spread_interval(spread, len(good))
+        size = np.abs(good)
+        return Finding(
+            *self.turn.variation_deg, len(self.postures), self.turn.c_g, self.turn.cond_2_g,
+            estimator, quantity, unit, predicted, spread, low, high,
+            float(np.median(size)) if len(size) else np.nan,
+            float(np.quantile(size, 0.95)) if len(size) else np.nan,
+            len(error), len(error) - len(good),
+        )
+
+
+def effective_truth(robot: SimulatedRobot, model: CalibrationModel) -> FloatArray:
+    """What an identification of constant offsets is held against, ``(p,)`` [SI].
+
+    Tool point and target as they are; offsets including the deflection at the base pose, for an
+    arm that deflects has no other constant offset. What is left, a bias that no number of draws
+    removes, is the part of the deflection that changes from pose to pose.
+    """
+    offsets = robot.joint_errors(robot.cell.base_posture[None])[0]
+    truth = []
+    for name in model.names:
+        kind, _, joint = name.partition(".")
+        if kind == "zero_offset":
+            truth.append(offsets[robot.cell.robot.joint_names.index(joint)])
+        else:
+            truth.append(robot.value(name))
+    return np.array(truth)
+
+
+def spread_interval(spread: float, count: int) -> tuple[float, float]:
+    """95 % interval of a standard deviation found from normal draws."""
+    if not np.isfinite(spread) or count < 2:
+        return np.nan, np.nan
+    tail = (1.0 - CONFIDENCE) / 2.0
+    freedom = count - 1
+    low, high = freedom / chi2_distribution.ppf([1.0 - tail, tail], freedom)
+    return spread * float(np.sqrt(low)), spread * float(np.sqrt(high))
+
+
+def select(
+    findings: Sequence[Finding], estimator: str, quantity: str
+) -> list[Finding]:
+    """Findings of one estimator and quantity, by falling C_G."""
+    chosen = [f for f in findings if f.estimator == estimator and f.quantity == quantity]
+    return sorted(chosen, key=lambda f: -f.c_g)

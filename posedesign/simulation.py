@@ -1,0 +1,104 @@
+"""Rehearsal of the measurement: what a robot with errors would bring back from a plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.measurement import Measurement, TouchUps
+from calib.measurement.simulate import simulate_touch_ups
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray, inverse, rotation_exp, transform
+from posedesign.cell import Cell
+
+_FACING = np.diag([1.0, -1.0, -1.0])
+"""The target's z points at the camera: turned by 180 deg about x against the tool."""
+
+
+@dataclass(frozen=True)
+class SimulatedRobot:
+    """The robot as it really is, known to nothing but the simulation.
+
+    Attributes
+    ----------
+    cell : Cell
+    model : CalibrationModel
+        With zero offsets of all joints and, where asked for, deflection.
+    values : array (p,)
+        True parameters [SI].
+    """
+
+    cell: Cell
+    model: CalibrationModel
+    values: FloatArray
+
+    @classmethod
+    def of(cls, cell: Cell, measurement: Measurement | None = None) -> SimulatedRobot:
+        """The robot of the ``[truth]`` section, measured as the cell says or otherwise."""
+        return cls(cell, *cell.truth(measurement))
+
+    def value(self, name: str) -> float:
+        """True value of one parameter [SI]."""
+        return float(self.values[self.model.names.index(name)])
+
+    @property
+    def target_m(self) -> FloatArray:
+        """Where the target really is ``(3,)`` [m]."""
+        return self.values[-3:]
+
+    @property
+    def T_tip_camera(self) -> FloatArray:
+        """X: where the camera really is on the tip."""
+        T = self.cell.T_tip_camera.copy()
+        T[:3, 3] += np.array(self.cell.config.truth.tool_error_mm) / 1e3
+        return T
+
+    @property
+    def T_base_target(self) -> FloatArray:
+        """Z: where the target really is, facing the camera of the base pose."""
+        rotation = self.cell.robot.fk(self.cell.base_posture)[:3, :3] @ _FACING
+        return transform(rotation, self.target_m)
+
+    def touch_up(
+        self, q: FloatArray, rng: np.random.Generator | None, trials: int | None = None
+    ) -> TouchUps:
+        """Touch up the target from planned postures ``(N, n)`` [rad]; see ``simulate_touch_ups``."""
+        return simulate_touch_ups(self.model, self.values, q, rng, trials=trials)
+
+    def joint_errors(self, q: FloatArray) -> FloatArray:
+        """Offset plus deflection of each joint at postures ``(N, n)`` [rad], ``(N, n)`` [rad]."""
+        view, _ = self.model.view(q, self.values)
+        return np.broadcast_to(view.errors.joints, q.shape)
+
+    def camera_poses(
+        self, q: FloatArray, rng: np.random.Generator | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """What robot and camera report at recorded postures: pairs of A X = Z B.
+
+        Parameters
+        ----------
+        q : array (..., N, n)
+            Joint values as the controller shows them [rad].
+        rng : numpy.random.Generator, optional
+            Source of the camera's noise; none: no noise.
+
+        Returns
+        -------
+        A : array (..., N, 4, 4)
+            ``T_base_tip`` that the controller computes, without the arm's errors.
+        B : array (..., N, 4, 4)
+            ``T_target_camera`` that the camera measures, with its noise in camera axes.
+        """
+        view, _ = self.model.view(q, self.values)
+        T_base_camera = view.state.T_base_tip @ self.T_tip_camera
+        B = inverse(self.T_base_target) @ T_base_camera
+        if rng is not None:
+            section = self.cell.config.measurement
+            turn, shift = rng.standard_normal((2, *q.shape[:-1], 3))
+            noise = transform(
+                rotation_exp(turn * np.deg2rad(section.camera_three_sigma_deg) / 3.0),
+                shift * section.camera_three_sigma_mm / 3e3,
+            )
+            B = B @ noise
+        return self.cell.robot.fk(q), B

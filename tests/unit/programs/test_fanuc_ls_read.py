@@ -1,0 +1,305 @@
+"""FANUC .LS: the reader takes what controllers export, and says the line of what it refuses."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib.errors import FileFormatError
+from posedesign.programs import (
+    PoseProgram,
+    ProgramOptions,
+    ProgramPose,
+    RecordedProgram,
+    read,
+    urdf_from_pendant,
+)
+from posedesign.programs.fanuc_ls_read import MOST_BYTES, parse_fanuc_ls
+from posedesign.programs.fanuc_ls_validate import check_fanuc_ls
+from posedesign.programs.fanuc_ls_write import render_fanuc_ls
+
+# In the manner of a controller with a positioner as second group and a rail: program lines in
+# another language, wrapped and nested lines, numbers without leading zero, comments of all kinds.
+EXPORT = """\
+/PROG  TOUCHUP\t  Macro
+/ATTR
+OWNER\t\t= MNEDITOR;
+COMMENT\t\t= "after service   ";
+LINE_COUNT\t= 6;
+DEFAULT_GROUP\t= 1,1,*,*,*;
+LOCAL_REGISTERS\t= 0,0,0;
+/APPL
+/APPL
+
+AUTO_SINGULARITY_HEADER;
+  ENABLE_SINGULARITY_AVOIDANCE   : FALSE;
+/MN
+   1:  !PLAN 00C0FFEE ;
+   2:  WKZ_NUM=1 ;
+   3:J P[1:left] 10% FINE    ;
+   4:J P[2] 100% CNT0 ACC100 ZEIT VOR    .10sek,P-SPS    ;
+      1:  A[23]=AUS ;
+       ------ ;
+   5:C P[3]    \n    :  P[12] 20mm/sec FINE    ;
+   6:  //CALL X(-1)                   ;
+  \n/POS
+P[1:"left"]{
+   GP1:
+\tUF : 0, UT : 1,\t
+\tJ1=    10.000 deg,\tJ2=    20.000 deg,\tJ3=     -.250 deg,
+\tJ4=      .500 deg,\tJ5=   -90.000 deg,\tJ6=     -.000 deg,
+\tE1=   100.000  mm
+   GP2:
+\tUF : F, UT : F,\t
+\tJ1=     7.000 deg,\tJ2=    45.000  mm
+};
+P[2]{
+   GP2:
+\tUF : 0, UT : 1,\tCONFIG : 'N U T, 0, 0, 0',
+\tX =   100.000  mm,\tY = ********  mm
+   GP1:
+\tUF : F, UT : F,\t
+\tJ6=6deg, J5 = 5 deg ,
+\tJ4=4. deg\t, J3=+3.0 deg,J2=2 deg,
+\tE1 =100.000 mm, J1=1 deg
+}
+;
+P [ 12 : "" ] { GP1: UF : 9, UT:10, E1=100.000 mm, J1= 0 deg, J2= 0 deg,
+J3= 0 deg, J4= 0 deg, J5= 0 deg, J6= 0 deg};
+/END
+anything
+"""
+
+
+def parse(text: str) -> RecordedProgram:
+    return parse_fanuc_ls(text.encode("ascii"), "X.LS")
+
+
+def test_a_controller_export_is_read() -> None:
+    program = parse(EXPORT.replace("\n", "\r\n"))
+    assert (program.name, program.comment) == ("TOUCHUP", "after service")
+    assert program.fingerprint == "00C0FFEE"
+    assert [p.number for p in program.positions] == [1, 2, 12]
+    assert [p.name for p in program.positions] == ["left", "", ""]
+    assert [(p.user_frame, p.tool_frame) for p in program.positions] == [
+        (0, 1),
+        (None, None),
+        (9, 10),
+    ]
+    expected: list[list[float]] = [[10, 20, -0.25, 0.5, -90, 0], [1, 2, 3, 4, 5, 6], [0] * 6]
+    np.testing.assert_allclose(program.postures_rad, urdf_from_pendant(expected), atol=1e-15)
+    assert np.degrees(program.postures_rad[0, 2]) == pytest.approx(19.75)
+    lines = EXPORT.splitlines()
+    assert [lines[p.line - 1][:2] for p in program.positions] == ["P[", "P[", "P "]
+
+
+def test_unquoted_names_and_missing_frames_are_taken() -> None:
+    text = SMALL.replace('P[1:"A"]', "P[1:A]").replace("\tUF : 0, UT : 1,\t\n", "")
+    (position,) = parse(text).positions
+    assert (position.name, position.user_frame, position.tool_frame) == ("A", None, None)
+
+
+SMALL = """\
+/PROG  CAL
+/ATTR
+/MN
+   1:J P[1] 10% FINE    ;
+/POS
+P[1:"A"]{
+   GP1:
+\tUF : 0, UT : 1,\t
+\tJ1=     1.000 deg,\tJ2=     2.000 deg,\tJ3=     3.000 deg,
+\tJ4=     4.000 deg,\tJ5=     5.000 deg,\tJ6=     6.000 deg
+};
+/END
+"""
+SECOND = SMALL[SMALL.index("P[1:") : SMALL.index("/END")].replace("P[1:", "P[2:")
+CARTESIAN = """\
+\tUF : 0, UT : 1,\t\tCONFIG : 'N U T, 0, 0, 0',
+\tX =   900.000  mm,\tY =     0.000  mm,\tZ =   500.000  mm,
+\tW =   180.000 deg,\tP =     0.000 deg,\tR =   180.000 deg
+};
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("/PROG  CAL\n", "", 1, "no name behind /PROG"),
+        ("/PROG  CAL", "/PROG", 1, "no name behind /PROG"),
+        ("/PROG", "ALARM HISTORY\n/PROG", 1, "does not start with /PROG"),
+        ("/END\n", "", 12, "is cut off: there is no /END"),
+        ("};\n/END\n", "", 11, "is cut off"),
+        ("};\n", "", 11, r"P\[1\] is not closed"),
+        ("};\n", "};\n" + SECOND.replace("};\n", ""), 17, r"P\[2\] is not closed"),
+        ("};\n", SECOND, 11, r"P\[1\] is not closed"),
+        ("};\n", "};\n" + SECOND.replace("P[2:", "P[1:"), 12, r"P\[1\] is there twice"),
+        ("};\n", "};\nJ1=1 deg\n", 12, "'J1=1 deg' is outside a position"),
+        ("   GP1:\n", "", 7, r"P\[1\] has a value outside a group"),
+        ("   GP1:", "   GP2:", 6, r"P\[1\] has no motion group GP1"),
+        ("   GP1:", "   GP1:\nGP1:", 8, r"P\[1\] has GP1 twice"),
+        ("\tJ2=     2.000 deg,", "", 7, r"P\[1\]: J2 is missing"),
+        (",\tJ6=     6.000 deg", "", 7, r"P\[1\]: J6 is missing"),
+        ("J2=", "J1=", 9, r"P\[1\] has J1 twice"),
+        ("6.000 deg", "6.000 deg, J7= 7 deg", 10, "J7 is no joint of a six-joint arm"),
+        ("J4=     4.000", "J4=  ********", 10, r"P\[1\]: J4 has no value"),
+        ("J4=     4.000", "J4=     4e2", 10, "J4 is '4e2', not a number"),
+        ("J4=     4.000", "J4=     NaN", 10, "J4 is 'NaN', not a number"),
+        ("J4=     4.000", "J4=     inf", 10, "J4 is 'inf', not a number"),
+        ("J4=     4.000", "J4=     4..0", 10, "J4 is '4..0', not a number"),
+        ("J4=     4.000", "J4=     -", 10, "J4 is '-', not a number"),
+        ("J4=     4.000", "J4=   720.001", 10, r"J4 is 720.001 deg, beyond \+-720"),
+        ("4.000 deg", "4.000  mm", 10, "J4 is in mm, not in deg"),
+        ("4.000 deg", "4.000", 10, "J4 is in no unit"),
+        ("4.000 deg", "4.000 rad", 10, "cannot make sense of 'rad"),
+        ("UF : 0", "UF : 1234", 8, "cannot make sense of '4, UT"),
+        ("P[1:", "P[12345678:", 6, "cannot make sense of"),
+        ("CAL\n", "CAL\n\0", 2, "holds the byte 0x00"),
+        ("};\n", "};\n\x7f\n", 12, "holds the byte 0x7f"),
+        (SMALL[SMALL.index("P[1:") : SMALL.index("/END")], "", None, "holds no positions"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(
+    old: str, new: str, line: int | None, message: str
+) -> None:
+    assert SMALL.count(old) == 1
+    with pytest.raises(FileFormatError, match=message) as caught:
+        parse(SMALL.replace(old, new))
+    assert caught.value.row == line
+    assert caught.value.hint
+    assert "X.LS" in str(caught.value)
+
+
+@pytest.mark.parametrize("last_line_only", [False, True])
+def test_cartesian_positions_are_refused_with_the_remedy(last_line_only: bool) -> None:
+    header = '};\nP[2:"B"]{\n   GP1:\n'
+    text = SMALL.replace("};\n", header + CARTESIAN)
+    if last_line_only:
+        text = text.replace("\t\tCONFIG : 'N U T, 0, 0, 0',", "")
+    with pytest.raises(FileFormatError, match=r"P\[2\] is Cartesian") as caught:
+        parse(text)
+    assert caught.value.row == (15 if last_line_only else 14)
+    assert "Joint" in caught.value.hint
+
+
+def test_an_extended_axis_may_not_carry_the_arm() -> None:
+    rail = ("6.000 deg\n", "6.000 deg,\n\tE1=   100.000  mm\n")
+    both = SMALL.replace("/END", SECOND + "/END").replace(*rail)
+    assert len(parse(both).positions) == 2
+    with pytest.raises(FileFormatError, match=r"P\[2\]: E1 differs from P\[1\]") as caught:
+        parse(both[::-1].replace("100.000"[::-1], "100.001"[::-1], 1)[::-1])
+    assert caught.value.row == 14
+    with pytest.raises(FileFormatError, match="E1 differs"):
+        parse(SMALL.replace(*rail).replace("/END", SECOND + "/END"))
+
+
+def test_bytes_that_are_not_ascii_are_named_with_their_line() -> None:
+    with pytest.raises(FileFormatError, match="line 2: holds the byte 0xe9") as caught:
+        parse_fanuc_ls(SMALL.replace("/ATTR", "/ATTR é").encode("latin-1"), "X.LS")
+    assert caught.value.row == 2
+
+
+def test_a_huge_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "X.LS"
+    with path.open("wb") as stream:
+        stream.truncate(MOST_BYTES + 1)
+    with pytest.raises(FileFormatError, match="is larger than 20 MB"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "P[1:" + " " * 200_000,
+        'P[1:"' + " " * 200_000,
+        " " * 200_000 + "x",
+        "P[" + "1" * 200_000,
+        "J1=" + "9" * 200_000,
+        "J1=" + "9" * 200_000 + " " * 200_000 + "x",
+        "UF : " + "1" * 200_000,
+        "CONFIG : '" + "x" * 200_000,
+        "=" * 200_000,
+        "," * 200_000 + "!",
+    ],
+    ids=range(10),
+)
+@pytest.mark.parametrize("before", ["};\n", "/POS\n", "/MN\n", "/ATTR\n"])
+def test_a_damaged_line_is_not_tried_in_every_way(line: str, before: str) -> None:
+    # Quadratic work on a line like these would take minutes.
+    text = SMALL.replace(before, before + line + "\n")
+    assert_refused_or_read(text.encode("ascii"))
+    check_fanuc_ls(text.encode("ascii"))
+
+
+def assert_refused_or_read(data: bytes) -> None:
+    try:
+        program = parse_fanuc_ls(data, "X.LS")
+    except FileFormatError as error:
+        assert re.match(r"X\.LS(, line \d+)?: .", error.message)  # noqa: PT017
+        return
+    assert program.name
+    assert program.positions
+    assert program.postures_rad.shape == (len(program.positions), 6)
+    assert np.isfinite(program.postures_rad).all()
+
+
+WRITTEN = render_fanuc_ls(
+    PoseProgram(
+        "CALPOSE",
+        tuple(ProgramPose(f"T{i}", np.radians([i, 20, -30, 0.1, -50, 60])) for i in range(3)),
+        ProgramOptions(fingerprint="abcdef12", comment="fuzzed"),
+    )
+)
+PIECES = [*"{}[]():;,=.*!'\"/-+ \t\r\n", "\0", "é", "P[1]{", "};", "GP1:", "/END\r\n", "/POS\r\n"]
+PIECES += [
+    "J1=",
+    "deg",
+    "E1=1 mm",
+    "X =1 mm",
+    "CONFIG : 'N', ",
+    "UF : F",
+    "1e5",
+    "-0.000",
+    "9" * 30,
+]
+
+edits = st.lists(
+    st.tuples(
+        st.integers(0, 2000), st.integers(0, 40), st.sampled_from(PIECES) | st.text(max_size=5)
+    ),
+    min_size=1,
+    max_size=4,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(source=st.sampled_from([WRITTEN, EXPORT, SMALL]), changes=edits)
+def test_damaged_programs_are_refused_or_read(
+    source: str, changes: list[tuple[int, int, str]]
+) -> None:
+    for start, length, piece in changes:
+        at = start % (len(source) + 1)
+        source = source[:at] + piece + source[at + length :]
+    data = source.encode("utf-8", "surrogatepass")
+    assert_refused_or_read(data)
+    check_fanuc_ls(data)
+
+
+@settings(max_examples=200, deadline=None)
+@given(lines=st.lists(st.sampled_from(sorted({*WRITTEN.splitlines(), *EXPORT.splitlines()}))))
+def test_shuffled_lines_are_refused_or_read(lines: list[str]) -> None:
+    data = "\n".join(["/PROG  CAL", "/POS", *lines, "/END"]).encode("ascii")
+    assert_refused_or_read(data)
+    check_fanuc_ls(data)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=300) | st.text(max_size=300).map(str.encode))
+def test_random_files_are_refused(data: bytes) -> None:
+    assert_refused_or_read(data)
+    assert check_fanuc_ls(data)

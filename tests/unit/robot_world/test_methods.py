@@ -1,0 +1,254 @@
+"""Each method against its definition, written out plainly here."""
+
+import numpy as np
+import pytest
+
+from calib import se3
+from calib.robot_world import (
+    PairNoise,
+    add_noise,
+    hirsh,
+    li_kronecker,
+    random_problems,
+    solve_batch,
+)
+from calib.robot_world.algebra import (
+    assemble,
+    closed_form_rotations,
+    conjugate,
+    consistent_quaternions,
+    kronecker,
+    kronecker_mean,
+    least_squares,
+    left_matrix,
+    right_matrix,
+)
+
+NOISE = PairNoise(np.radians(0.5), 1e-3, "both")
+
+
+def noisy(seed, trials, pairs, cone_deg=None, noise=NOISE):
+    rng = np.random.default_rng(seed)
+    problems = random_problems(rng, trials, pairs, cone_deg)
+    return (*add_noise(rng, problems.A, problems.B, noise), problems)
+
+
+def in_unit(T, per_metre):
+    scaled = T.copy()
+    scaled[..., :3, 3] *= per_metre
+    return scaled
+
+
+def hamilton(p, q):
+    return np.array([
+        p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
+        p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
+        p[0] * q[2] + p[2] * q[0] + p[3] * q[1] - p[1] * q[3],
+        p[0] * q[3] + p[3] * q[0] + p[1] * q[2] - p[2] * q[1],
+    ])  # fmt: skip
+
+
+def test_quaternion_matrices_multiply():
+    rng = np.random.default_rng(0)
+    p, q = rng.normal(size=(2, 4))
+    np.testing.assert_allclose(left_matrix(p) @ q, hamilton(p, q), atol=1e-15)
+    np.testing.assert_allclose(right_matrix(q) @ p, hamilton(p, q), atol=1e-15)
+    np.testing.assert_allclose(hamilton(p, conjugate(p)), [p @ p, 0.0, 0.0, 0.0], atol=1e-15)
+
+
+def test_kronecker_products():
+    A, B, _ = noisy(1, 2, 5)
+    expected = np.array(
+        [
+            [np.kron(a[:3, :3], b[:3, :3]) for a, b in zip(*ab, strict=True)]
+            for ab in zip(A, B, strict=True)
+        ]
+    )
+    np.testing.assert_allclose(kronecker(A, B), expected, atol=1e-15)
+    np.testing.assert_allclose(kronecker_mean(A, B), expected.mean(axis=1), atol=1e-15)
+
+
+def test_least_squares_takes_the_shortest_solution_of_a_rank_deficient_problem():
+    rng = np.random.default_rng(2)
+    matrix = rng.normal(size=(3, 9, 4))
+    matrix[1, :, 3] = matrix[1, :, 2]
+    right_side = rng.normal(size=(3, 9))
+    expected = [np.linalg.lstsq(M, y)[0] for M, y in zip(matrix, right_side, strict=True)]
+    np.testing.assert_allclose(least_squares(matrix, right_side), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("cone_deg", [None, 40.0])
+def test_signs_agree_with_the_leading_eigenvector_of_the_sign_matrix(cone_deg):
+    A, B, _ = noisy(3, 50, 8, cone_deg)
+    a, b = consistent_quaternions(A, B)
+    raw = se3.quaternion_from_rotation(B[..., :3, :3])
+    sign = (b * raw).sum(axis=-1).round()
+    weights = (a @ np.swapaxes(a, -1, -2)) * (raw @ np.swapaxes(raw, -1, -2))
+    leading = np.sign(np.linalg.eigh(weights)[1][..., -1])
+    agreement = (sign * leading).sum(axis=-1)
+    np.testing.assert_array_equal(np.abs(agreement), 8)
+
+
+def test_translations_are_the_least_squares_of_eq_16():
+    A, B, _ = noisy(4, 3, 5)
+    R_X, R_Z = closed_form_rotations(A, B)
+    X, Z = assemble(A, B, R_X, R_Z)
+    for trial in range(3):
+        rows = np.concatenate([np.hstack([a[:3, :3], -np.eye(3)]) for a in A[trial]])
+        right_side = np.concatenate(
+            [R_Z[trial] @ b[:3, 3] - a[:3, 3] for a, b in zip(A[trial], B[trial], strict=True)]
+        )
+        expected = np.linalg.lstsq(rows, right_side)[0]
+        np.testing.assert_allclose(np.r_[X[trial, :3, 3], Z[trial, :3, 3]], expected, atol=1e-12)
+
+
+def test_averaged_translations_converge_to_the_least_squares():
+    A, B, _ = noisy(5, 1, 6)
+    found = solve_batch(A, B, "hirsh")
+    R_A, p_A, p_B = A[0, :, :3, :3], A[0, :, :3, 3], B[0, :, :3, 3]
+    R_Z, p_Z = found.Z[0, :3, :3], np.zeros(3)
+    for _ in range(500):  # section 3 of the paper
+        p_X = (np.swapaxes(R_A, 1, 2) @ (p_B @ R_Z.T + p_Z - p_A)[..., None])[..., 0].mean(axis=0)
+        p_Z = (R_A @ p_X + p_A - p_B @ R_Z.T).mean(axis=0)
+    np.testing.assert_allclose(found.X[0, :3, 3], p_X, atol=1e-12)
+    np.testing.assert_allclose(found.Z[0, :3, 3], p_Z, atol=1e-12)
+
+
+def literal_eq_19(A, B):
+    """Eq. 19 with all its 24 unknowns and 12 N rows."""
+    rows, right_side = [], []
+    for a, b in zip(A, B, strict=True):
+        R_A, R_B, p_B = a[:3, :3], b[:3, :3], b[:3, 3]
+        top = [np.kron(R_A, np.eye(3)), -np.kron(np.eye(3), R_B.T), np.zeros((9, 6))]
+        bottom = [np.zeros((3, 9)), np.kron(np.eye(3), p_B), -R_A, np.eye(3)]
+        rows += [np.hstack(top), np.hstack(bottom)]
+        right_side += [np.zeros(9), a[:3, 3]]
+    u = np.linalg.lstsq(np.vstack(rows), np.concatenate(right_side))[0]
+    X, Z = np.eye(4), np.eye(4)
+    X[:3, :3] = se3.project_to_rotation(u[:9].reshape(3, 3))
+    Z[:3, :3] = se3.project_to_rotation(u[9:18].reshape(3, 3))
+    X[:3, 3], Z[:3, 3] = u[18:21], u[21:]
+    return X, Z
+
+
+def test_literal_kronecker_is_eq_19():
+    A, B, _ = noisy(6, 4, 6)
+    found = solve_batch(A, B, "li-kronecker-literal")
+    for trial in range(4):
+        X, Z = literal_eq_19(A[trial], B[trial])
+        np.testing.assert_allclose(found.X[trial], X, atol=1e-12)
+        np.testing.assert_allclose(found.Z[trial], Z, atol=1e-12)
+
+
+@pytest.mark.parametrize("per_metre", [1e3, 39.37, 1e-3])
+def test_scaled_kronecker_does_not_depend_on_the_unit(per_metre):
+    A, B, _ = noisy(7, 50, 6)
+    metres = li_kronecker.estimate(A, B)
+    other = li_kronecker.estimate(in_unit(A, per_metre), in_unit(B, per_metre))
+    np.testing.assert_allclose(in_unit(other.X, 1.0 / per_metre), metres.X, atol=1e-9)
+    np.testing.assert_allclose(in_unit(other.Z, 1.0 / per_metre), metres.Z, atol=1e-9)
+
+
+def test_literal_kronecker_changes_with_the_unit():
+    A, B, problems = noisy(8, 200, 20, noise=PairNoise(np.radians(0.5), 1e-3, "B"))
+    metres = li_kronecker.estimate_literal(A, B)
+    millimetres = li_kronecker.estimate_literal(in_unit(A, 1e3), in_unit(B, 1e3))
+    true_t = np.swapaxes(problems.Z[:, :3, :3], 1, 2)
+    error_m = np.median(se3.rotation_angle(metres.Z[:, :3, :3] @ true_t))
+    error_mm = np.median(se3.rotation_angle(millimetres.Z[:, :3, :3] @ true_t))
+    # Metres leave the precise translations next to no weight.
+    assert error_mm < 0.5 * error_m
+
+
+def test_scaled_kronecker_beats_the_literal_form_in_either_unit():
+    A, B, problems = noisy(9, 300, 5)
+    scaled = li_kronecker.estimate(A, B)
+    metres = li_kronecker.estimate_literal(A, B)
+    millimetres = li_kronecker.estimate_literal(in_unit(A, 1e3), in_unit(B, 1e3))
+    for literal in (metres.Z, in_unit(millimetres.Z, 1e-3)):
+        closer = np.linalg.norm(scaled.Z - problems.Z, axis=(1, 2)) < np.linalg.norm(
+            literal - problems.Z, axis=(1, 2)
+        )
+        # Four standard deviations of a fair coin over 300 trials
+        assert closer.mean() > 0.5 + 4.0 * 0.5 / np.sqrt(300)
+
+
+def plain_power_iteration(a, b, cycles):
+    z = np.array([1.0, 0.0, 0.0, 0.0])
+    for _ in range(cycles):
+        x = np.mean([hamilton(hamilton(conjugate(p), z), q) for p, q in zip(a, b, strict=True)], 0)
+        x /= np.linalg.norm(x)
+        z = np.mean([hamilton(hamilton(p, x), conjugate(q)) for p, q in zip(a, b, strict=True)], 0)
+        z /= np.linalg.norm(z)
+    return z
+
+
+def test_iterates_in_closed_form_are_those_of_the_loop():
+    A, B, _ = noisy(10, 3, 5)
+    a, b = consistent_quaternions(A, B)
+    found = solve_batch(A, B, "hirsh")
+    for trial in range(3):
+        limit = plain_power_iteration(a[trial], b[trial], 5000)
+        np.testing.assert_allclose(
+            se3.rotation_from_quaternion(limit), found.Z[trial, :3, :3], atol=1e-10
+        )
+        for tolerance_rad in (1e-2, 1e-4):
+            count = hirsh.cycles(A[trial, None], B[trial, None], tolerance_rad)[0]
+            after = plain_power_iteration(a[trial], b[trial], count)
+            before = plain_power_iteration(a[trial], b[trial], count - 1)
+            assert np.linalg.norm(np.cross(after[1:], limit[1:])) <= 1.0  # same hemisphere below
+            assert half_angle(after, limit) <= tolerance_rad < half_angle(before, limit)
+
+
+def half_angle(p, q):
+    return np.arctan2(np.linalg.norm(p - (p @ q) * q), abs(p @ q))
+
+
+def test_hirsh_is_the_leading_pair_of_singular_vectors():
+    A, B, _ = noisy(11, 20, 7)
+    a, b = consistent_quaternions(A, B)
+    M = (left_matrix(a) @ right_matrix(conjugate(b))).mean(axis=1)
+    U, _, Vt = np.linalg.svd(M)
+    found = solve_batch(A, B, "hirsh")
+    for R, q in ((found.Z, U[:, :, 0]), (found.X, Vt[:, 0])):
+        np.testing.assert_allclose(R[:, :3, :3], se3.rotation_from_quaternion(q), atol=1e-10)
+
+
+@pytest.mark.parametrize("cone_deg", [None, 40.0])
+def test_cycles_are_predicted_by_the_ratio_of_singular_values(cone_deg):
+    problems = random_problems(np.random.default_rng(12), 300, 10, cone_deg)
+    counted = hirsh.cycles(problems.A, problems.B, 1e-10)
+    predicted = hirsh.predicted_cycles(problems.A, problems.B, 1e-10)
+    assert (counted <= np.ceil(predicted)).all()
+    # The other singular vectors only speed up the start.
+    assert np.median(counted / predicted) > 0.9
+
+
+def test_hirsh_says_that_it_did_not_converge(monkeypatch):
+    problems = random_problems(np.random.default_rng(13), 5, 4, 40.0)
+    monkeypatch.setattr(hirsh, "CYCLE_LIMIT", 3)
+    found = solve_batch(problems.A, problems.B, "hirsh")
+    assert not found.converged.any()
+    assert not found.ok.any()
+    np.testing.assert_array_equal(found.iterations, 3)
+
+
+def test_printed_average_takes_the_identity_where_it_vanishes():
+    opposite = np.array([[[0.0, 1.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0]]])
+    np.testing.assert_array_equal(hirsh._printed_average(opposite), [[1.0, 0.0, 0.0, 0.0]])
+
+
+def test_constant_camera_position_is_a_misfit_of_the_kronecker_method_only():
+    """Eq. 19 does not fix the scale of R_Z where the camera stays in one place."""
+    rng = np.random.default_rng(14)
+    problems = random_problems(rng, 10, 6)
+    B = problems.B.copy()
+    B[..., :3, 3] = [0.1, -0.2, 0.5]
+    A = problems.Z[:, None] @ B @ se3.inverse(problems.X)[:, None]
+    for method in ("zhuang", "hirsh"):
+        found = solve_batch(A, B, method)
+        np.testing.assert_allclose(found.X, problems.X, atol=1e-9)
+    found = solve_batch(A, B, "li-kronecker")
+    wrong = np.abs(found.X - problems.X).max(axis=(1, 2)) > 1e-6
+    assert wrong.any()
+    assert not found.ok[wrong].any()

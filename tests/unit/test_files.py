@@ -1,0 +1,128 @@
+"""Files are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from calib.errors import FileFormatError, OutputError
+from posedesign import files
+from posedesign.files import read_bytes_bounded, write_bytes_atomic, write_text_atomic
+
+
+def test_text_is_written_with_the_asked_line_ends(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    assert write_text_atomic(path, "one\ntwo\r\n", newline="\r\n") == path
+    assert path.read_bytes() == b"one\r\ntwo\r\n"
+    write_text_atomic(path, "one\ntwo\r\n")
+    assert path.read_bytes() == b"one\ntwo\n"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_permissions_follow_the_umask(tmp_path: Path) -> None:
+    path, plain = tmp_path / "a.txt", tmp_path / "b.txt"
+    write_text_atomic(path, "")
+    plain.write_text("")
+    assert path.stat().st_mode == plain.stat().st_mode
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    real, link = tmp_path / "real.txt", tmp_path / "link.txt"
+    real.write_text("old")
+    link.symlink_to(real)
+    write_text_atomic(link, "new")
+    assert link.is_symlink()
+    assert real.read_text() == "new"
+
+
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="there is no folder") as caught:
+        write_text_atomic(tmp_path / "none" / "a.txt", "x")
+    assert caught.value.hint == "create it first"
+
+
+@pytest.mark.parametrize("name", [".", "folder"])
+def test_a_folder_is_no_file(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OutputError, match="not an ordinary file"):
+        write_bytes_atomic(tmp_path / name, b"x")
+
+
+def test_a_device_is_not_replaced() -> None:
+    with pytest.raises(OutputError, match="not an ordinary file"):
+        write_bytes_atomic(os.devnull, b"x")
+    assert not Path(os.devnull).is_file()
+
+
+def test_a_character_outside_the_encoding_is_refused_before_the_disk(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"'\\xe9' cannot be written in ascii"):
+        write_text_atomic(tmp_path / "a.txt", "é", encoding="ascii")
+    assert not os.listdir(tmp_path)
+
+
+class _FullDisk:
+    """A stream that takes half of the data, then fails as a full disk does."""
+
+    def __init__(self, descriptor: int, mode: str) -> None:
+        self.stream = os.fdopen(descriptor, mode)
+
+    def __enter__(self) -> _FullDisk:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stream.close()
+
+    def write(self, data: bytes) -> None:
+        self.stream.write(data[: len(data) // 2])
+        raise OSError(28, "No space left on device")
+
+
+def test_a_full_disk_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    monkeypatch.setattr(files, "open", _FullDisk, raising=False)
+    with pytest.raises(OutputError, match="No space left on device") as caught:
+        write_text_atomic(path, "new and long")
+    assert "free space" in caught.value.hint
+    monkeypatch.undo()
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, PermissionError(13, "Permission denied")])
+def test_a_failed_rename_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException | type[BaseException]
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(Path, "replace", fail)
+    expected = KeyboardInterrupt if error is KeyboardInterrupt else OutputError
+    with pytest.raises(expected):
+        write_bytes_atomic(tmp_path / "a.bin", b"x")
+    assert not os.listdir(tmp_path)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
+def test_a_closed_folder_is_named(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_text_atomic(tmp_path / "a.txt", "x")
+
+
+def test_a_large_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"12345")
+    assert read_bytes_bounded(path, most_bytes=5) == b"12345"
+    with pytest.raises(FileFormatError, match="is larger than"):
+        read_bytes_bounded(path, most_bytes=4)
+
+
+@pytest.mark.parametrize("name", ["none.bin", ".", "a\0b"])
+def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path, name: str) -> None:
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        read_bytes_bounded(tmp_path / name, most_bytes=4)

@@ -95,7 +95,7 @@ class CalibrationModel:
             block.displace(values[..., part], errors, posture)
         state = self.robot.chain.forward(posture + errors.joints)
         point = state.point(errors.tool)
-        view = ArmView(posture, state, point, touched)
+        view = ArmView(posture, state, point, touched, errors)
         return view, point - errors.targets[..., 0, touched, :]  # 0: one value for all postures
 
     def predict(

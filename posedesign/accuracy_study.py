@@ -24,7 +24,7 @@ from calib.robot_world import solve_batch
 from calib.se3 import FloatArray, inverse, rotation_angle
 from posedesign.cell import Cell
 from posedesign.evaluation import PlateTest, try_plate
-from posedesign.plan import PosePlan, Round
+from posedesign.pose_plan import PosePlan, Round
 from posedesign.planner import plan
 from posedesign.simulation import SimulatedRobot
 
@@ -48,6 +48,9 @@ class Finding:
 
     Attributes
     ----------
+    truth : str
+        ``deflecting``: reducers give way under gravity, which constant offsets cannot follow.
+        ``rigid``: the model that is identified is the true one.
     d_w_deg, d_p_deg, d_r_deg : float
         Variation of the pose set.
     poses : int
@@ -65,6 +68,7 @@ class Finding:
         Draws, and how many of them gave no answer.
     """
 
+    truth: str
     d_w_deg: float
     d_p_deg: float
     d_r_deg: float
@@ -150,9 +154,10 @@ def accuracy_study(
             progress(f"D = {'/'.join(f'{d:g}' for d in turn.variation_deg)} deg", done / len(sets))
         # a seed for each set: a set added or left out changes no other
         rng = np.random.default_rng([seed, done])
-        study = _SetStudy(cell, turn, postures, draws, rng)
-        findings += study.run()
-        notes += [note for note in study.notes if note not in notes]
+        for truth in truths(cell):
+            study = _SetStudy(truth, turn, postures, draws, rng)
+            findings += study.run()
+            notes += [note for note in study.notes if note not in notes]
     return AccuracyStudy(tuple(findings), history, draws, seed, tuple(notes))
 
 
@@ -165,6 +170,18 @@ def improving_rounds(history: PosePlan) -> list[tuple[Round, FloatArray]]:
             best = turn.c_g
             chosen.append((turn, poses.kept))
     return chosen
+
+
+def truths(cell: Cell) -> list[Cell]:
+    """The cell as it is, and where its robot deflects also with a rigid one.
+
+    The rigid robot tells the noise apart from what constant offsets leave out.
+    """
+    section = cell.config.truth
+    if not section.deflection:
+        return [cell]
+    rigid = section.model_copy(update={"deflection": False})
+    return [cell, replace(cell, config=cell.config.model_copy(update={"truth": rigid}))]
 
 
 def _to_the_widest(cell: Cell) -> Cell:
@@ -253,6 +270,7 @@ class _SetStudy:
         low, high = spread_interval(spread, len(good))
         size = np.abs(good)
         return Finding(
+            "deflecting" if self.cell.config.truth.deflection else "rigid",
             *self.turn.variation_deg, len(self.postures), self.turn.c_g, self.turn.cond_2_g,
             estimator, quantity, unit, predicted, spread, low, high,
             float(np.median(size)) if len(size) else np.nan,
@@ -290,8 +308,9 @@ def spread_interval(spread: float, count: int) -> tuple[float, float]:
 
 
 def select(
-    findings: Sequence[Finding], estimator: str, quantity: str
+    findings: Sequence[Finding], truth: str, estimator: str, quantity: str
 ) -> list[Finding]:
-    """Findings of one estimator and quantity, by falling C_G."""
-    chosen = [f for f in findings if f.estimator == estimator and f.quantity == quantity]
+    """Findings of one kind, by falling C_G."""
+    wanted = (truth, estimator, quantity)
+    chosen = [f for f in findings if (f.truth, f.estimator, f.quantity) == wanted]
     return sorted(chosen, key=lambda f: -f.c_g)

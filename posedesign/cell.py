@@ -174,7 +174,7 @@ class Cell:
         """The simulated robot: its model, with offsets of all joints and deflection, and its values."""
         truth = self.config.truth
         given = truth.zero_offsets_deg
-        offsets = _usual_offsets(self.robot.n) if given is None else np.deg2rad(given)
+        offsets = usual_offsets(self.robot.n) if given is None else np.deg2rad(given)
         tool = ToolPoint(self.tool_m)
         target = TargetPoints([self.target_m], [self.config.target.name])
         blocks: list[ParameterBlock] = [ZeroOffsets(self.robot, self.robot.joint_names)]
@@ -242,7 +242,7 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
     return posture
 
 
-def _usual_offsets(n: int) -> FloatArray:
+def usual_offsets(n: int) -> FloatArray:
     """Zero offsets [rad] as found on arms that were mastered by eye: up to about a tenth of a degree."""
     if n < 1:
         raise InputError("a robot needs joints")

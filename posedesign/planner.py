@@ -17,7 +17,7 @@ from posedesign.cell import Cell
 from posedesign.feasibility import nearest_postures
 from posedesign.generation import touching_poses, wpr_rotations
 from posedesign.indices import condition_2, condition_inf, evaluate
-from posedesign.plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
+from posedesign.pose_plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
 from posedesign.repair import farthest_postures, repair_pool
 
 IMPROVEMENT = 0.99

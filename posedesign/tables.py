@@ -30,7 +30,7 @@ from calib.measurement import TouchUps
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_from_wpr, transform, wpr_from_rotation
 from posedesign.files import read_bytes_bounded, write_text_atomic
-from posedesign.plan import PoseSet, PoseStatus
+from posedesign.pose_plan import PoseSet, PoseStatus
 
 LARGEST_CSV_BYTES = 50_000_000
 DECIMALS = 9

@@ -28,14 +28,14 @@ Method = Literal["gauss-newton", "newton-raphson"]
 ITERATIONS = 30
 """Steps after which a fit has failed; calibrations take three to six."""
 
-STEP_TOLERANCE = 1e-13
-"""Largest last step [rad, m], far below what any joint resolves, and the rounding floor of
-arms of a few metres: a tighter one would never be met."""
+STEP_TOLERANCE = 1e-7
+"""Change of the predictions, in standard deviations of the noise, of the last step. No parameter
+then moves by more than this part of its own standard deviation, whatever its unit; and since the
+last step is taken too, what is left is far smaller still."""
 
 FINITE_DIFFERENCE = 1e-6
 """The Δp of Eq. 5 [rad, m]: balances truncation against rounding for arms of a few metres."""
 
-_ITERATIONS_BATCH = 12
 
 
 def identify(
@@ -101,12 +101,13 @@ def identify(
         step = _least_squares(J, -rows)
         x = x + step
         iterations += 1
-        if np.abs(step).max() < _tolerance(method):
+        change = float(np.linalg.norm(J @ step))
+        if change < STEP_TOLERANCE:
             break
         if iterations == ITERATIONS or not np.isfinite(x).all():
             raise ConvergenceError(
                 f"the identification has not converged after {iterations} iterations "
-                f"(last step {np.abs(step).max():.2g} rad or m)",
+                f"(the last one still moved the predictions by {change:.2g} times the noise)",
                 hint="check that the touch-ups belong to this robot and that the tool point and "
                 "the joint signs are about right",
             )
@@ -139,22 +140,24 @@ def identify_batch(
     q, target = measurements.postures, measurements.target
     x = np.broadcast_to(model.nominal, (len(q), model.p)).copy()
     _check_identifiable_at(model, TouchUps(q[0], target, measurements.labels), x[0])
-    for _ in range(_ITERATIONS_BATCH):
+    for _ in range(ITERATIONS):
         rows, J, R = model.linearise(q, x, target)
         stacked = np.concatenate([J, rows[..., None]], axis=-1)
         if weighted:
             stacked = model.measurement.whiten(stacked, R)
+        else:
+            stacked = stacked / model.measurement.mean_sigma_m
         stacked = stacked.reshape(len(q), -1, model.p + 1)
         scale = np.linalg.norm(stacked[..., :-1], axis=1, keepdims=True)  # (T, 1, p)
         # QR, not normal equations: the worst planned sets have a condition of 1e4
         Q, Rf = np.linalg.qr(stacked[..., :-1] / scale)
-        right = np.swapaxes(Q, -1, -2) @ stacked[..., -1:]
-        step = np.linalg.solve(Rf, -right)[..., 0] / scale[:, 0]
-        x = x + step
-        if np.abs(step).max() < STEP_TOLERANCE * 1e2:  # every trial, the worst of thousands
+        change = np.swapaxes(Q, -1, -2) @ stacked[..., -1:]  # (T, p, 1)
+        x = x - np.linalg.solve(Rf, change)[..., 0] / scale[:, 0]
+        moving = np.linalg.norm(change[..., 0], axis=-1) >= STEP_TOLERANCE
+        if not moving.any():
             return x
     raise ConvergenceError(
-        f"{int((np.abs(step).max(axis=1) > 1e-9).sum())} of {len(q)} trials have not converged",
+        f"{int(moving.sum())} of {len(q)} trials have not converged after {ITERATIONS} iterations",
         hint="are the simulated errors of a size that occurs?",
     )
 
@@ -199,12 +202,6 @@ def _check_identifiable_at(model: CalibrationModel, measurements: TouchUps, x: F
     check_identifiable(white, model.names, model.nuisance)
 
 
-def _tolerance(method: Method) -> float:
-    # forward differences leave a Jacobian error of about FINITE_DIFFERENCE: linear convergence,
-    # and steps that stop shrinking at the rounding of the differences
-    return STEP_TOLERANCE if method == "gauss-newton" else 1e-12
-
-
 def _place_setup(
     model: CalibrationModel, measurements: TouchUps, x: FloatArray, weighted: bool
 ) -> FloatArray:
@@ -228,7 +225,8 @@ def _place_setup(
 def _weigh(
     model: CalibrationModel, q: FloatArray, x: FloatArray, rows: FloatArray, weighted: bool
 ) -> FloatArray:
-    return model.whiten(q, rows, x) if weighted else rows
+    """Rows over the noise: each over its own, or all over the same (which changes no estimate)."""
+    return model.whiten(q, rows, x) if weighted else rows / model.measurement.mean_sigma_m
 
 
 def _least_squares(J: FloatArray, rows: FloatArray) -> FloatArray:

@@ -18,9 +18,17 @@ class Measurement(ABC):
     ----------
     rows : int
         Equations m that one posture gives.
+    sigma_m : array (m,)
+        Standard deviation of each row in the axes of the sensor [m].
     """
 
     rows: int
+    sigma_m: FloatArray
+
+    @property
+    def mean_sigma_m(self) -> float:
+        """Root mean square of the noise over the rows [m]."""
+        return float(np.sqrt(np.mean(self.sigma_m**2)))
 
     @abstractmethod
     def observe(self, error: FloatArray, R_base_tip: FloatArray) -> FloatArray:

@@ -74,12 +74,15 @@ class ArmView:
         Tool point in the base frame [m].
     target : array (N,)
         Index of the target that each posture touches.
+    errors : ArmErrors
+        The errors applied.
     """
 
     q: FloatArray
     state: ChainState
     point: FloatArray
     target: IntArray
+    errors: ArmErrors
 
     @cached_property
     def joint_motion(self) -> FloatArray:

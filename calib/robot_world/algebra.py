@@ -62,6 +62,14 @@ def apply_matrix(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
+def triangle(matrix: FloatArray) -> FloatArray:
+    """Factor R ``(..., n, n)`` of the QR factorisations of ``(..., m, n)``, m >= n.
+
+    It has the singular values and right singular vectors of the whole, at a fraction of the size.
+    """
+    return np.asarray(np.linalg.qr(matrix, mode="r"))
+
+
 def least_squares(matrix: FloatArray, right_side: FloatArray) -> FloatArray:
     """Least-squares solutions ``(T, n)`` of ``matrix (T, m, n) @ u = right_side (T, m)``, m > n.
 
@@ -70,8 +78,9 @@ def least_squares(matrix: FloatArray, right_side: FloatArray) -> FloatArray:
     one problem without a unique solution cannot stop the whole batch: it gets the shortest one.
     """
     n = matrix.shape[-1]
-    R = np.linalg.qr(np.concatenate([matrix, right_side[..., None]], axis=-1), mode="r")
-    return apply_matrix(np.linalg.pinv(R[..., :n, :n]), R[..., :n, n])
+    R = triangle(np.concatenate([matrix, right_side[..., None]], axis=-1))
+    inverse = np.asarray(np.linalg.pinv(R[..., :n, :n]), dtype=float)
+    return apply_matrix(inverse, R[..., :n, n])
 
 
 def kronecker(A: FloatArray, B: FloatArray) -> FloatArray:
@@ -98,8 +107,8 @@ def closed_form_rotations(A: FloatArray, B: FloatArray) -> tuple[FloatArray, Flo
     """Rotations of X and Z ``(T, 3, 3)`` from the rotations alone.
 
     They are the leading singular vectors of :func:`kronecker_mean`, made orthonormal: the
-    minimum of ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm. Defined wherever X and Z are,
-    half turns included, which is why signs and frames are chosen by it.
+    minimum of ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm. No sign and no half turn
+    troubles it, which is why signs and frames are chosen by it.
     """
     U, _, Vt = np.linalg.svd(kronecker_mean(A, B))
     Z = np.asarray(U)[:, :, 0].reshape(-1, 3, 3)
@@ -114,10 +123,10 @@ def consistent_quaternions(A: FloatArray, B: FloatArray) -> tuple[FloatArray, Fl
 
     q and -q are the same rotation, so every pair has a free sign, and equations linear in the
     quaternions hold only if it is the same one over the whole set (both papers leave this out).
-    The usual remedy takes the leading eigenvector of the matrix of
-    ``<a_i, a_j> <b_i, b_j>``, which is blind where two poses differ by half a turn. The signs of
-    ``<a_i x, z b_i>`` at the sign-free solution are the same wherever that matrix decides, and
-    stay defined where it does not, as for the three orientations 1, Rx(180°), Ry(180°).
+    The usual remedy takes the leading eigenvector of the matrix of ``<a_i, a_j> <b_i, b_j>``, which
+    says nothing of a pose half a turn away from all others: Rz(180°) beside rotations about x and
+    y. The signs of ``<a_i x, z b_i>`` at the sign-free solution are the same where that matrix
+    decides, and defined wherever the rotations identify X and Z.
     """
     a = se3.quaternion_from_rotation(A[..., :3, :3])
     b = se3.quaternion_from_rotation(B[..., :3, :3])

@@ -34,6 +34,7 @@ from calib.robot_world.algebra import (
     consistent_quaternions,
     left_matrix,
     right_matrix,
+    triangle,
 )
 from calib.robot_world.results import Estimate
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -172,7 +173,7 @@ def _prepare(A: FloatArray, B: FloatArray) -> _Iteration:
     M = M_pairs.mean(axis=1)
     T, N = a.shape[:2]
     stacked = np.swapaxes(M_pairs - M[:, None], -1, -2).reshape(T, 4 * N, 4)
-    _, d, Vt = np.linalg.svd(np.linalg.qr(stacked, mode="r"))
+    _, d, Vt = np.linalg.svd(triangle(stacked))
     d, basis = d[:, ::-1], np.swapaxes(Vt[:, ::-1], -1, -2)
     loss = (d**2 - d[:, :1] ** 2) / (N - d[:, :1] ** 2)
     # Row j of the basis is the start e_j: the identity, or else the nearest half turn.

@@ -1,9 +1,14 @@
 """Whether the motion of a set of poses identifies X and Z.
 
-``A_i X = Z B_i`` fixes X and Z exactly when the rotations between the poses have at least two
-different axes. The quaternions of orientations that differ by rotations about one common axis lie
-in a plane of the space of quaternions, so the third eigenvalue of ``mean a aᵀ`` measures what
-there is besides: it is the mean square sine of half the angle turned about a second axis.
+The rotations identify X and Z exactly when ``mean R_A ⊗ R_B`` has a single singular value 1: a
+second one belongs to another X that fits as well. With the same matrix made from A alone, or from B
+alone, which has the same singular values where there is no noise, ``√(2 (1 - s_2))`` measures how
+far the poses are from that: it is the root mean square angle by which the common axis tilts from
+pose to pose. It vanishes where all rotations between poses are
+
+* about one axis, or there are none: X is free in a continuum;
+* half turns about axes at right angles, or about one axis and half turns at right angles to it: X
+  is free by half a turn, since a half turn does not show the direction of its axis.
 """
 
 from __future__ import annotations
@@ -18,16 +23,17 @@ from calib.robot_world.algebra import (
     apply_matrix,
     closed_form_rotations,
     conjugate,
+    kronecker_mean,
     left_matrix,
 )
 from calib.se3 import BoolArray, FloatArray, IntArray
 
-SPREAD_TOLERANCE_RAD = 1e-5
-"""Rotation about a second axis that counts as none: rounding of a file with six decimals."""
+TILT_TOLERANCE_RAD = 1e-5
+"""Tilt of the common axis that counts as none: rounding of a file with six decimals."""
 
 NOISE_FACTOR = 2.0
-"""Rotation about a second axis, in units of the residual rotation per axis, below which it may be
-noise alone: then the rotation of X about the common axis is not known to half a radian / √N."""
+"""Tilt about an axis, in units of the residual rotation per axis, below which it may be noise
+alone: then the rotation of X about the common axis is not known to half a radian / √N."""
 
 MISFIT_FACTOR = 3.0
 """Residual rotation, in units of that of the closed form, beyond which a method has failed: a
@@ -35,6 +41,10 @@ method may trade rotation for translation, but the rotations alone bound what is
 
 MISFIT_FLOOR_RAD = 1e-6
 """Residual rotation that is never a misfit: above the rounding of any method."""
+
+_ABOVE_TILT = 3.0
+"""Rotation about an axis, in units of the tilt, from which the message counts it as one: rotation
+that merely makes up the tilt is of its own size."""
 
 _SAME_PLACE_M = 1e-6
 """Movement that counts as none when the message says what is free."""
@@ -46,16 +56,19 @@ class Motion:
 
     Attributes
     ----------
-    spread_rad : ndarray (T, 2)
-        Root mean square rotation about the main axis and about a second one, the smaller of what
-        A and B show (what noise in one of them adds does not count).
+    turn_rad : ndarray (T, 2)
+        Root mean square rotation about the main axis, and about the next one.
+    tilt_rad : ndarray (T,)
+        Root mean square tilt of the common axis. Both are the smaller of what A and B show: what
+        noise in one of them adds does not count.
     residual_rad : ndarray (T,)
         Root mean square residual rotation angle of the closed form of the rotations.
     rank_deficient, degenerate : ndarray of bool (T,)
-        No rotation about a second axis; none that stands out of the noise.
+        No tilt; none that stands out of the noise.
     """
 
-    spread_rad: FloatArray
+    turn_rad: FloatArray
+    tilt_rad: FloatArray
     residual_rad: FloatArray
     rank_deficient: BoolArray
     degenerate: BoolArray
@@ -68,15 +81,17 @@ class Motion:
 
 def examine(A: FloatArray, B: FloatArray) -> Motion:
     """Measure the motion of T sets of pose pairs ``(T, N, 4, 4)``."""
-    spread = np.minimum(_spread(A), _spread(B))
     R_X, R_Z = closed_form_rotations(A, B)
     left = A[..., :3, :3] @ R_X[:, None]
     right = R_Z[:, None] @ B[..., :3, :3]
     angle = se3.rotation_angle(left @ np.swapaxes(right, -1, -2))
     residual = np.sqrt((angle**2).mean(axis=-1))
-    rank_deficient = spread[:, 1] < SPREAD_TOLERANCE_RAD
-    noisy = spread[:, 1] < NOISE_FACTOR * residual / np.sqrt(3.0)
-    return Motion(spread, residual, rank_deficient, rank_deficient | noisy)
+    turn = np.minimum(_turns(A), _turns(B))
+    tilt = np.minimum(_tilt(A), _tilt(B))
+    rank_deficient = tilt < TILT_TOLERANCE_RAD
+    # The tilt is about two axes, the residual about three.
+    noisy = tilt < NOISE_FACTOR * residual * np.sqrt(2.0 / 3.0)
+    return Motion(turn, tilt, residual, rank_deficient, rank_deficient | noisy)
 
 
 def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentifiableError:
@@ -89,43 +104,61 @@ def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentif
     A, B : ndarray (N, 4, 4)
         The set.
     """
-    main_rad, second_rad = motion.spread_rad[0]
-    noise_rad = NOISE_FACTOR * motion.residual_rad[0] / np.sqrt(3.0)
-    if main_rad < max(SPREAD_TOLERANCE_RAD, noise_rad):
-        if (
-            min(np.ptp(A[:, :3, 3], axis=0).max(), np.ptp(B[:, :3, 3], axis=0).max())
-            < _SAME_PLACE_M
-        ):
-            return NotIdentifiableError(
-                ["rotation of X", "translation of X"],
-                ["all poses are the same, so Z takes up any change of X"],
-            )
-        return NotIdentifiableError(
-            ["translation of X", "rotation of X"],
-            [
-                "the poses differ by translations only, so Z takes up any translation of X",
-                "the rotations do not show in which direction X is turned",
-            ],
-        )
-    axis = _common_axis(A)
-    reason = f"all rotations between the poses are about the axis {axis} of the flange"
+    least_rad = max(TILT_TOLERANCE_RAD, _ABOVE_TILT * float(motion.tilt_rad[0]))
+    main_rad, next_rad = motion.turn_rad[0]
+    if main_rad < least_rad:
+        parameters, combinations = _without_rotation(A, B)
+    elif next_rad < least_rad:
+        axis = _common_axis(A)
+        parameters = [
+            f"translation of X along the common axis {axis}",
+            "rotation of X about it",
+        ]
+        combinations = [
+            f"all rotations between the poses are about the axis {axis} of the flange",
+            "Z takes up the one, and the rotations do not show the other",
+        ]
+    else:
+        parameters = ["rotation of X by half a turn"]
+        combinations = [
+            "the rotations between the poses are half turns, or at right angles to all that are "
+            "not, so X turned by half a turn fits them as well"
+        ]
     if not motion.rank_deficient[0]:
-        reason += (
-            f", as far as the noise shows ({np.degrees(second_rad):.2g} deg about others, "
-            f"residuals of {np.degrees(motion.residual_rad[0]):.2g} deg)"
+        combinations.append(
+            f"whatever else the poses turn ({np.degrees(motion.tilt_rad[0]):.2g} deg) does not "
+            f"stand out of the residuals ({np.degrees(motion.residual_rad[0]):.2g} deg)"
         )
-    return NotIdentifiableError(
-        [f"translation of X along the common axis {axis}", "rotation of X about it"],
-        [reason, "Z takes up the one, and the rotations do not show the other"],
-    )
+    return NotIdentifiableError(parameters, combinations)
 
 
-def _spread(T: FloatArray) -> FloatArray:
-    """Root mean square rotation ``(T, 2)`` [rad] about the main axis and about a second one."""
+def _without_rotation(A: FloatArray, B: FloatArray) -> tuple[list[str], list[str]]:
+    """What is free, and why, where the poses differ by no rotation."""
+    free = ["translation of X", "rotation of X"]
+    if min(np.ptp(T[:, :3, 3], axis=0).max() for T in (A, B)) < _SAME_PLACE_M:
+        return free, ["all poses are the same, so Z takes up any change of X"]
+    return free, [
+        "the poses differ by translations only, so Z takes up any translation of X",
+        "no rotation shows in which direction X is turned",
+    ]
+
+
+def _turns(T: FloatArray) -> FloatArray:
+    """Root mean square rotation ``(T, 2)`` [rad] about the main axis and about the next one.
+
+    The quaternions of orientations that differ by rotations about one axis lie in a plane, so the
+    eigenvalues of ``mean q qᵀ`` after the first are mean squares of sines of half the angles.
+    """
     q = se3.quaternion_from_rotation(T[..., :3, :3])
     mean_square = np.linalg.eigvalsh(np.swapaxes(q, -1, -2) @ q / q.shape[1])
     half_sine = np.sqrt(np.clip(mean_square[:, [2, 1]], 0.0, 1.0))
     return np.asarray(2.0 * np.arcsin(half_sine))
+
+
+def _tilt(T: FloatArray) -> FloatArray:
+    """Root mean square angle ``(T,)`` [rad] by which the common axis tilts from pose to pose."""
+    second = np.linalg.svd(kronecker_mean(T, T), compute_uv=False)[:, 1]
+    return np.asarray(np.sqrt(np.clip(2.0 * (1.0 - second), 0.0, None)))
 
 
 def _common_axis(A: FloatArray) -> str:

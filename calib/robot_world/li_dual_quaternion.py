@@ -23,6 +23,7 @@ from calib.robot_world.algebra import (
     consistent_quaternions,
     left_matrix,
     right_matrix,
+    triangle,
 )
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
@@ -57,8 +58,7 @@ def estimate(A: FloatArray, B: FloatArray) -> Estimate:
     rows[..., :4, 8:12] = rows[..., 4:, 12:16] = -R
     rows[..., 4:, 0:4] = left_matrix(_dual_part(A[..., :3, 3], a))
     rows[..., 4:, 8:12] = -right_matrix(_dual_part(B[..., :3, 3], b))
-    triangle = np.linalg.qr(rows.reshape(T, 8 * N, 16), mode="r")
-    plane = np.linalg.svd(triangle)[2][..., 14:, :]  # (T, 2, 16)
+    plane = np.linalg.svd(triangle(rows.reshape(T, 8 * N, 16)))[2][..., 14:, :]  # (T, 2, 16)
     solution = _unit_combination(plane).reshape(T, 4, 4)
     return Estimate(
         _transform(solution[:, 0], solution[:, 1]), _transform(solution[:, 2], solution[:, 3])

@@ -24,6 +24,7 @@ from calib.robot_world.algebra import (
     kronecker,
     kronecker_mean,
     least_squares,
+    triangle,
 )
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
@@ -100,7 +101,7 @@ def _solve_rows(
     K = kronecker_mean(A, B)
     deviation = kronecker(A, B) - K[:, None]
     rows = np.zeros((T, 9 + 3 * N, 12))
-    rows[:, :9, :9] = np.linalg.qr(np.swapaxes(deviation, -1, -2).reshape(T, 9 * N, 9), mode="r")
+    rows[:, :9, :9] = triangle(np.swapaxes(deviation, -1, -2).reshape(T, 9 * N, 9))
     p_B_centred = p_B - p_B.mean(axis=1, keepdims=True)
     translation = rows[:, 9:].reshape(T, N, 3, 12)
     for axis in range(3):  # 1 ⊗ p_Bᵀ is block diagonal

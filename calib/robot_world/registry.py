@@ -61,8 +61,14 @@ _ALL = (
     Method(
         "zhuang",
         "linear in the quaternions, rotations first; safe at half turns",
-        "Zhuang 1994",
+        "Zhuang 1994, in safe frames",
         zhuang.estimate,
+    ),
+    Method(
+        "zhuang-literal",
+        "the same in the frames as given: fails near half turns of A or Z",
+        "Zhuang 1994",
+        zhuang.estimate_literal,
     ),
     Method(
         "hirsh",

@@ -64,7 +64,8 @@ class RobotWorldBatch:
     converged : ndarray of bool (T,)
         False where an iteration did not arrive; True for the methods that do not iterate.
     rank_deficient : ndarray of bool (T,)
-        All rotations are about one axis, or there are none.
+        The rotations between the poses do not identify X: all about one axis, or none, or half
+        turns.
     degenerate : ndarray of bool (T,)
         The same, or not to be told from it in the noise that the residuals show. X and Z are
         numbers there, since statistics over random problems need them, but ``ok`` is False.

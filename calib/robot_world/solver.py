@@ -50,8 +50,8 @@ def solve(
         Unknown method, shapes that differ, fewer than three pairs, or matrices that are not rigid
         transforms.
     NotIdentifiableError
-        The rotations between the poses are all about one axis, or there are none, or the noise
-        hides what there is.
+        The rotations between the poses are all about one axis, or there are none, or they are
+        half turns that leave a choice, or the noise hides what there is besides.
     """
     chosen = find_method(method)
     A, B = _checked(A, B, dimensions=3)
@@ -135,6 +135,8 @@ def _checked(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray
             value=B.shape,
             bound=A.shape,
         )
+    if dimensions == 4 and not len(A):
+        raise InputError("A and B have no trial", hint="give at least one", name="A", value=0)
     if A.shape[-3] < FEWEST_PAIRS:
         raise InputError(
             f"{A.shape[-3]} pose pairs cannot identify X and Z",

@@ -6,8 +6,8 @@ linear in six unknowns::
     [a_0 1 + Ω(a) + a aᵀ/a_0 ,  -b_0 1 + Ω(b) - a bᵀ/a_0] (x/z_0, z/z_0) = b - (b_0/a_0) a
 
 It is what Li et al. 2010 call the quaternion method and compare with. As usually written it breaks
-where some A or Z is a rotation by half a turn (a_0 = 0, z_0 = 0) and where the signs of the
-quaternions do not agree over the set.
+where the signs of the quaternions do not agree over the set, which both forms here see to, and
+where some A or Z is a rotation by half a turn (a_0 = 0, z_0 = 0).
 """
 
 from __future__ import annotations
@@ -27,8 +27,12 @@ from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 _SAFE_SCALAR = 0.2
-"""Smallest |a_0| that needs no other reference: 157 deg from the mean orientation. The rows grow
-as 1/a_0, so below it a single pair would outweigh five others."""
+"""Smallest |a_0| that needs no other reference: 157 deg from the mean orientation. A pair weighs
+as a_0², so one below it counts for less than a twentieth."""
+
+_SMALLEST_SCALAR = 1e-12
+"""What the literal form takes for a_0 = 0: its equations are then wrong, but finite, and the misfit
+of the result shows it."""
 
 
 def estimate(A: FloatArray, B: FloatArray) -> Estimate:
@@ -49,7 +53,9 @@ def estimate(A: FloatArray, B: FloatArray) -> Estimate:
     All frames are turned before the equations are written: the base and the flange so that a
     reference orientation far from half a turn from every A becomes the identity, the target and
     the camera so that X and Z, taken from the rotations in closed form, are near the identity
-    (z_0 near 1). Without noise the answer does not depend on it.
+    (z_0 near 1). The equations are taken times a_0, without a division: a pair near a half turn
+    that no reference avoids then loses weight, where the literal form would let it outweigh all
+    others. Without noise none of this changes the answer.
     """
     R_base = se3.rotation_from_quaternion(_reference(A))
     R_X, R_Z = closed_form_rotations(A, B)
@@ -58,9 +64,30 @@ def estimate(A: FloatArray, B: FloatArray) -> Estimate:
     to_base, to_target = np.swapaxes(R_base, -1, -2), np.swapaxes(R_target, -1, -2)
     A_turned = _turn(A, to_base, np.eye(3)[None])
     B_turned = _turn(B, to_target, np.swapaxes(R_X, -1, -2))
-    x, z = _solve_quaternions(*consistent_quaternions(A_turned, B_turned))
+    x, z = _solve_quaternions(*consistent_quaternions(A_turned, B_turned), divide=False)
     R_X = se3.rotation_from_quaternion(x) @ R_X
     R_Z = R_base @ se3.rotation_from_quaternion(z) @ to_target
+    return Estimate(*assemble(A, B, R_X, R_Z))
+
+
+def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
+    """X and Z of T problems at once, in the frames as given and with the division by a_0.
+
+    Only the signs of the quaternions are made consistent. Fails where some A or Z is close to half
+    a turn.
+
+    Parameters
+    ----------
+    A, B : ndarray (T, N, 4, 4)
+        Measured transforms, N >= 3, in any unit of length.
+
+    Returns
+    -------
+    Estimate
+        X and Z ``(T, 4, 4)``.
+    """
+    x, z = _solve_quaternions(*consistent_quaternions(A, B), divide=True)
+    R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)
     return Estimate(*assemble(A, B, R_X, R_Z))
 
 
@@ -70,19 +97,28 @@ def _turn(T: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
     return se3.transform(rotation, np.zeros(3))
 
 
-def _solve_quaternions(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit quaternions x and z ``(T, 4)`` from ``a x = z b`` of all pairs ``(T, N, 4)``."""
+def _solve_quaternions(
+    a: FloatArray, b: FloatArray, *, divide: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Quaternions x and z ``(T, 4)``, of any norm, from ``a x = z b`` of all pairs ``(T, N, 4)``.
+
+    The equations of the module times a_0, or as they stand where they are to be divided by it.
+    """
     T, N = a.shape[:2]
     a_0, b_0, a_v, b_v = a[..., :1], b[..., :1], a[..., 1:], b[..., 1:]
     one = np.eye(3)
-    rows_x = a_0[..., None] * one + se3.skew(a_v) + _outer(a_v / a_0, a_v)
-    rows_z = -b_0[..., None] * one + se3.skew(b_v) - _outer(a_v / a_0, b_v)
-    rows = np.concatenate([rows_x, rows_z], axis=-1).reshape(T, 3 * N, 6)
-    ratio = least_squares(rows, (b_v - b_0 * a_v / a_0).reshape(T, 3 * N))
+    rows_x = a_0[..., None] * (a_0[..., None] * one + se3.skew(a_v)) + _outer(a_v, a_v)
+    rows_z = a_0[..., None] * (-b_0[..., None] * one + se3.skew(b_v)) - _outer(a_v, b_v)
+    rows = np.concatenate([rows_x, rows_z], axis=-1)
+    right_side = a_0 * b_v - b_0 * a_v
+    if divide:
+        divisor = np.where(np.abs(a_0) < _SMALLEST_SCALAR, _SMALLEST_SCALAR, a_0)
+        rows, right_side = rows / divisor[..., None], right_side / divisor
+    ratio = least_squares(rows.reshape(T, 3 * N, 6), right_side.reshape(T, 3 * N))
     x_v, z_v = ratio[:, None, :3], ratio[:, None, 3:]
-    # Back in the scalar part, a_0 x_0 = a·x + b_0 z_0 - b·z, weighted as its least squares asks.
-    x_0 = a_0 * ((a_v * x_v).sum(-1, keepdims=True) + b_0 - (b_v * z_v).sum(-1, keepdims=True))
-    x_0 = x_0.sum(axis=1) / (a_0**2).sum(axis=1)
+    # The scalar part is a_0 x_0 = a·x + b_0 z_0 - b·z, here by least squares, with z_0 = 1.
+    scalar = (a_v * x_v).sum(-1, keepdims=True) + b_0 - (b_v * z_v).sum(-1, keepdims=True)
+    x_0 = (a_0 * scalar).sum(axis=1) / np.maximum((a_0**2).sum(axis=1), _SMALLEST_SCALAR)
     x = np.concatenate([x_0, ratio[:, :3]], axis=-1)
     z = np.concatenate([np.ones((T, 1)), ratio[:, 3:]], axis=-1)
     return x, z

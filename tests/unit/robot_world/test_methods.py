@@ -188,7 +188,7 @@ def test_iterates_in_closed_form_are_those_of_the_loop():
     a, b = consistent_quaternions(A, B)
     found = solve_batch(A, B, "hirsh")
     for trial in range(3):
-        limit = plain_power_iteration(a[trial], b[trial], 5000)
+        limit = plain_power_iteration(a[trial], b[trial], 1000)
         np.testing.assert_allclose(
             se3.rotation_from_quaternion(limit), found.Z[trial, :3, :3], atol=1e-10
         )
@@ -196,7 +196,6 @@ def test_iterates_in_closed_form_are_those_of_the_loop():
             count = hirsh.cycles(A[trial, None], B[trial, None], tolerance_rad)[0]
             after = plain_power_iteration(a[trial], b[trial], count)
             before = plain_power_iteration(a[trial], b[trial], count - 1)
-            assert np.linalg.norm(np.cross(after[1:], limit[1:])) <= 1.0  # same hemisphere below
             assert half_angle(after, limit) <= tolerance_rad < half_angle(before, limit)
 
 

@@ -1,0 +1,141 @@
+"""Commands with measurements: simulate, identify, robot-world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table
+from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, TrustUnits
+
+if TYPE_CHECKING:
+    from calib.identification import IdentificationResult
+    from posedesign.workflow import SolverOutcome
+
+ALL = "all"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    app.command()(simulate)
+    app.command()(identify)
+    app.command("robot-world")(robot_world)
+
+
+def simulate(
+    cell: CellFile,
+    poses: Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")],
+    out: OutFolder = Path(),
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the noise; default: the cell's.")] = None,
+    trust_units: TrustUnits = False,
+) -> int:
+    """Rehearse the measurement: touch up the poses with the robot of [truth]."""
+    from posedesign import workflow
+    from posedesign.cell import Cell
+    from posedesign.tables import read_poses
+
+    loaded = Cell.load(cell)
+    listed = read_poses(poses, loaded.robot.n, trust_units=trust_units)
+    workflow.simulate(loaded, listed, out, seed)
+    print(f"wrote {out / 'touchups.csv'} and {out / 'pairs.csv'}: {len(listed.names)} touch-ups")
+    return DONE
+
+
+def identify(
+    cell: CellFile,
+    touch_ups: Annotated[Path, typer.Argument(help="Columns target, j1_deg, j2_deg, ...")],
+    out: OutFolder = Path(),
+    as_json: AsJson = False,
+    trust_units: TrustUnits = False,
+) -> int:
+    """Identify the robot from touch-ups, beside the baseline that leaves it as it is."""
+    from posedesign.cell import Cell
+    from posedesign.workflow import identify_file
+
+    results = identify_file(Cell.load(cell), touch_ups, out, trust_units=trust_units)
+    if as_json:
+        print((out / "identification.json").read_text(encoding="utf-8"), end="")
+    else:
+        print_identification(results)
+        print(f"wrote {out / 'identification.json'}")
+    return DONE
+
+
+def print_identification(results: Sequence[IdentificationResult]) -> None:
+    """Print before and after, and the parameters of the last model."""
+    print_table(
+        "Before and after [mm]",
+        [
+            {
+                "model": r.model,
+                "parameters": len(r.names),
+                "rms": r.rms_m * 1e3,
+                "max": r.max_m * 1e3,
+                "leave-one-out rms": r.leave_one_out_rms_m * 1e3,
+                "residual / noise": r.noise_scale,
+            }
+            for r in results
+        ],
+    )
+    last = results[-1]
+    print_table(
+        f"Identified: {last.model}",
+        [
+            {"parameter": name, "value": value, "change": change, "sigma": sigma, "unit": unit}
+            for name, unit, value, change, sigma in last.displayed()
+        ],
+    )
+    print(last.message)
+
+
+def robot_world(
+    pairs: Annotated[Path, typer.Argument(help="Pairs A, B of A X = Z B (columns a_x_mm, ...)")],
+    method: Annotated[str, typer.Option(help="A solver, or all for the papers' four.")] = ALL,
+    noise_deg: Annotated[
+        float | None, typer.Option(help="Standard deviation of B's rotation, for the covariance.")
+    ] = None,
+    noise_mm: Annotated[
+        float | None, typer.Option(help="Standard deviation of B's translation, likewise.")
+    ] = None,
+    out: OutFolder = Path(),
+    as_json: AsJson = False,
+) -> int:
+    """Solve A X = Z B: X the camera on the flange, Z the target in the base."""
+    import math
+
+    from calib.errors import InputError
+    from calib.robot_world import PairNoise
+    from posedesign.accuracy_study import SOLVERS
+    from posedesign.workflow import solve_file, solver_row
+
+    noise = None
+    if (noise_deg is None) != (noise_mm is None):
+        raise InputError("give both --noise-deg and --noise-mm, or neither", name="noise")
+    if noise_deg is not None and noise_mm is not None:
+        noise = PairNoise(math.radians(noise_deg), noise_mm / 1e3, on="B")
+    outcomes = solve_file(pairs, out, SOLVERS if method == ALL else [method], noise)
+    if as_json:
+        print_json([solver_row(outcome) for outcome in outcomes])
+    else:
+        print_solvers(outcomes)
+        print(f"wrote {out / 'robot_world.csv'}")
+    return DONE if all(outcome.ok for outcome in outcomes) else NOT_REACHED
+
+
+def print_solvers(outcomes: Sequence[SolverOutcome]) -> None:
+    """Print X and Z of every solver, with what is left over."""
+    from posedesign.tables import POSE_AXES
+    from posedesign.workflow import solver_row
+
+    rows = [solver_row(outcome) for outcome in outcomes]
+    for letter, what in (("x", "X = T_flange_camera"), ("z", "Z = T_base_target")):
+        keep = ["method", "status", *(f"{letter}_{axis}" for axis in POSE_AXES)]
+        print_table(what, [{key: row[key] for key in keep} for row in rows])
+    keep = ["method", "status", "iterations", "residual_rotation_deg", "residual_translation_mm"]
+    print_table("Left over (rms)", [{key: row[key] for key in keep} for row in rows])
+    for outcome in outcomes:
+        if not outcome.ok:
+            note(f"warning: {outcome.method}: {outcome.problem or outcome.result.message}")  # type: ignore[union-attr]

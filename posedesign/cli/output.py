@@ -1,0 +1,91 @@
+"""How commands print: tables for people, JSON for programs, progress on standard error."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol
+
+PIPE_WIDTH = 200
+"""Columns of a table that goes into a pipe: wide enough not to be cut."""
+
+DONE, NOT_REACHED, BAD_INPUT = 0, 1, 2
+"""Exit codes."""
+
+
+class Advance(Protocol):
+    """Callback of long work: what is being done, and the part of all work that is done."""
+
+    def __call__(self, what: str, part: float) -> None: ...
+
+
+def print_table(title: str, rows: Sequence[Mapping[str, object]]) -> None:
+    """Print rows as a table; columns as in the first row."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text  # plain text: [mm] is a unit, not markup
+
+    if not rows:
+        return
+    console = Console(width=None if sys.stdout.isatty() else PIPE_WIDTH, highlight=False)
+    table = Table(title=Text(title), title_justify="left", title_style="bold")
+    for column in rows[0]:
+        number = all(isinstance(row.get(column), (int, float, type(None))) for row in rows)
+        table.add_column(Text(str(column)), justify="right" if number else "left")
+    for row in rows:
+        table.add_row(*(Text(_shown(row.get(column))) for column in rows[0]))
+    console.print(table)
+
+
+def print_json(content: object) -> None:
+    """Print a value as JSON; numbers that JSON does not have become null."""
+    print(json.dumps(_plain(content), indent=2))
+
+
+def note(text: str) -> None:
+    """Say something that is not the result, on standard error."""
+    print(text, file=sys.stderr)
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Advance]:
+    """A progress bar on standard error while something long runs."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=1.0)
+
+        def advance(what: str, part: float) -> None:
+            bar.update(task, description=f"{title}: {what}", completed=part)
+
+        yield advance
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return "-" if math.isnan(value) else "inf"
+        return f"{value:.4g}" if abs(value) >= 1e4 or 0 < abs(value) < 1e-4 else f"{value:.5g}"
+    return str(value)
+
+
+def _plain(value: Any) -> Any:
+    """The same value in types that JSON has."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,206 @@
+"""Commands before measuring: robots, new, plan, score, program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table
+
+if TYPE_CHECKING:
+    from posedesign.pose_plan import PosePlan
+
+CellFile = Annotated[Path, typer.Argument(help="The cell, made with: posedesign new > cell.toml")]
+OutFolder = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+TrustUnits = Annotated[
+    bool, typer.Option("--trust-units", help="Accept joint values that look like radians.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    app.command()(robots)
+    app.command()(new)
+    app.command()(plan)
+    app.command()(score)
+    app.command()(program)
+
+
+def robots(as_json: AsJson = False) -> int:
+    """List the robots that come with the tool."""
+    from calib.robots import preset_info, preset_names
+
+    rows: list[dict[str, object]] = []
+    for name in preset_names():
+        info = preset_info(name)
+        keys = ("title", "dialect", "payload_kg", "confidence", "source")
+        rows.append({"preset": name, **{key: info[key] for key in keys}})
+    if as_json:
+        print_json(rows)
+    else:
+        print_table("Robots", rows)
+    return DONE
+
+
+def new(
+    robot: Annotated[
+        str | None, typer.Option(help="Preset or URDF file; default: the reference cell.")
+    ] = None,
+) -> int:
+    """Print a commented cell.toml to start from."""
+    from posedesign.cell import Cell
+    from posedesign.template import cell_template
+
+    text = cell_template(robot)
+    for said in Cell.from_text(text).robot.notices:
+        note(f"note: {said}")
+    print(text, end="")
+    return DONE
+
+
+def plan(
+    cell: CellFile,
+    out: OutFolder = Path(),
+    as_json: AsJson = False,
+) -> int:
+    """Plan measuring poses until the condition number falls below the threshold."""
+    from posedesign.cell import Cell
+    from posedesign.workflow import plan_poses
+
+    result = plan_poses(Cell.load(cell), out)
+    print_plan(result, out, as_json=as_json)
+    return DONE if result.reached else NOT_REACHED
+
+
+def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
+    """Print the rounds, the outcome and what accuracy to expect."""
+    from posedesign.indices import SCALING
+    from posedesign.workflow import round_rows
+
+    for said in result.model.robot.notices:
+        note(f"note: {said}")
+    sigma = [
+        {"parameter": name, "predicted sigma": value, "unit": unit}
+        for name, unit, value in result.sigma_displayed()
+    ]
+    if as_json:
+        print_json(
+            {
+                "reached": result.reached,
+                "stop": str(result.stop),
+                "message": result.message,
+                "threshold": result.threshold,
+                "fingerprint": result.fingerprint,
+                "rounds": round_rows(result),
+                "indices": result.indices.as_dict(),
+                "scaling": SCALING,
+                "predicted": sigma,
+                "files": [str(out / "poses.csv"), str(out / "rounds.csv")],
+            }
+        )
+        return
+    rounds = [
+        {key: value for key, value in row.items() if not key.startswith("sigma_target")}
+        for row in round_rows(result)
+    ]
+    short = [{k.replace("zero_offset.", ""): v for k, v in row.items()} for row in rounds]
+    print_table("Rounds of the loop", [_without_tool(row) for row in short])
+    print_table("Predicted before measuring", sigma)
+    print(result.message)
+    print(f"wrote {out / 'poses.csv'} and {out / 'rounds.csv'}")
+
+
+def _without_tool(row: dict[str, object]) -> dict[str, object]:
+    return {key: value for key, value in row.items() if not key.startswith("sigma_tool")}
+
+
+def score(
+    cell: CellFile,
+    poses: Annotated[Path, typer.Argument(help="A list of poses with columns j1_deg, j2_deg, ...")],
+    as_json: AsJson = False,
+    trust_units: TrustUnits = False,
+) -> int:
+    """Say how good any list of poses is: condition numbers, indices, predicted accuracy."""
+    from posedesign.cell import Cell
+    from posedesign.indices import SCALING
+    from posedesign.tables import read_poses
+    from posedesign.workflow import score_poses
+
+    loaded = Cell.load(cell)
+    scored = score_poses(
+        loaded, read_poses(poses, loaded.robot.n, trust_units=trust_units)
+    )
+    threshold = loaded.config.plan.condition_threshold
+    good = scored.indices.c_g < threshold and not scored.problem
+    sigma = [
+        {"parameter": name, "predicted sigma": value, "unit": unit}
+        for name, unit, value in scored.sigma
+    ]
+    if as_json:
+        print_json(
+            {
+                "indices": scored.indices.as_dict(),
+                "scaling": SCALING,
+                "predicted": sigma,
+                "problem": scored.problem,
+                "outside_limits": scored.outside,
+                "threshold": threshold,
+                "reached": good,
+            }
+        )
+    else:
+        print_table(
+            "Indices",
+            [
+                {"index": key, "value": value, "scaling": SCALING.get(key, "")}
+                for key, value in scored.indices.as_dict().items()
+            ],
+        )
+        print_table("Predicted before measuring", sigma)
+        for line in scored.outside:
+            note(f"warning: {line}")
+        verdict = "below" if good else "not below"
+        print(scored.problem or f"C_G {scored.indices.c_g:.4g} is {verdict} {threshold:.4g}")
+    return DONE if good else NOT_REACHED
+
+
+def program(
+    poses: Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")],
+    dialect: Annotated[str, typer.Option("--format", help="Controller language.")] = "fanuc-ls",
+    out: OutFolder = Path(),
+    cell: Annotated[
+        Path | None, typer.Option(help="Cell with a [program] section; default: usual values.")
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the program.")] = None,
+    as_json: AsJson = False,
+    trust_units: TrustUnits = False,
+) -> int:
+    """Write the robot program that visits the poses."""
+    from posedesign.cell import Cell
+    from posedesign.tables import read_poses
+    from posedesign.workflow import program_options, write_program
+
+    loaded = Cell.load(cell) if cell is not None else None
+    listed = read_poses(poses, loaded.robot.n if loaded else None, trust_units=trust_units)
+    title = name or (loaded.config.program.name if loaded else "CALIB01")
+    written = write_program(listed, out, dialect, program_options(loaded, listed.postures), title)
+    if as_json:
+        print_json(
+            {
+                "path": str(written.path),
+                "poses": written.poses,
+                "problems": written.problems,
+                "largest_rounding_deg": written.largest_rounding_deg,
+            }
+        )
+    else:
+        for problem in written.problems:
+            note(f"warning: {written.path}: {problem}")
+        print(
+            f"wrote {written.path}: {written.poses} poses, joints rounded by at most "
+            f"{written.largest_rounding_deg:.4f} deg"
+        )
+    return NOT_REACHED if written.problems else DONE

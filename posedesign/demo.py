@@ -1,0 +1,80 @@
+"""The main job on the reference cell, each step reading the files of the one before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.identification import IdentificationResult
+from posedesign.accuracy_study import SOLVERS, AccuracyStudy, accuracy_study
+from posedesign.cell import Cell
+from posedesign.files import write_text_atomic
+from posedesign.pose_plan import PosePlan
+from posedesign.tables import read_poses
+from posedesign.template import cell_template
+from posedesign.workflow import (
+    SolverOutcome,
+    WrittenProgram,
+    camera_noise,
+    identify_file,
+    make_folder,
+    plan_poses,
+    program_options,
+    simulate,
+    solve_file,
+    write_program,
+    write_study,
+)
+
+_STEPS_BEFORE_STUDY = 0.2
+"""Part of the time that everything but the study takes."""
+
+
+@dataclass(frozen=True)
+class DemoResults:
+    """What the demo made, besides its files."""
+
+    plan: PosePlan
+    program: WrittenProgram
+    identification: tuple[IdentificationResult, ...]
+    robot_world: tuple[SolverOutcome, ...]
+    study: AccuracyStudy
+
+
+def run_demo(
+    out: Path, *, draws: int = 50, progress: Callable[[str, float], None] = lambda what, part: None
+) -> DemoResults:
+    """Write a cell, plan, write the program, touch up, identify, solve AX=ZB, and study.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for the files; files of an earlier run in it are replaced.
+    draws : int
+        Noise draws for each pose set of the study.
+    progress : callable
+        Called with what is being done and the part of all work that is done.
+    """
+    make_folder(out)
+    path = write_text_atomic(out / "cell.toml", cell_template())
+    progress("planning", 0.0)
+    cell = Cell.load(path)
+    plan = plan_poses(cell, out)
+    poses = read_poses(out / "poses.csv", cell.robot.n)
+    name = cell.config.program.name
+    program = write_program(poses, out, "fanuc-ls", program_options(cell, poses.postures), name)
+    progress("touching up", 0.05)
+    simulate(cell, poses, out)
+    identification = identify_file(cell, out / "touchups.csv", out)
+    progress("solving A X = Z B", 0.1)
+    robot_world = solve_file(out / "pairs.csv", out, SOLVERS, camera_noise(cell))
+    study = accuracy_study(
+        cell,
+        draws=draws,
+        progress=lambda what, part: progress(
+            f"accuracy study, {what}", _STEPS_BEFORE_STUDY + (1.0 - _STEPS_BEFORE_STUDY) * part
+        ),
+    )
+    write_study(study, out)
+    return DemoResults(plan, program, identification, robot_world, study)

@@ -1,0 +1,334 @@
+"""The steps of a calibration, each reading and writing the files of the next.
+
+``cell.toml`` -> plan -> ``poses.csv`` -> program, and touch-up (or simulate) -> ``touchups.csv``
+-> identify -> ``identification.json``; ``pairs.csv`` -> robot-world -> ``robot_world.csv``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import CalibError, InputError, NotIdentifiableError, OutputError
+from calib.identification import IdentificationResult, covariance_of
+from calib.robot_world import METHODS, PairNoise, RobotWorldResult, solve
+from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.accuracy_study import SOLVERS, AccuracyStudy
+from posedesign.cell import Cell
+from posedesign.evaluation import identify_models, results_as_dict
+from posedesign.files import write_text_atomic
+from posedesign.indices import Indices, evaluate
+from posedesign.planner import Progress, plan
+from posedesign.pose_plan import PosePlan, displayed_sigma, fingerprint
+from posedesign.programs import (
+    PoseProgram,
+    ProgramOptions,
+    ProgramPose,
+    find_dialect,
+    read,
+    validate,
+    write,
+)
+from posedesign.simulation import SimulatedRobot
+from posedesign.tables import (
+    POSE_AXES,
+    Pairs,
+    PoseList,
+    read_pairs,
+    read_touch_ups,
+    write_pairs,
+    write_poses,
+    write_table,
+    write_touch_ups,
+)
+
+
+@dataclass(frozen=True)
+class Score:
+    """How good a list of poses is for a cell.
+
+    Attributes
+    ----------
+    indices : Indices
+    sigma : list of (name, unit, value)
+        Predicted standard deviations as people read them; empty where not identifiable.
+    problem : str
+        What the poses cannot identify; empty where they can.
+    outside : tuple of str
+        Poses outside the joint limits, with the limit.
+    """
+
+    indices: Indices
+    sigma: list[tuple[str, str, float]]
+    problem: str
+    outside: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class WrittenProgram:
+    """A robot program on disk, checked.
+
+    Attributes
+    ----------
+    path : Path
+    poses : int
+    problems : tuple of str
+        What the strict validator objects to; empty is good.
+    largest_rounding_deg : float
+        Largest joint difference between the plan and what is read back from the program.
+    """
+
+    path: Path
+    poses: int
+    problems: tuple[str, ...]
+    largest_rounding_deg: float
+
+
+@dataclass(frozen=True)
+class SolverOutcome:
+    """What one AX=ZB solver made of the pairs, or why it could not.
+
+    Attributes
+    ----------
+    method : str
+    result : RobotWorldResult or None
+    problem : str
+    """
+
+    method: str
+    result: RobotWorldResult | None
+    problem: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is an answer to be trusted."""
+        return self.result is not None and self.result.status == "ok"
+
+
+def make_folder(path: Path) -> Path:
+    """Create the folder that results go to.
+
+    Raises
+    ------
+    OutputError
+        It cannot be created, or is a file.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{path}: the output folder cannot be made: {error.strerror}",
+            hint="name another one with --out",
+            name=str(path),
+        ) from error
+    return path
+
+
+def plan_poses(cell: Cell, out: Path, progress: Progress | None = None) -> PosePlan:
+    """Plan, and write ``poses.csv`` and ``rounds.csv`` into a folder."""
+    result = plan(cell, progress)
+    make_folder(out)
+    write_poses(out / "poses.csv", cell.robot, result.poses, cell.tool_m)
+    rows = round_rows(result)
+    write_table(out / "rounds.csv", list(rows[0]), rows)
+    return result
+
+
+def round_rows(result: PosePlan) -> list[dict[str, object]]:
+    """The rounds of a plan as table rows."""
+    rows = []
+    for turn in result.rounds:
+        row: dict[str, object] = {
+            "round": turn.number,
+            **dict(zip(("d_w_deg", "d_p_deg", "d_r_deg"), turn.variation_deg, strict=True)),
+            "grid": turn.grid,
+            "repaired": turn.repaired,
+            "dropped": turn.dropped,
+            "c_g": turn.c_g,
+            "cond_2_g": turn.cond_2_g,
+        }
+        for name, unit, value in displayed_sigma(result.model, turn.sigma):
+            row[f"sigma_{name}_{unit}"] = value
+        rows.append(row)
+    return rows
+
+
+def score_poses(cell: Cell, poses: PoseList) -> Score:
+    """Indices and predicted standard deviations of any pose list."""
+    model = cell.model()
+    _, blocks, R = model.linearise(poses.postures)
+    white = model.measurement.whiten(blocks, R)
+    problem = _what_is_hidden(cell, poses.postures)
+    sigma: list[tuple[str, str, float]] = []
+    if not problem:
+        covariance = covariance_of(model, poses.postures)
+        sigma = displayed_sigma(model, np.sqrt(np.diag(covariance)))
+    outside = []
+    for name, q in zip(poses.names, poses.postures, strict=True):
+        try:
+            cell.robot.check_limits(q)
+        except CalibError as error:
+            outside.append(f"{name}: {error.message}")
+    return Score(evaluate(blocks, white), sigma, problem, tuple(outside))
+
+
+def _what_is_hidden(cell: Cell, postures: FloatArray) -> str:
+    from calib.identification import check_identifiable
+
+    model = cell.model()
+    rows = len(postures) * model.measurement.rows
+    if rows < model.p:
+        return f"{len(postures)} poses give {rows} equations for {model.p} parameters"
+    _, blocks, R = model.linearise(postures)
+    try:
+        white = model.measurement.whiten(blocks, R).reshape(-1, model.p)
+        check_identifiable(white, model.names, model.nuisance)
+    except NotIdentifiableError as error:
+        return error.message
+    return ""
+
+
+def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) -> SimulatedRobot:
+    """Touch up a pose list with the robot of ``[truth]``; write ``touchups.csv``, ``pairs.csv``.
+
+    The noise depends on the seed alone: the one of the cell, unless another is given.
+    """
+    rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
+    robot = SimulatedRobot.of(cell)
+    touched = robot.touch_up(poses.postures, rng)
+    A, B = robot.camera_poses(touched.postures, rng)
+    make_folder(out)
+    write_touch_ups(out / "touchups.csv", touched, poses.names)
+    write_pairs(out / "pairs.csv", Pairs(poses.names, A, B))
+    return robot
+
+
+def identify_file(
+    cell: Cell, touch_ups: Path, out: Path, *, trust_units: bool = False
+) -> tuple[IdentificationResult, ...]:
+    """Identify from a ``touchups.csv``; write ``identification.json``."""
+    data = read_touch_ups(touch_ups, cell.robot.n, trust_units=trust_units)
+    results = identify_models(cell, data)
+    content = results_as_dict(cell, data, results)
+    make_folder(out)
+    write_text_atomic(out / "identification.json", json.dumps(content, indent=2) + "\n")
+    return results
+
+
+def solve_file(
+    pairs: Path, out: Path, methods: Sequence[str] = SOLVERS, noise: PairNoise | None = None
+) -> tuple[SolverOutcome, ...]:
+    """Solve AX=ZB from a ``pairs.csv`` by several methods; write ``robot_world.csv``.
+
+    Raises
+    ------
+    InputError
+        An unknown method.
+    NotIdentifiableError
+        No method has an answer because the motions do not allow one.
+    """
+    data = read_pairs(pairs)
+    outcomes = []
+    refused: CalibError | None = None
+    for method in methods:
+        if method not in METHODS:
+            solve(data.A, data.B, method)  # raises, with near names
+        try:
+            outcomes.append(SolverOutcome(method, solve(data.A, data.B, method, noise)))
+        except NotIdentifiableError as error:
+            refused = error
+            outcomes.append(SolverOutcome(method, None, error.message))
+    if refused is not None and all(outcome.result is None for outcome in outcomes):
+        raise refused
+    rows = [solver_row(outcome) for outcome in outcomes]
+    make_folder(out)
+    write_table(out / "robot_world.csv", list(rows[0]), rows)
+    return tuple(outcomes)
+
+
+def solver_row(outcome: SolverOutcome) -> dict[str, object]:
+    """One solver's answer as a table row."""
+    result = outcome.result
+    row: dict[str, object] = {
+        "method": outcome.method,
+        "status": result.status if result else "refused",
+        "iterations": result.iterations if result else None,
+        "residual_rotation_deg": np.rad2deg(result.rotation_rms_rad) if result else None,
+        "residual_translation_mm": 1e3 * result.translation_rms_m if result else None,
+    }
+    for letter in "xz":
+        for k, axis in enumerate(POSE_AXES):
+            row[f"{letter}_{axis}"] = _pose_numbers(result, letter)[k] if result else None
+        sigma = None if result is None else (result.sigma_X if letter == "x" else result.sigma_Z)
+        for k, axis in enumerate(("rx_deg", "ry_deg", "rz_deg", "x_mm", "y_mm", "z_mm")):
+            scale = 180.0 / np.pi if k < 3 else 1e3
+            row[f"sigma_{letter}_{axis}"] = None if sigma is None else scale * sigma[k]
+    row["message"] = result.message if result else outcome.problem
+    return row
+
+
+def _pose_numbers(result: RobotWorldResult, letter: str) -> list[float]:
+    T = result.X if letter == "x" else result.Z
+    return [*(1e3 * T[:3, 3]), *np.rad2deg(wpr_from_rotation(T[:3, :3]))]
+
+
+def write_program(
+    poses: PoseList, out: Path, dialect: str, options: ProgramOptions, name: str
+) -> WrittenProgram:
+    """Write a robot program, read it back, and validate it."""
+    if poses.postures.shape[1] != 6:
+        raise InputError(
+            f"{dialect} programs are for six joints, the poses have {poses.postures.shape[1]}",
+            name="poses",
+        )
+    program = PoseProgram(
+        name,
+        tuple(ProgramPose(n, q) for n, q in zip(poses.names, poses.postures, strict=True)),
+        options,
+    )
+    make_folder(out)
+    suffix = find_dialect(dialect).suffixes[0].upper()
+    path = write(program, dialect, out / f"{name}{suffix}")
+    recorded = read(path)
+    rounding = np.abs(recorded.postures_rad - poses.postures).max()
+    problems = tuple(f"line {p.line}: {p.message}" for p in validate(path))
+    return WrittenProgram(path, len(poses.names), problems, float(np.rad2deg(rounding)))
+
+
+def program_options(cell: Cell | None, postures: FloatArray) -> ProgramOptions:
+    """Options of a program as the cell wants them, with the fingerprint of the plan."""
+    if cell is None:
+        return ProgramOptions(fingerprint=fingerprint(postures))
+    section = cell.config.program
+    return ProgramOptions(
+        user_frame=section.user_frame,
+        tool_frame=section.tool_frame,
+        speed_percent=section.speed_percent,
+        settle_s=section.settle_s,
+        measure_call=section.measure_call,
+        fingerprint=fingerprint(postures),
+    )
+
+
+def camera_noise(cell: Cell) -> PairNoise:
+    """Noise of the simulated camera, for the covariance of X and Z."""
+    section = cell.config.measurement
+    return PairNoise(
+        rotation_rad=float(np.deg2rad(section.camera_three_sigma_deg) / 3.0),
+        translation_m=section.camera_three_sigma_mm / 3e3,
+        on="B",
+    )
+
+
+def write_study(study: AccuracyStudy, out: Path) -> tuple[Path, Path]:
+    """Write ``accuracy_vs_condition.csv`` and its figure."""
+    from posedesign.report.accuracy_figure import draw_accuracy
+
+    make_folder(out)
+    rows = [finding.__dict__ for finding in study.findings]
+    table = write_table(out / "accuracy_vs_condition.csv", list(rows[0]), rows)
+    return table, draw_accuracy(study, out / "accuracy_vs_condition.png")

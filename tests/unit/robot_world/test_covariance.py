@@ -1,0 +1,106 @@
+"""The covariance of X and Z against scatter, and against what is known of it."""
+
+import numpy as np
+import pytest
+
+from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve, solve_batch
+from calib.robot_world.noise import difference
+
+METHODS_WITH_COVARIANCE = [name for name in METHODS if name != "hirsh-literal"]
+SMALL = {"rotation_rad": 2e-4, "translation_m": 1e-4}
+"""Noise small enough for the first order: squares of it are below a hundredth of it."""
+
+
+def scatter(method, problems, noise, trials, rng):
+    shape = (trials, *problems.A.shape[1:])
+    measured = add_noise(
+        rng, np.broadcast_to(problems.A, shape), np.broadcast_to(problems.B, shape), noise
+    )
+    found = solve_batch(*measured, method)
+    assert found.ok.all()
+    errors = np.concatenate(
+        [difference(found.X, problems.X), difference(found.Z, problems.Z)], axis=-1
+    )
+    return errors.T @ errors / trials
+
+
+def assert_agrees(predicted, observed, trials):
+    """Eigenvalues of the observed covariance in units of the predicted one, all near 1.
+
+    Those of a sample covariance of p normal numbers lie within (1 ± (√p + t)/√T)², but for a
+    chance of 2 exp(-t²/2): below 1e-3 with t = 4.
+    """
+    whitener = np.linalg.inv(np.linalg.cholesky(predicted))
+    ratio = np.linalg.eigvalsh(whitener @ observed @ whitener.T)
+    spread = (np.sqrt(12) + 4.0) / np.sqrt(trials)
+    assert ratio[0] > (1.0 - spread) ** 2
+    assert ratio[-1] < (1.0 + spread) ** 2
+
+
+@pytest.mark.parametrize("on", ["A", "B", "both"])
+@pytest.mark.parametrize("method", METHODS_WITH_COVARIANCE)
+def test_covariance_is_the_scatter(method, on):
+    rng = np.random.default_rng(1)
+    problems = random_problems(rng, 1, 6)
+    noise = PairNoise(**SMALL, on=on)
+    result = solve(problems.A[0], problems.B[0], method, noise)
+    trials = 1000
+    observed = scatter(method, problems, noise, trials, rng)
+    assert_agrees(result.covariance, observed, trials)
+    np.testing.assert_allclose(result.sigma_X**2, np.diag(result.covariance)[:6])
+    np.testing.assert_allclose(result.sigma_Z**2, np.diag(result.covariance)[6:])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cone_deg", [None, 40.0])
+@pytest.mark.parametrize("method", METHODS_WITH_COVARIANCE)
+def test_covariance_is_the_scatter_closely(method, cone_deg):
+    rng = np.random.default_rng(2)
+    problems = random_problems(rng, 1, 15, cone_deg)
+    noise = PairNoise(**SMALL, on="both")
+    result = solve(problems.A[0], problems.B[0], method, noise)
+    trials = 8000
+    assert_agrees(result.covariance, scatter(method, problems, noise, trials, rng), trials)
+
+
+def test_covariance_from_noisy_data_is_near_that_of_the_truth():
+    rng = np.random.default_rng(3)
+    problems = random_problems(rng, 1, 10)
+    noise = PairNoise(**SMALL, on="both")
+    truth = solve(problems.A[0], problems.B[0], noise=noise)
+    measured = solve(*add_noise(rng, problems.A[0], problems.B[0], noise), noise=noise)
+    np.testing.assert_allclose(measured.sigma_X, truth.sigma_X, rtol=0.05)
+    np.testing.assert_allclose(measured.sigma_Z, truth.sigma_Z, rtol=0.05)
+
+
+def test_covariance_grows_with_the_square_of_the_noise_and_adds_over_the_sides():
+    problems = random_problems(np.random.default_rng(4), 1, 5)
+    pair = problems.A[0], problems.B[0]
+    single = {on: solve(*pair, noise=PairNoise(1e-3, 1e-3, on)).covariance for on in ("A", "B")}
+    both = solve(*pair, noise=PairNoise(2e-3, 2e-3, "both")).covariance
+    np.testing.assert_allclose(both, 4.0 * (single["A"] + single["B"]), rtol=1e-9, atol=1e-18)
+
+
+def test_no_noise_has_no_covariance_and_zero_noise_a_zero_one():
+    problems = random_problems(np.random.default_rng(5), 1, 5)
+    assert solve(problems.A[0], problems.B[0]).covariance is None
+    zero = solve(problems.A[0], problems.B[0], noise=PairNoise(0.0, 0.0)).covariance
+    np.testing.assert_array_equal(zero, np.zeros((12, 12)))
+
+
+def test_covariance_does_not_depend_on_the_size_of_the_chunks(monkeypatch):
+    problems = random_problems(np.random.default_rng(6), 1, 5)
+    noise = PairNoise(1e-3, 1e-3)
+    whole = solve(problems.A[0], problems.B[0], noise=noise).covariance
+    monkeypatch.setattr("calib.robot_world.noise._PAIRS_AT_ONCE", 40)
+    chunks = solve(problems.A[0], problems.B[0], noise=noise).covariance
+    np.testing.assert_allclose(chunks, whole, rtol=1e-12)
+
+
+def test_batch_does_not_depend_on_the_size_of_the_chunks(monkeypatch):
+    problems = random_problems(np.random.default_rng(7), 7, 5)
+    whole = solve_batch(problems.A, problems.B, "hirsh")
+    monkeypatch.setattr("calib.robot_world.solver._PAIRS_AT_ONCE", 11)
+    chunks = solve_batch(problems.A, problems.B, "hirsh")
+    np.testing.assert_allclose(chunks.X, whole.X, atol=1e-14)
+    np.testing.assert_array_equal(chunks.iterations, whole.iterations)

@@ -110,13 +110,16 @@ class FileFormatError(CalibError):
         column: str | None = None,
         hint: str = "",
         value: object = None,
+        bound: object = None,
     ) -> None:
         place = str(path)
         if row is not None:
             place += f", line {row}"
         if column is not None:
             place += f", column {column}"
-        super().__init__(f"{place}: {message}", hint=hint, name=column or str(path), value=value)
+        super().__init__(
+            f"{place}: {message}", hint=hint, name=column or str(path), value=value, bound=bound
+        )
         self.path = Path(path)
         self.row = row
         self.column = column
@@ -139,9 +142,12 @@ class NotIdentifiableError(CalibError):
 
     def __init__(self, parameters: Sequence[str], combinations: Sequence[str]) -> None:
         super().__init__(
-            "these measurements cannot identify " + ", ".join(parameters) + ": "
+            "these measurements cannot identify "
+            + ", ".join(parameters)
+            + ": "
             + "; ".join(combinations),
-            hint="leave " + ("it" if len(parameters) == 1 else "them")
+            hint="leave "
+            + ("it" if len(parameters) == 1 else "them")
             + " out of the parameters, or measure poses that move what hides it",
             name=parameters[0] if parameters else None,
         )

@@ -45,7 +45,7 @@ def skew(vector: ArrayLike) -> FloatArray:
 
 
 def transform(rotation: ArrayLike, translation: ArrayLike) -> FloatArray:
-    """Rigid transforms ``(..., 4, 4)`` from rotations ``(..., 3, 3)`` and translations ``(..., 3)``."""
+    """Rigid transforms ``(..., 4, 4)`` from rotations ``(..., 3, 3)``, translations ``(..., 3)``."""
     R = np.asarray(rotation, dtype=float)
     p = np.asarray(translation, dtype=float)
     T = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))
@@ -69,10 +69,21 @@ def apply(T: FloatArray, points: FloatArray) -> FloatArray:
 def rotation_from_wpr(wpr: ArrayLike) -> FloatArray:
     """Rotations ``(..., 3, 3)`` from FANUC W, P, R ``(..., 3)`` [rad]: ``Rz(R) Ry(P) Rx(W)``."""
     angles = np.asarray(wpr, dtype=float)
-    (cw, cp, cr), (sw, sp, sr) = np.moveaxis(np.cos(angles), -1, 0), np.moveaxis(np.sin(angles), -1, 0)
+    (cw, cp, cr), (sw, sp, sr) = (
+        np.moveaxis(np.cos(angles), -1, 0),
+        np.moveaxis(np.sin(angles), -1, 0),
+    )
     R = np.empty((*angles.shape, 3))
-    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = cr * cp, cr * sp * sw - sr * cw, cr * sp * cw + sr * sw
-    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = sr * cp, sr * sp * sw + cr * cw, sr * sp * cw - cr * sw
+    R[..., 0, 0], R[..., 0, 1], R[..., 0, 2] = (
+        cr * cp,
+        cr * sp * sw - sr * cw,
+        cr * sp * cw + sr * sw,
+    )
+    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = (
+        sr * cp,
+        sr * sp * sw + cr * cw,
+        sr * sp * cw - cr * sw,
+    )
     R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = -sp, cp * sw, cp * cw
     return R
 
@@ -104,7 +115,7 @@ def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
-    """Rotations ``(..., 3, 3)`` of quaternions (w, x, y, z) ``(..., 4)``; the norm is divided out."""
+    """Rotations ``(..., 3, 3)`` of quaternions (w, x, y, z) ``(..., 4)`` of any norm but zero."""
     q = np.asarray(quaternion, dtype=float)
     xyzw = np.roll(q.reshape(-1, 4), -1, axis=-1)
     return np.asarray(Rotation.from_quat(xyzw).as_matrix()).reshape(*q.shape[:-1], 3, 3)

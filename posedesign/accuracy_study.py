@@ -24,8 +24,8 @@ from calib.robot_world import solve_batch
 from calib.se3 import FloatArray, inverse, rotation_angle
 from posedesign.cell import Cell
 from posedesign.evaluation import PlateTest, try_plate
-from posedesign.pose_plan import PosePlan, Round
 from posedesign.planner import plan
+from posedesign.pose_plan import PosePlan, Round
 from posedesign.simulation import SimulatedRobot
 
 if TYPE_CHECKING:
@@ -138,8 +138,11 @@ def accuracy_study(
     """
     if draws < FEWEST_DRAWS:
         raise InputError(
-            f"{draws} draws are too few to see a spread", hint=f"take at least {FEWEST_DRAWS}",
-            name="draws", value=draws, bound=FEWEST_DRAWS,
+            f"{draws} draws are too few to see a spread",
+            hint=f"take at least {FEWEST_DRAWS}",
+            name="draws",
+            value=draws,
+            bound=FEWEST_DRAWS,
         )
     history = plan(_to_the_widest(cell))
     sets = improving_rounds(history)
@@ -233,8 +236,11 @@ class _SetStudy:
         for k, (parameter, unit) in enumerate(zip(model.names, model.units, strict=True)):
             label, factor = DISPLAY[unit]
             yield self._finding(
-                name, parameter, label,
-                factor * (values[:, k] - truth[k]), factor * float(np.sqrt(covariance[k, k])),
+                name,
+                parameter,
+                label,
+                factor * (values[:, k] - truth[k]),
+                factor * float(np.sqrt(covariance[k, k])),
             )
         if isinstance(self.plate, PlateTest):
             yield from self._plate_findings(name, self.plate.worst_error(model, values))
@@ -271,11 +277,21 @@ class _SetStudy:
         size = np.abs(good)
         return Finding(
             "deflecting" if self.cell.config.truth.deflection else "rigid",
-            *self.turn.variation_deg, len(self.postures), self.turn.c_g, self.turn.cond_2_g,
-            estimator, quantity, unit, predicted, spread, low, high,
+            *self.turn.variation_deg,
+            len(self.postures),
+            self.turn.c_g,
+            self.turn.cond_2_g,
+            estimator,
+            quantity,
+            unit,
+            predicted,
+            spread,
+            low,
+            high,
             float(np.median(size)) if len(size) else np.nan,
             float(np.quantile(size, 0.95)) if len(size) else np.nan,
-            len(error), len(error) - len(good),
+            len(error),
+            len(error) - len(good),
         )
 
 
@@ -303,13 +319,12 @@ def spread_interval(spread: float, count: int) -> tuple[float, float]:
         return np.nan, np.nan
     tail = (1.0 - CONFIDENCE) / 2.0
     freedom = count - 1
-    low, high = freedom / chi2_distribution.ppf([1.0 - tail, tail], freedom)
+    low = freedom / chi2_distribution.ppf(1.0 - tail, freedom)
+    high = freedom / chi2_distribution.ppf(tail, freedom)
     return spread * float(np.sqrt(low)), spread * float(np.sqrt(high))
 
 
-def select(
-    findings: Sequence[Finding], truth: str, estimator: str, quantity: str
-) -> list[Finding]:
+def select(findings: Sequence[Finding], truth: str, estimator: str, quantity: str) -> list[Finding]:
     """Findings of one kind, by falling C_G."""
     wanted = (truth, estimator, quantity)
     chosen = [f for f in findings if (f.truth, f.estimator, f.quantity) == wanted]

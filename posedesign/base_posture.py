@@ -91,7 +91,7 @@ def _score(robot: Robot, tool_m: FloatArray, q: FloatArray) -> tuple[float, ...]
 
 
 def _room(robot: Robot, q: FloatArray) -> float:
-    """How far a posture is from trouble, about 0 to 0.5: from its limits, and from a singularity."""
+    """How far a posture is from its limits and from a singularity, about 0 to 0.5."""
     limits = (np.minimum(q - robot.lower, robot.upper - q) / robot.joint_range).min()
     J = robot.jacobian(q)
     J[:3] /= reach(robot)

@@ -171,7 +171,7 @@ class Cell:
         )
 
     def truth(self, measurement: Measurement | None = None) -> tuple[CalibrationModel, FloatArray]:
-        """The simulated robot: its model, with offsets of all joints and deflection, and its values."""
+        """Model of the simulated robot, all joints with offsets and deflection, and its values."""
         truth = self.config.truth
         given = truth.zero_offsets_deg
         offsets = usual_offsets(self.robot.n) if given is None else np.deg2rad(given)
@@ -243,7 +243,7 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
 
 
 def usual_offsets(n: int) -> FloatArray:
-    """Zero offsets [rad] as found on arms that were mastered by eye: up to about a tenth of a degree."""
+    """Zero offsets ``(n,)`` [rad] as on arms mastered by eye: up to a tenth of a degree."""
     if n < 1:
         raise InputError("a robot needs joints")
     pattern = np.deg2rad([0.03, 0.08, -0.06, 0.05, 0.10, -0.04])

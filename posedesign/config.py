@@ -160,7 +160,9 @@ def read_config(path: Path) -> CellConfig:
     except UnicodeDecodeError as error:
         raise FileFormatError("is not UTF-8 text", path=path, hint="save it as UTF-8") from error
     except tomllib.TOMLDecodeError as error:
-        raise FileFormatError(f"is no valid TOML: {error}", path=path, hint="mend the line") from error
+        raise FileFormatError(
+            f"is no valid TOML: {error}", path=path, hint="mend the line"
+        ) from error
     return parse_config(raw, path)
 
 
@@ -172,7 +174,11 @@ def parse_config(raw: dict[str, Any], path: Path) -> CellConfig:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise FileFormatError(
-            _reason(first), path=path, column=key or None, hint=_hint(first), value=first.get("input")
+            _reason(first),
+            path=path,
+            column=key or None,
+            hint=_hint(first),
+            value=first.get("input"),
         ) from error
 
 

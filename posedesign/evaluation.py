@@ -101,9 +101,7 @@ class PlateTest:
     postures: FloatArray
 
     @classmethod
-    def measure(
-        cls, robot: SimulatedRobot, rng: np.random.Generator, trials: int
-    ) -> PlateTest:
+    def measure(cls, robot: SimulatedRobot, rng: np.random.Generator, trials: int) -> PlateTest:
         """Touch up every point of a plate around the target, the tool held as at the base pose.
 
         Raises
@@ -114,9 +112,7 @@ class PlateTest:
         cell = robot.cell
         rotation = cell.robot.fk(cell.base_posture)[:3, :3]
         points = robot.target_m + plate_points() @ rotation.T  # in the plane across the tool
-        poses = touching_poses(
-            np.broadcast_to(rotation, (len(points), 3, 3)), cell.tool_m, points
-        )
+        poses = touching_poses(np.broadcast_to(rotation, (len(points), 3, 3)), cell.tool_m, points)
         found = nearest_postures(cell.robot, poses, cell.base_posture, cell.margin)
         if not found.feasible.all():
             worst = int(np.argmin(found.feasible))

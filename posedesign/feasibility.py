@@ -72,7 +72,9 @@ def _reasons(robot: Robot, solutions: InverseSolutions, margin: float) -> list[s
     excess = np.maximum(lower - solutions.postures, solutions.postures - upper)  # (S, n)
     worst = np.argmax(excess, axis=1)
     # the branch that comes nearest to being possible is the one worth talking about
-    best = first_per_group(solutions.pose, excess.max(axis=1, initial=-np.inf), len(solutions.gap_m))
+    best = first_per_group(
+        solutions.pose, excess.max(axis=1, initial=-np.inf), len(solutions.gap_m)
+    )
     reasons = []
     for pose, branch in enumerate(best):
         if branch >= 0:

@@ -50,5 +50,5 @@ def cone_rotations(
 
 
 def touching_poses(R_base_tip: FloatArray, tool_m: FloatArray, target_m: FloatArray) -> FloatArray:
-    """Tip poses ``(N, 4, 4)`` of orientations ``(N, 3, 3)`` with the tool point on the target [m]."""
+    """Tip poses ``(N, 4, 4)`` of orientations with the tool point (tip frame) on the target [m]."""
     return transform(R_base_tip, target_m - R_base_tip @ tool_m)

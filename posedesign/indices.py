@@ -94,7 +94,7 @@ def condition_2(G: ArrayLike, scaling: str = "unit") -> float:
 
 
 def singular_values(G: ArrayLike, scaling: str = "none") -> FloatArray:
-    """Singular values ``(p,)`` of the scaled regressor, the largest first; zeros where rank lacks."""
+    """Singular values ``(p,)`` of the scaled regressor, the largest first, zeros at the end."""
     scalers = {"unit": scale_to_unit_length, "largest": scale_by_largest, "none": stack}
     if scaling not in scalers:
         raise InputError(f"unknown scaling {scaling!r}", hint="one of " + ", ".join(scalers))

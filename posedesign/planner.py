@@ -190,11 +190,9 @@ def repair(cell: Cell, poses: PoseSet, pool: FloatArray) -> PoseSet:
     return PoseSet(postures, tuple(status), tuple(reasons))
 
 
-def _evaluate(
-    model: CalibrationModel, poses: PoseSet, number: int, variation: FloatArray
-) -> Round:
+def _evaluate(model: CalibrationModel, poses: PoseSet, number: int, variation: FloatArray) -> Round:
     kept = poses.kept
-    _, blocks, R = model.linearise(kept)
+    blocks = model.jacobian(kept)
     c_g = condition_inf(blocks) if len(kept) else float("inf")
     if np.isfinite(c_g) and len(kept) * model.measurement.rows >= model.p:
         sigma = np.sqrt(np.diag(covariance_of(model, kept)))

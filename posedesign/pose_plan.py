@@ -139,7 +139,9 @@ class PosePlan:
         angles = "/".join(f"{d:g}" for d in best.variation_deg)
         return (
             f"{self.stop}: C_G {best.c_g:.4g} (asked for {self.threshold:.4g}) with "
-            f"{len(self.postures)} poses at D_W/D_P/D_R {angles} deg" + f"; {self.advice}" * bool(self.advice)
+            f"{len(self.postures)} poses at D_W/D_P/D_R {angles} deg"
+            + f"; {self.advice}"
+            * bool(self.advice)
         )
 
     def sigma_displayed(self) -> list[tuple[str, str, float]]:

@@ -40,7 +40,8 @@ def repair_pool(cell: Cell) -> FloatArray:
     margin = float(np.deg2rad(max(plan.repair_margin_deg, plan.limit_margin_deg)))
     solutions = within_margin(robot, robot.inverse(poses, near=base), base, margin)
     swing = np.abs(solutions.postures[:, 0] - base[0])
-    return solutions.postures[solutions.inside & (swing <= np.deg2rad(plan.repair_base_joint_deg))]
+    near = swing <= np.deg2rad(plan.repair_base_joint_deg)
+    return np.asarray(solutions.postures[solutions.inside & near])
 
 
 def farthest_postures(

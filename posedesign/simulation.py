@@ -63,7 +63,7 @@ class SimulatedRobot:
     def touch_up(
         self, q: FloatArray, rng: np.random.Generator | None, trials: int | None = None
     ) -> TouchUps:
-        """Touch up the target from planned postures ``(N, n)`` [rad]; see ``simulate_touch_ups``."""
+        """Touch up the target from planned postures ``(N, n)`` [rad]."""
         return simulate_touch_ups(self.model, self.values, q, rng, trials=trials)
 
     def joint_errors(self, q: FloatArray) -> FloatArray:

@@ -110,7 +110,9 @@ def write_poses(path: Path, robot: Robot, poses: PoseSet, tool_m: FloatArray) ->
             numbers = np.concatenate([1e3 * state.point(tool_m), wpr_deg])
             row |= dict(zip(POSE_AXES, numbers, strict=True))
         rows.append(row)
-    return write_table(path, ["name", "status", "reason", *joint_columns(robot.n), *POSE_AXES], rows)
+    return write_table(
+        path, ["name", "status", "reason", *joint_columns(robot.n), *POSE_AXES], rows
+    )
 
 
 def read_poses(path: Path, n: int | None, *, trust_units: bool = False) -> PoseList:
@@ -129,9 +131,7 @@ def read_poses(path: Path, n: int | None, *, trust_units: bool = False) -> PoseL
     check_columns(path, columns, joint_columns(count), joints=True)
     rows = [row for row in rows if row.cells.get("status") != PoseStatus.DROPPED]
     postures = _postures(path, rows, count, trust_units)
-    names = tuple(
-        row.cells.get("name") or f"P{i + 1:02d}" for i, row in enumerate(rows)
-    )
+    names = tuple(row.cells.get("name") or f"P{i + 1:02d}" for i, row in enumerate(rows))
     return PoseList(names, postures)
 
 
@@ -155,7 +155,10 @@ def read_touch_ups(path: Path, n: int, *, trust_units: bool = False) -> TouchUps
     for row in rows:
         if not row.cells["target"]:
             raise FileFormatError(
-                "the target has no name", path=path, row=row.line, column="target",
+                "the target has no name",
+                path=path,
+                row=row.line,
+                column="target",
                 hint="name the point that was touched",
             )
     target = np.array([labels.index(row.cells["target"]) for row in rows], dtype=np.intp)
@@ -222,12 +225,15 @@ def read_rows(path: Path) -> tuple[list[str], list[Row]]:
             if len(stripped) != len(columns):
                 raise FileFormatError(
                     f"has {len(stripped)} cells, the header has {len(columns)}",
-                    path=path, row=reader.line_num,
+                    path=path,
+                    row=reader.line_num,
                     hint="use commas between cells and a point in numbers",
                 )
             rows.append(Row(reader.line_num, dict(zip(columns, stripped, strict=True))))
     except csv.Error as error:
-        raise FileFormatError(f"is no valid CSV: {error}", path=path, row=reader.line_num) from error
+        raise FileFormatError(
+            f"is no valid CSV: {error}", path=path, row=reader.line_num
+        ) from error
     if len(set(columns)) != len(columns):
         double = next(c for c in columns if columns.count(c) > 1)
         raise FileFormatError("appears twice", path=path, column=double, hint="rename one")
@@ -260,7 +266,10 @@ def check_columns(
         other = [f for f in found if stem and f.rpartition("_")[0] == stem]
         if other:
             raise FileFormatError(
-                f"is in another unit than {unit}", path=path, row=1, column=other[0],
+                f"is in another unit than {unit}",
+                path=path,
+                row=1,
+                column=other[0],
                 hint=f"convert the values and call the column {column}",
             )
         raise FileFormatError(
@@ -271,7 +280,10 @@ def check_columns(
         if extra:
             count = sum(c.startswith("j") for c in needed)
             raise FileFormatError(
-                f"the robot has {count} joints only", path=path, row=1, column=extra[0],
+                f"the robot has {count} joints only",
+                path=path,
+                row=1,
+                column=extra[0],
                 hint="is this the file of another robot?",
             )
 
@@ -314,8 +326,12 @@ def _numbers(path: Path, rows: Sequence[Row], columns: Sequence[str]) -> FloatAr
             if not math.isfinite(out[i, j]):
                 shown = repr(text) if text else "an empty cell"
                 raise FileFormatError(
-                    f"{shown} is not a finite number", path=path, row=row.line, column=column,
-                    hint="correct the cell or remove the row", value=text,
+                    f"{shown} is not a finite number",
+                    path=path,
+                    row=row.line,
+                    column=column,
+                    hint="correct the cell or remove the row",
+                    value=text,
                 )
     return out
 

@@ -12,7 +12,7 @@ from calib.robots import Robot, preset_info, preset_names
 from posedesign.base_posture import suggest_base_posture, suggest_tool
 
 REFERENCE = "r2000ic165f"
-"""Preset of the reference cell: the arm, tool and noise of Watanabe et al. 2006 in public numbers."""
+"""Preset of the reference cell: the arm and tool of Watanabe et al. 2006 in public numbers."""
 
 _TEMPLATE = """\
 # A calibration cell for posedesign. Lengths in mm, angles in degrees, joints in URDF signs.

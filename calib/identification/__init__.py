@@ -1,13 +1,12 @@
 """Identification: what the data can tell, the fit, and its result."""
 
+from calib.identification.covariance import covariance_of, leave_one_out
 from calib.identification.identifiability import check_identifiable
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import (
-    covariance_of,
     finite_difference_jacobian,
     identify,
     identify_batch,
-    leave_one_out,
 )
 
 __all__ = [

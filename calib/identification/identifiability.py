@@ -7,12 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.errors import NotIdentifiableError
+from calib.parameters.base import Unit
 from calib.se3 import BoolArray, FloatArray
 
 RANK_TOLERANCE = 1e-9
 """Smallest singular value, relative to the largest, of columns of unit length that still counts.
 Analytic Jacobians leave about 1e-15 where a direction is invisible, and the worst measuring sets
 met in practice stay above 1e-6."""
+
+LARGEST_SIGMA: dict[Unit, float] = {"rad": 0.2, "m": 0.2, "rad/Nm": 1e-3}
+"""Standard deviations beyond which a number says nothing: a fifth of a radian or of a metre is
+farther than the linear model, and any arm that is switched on, reaches."""
 
 _SHARE = 0.02
 """Parameters whose weight in an invisible combination is below this are not named in it."""
@@ -46,10 +51,10 @@ def check_identifiable(
     unit = jacobian[:, seen] / length[seen]
     if seen.all() and _rank_is_full(unit):
         return
-    index = np.flatnonzero(seen)
+    index = [int(i) for i in np.flatnonzero(seen)]
     first = np.zeros(len(names), dtype=bool) if nuisance is None else nuisance
     order = sorted(range(len(index)), key=lambda k: (not first[index[k]], k))
-    refused = [names[i] for i in np.flatnonzero(~seen)]
+    refused = [names[int(i)] for i in np.flatnonzero(~seen)]
     why = [f"nothing measured depends on {name}" for name in refused]
     kept: list[int] = []
     for k in order:
@@ -59,6 +64,32 @@ def check_identifiable(
         refused.append(names[index[k]])
         why.append(_absorbed_by(unit, k, kept, [names[i] for i in index]))
     raise NotIdentifiableError(refused, why)
+
+
+def check_believable(sigma: FloatArray, names: Sequence[str], units: Sequence[Unit]) -> None:
+    """Refuse parameters that are identifiable by the letter, and in practice unknown.
+
+    Parameters
+    ----------
+    sigma : array (p,)
+        Standard deviations [SI].
+    names, units : sequence of str
+
+    Raises
+    ------
+    NotIdentifiableError
+        Naming those whose standard deviation is beyond ``LARGEST_SIGMA``.
+    """
+    hopeless = [
+        (name, s)
+        for name, unit, s in zip(names, units, sigma, strict=True)
+        if not s <= LARGEST_SIGMA[unit]
+    ]
+    if hopeless:
+        raise NotIdentifiableError(
+            [name for name, _ in hopeless],
+            [f"{name} stays uncertain by {s:.2g} (SI) in the noise" for name, s in hopeless],
+        )
 
 
 def _rank_is_full(columns: FloatArray) -> bool:

@@ -16,12 +16,13 @@ from typing import Literal
 import numpy as np
 
 from calib.errors import ConvergenceError, InputError
-from calib.identification.identifiability import check_identifiable
+from calib.identification.covariance import covariance_of, leave_one_out
+from calib.identification.identifiability import check_believable, check_identifiable
 from calib.identification.result import IdentificationResult, chi2_is_too_large
 from calib.measurement.data import TouchUps
 from calib.measurement.simulate import touch
 from calib.model import CalibrationModel
-from calib.se3 import FloatArray
+from calib.se3 import FloatArray, IntArray
 
 Method = Literal["gauss-newton", "newton-raphson"]
 
@@ -35,7 +36,6 @@ last step is taken too, what is left is far smaller still."""
 
 FINITE_DIFFERENCE = 1e-6
 """The Δp of Eq. 5 [rad, m]: balances truncation against rounding for arms of a few metres."""
-
 
 
 def identify(
@@ -69,23 +69,8 @@ def identify(
     ConvergenceError
         No minimum within the iterations allowed.
     """
+    check_enough(model, measurements)
     q, target = measurements.postures, measurements.target
-    if measurements.labels != model.labels:
-        raise InputError(
-            f"the touch-ups name the targets {', '.join(measurements.labels)}, "
-            f"the model {', '.join(model.labels)}",
-            name="target",
-        )
-    equations = measurements.count * model.measurement.rows
-    if equations < model.p:
-        need = -(-model.p // model.measurement.rows)
-        raise InputError(
-            f"{measurements.count} touch-ups give {equations} equations for {model.p} parameters",
-            hint=f"measure at least {need} poses, better twice as many",
-            name="touch-ups",
-            value=equations,
-            bound=model.p,
-        )
     jacobians: dict[str, Callable[[FloatArray], FloatArray]] = {
         "gauss-newton": lambda x: model.jacobian(q, x, target),
         "newton-raphson": lambda x: finite_difference_jacobian(model, q, x, target),
@@ -111,11 +96,38 @@ def identify(
                 hint="check that the touch-ups belong to this robot and that the tool point and "
                 "the joint signs are about right",
             )
-    return _result(model, measurements, x, weighted, iterations, name)
+    result = _result(model, measurements, x, weighted, iterations, name)
+    check_believable(result.sigma, model.names, model.units)
+    return result
+
+
+def check_enough(model: CalibrationModel, measurements: TouchUps) -> None:
+    """Check that touch-ups and model speak of the same targets, with enough equations.
+
+    Raises
+    ------
+    InputError
+    """
+    if measurements.labels != model.labels:
+        raise InputError(
+            f"the touch-ups name the targets {', '.join(measurements.labels)}, "
+            f"the model {', '.join(model.labels)}",
+            name="target",
+        )
+    equations = measurements.count * model.measurement.rows
+    if equations < model.p:
+        need = -(-model.p // model.measurement.rows)
+        raise InputError(
+            f"{measurements.count} touch-ups give {equations} equations for {model.p} parameters",
+            hint=f"measure at least {need} poses, better twice as many",
+            name="touch-ups",
+            value=equations,
+            bound=model.p,
+        )
 
 
 def finite_difference_jacobian(
-    model: CalibrationModel, q: FloatArray, x: FloatArray, target: np.ndarray | None = None
+    model: CalibrationModel, q: FloatArray, x: FloatArray, target: IntArray | None = None
 ) -> FloatArray:
     """Eq. 5 of [Watanabe2006]_ as printed: forward differences, ``(N, m, p)``."""
     shifted = x + FINITE_DIFFERENCE * np.eye(model.p)
@@ -162,33 +174,6 @@ def identify_batch(
     )
 
 
-def covariance_of(
-    model: CalibrationModel,
-    q: FloatArray,
-    x: FloatArray | None = None,
-    target: np.ndarray | None = None,
-    *,
-    weighted: bool = True,
-) -> FloatArray:
-    """Covariance ``(p, p)`` [SI] that the noise of the measurement gives, before measuring.
-
-    Weighted: ``(JᵀJ)⁻¹`` of the whitened Jacobian, the Cramér-Rao bound. Unweighted: the scatter
-    of the paper's estimate (Eq. 8), ``G⁺ Σ G⁺ᵀ``, under the same noise.
-    """
-    _, J, R = model.linearise(q, x, target)
-    white = model.measurement.whiten(J, R)
-    if weighted:
-        root = np.linalg.pinv(white.reshape(-1, model.p))
-        return np.asarray(root @ root.T)
-    gain = np.linalg.pinv(J.reshape(-1, model.p)).reshape(model.p, *J.shape[:2])
-    rows = J.shape[1]
-    # whiten(I) = Σ^(-1/2) of each posture
-    unit = np.broadcast_to(np.eye(rows), (*J.shape[:2], rows))
-    noise_root = np.linalg.inv(model.measurement.whiten(unit, R))
-    spread = np.einsum("pim,imk->pik", gain, noise_root).reshape(model.p, -1)
-    return np.asarray(spread @ spread.T)
-
-
 def _check_identifiable_at(model: CalibrationModel, measurements: TouchUps, x: FloatArray) -> None:
     """Check what the postures can tell, with the residuals taken out of them.
 
@@ -226,7 +211,9 @@ def _weigh(
     model: CalibrationModel, q: FloatArray, x: FloatArray, rows: FloatArray, weighted: bool
 ) -> FloatArray:
     """Rows over the noise: each over its own, or all over the same (which changes no estimate)."""
-    return model.whiten(q, rows, x) if weighted else rows / model.measurement.mean_sigma_m
+    if weighted:
+        return model.whiten(q, rows, x)
+    return np.asarray(rows / model.measurement.mean_sigma_m)
 
 
 def _least_squares(J: FloatArray, rows: FloatArray) -> FloatArray:
@@ -275,31 +262,3 @@ def _result(
         status="converged",
         message=message,
     )
-
-
-def leave_one_out(
-    J: FloatArray, rows: FloatArray, R: FloatArray, model: CalibrationModel, weighted: bool
-) -> FloatArray:
-    """Rows ``(N, m)`` at each posture, predicted from the fit to all the others.
-
-    In closed form from one fit: ``(I - H_ii)⁻¹ r_i`` with H the hat matrix. Exact where the model
-    is linear, and calibrations are nearly so at their solution. A posture without which the
-    parameters cannot be identified gives NaN.
-    """
-    if weighted:
-        J, r = model.measurement.whiten(J, R), model.measurement.whiten(rows[..., None], R)
-    else:
-        r = rows[..., None]
-    count, m, p = J.shape
-    Q = np.linalg.qr(J.reshape(-1, p) / np.linalg.norm(J.reshape(-1, p), axis=0))[0]
-    Q = Q.reshape(count, m, p)
-    rest = np.eye(m) - Q @ np.swapaxes(Q, -1, -2)
-    alone = np.linalg.svd(rest, compute_uv=False)[:, -1] < 1e-9
-    rest[alone] = np.eye(m)
-    out = np.linalg.solve(rest, r)
-    if weighted:  # back to metres
-        unit = np.broadcast_to(np.eye(m), (count, m, m))
-        out = np.linalg.solve(model.measurement.whiten(unit, R), out)
-    out = out[..., 0]
-    out[alone] = np.nan
-    return np.asarray(out)

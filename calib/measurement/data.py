@@ -37,7 +37,9 @@ class TouchUps:
             )
         if not np.isfinite(self.postures).all():
             raise InputError("a joint value is not a finite number", name="touch-ups")
-        if self.target.size and not (0 <= self.target.min() <= self.target.max() < len(self.labels)):
+        if self.target.size and not (
+            0 <= self.target.min() <= self.target.max() < len(self.labels)
+        ):
             raise InputError("a target index has no name", name="touch-ups")
 
     @property

@@ -73,7 +73,9 @@ def touch(
         if np.abs(right).max(initial=0.0) < TOUCH_TOLERANCE_M:
             break
         Jt = np.swapaxes(J, -1, -2)
-        step = (Jt @ np.linalg.solve(J @ Jt + _DAMPING * np.eye(J.shape[-2]), right[..., None]))[..., 0]
+        step = (Jt @ np.linalg.solve(J @ Jt + _DAMPING * np.eye(J.shape[-2]), right[..., None]))[
+            ..., 0
+        ]
         largest = np.abs(step).max(axis=-1, keepdims=True)
         q = q + step * np.minimum(1.0, _LARGEST_STEP_RAD / np.maximum(largest, 1e-300))
     return np.asarray(q), distance
@@ -122,7 +124,7 @@ def simulate_touch_ups(
     if missing.max(initial=0.0) > 1e3 * TOUCH_TOLERANCE_M:
         pose = int(np.argmax(missing.reshape(-1, missing.shape[-1]).max(axis=0)))
         raise ConvergenceError(
-            f"pose {pose + 1}: the simulated arm stays {missing.max() * 1e3:.3g} mm from its target",
+            f"pose {pose + 1}: the simulated arm stays {missing.max() * 1e3:.3g} mm off its target",
             hint="the pose is next to a singularity or out of reach; plan with a larger margin",
             name=f"pose {pose + 1}",
         )

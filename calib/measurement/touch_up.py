@@ -73,14 +73,17 @@ class ViewLine(Measurement):
     def differentiate(
         self, motion: FloatArray, error: FloatArray, R_base_tip: FloatArray
     ) -> FloatArray:
-        """See :meth:`Measurement.differentiate`: the axes turn with the tool, d(Rᵀe) = Rᵀ(de - w x e)."""
+        """See :meth:`Measurement.differentiate`.
+
+        The axes turn with the tool: ``d(Rᵀe) = Rᵀ(de - w x e)``.
+        """
         turned = np.cross(np.swapaxes(motion[..., 3:, :], -1, -2), error[..., None, :])
         moved = motion[..., :3, :] - np.swapaxes(turned, -1, -2)
         return (np.swapaxes(R_base_tip, -1, -2) @ moved)[..., :2, :]
 
     def whiten(self, rows: FloatArray, R_base_tip: FloatArray) -> FloatArray:
         """See :meth:`Measurement.whiten`: the rows are in camera axes already."""
-        return rows / self.sigma_m[:, None]
+        return np.asarray(rows / self.sigma_m[:, None])
 
     def sample(self, R_base_tip: FloatArray, rng: np.random.Generator) -> FloatArray:
         """See :meth:`Measurement.sample`."""

@@ -36,7 +36,9 @@ class ToolPoint(ParameterBlock):
         if self._position.shape != (3,) or not np.isfinite(self._position).all():
             raise InputError("the tool point needs three finite numbers", name="tool")
         if sorted(set(free)) != sorted(free) or not set(free) <= set(_AXES):
-            raise InputError(f"free axes of the tool point {free!r} are no part of xyz", name="tool")
+            raise InputError(
+                f"free axes of the tool point {free!r} are no part of xyz", name="tool"
+            )
         self._columns = [_AXES.index(axis) for axis in free]
         self.names = tuple(f"tool.{axis}" for axis in free)
 

@@ -7,8 +7,10 @@ far the poses are from that: it is the root mean square angle by which the commo
 pose to pose. It vanishes where all rotations between poses are
 
 * about one axis, or there are none: X is free in a continuum;
-* half turns about axes at right angles, or about one axis and half turns at right angles to it: X
-  is free by half a turn, since a half turn does not show the direction of its axis.
+* about one axis or half turns at right angles to it: X is free by half a turn, since a half turn
+  does not show the direction of its axis.
+
+The rotations must be orthonormal to rounding: a scale enters ``1 - s_2`` in the first order.
 """
 
 from __future__ import annotations
@@ -121,8 +123,8 @@ def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentif
     else:
         parameters = ["rotation of X by half a turn"]
         combinations = [
-            "the rotations between the poses are half turns, or at right angles to all that are "
-            "not, so X turned by half a turn fits them as well"
+            "all rotations between the poses are about one axis or half turns at right angles to "
+            "it, so X turned by half a turn fits them as well"
         ]
     if not motion.rank_deficient[0]:
         combinations.append(

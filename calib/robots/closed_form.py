@@ -64,5 +64,3 @@ def _misses(
     # |R - R'| is sqrt(2) times the angle where it is small, without the cost of a logarithm
     angle = np.linalg.norm(state.R_base_tip - T_wanted[:, :3, :3], axis=(-2, -1)) / np.sqrt(2.0)
     return distance, angle
-
-

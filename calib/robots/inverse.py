@@ -48,7 +48,7 @@ class InverseSolutions:
 
     def of(self, pose: int) -> FloatArray:
         """Postures ``(K, n)`` [rad] inside the limits that take one pose."""
-        return self.postures[(self.pose == pose) & self.inside]
+        return np.asarray(self.postures[(self.pose == pose) & self.inside])
 
     def nearest(self, reference: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Of each pose the posture nearest to a reference, inside the limits.

@@ -246,7 +246,9 @@ def _usual_tip(model: pin.Model, notices: list[str]) -> int:
             return _frame_id(model, name)
     bodies = [i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
     deepest = max(bodies, key=lambda i: (len(model.supports[model.frames[i].parentJoint]), i))
-    notices.append(f"tip taken to be {model.frames[deepest].name}, the last link of the longest chain")
+    notices.append(
+        f"tip taken to be {model.frames[deepest].name}, the last link of the longest chain"
+    )
     return deepest
 
 

@@ -8,9 +8,10 @@ and its structure is checked joint by joint.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.etree.ElementTree import ParseError, tostring  # noqa: S405  parsing itself is defusedxml's
+from xml.etree.ElementTree import ParseError, tostring
 
 import defusedxml
 import pinocchio as pin
@@ -19,7 +20,7 @@ from defusedxml.ElementTree import fromstring
 from calib.errors import RobotModelError
 
 if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element  # noqa: S405
+    from xml.etree.ElementTree import Element
 
 LARGEST_URDF_BYTES = 20_000_000
 """Kinematics of the largest cells are well below a megabyte; more is not a robot description."""
@@ -130,15 +131,23 @@ def _check_joint(joint: Element, path: Path) -> list[str]:
     if axis is not None and not any(_numbers(axis.get("xyz", "1 0 0"))):
         raise fail("has an axis of length zero", "give the direction of the axis")
     if kind == "continuous":
-        joint.set("type", "revolute")
-        for limit in joint.findall("limit"):
-            joint.remove(limit)
-        turn = str(2.0 * math.pi)
-        limit = joint.makeelement(
-            "limit", {"lower": f"-{turn}", "upper": turn, "effort": "0", "velocity": "0"}
-        )
-        joint.append(limit)
+        _bound_continuous(joint)
         return [f"continuous joint {name} is read as one of +-360 deg"]
+    _check_limits(joint, fail)
+    return []
+
+
+def _bound_continuous(joint: Element) -> None:
+    """Make a revolute joint of +-360 deg of a continuous one, whose value Pinocchio takes as two."""
+    joint.set("type", "revolute")
+    for limit in joint.findall("limit"):
+        joint.remove(limit)
+    turn = str(2.0 * math.pi)
+    bounds = {"lower": f"-{turn}", "upper": turn, "effort": "0", "velocity": "0"}
+    joint.append(joint.makeelement("limit", bounds))
+
+
+def _check_limits(joint: Element, fail: Callable[[str, str], RobotModelError]) -> None:
     found = joint.find("limit")
     if found is None:
         raise fail("has no <limit>", "add lower, upper and velocity, or make it continuous")
@@ -153,7 +162,6 @@ def _check_joint(joint: Element, path: Path) -> list[str]:
             f"upper {values['upper'][0]:g}",
             "swap them",
         )
-    return []
 
 
 def _check_tree(root: Element, links: list[str], path: Path) -> None:
@@ -163,7 +171,9 @@ def _check_tree(root: Element, links: list[str], path: Path) -> None:
         double = {n for n in names if names.count(n) > 1}
         if double:
             raise RobotModelError(
-                f"{path}: {what} {min(double)!r} is defined twice", hint="rename one", name=min(double)
+                f"{path}: {what} {min(double)!r} is defined twice",
+                hint="rename one",
+                name=min(double),
             )
     parent: dict[str, str] = {}
     for joint in joints:
@@ -171,7 +181,7 @@ def _check_tree(root: Element, links: list[str], path: Path) -> None:
         for link in ends:
             if link not in links:
                 raise RobotModelError(
-                    f"{path}: joint {joint.get('name')!r} names a link {link!r} that does not exist",
+                    f"{path}: joint {joint.get('name')!r} names link {link!r}, which does not exist",
                     hint="add the link or correct the name",
                     name=link,
                 )

@@ -29,7 +29,9 @@ def simulate(
     cell: CellFile,
     poses: Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")],
     out: OutFolder = Path(),
-    seed: Annotated[int | None, typer.Option(min=0, help="Of the noise; default: the cell's.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of the noise; default: the cell's.")
+    ] = None,
     trust_units: TrustUnits = False,
 ) -> int:
     """Rehearse the measurement: touch up the poses with the robot of [truth]."""

@@ -19,7 +19,8 @@ DONE, NOT_REACHED, BAD_INPUT = 0, 1, 2
 class Advance(Protocol):
     """Callback of long work: what is being done, and the part of all work that is done."""
 
-    def __call__(self, what: str, part: float) -> None: ...
+    def __call__(self, what: str, part: float) -> None:
+        """Say what is being done, and which part of all work is done."""
 
 
 def print_table(title: str, rows: Sequence[Mapping[str, object]]) -> None:

@@ -130,9 +130,7 @@ def score(
     from posedesign.workflow import score_poses
 
     loaded = Cell.load(cell)
-    scored = score_poses(
-        loaded, read_poses(poses, loaded.robot.n, trust_units=trust_units)
-    )
+    scored = score_poses(loaded, read_poses(poses, loaded.robot.n, trust_units=trust_units))
     threshold = loaded.config.plan.condition_threshold
     good = scored.indices.c_g < threshold and not scored.problem
     sigma = [

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress
-from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder
+from posedesign.cli.plan_commands import AsJson, OutFolder
 
 if TYPE_CHECKING:
     from posedesign.accuracy_study import AccuracyStudy
@@ -26,7 +26,9 @@ def register(app: typer.Typer) -> None:
 
 
 def accuracy(
-    cell: Annotated[Path | None, typer.Argument(help="The cell; default: the reference cell.")] = None,
+    cell: Annotated[
+        Path | None, typer.Argument(help="The cell; default: the reference cell.")
+    ] = None,
     out: OutFolder = Path(),
     draws: Draws = 50,
     seed: Seed = 1,

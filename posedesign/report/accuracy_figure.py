@@ -84,8 +84,13 @@ def _plate(panel: Axes, study: AccuracyStudy) -> None:
             found = select(study.findings, truth, estimator, "plate distance worst")
             if found:
                 panel.plot(
-                    [f.c_g for f in found], [f.error_median for f in found], style + marker,
-                    color=colour, ms=4, lw=1.2, label=f"{estimator}, {truth}",
+                    [f.c_g for f in found],
+                    [f.error_median for f in found],
+                    style + marker,
+                    color=colour,
+                    ms=4,
+                    lw=1.2,
+                    label=f"{estimator}, {truth}",
                 )
     panel.set_ylabel("worst distance error on the plate [mm]")
     panel.set_title("5 x 5 plate, 100 mm pitch: median of the worst error", fontsize=10)
@@ -95,7 +100,8 @@ def _robot_world(panel: Axes, study: AccuracyStudy, quantity: str, unit: str) ->
     """Error of every solver: median, and a bar up to the 95th percentile."""
     for solver, colour, marker in zip(SOLVERS, COLOURS, MARKERS, strict=True):
         found = [
-            f for f in select(study.findings, _truth(study), solver, quantity)
+            f
+            for f in select(study.findings, _truth(study), solver, quantity)
             if np.isfinite(f.error_median)
         ]
         if not found:
@@ -103,8 +109,15 @@ def _robot_world(panel: Axes, study: AccuracyStudy, quantity: str, unit: str) ->
         median = np.array([f.error_median for f in found])
         above = np.array([f.error_p95 for f in found]) - median
         panel.errorbar(
-            [f.c_g for f in found], median, yerr=[np.zeros(len(found)), above],
-            fmt="-" + marker, color=colour, capsize=2, ms=4, lw=1, label=solver,
+            [f.c_g for f in found],
+            median,
+            yerr=[np.zeros(len(found)), above],
+            fmt="-" + marker,
+            color=colour,
+            capsize=2,
+            ms=4,
+            lw=1,
+            label=solver,
         )
     panel.set_ylabel(f"error of {quantity} [{unit}]")
     panel.set_title(f"AX = ZB, camera on flange: {quantity} (median, 95th percentile)", fontsize=10)

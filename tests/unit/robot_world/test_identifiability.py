@@ -80,6 +80,13 @@ def test_noise_does_not_hide_a_common_axis(on, sigma_deg):
         assert (on == "both") == ("does not stand out of the residuals" in str(caught.value))
 
 
+@pytest.mark.parametrize("decimals", [6, 7, 9])
+def test_rounding_of_a_file_does_not_hide_a_common_axis(decimals):
+    A = about([0.6, 0.0, 0.8], ANGLES)
+    with pytest.raises(NotIdentifiableError, match="common axis"):
+        solve(A.round(decimals), camera_of(A).round(decimals))
+
+
 def test_noise_does_not_hide_pure_translations():
     rng = np.random.default_rng(2)
     measured = add_noise(

@@ -106,6 +106,15 @@ def test_left_handed_matrices(problem, side):
     assert "left-handed" in refused(solve, pairs["A"], pairs["B"]).message
 
 
+@pytest.mark.parametrize("method", [name for name in METHODS if name != "hirsh-literal"])
+def test_matrices_with_six_decimals(problem, method):
+    result = solve(problem.A[0].round(6), problem.B[0].round(6), method)
+    assert result.status == "ok"
+    for T, truth in ((result.X, problem.X[0]), (result.Z, problem.Z[0])):
+        np.testing.assert_allclose(T[:3, :3].T @ T[:3, :3], np.eye(3), atol=1e-14)
+        np.testing.assert_allclose(T, truth, atol=1e-5)
+
+
 def test_noise_must_be_a_standard_deviation():
     assert "rotation_rad of the noise is -0.1" in refused(PairNoise, -0.1, 1e-3).message
     assert "translation_m of the noise is nan" in refused(PairNoise, 0.1, np.nan).message

@@ -45,7 +45,7 @@ def skew(vector: ArrayLike) -> FloatArray:
 
 
 def transform(rotation: ArrayLike, translation: ArrayLike) -> FloatArray:
-    """Rigid transforms ``(..., 4, 4)`` from rotations ``(..., 3, 3)``, translations ``(..., 3)``."""
+    """Rigid transforms ``(..., 4, 4)`` of rotations ``(..., 3, 3)``, translations ``(..., 3)``."""
     R = np.asarray(rotation, dtype=float)
     p = np.asarray(translation, dtype=float)
     T = np.zeros((*np.broadcast_shapes(R.shape[:-2], p.shape[:-1]), 4, 4))

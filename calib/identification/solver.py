@@ -167,7 +167,7 @@ def identify_batch(
         x = x - np.linalg.solve(Rf, change)[..., 0] / scale[:, 0]
         moving = np.linalg.norm(change[..., 0], axis=-1) >= STEP_TOLERANCE
         if not moving.any():
-            return x
+            return np.asarray(x)
     raise ConvergenceError(
         f"{int(moving.sum())} of {len(q)} trials have not converged after {ITERATIONS} iterations",
         hint="are the simulated errors of a size that occurs?",

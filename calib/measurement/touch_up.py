@@ -43,7 +43,7 @@ class TouchUp(Measurement):
     def sample(self, R_base_tip: FloatArray, rng: np.random.Generator) -> FloatArray:
         """See :meth:`Measurement.sample`."""
         drawn = rng.standard_normal((*R_base_tip.shape[:-1], 1)) * self.sigma_m[:, None]
-        return (R_base_tip @ drawn)[..., 0]
+        return np.asarray((R_base_tip @ drawn)[..., 0])
 
 
 class ViewLine(Measurement):
@@ -89,4 +89,4 @@ class ViewLine(Measurement):
         """See :meth:`Measurement.sample`."""
         sigma = np.append(self.sigma_m, self.depth_slack_m)
         drawn = rng.standard_normal((*R_base_tip.shape[:-1], 1)) * sigma[:, None]
-        return (R_base_tip @ drawn)[..., 0]
+        return np.asarray((R_base_tip @ drawn)[..., 0])

@@ -31,7 +31,7 @@ from calib.robot_world.algebra import (
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 TILT_TOLERANCE_RAD = 1e-5
-"""Tilt of the common axis that counts as none: rounding of a file with six decimals."""
+"""Tilt of the common axis that counts as none: above the rounding of a file with six decimals."""
 
 NOISE_FACTOR = 2.0
 """Tilt about an axis, in units of the residual rotation per axis, below which it may be noise

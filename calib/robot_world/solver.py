@@ -149,7 +149,7 @@ def _checked(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray
 
 
 def _orthonormal(T: FloatArray) -> FloatArray:
-    """Transforms with their rotations orthonormal to rounding, from orthonormal to six decimals.
+    """Transforms with their rotations orthonormal to rounding, from as good as a file holds.
 
     A step of Newton's iteration for the nearest rotation squares the deviation: two are enough,
     and far cheaper than the singular values of every pair.

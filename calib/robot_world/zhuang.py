@@ -132,7 +132,9 @@ def _reference(A: FloatArray) -> FloatArray:
     """Unit quaternions ``(T, 4)`` of orientations that are half a turn away from no pose.
 
     The mean orientation, as long as it is safe; otherwise, of the poses themselves and of mixtures
-    of the principal axes of their quaternions, the one whose nearest half turn is farthest.
+    of the principal axes of their quaternions, the one with the largest harmonic mean of a_0². It
+    is led by the smallest a_0, as the smallest alone would be, but two poses that are each other's
+    nearest do not tie, so the order of the pairs decides nothing.
     """
     a = se3.quaternion_from_rotation(A[..., :3, :3])
     axes = np.linalg.eigh(np.swapaxes(a, -1, -2) @ a)[1]  # columns, ascending: last is the mean
@@ -140,7 +142,8 @@ def _reference(A: FloatArray) -> FloatArray:
     candidates = np.concatenate(
         [axes[:, None, :, 3], a, mixtures @ np.swapaxes(axes, -1, -2)], axis=1
     )
-    nearest = np.abs(candidates @ np.swapaxes(a, -1, -2)).min(axis=-1)
-    nearest[:, 0] = np.where(nearest[:, 0] > _SAFE_SCALAR, 1.0, nearest[:, 0])
-    best = nearest.argmax(axis=-1)
+    squares = (candidates @ np.swapaxes(a, -1, -2)) ** 2
+    score = 1.0 / (1.0 / np.maximum(squares, _SMALLEST_SCALAR)).mean(axis=-1)
+    safe = squares[:, 0].min(axis=-1) > _SAFE_SCALAR**2
+    best = np.where(safe, 0, score.argmax(axis=-1))
     return np.asarray(np.take_along_axis(candidates, best[:, None, None], axis=1)[:, 0])

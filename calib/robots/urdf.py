@@ -138,7 +138,7 @@ def _check_joint(joint: Element, path: Path) -> list[str]:
 
 
 def _bound_continuous(joint: Element) -> None:
-    """Make a revolute joint of +-360 deg of a continuous one, whose value Pinocchio takes as two."""
+    """Make a continuous joint, which Pinocchio gives two numbers, a revolute one of +-360 deg."""
     joint.set("type", "revolute")
     for limit in joint.findall("limit"):
         joint.remove(limit)
@@ -181,7 +181,7 @@ def _check_tree(root: Element, links: list[str], path: Path) -> None:
         for link in ends:
             if link not in links:
                 raise RobotModelError(
-                    f"{path}: joint {joint.get('name')!r} names link {link!r}, which does not exist",
+                    f"{path}: joint {joint.get('name')!r} names a missing link {link!r}",
                     hint="add the link or correct the name",
                     name=link,
                 )

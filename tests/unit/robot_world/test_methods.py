@@ -251,3 +251,11 @@ def test_constant_camera_position_is_a_misfit_of_the_kronecker_method_only():
     wrong = np.abs(found.X - problems.X).max(axis=(1, 2)) > 1e-6
     assert wrong.any()
     assert not found.ok[wrong].any()
+
+
+def test_order_of_the_pairs_does_not_choose_the_reference_frames():
+    A, B, _ = noisy(15, 500, 6)
+    found = solve_batch(A, B, "zhuang")
+    for shift in (1, 2, 5):
+        again = solve_batch(np.roll(A, shift, axis=1), np.roll(B, shift, axis=1), "zhuang")
+        np.testing.assert_allclose(again.X, found.X, atol=1e-9)

@@ -1,0 +1,53 @@
+# The README's two commands are `make demo` and `make test`. Everything they install goes into .venv.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+# keep compiled files inside .venv, too
+export PYTHONPYCACHEPREFIX := $(CURDIR)/$(VENV)/pycache
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
+
+.PHONY: demo test slow bench check fix clean
+
+demo: $(VENV)/.installed
+	$(BIN)/posedesign demo
+
+test: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -n auto
+
+slow: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -n auto -m slow
+
+bench: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -m "" tests/benchmarks --benchmark-columns=min,median,max,rounds
+
+check: $(VENV)/.installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+fix: $(VENV)/.installed-dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:
+	rm -rf $(VENV) posedesign-demo
+
+$(VENV)/.made:
+	$(PYTHON) -c "import sys; sys.exit('Python 3.11 or newer is needed, this is ' + sys.version.split()[0] if sys.version_info < (3, 11) else 0)"
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/.installed: $(VENV)/.made pyproject.toml constraints.txt
+	$(PIP) --editable .
+	touch $@
+
+$(VENV)/.installed-test: $(VENV)/.installed
+	$(PIP) --editable ".[test]"
+	touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed-test
+	$(PIP) --editable ".[dev]"
+	touch $@

@@ -1,0 +1,1 @@
+"""Studies: a question each, one command, and an answer with its figure."""

@@ -6,17 +6,15 @@ import os
 import sys
 from collections.abc import Sequence
 
-import click
 import typer
 
 from posedesign.cli import calibrate_commands, plan_commands, study_commands
-from posedesign.cli.output import BAD_INPUT
+from posedesign.cli.output import BAD_INPUT, STOPPED
 
 app = typer.Typer(
     name="posedesign",
     help="Plan the measuring poses of a robot calibration, write the robot's program, and "
     "identify the robot from what comes back.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -28,23 +26,20 @@ study_commands.register(app)
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code: 0 done, 1 not reached, 2 bad input."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        code = app(args=list(arguments) if arguments is not None else None, standalone_mode=False)
-    except click.exceptions.NoArgsIsHelpError as error:
-        print(error.format_message())
+        code = app(args=given or ["--help"], standalone_mode=False)
+        sys.stdout.flush()
+    except typer.TyperException as error:
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context else "posedesign"
+        print(f"error: {_one_line(error.format_message())} (see {command} --help)", file=sys.stderr)
         return BAD_INPUT
-    except click.UsageError as error:
-        hint = error.ctx.command_path if error.ctx else "posedesign"
-        print(f"error: {error.format_message()} (see {hint} --help)", file=sys.stderr)
-        return BAD_INPUT
-    except click.exceptions.Abort:
-        print("stopped", file=sys.stderr)
-        return 130
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        # the reader of our output has gone; keep Python from complaining when it flushes
+    except (typer.Abort, KeyboardInterrupt):
+        return _stopped()
+    except (BrokenPipeError, SystemExit):
+        # the reader of our output has gone (typer turns that into SystemExit); keep Python from
+        # complaining when it flushes
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
@@ -53,9 +48,21 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
         if not isinstance(error, CalibError):
             raise
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {_one_line(str(error))}", file=sys.stderr)
         return BAD_INPUT
-    return int(code or 0)
+    if code == STOPPED:  # typer turns Ctrl-C into this code
+        return _stopped()
+    return int(code or 0) if given else BAD_INPUT
+
+
+def _stopped() -> int:
+    print("stopped", file=sys.stderr)
+    return STOPPED
+
+
+def _one_line(text: str) -> str:
+    """The same text with every run of white space made one blank."""
+    return " ".join(text.split())
 
 
 def main() -> None:

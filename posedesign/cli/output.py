@@ -12,8 +12,8 @@ from typing import Any, Protocol
 PIPE_WIDTH = 200
 """Columns of a table that goes into a pipe: wide enough not to be cut."""
 
-DONE, NOT_REACHED, BAD_INPUT = 0, 1, 2
-"""Exit codes."""
+DONE, NOT_REACHED, BAD_INPUT, STOPPED = 0, 1, 2, 130
+"""Exit codes; the last as shells have it for a command ended by Ctrl-C."""
 
 
 class Advance(Protocol):

@@ -19,7 +19,7 @@ Seed = Annotated[int, typer.Option(min=0, help="Of the noise.")]
 
 def register(app: typer.Typer) -> None:
     """Add the commands of this module."""
-    studies = typer.Typer(help="Studies by simulation.", no_args_is_help=True)
+    studies = typer.Typer(help="Studies by simulation.")
     studies.command("accuracy")(accuracy)
     app.add_typer(studies, name="study")
     app.command()(demo)

@@ -1,0 +1,105 @@
+"""What the covariance predicts, against the scatter of simulated calibrations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from calib.identification import covariance_of, identify, identify_batch
+from calib.robot_world import METHODS, solve
+from calib.se3 import inverse, rotation_angle
+from posedesign.cell import Cell
+from posedesign.planner import plan
+from posedesign.simulation import SimulatedRobot
+
+DRAWS = 2000
+CHANCE = 1e-4
+"""Probability that a right covariance fails a test of all parameters."""
+
+
+@pytest.fixture(scope="module")
+def rigid_cell(make_cell: Callable[..., Cell]) -> Cell:
+    """The robot that is simulated is of the kind that is identified."""
+    return make_cell(truth={"deflection": False, "zero_offsets_deg": [0, 0.1, -0.08, 0.05, 0.12, 0]})
+
+
+@pytest.mark.parametrize("weighted", [True, False])
+@pytest.mark.parametrize("kind", ["touch-up", "view-line"])
+def test_scatter_of_2000_draws_is_the_predicted_covariance(
+    make_cell: Callable[..., Cell], weighted: bool, kind: str
+) -> None:
+    cell = make_cell(
+        truth={"deflection": False, "zero_offsets_deg": [0, 0.1, -0.08, 0.05, 0.12, 0]},
+        measurement={"kind": kind},
+        parameters={"tool_axes": "xyz" if kind == "touch-up" else "xy"},
+    )
+    q = plan(cell).postures
+    robot = SimulatedRobot.of(cell)
+    model = cell.model()
+    touched = robot.touch_up(q, np.random.default_rng(17), trials=DRAWS)
+    values = identify_batch(model, touched, weighted=weighted)
+    true = np.array([robot.value(name) for name in model.names])
+    # at the true parameters: the touched postures differ a little from the planned ones
+    clean = robot.touch_up(q, None).postures
+    covariance = covariance_of(model, clean, true, weighted=weighted)
+    sigma = np.sqrt(np.diag(covariance))
+    spread = np.std(values, axis=0, ddof=1)
+    tail = CHANCE / model.p / 2
+    bounds = np.sqrt(chi2.ppf([tail, 1 - tail], DRAWS - 1) / (DRAWS - 1))
+    assert (bounds[0] < spread / sigma).all()
+    assert (spread / sigma < bounds[1]).all()
+    # no bias beyond the standard error of the mean, and the right correlations (NEES)
+    error = values - true
+    assert (np.abs(error.mean(axis=0)) < 5 * sigma / np.sqrt(DRAWS)).all()
+    scaled = error / sigma
+    correlation = covariance / np.outer(sigma, sigma)
+    nees = np.einsum("ti,ij,tj->t", scaled, np.linalg.inv(correlation), scaled)
+    tail = CHANCE / 2
+    low, high = chi2.ppf([tail, 1 - tail], DRAWS * model.p) / DRAWS
+    assert low < nees.mean() < high
+
+
+def test_noise_free_identification_is_exact(rigid_cell: Cell) -> None:
+    q = plan(rigid_cell).postures
+    robot = SimulatedRobot.of(rigid_cell)
+    model = rigid_cell.model()
+    true = np.array([robot.value(name) for name in model.names])
+    touched = robot.touch_up(q, None)
+    for weighted in (True, False):
+        for method in ("gauss-newton", "newton-raphson"):
+            found = identify(model, touched, weighted=weighted, method=method)
+            assert np.abs(found.values - true).max() < 1e-9
+
+
+@pytest.mark.parametrize("method", [m for m in METHODS if m != "hirsh-literal"])
+def test_noise_free_robot_world_from_the_planned_poses_is_exact(
+    make_cell: Callable[..., Cell], method: str
+) -> None:
+    cell = make_cell(truth={"deflection": False, "zero_offsets_deg": [0.0] * 6})
+    robot = SimulatedRobot.of(cell)
+    touched = robot.touch_up(plan(cell).postures, None)
+    A, B = robot.camera_poses(touched.postures, None)
+    found = solve(A, B, method)
+    for estimate, true in ((found.X, robot.T_tip_camera), (found.Z, robot.T_base_target)):
+        error = inverse(true) @ estimate
+        assert float(rotation_angle(error[:3, :3])) < 1e-9
+        assert np.abs(error[:3, 3]).max() < 1e-9
+
+
+def test_wider_variation_brings_the_scatter_down_as_predicted(rigid_cell: Cell) -> None:
+    """The first finding of Watanabe et al. 2006, Fig. 9: the scatter falls with C_G."""
+    from posedesign.accuracy_study import accuracy_study, select
+
+    study = accuracy_study(rigid_cell, draws=100, seed=5)
+    found = select(study.findings, "rigid", "touch-up weighted", "zero_offset.joint_2")
+    assert len(found) >= 8
+    assert found[0].spread > 20 * found[-1].spread
+    outside = [f for f in found if not f.spread_low < f.predicted_sigma < f.spread_high]
+    # 95 % intervals: three or more of twelve miss with a probability of 2 %
+    assert len(outside) <= 3
+    line = select(study.findings, "rigid", "view line", "zero_offset.joint_2")
+    # Fig. 10 against Fig. 9: where the condition is poor, touch-up is the better measurement
+    assert line[0].spread > 2 * found[0].spread

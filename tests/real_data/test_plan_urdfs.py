@@ -1,0 +1,46 @@
+"""``posedesign new`` and ``plan`` on URDFs of real arms."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.robots import Robot
+from posedesign.cell import Cell
+from posedesign.cli.main import run
+
+pytestmark = pytest.mark.real_data
+
+ARMS = (
+    "irb120_3_58", "irb6640_185_280", "irb6700_200_260", "kr6r900sixx", "lrmate200id", "m20ia",
+    "mh5", "panda", "r2000ic165f", "tx2_60", "ur10e", "ur5e",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_plan_reaches_the_threshold(
+    data_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arm: str
+) -> None:
+    urdf = data_folder / "urdf" / f"{arm}.urdf"
+    if not urdf.exists():
+        pytest.skip(f"{urdf} does not exist")
+    assert run(["new", "--robot", str(urdf)]) == 0
+    (tmp_path / "cell.toml").write_text(capsys.readouterr().out)
+    code = run(["plan", str(tmp_path / "cell.toml"), "--out", str(tmp_path), "--json"])
+    report = json.loads(capsys.readouterr().out)
+    assert code == 0
+    assert report["reached"]
+    # every pose, as written, inside the limits and with the tool point on the target
+    cell = Cell.load(tmp_path / "cell.toml")
+    robot = Robot.from_urdf(urdf)
+    with (tmp_path / "poses.csv").open() as stream:
+        rows = [row for row in csv.DictReader(stream) if row["status"] != "dropped"]
+    q = np.deg2rad([[float(row[f"j{i + 1}_deg"]) for i in range(robot.n)] for row in rows])
+    assert len(q) >= 20
+    assert (q >= robot.lower - 1e-9).all()
+    assert (q <= robot.upper + 1e-9).all()
+    assert np.abs(robot.state(q).point(cell.tool_m) - cell.target_m).max() < 1e-9

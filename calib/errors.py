@@ -43,8 +43,19 @@ class CalibError(Exception):
         self.value = value
         self.bound = bound
 
+    def __reduce__(self) -> tuple[object, ...]:
+        # the default calls the class with its message alone, which most subclasses do not take:
+        # an error raised in a worker process would then be lost on its way back
+        return _restore, (type(self), self.message, self.__dict__)
+
     def __str__(self) -> str:
         return f"{self.message} ({self.hint})" if self.hint else self.message
+
+
+def _restore(kind: type[CalibError], message: str, attributes: dict[str, object]) -> CalibError:
+    error = kind.__new__(kind, message)
+    error.__dict__.update(attributes)
+    return error
 
 
 class InputError(CalibError):

@@ -85,11 +85,19 @@ class CalibrationModel:
             Tool point minus target [m], in base axes: Eq. 4 of [Watanabe2006]_.
         """
         posture = self.robot.check_posture(q)
-        values = self.nominal if x is None else np.asarray(x, dtype=float)
-        if values.shape[-1:] != (self.p,):
+        if posture.ndim < 2:
+            raise InputError("a model takes a list of postures, (N, n)", name="posture")
+        values = self.nominal if x is None else np.atleast_1d(np.asarray(x, dtype=float))
+        if values.shape[-1] != self.p:
             raise InputError(f"the model has {self.p} parameters, {values.shape[-1]} were given")
         values = values[..., None, :]  # the same for all postures of a trial
         touched = np.zeros(posture.shape[-2], dtype=np.intp) if target is None else target
+        count, known = posture.shape[-2], len(self.labels)
+        if touched.shape != (count,) or not ((touched >= 0) & (touched < known)).all():
+            raise InputError(
+                f"{count} postures need {count} targets, each an index from 0 to {known - 1}",
+                name="target",
+            )
         errors = ArmErrors(np.zeros(1), np.zeros(3), np.zeros((1, 1, 3)))
         for block, part in zip(self.parameters, self._slices, strict=True):
             block.displace(values[..., part], errors, posture)

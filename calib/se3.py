@@ -16,6 +16,9 @@ Conventions
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import SupportsInt
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
@@ -26,8 +29,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
-RIGID_TOLERANCE = 1e-6
-"""Largest |RᵀR - I| of an accepted rotation: rounding to six decimals in a file passes,
+RIGID_TOLERANCE = 2e-6
+"""Largest |RᵀR - I| of an accepted rotation: rounding to six decimals in a file passes (1.7e-6),
 a scaled or sheared matrix does not."""
 
 _GIMBAL_COSINE = 1e-9
@@ -102,7 +105,11 @@ def wpr_from_rotation(rotation: ArrayLike) -> FloatArray:
         np.arctan2(-R[..., 1, 2], R[..., 1, 1]),
     )
     p = np.arctan2(-R[..., 2, 0], cos_p)
-    r = np.where(regular, np.arctan2(R[..., 1, 0], R[..., 0, 0]), 0.0)
+    # R from the matrix with W taken out: it makes up for what rounding does to W near P = +-90 deg
+    sw, cw = np.sin(w), np.cos(w)
+    sin_r = sw * R[..., 0, 2] - cw * R[..., 0, 1]
+    cos_r = cw * R[..., 1, 1] - sw * R[..., 1, 2]
+    r = np.where(regular, np.arctan2(sin_r, cos_r), 0.0)
     wpr = np.stack([w, p, r], axis=-1)
     return np.where(wpr <= -np.pi, np.pi, wpr) + 0.0  # + 0.0 turns -0.0 into 0.0
 
@@ -162,8 +169,8 @@ def check_transforms(T: ArrayLike, name: str) -> FloatArray:
     if array.ndim < 2 or array.shape[-2:] != (4, 4):
         raise InputError(f"{name} has shape {array.shape}, not (..., 4, 4)", name=name)
     if not np.isfinite(array).all():
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise InputError(f"{name}{list(where)} is not a finite number", name=name)
+        where = np.argwhere(~np.isfinite(array))[0]
+        raise InputError(f"{name}{_place(where)} is not a finite number", name=name)
     if np.abs(array[..., 3, :] - [0, 0, 0, 1]).max(initial=0.0) > RIGID_TOLERANCE:
         raise InputError(
             f"{name}: the last row of a transform must be 0 0 0 1",
@@ -175,19 +182,25 @@ def check_transforms(T: ArrayLike, name: str) -> FloatArray:
     if deviation.max(initial=0.0) > RIGID_TOLERANCE:
         worst = np.unravel_index(int(np.argmax(deviation)), deviation.shape)
         raise InputError(
-            f"{name}{[int(i) for i in worst]}: the rotation part is not orthonormal "
+            f"{name}{_place(worst)}: the rotation part is not orthonormal "
             f"(off by {deviation.max():.2g})",
             name=name,
-            hint="write rotations with at least seven decimals",
+            hint="write rotations with at least six decimals",
             value=float(deviation.max()),
             bound=RIGID_TOLERANCE,
         )
     left = np.linalg.det(R) < 0
     if left.any():
         raise InputError(
-            f"{name}{[int(i) for i in np.argwhere(left)[0]]}: the rotation part is left-handed "
+            f"{name}{_place(np.argwhere(left)[0])}: the rotation part is left-handed "
             "(determinant -1)",
             name=name,
             hint="an axis is mirrored where the matrix was made",
         )
     return array
+
+
+def _place(index: Iterable[SupportsInt]) -> str:
+    """Index of one of many for a message; nothing where there is only one."""
+    numbers = [int(i) for i in index]
+    return str(numbers) if numbers else ""

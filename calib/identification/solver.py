@@ -146,9 +146,10 @@ def identify_batch(
 
     Raises
     ------
-    NotIdentifiableError, ConvergenceError
+    InputError, NotIdentifiableError, ConvergenceError
         As :func:`identify`.
     """
+    check_enough(model, measurements)
     q, target = measurements.postures, measurements.target
     x = np.broadcast_to(model.nominal, (len(q), model.p)).copy()
     _check_identifiable_at(model, TouchUps(q[0], target, measurements.labels), x[0])

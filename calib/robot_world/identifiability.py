@@ -23,11 +23,13 @@ from calib import se3
 from calib.errors import NotIdentifiableError
 from calib.robot_world.algebra import (
     apply_matrix,
+    assemble,
     closed_form_rotations,
     conjugate,
     kronecker_mean,
     left_matrix,
 )
+from calib.robot_world.results import residuals
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 TILT_TOLERANCE_RAD = 1e-5
@@ -43,6 +45,14 @@ method may trade rotation for translation, but the rotations alone bound what is
 
 MISFIT_FLOOR_RAD = 1e-6
 """Residual rotation that is never a misfit: above the rounding of any method."""
+
+TRANSLATION_MISFIT_FACTOR = 10.0
+"""The same for the residual translation. The methods that solve for everything at once trade it
+for rotation by a factor of a few; Eq. 19 of Li et al. 2010 loses it altogether where the target
+stays in one place of the camera's view (every touch-up), since the scale of R_Z is then free."""
+
+MISFIT_FLOOR = 1e-8
+"""Residual translation, as part of the root mean square translation, that is never a misfit."""
 
 _ABOVE_TILT = 3.0
 """Rotation about an axis, in units of the tilt, from which the message counts it as one: rotation
@@ -65,6 +75,10 @@ class Motion:
         noise in one of them adds does not count.
     residual_rad : ndarray (T,)
         Root mean square residual rotation angle of the closed form of the rotations.
+    residual_m : ndarray (T,)
+        Root mean square residual translation with these rotations, the translations solved for.
+    size_m : ndarray (T,)
+        Root mean square length of the translations of A and B.
     rank_deficient, degenerate : ndarray of bool (T,)
         No tilt; none that stands out of the noise.
     """
@@ -72,28 +86,34 @@ class Motion:
     turn_rad: FloatArray
     tilt_rad: FloatArray
     residual_rad: FloatArray
+    residual_m: FloatArray
+    size_m: FloatArray
     rank_deficient: BoolArray
     degenerate: BoolArray
 
     def is_misfit(self, residuals: FloatArray, trials: IntArray) -> BoolArray:
         """Whether residuals ``(len(trials), N, 6)`` of these trials say that a method failed."""
         angle_rms = np.sqrt((residuals[..., :3] ** 2).sum(axis=-1).mean(axis=-1))
-        return np.asarray(angle_rms > MISFIT_FACTOR * self.residual_rad[trials] + MISFIT_FLOOR_RAD)
+        distance_rms = np.sqrt((residuals[..., 3:] ** 2).sum(axis=-1).mean(axis=-1))
+        largest_rad = MISFIT_FACTOR * self.residual_rad[trials] + MISFIT_FLOOR_RAD
+        largest_m = TRANSLATION_MISFIT_FACTOR * self.residual_m[trials]
+        floor_m = MISFIT_FLOOR * self.size_m[trials]
+        return np.asarray((angle_rms > largest_rad) | (distance_rms > largest_m + floor_m))
 
 
 def examine(A: FloatArray, B: FloatArray) -> Motion:
     """Measure the motion of T sets of pose pairs ``(T, N, 4, 4)``."""
     R_X, R_Z = closed_form_rotations(A, B)
-    left = A[..., :3, :3] @ R_X[:, None]
-    right = R_Z[:, None] @ B[..., :3, :3]
-    angle = se3.rotation_angle(left @ np.swapaxes(right, -1, -2))
-    residual = np.sqrt((angle**2).mean(axis=-1))
+    error = residuals(A, B, *assemble(A, B, R_X, R_Z))
+    residual = np.sqrt((error[..., :3] ** 2).sum(axis=-1).mean(axis=-1))
+    residual_m = np.sqrt((error[..., 3:] ** 2).sum(axis=-1).mean(axis=-1))
+    size_m = np.sqrt(sum((T[..., :3, 3] ** 2).sum(axis=-1).mean(axis=-1) for T in (A, B)))
     turn = np.minimum(_turns(A), _turns(B))
     tilt = np.minimum(_tilt(A), _tilt(B))
     rank_deficient = tilt < TILT_TOLERANCE_RAD
     # The tilt is about two axes, the residual about three.
     noisy = tilt < NOISE_FACTOR * residual * np.sqrt(2.0 / 3.0)
-    return Motion(turn, tilt, residual, rank_deficient, rank_deficient | noisy)
+    return Motion(turn, tilt, residual, residual_m, size_m, rank_deficient, rank_deficient | noisy)
 
 
 def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentifiableError:

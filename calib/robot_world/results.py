@@ -70,7 +70,7 @@ class RobotWorldBatch:
         The same, or not to be told from it in the noise that the residuals show. X and Z are
         numbers there, since statistics over random problems need them, but ``ok`` is False.
     misfit : ndarray of bool (T,)
-        The residual rotation is several times that of the closed form: the method has failed.
+        The residuals are several times those of the closed form: the method has failed.
     """
 
     X: FloatArray
@@ -100,7 +100,7 @@ class RobotWorldResult:
         Name of the method.
     status : str
         ``"ok"``; ``"not converged"`` where an iteration did not arrive; ``"misfit"`` where the
-        residual rotation is several times that of the closed form.
+        residuals are several times those of the closed form.
     message : str
         The status in a sentence.
     iterations : int or None

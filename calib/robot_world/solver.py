@@ -169,7 +169,8 @@ def _verdict(found: Estimate, motion: Motion, error: FloatArray) -> tuple[str, s
         )
     if motion.is_misfit(error[None], np.array([0]))[0]:
         return "misfit", (
-            f"residual rotation is several times the {np.degrees(motion.residual_rad[0]):.2g} deg "
-            "that the rotations allow: this method has failed on these data, take another"
+            f"the residuals are several times the {np.degrees(motion.residual_rad[0]):.2g} deg and "
+            f"{1e3 * motion.residual_m[0]:.2g} mm that rotations first, then translations leave: "
+            "this method has failed on these data, take another"
         )
     return "ok", f"solved from {len(error)} pairs"

@@ -21,7 +21,7 @@ from calib.robots.inverse import InverseKinematics, InverseSolutions
 from calib.robots.iterative import DampedIteration
 from calib.robots.presets import load_preset
 from calib.robots.urdf import load_urdf
-from calib.se3 import FloatArray, transform
+from calib.se3 import FloatArray, check_transforms, transform
 
 USUAL_TIPS = ("tool0", "flange")
 """Names that ROS-Industrial and the makers give to the mounting face, the better one first."""
@@ -157,6 +157,10 @@ class Robot:
             model=model,
         )
 
+    def __getstate__(self) -> dict[str, object]:
+        # the closed-form solver lives in C++ and cannot be sent to a worker, which makes its own
+        return {key: value for key, value in self.__dict__.items() if key != "_inverse"}
+
     @property
     def n(self) -> int:
         """Number of joints."""
@@ -193,11 +197,21 @@ class Robot:
         """Postures that bring the tip to poses ``(N, 4, 4)``: every branch of the arm.
 
         Each branch is given once, each joint in that full turn which lies inside the limits and
-        nearest to ``near`` (default: the middle of the limits). See :class:`InverseSolutions`.
+        nearest to ``near`` ``(n,)`` (default: the middle of the limits). See
+        :class:`InverseSolutions`.
+
+        Raises
+        ------
+        InputError
+            The poses are no rigid transforms, or ``near`` is not one posture.
         """
-        poses = np.asarray(T_base_tip, dtype=float).reshape(-1, 4, 4)
+        poses = check_transforms(T_base_tip, "T_base_tip").reshape(-1, 4, 4)
         middle = (self.lower + self.upper) / 2.0
         reference = middle if near is None else self.check_posture(near)
+        if reference.ndim != 1:
+            raise InputError(
+                f"near has shape {reference.shape}, not ({self.n},): it is one posture", name="near"
+            )
         return self._inverse.solve(poses, self.lower, self.upper, reference)
 
     @cached_property
@@ -294,7 +308,8 @@ def _chain(model: pin.Model, joints: list[int], base_id: int, tip_id: int) -> Se
     placements[0] = base.inverse().homogeneous @ placements[0]
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    axes = np.array([data.oMi[i].rotation.T @ data.J[3:, model.joints[i].idx_v] for i in joints])
+    J = data.J.reshape(6, -1)  # a model of one joint gives a flat array
+    axes = np.array([data.oMi[i].rotation.T @ J[3:, model.joints[i].idx_v] for i in joints])
     return SerialChain(
         placements=placements, axes=axes, T_link_tip=transform(tip.rotation, tip.translation)
     )

@@ -17,7 +17,7 @@ import defusedxml
 import pinocchio as pin
 from defusedxml.ElementTree import fromstring
 
-from calib.errors import RobotModelError
+from calib.errors import RobotModelError, near_names
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -26,6 +26,7 @@ LARGEST_URDF_BYTES = 20_000_000
 """Kinematics of the largest cells are well below a megabyte; more is not a robot description."""
 
 MOVING = ("revolute", "continuous", "prismatic")
+JOINT_TYPES = (*MOVING, "fixed", "floating", "planar")
 
 
 def load_urdf(path: Path) -> tuple[pin.Model, list[str], frozenset[str]]:
@@ -48,6 +49,8 @@ def load_urdf(path: Path) -> tuple[pin.Model, list[str], frozenset[str]]:
     """
     root = _parse(path)
     notices = [note for joint in root.iterfind("joint") for note in _check_joint(joint, path)]
+    for link in root.iterfind("link"):
+        _check_mass(link, path)
     links = [link.get("name", "") for link in root.iterfind("link")]
     if not links:
         raise RobotModelError(f"{path}: has no links", hint="is it a URDF?", name=str(path))
@@ -66,30 +69,31 @@ def load_urdf(path: Path) -> tuple[pin.Model, list[str], frozenset[str]]:
 
 def _parse(path: Path) -> Element:
     try:
-        if path.stat().st_size > LARGEST_URDF_BYTES:
-            raise RobotModelError(
-                f"{path}: {path.stat().st_size} bytes is too large for a URDF",
-                hint="give the kinematics only",
-                name=str(path),
-            )
-        text = path.read_bytes()
-    except OSError as error:
+        with path.open("rb") as file:  # a pipe or a device has no size to ask for
+            text = file.read(LARGEST_URDF_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
         raise RobotModelError(
-            f"{path}: cannot be read: {error.strerror}",
+            f"{path}: cannot be read: {getattr(error, 'strerror', error)}",
             hint="give the path of a URDF file, or the name of a preset (posedesign robots)",
             name=str(path),
         ) from error
+    if len(text) > LARGEST_URDF_BYTES:
+        raise RobotModelError(
+            f"{path}: more than {LARGEST_URDF_BYTES} bytes is too large for a URDF",
+            hint="give the kinematics only",
+            name=str(path),
+        )
     try:
         root: Element = fromstring(text, forbid_dtd=True)
-    except ParseError as error:
-        raise RobotModelError(
-            f"{path}: is not well-formed XML: {error}", hint="mend the file", name=str(path)
-        ) from error
-    except (defusedxml.DefusedXmlException, ValueError) as error:
+    except defusedxml.DefusedXmlException as error:
         raise RobotModelError(
             f"{path}: document types and entities are not accepted in a URDF",
             hint="remove the <!DOCTYPE> part",
             name=str(path),
+        ) from error
+    except (ParseError, LookupError, ValueError) as error:  # the last two: unknown encodings
+        raise RobotModelError(
+            f"{path}: is not well-formed XML: {error}", hint="mend the file", name=str(path)
         ) from error
     if root.tag != "robot":
         raise RobotModelError(
@@ -97,6 +101,8 @@ def _parse(path: Path) -> Element:
             hint="is it a xacro or an SDF? expand or convert it to a URDF first",
             name=str(path),
         )
+    if not root.get("name"):
+        root.set("name", path.stem)
     if any("xacro" in str(element.tag) for element in root.iter()):
         raise RobotModelError(
             f"{path}: contains xacro macros",
@@ -116,6 +122,10 @@ def _check_joint(joint: Element, path: Path) -> list[str]:
     def fail(what: str, hint: str) -> RobotModelError:
         return RobotModelError(f"{path}: joint {name!r} {what}", hint=hint, name=name)
 
+    if not name:
+        raise fail("has no name", "name every joint")
+    if kind not in JOINT_TYPES:
+        raise fail(f"has the unknown type {kind!r}", near_names(kind, JOINT_TYPES))
     for end in ("parent", "child"):
         element = joint.find(end)
         if element is None or not element.get("link"):
@@ -128,7 +138,7 @@ def _check_joint(joint: Element, path: Path) -> list[str]:
     if kind not in MOVING:
         return []
     axis = joint.find("axis")
-    if axis is not None and not any(_numbers(axis.get("xyz", "1 0 0"))):
+    if axis is not None and not any(_numbers(axis.get("xyz", ""))):
         raise fail("has an axis of length zero", "give the direction of the axis")
     if kind == "continuous":
         _bound_continuous(joint)
@@ -164,6 +174,21 @@ def _check_limits(joint: Element, fail: Callable[[str, str], RobotModelError]) -
         )
 
 
+def _check_mass(link: Element, path: Path) -> None:
+    """A mass that cannot be read is left out by Pinocchio, and deflection would be too small."""
+    for tag, key, count in (("mass", "value", 1), ("origin", "xyz", 3), ("origin", "rpy", 3)):
+        element = link.find(f"inertial/{tag}")
+        text = None if element is None else element.get(key)
+        values = [] if text is None else _numbers(text)
+        if text is not None and (len(values) != count or (tag == "mass" and values[0] < 0)):
+            name = link.get("name", "")
+            raise RobotModelError(
+                f"{path}: link {name!r} has inertial {tag} {key}={text!r}",
+                hint="correct it, or leave <inertial> out",
+                name=name,
+            )
+
+
 def _check_tree(root: Element, links: list[str], path: Path) -> None:
     """One root, every link named once, every joint between links that exist."""
     joints = list(root.iterfind("joint"))
@@ -196,6 +221,16 @@ def _check_tree(root: Element, links: list[str], path: Path) -> None:
             f"{path}: has {len(roots)} root links ({', '.join(roots[:5])}), not one",
             hint="join them with fixed joints",
             name=str(path),
+        )
+    reached = set(roots)
+    for _ in links:
+        reached |= {child for child, above in parent.items() if above in reached}
+    if len(reached) < len(links):
+        ring = min(set(links) - reached)
+        raise RobotModelError(
+            f"{path}: link {ring!r} hangs on itself, through a ring of joints",
+            hint="a URDF is a tree",
+            name=ring,
         )
 
 

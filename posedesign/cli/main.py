@@ -61,8 +61,8 @@ def _stopped() -> int:
 
 
 def _one_line(text: str) -> str:
-    """The same text with every run of white space made one blank."""
-    return " ".join(text.split())
+    """The same text without line ends, and without what would steer a terminal."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split()))
 
 
 def main() -> None:

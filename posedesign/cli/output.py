@@ -24,7 +24,10 @@ class Advance(Protocol):
 
 
 def print_table(title: str, rows: Sequence[Mapping[str, object]]) -> None:
-    """Print rows as a table; columns as in the first row."""
+    """Print rows as a table; columns as in the first row.
+
+    In a narrow terminal headings and words are folded; numbers are never cut.
+    """
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text  # plain text: [mm] is a unit, not markup
@@ -35,10 +38,16 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]]) -> None:
     table = Table(title=Text(title), title_justify="left", title_style="bold")
     for column in rows[0]:
         number = all(isinstance(row.get(column), (int, float, type(None))) for row in rows)
-        table.add_column(Text(str(column)), justify="right" if number else "left")
+        widest = max(len(_shown(row.get(column))) for row in rows) if number else None
+        table.add_column(
+            Text(str(column)),
+            justify="right" if number else "left",
+            min_width=widest,
+            overflow="fold",
+        )
     for row in rows:
         table.add_row(*(Text(_shown(row.get(column))) for column in rows[0]))
-    console.print(table)
+    console.print(table, crop=False)
 
 
 def print_json(content: object) -> None:
@@ -53,12 +62,15 @@ def note(text: str) -> None:
 
 @contextmanager
 def progress(title: str) -> Iterator[Advance]:
-    """A progress bar on standard error while something long runs."""
+    """A progress bar on standard error while something long runs; none where that is no terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    console = Console(stderr=True)
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
         task = bar.add_task(title, total=1.0)
 
         def advance(what: str, part: float) -> None:

@@ -13,7 +13,7 @@ from posedesign.cli.plan_commands import AsJson, OutFolder
 if TYPE_CHECKING:
     from posedesign.accuracy_study import AccuracyStudy
 
-Draws = Annotated[int, typer.Option(help="Noise draws for each pose set, at least 10.")]
+Draws = Annotated[int, typer.Option(min=10, help="Noise draws for each pose set, at least 10.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of the noise.")]
 
 
@@ -38,9 +38,10 @@ def accuracy(
     from posedesign.accuracy_study import accuracy_study
     from posedesign.cell import Cell
     from posedesign.template import cell_template
-    from posedesign.workflow import write_study
+    from posedesign.workflow import make_folder, write_study
 
     loaded = Cell.load(cell) if cell is not None else Cell.from_text(cell_template())
+    make_folder(out)  # before the work rather than after it
     with progress("accuracy study") as advance:
         study = accuracy_study(loaded, draws=draws, seed=seed, progress=advance)
     table, figure = write_study(study, out)
@@ -68,7 +69,6 @@ def demo(
     draws: Draws = 50,
 ) -> int:
     """Run the main job on the reference cell, from the robot to the accuracy it buys."""
-    from posedesign.cell import Cell
     from posedesign.cli.calibrate_commands import print_identification, print_solvers
     from posedesign.cli.plan_commands import print_plan
     from posedesign.demo import run_demo
@@ -82,5 +82,4 @@ def demo(
     print(f"wrote {program.path}: {program.poses} poses, {len(program.problems)} objections")
     print_study(results.study)
     print(f"everything is in {out}: " + ", ".join(sorted(p.name for p in out.iterdir())))
-    del Cell
     return DONE if results.plan.reached and not program.problems else NOT_REACHED

@@ -172,9 +172,10 @@ class ConvergenceError(CalibError):
 
 def limit_reason(joint: str, value_deg: float, lower_deg: float, upper_deg: float) -> str:
     """Say in words which limit a joint value breaks, e.g. ``J5 131.2 deg is above 125.0 deg``."""
-    if value_deg > upper_deg:
-        return f"{joint} {value_deg:.1f} deg is above {upper_deg:.1f} deg"
-    return f"{joint} {value_deg:.1f} deg is below {lower_deg:.1f} deg"
+    side, bound_deg = ("above", upper_deg) if value_deg > upper_deg else ("below", lower_deg)
+    # as many decimals as it takes to tell the two apart
+    digits = next((d for d in range(1, 9) if round(value_deg, d) != round(bound_deg, d)), 9)
+    return f"{joint} {value_deg:.{digits}f} deg is {side} {bound_deg:.{digits}f} deg"
 
 
 def near_names(name: str, known: Iterable[str], *, most: int = 5) -> str:

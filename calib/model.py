@@ -51,12 +51,18 @@ class CalibrationModel:
             if sum(isinstance(block, kind) for block in parameters) != 1:
                 raise InputError(
                     f"a calibration model needs exactly one {kind.__name__}",
-                    hint="add it to the parameters, with no free axes if it is known",
+                    hint="add it to the parameters"
+                    + (", with free='' where it is known" if kind is ToolPoint else ""),
                 )
         self.robot = robot
         self.parameters = tuple(parameters)
         self.measurement = measurement
         self.names = tuple(name for block in parameters for name in block.names)
+        doubles = [name for name in self.names if self.names.count(name) > 1]
+        if doubles:
+            raise InputError(
+                f"the parameter {doubles[0]} is there twice", hint="free it once", name=doubles[0]
+            )
         self.units = tuple(block.unit for block in parameters for _ in block.names)
         self.nuisance = np.array([block.nuisance for block in parameters for _ in block.names])
         self.nominal = np.concatenate([block.nominal for block in parameters])

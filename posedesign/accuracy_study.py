@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 SOLVERS = ("li-kronecker", "li-dual-quaternion", "zhuang", "hirsh")
 """The methods of the papers, in the form that is fit for use."""
 
+IDENTIFIED_ARM = ", identified arm"
+"""Ends the name of a solver that was given the arm as identified, not as the controller has it."""
+
 FEWEST_DRAWS = 10
 """As many data sets a pose set as the paper took."""
 
@@ -56,7 +59,8 @@ class Finding:
     poses : int
     c_g, cond_2_g : float
     estimator : str
-        ``touch-up weighted``, ``touch-up unweighted``, ``view line``, a solver, ``uncalibrated``.
+        ``touch-up weighted``, ``touch-up unweighted``, ``view line``, ``uncalibrated``, or a
+        solver, with ``, identified arm`` where A was computed with the identified offsets.
     quantity, unit : str
     predicted_sigma : float
         From the covariance, before any draw; NaN where there is none.
@@ -251,20 +255,25 @@ class _SetStudy:
         yield self._finding(estimator, "plate distance worst", "mm", 1e3 * worst.max(axis=1))
 
     def _robot_world(self) -> Iterator[Finding]:
+        """Every solver, with the arm as its controller computes it and as it was identified."""
         touched = self.robot.touch_up(self.postures, self.rng, trials=self.draws)
         A, B = self.robot.camera_poses(touched.postures, self.rng)
-        for solver in SOLVERS:
-            found = solve_batch(A, B, solver)
-            for letter, estimate, true in (
-                ("X", found.X, self.robot.T_tip_camera),
-                ("Z", found.Z, self.robot.T_base_target),
-            ):
-                error = inverse(true) @ estimate
-                angle = np.full(len(error), np.nan)
-                angle[found.ok] = rotation_angle(error[found.ok, :3, :3])
-                shift = np.where(found.ok, np.linalg.norm(error[:, :3, 3], axis=-1), np.nan)
-                yield self._finding(solver, f"{letter} rotation", "deg", np.rad2deg(angle))
-                yield self._finding(solver, f"{letter} translation", "mm", 1e3 * shift)
+        model = self.cell.model()
+        identified, _ = model.view(touched.postures, identify_batch(model, touched))
+        for suffix, A_used in (("", A), (IDENTIFIED_ARM, identified.state.T_base_tip)):
+            for solver in SOLVERS:
+                found = solve_batch(A_used, B, solver)
+                for letter, estimate, true in (
+                    ("X", found.X, self.robot.T_tip_camera),
+                    ("Z", found.Z, self.robot.T_base_target),
+                ):
+                    error = inverse(true) @ estimate
+                    angle = np.full(len(error), np.nan)
+                    angle[found.ok] = rotation_angle(error[found.ok, :3, :3])
+                    shift = np.where(found.ok, np.linalg.norm(error[:, :3, 3], axis=-1), np.nan)
+                    name = solver + suffix
+                    yield self._finding(name, f"{letter} rotation", "deg", np.rad2deg(angle))
+                    yield self._finding(name, f"{letter} translation", "mm", 1e3 * shift)
 
     def _finding(
         self, estimator: str, quantity: str, unit: str, error: FloatArray, predicted: float = np.nan

@@ -38,8 +38,14 @@ DECIMALS = 9
 
 POSE_AXES = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
 
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""First characters of a text that a spreadsheet would run."""
+_ESCAPED = ("=", "+", "-", "@", "\t", "\r", "#", "'")
+"""First characters of a text that a spreadsheet would run, or that start a comment: such a text is
+written with an apostrophe before it, as in a spreadsheet, and read without."""
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+"""``float()`` would take more: 1_0, nan, digits of other scripts."""
+
+_LONGEST_SHOWN = 40
 
 
 @dataclass(frozen=True)
@@ -161,7 +167,8 @@ def read_touch_ups(path: Path, n: int, *, trust_units: bool = False) -> TouchUps
                 column="target",
                 hint="name the point that was touched",
             )
-    target = np.array([labels.index(row.cells["target"]) for row in rows], dtype=np.intp)
+    index = {label: i for i, label in enumerate(labels)}
+    target = np.array([index[row.cells["target"]] for row in rows], dtype=np.intp)
     return TouchUps(_postures(path, rows, n, trust_units), target, tuple(labels))
 
 
@@ -218,9 +225,10 @@ def read_rows(path: Path) -> tuple[list[str], list[Row]]:
         for cells in reader:
             if not any(cells) or cells[0].startswith("#"):
                 continue
-            stripped = [cell.strip() for cell in cells]
+            stripped = [_unescaped(cell.strip()) for cell in cells]
             if not columns:
                 columns = stripped
+                _check_separator(path, reader.line_num, columns)
                 continue
             if len(stripped) != len(columns):
                 raise FileFormatError(
@@ -232,7 +240,10 @@ def read_rows(path: Path) -> tuple[list[str], list[Row]]:
             rows.append(Row(reader.line_num, dict(zip(columns, stripped, strict=True))))
     except csv.Error as error:
         raise FileFormatError(
-            f"is no valid CSV: {error}", path=path, row=reader.line_num
+            f"is no valid CSV: {error}",
+            path=path,
+            row=reader.line_num,
+            hint="look for a quotation mark or a line end that does not belong there",
         ) from error
     if len(set(columns)) != len(columns):
         double = next(c for c in columns if columns.count(c) > 1)
@@ -240,6 +251,18 @@ def read_rows(path: Path) -> tuple[list[str], list[Row]]:
     if not rows:
         raise FileFormatError("has no rows of data", path=path, hint="is it the right file?")
     return columns, rows
+
+
+def _check_separator(path: Path, line: int, columns: Sequence[str]) -> None:
+    found = next((c for c in (";", "\t") if len(columns) == 1 and c in columns[0]), None)
+    if found:
+        name = {";": "semicolons", "\t": "tabs"}[found]
+        raise FileFormatError(
+            f"{name} stand between the cells",
+            path=path,
+            row=line,
+            hint="save it with commas between cells and a point in numbers",
+        )
 
 
 def check_columns(
@@ -319,12 +342,9 @@ def _numbers(path: Path, rows: Sequence[Row], columns: Sequence[str]) -> FloatAr
     for i, row in enumerate(rows):
         for j, column in enumerate(columns):
             text = row.cells[column]
-            try:
-                out[i, j] = float(text)
-            except ValueError:
-                out[i, j] = math.nan
+            out[i, j] = float(text) if _NUMBER.fullmatch(text) else math.nan
             if not math.isfinite(out[i, j]):
-                shown = repr(text) if text else "an empty cell"
+                shown = repr(text[:_LONGEST_SHOWN]) if text else "an empty cell"
                 raise FileFormatError(
                     f"{shown} is not a finite number",
                     path=path,
@@ -344,4 +364,8 @@ def _cell(value: object) -> str:
             return "" if math.isnan(value) else ("inf" if value > 0 else "-inf")
         return f"{round(float(value), DECIMALS) + 0.0:.{DECIMALS}f}".rstrip("0").rstrip(".") or "0"
     text = str(value)
-    return "'" + text if text.startswith(_FORMULA) else text
+    return "'" + text if text.startswith(_ESCAPED) else text
+
+
+def _unescaped(text: str) -> str:
+    return text[1:] if text[:1] == "'" and text[1:].startswith(_ESCAPED) else text

@@ -14,7 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import CalibError, InputError, NotIdentifiableError, OutputError
-from calib.identification import IdentificationResult, covariance_of
+from calib.identification import IdentificationResult, check_identifiable, covariance_of
+from calib.identification.solver import check_enough
+from calib.model import CalibrationModel
+from calib.parameters import TargetPoints
 from calib.robot_world import METHODS, PairNoise, RobotWorldResult, solve
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.accuracy_study import SOLVERS, AccuracyStudy
@@ -23,7 +26,7 @@ from posedesign.evaluation import identify_models, results_as_dict
 from posedesign.files import write_text_atomic
 from posedesign.indices import Indices, evaluate
 from posedesign.planner import Progress, plan
-from posedesign.pose_plan import PosePlan, displayed_sigma, fingerprint
+from posedesign.pose_plan import PosePlan, StopReason, displayed_sigma, fingerprint
 from posedesign.programs import (
     PoseProgram,
     ProgramOptions,
@@ -129,8 +132,16 @@ def make_folder(path: Path) -> Path:
 
 
 def plan_poses(cell: Cell, out: Path, progress: Progress | None = None) -> PosePlan:
-    """Plan, and write ``poses.csv`` and ``rounds.csv`` into a folder."""
+    """Plan, and write ``poses.csv`` and ``rounds.csv`` into a folder.
+
+    Raises
+    ------
+    NotIdentifiableError
+        The poses cannot identify some of the parameters, which are named; nothing is written.
+    """
     result = plan(cell, progress)
+    if result.stop is StopReason.INFEASIBLE and len(result.postures):
+        _refuse_hidden(result.model, result.postures)
     make_folder(out)
     write_poses(out / "poses.csv", cell.robot, result.poses, cell.tool_m)
     rows = round_rows(result)
@@ -177,19 +188,21 @@ def score_poses(cell: Cell, poses: PoseList) -> Score:
 
 
 def _what_is_hidden(cell: Cell, postures: FloatArray) -> str:
-    from calib.identification import check_identifiable
-
     model = cell.model()
     rows = len(postures) * model.measurement.rows
     if rows < model.p:
         return f"{len(postures)} poses give {rows} equations for {model.p} parameters"
-    _, blocks, R = model.linearise(postures)
     try:
-        white = model.measurement.whiten(blocks, R).reshape(-1, model.p)
-        check_identifiable(white, model.names, model.nuisance)
+        _refuse_hidden(model, postures)
     except NotIdentifiableError as error:
         return error.message
     return ""
+
+
+def _refuse_hidden(model: CalibrationModel, postures: FloatArray) -> None:
+    _, blocks, R = model.linearise(postures)
+    white = model.measurement.whiten(blocks, R).reshape(-1, model.p)
+    check_identifiable(white, model.names, model.nuisance)
 
 
 def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) -> SimulatedRobot:
@@ -212,6 +225,9 @@ def identify_file(
 ) -> tuple[IdentificationResult, ...]:
     """Identify from a ``touchups.csv``; write ``identification.json``."""
     data = read_touch_ups(touch_ups, cell.robot.n, trust_units=trust_units)
+    # before the baseline, which has fewer parameters and would be refused for another reason
+    targets = TargetPoints(np.zeros((len(data.labels), 3)), data.labels)
+    check_enough(cell.model(targets=targets), data)
     results = identify_models(cell, data)
     content = results_as_dict(cell, data, results)
     make_folder(out)
@@ -280,6 +296,7 @@ def write_program(
     poses: PoseList, out: Path, dialect: str, options: ProgramOptions, name: str
 ) -> WrittenProgram:
     """Write a robot program, read it back, and validate it."""
+    suffix = find_dialect(dialect).suffixes[0].upper()
     if poses.postures.shape[1] != 6:
         raise InputError(
             f"{dialect} programs are for six joints, the poses have {poses.postures.shape[1]}",
@@ -291,7 +308,6 @@ def write_program(
         options,
     )
     make_folder(out)
-    suffix = find_dialect(dialect).suffixes[0].upper()
     path = write(program, dialect, out / f"{name}{suffix}")
     recorded = read(path)
     rounding = np.abs(recorded.postures_rad - poses.postures).max()

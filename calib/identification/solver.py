@@ -70,6 +70,12 @@ def identify(
         No minimum within the iterations allowed.
     """
     check_enough(model, measurements)
+    if measurements.postures.ndim != 2:
+        raise InputError(
+            f"the postures have shape {measurements.postures.shape}: more than one set",
+            hint="identify_batch takes the trials of a Monte Carlo run",
+            name="touch-ups",
+        )
     q, target = measurements.postures, measurements.target
     jacobians: dict[str, Callable[[FloatArray], FloatArray]] = {
         "gauss-newton": lambda x: model.jacobian(q, x, target),

@@ -26,6 +26,7 @@ LARGEST_URDF_BYTES = 20_000_000
 """Kinematics of the largest cells are well below a megabyte; more is not a robot description."""
 
 MOVING = ("revolute", "continuous", "prismatic")
+_TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 JOINT_TYPES = (*MOVING, "fixed", "floating", "planar")
 
 
@@ -175,12 +176,18 @@ def _check_limits(joint: Element, fail: Callable[[str, str], RobotModelError]) -
 
 
 def _check_mass(link: Element, path: Path) -> None:
-    """A mass that cannot be read is left out by Pinocchio, and deflection would be too small."""
-    for tag, key, count in (("mass", "value", 1), ("origin", "xyz", 3), ("origin", "rpy", 3)):
-        element = link.find(f"inertial/{tag}")
+    """An <inertial> that Pinocchio cannot read it leaves out: the link would weigh nothing."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    needed = [("mass", "value"), *(("inertia", f"i{axes}") for axes in _TENSOR)]
+    for tag, key in [*needed, ("origin", "xyz"), ("origin", "rpy")]:
+        element = inertial.find(tag)
         text = None if element is None else element.get(key)
-        values = [] if text is None else _numbers(text)
-        if text is not None and (len(values) != count or (tag == "mass" and values[0] < 0)):
+        if text is None and tag == "origin":
+            continue
+        values = _numbers(text or "")
+        if len(values) != (3 if tag == "origin" else 1) or (tag == "mass" and values[0] < 0):
             name = link.get("name", "")
             raise RobotModelError(
                 f"{path}: link {name!r} has inertial {tag} {key}={text!r}",
@@ -222,9 +229,10 @@ def _check_tree(root: Element, links: list[str], path: Path) -> None:
             hint="join them with fixed joints",
             name=str(path),
         )
-    reached = set(roots)
-    for _ in links:
-        reached |= {child for child, above in parent.items() if above in reached}
+    reached, front = set(roots), set(roots)
+    while front:
+        front = {child for child, above in parent.items() if above in front}
+        reached |= front
     if len(reached) < len(links):
         ring = min(set(links) - reached)
         raise RobotModelError(

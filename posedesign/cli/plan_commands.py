@@ -132,7 +132,8 @@ def score(
     loaded = Cell.load(cell)
     scored = score_poses(loaded, read_poses(poses, loaded.robot.n, trust_units=trust_units))
     threshold = loaded.config.plan.condition_threshold
-    good = scored.indices.c_g < threshold and not scored.problem
+    below = scored.indices.c_g < threshold
+    good = below and not scored.problem and not scored.outside
     sigma = [
         {"parameter": name, "predicted sigma": value, "unit": unit}
         for name, unit, value in scored.sigma
@@ -160,8 +161,10 @@ def score(
         print_table("Predicted before measuring", sigma)
         for line in scored.outside:
             note(f"warning: {line}")
-        verdict = "below" if good else "not below"
+        verdict = "below" if below else "not below"
         print(scored.problem or f"C_G {scored.indices.c_g:.4g} is {verdict} {threshold:.4g}")
+        if scored.outside:
+            print(f"poses outside the joint limits: {len(scored.outside)}")
     return DONE if good else NOT_REACHED
 
 

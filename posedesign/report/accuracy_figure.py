@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posedesign.accuracy_study import SOLVERS, AccuracyStudy, Finding, select
+from posedesign.accuracy_study import IDENTIFIED_ARM, SOLVERS, AccuracyStudy, Finding, select
 from posedesign.files import write_bytes_atomic
 
 if TYPE_CHECKING:
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 """Okabe and Ito's palette: told apart by people who do not see red and green alike."""
 
+GREY = "#555555"
 MARKERS = ("o", "s", "^", "D")
-
 ESTIMATORS = ("touch-up weighted", "touch-up unweighted", "view line")
 
 
@@ -27,28 +28,29 @@ def draw_accuracy(study: AccuracyStudy, path: Path) -> Path:
 
     The C_G axis runs from poor sets on the left to good ones on the right.
     """
-    import matplotlib.figure
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter
 
     # built without pyplot: no global state, no window system
-    figure = matplotlib.figure.Figure(figsize=(11.0, 8.2), dpi=130, layout="constrained")
+    figure = Figure(figsize=(11.0, 9.6), dpi=120, layout="constrained")
     panels = figure.subplots(2, 2)
     offset = next(f.quantity for f in study.findings if f.quantity.startswith("zero_offset"))
     _scatter(panels[0, 0], study, offset)
     _plate(panels[0, 1], study)
     _robot_world(panels[1, 0], study, "X rotation", "deg")
     _robot_world(panels[1, 1], study, "X translation", "mm")
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    few = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
     for panel in panels.flat:
         panel.set_xscale("log")
         panel.set_yscale("log")
         panel.invert_xaxis()
-        panel.set_xlabel("condition number C_G (Eq. 9-12), better to the right")
+        panel.yaxis.set_major_formatter(plain)
+        panel.yaxis.set_minor_formatter(few)
+        panel.set_xlabel("condition number C_G (Eq. 9-12); better poses to the right")
         panel.grid(True, which="both", alpha=0.25)
-        panel.legend(fontsize=8)
-    figure.suptitle(
-        f"Accuracy against condition number: {study.plan.model.robot.name}, {study.draws} noise "
-        "draws for each pose set",
-        fontsize=12,
-    )
+    draws = f"{study.draws} noise draws for each pose set"
+    figure.suptitle(f"Accuracy against condition number: {study.plan.model.robot.name}, {draws}")
     data = io.BytesIO()
     figure.savefig(data, format="png")
     return write_bytes_atomic(path, data.getvalue())
@@ -66,64 +68,66 @@ def _scatter(panel: Axes, study: AccuracyStudy, quantity: str) -> None:
             spread - [f.spread_low for f in found],
             [f.spread_high for f in found] - spread,
         ]
-        panel.errorbar(
-            c_g, spread, yerr=interval, fmt=marker, color=colour, capsize=2, ms=4, label=estimator
-        )
+        panel.errorbar(c_g, spread, yerr=interval, fmt=marker, color=colour, capsize=2, ms=4)
         panel.plot(c_g, [f.predicted_sigma for f in found], "-", color=colour, lw=1)
     joint = quantity.partition(".")[2]
-    panel.set_ylabel(f"standard deviation of the {joint} offset [deg]")
-    panel.set_title("Scatter (95 % interval); lines: predicted from the covariance", fontsize=10)
+    panel.set_ylabel(f"standard deviation of the {joint} zero offset [deg]")
+    panel.set_title("Scatter, with its 95 % interval; lines: predicted beforehand", fontsize=10)
+    _legend(panel, ESTIMATORS, COLOURS, (("predicted", "-"),))
 
 
 def _plate(panel: Axes, study: AccuracyStudy) -> None:
     """Worst distance error on the plate: median over the draws."""
-    for estimator, colour, marker in zip(
-        ("uncalibrated", *ESTIMATORS), ("#555555", *COLOURS), ("x", *MARKERS), strict=False
-    ):
-        for truth, style in (("deflecting", "-"), ("rigid", ":")):
-            found = select(study.findings, truth, estimator, "plate distance worst")
-            if found:
-                panel.plot(
-                    [f.c_g for f in found],
-                    [f.error_median for f in found],
-                    style + marker,
-                    color=colour,
-                    ms=4,
-                    lw=1.2,
-                    label=f"{estimator}, {truth}",
-                )
+    estimators, colours = (*ESTIMATORS, "uncalibrated"), (*COLOURS[:3], GREY)
+    styles = (("deflecting arm", "-"), ("rigid arm", ":"))
+    for estimator, colour, marker in zip(estimators, colours, MARKERS, strict=True):
+        for truth, style in styles:
+            found = select(study.findings, truth.split()[0], estimator, "plate distance worst")
+            _line(panel, found, style, colour, marker)
     panel.set_ylabel("worst distance error on the plate [mm]")
-    panel.set_title("5 x 5 plate, 100 mm pitch: median of the worst error", fontsize=10)
+    panel.set_title("5 x 5 plate, 100 mm pitch: worst distance error, median", fontsize=10)
+    _legend(panel, estimators, colours, styles)
 
 
 def _robot_world(panel: Axes, study: AccuracyStudy, quantity: str, unit: str) -> None:
-    """Error of every solver: median, and a bar up to the 95th percentile."""
+    """Median error of every solver, with the controller's arm and with the identified one."""
+    styles = (("A from the controller", "-"), ("A from the identified arm", ":"))
     for solver, colour, marker in zip(SOLVERS, COLOURS, MARKERS, strict=True):
-        found = [
-            f
-            for f in select(study.findings, _truth(study), solver, quantity)
-            if np.isfinite(f.error_median)
-        ]
-        if not found:
-            continue
-        median = np.array([f.error_median for f in found])
-        above = np.array([f.error_p95 for f in found]) - median
-        panel.errorbar(
-            [f.c_g for f in found],
-            median,
-            yerr=[np.zeros(len(found)), above],
-            fmt="-" + marker,
-            color=colour,
-            capsize=2,
-            ms=4,
-            lw=1,
-            label=solver,
-        )
+        for suffix, (_, style) in zip(("", IDENTIFIED_ARM), styles, strict=True):
+            found = select(study.findings, _truth(study), solver + suffix, quantity)
+            _line(panel, found, style, colour, marker)
     panel.set_ylabel(f"error of {quantity} [{unit}]")
-    panel.set_title(f"AX = ZB, camera on flange: {quantity} (median, 95th percentile)", fontsize=10)
+    panel.set_title(f"AX = ZB: {quantity} of the camera on the flange, median", fontsize=10)
+    _legend(panel, SOLVERS, COLOURS, styles)
+
+
+def _line(panel: Axes, found: list[Finding], style: str, colour: str, marker: str) -> None:
+    """Median errors against C_G; sets in which most draws failed are left out."""
+    good = [f for f in found if f.failed < f.draws / 2]
+    c_g, error = [f.c_g for f in good], [f.error_median for f in good]
+    hollow = {"mfc": "none", "ms": 7} if marker == MARKERS[2] else {"ms": 4}  # seen under others
+    panel.plot(c_g, error, style + marker, color=colour, lw=1.2, **hollow)
+
+
+def _legend(
+    panel: Axes,
+    names: Sequence[str],
+    colours: Sequence[str],
+    styles: Sequence[tuple[str, str]],
+) -> None:
+    """Colours for what was compared, line styles for the conditions, below the panel."""
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], color=colour, marker=marker, ms=4, lw=0, label=name)
+        for name, colour, marker in zip(names, colours, MARKERS, strict=False)
+    ]
+    handles += [Line2D([], [], color=GREY, ls=style, label=name) for name, style in styles]
+    panel.legend(
+        handles=handles, fontsize=8, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.12)
+    )
 
 
 def _truth(study: AccuracyStudy) -> str:
     """The truth that the cell describes: the one studied first."""
-    first: Finding = study.findings[0]
-    return first.truth
+    return study.findings[0].truth

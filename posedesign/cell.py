@@ -20,7 +20,7 @@ from calib.parameters import (
 )
 from calib.robots import Robot
 from calib.se3 import FloatArray, transform
-from posedesign.config import CellConfig, MeasurementSection, parse_config, read_config
+from posedesign.config import CellConfig, MeasurementSection, parse_text, read_config
 
 MOST_RADIANS = np.pi
 """A base posture whose values all lie within this, most of them with a fraction, was written in
@@ -70,19 +70,18 @@ class Cell:
     @classmethod
     def from_text(cls, text: str, path: Path | str = "cell.toml") -> Cell:
         """The cell of a ``cell.toml`` given as text; ``path`` is named in errors."""
-        import tomllib
-
-        return cls.from_config(parse_config(tomllib.loads(text), Path(path)), Path(path))
+        return cls.from_config(parse_text(text, Path(path)), Path(path))
 
     @classmethod
     def from_config(cls, config: CellConfig, path: Path) -> Cell:
         """Build the cell; relative paths in it are relative to the folder of ``path``."""
         source = config.robot
-        if source.preset is not None:
-            robot = Robot.preset(source.preset, tip=source.tip, base=source.base)
-        else:
-            urdf = path.parent / str(source.urdf)
-            robot = Robot.from_urdf(urdf, tip=source.tip, base=source.base)
+        with _naming(path, "robot"):
+            if source.preset is not None:
+                robot = Robot.preset(source.preset, tip=source.tip, base=source.base)
+            else:
+                urdf = path.parent / str(source.urdf)
+                robot = Robot.from_urdf(urdf, tip=source.tip, base=source.base)
         posture = _base_posture(config, robot, path)
         tool = np.array(config.tool.point_mm) / 1e3
         given = config.target.position_mm

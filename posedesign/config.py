@@ -13,14 +13,27 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calib.errors import FileFormatError, near_names
+from posedesign.files import read_bytes_bounded
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Vector = tuple[Finite, Finite, Finite]
+Length = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+"""[mm]; a kilometre is no robot cell."""
+Vector = tuple[Length, Length, Length]
 PositiveVector = tuple[Positive, Positive, Positive]
+Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]*$")]
+"""Text that stays on one line and does not steer a terminal."""
 
 LARGEST_CELL_BYTES = 1_000_000
+
+_IN_WORDS = {
+    "tuple_type": "should be a list in [ ]",
+    "too_long": "has too many values",
+    "model_type": "should be a table of keys",
+    "string_pattern_mismatch": "has characters that are not allowed here, or in another order",
+}
+"""Pydantic's words for programmers, in words for people who write the file."""
 
 
 class Section(BaseModel):
@@ -32,10 +45,10 @@ class Section(BaseModel):
 class RobotSection(Section):
     """Which arm: a preset or a URDF file."""
 
-    preset: str | None = None
-    urdf: str | None = None
-    base: str | None = None
-    tip: str | None = None
+    preset: Line | None = None
+    urdf: Line | None = None
+    base: Line | None = None
+    tip: Line | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotSection:
@@ -62,7 +75,7 @@ class BasePoseSection(Section):
 class TargetSection(Section):
     """The point that is touched; where the tool point stands at the base pose by default."""
 
-    name: Annotated[str, Field(min_length=1, max_length=40)] = "T1"
+    name: Annotated[Line, Field(min_length=1, max_length=40)] = "T1"
     position_mm: Vector | None = None
 
 
@@ -73,6 +86,13 @@ class VariationSection(Section):
     step_deg: PositiveVector = (5.0, 5.0, 5.0)
     largest_deg: PositiveVector = (60.0, 60.0, 60.0)
     raise_: Annotated[Literal["together", "best"], Field(alias="raise")] = "together"
+
+    @model_validator(mode="after")
+    def _starts_inside(self) -> VariationSection:
+        for start, largest in zip(self.start_deg, self.largest_deg, strict=True):
+            if start > largest:
+                raise ValueError(f"start_deg {start:g} is above largest_deg {largest:g}")
+        return self
 
 
 class PlanSection(Section):
@@ -148,18 +168,22 @@ def read_config(path: Path) -> CellConfig:
         The file is missing, no TOML, or a key in it is unknown, missing or out of bounds.
     """
     try:
-        if path.stat().st_size > LARGEST_CELL_BYTES:
-            raise FileFormatError("is too large for a cell", path=path)
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileFormatError(
-            f"cannot be read: {error.strerror}",
-            path=path,
-            hint="make one with: posedesign new > cell.toml",
-        ) from error
+        data = read_bytes_bounded(path, most_bytes=LARGEST_CELL_BYTES)
+    except FileFormatError as error:
+        error.hint = "make one with: posedesign new > cell.toml"
+        raise
+    try:
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileFormatError("is not UTF-8 text", path=path, hint="save it as UTF-8") from error
-    except tomllib.TOMLDecodeError as error:
+    return parse_text(text, path)
+
+
+def parse_text(text: str, path: Path) -> CellConfig:
+    """Check the text of a ``cell.toml``; ``path`` is named in errors."""
+    try:
+        raw = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # numbers too long, brackets nested too deep
         raise FileFormatError(
             f"is no valid TOML: {error}", path=path, hint="mend the line"
         ) from error
@@ -188,8 +212,8 @@ def _reason(error: Any) -> str:
         return "there is no such key"
     if kind == "missing":
         return "is missing"
-    text = error["msg"].removeprefix("Value error, ")
-    shown = f", not {given!r}" if isinstance(given, (int, float, str, bool)) else ""
+    text = _IN_WORDS.get(kind) or error["msg"].removeprefix("Value error, ")
+    shown = f", not {given!r:.60}" if isinstance(given, (int, float, str, bool)) else ""
     return f"{text[0].lower()}{text[1:]}{shown}"
 
 

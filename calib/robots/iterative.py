@@ -43,11 +43,13 @@ class DampedIteration(InverseKinematics):
         starts = np.vstack([near, spread])
         q = np.repeat(starts[None], count, axis=0)  # (N, starts, n)
         wanted = np.broadcast_to(T_base_tip[:, None], (count, _STARTS, 4, 4))
-        q = self._iterate(q, wanted, lower, upper)
-        error = np.abs(pose_error(self._chain, q, wanted)).max(axis=-1)  # (N, starts)
-        converged = error < CLOSURE_TOLERANCE
+        q = self._iterate(
+            q.reshape(-1, n), wanted.reshape(-1, 4, 4), lower, upper
+        ).reshape(count, _STARTS, n)
+        error = pose_error(self._chain, q, wanted)  # (N, starts, 6)
+        converged = np.abs(error).max(axis=-1) < CLOSURE_TOLERANCE
         distinct = converged & ~_repeats(q, converged)
-        distance = np.linalg.norm(pose_error(self._chain, q, wanted)[..., :3], axis=-1)
+        distance = np.linalg.norm(error[..., :3], axis=-1)
         return InverseSolutions(
             postures=q[distinct],
             pose=np.nonzero(distinct)[0],
@@ -58,25 +60,33 @@ class DampedIteration(InverseKinematics):
     def _iterate(
         self, q: FloatArray, wanted: FloatArray, lower: FloatArray, upper: FloatArray
     ) -> FloatArray:
-        """Steps inside the limits until every start has converged or the iterations are spent."""
+        """Step each of the starts ``(S, n)`` inside the limits until it closes on its pose."""
+        q = q.copy()
+        active = np.arange(len(q))
         for _ in range(_ITERATIONS):
-            error = pose_error(self._chain, q, wanted)
-            squared = np.sum(error**2, axis=-1)
-            if (np.abs(error).max(axis=-1) < 0.01 * CLOSURE_TOLERANCE).all():
+            error = pose_error(self._chain, q[active], wanted[active])
+            open_ = np.abs(error).max(axis=-1) > 0.01 * CLOSURE_TOLERANCE
+            active, error = active[open_], error[open_]
+            if not len(active):
                 break
-            state = self._chain.forward(q)
-            J = state.jacobian(state.p_base_tip)
-            # joints at a limit that the step would push further out are held
-            gradient = (np.swapaxes(J, -1, -2) @ error[..., None])[..., 0]
-            held = ((q <= lower) & (gradient < 0)) | ((q >= upper) & (gradient > 0))
-            J = J * ~held[..., None, :]
-            damping = _DAMPING * squared[..., None, None] + 1e-14
-            JJt = J @ np.swapaxes(J, -1, -2) + damping * np.eye(6)
-            step = (np.swapaxes(J, -1, -2) @ np.linalg.solve(JJt, error[..., None]))[..., 0]
-            largest = np.abs(step).max(axis=-1, keepdims=True)
-            step *= np.minimum(1.0, 0.5 / np.maximum(largest, 1e-300))
-            q = np.clip(q + step, lower, upper)
+            q[active] = self._step(q[active], error, lower, upper)
         return q
+
+    def _step(
+        self, q: FloatArray, error: FloatArray, lower: FloatArray, upper: FloatArray
+    ) -> FloatArray:
+        state = self._chain.forward(q)
+        J = state.jacobian(state.p_base_tip)
+        # joints at a limit that the step would push further out are held
+        gradient = (np.swapaxes(J, -1, -2) @ error[..., None])[..., 0]
+        held = ((q <= lower) & (gradient < 0)) | ((q >= upper) & (gradient > 0))
+        J = J * ~held[..., None, :]
+        damping = _DAMPING * np.sum(error**2, axis=-1)[..., None, None] + 1e-14
+        JJt = J @ np.swapaxes(J, -1, -2) + damping * np.eye(6)
+        step = (np.swapaxes(J, -1, -2) @ np.linalg.solve(JJt, error[..., None]))[..., 0]
+        largest = np.abs(step).max(axis=-1, keepdims=True)
+        step *= np.minimum(1.0, 0.5 / np.maximum(largest, 1e-300))
+        return np.asarray(np.clip(q + step, lower, upper))
 
 
 def _repeats(q: FloatArray, converged: np.ndarray) -> np.ndarray:

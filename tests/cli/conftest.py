@@ -1,0 +1,177 @@
+"""The command line as a person types it, in this process, with small files to type it on."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from posedesign.cli.main import run
+from posedesign.template import cell_template
+
+WORK_FILES = ("cell.toml", "poses.csv", "touchups.csv", "pairs.csv")
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a command answered."""
+
+    code: int
+    out: str
+    err: str
+
+
+Cli = Callable[..., Said]
+Refuse = Callable[..., str]
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Run a command line in this process."""
+
+    def typed(*words: object) -> Said:
+        capsys.readouterr()
+        code = run([str(word) for word in words])
+        captured = capsys.readouterr()
+        return Said(code, captured.out, captured.err)
+
+    return typed
+
+
+@pytest.fixture
+def refuse(cli: Cli, tmp_path: Path) -> Refuse:
+    """Run a command line that has to be refused, and return the one line that it says."""
+
+    def refused(*words: object) -> str:
+        before = contents(tmp_path)
+        said = cli(*words)
+        assert said.code == 2, said
+        assert said.out == ""
+        assert re.fullmatch(r"error: [^\n]+\n", said.err), said.err
+        assert "Traceback" not in said.err
+        assert len(said.err) < 1000
+        assert contents(tmp_path) == before
+        return said.err
+
+    return refused
+
+
+def contents(folder: Path) -> dict[str, bytes | None]:
+    """Everything below a folder, hidden files too."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+@pytest.fixture(scope="session")
+def _work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("work")
+    (folder / "cell.toml").write_text(cell_template())
+    cell, poses = str(folder / "cell.toml"), str(folder / "poses.csv")
+    assert run(["plan", cell, "--out", str(folder)]) == 0
+    assert run(["simulate", cell, poses, "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def work(_work: Path, tmp_path: Path) -> Path:
+    """A folder with the reference cell and the files that plan and simulate make of it."""
+    for name in WORK_FILES:
+        shutil.copy(_work / name, tmp_path / name)
+    return tmp_path
+
+
+def with_keys(text: str, changes: Mapping[str, str]) -> str:
+    """The text of a cell with ``section.key`` set to a value as TOML writes it."""
+    lines = text.splitlines()
+    for dotted, value in changes.items():
+        section, key = dotted.split(".")
+        start = lines.index(f"[{section}]") + 1
+        end = next((i for i in range(start, len(lines)) if lines[i].startswith("[")), len(lines))
+        for i in range(start, end):
+            if lines[i].startswith(f"{key} ="):
+                lines[i] = f"{key} = {value}"
+                break
+        else:
+            lines.insert(start, f"{key} = {value}")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.fixture
+def change_cell(work: Path) -> Callable[[Mapping[str, str]], Path]:
+    """Change keys of the cell in the working folder."""
+
+    def change(changes: Mapping[str, str]) -> Path:
+        path = work / "cell.toml"
+        path.write_text(with_keys(path.read_text(), changes))
+        return path
+
+    return change
+
+
+@pytest.fixture
+def change_csv(work: Path) -> Callable[[str, int, str, str], Path]:
+    """Change a cell of a CSV in the working folder; row 1 is the first below the header."""
+
+    def change(name: str, row: int, column: str, value: str) -> Path:
+        lines = (work / name).read_text().splitlines()
+        cells = lines[row].split(",")
+        cells[lines[0].split(",").index(column)] = value
+        lines[row] = ",".join(cells)
+        (work / name).write_text("\n".join(lines) + "\n")
+        return work / name
+
+    return change
+
+
+@pytest.fixture
+def make_urdf(tmp_path: Path) -> Callable[..., Path]:
+    """Write the small arm as a URDF; ``joints`` changes what stands at a joint."""
+
+    def make(joints: Mapping[str, Mapping[str, Any]] | None = None) -> Path:
+        path = tmp_path / "small.urdf"
+        path.write_text(arm_urdf(joints))
+        return path
+
+    return make
+
+
+_JOINT = """  <joint name="{name}" type="{kind}">
+    <parent link="{parent}"/><child link="{child}"/>
+    <origin xyz="{xyz}"/><axis xyz="{axis}"/>
+    <limit lower="{lower}" upper="{upper}" velocity="3" effort="0"/>
+  </joint>
+"""
+
+_ARM = (
+    ("a1", "0 0 0.3", "0 0 1"),
+    ("a2", "0 0 0", "0 1 0"),
+    ("a3", "0 0 0.3", "0 1 0"),
+    ("a4", "0.1 0 0.07", "1 0 0"),
+    ("a5", "0.2 0 0", "0 1 0"),
+    ("a6", "0.07 0 0", "1 0 0"),
+)
+
+
+def arm_urdf(joints: Mapping[str, Mapping[str, Any]] | None = None) -> str:
+    """A small six-axis arm; ``joints`` changes what stands at a joint."""
+    text = '<robot name="small">\n' + "".join(f'  <link name="l{i}"/>\n' for i in range(7))
+    for i, (name, xyz, axis) in enumerate(_ARM):
+        values = {
+            "name": name,
+            "kind": "revolute",
+            "parent": f"l{i}",
+            "child": f"l{i + 1}",
+            "xyz": xyz,
+            "axis": axis,
+            "lower": -2.8,
+            "upper": 2.8,
+        }
+        text += _JOINT.format(**(values | dict((joints or {}).get(name, {}))))
+    return text + "</robot>\n"

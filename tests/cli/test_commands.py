@@ -1,0 +1,389 @@
+"""Every command as a person types it: what it says, what it writes, its exit code."""
+
+from __future__ import annotations
+
+import csv
+import json
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from calib.robots import preset_names
+from posedesign.config import CellConfig
+from posedesign.programs import DIALECTS, read, validate
+
+Cli = Callable[..., Any]
+ChangeCell = Callable[[Mapping[str, str]], Path]
+COMMANDS = (
+    "robots",
+    "new",
+    "plan",
+    "score",
+    "program",
+    "simulate",
+    "identify",
+    "robot-world",
+    "study",
+    "demo",
+)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def assert_table_shows(table: str, rows: list[dict[str, Any]], keys: tuple[str, ...]) -> None:
+    """Each row of JSON stands on one line of the table, number by number."""
+    for row in rows:
+        wanted = [_shown(row[key]) for key in keys]
+        assert any(all(w in line for w in wanted) for line in table.splitlines()), (wanted, table)
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}" if abs(value) >= 1e4 or 0 < abs(value) < 1e-4 else f"{value:.5g}"
+    return str(value)
+
+
+def test_bare_command_shows_help_and_counts_as_bad_input(cli: Cli) -> None:
+    said = cli()
+    assert said.code == 2
+    assert said.err == ""
+    assert all(f"\n  {command} " in said.out for command in COMMANDS)
+    assert cli("--help").code == 0
+    assert cli("--help").out == said.out
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, "study accuracy"])
+def test_help_of_each_command(cli: Cli, command: str) -> None:
+    said = cli(*command.split(), "--help")
+    assert said.code == 0
+    assert f"posedesign {command}" in said.out
+    assert said.err == ""
+
+
+def test_robots(cli: Cli) -> None:
+    table, said = cli("robots"), cli("robots", "--json")
+    assert (table.code, said.code) == (0, 0)
+    rows = json.loads(said.out)
+    assert [row["preset"] for row in rows] == list(preset_names())
+    assert_table_shows(table.out, rows, ("preset", "dialect", "payload_kg"))
+
+
+@pytest.mark.parametrize("preset", [None, *preset_names()])
+def test_new_prints_a_cell_that_can_be_planned(
+    cli: Cli, tmp_path: Path, preset: str | None
+) -> None:
+    said = cli("new", *(["--robot", preset] if preset else []))
+    assert (said.code, said.err) == (0, "")
+    written = tomllib.loads(said.out)
+    assert written["robot"]["preset"] == (preset or "r2000ic165f")
+    # every section is there to be edited, and every key is said with its unit or its choices
+    assert list(written) == list(CellConfig.model_fields)
+    (tmp_path / "cell.toml").write_text(said.out)
+    planned = cli("plan", tmp_path / "cell.toml", "--out", tmp_path, "--json")
+    assert planned.code == 0
+    assert json.loads(planned.out)["indices"]["c_g"] < 1e5
+
+
+def test_new_for_a_urdf(cli: Cli, make_urdf: Callable[..., Path], tmp_path: Path) -> None:
+    urdf = make_urdf()
+    said = cli("new", "--robot", urdf)
+    assert said.code == 0
+    assert "note: tip taken to be l6" in said.err
+    cell = tomllib.loads(said.out)
+    assert Path(cell["robot"]["urdf"]) == urdf
+    assert cell["robot"]["tip"] == "l6"
+    assert cell["parameters"]["zero_offsets"] == ["a2", "a3", "a4", "a5"]
+    (tmp_path / "cell.toml").write_text(said.out)
+    planned = cli("plan", tmp_path / "cell.toml", "--out", tmp_path)
+    assert planned.code == 0, planned
+    assert len(rows_of(tmp_path / "poses.csv")) == 27
+
+
+def test_urdf_is_found_beside_the_cell(
+    cli: Cli, make_urdf: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    urdf = make_urdf()
+    text = cli("new", "--robot", urdf).out
+    (tmp_path / "cell.toml").write_text(text.replace(str(urdf), urdf.name))
+    monkeypatch.chdir("/")
+    assert cli("plan", tmp_path / "cell.toml", "--out", tmp_path).code == 0
+
+
+def test_plan_reaches_the_threshold_at_40_deg(cli: Cli, work: Path) -> None:
+    out = work / "new" / "folder"
+    said = cli("plan", work / "cell.toml", "--out", out)
+    assert (said.code, said.err) == (0, "")
+    assert "threshold reached: C_G 9.719e+04 (asked for 1e+05) with 27 poses" in said.out
+    assert "40/40/40 deg" in said.out
+    assert f"wrote {out / 'poses.csv'} and {out / 'rounds.csv'}" in said.out
+    rounds = rows_of(out / "rounds.csv")
+    assert [float(row["d_w_deg"]) for row in rounds] == [5, 10, 15, 20, 25, 30, 35, 40]
+    assert float(rounds[-2]["c_g"]) > 1e5 > float(rounds[-1]["c_g"])
+    assert [row["status"] for row in rows_of(out / "poses.csv")] == ["grid"] * 27
+
+
+def test_plan_as_json_says_what_the_tables_say(cli: Cli, work: Path) -> None:
+    out = work / "out"
+    table = cli("plan", work / "cell.toml", "--out", out).out
+    said = cli("plan", work / "cell.toml", "--out", out, "--json")
+    plan = json.loads(said.out)
+    assert plan["reached"] is True
+    assert plan["stop"] == "threshold reached"
+    assert plan["message"] in table
+    keys = ("round", "d_w_deg", "grid", "repaired", "dropped", "c_g", "cond_2_g")
+    assert_table_shows(table, plan["rounds"], keys)
+    assert_table_shows(table, plan["predicted"], ("parameter", "predicted sigma", "unit"))
+    assert len(plan["predicted"]) == 10
+    assert all(Path(file).is_file() for file in plan["files"])
+    assert plan["indices"]["c_g"] == pytest.approx(plan["rounds"][-1]["c_g"])
+
+
+def test_plan_without_out_writes_here(
+    cli: Cli, work: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (work / "here").mkdir()
+    monkeypatch.chdir(work / "here")
+    assert cli("plan", work / "cell.toml").code == 0
+    assert sorted(p.name for p in (work / "here").iterdir()) == ["poses.csv", "rounds.csv"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "advice"),
+    [
+        (
+            {"variations.largest_deg": "[20, 20, 20]"},
+            "variation limit: C_G 6.502e+05 (asked for 1e+05) with 27 poses at D_W/D_P/D_R "
+            "20/20/20 deg; raise variations.largest_deg or plan.condition_threshold",
+        ),
+        (
+            {"variations.step_deg": "[0.001, 0.001, 0.001]"},
+            "raise plan.condition_threshold, or choose a base pose with more room",
+        ),
+    ],
+)
+def test_plan_that_falls_short_says_what_to_change(
+    cli: Cli, change_cell: ChangeCell, work: Path, changes: dict[str, str], advice: str
+) -> None:
+    said = cli("plan", change_cell(changes), "--out", work / "out")
+    assert said.code == 1
+    assert advice in said.out
+    assert (work / "out" / "poses.csv").is_file()
+    as_json = json.loads(cli("plan", work / "cell.toml", "--out", work, "--json").out)
+    assert as_json["reached"] is False
+    assert advice in as_json["message"]
+
+
+def test_poses_that_cannot_be_taken_are_replaced_and_explained(
+    cli: Cli, change_cell: ChangeCell, work: Path
+) -> None:
+    cell = change_cell({"plan.limit_margin_deg": "35.0", "plan.condition_threshold": "5e4"})
+    assert cli("plan", cell, "--out", work / "out").code in (0, 1)
+    rows = rows_of(work / "out" / "poses.csv")
+    repaired = [row for row in rows if row["status"] == "repaired"]
+    assert repaired
+    assert all(" deg is " in row["reason"] or "out of reach" in row["reason"] for row in repaired)
+    point = rows[0]
+    for row in rows:  # the tool point stays where it is
+        for axis in ("x_mm", "y_mm", "z_mm"):
+            assert float(row[axis]) == pytest.approx(float(point[axis]), abs=1e-5)
+
+
+def test_dropped_poses_have_no_numbers_and_are_passed_over(
+    cli: Cli, change_cell: ChangeCell, work: Path
+) -> None:
+    keys = {
+        "plan.repair": "false",
+        "plan.limit_margin_deg": "35.0",
+        "variations.start_deg": "[50.0, 50.0, 50.0]",
+    }
+    cli("plan", change_cell(keys), "--out", work)
+    rows = rows_of(work / "poses.csv")
+    dropped = [row for row in rows if row["status"] == "dropped"]
+    assert 0 < len(dropped) < 27
+    assert all(row["reason"] and not row["j1_deg"] and not row["x_mm"] for row in dropped)
+    said = cli("simulate", work / "cell.toml", work / "poses.csv", "--out", work)
+    assert said.code == 0
+    assert f"{27 - len(dropped)} touch-ups" in said.out
+
+
+def test_score_agrees_with_the_plan(cli: Cli, work: Path) -> None:
+    table = cli("score", work / "cell.toml", work / "poses.csv")
+    said = cli("score", work / "cell.toml", work / "poses.csv", "--json")
+    assert (table.code, said.code) == (0, 0)
+    score = json.loads(said.out)
+    plan = json.loads(cli("plan", work / "cell.toml", "--out", work / "o", "--json").out)
+    assert score["indices"] == pytest.approx(plan["indices"], rel=1e-6)
+    assert score["reached"] is True
+    assert (score["problem"], score["outside_limits"]) == ("", [])
+    assert_table_shows(table.out, score["predicted"], ("parameter", "predicted sigma", "unit"))
+    rows = [
+        {"index": key, "value": value, "scaling": score["scaling"].get(key, "")}
+        for key, value in score["indices"].items()
+    ]
+    assert {"c_g", "cond_2_g", "cond_2_gtg", "o1", "o2", "o3", "o4", "o5", "d", "a", "e"} <= set(
+        score["indices"]
+    )
+    assert_table_shows(table.out, rows, ("index", "value", "scaling"))
+    assert "C_G 9.719e+04 is below 1e+05" in table.out
+
+
+def test_score_of_poses_above_the_threshold(cli: Cli, change_cell: ChangeCell, work: Path) -> None:
+    cell = change_cell({"plan.condition_threshold": "9e4"})
+    said = cli("score", cell, work / "poses.csv")
+    assert said.code == 1
+    assert "C_G 9.719e+04 is not below 9e+04" in said.out
+
+
+def test_score_of_too_few_poses(cli: Cli, work: Path) -> None:
+    lines = (work / "poses.csv").read_text().splitlines()
+    (work / "few.csv").write_text("\n".join(lines[:4]) + "\n")
+    said = cli("score", work / "cell.toml", work / "few.csv")
+    assert said.code == 1
+    assert "3 poses give 9 equations for 10 parameters" in said.out
+
+
+def test_score_does_not_praise_poses_outside_the_limits(
+    cli: Cli, work: Path, change_csv: Callable[[str, int, str, str], Path]
+) -> None:
+    poses = change_csv("poses.csv", 2, "j2_deg", "76.5")
+    said = cli("score", work / "cell.toml", poses)
+    assert said.code == 1
+    assert said.err == "warning: P02: joint_2 76.5 deg is above 76.0 deg\n"
+    score = json.loads(cli("score", work / "cell.toml", poses, "--json").out)
+    assert score["reached"] is False
+    assert score["outside_limits"] == ["P02: joint_2 76.5 deg is above 76.0 deg"]
+
+
+def test_simulate_depends_on_the_seed_alone(cli: Cli, work: Path) -> None:
+    first = (work / "touchups.csv").read_bytes()
+    cli("simulate", work / "cell.toml", work / "poses.csv", "--out", work / "same", "--seed", 1)
+    cli("simulate", work / "cell.toml", work / "poses.csv", "--out", work / "other", "--seed", 2)
+    assert (work / "same" / "touchups.csv").read_bytes() == first
+    assert (work / "other" / "touchups.csv").read_bytes() != first
+    rows = rows_of(work / "touchups.csv")
+    assert {row["target"] for row in rows} == {"T1"}
+    assert [row["pose"] for row in rows] == [f"P{i:02d}" for i in range(1, 28)]
+    assert len(rows_of(work / "pairs.csv")) == 27
+
+
+def test_identify(cli: Cli, work: Path) -> None:
+    table = cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work)
+    said = cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work, "--json")
+    assert (table.code, said.code) == (0, 0)
+    assert json.loads((work / "identification.json").read_text()) == json.loads(said.out)
+    found = json.loads(said.out)
+    before, after = found["models"]
+    assert (before["name"], after["name"]) == ("frames only", "offsets")
+    assert len(before["parameters"]) == 6
+    assert after["leave_one_out_rms_mm"] < 0.5 * before["leave_one_out_rms_mm"]
+    assert found["recommended"] == "offsets"
+    rows = [{**row, "parameter": row["name"]} for row in after["parameters"]]
+    assert_table_shows(table.out, rows, ("parameter", "value", "change", "sigma", "unit"))
+    keys = ("name", "rms_mm", "max_mm", "leave_one_out_rms_mm")
+    assert_table_shows(table.out, found["models"], keys)
+    assert after["message"] in table.out
+
+
+def test_identify_from_as_few_touch_ups_as_parameters_writes_plain_json(
+    cli: Cli, work: Path
+) -> None:
+    lines = (work / "touchups.csv").read_text().splitlines()
+    (work / "few.csv").write_text("\n".join(lines[:1] + lines[1::7]) + "\n")
+    said = cli("identify", work / "cell.toml", work / "few.csv", "--out", work, "--json")
+    if said.code == 0:
+
+        def refuse(word: str) -> None:
+            raise AssertionError(f"{word} is no JSON")
+
+        json.loads(said.out, parse_constant=refuse)
+    else:
+        assert said.err.startswith("error: ")
+
+
+def test_robot_world(cli: Cli, work: Path) -> None:
+    table = cli("robot-world", work / "pairs.csv", "--out", work)
+    said = cli("robot-world", work / "pairs.csv", "--out", work, "--json")
+    assert (table.code, said.code) == (0, 0)
+    rows = json.loads(said.out)
+    assert [row["method"] for row in rows] == [
+        "li-kronecker",
+        "li-dual-quaternion",
+        "zhuang",
+        "hirsh",
+    ]
+    for letter in "xz":
+        keys = tuple(f"{letter}_{axis}" for axis in ("x_mm", "y_mm", "z_mm", "w_deg", "r_deg"))
+        assert_table_shows(table.out, rows, ("method", "status", *keys))
+    written = rows_of(work / "robot_world.csv")
+    assert [row["method"] for row in written] == [row["method"] for row in rows]
+    for row, shown in zip(written, rows, strict=True):
+        assert float(row["x_z_mm"]) == pytest.approx(shown["x_z_mm"], abs=1e-6)
+        assert abs(float(row["x_x_mm"]) - 202.0) < 2.0  # the truth is tool_error_mm off nominal
+        assert row["sigma_x_x_mm"] == ""
+
+
+def test_robot_world_with_noise_gives_standard_deviations(cli: Cli, work: Path) -> None:
+    noise = ("--noise-deg", 0.02, "--noise-mm", 0.1)
+    said = cli(
+        "robot-world", work / "pairs.csv", "--method", "zhuang", *noise, "--out", work, "--json"
+    )
+    assert said.code == 0
+    (row,) = json.loads(said.out)
+    assert row["method"] == "zhuang"
+    assert 0.0 < row["sigma_x_x_mm"] < 1.0
+    assert 0.0 < row["sigma_z_rz_deg"] < 0.1
+
+
+def test_program(cli: Cli, work: Path) -> None:
+    said = cli("program", work / "poses.csv", "--out", work)
+    assert (said.code, said.err) == (0, "")
+    assert f"wrote {work / 'CALIB01.LS'}: 27 poses" in said.out
+    assert validate(work / "CALIB01.LS") == []
+    text = (work / "CALIB01.LS").read_text()
+    plan = json.loads(cli("plan", work / "cell.toml", "--out", work, "--json").out)
+    assert plan["fingerprint"] in text
+
+
+def test_program_takes_what_the_cell_says(cli: Cli, change_cell: ChangeCell, work: Path) -> None:
+    keys = {
+        "program.name": '"TESTED"',
+        "program.speed_percent": "7",
+        "program.settle_s": "2.5",
+        "program.measure_call": '"TOUCH"',
+        "program.tool_frame": "3",
+    }
+    cell = change_cell(keys)
+    said = cli("program", work / "poses.csv", "--cell", cell, "--out", work, "--json")
+    assert said.code == 0
+    written = json.loads(said.out)
+    assert Path(written["path"]) == work / "TESTED.LS"
+    assert (written["poses"], written["problems"]) == (27, [])
+    assert 0.0 < written["largest_rounding_deg"] < 0.001
+    text = (work / "TESTED.LS").read_text()
+    for word in ("/PROG  TESTED", " 7% ", "2.50(sec)", "CALL TOUCH(27)", "UTOOL_NUM=3"):
+        assert word in text
+    other = cli("program", work / "poses.csv", "--cell", cell, "--name", "OTHER", "--out", work)
+    assert other.code == 0
+    assert len(read(work / "OTHER.LS").postures_rad) == 27
+
+
+def test_program_formats_are_those_of_the_library(cli: Cli, work: Path) -> None:
+    for dialect in DIALECTS:
+        said = cli("program", work / "poses.csv", "--format", dialect, "--out", work / dialect)
+        assert said.code == 0
+        assert len(list((work / dialect).iterdir())) == 1
+
+
+def test_trust_units_takes_small_degrees(cli: Cli, work: Path) -> None:
+    text = "name,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\n"
+    text += "".join(f"A{i},0.{i},1,-2,0.5,-3,{i}\n" for i in range(1, 6))
+    (work / "small.csv").write_text(text)
+    assert cli("score", work / "cell.toml", work / "small.csv").code == 2
+    assert cli("score", work / "cell.toml", work / "small.csv", "--trust-units").code in (0, 1)
+    assert cli("program", work / "small.csv", "--trust-units", "--out", work).code == 0

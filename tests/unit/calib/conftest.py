@@ -1,0 +1,137 @@
+"""Robots, set-ups and postures that the tests of calib share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib import CalibrationModel, Robot, se3
+from calib.measurement import TouchUp
+from calib.parameters import ParameterBlock, TargetPoints, ToolPoint, ZeroOffsets
+
+TOOL_M = np.array([0.2, -0.05, 0.35])
+BASE_POSTURE = np.deg2rad([0.0, 15.0, -25.0, 0.0, -50.0, 0.0])
+SIGMA_M = np.array([0.02, 0.02, 0.12]) / 3e3
+
+
+@pytest.fixture(scope="session")
+def reference_robot() -> Robot:
+    """FANUC R-2000iC/165F, the arm of the reference cell."""
+    return Robot.preset("r2000ic165f")
+
+
+@pytest.fixture(scope="session")
+def target_m(reference_robot: Robot) -> np.ndarray:
+    """Where the pin tip is at the base posture."""
+    return se3.apply(reference_robot.fk(BASE_POSTURE), TOOL_M)
+
+
+@pytest.fixture(scope="session")
+def make_model(reference_robot: Robot, target_m: np.ndarray) -> Callable[..., CalibrationModel]:
+    """The reference model with other joints freed, another measurement or further blocks."""
+
+    def make(
+        joints: tuple[int, ...] = (2, 3, 4, 5),
+        measurement=None,
+        *,
+        free: str = "xyz",
+        targets: int = 1,
+        extra: tuple[ParameterBlock, ...] = (),
+    ) -> CalibrationModel:
+        places = target_m + np.outer(np.arange(targets), [0.0, 0.3, 0.4])
+        blocks = [
+            ZeroOffsets(reference_robot, [f"joint_{j}" for j in joints]),
+            *extra,
+            ToolPoint(TOOL_M, free),
+            TargetPoints(places, [f"T{k + 1}" for k in range(targets)]),
+        ]
+        return CalibrationModel(reference_robot, blocks, measurement or TouchUp(SIGMA_M))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def touching(reference_robot: Robot, target_m: np.ndarray) -> Callable[..., np.ndarray]:
+    """Postures ``(N, 6)`` with the pin tip on a target and the tool tilted at random."""
+
+    def make(count: int, seed: int = 0, tilt: float = 0.6, shift=(0.0, 0.0, 0.0)) -> np.ndarray:
+        rng = np.random.default_rng(seed)
+        R_0 = reference_robot.fk(BASE_POSTURE)[:3, :3]
+        found: list[np.ndarray] = []
+        while len(found) < count:
+            R = R_0 @ se3.rotation_exp(rng.uniform(-tilt, tilt, 3))
+            pose = se3.transform(R, target_m + np.asarray(shift) - R @ TOOL_M)[None]
+            q, ok = reference_robot.inverse(pose, near=BASE_POSTURE).nearest(BASE_POSTURE)
+            if ok[0]:
+                found.append(q[0])
+        return np.array(found)
+
+    return make
+
+
+@pytest.fixture
+def random_urdf(tmp_path: Path) -> Callable[..., Path]:
+    """Write an arm of n revolute joints with arbitrary origins, axes, limits and masses."""
+
+    def write(rng: np.random.Generator, n: int) -> Path:
+        def numbers(low: float, high: float, count: int) -> str:
+            return " ".join(repr(float(v)) for v in rng.uniform(low, high, count))
+
+        text = ['<robot name="random"><link name="root"/>']
+        for j in range(n):
+            upper = rng.uniform(0.5, 3.0)
+            text.append(
+                f'<joint name="j{j + 1}" type="revolute">'
+                f'<parent link="{"root" if j == 0 else f"link{j}"}"/><child link="link{j + 1}"/>'
+                f'<origin xyz="{numbers(-0.5, 0.5, 3)}" rpy="{numbers(-3, 3, 3)}"/>'
+                f'<axis xyz="{numbers(-2, 2, 3)}"/>'
+                f'<limit lower="{-upper}" upper="{upper + 0.3}" velocity="{j + 1}" effort="1"/>'
+                f'</joint><link name="link{j + 1}"><inertial>'
+                f'<origin xyz="{numbers(-0.2, 0.2, 3)}" rpy="{numbers(-1, 1, 3)}"/>'
+                f'<mass value="{rng.uniform(1, 20)}"/>'
+                '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+            )
+        text.append(
+            f'<joint name="mount" type="fixed"><parent link="link{n}"/><child link="tool0"/>'
+            f'<origin xyz="{numbers(-0.3, 0.3, 3)}" rpy="{numbers(-3, 3, 3)}"/></joint>'
+            '<link name="tool0"/></robot>'
+        )
+        path = tmp_path / f"random{n}.urdf"
+        path.write_text("".join(text))
+        return path
+
+    return write
+
+
+SEVEN_JOINTS = [  # xyz [m], rpy [rad], limits [rad] in the manner of a Franka arm
+    ("0 0 0.333", "0 0 0", -2.9, 2.9),
+    ("0 0 0", "-1.5707963267948966 0 0", -1.76, 1.76),
+    ("0 -0.316 0", "1.5707963267948966 0 0", -2.9, 2.9),
+    ("0.0825 0 0", "1.5707963267948966 0 0", -3.07, -0.07),
+    ("-0.0825 0.384 0", "-1.5707963267948966 0 0", -2.9, 2.9),
+    ("0 0 0", "1.5707963267948966 0 0", -0.02, 3.75),
+    ("0.088 0 0", "1.5707963267948966 0 0", -2.9, 2.9),
+]
+
+
+@pytest.fixture(scope="session")
+def seven_axis_robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """A redundant arm, for which there is no closed form."""
+    text = ['<robot name="seven"><link name="l0"/>']
+    for j, (xyz, rpy, lower, upper) in enumerate(SEVEN_JOINTS):
+        text.append(
+            f'<joint name="j{j + 1}" type="revolute"><parent link="l{j}"/><child link="l{j + 1}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
+            f'<limit lower="{lower}" upper="{upper}" velocity="2" effort="1"/></joint>'
+            f'<link name="l{j + 1}"/>'
+        )
+    text.append(
+        '<joint name="mount" type="fixed"><parent link="l7"/><child link="flange"/>'
+        '<origin xyz="0 0 0.107"/></joint><link name="flange"/></robot>'
+    )
+    path = tmp_path_factory.mktemp("seven") / "seven.urdf"
+    path.write_text("".join(text))
+    return Robot.from_urdf(path)

@@ -58,6 +58,12 @@ class PoseSet:
         """Postures ``(N, n)`` [rad] that are measured."""
         return self.postures[np.isfinite(self.postures).all(axis=1)]
 
+    @property
+    def kept_names(self) -> tuple[str, ...]:
+        """Names of the poses that are measured, in the order of ``kept``."""
+        there = np.isfinite(self.postures).all(axis=1)
+        return tuple(name for name, ok in zip(self.names, there, strict=True) if ok)
+
     def count(self, status: PoseStatus) -> int:
         """Number of poses with a status."""
         return self.status.count(status)

@@ -5,11 +5,15 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import InputError
+
+if TYPE_CHECKING:
+    from posedesign.pose_plan import PosePlan
 
 FloatArray = NDArray[np.float64]
 
@@ -162,6 +166,18 @@ class PoseProgram:
                     bound=n,
                 )
         object.__setattr__(self, "poses", poses)
+
+    @classmethod
+    def of_plan(
+        cls, plan: PosePlan, name: str, options: ProgramOptions | None = None
+    ) -> PoseProgram:
+        """The program of a plan: its poses that are measured, with the plan's fingerprint."""
+        poses = zip(plan.poses.kept_names, plan.poses.kept, strict=True)
+        return cls(
+            name,
+            tuple(ProgramPose(title, posture) for title, posture in poses),
+            options or ProgramOptions(fingerprint=plan.fingerprint),
+        )
 
     @property
     def postures_rad(self) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import InputError, near_names
+from posedesign.pose_plan import PosePlan
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls import FanucLs
 from posedesign.programs.program import PoseProgram
@@ -14,13 +15,13 @@ DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (FanucLs(),
 """All dialects by name. A new controller is a new file and one entry here."""
 
 
-def write(program: PoseProgram, dialect: str, path: Path | str) -> Path:
+def write(program: PoseProgram | PosePlan, dialect: str, path: Path | str) -> Path:
     """Write a program for a controller.
 
     Parameters
     ----------
-    program : PoseProgram
-        What to write.
+    program : PoseProgram or PosePlan
+        What to write. A plan becomes a program of the usual options, named after the file.
     dialect : str
         Name of the controller's format, a key of `DIALECTS`.
     path : Path or str
@@ -47,6 +48,8 @@ def write(program: PoseProgram, dialect: str, path: Path | str) -> Path:
             name="path",
             value=str(path),
         )
+    if isinstance(program, PosePlan):
+        program = PoseProgram.of_plan(program, path.stem.upper())
     chosen.write(program, path)
     return path
 

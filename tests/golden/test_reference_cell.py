@@ -183,3 +183,17 @@ def test_repaired_poses_keep_what_they_promise(make_cell) -> None:
     for status, reason in zip(poses.status, poses.reasons, strict=True):
         assert (status is PoseStatus.GRID) == (reason == "")
     assert any("out of reach by" in reason for reason in poses.reasons)
+
+
+def test_the_plan_goes_into_a_program_and_back(reference_cell: Cell, tmp_path) -> None:
+    from posedesign import programs
+
+    result = plan(reference_cell)
+    path = programs.write(result, "fanuc-ls", tmp_path / "CALIB01.LS")
+    assert programs.validate(path) == []
+    recorded = programs.read(path)
+    assert recorded.fingerprint == result.fingerprint
+    # three decimals of a degree, of two joints in J3
+    assert np.abs(np.rad2deg(recorded.postures_rad - result.postures)).max() <= 0.001 + 1e-9
+    again = condition_inf(reference_cell.model().jacobian(recorded.postures_rad))
+    assert again == pytest.approx(result.indices.c_g, rel=1e-3)

@@ -17,11 +17,16 @@ from posedesign.files import read_bytes_bounded
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 Length = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 """[mm]; a kilometre is no robot cell."""
 Vector = tuple[Length, Length, Length]
-PositiveVector = tuple[Positive, Positive, Positive]
+Variation = Annotated[float, Field(ge=0.1, le=180, allow_inf_nan=False)]
+"""[deg]; finer steps would be rounds without end."""
+VariationVector = tuple[Variation, Variation, Variation]
+Noise = Annotated[float, Field(gt=0, ge=1e-9, le=1e3, allow_inf_nan=False)]
+"""[mm, deg]"""
+NoiseVector = tuple[Noise, Noise, Noise]
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]*$")]
 """Text that stays on one line and does not steer a terminal."""
 
@@ -82,9 +87,9 @@ class TargetSection(Section):
 class VariationSection(Section):
     """D_W, D_P, D_R of Eq. 13: where they start, how they grow, how far they may go."""
 
-    start_deg: PositiveVector = (5.0, 5.0, 5.0)
-    step_deg: PositiveVector = (5.0, 5.0, 5.0)
-    largest_deg: PositiveVector = (60.0, 60.0, 60.0)
+    start_deg: VariationVector = (5.0, 5.0, 5.0)
+    step_deg: VariationVector = (5.0, 5.0, 5.0)
+    largest_deg: VariationVector = (60.0, 60.0, 60.0)
     raise_: Annotated[Literal["together", "best"], Field(alias="raise")] = "together"
 
     @model_validator(mode="after")
@@ -117,10 +122,10 @@ class MeasurementSection(Section):
     """How touch-ups are done, and how well."""
 
     kind: Literal["touch-up", "view-line"] = "touch-up"
-    three_sigma_mm: PositiveVector = (0.02, 0.02, 0.12)
+    three_sigma_mm: NoiseVector = (0.02, 0.02, 0.12)
     weighted: bool = True
-    camera_three_sigma_deg: Positive = 0.06
-    camera_three_sigma_mm: Positive = 0.3
+    camera_three_sigma_deg: Noise = 0.06
+    camera_three_sigma_mm: Noise = 0.3
 
 
 class TruthSection(Section):
@@ -195,7 +200,9 @@ def parse_config(raw: dict[str, Any], path: Path) -> CellConfig:
     try:
         return CellConfig.model_validate(raw)
     except ValidationError as error:
-        first = error.errors()[0]
+        found = error.errors()
+        # a mistyped name often makes another one missing: say the mistyped one
+        first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
         key = ".".join(str(part) for part in first["loc"])
         raise FileFormatError(
             _reason(first),

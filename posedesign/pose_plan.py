@@ -61,8 +61,8 @@ class PoseSet:
     @property
     def kept_names(self) -> tuple[str, ...]:
         """Names of the poses that are measured, in the order of ``kept``."""
-        there = np.isfinite(self.postures).all(axis=1)
-        return tuple(name for name, ok in zip(self.names, there, strict=True) if ok)
+        pairs = zip(self.names, self.status, strict=True)
+        return tuple(name for name, status in pairs if status is not PoseStatus.DROPPED)
 
     def count(self, status: PoseStatus) -> int:
         """Number of poses with a status."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,8 +21,8 @@ _TEMPLATE = """\
 
 [robot]
 {robot}
-# base = "base_link"              # positions are given in this link; default: the root
-tip = "{tip}"
+{notices}# base = "base_link"              # positions are given in this link; default: the root
+tip = {tip}
 
 [tool]
 # The point that is brought to the target: a pin, a ball, or the camera's virtual pin tip.
@@ -134,16 +135,20 @@ def _for_urdf(path: Path) -> str:
     robot = Robot.from_urdf(path)
     tool = suggest_tool(robot)
     posture = np.rad2deg(suggest_base_posture(robot, tool))
-    quoted = str(path.resolve()).replace("\\", "\\\\").replace('"', '\\"')
     return _fill(
         robot,
-        source=f'urdf = "{quoted}"',
+        source=f"urdf = {_quoted(str(path.resolve()))}",
         tool=((1e3 * tool).tolist(), 0.0, [0.0, 0.0, 0.0], 100.0),
         pendant="# Suggested: tool pointing down, room to turn it. Take your own taught posture.\n",
         posture=(np.round(posture, 6) + 0.0).tolist(),
         three_sigma=[0.1, 0.1, 0.1],
         deflection=False,
     )
+
+
+def _quoted(text: str) -> str:
+    """A TOML string: names in a URDF and paths may hold quotation marks and backslashes."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _fill(
@@ -158,10 +163,11 @@ def _fill(
 ) -> str:
     from posedesign.cell import usual_offsets
 
-    offsets = ", ".join(f'"{joint}"' for joint in robot.joint_names[1:-1])
+    offsets = ", ".join(_quoted(joint) for joint in robot.joint_names[1:-1])
     return _TEMPLATE.format(
         robot=source,
-        tip=robot.tip_frame,
+        notices="".join(f"# {' '.join(said.split())}\n" for said in robot.notices),
+        tip=_quoted(robot.tip_frame),
         point_mm=list(tool[0]),
         mass_kg=tool[1],
         com_mm=list(tool[2]),

@@ -10,6 +10,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -231,8 +232,17 @@ def identify_file(
     results = identify_models(cell, data)
     content = results_as_dict(cell, data, results)
     make_folder(out)
-    write_text_atomic(out / "identification.json", json.dumps(content, indent=2) + "\n")
+    write_text_atomic(out / "identification.json", json.dumps(_plain(content), indent=2) + "\n")
     return results
+
+
+def _plain(content: Any) -> Any:
+    """The same content with null for the numbers that JSON does not have."""
+    if isinstance(content, dict):
+        return {key: _plain(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_plain(value) for value in content]
+    return None if isinstance(content, float) and not np.isfinite(content) else content
 
 
 def solve_file(

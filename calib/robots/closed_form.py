@@ -16,7 +16,7 @@ from calib.robots.inverse import (
     InverseSolutions,
     nearest_turns,
 )
-from calib.se3 import BoolArray, FloatArray, rotation_log
+from calib.se3 import FloatArray, IntArray, rotation_log
 
 STRAIGHT_WRIST = 1e-5
 """Sine of the angle between axes 4 and 6 below which the wrist is solved again. EAIK's own answers
@@ -49,11 +49,7 @@ class ClosedForm(InverseKinematics):
         found = [np.asarray(a.Q, dtype=float).reshape(-1, self._chain.n) for a in answers]
         pose = np.repeat(np.arange(count), [len(f) for f in found])
         postures = np.concatenate([*found, np.empty((0, self._chain.n))])
-        lost = _wrist_is_straight(self._chain, postures)
-        if lost.any():
-            postures[lost] = solve_straight_wrist(
-                self._chain, postures[lost], T_base_tip[pose[lost]], near
-            )
+        postures, pose = self._mend_straight_wrists(postures, pose, T_base_tip, near)
         distance, angle = _misses(self._chain, postures, T_base_tip[pose])
         exact = (distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)
         gap_m = np.full(count, np.inf)
@@ -63,16 +59,28 @@ class ClosedForm(InverseKinematics):
             postures, pose[exact], inside, np.where(np.isinf(gap_m), np.nan, gap_m)
         )
 
-
-def _wrist_is_straight(chain: SerialChain, postures: FloatArray) -> BoolArray:
-    axes = chain.forward(postures).axes
-    sine = np.linalg.norm(np.cross(axes[:, 3], axes[:, 5]), axis=-1)
-    return np.asarray(sine < STRAIGHT_WRIST)
+    def _mend_straight_wrists(
+        self, postures: FloatArray, pose: IntArray, T_base_tip: FloatArray, near: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        axes = self._chain.forward(postures).axes
+        sine = np.linalg.norm(np.cross(axes[:, 3], axes[:, 5]), axis=-1)
+        straight = sine < STRAIGHT_WRIST
+        if not straight.any():
+            return postures, pose
+        # EAIK gives one or both ways to bend joint 5: take each place of the arm once
+        arms = np.column_stack([pose, np.round(postures[:, :3], 9)])[straight]
+        once = np.flatnonzero(straight)[np.unique(arms, axis=0, return_index=True)[1]]
+        mended, source = solve_straight_wrist(
+            self._chain, postures[once], T_base_tip[pose[once]], near
+        )
+        pose = np.concatenate([pose[~straight], pose[once][source]])
+        order = np.argsort(pose, kind="stable")
+        return np.concatenate([postures[~straight], mended])[order], pose[order]
 
 
 def solve_straight_wrist(
     chain: SerialChain, postures: FloatArray, T_wanted: FloatArray, near: FloatArray
-) -> FloatArray:
+) -> tuple[FloatArray, IntArray]:
     """Joints 4 to 6 anew where axes 4 and 6 are one line, or nearly so.
 
     EAIK sets q4 = q6 = 0 there, whatever the roll of the pose. The direction of axis 6 gives q4 and
@@ -82,15 +90,18 @@ def solve_straight_wrist(
     Parameters
     ----------
     postures : array (S, 6)
-        Joints 1 to 3, and the side to which joint 5 bends, are kept [rad].
+        Joints 1 to 3 are kept [rad].
     T_wanted : array (S, 4, 4)
     near : array (6,)
         [rad]
 
     Returns
     -------
-    array (S, 6)
-        Exact for a wrist whose axis 5 is perpendicular to its neighbours.
+    postures : array (K, 6)
+        Joint 5 bent either way, or straight where axis 6 is on the line. Exact for a wrist whose
+        axis 5 is perpendicular to its neighbours.
+    source : array (K,)
+        Row of the posture that each comes from.
     """
     q = postures.copy()
     q[:, 3], q[:, 5] = near[3], near[5]
@@ -98,23 +109,28 @@ def solve_straight_wrist(
     a4, a5, a6 = (state.axes[:, j] for j in (3, 4, 5))
     way = np.sign(_dot(a4, a6))[:, None]  # of axis 6, along or against axis 4
     x = np.cross(a5, way * a4)  # where axis 6 goes as joint 5 turns
-    y = np.cross(a4, x)
-    bend = np.arctan2(_dot(a6, x), _dot(a6, way * a4))
-    side = np.where(bend < 0, -1.0, 1.0)
+    q[:, 4] -= np.arctan2(_dot(a6, x), _dot(a6, way * a4))  # straight
     R_error = T_wanted[:, :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2)
     a6_wanted = (R_error @ a6[..., None])[..., 0]
-    off_x, off_y = side * _dot(a6_wanted, x), side * _dot(a6_wanted, y)
+    off_x, off_y = _dot(a6_wanted, x), _dot(a6_wanted, np.cross(a4, x))
     off = np.hypot(off_x, off_y)
     on_line = off < 0.1 * CLOSURE_TOLERANCE
-    q[:, 3] += np.where(on_line, 0.0, np.arctan2(off_y, off_x))
-    q[:, 4] += np.where(on_line, 0.0, side * np.arctan2(off, np.abs(_dot(a6_wanted, a4)))) - bend
+    bend, turn = np.arctan2(off, np.abs(_dot(a6_wanted, a4))), np.arctan2(off_y, off_x)
+    straight = np.zeros_like(q)
+    bent = straight.copy()
+    bent[:, 3], bent[:, 4] = turn, bend
+    other = straight.copy()
+    other[:, 3], other[:, 4] = turn + np.pi, -bend
+    count = np.arange(len(q))
+    source = np.concatenate([count[on_line], count[~on_line], count[~on_line]])
+    q = q[source] + np.concatenate([straight[on_line], bent[~on_line], other[~on_line]])
     state = chain.forward(q)
-    left_over = rotation_log(T_wanted[:, :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2))
-    turn = _dot(left_over, state.axes[:, 5])
-    shared = np.where(on_line, turn / 2.0, 0.0)
-    q[:, 3] += way[:, 0] * shared
-    q[:, 5] += turn - shared
-    return q
+    left_over = rotation_log(T_wanted[source, :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2))
+    roll = _dot(left_over, state.axes[:, 5])
+    shared = np.where(on_line[source], roll / 2.0, 0.0)
+    q[:, 3] += way[source, 0] * shared
+    q[:, 5] += roll - shared
+    return q, source
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:

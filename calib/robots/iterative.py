@@ -43,9 +43,9 @@ class DampedIteration(InverseKinematics):
         starts = np.vstack([near, spread])
         q = np.repeat(starts[None], count, axis=0)  # (N, starts, n)
         wanted = np.broadcast_to(T_base_tip[:, None], (count, _STARTS, 4, 4))
-        q = self._iterate(
-            q.reshape(-1, n), wanted.reshape(-1, 4, 4), lower, upper
-        ).reshape(count, _STARTS, n)
+        q = self._iterate(q.reshape(-1, n), wanted.reshape(-1, 4, 4), lower, upper).reshape(
+            count, _STARTS, n
+        )
         error = pose_error(self._chain, q, wanted)  # (N, starts, 6)
         converged = np.abs(error).max(axis=-1) < CLOSURE_TOLERANCE
         distinct = converged & ~_repeats(q, converged)

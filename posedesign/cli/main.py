@@ -28,7 +28,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code: 0 done, 1 not reached, 2 bad input."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        code = app(args=given or ["--help"], standalone_mode=False)
+        code = app(args=given or ["--help"], prog_name="posedesign", standalone_mode=False)
         sys.stdout.flush()
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)

@@ -94,7 +94,7 @@ def test_new_for_a_urdf(cli: Cli, make_urdf: Callable[..., Path], tmp_path: Path
     urdf = make_urdf()
     said = cli("new", "--robot", urdf)
     assert said.code == 0
-    assert "note: tip taken to be l6" in said.err
+    assert "# tip taken to be l6, the last link of the longest chain" in said.out
     cell = tomllib.loads(said.out)
     assert Path(cell["robot"]["urdf"]) == urdf
     assert cell["robot"]["tip"] == "l6"

@@ -23,9 +23,15 @@ def test_wpr_is_roll_pitch_yaw_of_pinocchio():
 
 def test_wpr_turns_about_the_fixed_axes_x_y_z_in_that_order():
     quarter = np.pi / 2
-    np.testing.assert_allclose(se3.rotation_from_wpr([quarter, 0, 0]) @ [0, 1, 0], [0, 0, 1], atol=1e-15)
-    np.testing.assert_allclose(se3.rotation_from_wpr([0, quarter, 0]) @ [0, 0, 1], [1, 0, 0], atol=1e-15)
-    np.testing.assert_allclose(se3.rotation_from_wpr([0, 0, quarter]) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(
+        se3.rotation_from_wpr([quarter, 0, 0]) @ [0, 1, 0], [0, 0, 1], atol=1e-15
+    )
+    np.testing.assert_allclose(
+        se3.rotation_from_wpr([0, quarter, 0]) @ [0, 0, 1], [1, 0, 0], atol=1e-15
+    )
+    np.testing.assert_allclose(
+        se3.rotation_from_wpr([0, 0, quarter]) @ [1, 0, 0], [0, 1, 0], atol=1e-15
+    )
     # y -> z by W, z -> z by P about y would be x: first W, then P
     np.testing.assert_allclose(
         se3.rotation_from_wpr([quarter, quarter, 0]) @ [0, 1, 0], [1, 0, 0], atol=1e-15
@@ -89,7 +95,9 @@ def test_logarithm_and_exponential():
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-4, 3.0, np.pi - 1e-8, np.pi])
 def test_angle_is_accurate_at_both_ends(angle):
     axis = np.array([2.0, -1.0, 2.0]) / 3.0
-    assert se3.rotation_angle(se3.rotation_exp(angle * axis)) == pytest.approx(angle, abs=1e-15, rel=1e-8)
+    assert se3.rotation_angle(se3.rotation_exp(angle * axis)) == pytest.approx(
+        angle, abs=1e-15, rel=1e-8
+    )
 
 
 def test_skew_is_the_cross_product():

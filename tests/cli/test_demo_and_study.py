@@ -1,0 +1,152 @@
+"""The two long commands, once each with ten draws."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posedesign.accuracy_study import SOLVERS
+from posedesign.cell import Cell
+from posedesign.cli.main import run
+from posedesign.programs import validate
+from posedesign.tables import read_pairs, read_poses, read_touch_ups
+
+Cli = Callable[..., Any]
+
+FILES = {
+    "cell.toml",
+    "poses.csv",
+    "CALIB01.LS",
+    "touchups.csv",
+    "identification.json",
+    "robot_world.csv",
+    "accuracy_vs_condition.csv",
+    "accuracy_vs_condition.png",
+}
+"""Those that issue 2 names."""
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
+    """``posedesign demo --draws 10`` with its folder and what it printed."""
+    out = tmp_path_factory.mktemp("demo") / "posedesign-demo"
+    said, aside = StringIO(), StringIO()
+    with redirect_stdout(said), redirect_stderr(aside):
+        code = run(["demo", "--out", str(out), "--draws", "10"])
+    assert code == 0
+    assert aside.getvalue() == ""  # no progress bar where nobody watches
+    yield out, said.getvalue()
+
+
+def study_rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "accuracy_vs_condition.csv").open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_demo_leaves_its_files(demo: tuple[Path, str]) -> None:
+    out, said = demo
+    names = {path.name for path in out.iterdir()}
+    assert names >= FILES
+    assert not [name for name in names if name.startswith(".") or name.endswith(".tmp")]
+    assert all(name in said for name in FILES)
+    assert "threshold reached: C_G 9.719e+04" in said
+    assert "D_W/D_P/D_R 40/40/40 deg" in said
+
+
+def test_demo_files_can_be_read_back(demo: tuple[Path, str]) -> None:
+    out, _ = demo
+    cell = Cell.load(out / "cell.toml")
+    poses = read_poses(out / "poses.csv", cell.robot.n)
+    assert len(poses.names) == 27
+    assert validate(out / "CALIB01.LS") == []
+    assert read_touch_ups(out / "touchups.csv", cell.robot.n).count == 27
+    assert len(read_pairs(out / "pairs.csv").names) == 27
+    answer = json.loads((out / "identification.json").read_text())
+    assert [m["name"] for m in answer["models"]] == ["frames only", "offsets"]
+    assert set(answer["models"][1]["parameters"][0]) >= {"name", "value", "unit", "sigma"}
+    with (out / "robot_world.csv").open() as stream:
+        assert [row["method"] for row in csv.DictReader(stream)] == list(SOLVERS)
+    assert (out / "accuracy_vs_condition.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_demo_files_feed_the_single_commands(demo: tuple[Path, str], cli: Cli) -> None:
+    out, _ = demo
+    assert cli("score", out / "cell.toml", out / "poses.csv").code == 0
+
+
+def test_study_covers_every_estimator_and_quantity(demo: tuple[Path, str]) -> None:
+    rows = study_rows(demo[0])
+    sets = {row["d_w_deg"] for row in rows}
+    assert len(sets) == 12  # 5 to 60 deg
+    assert {row["draws"] for row in rows} == {"10"}
+    for d in sets:
+        here = [row for row in rows if row["d_w_deg"] == d]
+        found = {(row["estimator"], row["quantity"]) for row in here}
+        for estimator in ("touch-up weighted", "touch-up unweighted", "view line"):
+            for joint in range(2, 6):
+                assert (estimator, f"zero_offset.joint_{joint}") in found
+        for solver in SOLVERS:
+            assert (solver, "X translation") in found
+            assert (solver, "Z rotation") in found
+        assert ("uncalibrated", "plate distance worst") in found
+
+
+def test_study_says_that_lower_condition_means_smaller_errors(demo: tuple[Path, str]) -> None:
+    rows = [
+        row
+        for row in study_rows(demo[0])
+        if (row["estimator"], row["quantity"], row["truth"])
+        == ("touch-up weighted", "zero_offset.joint_2", "deflecting")
+    ]
+    rows.sort(key=lambda row: -float(row["c_g"]))
+    predicted = np.array([float(row["predicted_sigma"]) for row in rows])
+    spread = np.array([float(row["spread"]) for row in rows])
+    assert (np.diff(predicted) < 0).all()
+    assert spread[0] > 10 * spread[-1]
+    # ten draws tell a standard deviation to a factor of about two
+    assert ((spread > predicted / 3) & (spread < 3 * predicted)).all()
+
+
+def test_study_command(cli: Cli, work: Path) -> None:
+    text = (work / "cell.toml").read_text()
+    quick = text.replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [20.0, 20.0, 20.0]")
+    (work / "cell.toml").write_text(quick)
+    out = work / "study"
+    said = cli("study", "accuracy", work / "cell.toml", "--draws", 10, "--out", out, "--json")
+    assert (said.code, said.err) == (0, "")
+    findings = json.loads(said.out)
+    rows = study_rows(out)
+    assert len(findings) == len(rows)
+    for finding, row in zip(findings, rows, strict=True):
+        assert finding["quantity"] == row["quantity"]
+        if row["error_median"]:
+            median = finding["error_median"]
+            assert float(row["error_median"]) == pytest.approx(median, abs=1e-9)
+        else:
+            assert finding["error_median"] is None
+    table = cli("study", "accuracy", work / "cell.toml", "--draws", 10, "--out", out)
+    assert table.code == 0
+    assert "10 draws a pose set" in table.out
+    for name in ("accuracy_vs_condition.csv", "accuracy_vs_condition.png"):
+        assert (out / name).stat().st_size > 1000
+        assert str(out / name) in table.out
+
+
+def test_study_depends_on_the_seed_alone(cli: Cli, work: Path) -> None:
+    text = (work / "cell.toml").read_text()
+    quick = text.replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [5.0, 5.0, 5.0]")
+    (work / "cell.toml").write_text(quick)
+    answers = [
+        cli("study", "accuracy", work / "cell.toml", "--draws", 10, "--seed", s, "--out", work)
+        for s in (1, 1, 2)
+    ]
+    assert answers[0].out == answers[1].out
+    assert answers[0].out != answers[2].out

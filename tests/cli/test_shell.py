@@ -1,0 +1,119 @@
+"""The console script in a process of its own: start, pipes, Ctrl-C, what is imported."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+COMMAND = (sys.executable, "-c", "from posedesign.cli.main import main; main()")
+SCRIPT = Path(sys.executable).with_name("posedesign")
+HEAVY = ("pinocchio", "numpy", "scipy", "pandas", "matplotlib", "cvxpy", "eaik")
+
+
+def shell(*words: object, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *map(str, words)], capture_output=True, text=True, timeout=60, **options
+    )
+
+
+def modules_after(statement: str) -> set[str]:
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys\n{statement}\nprint(*sys.modules, file=sys.stderr)"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    return {name.partition(".")[0] for name in done.stderr.split()}
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import posedesign",
+        "import calib",
+        "from posedesign.cli.main import run\nrun(['--help'])",
+        "from posedesign.cli.main import run\nrun(['plan', '--help'])",
+        "from posedesign.cli.main import run\nrun(['plan'])",
+    ],
+)
+def test_help_does_not_wait_for_the_robot_libraries(statement: str) -> None:
+    assert modules_after(statement).isdisjoint(HEAVY)
+
+
+def test_click_is_not_needed() -> None:
+    """Typer brings its own since 0.26; a package that nobody asked for may not be there."""
+    assert "click" not in modules_after("from posedesign.cli.main import run\nrun(['--help'])")
+
+
+def test_console_script_answers_with_exit_codes(tmp_path: Path) -> None:
+    words = [SCRIPT] if SCRIPT.exists() else list(COMMAND)
+    cell = subprocess.run([*words, "new"], capture_output=True, text=True, timeout=60, check=True)
+    assert cell.stderr == ""
+    short = cell.stdout.replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [9, 9, 9]")
+    (tmp_path / "cell.toml").write_text(short)
+    said = subprocess.run(
+        [*words, "plan", "cell.toml", "--json"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=tmp_path,
+    )
+    assert (said.returncode, said.stderr) == (1, "")
+    assert json.loads(said.stdout)["stop"] == "variation limit"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cell.toml", "poses.csv", "rounds.csv"]
+
+
+def test_error_goes_to_standard_error_alone(tmp_path: Path) -> None:
+    said = shell("plan", tmp_path / "none.toml")
+    assert (said.returncode, said.stdout) == (2, "")
+    assert said.stderr.startswith("error: ")
+    assert said.stderr.count("\n") == 1
+    assert "Traceback" not in said.stderr
+
+
+def test_tables_in_a_pipe_are_not_cut(tmp_path: Path) -> None:
+    (tmp_path / "cell.toml").write_text(shell("new").stdout)
+    said = shell("plan", "cell.toml", cwd=tmp_path, env={"COLUMNS": "40", "PATH": ""})
+    assert said.returncode == 0, said
+    assert "…" not in said.stdout
+    for heading in ("round", "d_w_deg", "repaired", "cond_2_g", "sigma_joint_2_deg"):
+        assert heading in said.stdout
+    assert "\x1b" not in said.stdout
+
+
+def test_reader_that_stops_reading(tmp_path: Path) -> None:
+    """``posedesign new | head -1``"""
+    with subprocess.Popen(
+        [*COMMAND, "robots", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        said = process.stderr.read()
+        assert process.wait(timeout=60) == 0
+    assert said == b""
+
+
+def test_ctrl_c_says_stopped_and_leaves_no_half_file(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    with subprocess.Popen(
+        [*COMMAND, "study", "accuracy", "--draws", "2000", "--out", str(folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        until = time.monotonic() + 30.0
+        while not folder.exists() and time.monotonic() < until:  # then it is at work
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        out, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said == b"stopped\n"
+    assert out == b""
+    assert list(folder.iterdir()) == []

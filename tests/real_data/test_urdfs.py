@@ -1,0 +1,110 @@
+"""URDF files of real arms: each loads, moves as in Pinocchio, and can be solved for its joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from calib import Robot
+
+pytestmark = pytest.mark.real_data
+
+
+@pytest.fixture(scope="module")
+def urdfs(data_folder: Path) -> list[Path]:
+    files = sorted((data_folder / "urdf").glob("*.urdf"))
+    if not files:
+        pytest.skip(f"no URDF files in {data_folder / 'urdf'}")
+    return files
+
+
+def whole_configuration(model: pin.Model, robot: Robot, q: np.ndarray) -> np.ndarray:
+    """The joints of the arm among all joints of the file, the others at zero."""
+    whole = pin.neutral(model)
+    for name, value in zip(robot.joint_names, q, strict=True):
+        whole[model.joints[model.getJointId(name)].idx_q] = value
+    return whole
+
+
+def test_forward_kinematics_is_pinocchios(urdfs):
+    for path in urdfs:
+        robot, model = Robot.from_urdf(path), pin.buildModelFromUrdf(str(path))
+        data, rng = model.createData(), np.random.default_rng(0)
+        tip, base = model.getFrameId(robot.tip_frame), model.getFrameId(robot.base_frame)
+        for q in rng.uniform(robot.lower, robot.upper, (50, robot.n)):
+            whole = whole_configuration(model, robot, q)
+            pin.framesForwardKinematics(model, data, whole)
+            expected = (data.oMf[base].inverse() * data.oMf[tip]).homogeneous
+            np.testing.assert_allclose(robot.fk(q), expected, atol=1e-12, err_msg=path.name)
+            J = pin.computeFrameJacobian(model, data, whole, tip, pin.LOCAL_WORLD_ALIGNED)
+            columns = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
+            R = np.kron(np.eye(2), data.oMf[base].rotation.T)
+            np.testing.assert_allclose(
+                robot.jacobian(q), R @ J[:, columns], atol=1e-12, err_msg=path.name
+            )
+
+
+def test_inverse_kinematics_closes(urdfs):
+    for path in urdfs:
+        robot, rng = Robot.from_urdf(path), np.random.default_rng(1)
+        middle = (robot.lower + robot.upper) / 2
+        # a redundant arm is solved by iteration, which takes longer and starts from the middle
+        count, width = (100, 0.5) if robot.n == 6 else (15, 0.3)
+        q = middle + rng.uniform(-width, width, (count, robot.n)) * robot.joint_range
+        poses = robot.fk(q)
+        answers = robot.inverse(poses)
+        assert set(answers.pose[answers.inside]) == set(range(count)), path.name
+        np.testing.assert_allclose(
+            robot.fk(answers.postures), poses[answers.pose], atol=1e-9, err_msg=path.name
+        )
+        np.testing.assert_array_equal(answers.gap_m, 0.0)
+        if robot.n == 6:  # every branch, so the one asked for is among them
+            for i in range(count):
+                difference = (answers.of(i) - q[i] + np.pi) % (2 * np.pi) - np.pi
+                assert np.abs(difference).max(axis=1).min() < 1e-6, path.name
+
+
+def test_the_preset_is_the_urdf(urdfs):
+    path = next((p for p in urdfs if p.stem == "r2000ic165f"), None)
+    if path is None:
+        pytest.skip("r2000ic165f.urdf is not among the files")
+    preset, robot = Robot.preset("r2000ic165f"), Robot.from_urdf(path)
+    q = np.random.default_rng(2).uniform(robot.lower, robot.upper, (1000, 6))
+    np.testing.assert_allclose(preset.fk(q), robot.fk(q), atol=1e-9)
+    np.testing.assert_allclose(preset.jacobian(q), robot.jacobian(q), atol=1e-9)
+    assert preset.joint_names == robot.joint_names
+    np.testing.assert_allclose(preset.lower, robot.lower, atol=2e-4)
+    np.testing.assert_allclose(preset.upper, robot.upper, atol=2e-4)
+    np.testing.assert_allclose(preset.speed, robot.speed, rtol=1e-2)
+    on_pendant = [Robot.from_urdf(path, base="base"), Robot.preset("r2000ic165f", base="base")]
+    np.testing.assert_allclose(on_pendant[0].fk(q), on_pendant[1].fk(q), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "passive"),
+    [
+        ("irb6640_185_280", {"joint_piston", "joint_cylinder"}),
+        ("irb6700_200_260", {"cylinder_joint", "piston_joint"}),
+    ],
+)
+def test_passive_pistons_are_locked(urdfs, name, passive):
+    path = next((p for p in urdfs if p.stem == name), None)
+    if path is None:
+        pytest.skip(f"{name}.urdf is not among the files")
+    robot = Robot.from_urdf(path)
+    assert robot.n == 6
+    assert not passive & set(robot.joint_names)
+    notice = next(n for n in robot.notices if n.startswith("locked at zero"))
+    assert set(notice.split(": ")[1].split(", ")) == passive
+
+
+def test_every_arm_is_ready_to_be_planned_for(urdfs):
+    for path in urdfs:
+        robot = Robot.from_urdf(path)
+        assert robot.n in (6, 7), path.name
+        assert (robot.lower < robot.upper).all(), path.name
+        assert (robot.speed > 0).all(), path.name
+        assert robot.model.nq == robot.n, path.name

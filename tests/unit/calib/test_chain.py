@@ -1,0 +1,140 @@
+"""Forward kinematics and Jacobian against Pinocchio's own, and which joints a robot is made of."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from calib import Robot, preset_names
+from calib.errors import InputError, JointLimitError, RobotModelError
+
+
+def by_pinocchio(model: pin.Model, q: np.ndarray, tip: str, base: str):
+    """Pose and Jacobian (origin of the tip, axes of the base) by Pinocchio's algorithms."""
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    tip_id, base_id = model.getFrameId(tip), model.getFrameId(base)
+    J = pin.getFrameJacobian(model, data, tip_id, pin.LOCAL_WORLD_ALIGNED).reshape(6, -1)
+    R_base_world = data.oMf[base_id].rotation.T
+    return (
+        (data.oMf[base_id].inverse() * data.oMf[tip_id]).homogeneous,
+        np.concatenate([R_base_world @ J[:3], R_base_world @ J[3:]]),
+    )
+
+
+def assert_same_kinematics(robot: Robot, model: pin.Model, q: np.ndarray) -> None:
+    T, J = robot.fk(q), robot.jacobian(q)
+    columns = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
+    for i in range(len(q)):
+        whole = pin.neutral(model)
+        whole[columns] = q[i]
+        T_pin, J_pin = by_pinocchio(model, whole, robot.tip_frame, robot.base_frame)
+        np.testing.assert_allclose(T[i], T_pin, atol=1e-13)
+        np.testing.assert_allclose(J[i], J_pin[:, columns], atol=1e-13)
+
+
+@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("base", ["base_link", "base"])
+def test_presets_move_as_in_pinocchio(name, base):
+    robot = Robot.preset(name, base=base)
+    q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (50, 6))
+    assert_same_kinematics(robot, robot.model, q)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 6, 7, 9])
+def test_random_arms_move_as_in_pinocchio(random_urdf, n):
+    rng = np.random.default_rng(n)
+    path = random_urdf(rng, n)
+    robot, model = Robot.from_urdf(path), pin.buildModelFromUrdf(str(path))
+    assert robot.joint_names == tuple(f"j{j + 1}" for j in range(n))
+    assert (robot.base_frame, robot.tip_frame) == ("root", "tool0")
+    assert_same_kinematics(robot, model, rng.uniform(-7, 7, (20, n)))
+    np.testing.assert_allclose(robot.lower, model.lowerPositionLimit)
+    np.testing.assert_allclose(robot.upper, model.upperPositionLimit)
+    np.testing.assert_allclose(robot.joint_range, robot.upper - robot.lower)
+    np.testing.assert_array_equal(robot.speed, np.arange(1, n + 1))
+    np.testing.assert_allclose(np.linalg.norm(robot.chain.axes, axis=1), 1.0, atol=1e-14)
+
+
+def test_base_and_tip_can_be_any_links_of_the_arm(random_urdf):
+    rng = np.random.default_rng(5)
+    path = random_urdf(rng, 6)
+    model = pin.buildModelFromUrdf(str(path))
+    robot = Robot.from_urdf(path, base="link2", tip="link5")
+    assert robot.joint_names == ("j3", "j4", "j5")
+    assert robot.notices == ("locked at zero, not between base and tip: j1, j2, j6",)
+    assert_same_kinematics(robot, model, rng.uniform(-2, 2, (10, 3)))
+
+
+def test_jacobian_is_the_derivative_of_the_forward_kinematics(random_urdf):
+    rng = np.random.default_rng(8)
+    robot = Robot.from_urdf(random_urdf(rng, 6))
+    q, h = rng.uniform(-2, 2, (5, 6)), 1e-6
+    J = robot.jacobian(q)
+    for j in range(6):
+        plus, minus = robot.fk(q + h * np.eye(6)[j]), robot.fk(q - h * np.eye(6)[j])
+        spin = (
+            (plus[:, :3, :3] - minus[:, :3, :3])
+            / (2 * h)
+            @ np.swapaxes(robot.fk(q)[:, :3, :3], -1, -2)
+        )
+        np.testing.assert_allclose(J[:, :3, j], (plus - minus)[:, :3, 3] / (2 * h), atol=1e-8)
+        np.testing.assert_allclose(J[:, 3, j], spin[:, 2, 1], atol=1e-8)
+        np.testing.assert_allclose(J[:, 4, j], spin[:, 0, 2], atol=1e-8)
+        np.testing.assert_allclose(J[:, 5, j], spin[:, 1, 0], atol=1e-8)
+
+
+def test_leading_dimensions_are_kept(reference_robot):
+    q = np.random.default_rng(0).uniform(-1, 1, (2, 3, 6))
+    assert reference_robot.fk(q).shape == (2, 3, 4, 4)
+    assert reference_robot.jacobian(q).shape == (2, 3, 6, 6)
+    np.testing.assert_array_equal(reference_robot.fk(q)[1, 2], reference_robot.fk(q[1, 2]))
+    state = reference_robot.state(q)
+    tip = np.array([0.1, 0.2, 0.3])
+    np.testing.assert_allclose(
+        state.point(tip), state.T_base_tip[..., :3, :3] @ tip + state.T_base_tip[..., :3, 3]
+    )
+
+
+@pytest.mark.parametrize(
+    ("posture", "message"),
+    [
+        (np.zeros(5), "has 6 joints, the posture has 5 values .*joint_1, .*joint_6"),
+        (0.0, "has 6 joints, the posture has 0 values"),
+        (np.zeros((6, 3)), "has 6 joints, the posture has 3 values"),
+        ([0, 0, np.nan, 0, 0, 0], "the value of joint_3 is not a finite number"),
+        ([[0.0] * 6, [0, 0, 0, 0, 0, np.inf]], "the value of joint_6 is not a finite number"),
+    ],
+)
+def test_postures_are_checked(reference_robot, posture, message):
+    for use in (reference_robot.fk, reference_robot.jacobian, reference_robot.check_limits):
+        with pytest.raises(InputError, match=message):
+            use(posture)
+
+
+def test_the_first_joint_outside_its_limits_is_named(reference_robot):
+    reference_robot.check_limits(reference_robot.lower)
+    reference_robot.check_limits(reference_robot.upper)
+    with pytest.raises(JointLimitError, match=r"^joint_5 131.2 deg is above 125.0 deg$") as caught:
+        reference_robot.check_limits(np.deg2rad([0, 0, 0, 0, 131.2, 400]))
+    assert caught.value.bound == pytest.approx((-125.0, 125.0))
+    with pytest.raises(JointLimitError, match=r"joint_2 -61.0 deg is below -60.0 deg"):
+        reference_robot.check_limits(np.deg2rad([0, -61, 0, 0, 0, 0]))
+
+
+def test_a_robot_can_be_sent_to_a_worker_after_it_has_been_used(reference_robot):
+    pose = reference_robot.fk(np.full(6, 0.3))
+    before = reference_robot.inverse(pose)
+    copy = pickle.loads(pickle.dumps(reference_robot))  # noqa: S301
+    np.testing.assert_array_equal(copy.inverse(pose).postures, before.postures)
+
+
+def test_unknown_frames_of_a_preset():
+    with pytest.raises(RobotModelError, match=r"there is no link 'tool' \(did you mean tool0") as e:
+        Robot.preset("r2000ic165f", tip="tool")
+    assert e.value.name == "tool"

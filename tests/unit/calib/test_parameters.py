@@ -1,0 +1,138 @@
+"""Blocks of parameters: gravity torque against Pinocchio, what each block refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from calib import CalibrationModel, Robot
+from calib.errors import InputError
+from calib.measurement import TouchUp
+from calib.parameters import (
+    JointCompliance,
+    Payload,
+    TargetPoints,
+    ToolPoint,
+    ZeroOffsets,
+    gravity_torque,
+)
+from calib.parameters.base import GRAVITY
+
+PAYLOAD = Payload(165.0, np.array([0.1, -0.05, 0.2]))
+
+
+def torque_by_pinocchio(model: pin.Model, q: np.ndarray) -> np.ndarray:
+    model.gravity.linear = GRAVITY
+    data = model.createData()
+    return -np.array([pin.computeGeneralizedGravity(model, data, row).copy() for row in q])
+
+
+def with_payload(model: pin.Model, tip: str, payload: Payload) -> pin.Model:
+    loaded = pin.Model(model)
+    frame = loaded.frames[loaded.getFrameId(tip)]
+    inertia = pin.Inertia(payload.mass_kg, payload.com_m, np.zeros((3, 3)))
+    loaded.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
+    return loaded
+
+
+@pytest.mark.parametrize("payload", [None, PAYLOAD], ids=["alone", "loaded"])
+def test_gravity_torque_of_a_preset(reference_robot, payload):
+    q = np.random.default_rng(0).uniform(reference_robot.lower, reference_robot.upper, (50, 6))
+    model = pin.Model(reference_robot.model)
+    if payload is not None:
+        model = with_payload(model, "tool0", payload)
+    expected = torque_by_pinocchio(model, q)
+    assert np.abs(expected).max() > 1000.0
+    np.testing.assert_allclose(gravity_torque(reference_robot, q, payload), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 4, 7])
+@pytest.mark.parametrize("loaded", [False, True])
+def test_gravity_torque_of_random_arms(random_urdf, n, loaded):
+    rng = np.random.default_rng(n)
+    path = random_urdf(rng, n)
+    robot, model = Robot.from_urdf(path), pin.buildModelFromUrdf(str(path))
+    if loaded:
+        model = with_payload(model, "tool0", PAYLOAD)
+    q = rng.uniform(-3, 3, (20, n))
+    torque = gravity_torque(robot, q, PAYLOAD if loaded else None)
+    np.testing.assert_allclose(torque, torque_by_pinocchio(model, q), atol=1e-10)
+
+
+def test_gravity_pulls_an_outstretched_arm_down(reference_robot):
+    """Joint 2 turns the arm forward and down in its positive sense."""
+    torque = gravity_torque(reference_robot, np.deg2rad([[0, 60, 0, 0, 0, 0]]))
+    assert torque[0, 1] > 0
+    assert torque[0, 0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_compliant_joint_gives_way_by_compliance_times_torque(reference_robot):
+    block = JointCompliance(reference_robot, ["joint_3"], PAYLOAD)
+    model = CalibrationModel(
+        reference_robot, [block, ToolPoint([0, 0, 0], ""), TargetPoints([0, 0, 0])], TouchUp(1e-5)
+    )
+    q = np.deg2rad([[10, 20, -30, 40, -50, 60]])
+    given = 1e-6
+    shown = q.copy()
+    shown[:, 2] += given * gravity_torque(reference_robot, q, PAYLOAD)[:, 2]
+    at = model.predict(q, [given, 0, 0, 0])
+    np.testing.assert_allclose(at[0], reference_robot.fk(shown)[0, :3, 3], atol=1e-13)
+
+
+def test_zero_offsets_are_added_to_the_joint_they_name(reference_robot):
+    block = ZeroOffsets(reference_robot, ["joint_5", "joint_2"])
+    assert block.names == ("zero_offset.joint_5", "zero_offset.joint_2")
+    model = CalibrationModel(
+        reference_robot, [block, ToolPoint([0, 0, 0], ""), TargetPoints([0, 0, 0])], TouchUp(1e-5)
+    )
+    q = np.deg2rad([[10, 20, -30, 40, -50, 60]])
+    turned = np.add(q, [0, 0.02, 0, 0, 0.05, 0])
+    at = model.predict(q, [0.05, 0.02, 0, 0, 0])
+    np.testing.assert_allclose(at[0], reference_robot.fk(turned)[0, :3, 3], atol=1e-14)
+
+
+def test_tool_point_frees_only_the_axes_asked_for():
+    tool = ToolPoint([1, 2, 3], "zx")
+    assert tool.names == ("tool.z", "tool.x")
+    np.testing.assert_array_equal(tool.nominal, [3, 1])
+    np.testing.assert_array_equal(tool.position_m, [1, 2, 3])
+    assert ToolPoint([1, 2, 3], "").names == ()
+
+
+def test_targets_are_named_by_their_labels():
+    targets = TargetPoints([[1, 2, 3], [4, 5, 6]], ["left", "right"])
+    assert targets.names == (
+        *("target.left.x", "target.left.y", "target.left.z"),
+        *("target.right.x", "target.right.y", "target.right.z"),
+    )
+    np.testing.assert_array_equal(targets.nominal, [1, 2, 3, 4, 5, 6])
+    assert TargetPoints([1, 2, 3]).names == ("target.T1.x", "target.T1.y", "target.T1.z")
+
+
+def test_what_places_the_set_up_is_a_nuisance(make_model, reference_robot):
+    model = make_model(extra=(JointCompliance(reference_robot, ["joint_2"]),))
+    assert model.nuisance.tolist() == [False] * 5 + [True] * 6
+    assert model.units == ("rad",) * 4 + ("rad/Nm",) + ("m",) * 6
+    np.testing.assert_array_equal(model.nominal[:5], 0.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda r: ZeroOffsets(r, ["joint_7"]), r"has no joint 'joint_7' \(did you mean joint_"),
+        (lambda r: JointCompliance(r, ["wrist"]), r"has no joint 'wrist' \(known: joint_1, "),
+        (lambda r: ZeroOffsets(r, ["joint_2", "joint_2"]), "joint 'joint_2' is listed twice"),
+        (lambda r: ToolPoint([0, 0]), "the tool point needs three finite numbers"),
+        (lambda r: ToolPoint([0, 0, np.nan]), "the tool point needs three finite numbers"),
+        (lambda r: ToolPoint([0, 0, 0], "xw"), "free axes of the tool point 'xw'"),
+        (lambda r: ToolPoint([0, 0, 0], "xx"), "free axes of the tool point 'xx'"),
+        (lambda r: TargetPoints([0, 0]), "each target needs three finite numbers"),
+        (lambda r: TargetPoints([[0, 0, 0]] * 2), "each target needs three finite numbers"),
+        (lambda r: TargetPoints([0, np.inf, 0]), "each target needs three finite numbers"),
+        (lambda r: TargetPoints([[0, 0, 0]] * 2, ["a", "a"]), "two targets have the same name"),
+    ],
+)
+def test_refusals(reference_robot, make, message):
+    with pytest.raises(InputError, match=message):
+        make(reference_robot)

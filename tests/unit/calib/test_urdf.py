@@ -1,0 +1,318 @@
+"""URDF files of every kind: what is read otherwise is said, what is broken is named."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib import Robot
+from calib.errors import RobotModelError
+from calib.robots import urdf
+
+LIMIT = '<limit lower="-1" upper="1.5" velocity="2" effort="1"/>'
+
+
+def link(name: str, inside: str = "") -> str:
+    return f'<link name="{name}">{inside}</link>'
+
+
+def joint(
+    name, parent, child, kind="revolute", *, axis='<axis xyz="0 0 1"/>', limit=LIMIT, more=""
+):
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0.1 0 0.3" rpy="0 0.2 0"/>{axis}{limit}{more}</joint>'
+    )
+
+
+def inertial(mass: str = '<mass value="3"/>', origin: str = "") -> str:
+    return (
+        f"<inertial>{origin}{mass}"
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    )
+
+
+ABC = link("a") + link("b") + link("c")
+J1, J2 = joint("j1", "a", "b"), joint("j2", "b", "c")
+
+
+@pytest.fixture
+def read(tmp_path: Path, capfd):
+    """Read the inside of a <robot>, or a whole file, and see that nothing is printed."""
+
+    def call(text: str | bytes, **frames: str) -> Robot:
+        path = tmp_path / "arm.urdf"
+        if isinstance(text, str) and not text.startswith("<?"):
+            text = f'<robot name="arm">{text}</robot>'
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        try:
+            return Robot.from_urdf(path, **frames)
+        finally:
+            assert capfd.readouterr() == ("", "")
+
+    return call
+
+
+def test_plain(read):
+    robot = read(ABC + J1 + J2)
+    assert robot.joint_names == ("j1", "j2")
+    assert robot.notices == ("tip taken to be c, the last link of the longest chain",)
+    np.testing.assert_array_equal(robot.lower, [-1, -1])
+    np.testing.assert_array_equal(robot.upper, [1.5, 1.5])
+    np.testing.assert_array_equal(robot.link_mass, [0, 0])
+    assert np.isinf(robot.stiffness).all()
+
+
+@pytest.mark.parametrize("tip", ["flange", "tool0"])
+def test_usual_tips_are_taken_without_a_word(read, tip):
+    frames = link("flange") + joint("mount", "c", "flange", "fixed")
+    if tip == "tool0":
+        frames += link("tool0") + joint("face", "flange", "tool0", "fixed")
+    robot = read(ABC + J1 + J2 + frames)
+    assert robot.tip_frame == tip
+    assert robot.notices == ()
+
+
+def test_missing_speed_is_said_and_unknown(read):
+    robot = read(ABC + J1 + joint("j2", "b", "c", limit='<limit lower="-1" upper="1"/>'), tip="c")
+    assert robot.notices == ("no speed given for j2",)
+    np.testing.assert_array_equal(robot.speed, [2.0, np.nan])
+
+
+def test_continuous_joints_turn_once_each_way(read):
+    wheel = read(ABC + J1 + joint("j2", "b", "c", "continuous", limit=""), tip="c")
+    assert wheel.notices[0] == "continuous joint j2 is read as one of +-360 deg"
+    np.testing.assert_allclose(wheel.upper, [1.5, 2 * np.pi])
+    np.testing.assert_allclose(wheel.lower, [-1, -2 * np.pi])
+    plain = read(ABC + J1 + J2, tip="c")
+    q = np.random.default_rng(0).uniform(-6, 6, (20, 2))
+    np.testing.assert_allclose(wheel.fk(q), plain.fk(q), atol=1e-14)
+
+
+def test_passive_joints_are_locked_at_zero_and_said(read):
+    side = link("rod") + joint("piston", "b", "rod")
+    robot = read(ABC + side + J1 + J2, tip="c")
+    assert robot.joint_names == ("j1", "j2")
+    assert robot.notices == ("locked at zero, not between base and tip: piston",)
+    np.testing.assert_allclose(
+        robot.fk([0.3, 0.4]), read(ABC + J1 + J2, tip="c").fk([0.3, 0.4]), atol=1e-15
+    )
+
+
+def test_the_axis_needs_no_unit_length(read):
+    q = [0.3, 0.4]
+    expected = read(ABC + J1 + joint("j2", "b", "c", axis='<axis xyz="0.6 0 -0.8"/>')).fk(q)
+    long = read(ABC + J1 + joint("j2", "b", "c", axis='<axis xyz="30 0 -40"/>')).fk(q)
+    np.testing.assert_allclose(long, expected, atol=1e-15)
+
+
+def test_masses_of_fixed_and_locked_links_count_for_the_joint_that_carries_them(read):
+    arm = link("a") + link("b", inertial()) + link("c", inertial(origin='<origin xyz="0.1 0 0"/>'))
+    extra = link("box", inertial('<mass value="5"/>')) + joint("weld", "c", "box", "fixed")
+    flap = link("flap", inertial('<mass value="7"/>')) + joint("hinge", "b", "flap")
+    robot = read(arm + extra + flap + J1 + J2, tip="c")
+    np.testing.assert_allclose(robot.link_mass, [3 + 7, 3 + 5])
+    box = (3 * np.array([0.1, 0, 0]) + 5 * np.array([0.1, 0, 0.3])) / 8
+    np.testing.assert_allclose(robot.link_com[1], box, atol=1e-15)
+
+
+def test_a_robot_without_name_is_named_after_its_file(read):
+    body = f"<robot>{ABC}{J1}{J2}</robot>"
+    assert read(f'<?xml version="1.0"?>{body}').name == "arm"
+
+
+def test_meshes_are_not_looked_for(read):
+    mesh = '<visual><geometry><mesh filename="package://none/none.dae"/></geometry></visual>'
+    assert read(link("a", mesh) + link("b") + link("c") + J1 + J2).n == 2
+
+
+BROKEN = {
+    "entity": (
+        '<?xml version="1.0"?><!DOCTYPE robot [<!ENTITY x "lol"><!ENTITY y "&x;&x;&x;">]>'
+        '<robot name="&y;"/>',
+        "document types and entities are not accepted",
+        "arm.urdf",
+    ),
+    "doctype": (
+        '<?xml version="1.0"?><!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot name="r"/>',
+        "document types and entities are not accepted",
+        "arm.urdf",
+    ),
+    "no XML": ("<?no", "is not well-formed XML", "arm.urdf"),
+    "binary": (bytes(range(256)), "is not well-formed XML", "arm.urdf"),
+    "empty": (b"", "is not well-formed XML: no element found", "arm.urdf"),
+    "encoding": (
+        b'<?xml version="1.0" encoding="klingon"?><robot/>',
+        "is not well-formed XML: unknown encoding: klingon",
+        "arm.urdf",
+    ),
+    "multi-byte": (
+        b'<?xml version="1.0" encoding="shift_jis"?><robot/>',
+        "is not well-formed XML: multi-byte encodings",
+        "arm.urdf",
+    ),
+    "root": ('<?xml version="1.0"?><sdf/>', "outermost element is <sdf>, not <robot>", "arm.urdf"),
+    "xacro": (
+        '<?xml version="1.0"?><robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:include filename="x"/></robot>',
+        r"contains xacro macros \(expand it first",
+        "arm.urdf",
+    ),
+    "xacro value": (
+        ABC + J1 + J2.replace("0.1 0 0.3", "${length} 0 0"),
+        "joint 'j2' has origin xyz='\\${length} 0 0', not three finite numbers",
+        "j2",
+    ),
+    "no links": ("", "has no links", "arm.urdf"),
+    "deep": (ABC + J1 + J2 + "<g>" * 3000 + "</g>" * 3000, "Pinocchio cannot build", "arm.urdf"),
+    "no limit": (ABC + J1 + joint("j2", "b", "c", limit=""), "joint 'j2' has no <limit>", "j2"),
+    "reversed limits": (
+        ABC + J1 + joint("j2", "b", "c", limit='<limit lower="1" upper="-2" velocity="1"/>'),
+        "joint 'j2' has its limits reversed: lower 1 is above upper -2",
+        "j2",
+    ),
+    "NaN limit": (
+        ABC + J1 + joint("j2", "b", "c", limit='<limit lower="nan" upper="2" velocity="1"/>'),
+        "joint 'j2' has limit lower='nan', not a finite number",
+        "j2",
+    ),
+    "infinite limit": (
+        ABC + J1 + joint("j2", "b", "c", limit='<limit lower="-1" upper="inf" velocity="1"/>'),
+        "joint 'j2' has limit upper='inf', not a finite number",
+        "j2",
+    ),
+    "comma": (
+        ABC + J1 + joint("j2", "b", "c", limit='<limit lower="-1,5" upper="2" velocity="1"/>'),
+        "joint 'j2' has limit lower='-1,5'",
+        "j2",
+    ),
+    "zero axis": (
+        ABC + J1 + joint("j2", "b", "c", axis='<axis xyz="0 0 0"/>'),
+        "joint 'j2' has an axis of length zero",
+        "j2",
+    ),
+    "axis without direction": (
+        ABC + J1 + joint("j2", "b", "c", axis="<axis/>"),
+        "joint 'j2' has an axis of length zero",
+        "j2",
+    ),
+    "short axis": (
+        ABC + J1 + joint("j2", "b", "c", axis='<axis xyz="0 1"/>'),
+        "joint 'j2' has axis xyz='0 1', not three finite numbers",
+        "j2",
+    ),
+    "unnamed joint": (ABC + J1 + joint("", "b", "c"), "joint '' has no name", ""),
+    "type": (
+        ABC + J1 + joint("j2", "b", "c", "revolut"),
+        r"joint 'j2' has the unknown type 'revolut' \(did you mean revolute",
+        "j2",
+    ),
+    "no parent": (
+        ABC + J1 + J2.replace('<parent link="b"/>', ""),
+        "joint 'j2' has no <parent link=...>",
+        "j2",
+    ),
+    "unknown link": (ABC + J1 + joint("j2", "b", "d"), "joint 'j2' names a missing link 'd'", "d"),
+    "two parents": (
+        ABC + link("d") + J1 + J2 + joint("j3", "d", "c"),
+        "link 'c' has two parents",
+        "c",
+    ),
+    "two roots": (ABC + J1, r"has 2 root links \(a, c\), not one", "arm.urdf"),
+    "ring": (
+        ABC + link("d") + J1 + joint("j2", "c", "d") + joint("j3", "d", "c"),
+        "link 'c' hangs on itself",
+        "c",
+    ),
+    "all in a ring": (ABC + J1 + J2 + joint("j3", "c", "a"), "has 0 root links", "arm.urdf"),
+    "link twice": (ABC + link("b") + J1 + J2, "link 'b' is defined twice", "b"),
+    "joint twice": (
+        ABC + J1 + joint("j1", "b", "c"),
+        "joint 'j1' is defined twice",
+        "j1",
+    ),
+    "mass": (
+        link("a") + link("b", inertial('<mass value="x"/>')) + link("c") + J1 + J2,
+        "link 'b' has inertial mass value='x'",
+        "b",
+    ),
+    "negative mass": (
+        link("a") + link("b", inertial('<mass value="-3"/>')) + link("c") + J1 + J2,
+        "link 'b' has inertial mass value='-3'",
+        "b",
+    ),
+    "no mass": (
+        link("a") + link("b", inertial("")) + link("c") + J1 + J2,
+        "link 'b' has inertial mass value=None",
+        "b",
+    ),
+    "centre of mass": (
+        link("a") + link("b", inertial(origin='<origin xyz="1 2"/>')) + link("c") + J1 + J2,
+        "link 'b' has inertial origin xyz='1 2'",
+        "b",
+    ),
+    "prismatic": (ABC + J1 + joint("j2", "b", "c", "prismatic"), "joint j2 is not revolute", "j2"),
+    "floating": (ABC + J1 + joint("j2", "b", "c", "floating"), "joint j2 is not revolute", "j2"),
+    "mimic": (
+        ABC + J1 + joint("j2", "b", "c", more='<mimic joint="j1" multiplier="2"/>'),
+        r"joint j2 follows another joint \(mimic\)",
+        "j2",
+    ),
+    "no moving joint": (
+        link("a") + link("b") + joint("weld", "a", "b", "fixed"),
+        "there is no moving joint between a and b",
+        "b",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_what_is_broken_is_named(read, case):
+    text, message, name = BROKEN[case]
+    with pytest.raises(RobotModelError, match=message) as caught:
+        read(text)
+    assert Path(caught.value.name).name == name
+    assert caught.value.hint
+
+
+def test_a_mimic_joint_off_the_arm_does_not_matter(read):
+    finger = link("f") + joint("grip", "c", "f", more='<mimic joint="j1"/>')
+    assert read(ABC + finger + J1 + J2, tip="c").joint_names == ("j1", "j2")
+
+
+@pytest.mark.parametrize(
+    ("frames", "message", "name"),
+    [
+        ({"tip": "toool"}, r"there is no link 'toool' \(did you mean tool\?\)", "toool"),
+        ({"base": "xyz"}, r"there is no link 'xyz' \(known: a, b, tool\)", "xyz"),
+        ({"base": "tool", "tip": "b"}, "b does not hang on tool", "tool"),
+        ({"base": "b", "tip": "b"}, "there is no moving joint between b and b", "b"),
+        # a joint has a frame too, but is no link
+        ({"tip": "j1"}, "there is no link 'j1'", "j1"),
+    ],
+)
+def test_base_and_tip_must_be_links_of_one_arm(read, frames, message, name):
+    body = link("a") + link("b") + link("tool") + J1 + joint("j2", "b", "tool")
+    with pytest.raises(RobotModelError, match=message) as caught:
+        read(body, **frames)
+    assert caught.value.name == name
+
+
+@pytest.mark.parametrize("name", ["none.urdf", ".", "zero\0byte"])
+def test_a_file_that_cannot_be_read(tmp_path, name):
+    with pytest.raises(RobotModelError, match="cannot be read: ") as caught:
+        Robot.from_urdf(os.path.join(tmp_path, name))
+    assert "preset" in caught.value.hint
+
+
+def test_a_file_without_end_is_not_read_to_it(monkeypatch, tmp_path):
+    monkeypatch.setattr(urdf, "LARGEST_URDF_BYTES", 1000)
+    with pytest.raises(RobotModelError, match="more than 1000 bytes is too large"):
+        Robot.from_urdf("/dev/zero")
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm">{ABC}{J1}{J2}{" " * 1000}</robot>')
+    with pytest.raises(RobotModelError, match="too large for a URDF"):
+        Robot.from_urdf(path)

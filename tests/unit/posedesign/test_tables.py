@@ -1,0 +1,319 @@
+"""Tables: what is written is read back, and what is no table is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from calib.errors import CalibError, FileFormatError, OutputError
+from calib.measurement import TouchUps
+from calib.se3 import rotation_from_wpr, transform
+from posedesign import files, tables
+from posedesign.cell import Cell
+from posedesign.pose_plan import PoseSet, PoseStatus
+from posedesign.tables import (
+    Pairs,
+    check_columns,
+    read_pairs,
+    read_poses,
+    read_rows,
+    read_touch_ups,
+    write_pairs,
+    write_poses,
+    write_table,
+    write_touch_ups,
+)
+
+FILES_BETWEEN_EXAMPLES = settings(
+    max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+EXACT = 1e-11
+"""[rad, m]: nine decimals of a degree are 1.7e-11 rad, half of which is rounding."""
+
+angles = st.floats(-math.pi, math.pi, width=64)
+lengths = st.floats(-10.0, 10.0, width=64)
+names = st.text(
+    st.characters(codec="utf-8", exclude_categories=["Cc", "Cs", "Zs", "Zl", "Zp"]),
+    min_size=1,
+    max_size=12,
+)
+
+
+def postures(n: int, least: int = 1) -> st.SearchStrategy[np.ndarray]:
+    """Postures of which one joint at least is clearly in degrees."""
+    return arrays.arrays(float, st.tuples(st.integers(least, 6), st.just(n)), elements=angles).map(
+        lambda q: np.vstack([q, np.full((1, n), 2.0)])
+    )
+
+
+@FILES_BETWEEN_EXAMPLES
+@given(q=postures(6), data=st.data())
+def test_touch_ups_round_trip(tmp_path: Path, q: np.ndarray, data: st.DataObject) -> None:
+    labels = tuple(data.draw(st.lists(names, min_size=1, max_size=3, unique=True)))
+    target = np.array(
+        data.draw(st.lists(st.integers(0, len(labels) - 1), min_size=len(q), max_size=len(q)))
+    )
+    path = write_touch_ups(tmp_path / "t.csv", TouchUps(q, target, labels))
+    found = read_touch_ups(path, 6)
+    np.testing.assert_allclose(found.postures, q, rtol=0, atol=EXACT)
+    assert [found.labels[k] for k in found.target] == [labels[k] for k in target]
+
+
+@FILES_BETWEEN_EXAMPLES
+@given(
+    x=arrays.arrays(float, (3, 2, 6), elements=st.floats(-1.0, 1.0)),
+    labels=st.lists(names, min_size=3, max_size=3),
+)
+def test_pairs_round_trip(tmp_path: Path, x: np.ndarray, labels: list[str]) -> None:
+    wpr = x[..., 3:] * [math.pi, 0.49 * math.pi, math.pi]
+    T = transform(rotation_from_wpr(wpr), 10.0 * x[..., :3])
+    path = write_pairs(tmp_path / "p.csv", Pairs(tuple(labels), T[:, 0], T[:, 1]))
+    found = read_pairs(path)
+    assert found.names == tuple(labels)
+    np.testing.assert_allclose(found.A, T[:, 0], rtol=0, atol=3 * EXACT)
+    np.testing.assert_allclose(found.B, T[:, 1], rtol=0, atol=3 * EXACT)
+
+
+def test_pairs_at_the_pole_of_wpr(tmp_path: Path) -> None:
+    """W and R are not unique at P = 90 deg; the rotation is."""
+    wpr = np.array([[0.3, math.pi / 2, -0.2], [1.0, -math.pi / 2, 2.0], [math.pi, 0.0, -math.pi]])
+    T = transform(rotation_from_wpr(wpr), np.zeros((3, 3)))
+    found = read_pairs(write_pairs(tmp_path / "p.csv", Pairs(("a", "b", "c"), T, T)))
+    np.testing.assert_allclose(found.A, T, rtol=0, atol=1e-8)
+
+
+@FILES_BETWEEN_EXAMPLES
+@given(
+    share=arrays.arrays(float, st.tuples(st.integers(1, 5), st.just(6)), elements=st.floats(0, 1)),
+    dropped=st.sets(st.integers(0, 4)),
+)
+def test_poses_round_trip(
+    tmp_path: Path, reference_cell: Cell, share: np.ndarray, dropped: set[int]
+) -> None:
+    robot = reference_cell.robot
+    q = np.vstack([robot.lower + share * robot.joint_range, reference_cell.base_posture])
+    status = [PoseStatus.DROPPED if i in dropped else PoseStatus.GRID for i in range(len(q))]
+    status[-1] = PoseStatus.REPAIRED
+    reasons = tuple("=J5, too far" if s is not PoseStatus.GRID else "" for s in status)
+    poses = PoseSet(q, tuple(status), reasons)
+    path = write_poses(tmp_path / "q.csv", robot, poses, reference_cell.tool_m)
+    kept = [i for i, s in enumerate(status) if s is not PoseStatus.DROPPED]
+    for count in (6, None):
+        found = read_poses(path, count, trust_units=True)
+        np.testing.assert_allclose(found.postures, q[kept], rtol=0, atol=EXACT)
+        assert found.names == tuple(f"P{i + 1:02d}" for i in kept)
+    _, rows = read_rows(path)
+    for i, row in enumerate(rows):
+        assert row.cells["reason"] == reasons[i]
+        if i in kept:
+            point = [float(row.cells[f"{axis}_mm"]) / 1e3 for axis in "xyz"]
+            wanted = robot.state(q[i]).point(reference_cell.tool_m)
+            np.testing.assert_allclose(point, wanted, rtol=0, atol=1e-11)
+            wpr = np.deg2rad([float(row.cells[f"{axis}_deg"]) for axis in "wpr"])
+            np.testing.assert_allclose(
+                rotation_from_wpr(wpr), robot.fk(q[i])[:3, :3], rtol=0, atol=3 * EXACT
+            )
+        else:
+            assert row.cells["j1_deg"] == row.cells["x_mm"] == ""
+
+
+@FILES_BETWEEN_EXAMPLES
+@given(
+    data=st.binary(max_size=300) | st.text(max_size=300).map(lambda t: t.encode("utf-8", "replace"))
+)
+def test_random_files_raise_nothing_but_known_errors(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "random.csv"
+    path.write_bytes(data)
+    for read in (lambda: read_poses(path, 6), lambda: read_poses(path, None)):
+        with pytest.raises(CalibError):
+            read()
+    with pytest.raises(CalibError):
+        read_touch_ups(path, 6)
+    with pytest.raises(CalibError):
+        read_pairs(path)
+
+
+cells = st.sampled_from(
+    ["", "1", "-3.5", "nan", "90", "1e3", "1e308", "0x1", "T1", "dropped", '"', "'", "#", "=1", "٣"]
+)
+
+
+@FILES_BETWEEN_EXAMPLES
+@given(rows=st.lists(st.lists(cells, min_size=0, max_size=9), max_size=6))
+def test_nearly_good_files_are_read_or_refused(tmp_path: Path, rows: list[list[str]]) -> None:
+    path = tmp_path / "near.csv"
+    header = "target,j1_deg,j2_deg,status\n"
+    path.write_text(header + "".join(",".join(row) + "\n" for row in rows))
+    try:
+        found = read_touch_ups(path, 2)
+    except CalibError as error:
+        assert str(path) in str(error)
+    else:
+        assert np.isfinite(found.postures).all()
+        assert all(found.labels)
+        assert found.postures.shape == (len(found.target), 2)
+
+
+# ------------------------------------------------------------------------------------------ cells
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, ""),
+        (1.0, "1"),
+        (-0.0, "0"),
+        (-1e-12, "0"),
+        (0.1 + 0.2, "0.3"),
+        (1e-9, "0.000000001"),
+        (-2.5, "-2.5"),
+        (1e9, "1000000000"),
+        (math.nan, ""),
+        (math.inf, "inf"),
+        (-math.inf, "-inf"),
+        (np.float64(1.5), "1.5"),
+        (3, "3"),
+        ("=SUM(A1)", "'=SUM(A1)"),
+        ("+1", "'+1"),
+        ("@x", "'@x"),
+        ("-1", "'-1"),
+        ("#1", "'#1"),
+        ("'x", "''x"),
+        ("plain", "plain"),
+    ],
+)
+def test_written_cells(tmp_path: Path, value: object, text: str) -> None:
+    path = write_table(tmp_path / "a.csv", ["a", "b"], [{"a": value, "b": "end"}])
+    assert path.read_bytes().decode() == f"a,b\n{text},end\n"
+
+
+def test_cells_with_commas_quotes_and_line_ends(tmp_path: Path) -> None:
+    values = ["a,b", 'say "yes"', "two\nlines", "ä€"]
+    write_table(tmp_path / "a.csv", ["a"], [{"a": value} for value in values])
+    _, rows = read_rows(tmp_path / "a.csv")
+    assert [row.cells["a"] for row in rows] == values
+
+
+def test_lines_are_counted_as_an_editor_does(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text('# note\n\nname,j1_deg\n"two\nlines",90\nP2,none\n')
+    with pytest.raises(FileFormatError) as caught:
+        read_poses(tmp_path / "a.csv", 1)
+    assert (caught.value.row, caught.value.column, caught.value.value) == (6, "j1_deg", "none")
+
+
+@pytest.mark.parametrize("text", ["1", "+1", "-1.5", ".5", "5.", "1e-3", "1E+3", " 7 ", "'-7"])
+def test_numbers_that_people_and_spreadsheets_write(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.csv").write_text(f"j1_deg\n{text}\n")
+    found = read_poses(tmp_path / "a.csv", 1).postures
+    assert np.rad2deg(found[0, 0]) == pytest.approx(float(text.strip("' ")))
+
+
+# ---------------------------------------------------------------------------------------- radians
+
+
+@pytest.mark.parametrize(
+    ("rows", "refused"),
+    [
+        ([[0.1], [0.2], [-6.28]], True),
+        ([[0.1], [0.2], [-6.29]], False),
+        ([[0.1], [0.2]], False),  # two rows say too little
+        ([[0.0], [0.0], [0.0]], False),  # zero is zero in every unit
+    ],
+)
+def test_radians_are_recognised(tmp_path: Path, rows: list[list[float]], refused: bool) -> None:
+    path = write_table(tmp_path / "a.csv", ["j1_deg"], [{"j1_deg": row[0]} for row in rows])
+    if refused:
+        with pytest.raises(FileFormatError, match="look like radians") as caught:
+            read_poses(path, 1)
+        assert "57.29578" in caught.value.hint
+        assert caught.value.value == 6.28
+    expected = np.deg2rad(rows)
+    found = read_poses(path, 1, trust_units=refused).postures
+    np.testing.assert_allclose(found, expected)
+
+
+# ---------------------------------------------------------------------------------------- columns
+
+
+@pytest.mark.parametrize(
+    ("found", "said", "hint"),
+    [
+        (["j1_rad", "j2_deg"], "is in another unit than deg", "call the column j1_deg"),
+        (["j_1_deg", "j2_deg"], "there is no column j1_deg", "did you mean j_1_deg"),
+        (["x", "y"], "there is no column j1_deg", "known: x, y"),
+        (["j1_deg"], "there is no column j2_deg", "did you mean j1_deg"),
+        (["j1_deg", "j2_deg", "j3_deg"], "the robot has 2 joints only", "another robot"),
+    ],
+)
+def test_columns(found: list[str], said: str, hint: str) -> None:
+    with pytest.raises(FileFormatError, match=said) as caught:
+        check_columns(Path("a.csv"), found, ["j1_deg", "j2_deg"], joints=True)
+    assert hint in caught.value.hint
+    assert caught.value.row == 1
+
+
+def test_columns_in_any_order_and_more_of_them(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("who,j2_deg,target,j1_deg\nme,20,T1,10\n")
+    found = read_touch_ups(tmp_path / "a.csv", 2)
+    np.testing.assert_allclose(np.rad2deg(found.postures), [[10.0, 20.0]])
+
+
+def test_poses_without_names_are_numbered(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("j1_deg,j2_deg\n10,20\n30,40\n")
+    assert read_poses(tmp_path / "a.csv", None).names == ("P01", "P02")
+
+
+# -------------------------------------------------------------------------------- whole or not at all
+
+
+@pytest.mark.parametrize("moment", ["write", "rename"])
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_table_that_fails_leaves_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str, error: BaseException
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("old\n")
+
+    def fail(*_: object) -> None:
+        raise error
+
+    if moment == "rename":
+        monkeypatch.setattr(Path, "replace", fail)
+    else:
+        monkeypatch.setattr(files.os, "fsync", fail)
+    expected = OutputError if isinstance(error, OSError) else KeyboardInterrupt
+    with pytest.raises(expected):
+        write_table(path, ["a"], [{"a": 1.0}] * 1000)
+    monkeypatch.undo()
+    assert path.read_text() == "old\n"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
+
+
+def test_rows_that_cannot_be_made_leave_the_old_table(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("old\n")
+
+    def rows() -> object:
+        yield {"a": 1.0}
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        write_table(path, ["a"], rows())
+    assert path.read_text() == "old\n"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
+
+
+def test_a_large_table_is_refused_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("j1_deg\n" + "10\n" * 100)
+    monkeypatch.setattr(tables, "LARGEST_CSV_BYTES", 100)
+    with pytest.raises(FileFormatError, match="is larger than"):
+        read_rows(path)

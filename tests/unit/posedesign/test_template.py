@@ -1,0 +1,135 @@
+"""The example cell that ``posedesign new`` prints."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import CalibError, RobotModelError
+from calib.robots import Robot, preset_names
+from posedesign.cell import Cell
+from posedesign.planner import check_base_pose
+from posedesign.template import REFERENCE, cell_template
+
+ARM = """<robot name="arm">
+  <link name="base"/>{links}
+{joints}</robot>
+"""
+JOINT = """  <joint name={name} type="{kind}">
+    <parent link={parent}/><child link={child}/><origin xyz="{xyz}"/><axis xyz="{axis}"/>
+    <limit lower="-2.8" upper="2.8" velocity="3" effort="0"/>
+  </joint>
+"""
+PLACES = (
+    ("0 0 0.3", "0 0 1"),
+    ("0 0 0", "0 1 0"),
+    ("0 0 0.3", "0 1 0"),
+    ("0.1 0 0.07", "1 0 0"),
+    ("0.2 0 0", "0 1 0"),
+    ("0.07 0 0", "1 0 0"),
+)
+
+
+def write_arm(path: Path, suffix: str = "", kind: str = "revolute") -> Path:
+    """A small arm whose joints and links end in ``suffix``, an XML attribute's text."""
+    links = [f'"l{i}{suffix}"' for i in range(7)]
+    joints = "".join(
+        JOINT.format(
+            name=f'"a{i + 1}{suffix}"',
+            kind=kind,
+            parent=links[i],
+            child=links[i + 1],
+            xyz=xyz,
+            axis=axis,
+        )
+        for i, (xyz, axis) in enumerate(PLACES)
+    )
+    text = "".join(f"<link name={link}/>" for link in links)
+    path.write_text(ARM.format(links=text, joints=joints).replace('<link name="base"/>', ""))
+    return path
+
+
+def test_reference_is_the_default() -> None:
+    assert cell_template() == cell_template(REFERENCE) == cell_template("")
+    assert tomllib.loads(cell_template())["robot"]["preset"] == REFERENCE
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_presets_have_a_base_pose_that_can_be_planned_from(name: str) -> None:
+    cell = Cell.from_text(cell_template(name))
+    check_base_pose(cell)
+    assert cell.robot.name == Robot.preset(name).name
+    assert cell.offset_joints == cell.robot.joint_names[1:-1]
+
+
+def test_every_line_fits_and_every_key_says_its_unit() -> None:
+    text = cell_template()
+    assert max(map(len, text.splitlines())) <= 110
+    for keys in tomllib.loads(text).values():
+        for key, value in keys.items():
+            numbers = value if isinstance(value, list) else [value]
+            if all(isinstance(v, float) for v in numbers):
+                units = ("_mm", "_deg", "_kg", "_s", "threshold")
+                assert key.endswith(units), key
+
+
+def test_a_urdf_gets_a_base_pose_of_its_own(tmp_path: Path) -> None:
+    urdf = write_arm(tmp_path / "arm.urdf")
+    cell = Cell.from_text(cell_template(str(urdf)))
+    check_base_pose(cell)
+    down = cell.robot.fk(cell.base_posture)[:3, 2]
+    np.testing.assert_allclose(down, [0.0, 0.0, -1.0], atol=0.05)
+    assert not cell.config.truth.deflection  # nothing is known of its masses
+
+
+@pytest.mark.parametrize(
+    ("suffix", "name"),
+    [
+        ("&quot;", '"'),
+        ("\\", "\\"),
+        ("{0}", "{0}"),
+        ("é", "é"),
+        ("#", "#"),
+        ("'''", "'''"),
+    ],
+)
+def test_names_that_mean_something_in_toml(tmp_path: Path, suffix: str, name: str) -> None:
+    urdf = write_arm(tmp_path / f'ro"b\\o{len(suffix)}t.urdf', suffix)
+    cell = Cell.from_text(cell_template(str(urdf)))
+    assert cell.offset_joints == tuple(f"a{i}{name}" for i in range(2, 6))
+    assert cell.robot.tip_frame == f"l6{name}"
+
+
+def test_line_ends_in_names_do_not_write_keys(tmp_path: Path) -> None:
+    urdf = write_arm(tmp_path / "arm.urdf", "&#10;mass_kg = 5")
+    try:
+        text = cell_template(str(urdf))
+    except CalibError:
+        return
+    assert tomllib.loads(text)["tool"]["mass_kg"] == 0.0
+    with pytest.raises(CalibError):
+        Cell.from_text(text)
+
+
+def test_what_was_assumed_of_the_urdf_stands_in_the_cell(tmp_path: Path) -> None:
+    text = cell_template(str(write_arm(tmp_path / "arm.urdf", kind="continuous")))
+    assert "# tip taken to be l6, the last link of the longest chain\n" in text
+    assert "# continuous joint a1 is read as one of +-360 deg\n" in text
+    assert "# " not in cell_template().split("[robot]\n")[1].splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "said", "hint"),
+    [
+        ("r2000ic165", "neither a preset nor a URDF", "did you mean r2000ic165f"),
+        ("robot", "neither a preset nor a URDF", "r2000ic165f"),
+        ("no.urdf", "cannot be read", "preset"),
+    ],
+)
+def test_unknown_robots(name: str, said: str, hint: str) -> None:
+    with pytest.raises(RobotModelError, match=said) as caught:
+        cell_template(name)
+    assert hint in caught.value.hint

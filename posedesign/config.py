@@ -24,7 +24,7 @@ Vector = tuple[Length, Length, Length]
 Variation = Annotated[float, Field(ge=0.1, le=180, allow_inf_nan=False)]
 """[deg]; finer steps would be rounds without end."""
 VariationVector = tuple[Variation, Variation, Variation]
-Noise = Annotated[float, Field(gt=0, ge=1e-9, le=1e3, allow_inf_nan=False)]
+Noise = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]
 """[mm, deg]"""
 NoiseVector = tuple[Noise, Noise, Noise]
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]*$")]

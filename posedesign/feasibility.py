@@ -45,7 +45,7 @@ def nearest_postures(
         Distance to keep from every limit [rad].
     """
     solutions = within_margin(robot, robot.inverse(T_base_tip, near=reference), reference, margin)
-    q, feasible = solutions.nearest(reference)
+    q, feasible = solutions.nearest()
     if feasible.all():
         return Postures(q, feasible, ("",) * len(q))
     reasons = _reasons(robot, solutions, margin)
@@ -63,7 +63,7 @@ def within_margin(
     q, inside = nearest_turns(
         solutions.postures, robot.lower + margin, robot.upper - margin, reference
     )
-    return InverseSolutions(q, solutions.pose, inside, solutions.gap_m)
+    return InverseSolutions(q, solutions.pose, inside, solutions.gap_m, reference)
 
 
 def _reasons(robot: Robot, solutions: InverseSolutions, margin: float) -> list[str]:

@@ -16,11 +16,12 @@ from calib.robots.inverse import (
     InverseSolutions,
     nearest_turns,
 )
-from calib.se3 import FloatArray, IntArray, rotation_log
+from calib.robots.iterative import close_in
+from calib.robots.straight_wrist import STRAIGHT_WRIST, solve_straight_wrist
+from calib.se3 import BoolArray, FloatArray, IntArray
 
-STRAIGHT_WRIST = 1e-5
-"""Sine of the angle between axes 4 and 6 below which the wrist is solved again. EAIK's own answers
-are wrong below 3e-7 and good to 1e-10 from 3e-6 on."""
+_POLISHING = 12
+"""Steps: those that arrive take three to eight."""
 
 
 class ClosedForm(InverseKinematics):
@@ -54,10 +55,14 @@ class ClosedForm(InverseKinematics):
         exact = (distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)
         gap_m = np.full(count, np.inf)
         np.minimum.at(gap_m, pose, np.where(exact, 0.0, distance))
+        lost = (gap_m > 0)[pose]  # answers of poses that have no exact one
+        if lost.any():
+            postures, arrived = self._polish(postures, pose, lost, T_base_tip, near)
+            exact |= arrived
+            gap_m[pose[exact]] = 0.0
         postures, inside = nearest_turns(postures[exact], lower, upper, near)
-        return InverseSolutions(
-            postures, pose[exact], inside, np.where(np.isinf(gap_m), np.nan, gap_m)
-        )
+        gap_m[np.isinf(gap_m)] = np.nan
+        return InverseSolutions(postures, pose[exact], inside, gap_m, near)
 
     def _mend_straight_wrists(
         self, postures: FloatArray, pose: IntArray, T_base_tip: FloatArray, near: FloatArray
@@ -77,64 +82,32 @@ class ClosedForm(InverseKinematics):
         order = np.argsort(pose, kind="stable")
         return np.concatenate([postures[~straight], mended])[order], pose[order]
 
+    def _polish(
+        self,
+        postures: FloatArray,
+        pose: IntArray,
+        lost: BoolArray,
+        T_base_tip: FloatArray,
+        near: FloatArray,
+    ) -> tuple[FloatArray, BoolArray]:
+        """Close in on poses from answers that miss them: postures, and which of them arrived.
 
-def solve_straight_wrist(
-    chain: SerialChain, postures: FloatArray, T_wanted: FloatArray, near: FloatArray
-) -> tuple[FloatArray, IntArray]:
-    """Joints 4 to 6 anew where axes 4 and 6 are one line, or nearly so.
-
-    EAIK sets q4 = q6 = 0 there, whatever the roll of the pose. The direction of axis 6 gives q4 and
-    q5; q6 is the turn then left over, which makes up for the rounding of q4. On the line itself
-    only the sum (or difference) of q4 and q6 is given, and they share the way from ``near``.
-
-    Parameters
-    ----------
-    postures : array (S, 6)
-        Joints 1 to 3 are kept [rad].
-    T_wanted : array (S, 4, 4)
-    near : array (6,)
-        [rad]
-
-    Returns
-    -------
-    postures : array (K, 6)
-        Joint 5 bent either way, or straight where axis 6 is on the line. Exact for a wrist whose
-        axis 5 is perpendicular to its neighbours.
-    source : array (K,)
-        Row of the posture that each comes from.
-    """
-    q = postures.copy()
-    q[:, 3], q[:, 5] = near[3], near[5]
-    state = chain.forward(q)
-    a4, a5, a6 = (state.axes[:, j] for j in (3, 4, 5))
-    way = np.sign(_dot(a4, a6))[:, None]  # of axis 6, along or against axis 4
-    x = np.cross(a5, way * a4)  # where axis 6 goes as joint 5 turns
-    q[:, 4] -= np.arctan2(_dot(a6, x), _dot(a6, way * a4))  # straight
-    R_error = T_wanted[:, :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2)
-    a6_wanted = (R_error @ a6[..., None])[..., 0]
-    off_x, off_y = _dot(a6_wanted, x), _dot(a6_wanted, np.cross(a4, x))
-    off = np.hypot(off_x, off_y)
-    on_line = off < 0.1 * CLOSURE_TOLERANCE
-    bend, turn = np.arctan2(off, np.abs(_dot(a6_wanted, a4))), np.arctan2(off_y, off_x)
-    straight = np.zeros_like(q)
-    bent = straight.copy()
-    bent[:, 3], bent[:, 4] = turn, bend
-    other = straight.copy()
-    other[:, 3], other[:, 4] = turn + np.pi, -bend
-    count = np.arange(len(q))
-    source = np.concatenate([count[on_line], count[~on_line], count[~on_line]])
-    q = q[source] + np.concatenate([straight[on_line], bent[~on_line], other[~on_line]])
-    state = chain.forward(q)
-    left_over = rotation_log(T_wanted[source, :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2))
-    roll = _dot(left_over, state.axes[:, 5])
-    shared = np.where(on_line[source], roll / 2.0, 0.0)
-    q[:, 3] += way[source, 0] * shared
-    q[:, 5] += roll - shared
-    return q, source
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.sum(a * b, axis=-1))
+        Most poses that EAIK has no exact answer for are out of reach and stay so. But on arms
+        without a spherical wrist it loses poses with a straight one, and comes close.
+        """
+        off = np.flatnonzero(lost)
+        free = np.full(self._chain.n, np.inf)
+        wanted = T_base_tip[pose[off]]
+        postures = postures.copy()
+        postures[off] = close_in(self._chain, postures[off], wanted, -free, free, _POLISHING)
+        distance, angle = _misses(self._chain, postures[off], wanted)
+        closed = off[(distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)]
+        # several answers may close in on one posture
+        turn = np.remainder(np.round(postures[closed] - near, 6), round(2.0 * np.pi, 6))
+        known = np.column_stack([pose[closed], turn])
+        arrived = np.zeros(len(postures), dtype=bool)
+        arrived[closed[np.unique(known, axis=0, return_index=True)[1]]] = True
+        return postures, arrived
 
 
 def _misses(

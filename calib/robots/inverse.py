@@ -39,24 +39,22 @@ class InverseSolutions:
     gap_m : array (N,)
         Distance from each pose to the nearest point the arm reaches: zero where there is a
         solution, NaN where it is not known.
+    near : array (n,)
+        Posture that full turns were chosen near to [rad].
     """
 
     postures: FloatArray
     pose: IntArray
     inside: BoolArray
     gap_m: FloatArray
+    near: FloatArray
 
     def of(self, pose: int) -> FloatArray:
         """Postures ``(K, n)`` [rad] inside the limits that take one pose."""
         return np.asarray(self.postures[(self.pose == pose) & self.inside])
 
-    def nearest(self, reference: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Of each pose the posture nearest to a reference, inside the limits.
-
-        Parameters
-        ----------
-        reference : array (n,)
-            [rad]
+    def nearest(self) -> tuple[FloatArray, BoolArray]:
+        """Of each pose the posture nearest to ``near``, inside the limits.
 
         Returns
         -------
@@ -65,7 +63,7 @@ class InverseSolutions:
             the joint difference.
         found : array (N,) of bool
         """
-        distance = np.linalg.norm(self.postures - reference, axis=1)
+        distance = np.linalg.norm(self.postures - self.near, axis=1)
         best = first_per_group(self.pose, np.where(self.inside, distance, np.inf), len(self.gap_m))
         postures = np.full((len(self.gap_m), self.postures.shape[1]), np.nan)
         chosen = best >= 0

@@ -11,7 +11,7 @@ from calib.robots.inverse import (
     InverseSolutions,
     pose_error,
 )
-from calib.se3 import FloatArray
+from calib.se3 import BoolArray, FloatArray
 
 _STARTS = 12
 _ITERATIONS = 60
@@ -37,59 +37,86 @@ class DampedIteration(InverseKinematics):
         self, T_base_tip: FloatArray, lower: FloatArray, upper: FloatArray, near: FloatArray
     ) -> InverseSolutions:
         """See :meth:`InverseKinematics.solve`."""
-        count, n = len(T_base_tip), self._chain.n
-        # a fixed seed: the same pose must give the same postures at every call
-        spread = np.random.default_rng(0).uniform(lower, upper, (_STARTS - 1, n))
-        starts = np.vstack([near, spread])
-        q = np.repeat(starts[None], count, axis=0)  # (N, starts, n)
-        wanted = np.broadcast_to(T_base_tip[:, None], (count, _STARTS, 4, 4))
-        q = self._iterate(q.reshape(-1, n), wanted.reshape(-1, 4, 4), lower, upper).reshape(
-            count, _STARTS, n
-        )
-        error = pose_error(self._chain, q, wanted)  # (N, starts, 6)
-        converged = np.abs(error).max(axis=-1) < CLOSURE_TOLERANCE
-        distinct = converged & ~_repeats(q, converged)
-        distance = np.linalg.norm(error[..., :3], axis=-1)
+        rng = np.random.default_rng(0)  # the same pose must give the same postures at every call
+        q = self._from_starts(T_base_tip, near, lower, upper, _STARTS, rng)
+        missed = ~self._closed(q, T_base_tip).any(axis=1)
+        if missed.any():  # unreachable, or unlucky: once more from elsewhere
+            again = self._from_starts(T_base_tip[missed], near, lower, upper, _STARTS, rng)
+            q[missed] = again
+        closed = self._closed(q, T_base_tip)
+        distinct = closed & ~_repeats(q, closed)
+        distance = np.linalg.norm(pose_error(self._chain, q, T_base_tip[:, None])[..., :3], axis=-1)
         return InverseSolutions(
             postures=q[distinct],
             pose=np.nonzero(distinct)[0],
             inside=np.ones(int(distinct.sum()), dtype=bool),
-            gap_m=np.where(converged.any(axis=1), 0.0, distance.min(axis=1)),
+            gap_m=np.where(closed.any(axis=1), 0.0, distance.min(axis=1)),
+            near=near,
         )
 
-    def _iterate(
-        self, q: FloatArray, wanted: FloatArray, lower: FloatArray, upper: FloatArray
+    def _from_starts(
+        self,
+        T_base_tip: FloatArray,
+        near: FloatArray,
+        lower: FloatArray,
+        upper: FloatArray,
+        count: int,
+        rng: np.random.Generator,
     ) -> FloatArray:
-        """Step each of the starts ``(S, n)`` inside the limits until it closes on its pose."""
-        q = q.copy()
-        active = np.arange(len(q))
-        for _ in range(_ITERATIONS):
-            error = pose_error(self._chain, q[active], wanted[active])
-            open_ = np.abs(error).max(axis=-1) > 0.01 * CLOSURE_TOLERANCE
-            active, error = active[open_], error[open_]
-            if not len(active):
-                break
-            q[active] = self._step(q[active], error, lower, upper)
-        return q
+        """Where ``near`` and random starts close in on each pose, ``(N, count, n)``."""
+        starts = np.vstack([near, rng.uniform(lower, upper, (count - 1, self._chain.n))])
+        q = np.tile(starts, (len(T_base_tip), 1))
+        wanted = np.repeat(T_base_tip, count, axis=0)
+        q = close_in(self._chain, q, wanted, lower, upper, _ITERATIONS)
+        return q.reshape(len(T_base_tip), count, self._chain.n)
 
-    def _step(
-        self, q: FloatArray, error: FloatArray, lower: FloatArray, upper: FloatArray
-    ) -> FloatArray:
-        state = self._chain.forward(q)
-        J = state.jacobian(state.p_base_tip)
-        # joints at a limit that the step would push further out are held
-        gradient = (np.swapaxes(J, -1, -2) @ error[..., None])[..., 0]
-        held = ((q <= lower) & (gradient < 0)) | ((q >= upper) & (gradient > 0))
-        J = J * ~held[..., None, :]
-        damping = _DAMPING * np.sum(error**2, axis=-1)[..., None, None] + 1e-14
-        JJt = J @ np.swapaxes(J, -1, -2) + damping * np.eye(6)
-        step = (np.swapaxes(J, -1, -2) @ np.linalg.solve(JJt, error[..., None]))[..., 0]
-        largest = np.abs(step).max(axis=-1, keepdims=True)
-        step *= np.minimum(1.0, 0.5 / np.maximum(largest, 1e-300))
-        return np.asarray(np.clip(q + step, lower, upper))
+    def _closed(self, q: FloatArray, T_base_tip: FloatArray) -> BoolArray:
+        error = pose_error(self._chain, q, T_base_tip[:, None])
+        return np.asarray(np.abs(error).max(axis=-1) < CLOSURE_TOLERANCE)
 
 
-def _repeats(q: FloatArray, converged: np.ndarray) -> np.ndarray:
+def close_in(
+    chain: SerialChain,
+    q: FloatArray,
+    T_wanted: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    iterations: int,
+) -> FloatArray:
+    """Step each posture ``(S, n)`` inside limits until it closes on its pose ``(S, 4, 4)``.
+
+    Damped least squares; what has not closed after the iterations is returned as it is then.
+    """
+    q = q.copy()
+    active = np.arange(len(q))
+    for _ in range(iterations):
+        error = pose_error(chain, q[active], T_wanted[active])
+        open_ = np.abs(error).max(axis=-1) > 0.01 * CLOSURE_TOLERANCE
+        active, error = active[open_], error[open_]
+        if not len(active):
+            break
+        q[active] = _step(chain, q[active], error, lower, upper)
+    return q
+
+
+def _step(
+    chain: SerialChain, q: FloatArray, error: FloatArray, lower: FloatArray, upper: FloatArray
+) -> FloatArray:
+    state = chain.forward(q)
+    J = state.jacobian(state.p_base_tip)
+    # joints at a limit that the step would push further out are held
+    gradient = (np.swapaxes(J, -1, -2) @ error[..., None])[..., 0]
+    held = ((q <= lower) & (gradient < 0)) | ((q >= upper) & (gradient > 0))
+    J = J * ~held[..., None, :]
+    damping = _DAMPING * np.sum(error**2, axis=-1)[..., None, None] + 1e-14
+    JJt = J @ np.swapaxes(J, -1, -2) + damping * np.eye(6)
+    step = (np.swapaxes(J, -1, -2) @ np.linalg.solve(JJt, error[..., None]))[..., 0]
+    largest = np.abs(step).max(axis=-1, keepdims=True)
+    step *= np.minimum(1.0, 0.5 / np.maximum(largest, 1e-300))
+    return np.asarray(np.clip(q + step, lower, upper))
+
+
+def _repeats(q: FloatArray, converged: BoolArray) -> BoolArray:
     """Starts ``(N, starts)`` whose answer an earlier converged start has already given."""
     same = np.abs(q[:, :, None] - q[:, None, :]).max(axis=-1) < _SAME_POSTURE_RAD
     earlier = np.tril(np.ones((q.shape[1], q.shape[1]), dtype=bool), k=-1)

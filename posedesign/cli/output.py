@@ -62,7 +62,7 @@ def note(text: str) -> None:
 
 @contextmanager
 def progress(title: str) -> Iterator[Advance]:
-    """A progress bar on standard error while something long runs; none where that is no terminal."""
+    """A progress bar on standard error, if that is a terminal, while something long runs."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

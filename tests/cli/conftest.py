@@ -26,8 +26,17 @@ class Said:
     err: str
 
 
+class Refusal(str):
+    """The one line that a refused command says."""
+
+    def says(self, *words: str) -> None:
+        """Check that all the words are in it."""
+        missing = [word for word in words if word not in self]
+        assert not missing, f"{missing} not in: {self}"
+
+
 Cli = Callable[..., Said]
-Refuse = Callable[..., str]
+Refuse = Callable[..., Refusal]
 
 
 @pytest.fixture
@@ -47,7 +56,7 @@ def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
 def refuse(cli: Cli, tmp_path: Path) -> Refuse:
     """Run a command line that has to be refused, and return the one line that it says."""
 
-    def refused(*words: object) -> str:
+    def refused(*words: object) -> Refusal:
         before = contents(tmp_path)
         said = cli(*words)
         assert said.code == 2, said
@@ -56,7 +65,7 @@ def refuse(cli: Cli, tmp_path: Path) -> Refuse:
         assert "Traceback" not in said.err
         assert len(said.err) < 1000
         assert contents(tmp_path) == before
-        return said.err
+        return Refusal(said.err)
 
     return refused
 

@@ -162,8 +162,10 @@ def test_plan_without_out_writes_here(
             "20/20/20 deg; raise variations.largest_deg or plan.condition_threshold",
         ),
         (
-            {"variations.step_deg": "[0.001, 0.001, 0.001]"},
-            "raise plan.condition_threshold, or choose a base pose with more room",
+            {"variations.largest_deg": "[120, 120, 120]", "plan.condition_threshold": "1.0"},
+            "no further improvement: C_G 2.042e+04 (asked for 1) with 27 poses at D_W/D_P/D_R "
+            "70/70/70 deg; wider angles no longer help: raise plan.condition_threshold, or choose "
+            "a base pose with more room around it",
         ),
     ],
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -35,7 +35,7 @@ FILES = {
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """``posedesign demo --draws 10`` with its folder and what it printed."""
     out = tmp_path_factory.mktemp("demo") / "posedesign-demo"
     said, aside = StringIO(), StringIO()
@@ -43,7 +43,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]
         code = run(["demo", "--out", str(out), "--draws", "10"])
     assert code == 0
     assert aside.getvalue() == ""  # no progress bar where nobody watches
-    yield out, said.getvalue()
+    return out, said.getvalue()
 
 
 def study_rows(folder: Path) -> list[dict[str, str]]:

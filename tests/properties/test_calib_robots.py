@@ -28,7 +28,7 @@ def test_inverse_kinematics_finds_every_posture_again(robot, part):
     answers = robot.inverse(pose, near=q)
     for posture in answers.postures:
         np.testing.assert_allclose(robot.fk(posture), pose, atol=1e-9)
-    best, found = answers.nearest(q)
+    best, found = answers.nearest()
     assert found[0]
     assert (best[0] >= robot.lower - 1e-9).all()
     assert (best[0] <= robot.upper + 1e-9).all()

@@ -64,7 +64,7 @@ def touching(reference_robot: Robot, target_m: np.ndarray) -> Callable[..., np.n
         while len(found) < count:
             R = R_0 @ se3.rotation_exp(rng.uniform(-tilt, tilt, 3))
             pose = se3.transform(R, target_m + np.asarray(shift) - R @ TOOL_M)[None]
-            q, ok = reference_robot.inverse(pose, near=BASE_POSTURE).nearest(BASE_POSTURE)
+            q, ok = reference_robot.inverse(pose, near=BASE_POSTURE).nearest()
             if ok[0]:
                 found.append(q[0])
         return np.array(found)

@@ -63,7 +63,7 @@ def test_nearest_is_the_nearest_of_all_branches_and_all_turns(robot):
     for _ in range(25):
         reference, made = rng.uniform(robot.lower, robot.upper, (2, 6))
         answers = robot.inverse(robot.fk(made), near=reference)
-        best, found = answers.nearest(reference)
+        best, found = answers.nearest()
         assert found.tolist() == [True]
         shortest = np.inf
         for branch in answers.postures:
@@ -89,7 +89,7 @@ def test_a_straight_wrist_loses_no_pose_whatever_its_roll(robot, bend):
         np.testing.assert_allclose(
             robot.fk(answers.postures), poses[[i] * len(answers.postures)], atol=CLOSURE
         )
-        best, found = answers.nearest(q[i])
+        best, found = answers.nearest()
         assert found[0]
         # joints 1 to 3 are those asked for; on the line itself any split of the roll is right
         np.testing.assert_allclose(best[0, :3], q[i, :3], atol=1e-6)
@@ -100,14 +100,14 @@ def test_a_straight_wrist_loses_no_pose_whatever_its_roll(robot, bend):
 def test_the_roll_of_a_straight_wrist_is_shared_from_the_reference(reference_robot):
     q = np.deg2rad([10, 15, -25, 30, 0, 20])
     near = np.deg2rad([10, 15, -25, 0, 0, 0])
-    best, _ = reference_robot.inverse(reference_robot.fk(q), near=near).nearest(near)
+    best, _ = reference_robot.inverse(reference_robot.fk(q), near=near).nearest()
     np.testing.assert_allclose(np.rad2deg(best[0]), [10, 15, -25, 25, 0, 25], atol=1e-6)
 
 
 @pytest.mark.parametrize("end", ["lower", "upper"])
 def test_postures_at_the_very_limits_are_found(robot, end):
     q = getattr(robot, end)
-    best, found = robot.inverse(robot.fk(q), near=q).nearest(q)
+    best, found = robot.inverse(robot.fk(q), near=q).nearest()
     assert found[0]
     np.testing.assert_allclose(best[0], q, atol=1e-9)
 
@@ -166,8 +166,8 @@ def test_what_is_too_far_says_by_how_much(name, shoulder, reach, hand, place):
     robot = Robot.preset(name)
     answers = robot.inverse(se3.transform(DOWN, place))
     assert len(answers.postures) == 0
-    np.testing.assert_array_equal(answers.nearest(np.zeros(6))[0], np.full((1, 6), np.nan))
-    assert answers.nearest(np.zeros(6))[1].tolist() == [False]
+    np.testing.assert_array_equal(answers.nearest()[0], np.full((1, 6), np.nan))
+    assert answers.nearest()[1].tolist() == [False]
     # the wrist centre stands above the tip; the shoulder turns with joint 1
     wrist = np.add(place, [0, 0, hand])
     flat = np.array([np.hypot(wrist[0], wrist[1]), 0, wrist[2]])
@@ -196,7 +196,7 @@ def test_many_poses_at_once_are_the_same_poses_one_by_one(reference_robot):
         np.testing.assert_array_equal(alone.of(0), together.of(i))
     assert len(together.of(4)) == 0
     assert together.gap_m[4] > 5.0
-    assert together.nearest(q[0])[1].tolist() == [i != 4 for i in range(12)]
+    assert together.nearest()[1].tolist() == [i != 4 for i in range(12)]
     assert len(reference_robot.inverse(np.empty((0, 4, 4))).postures) == 0
 
 
@@ -250,7 +250,7 @@ def test_iteration_closes_on_a_six_axis_arm_without_closed_form(random_urdf):
 def test_iteration_stays_where_the_reference_already_takes_the_pose(seven_axis_robot):
     robot = seven_axis_robot
     q = np.array([0.1, 0.4, -0.2, -1.8, 0.3, 1.9, 0.5])
-    best, found = robot.inverse(robot.fk(q), near=q).nearest(q)
+    best, found = robot.inverse(robot.fk(q), near=q).nearest()
     assert found[0]
     np.testing.assert_allclose(best[0], q, atol=1e-9)
 

@@ -1,0 +1,275 @@
+"""A bad cell or URDF: one line that says what, where and what to do; exit code 2; no file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from posedesign import config
+
+Cli = Callable[..., Any]
+Refuse = Callable[..., Any]
+ChangeCell = Callable[[Mapping[str, str]], Path]
+MakeUrdf = Callable[..., Path]
+
+
+RADIANS = "[0.0, 0.2618, -0.4363, 0.0, -0.8727, 0.1]"
+
+CELL_CASES = {
+    "preset that does not exist": ("robot.preset", '"r2000ic165"', ("did you mean r2000ic165f",)),
+    "preset nowhere near": ("robot.preset", '"kuka"', ("known: r2000ia165f_fig7, r2000ic165f",)),
+    "tip that does not exist": ("robot.tip", '"tol0"', ("'tol0'", "did you mean tool0?")),
+    "base that does not exist": ("robot.base", '"base_lnk"', ("'base_lnk'", "base_link")),
+    "base that is the tip": ("robot.base", '"tool0"', ("no moving joint", "another tip")),
+    "preset and urdf": ("robot.urdf", '"a.urdf"', ("either preset or urdf",)),
+    "preset that is a number": ("robot.preset", "5", ("string", "5")),
+    "control characters": ("robot.preset", r'"a\u0000b"', ("not allowed here",)),
+    "unknown key": ("plan.condition_treshold", "1e5", ("did you mean condition_threshold?",)),
+    "unknown key with an alias near": ("variations.rase", '"best"', ("did you mean raise?",)),
+    "tool point of two values": ("tool.point_mm", "[1.0, 2.0]", ("is missing",)),
+    "tool point of four values": ("tool.point_mm", "[1, 2, 3, 4]", ("too many values",)),
+    "tool point as text": ("tool.point_mm", '"200, 0, 0"', ("should be a list in [ ]",)),
+    "tool point not finite": ("tool.point_mm", "[nan, 0.0, 0.0]", ("finite number", "nan")),
+    "tool point in another solar system": ("tool.point_mm", "[1e9, 0.0, 0.0]", ("1000000",)),
+    "mass below zero": ("tool.mass_kg", "-1.0", ("greater than or equal to 0", "-1")),
+    "posture of five joints": (
+        "base_pose.posture_deg",
+        "[0, 15, -25, 0, -50]",
+        ("has 6 joints, the posture has 5 values", "joint_1, joint_2"),
+    ),
+    "posture of seven joints": (
+        "base_pose.posture_deg",
+        "[0, 15, -25, 0, -50, 0, 0]",
+        ("has 6 joints, the posture has 7 values",),
+    ),
+    "posture with text": ("base_pose.posture_deg", '[0, "x", 0, 0, 0, 0]', ("number", "'x'")),
+    "posture not finite": ("base_pose.posture_deg", "[0, inf, 0, 0, 0, 0]", ("finite",)),
+    "posture in radians": ("base_pose.posture_deg", RADIANS, ("looks like radians", "degrees")),
+    "posture outside the limits": (
+        "base_pose.posture_deg",
+        "[0, 80, -25, 0, -50, 0]",
+        ("outside the limits", "joint_2 80.0 deg is above 76.0 deg", "inside the limits"),
+    ),
+    "variation of zero": ("variations.start_deg", "[0, 5, 5]", ("equal to 0.1, not 0",)),
+    "step below zero": ("variations.step_deg", "[5, -5, 5]", ("equal to 0.1, not -5",)),
+    "rounds without end": ("variations.step_deg", "[5, 1e-9, 5]", ("equal to 0.1, not 1e-09",)),
+    "variation beyond half a turn": ("variations.largest_deg", "[60, 60, 200]", ("180, not 200",)),
+    "start above the largest": (
+        "variations.start_deg",
+        "[5, 70, 5]",
+        ("start_deg 70 is above largest_deg 60",),
+    ),
+    "raise in a way unknown": ("variations.raise", '"twice"', ("'together' or 'best'",)),
+    "threshold below zero": ("plan.condition_threshold", "-1.0", ("greater than 0", "-1")),
+    "threshold as text": ("plan.condition_threshold", '"low"', ("valid number", "'low'")),
+    "margin below zero": ("plan.limit_margin_deg", "-5.0", ("greater than or equal to 0",)),
+    "repair neither true nor false": ("plan.repair", "3", ("boolean", "3")),
+    "offset of an unknown joint": (
+        "parameters.zero_offsets",
+        '["joint_2", "joint_33"]',
+        ("no joint 'joint_33'", "joint_3"),
+    ),
+    "offset twice": ("parameters.zero_offsets", '["joint_2", "joint_2"]', ("listed twice",)),
+    "offsets as text": ("parameters.zero_offsets", '"joint_2"', ("should be a list",)),
+    "tool axes in another order": ("parameters.tool_axes", '"zx"', ("another order", "'zx'")),
+    "unknown kind": ("measurement.kind", '"touchup"', ("'touch-up' or 'view-line'",)),
+    "noise of zero": ("measurement.three_sigma_mm", "[0.02, 0.0, 0.1]", ("greater than 0",)),
+    "noise below zero": ("measurement.three_sigma_mm", "[0.02, -1, 0.1]", ("greater than 0", "-1")),
+    "one noise for three axes": ("measurement.three_sigma_mm", "0.02", ("should be a list",)),
+    "camera noise of zero": ("measurement.camera_three_sigma_mm", "0.0", ("greater than 0",)),
+    "camera angle noise of zero": ("measurement.camera_three_sigma_deg", "0", ("greater than 0",)),
+    "seed with a fraction": ("truth.seed", "1.5", ("valid integer", "1.5")),
+    "offsets of two joints": (
+        "truth.zero_offsets_deg",
+        "[0.1, 0.2]",
+        ("2 values for 6 joints", "one value for each joint"),
+    ),
+    "speed above full speed": ("program.speed_percent", "200", ("less than or equal to 100",)),
+    "empty target name": ("target.name", '""', ("at least 1 character",)),
+    "line end in a target name": ("target.name", r'"a\nb"', ("not allowed here",)),
+}
+
+
+@pytest.mark.parametrize(("key", "value", "words"), CELL_CASES.values(), ids=CELL_CASES)
+def test_key_of_the_cell(
+    refuse: Refuse,
+    change_cell: ChangeCell,
+    work: Path,
+    key: str,
+    value: str,
+    words: tuple[str, ...],
+) -> None:
+    line = refuse("plan", change_cell({key: value}), "--out", work / "out")
+    section = key.split(".")[0]
+    line.says(str(work / "cell.toml"), section, *words, "(")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("score", "{cell}", "{work}/poses.csv"),
+        ("simulate", "{cell}", "{work}/poses.csv", "--out", "{work}/out"),
+        ("identify", "{cell}", "{work}/touchups.csv", "--out", "{work}/out"),
+        ("program", "{work}/poses.csv", "--cell", "{cell}", "--out", "{work}/out"),
+        ("study", "accuracy", "{cell}", "--draws", "10", "--out", "{work}/out"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_every_command_refuses_a_bad_cell(
+    refuse: Refuse, change_cell: ChangeCell, work: Path, command: tuple[str, ...]
+) -> None:
+    cell = change_cell({"plan.condition_treshold": "1.0"})
+    line = refuse(*(word.format(cell=cell, work=work) for word in command))
+    line.says(str(cell), "plan.condition_treshold", "condition_threshold?")
+
+
+CELL_TEXTS = {
+    "nothing in it": (b"", ("robot", "is missing")),
+    "a section that does not exist": (b"[tooll]\nmass_kg = 1\n", ("tooll", "did you mean tool?")),
+    "a value for a section": (b"robot = 5\n", ("robot", "table")),
+    "no TOML": (b"robot preset\n", ("no valid TOML", "line 1", "mend")),
+    "a table twice": (b"[robot]\n[robot]\n", ("no valid TOML", "line 2")),
+    "half a string": (b'[robot]\npreset = "r2\n', ("no valid TOML", "line 2")),
+    "binary": (bytes(range(256)), ("not UTF-8", "save it as UTF-8")),
+    "UTF-16": ("[robot]\n".encode("utf-16"), ("not UTF-8",)),
+    "nested deep": (b"a = " + b"[" * 100_000, ("no valid TOML",)),
+    "a number of ten thousand digits": (b"a = " + b"9" * 10_000, ("no valid TOML",)),
+    "a CSV": (b"name,j1_deg\nP1,0.5\n", ("no valid TOML", "line 1")),
+}
+
+
+@pytest.mark.parametrize(("data", "words"), CELL_TEXTS.values(), ids=CELL_TEXTS)
+def test_text_of_the_cell(refuse: Refuse, work: Path, data: bytes, words: tuple[str, ...]) -> None:
+    path = work / "cell.toml"
+    path.write_bytes(data)
+    refuse("plan", path, "--out", work / "out").says(str(path), *words)
+
+
+def test_cell_that_is_not_there(refuse: Refuse, work: Path) -> None:
+    line = refuse("plan", work / "nosuch.toml", "--out", work / "out")
+    line.says("nosuch.toml: cannot be read: No such file", "posedesign new > cell.toml")
+    refuse("plan", work, "--out", work / "out").says("Is a directory")
+
+
+def test_cell_that_is_too_large(
+    refuse: Refuse, work: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(config, "LARGEST_CELL_BYTES", 100)
+    refuse("plan", work / "cell.toml", "--out", work / "out").says("cell.toml", "is larger")
+    refuse("plan", "/dev/zero", "--out", work / "out").says("/dev/zero", "is larger")
+
+
+def test_base_pose_out_of_reach(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
+    cell = change_cell({"target.position_mm": "[9000.0, 0.0, 500.0]"})
+    line = refuse("plan", cell, "--out", work / "out")
+    line.says("the base pose cannot be taken", "out of reach by", "mm", "move the target")
+
+
+def test_base_pose_inside_the_margin(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
+    line = refuse("plan", change_cell({"plan.limit_margin_deg": "70.0"}), "--out", work / "out")
+    line.says("the base pose cannot be taken", " deg is ", "lower plan.limit_margin_deg")
+
+
+@pytest.mark.parametrize("joint", ["joint_1", "joint_6"])
+@pytest.mark.parametrize("command", ["plan", "identify"])
+def test_joint_that_cannot_be_identified_is_named(
+    refuse: Refuse, change_cell: ChangeCell, work: Path, joint: str, command: str
+) -> None:
+    joints = sorted({"joint_2", "joint_3", "joint_4", "joint_5", joint})
+    cell = change_cell({"parameters.zero_offsets": str(joints).replace("'", '"')})
+    words = [command, cell, *([work / "touchups.csv"] if command == "identify" else [])]
+    line = refuse(*words, "--out", work / "out")
+    line.says(f"cannot identify zero_offset.{joint}:", "absorbed by", "leave it out")
+
+
+def test_score_names_the_joint_that_cannot_be_identified(
+    cli: Cli, change_cell: ChangeCell, work: Path
+) -> None:
+    cell = change_cell({"parameters.zero_offsets": '["joint_1", "joint_2"]'})
+    said = cli("score", cell, work / "poses.csv")
+    assert said.code == 1
+    assert "cannot identify zero_offset.joint_1" in said.out
+
+
+def test_new_names_near_presets(refuse: Refuse) -> None:
+    line = refuse("new", "--robot", "r2000ic165")
+    line.says("'r2000ic165' is neither a preset nor a URDF", "did you mean r2000ic165f")
+
+
+URDF_CASES: dict[str, tuple[Mapping[str, Mapping[str, Any]], tuple[str, ...]]] = {
+    "limits reversed": (
+        {"a3": {"lower": 1.5, "upper": -1.5}},
+        ("joint 'a3'", "limits reversed: lower 1.5 is above upper -1.5", "swap"),
+    ),
+    "limit as text": ({"a2": {"lower": "low"}}, ("joint 'a2'", "lower='low'", "correct")),
+    "limit not a number": ({"a2": {"upper": "nan"}}, ("joint 'a2'", "upper='nan'")),
+    "link that is missing": ({"a6": {"child": "hand"}}, ("joint 'a6'", "'hand'")),
+    "prismatic": ({"a3": {"kind": "prismatic"}}, ("joint a3 is not revolute",)),
+    "axis of zero": ({"a4": {"axis": "0 0 0"}}, ("joint 'a4'", "axis of length zero")),
+    "origin of two numbers": ({"a4": {"xyz": "0 0"}}, ("joint 'a4'", "not three finite numbers")),
+    "joint twice": ({"a2": {"name": "a1"}}, ("'a1'", "defined twice", "rename")),
+}
+
+
+@pytest.mark.parametrize(("joints", "words"), URDF_CASES.values(), ids=URDF_CASES)
+def test_malformed_arm(
+    refuse: Refuse,
+    make_urdf: MakeUrdf,
+    joints: Mapping[str, Mapping[str, Any]],
+    words: tuple[str, ...],
+) -> None:
+    urdf = make_urdf(joints)
+    line = refuse("new", "--robot", urdf)
+    line.says(*words, "(")
+    if "prismatic" not in str(joints):
+        assert str(urdf) in line
+
+
+URDF_TEXTS = {
+    "nothing in it": (b"", ("not well-formed XML",)),
+    "cut off": (b'<robot name="a"><link name="l0"/>', ("not well-formed XML", "line 1")),
+    "not a robot": (b"<sdf/>", ("<sdf>, not <robot>", "convert")),
+    "no links": (b'<robot name="a"/>', ("no links",)),
+    "binary": (bytes(range(256)), ("not well-formed XML",)),
+    "entities": (
+        b'<!DOCTYPE r [<!ENTITY a "aa">]><robot name="&a;"/>',
+        ("entities are not accepted", "DOCTYPE"),
+    ),
+    "xacro": (
+        b'<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:a/></robot>',
+        ("xacro", "xacro file.xacro > file.urdf"),
+    ),
+}
+
+
+@pytest.mark.parametrize(("data", "words"), URDF_TEXTS.values(), ids=URDF_TEXTS)
+def test_text_of_the_urdf(
+    refuse: Refuse, tmp_path: Path, data: bytes, words: tuple[str, ...]
+) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(data)
+    refuse("new", "--robot", path).says(str(path), *words)
+
+
+def test_urdf_that_is_not_there(
+    refuse: Refuse, cli: Cli, make_urdf: MakeUrdf, tmp_path: Path
+) -> None:
+    line = refuse("new", "--robot", tmp_path / "no.urdf")
+    line.says("no.urdf: cannot be read: No such file", "posedesign robots")
+    urdf = make_urdf()
+    (tmp_path / "cell.toml").write_text(cli("new", "--robot", urdf).out)
+    urdf.unlink()
+    line = refuse("plan", tmp_path / "cell.toml", "--out", tmp_path / "out")
+    line.says(str(tmp_path / "cell.toml"), "robot", f"{urdf}: cannot be read")
+
+
+def test_urdf_changed_under_the_cell(
+    refuse: Refuse, cli: Cli, make_urdf: MakeUrdf, tmp_path: Path
+) -> None:
+    (tmp_path / "cell.toml").write_text(cli("new", "--robot", make_urdf()).out)
+    make_urdf({"a3": {"lower": 1.0, "upper": -1.0}})
+    line = refuse("plan", tmp_path / "cell.toml", "--out", tmp_path / "out")
+    line.says("small.urdf", "joint 'a3'", "limits reversed")

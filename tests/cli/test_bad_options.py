@@ -1,0 +1,144 @@
+"""Options, commands and folders that cannot be used: one line, exit code 2, no file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Cli = Callable[..., Any]
+Refuse = Callable[..., Any]
+
+
+def test_too_few_pairs(refuse: Refuse, work: Path) -> None:
+    lines = (work / "pairs.csv").read_text().splitlines()
+    (work / "pairs.csv").write_text("\n".join(lines[:3]) + "\n")
+    line = refuse("robot-world", work / "pairs.csv", "--out", work / "out")
+    line.says("2 pose pairs", "at least 3")
+
+
+def test_pairs_all_alike(refuse: Refuse, work: Path) -> None:
+    lines = (work / "pairs.csv").read_text().splitlines()
+    (work / "pairs.csv").write_text("\n".join([lines[0], *[lines[1]] * 9]) + "\n")
+    line = refuse("robot-world", work / "pairs.csv", "--out", work / "out")
+    line.says("cannot identify", "all poses are the same")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--method", "zhang"), ("no method 'zhang'", "did you mean zhuang")),
+        (("--noise-deg", "1"), ("--noise-deg and --noise-mm", "or neither")),
+        (("--noise-deg", "-1", "--noise-mm", "1"), ("noise", "-", "standard deviation")),
+        (("--noise-deg", "nan", "--noise-mm", "1"), ("noise", "nan")),
+        (("--noise-deg", "text", "--noise-mm", "1"), ("--noise-deg", "number", "--help")),
+    ],
+    ids=lambda value: " ".join(value) if value[0].startswith("--") else "",
+)
+def test_options_of_robot_world(
+    refuse: Refuse, work: Path, options: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    line = refuse("robot-world", work / "pairs.csv", "--out", work / "out", *options)
+    line.says(*words)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--format", "fanuc"), ("'fanuc'", "did you mean fanuc-ls?")),
+        (("--format", "kuka"), ("'kuka'", "known: fanuc-ls")),
+        (("--name", "../x"), ("'../x' is not a FANUC program name", "letter first")),
+        (("--name", "A B"), ("'A B' is not a FANUC program name",)),
+        (("--name", "TOOLONGNAME"), ("at most 8 characters",)),
+    ],
+    ids=lambda value: " ".join(value) if value[0].startswith("--") else "",
+)
+def test_options_of_program(
+    cli: Cli, work: Path, options: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    said = cli("program", work / "poses.csv", "--out", work / "out", *options)
+    assert said.code == 2
+    assert said.err.count("\n") == 1
+    assert all(word in said.err for word in ("error: ", *words))
+    assert not [path for path in (work / "out").glob("*") if path.is_file()]
+
+
+def test_program_of_seven_joints(refuse: Refuse, work: Path) -> None:
+    text = "name," + ",".join(f"j{i}_deg" for i in range(1, 8)) + "\nP1,10,20,30,40,50,60,70\n"
+    (work / "poses.csv").write_text(text)
+    line = refuse("program", work / "poses.csv", "--out", work / "out")
+    line.says("six joints", "have 7")
+
+
+WRITERS = {
+    "plan": ("plan", "cell.toml"),
+    "simulate": ("simulate", "cell.toml", "poses.csv"),
+    "identify": ("identify", "cell.toml", "touchups.csv"),
+    "robot-world": ("robot-world", "pairs.csv"),
+    "program": ("program", "poses.csv"),
+    "study": ("study", "accuracy", "cell.toml", "--draws", "10"),
+    "demo": ("demo", "--draws", "10"),
+}
+
+
+def typed(work: Path, words: tuple[str, ...]) -> list[str]:
+    return [str(work / word) if "." in word else word for word in words]
+
+
+@pytest.mark.parametrize("words", WRITERS.values(), ids=WRITERS)
+def test_file_in_place_of_the_output_folder(
+    refuse: Refuse, work: Path, words: tuple[str, ...]
+) -> None:
+    (work / "taken").write_text("mine")
+    for out in (work / "taken", work / "taken" / "below"):
+        line = refuse(*typed(work, words), "--out", out)
+        line.says(f"{out}: the output folder cannot be made", "--out")
+
+
+FIRST_FILES = {
+    "plan": "poses.csv",
+    "simulate": "touchups.csv",
+    "identify": "identification.json",
+    "robot-world": "robot_world.csv",
+    "program": "CALIB01.LS",
+    "demo": "cell.toml",
+}
+
+
+@pytest.mark.parametrize("command", FIRST_FILES)
+def test_folder_in_place_of_an_output_file(refuse: Refuse, work: Path, command: str) -> None:
+    blocked = work / "out" / FIRST_FILES[command]
+    blocked.mkdir(parents=True)
+    line = refuse(*typed(work, WRITERS[command]), "--out", work / "out")
+    line.says(f"{blocked} is not an ordinary file")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("plna", "cell.toml"), "No such command 'plna'. Did you mean 'plan'?"),
+        (("plan",), "Missing argument 'cell'. (see posedesign plan --help)"),
+        (("plan", "a.toml", "b.toml"), "unexpected extra argument(s) (b.toml)"),
+        (("plan", "a.toml", "--outt", "x"), "No such option: --outt"),
+        (("plan", "--help-me"), "No such option: --help-me"),
+        (("study",), "Missing command. (see posedesign study --help)"),
+        (("study", "acuracy"), "No such command 'acuracy'. Did you mean 'accuracy'?"),
+        (("study", "accuracy", "--draws", "9"), "'--draws': Input should be greater than or equal"),
+        (("study", "accuracy", "--draws", "many"), "'--draws': Input should be a valid integer"),
+        (("demo", "--draws", "-5"), "'--draws': Input should be greater than or equal to 10"),
+        (("demo", "--draws"), "Option '--draws' requires an argument"),
+        (("simulate", "a", "b", "--seed", "-1"), "'--seed': Input should be greater than or equal"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_mistyped_commands(
+    refuse: Refuse,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refuse(*words).says(said, "--help)")

@@ -1,0 +1,208 @@
+"""Bad tables: one line with file, line and column; exit code 2; no file left behind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from posedesign import tables
+
+Refuse = Callable[..., Any]
+ChangeCsv = Callable[[str, int, str, str], Path]
+
+
+NUMBER_CASES = {
+    "nan": "nan",
+    "text": "abc",
+    "empty": "",
+    "infinite": "inf",
+    "too large for a float": "1e999",
+    "formula": "=1+1",
+    "hexadecimal": "0x10",
+    "underscore": "1_0",
+    "Arabic digits": "١٢",
+    "unit behind the number": "12 deg",
+    "two numbers": "1 2",
+}
+
+
+@pytest.mark.parametrize("value", NUMBER_CASES.values(), ids=NUMBER_CASES)
+@pytest.mark.parametrize(
+    ("file", "column", "command"),
+    [
+        ("touchups.csv", "j3_deg", "identify"),
+        ("poses.csv", "j6_deg", "score"),
+        ("pairs.csv", "b_z_mm", "robot-world"),
+    ],
+    ids=["touchups", "poses", "pairs"],
+)
+def test_cell_that_is_no_number(
+    refuse: Refuse,
+    change_csv: ChangeCsv,
+    work: Path,
+    value: str,
+    file: str,
+    column: str,
+    command: str,
+) -> None:
+    path = change_csv(file, 5, column, value)
+    words = [command, *([] if command == "robot-world" else [work / "cell.toml"]), path]
+    line = refuse(*words, *([] if command == "score" else ["--out", work / "out"]))
+    shown = repr(value) if value else "an empty cell"
+    line.says(f"{path}, line 6, column {column}: {shown}", "finite number", "correct")
+
+
+@pytest.mark.parametrize("command", ["simulate", "program", "score"])
+def test_nan_in_poses(refuse: Refuse, change_csv: ChangeCsv, work: Path, command: str) -> None:
+    poses = change_csv("poses.csv", 1, "j1_deg", "nan")
+    words = [command, *([] if command == "program" else [work / "cell.toml"]), poses]
+    line = refuse(*words, *([] if command == "score" else ["--out", work / "out"]))
+    line.says(f"{poses}, line 2, column j1_deg")
+
+
+def identify(refuse: Refuse, work: Path, data: bytes | str) -> Any:
+    """What identify says of other touch-ups."""
+    path = work / "touchups.csv"
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    line = refuse("identify", work / "cell.toml", path, "--out", work / "out")
+    assert str(path) in line
+    return line
+
+
+def test_wrong_column_names(refuse: Refuse, work: Path) -> None:
+    good = (work / "touchups.csv").read_text()
+    line = identify(refuse, work, good.replace("j2_deg", "joint2"))
+    line.says("line 1: there is no column j2_deg", "did you mean")
+    line = identify(refuse, work, good.replace("j2_deg", "J2_deg"))
+    line.says("there is no column j2_deg", "J2_deg")
+    line = identify(refuse, work, good.replace("target,", "tagret,"))
+    line.says("there is no column target", "did you mean tagret?")
+
+
+def test_wrong_unit_columns(refuse: Refuse, work: Path) -> None:
+    good = (work / "touchups.csv").read_text()
+    for bad in (good.replace("_deg", "_rad"), good.replace("j1_deg", "j1_rad")):
+        line = identify(refuse, work, bad)
+        line.says("line 1, column j1_rad", "another unit than deg", "j1_deg")
+    pairs = (work / "pairs.csv").read_text()
+    (work / "pairs.csv").write_text(pairs.replace("b_y_mm", "b_y_m"))
+    line = refuse("robot-world", work / "pairs.csv", "--out", work / "out")
+    line.says("pairs.csv, line 1, column b_y_m", "another unit than mm", "b_y_mm")
+
+
+def test_radians_in_a_degree_column(refuse: Refuse, work: Path) -> None:
+    lines = (work / "touchups.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    turned = [
+        ",".join([row[0], *(str(math.radians(float(v))) for v in row[1:7]), row[7]]) for row in rows
+    ]
+    line = identify(refuse, work, "\n".join([lines[0], *turned]) + "\n")
+    line.says("column j1_deg to j6_deg", "look like radians", "57.29578", "--trust-units")
+
+
+def test_fewer_equations_than_parameters(refuse: Refuse, work: Path) -> None:
+    lines = (work / "touchups.csv").read_text().splitlines()
+    path = work / "few.csv"
+    for count in (1, 2, 3):
+        path.write_text("\n".join(lines[: count + 1]) + "\n")
+        line = refuse("identify", work / "cell.toml", path, "--out", work / "out")
+        said = f"{count} touch-ups give {3 * count} equations for 10 parameters"
+        line.says(said, "measure at least 4")
+
+
+def test_the_same_posture_again_and_again(refuse: Refuse, work: Path) -> None:
+    lines = (work / "touchups.csv").read_text().splitlines()
+    path = work / "same.csv"
+    path.write_text("\n".join([lines[0], *[lines[1]] * 27]) + "\n")
+    line = refuse("identify", work / "cell.toml", path, "--out", work / "out")
+    line.says("cannot identify", "absorbed by")
+
+
+def test_touch_ups_of_another_robot(refuse: Refuse, change_csv: ChangeCsv, work: Path) -> None:
+    lines = (work / "touchups.csv").read_text().splitlines()
+    seven = [lines[0] + ",j7_deg", *(line + ",1.0" for line in lines[1:])]
+    line = identify(refuse, work, "\n".join(seven) + "\n")
+    line.says("column j7_deg", "6 joints only", "another robot")
+
+
+TABLE_TEXTS = {
+    "nothing in it": (b"", ("no rows of data",)),
+    "a header only": (b"target,j1_deg\n", ("no rows of data",)),
+    "blank lines": (b"\n\r\n\n", ("no rows of data",)),
+    "comments only": (b"# a\n# b\n", ("no rows of data",)),
+    "binary": (bytes(range(256)), ("not UTF-8", "CSV (UTF-8)")),
+    "Latin 1": ("target,j1_deg\nZäpfchen,1\n".encode("latin-1"), ("not UTF-8",)),
+    "UTF-16": ("target,j1_deg\nT1,1\n".encode("utf-16"), ("not UTF-8",)),
+    "tabs": (b"target\tj1_deg\nT1\t1\n", ("line 1", "tabs", "commas")),
+    "semicolons": (b"target;j1_deg\nT1;1,5\n", ("line 1", "semicolons", "commas")),
+    "comments, then semicolons": (b"# a\ntarget;j1_deg\nT1;1,5\n", ("line 2", "semicolons")),
+    "a row too short": (b"target,j1_deg\nT1,1\nT1\n", ("line 3", "1 cells, the header has 2")),
+    "a row too long": (b"target,j1_deg\nT1,1\nT1,1,5\n", ("line 3", "3 cells", "has 2", "point")),
+    "a column twice": (b"j1_deg,target,j1_deg\n1,T1,1\n", ("column j1_deg", "twice", "rename")),
+    "half a quotation": (b'target,j1_deg\n"T1,1\nT1,1\n', ("no valid CSV", "quotation")),
+    "a zero byte": (b"target,j1_deg\nT1,\x001\n", ("touchups.csv",)),
+    "old Macintosh": (b"target,j1_deg\rT1,1\r", ("no valid CSV", "line end")),
+    "a cell of megabytes": (b"target,j1_deg\n" + b"1" * 3_000_000 + b",1\n", ("line 2", "limit")),
+    "a page of HTML": (b"<html>\n<body>\n</body>\n</html>\n", ("there is no column target",)),
+}
+
+
+@pytest.mark.parametrize(("data", "words"), TABLE_TEXTS.values(), ids=TABLE_TEXTS)
+def test_text_of_a_table(refuse: Refuse, work: Path, data: bytes, words: tuple[str, ...]) -> None:
+    identify(refuse, work, data).says(*words)
+
+
+def test_long_nonsense_is_not_echoed_in_full(
+    refuse: Refuse, change_csv: ChangeCsv, work: Path
+) -> None:
+    path = change_csv("touchups.csv", 1, "j2_deg", "x" * 50_000)
+    line = refuse("identify", work / "cell.toml", path, "--out", work / "out")
+    assert len(line) < 300 + len(str(path))
+
+
+def test_nothing_steers_the_terminal(refuse: Refuse, work: Path) -> None:
+    line = identify(refuse, work, "\x1b[31mtarget,\x1b[31mtarget\n1,2\n")
+    assert "\x1b" not in line
+    assert "\\x1b[31mtarget" in line
+
+
+def test_table_that_is_too_large(
+    refuse: Refuse, work: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tables, "LARGEST_CSV_BYTES", 1000)
+    line = refuse("identify", work / "cell.toml", work / "touchups.csv", "--out", work / "out")
+    line.says("touchups.csv", "is larger than 0.001 MB")
+
+
+def test_tables_that_are_not_there(refuse: Refuse, work: Path) -> None:
+    for words in (
+        ("identify", work / "cell.toml", work / "no.csv"),
+        ("simulate", work / "cell.toml", work / "no.csv"),
+        ("score", work / "cell.toml", work / "no.csv"),
+        ("program", work / "no.csv"),
+        ("robot-world", work / "no.csv"),
+    ):
+        out = [] if words[0] == "score" else ["--out", work / "out"]
+        refuse(*words, *out).says("no.csv: cannot be read: No such file", "check the path")
+
+
+def test_touch_up_without_a_target(refuse: Refuse, change_csv: ChangeCsv, work: Path) -> None:
+    path = change_csv("touchups.csv", 4, "target", "")
+    line = refuse("identify", work / "cell.toml", path, "--out", work / "out")
+    line.says(f"{path}, line 5, column target", "has no name")
+
+
+def test_poses_that_were_all_dropped(refuse: Refuse, work: Path) -> None:
+    text = (work / "poses.csv").read_text().replace(",grid,", ",dropped,")
+    (work / "poses.csv").write_text(text)
+    line = refuse("score", work / "cell.toml", work / "poses.csv")
+    line.says("poses.csv: has no pose that was not dropped")
+
+
+def test_arguments_swapped(refuse: Refuse, work: Path) -> None:
+    line = refuse("score", work / "poses.csv", work / "cell.toml")
+    line.says("poses.csv", "no valid TOML")

@@ -149,17 +149,21 @@ class NotIdentifiableError(CalibError):
         The parameters that would have to be left out.
     combinations : sequence of str
         In words, what each of them is mixed up with.
+    hint : str, optional
+        What to do about it, where that is not to leave the parameters out.
     """
 
-    def __init__(self, parameters: Sequence[str], combinations: Sequence[str]) -> None:
+    def __init__(
+        self, parameters: Sequence[str], combinations: Sequence[str], *, hint: str = ""
+    ) -> None:
+        them = "it" if len(parameters) == 1 else "them"
         super().__init__(
             "these measurements cannot identify "
             + ", ".join(parameters)
             + ": "
             + "; ".join(combinations),
-            hint="leave "
-            + ("it" if len(parameters) == 1 else "them")
-            + " out of the parameters, or measure poses that move what hides it",
+            hint=hint
+            or f"leave {them} out of the parameters, or measure poses that move what hides {them}",
             name=parameters[0] if parameters else None,
         )
         self.parameters = tuple(parameters)

@@ -153,9 +153,14 @@ class CalibrationModel:
         return rows, self.measurement.differentiate(motion, error, R), R
 
     def whiten(self, q: ArrayLike, rows: FloatArray, x: ArrayLike | None = None) -> FloatArray:
-        """Rows ``(..., N, m, k)`` or ``(..., N, m)`` divided by the noise of the measurement."""
+        """Blocks ``(..., N, m, k)`` divided by the noise of the measurement.
+
+        Rows ``(..., N, m)`` are blocks of one column: ``rows[..., None]``.
+        """
+        if rows.ndim < 3 or rows.shape[-2] != self.measurement.rows:
+            raise InputError(
+                f"blocks to whiten have shape (N, {self.measurement.rows}, k), not {rows.shape}",
+                name="rows",
+            )
         view, _ = self.view(q, x)
-        R = view.state.R_base_tip
-        if rows.ndim == R.ndim - 1:
-            return self.measurement.whiten(rows[..., None], R)[..., 0]
-        return self.measurement.whiten(rows, R)
+        return self.measurement.whiten(rows, view.state.R_base_tip)

@@ -27,7 +27,7 @@ MOST_RADIANS = np.pi
 radians: no arm stands within three degrees of its zero to measure."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Cell:
     """What the planner, the simulation and the identification work on.
 

@@ -88,7 +88,7 @@ def results_as_dict(
     }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlateTest:
     """The plate as seen by one robot after another: section 3.4 and Fig. 11 of the paper.
 

@@ -12,7 +12,7 @@ from calib.robots.inverse import first_per_group, nearest_turns
 from calib.se3 import BoolArray, FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Postures:
     """For each pose of a list the posture that the robot takes, or why it cannot.
 

@@ -31,7 +31,7 @@ class StopReason(StrEnum):
     INFEASIBLE = "infeasible"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PoseSet:
     """The 27 poses of one round, taken, repaired or dropped.
 
@@ -69,7 +69,7 @@ class PoseSet:
         return self.status.count(status)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Round:
     """One turn of the loop.
 
@@ -95,7 +95,7 @@ class Round:
     sigma: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PosePlan:
     """A set of measuring poses with its history.
 

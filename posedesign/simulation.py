@@ -16,7 +16,7 @@ _FACING = np.diag([1.0, -1.0, -1.0])
 """The target's z points at the camera: turned by 180 deg about x against the tool."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SimulatedRobot:
     """The robot as it really is, known to nothing but the simulation.
 

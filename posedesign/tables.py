@@ -56,7 +56,7 @@ class Row:
     cells: dict[str, str]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PoseList:
     """Poses read from a file.
 
@@ -71,7 +71,7 @@ class PoseList:
     postures: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pairs:
     """Poses of the arm and of the camera, pair by pair: A X = Z B.
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.errors import NotIdentifiableError
+from calib.identification.result import DISPLAY
 from calib.parameters.base import Unit
 from calib.se3 import BoolArray, FloatArray
 
@@ -81,14 +82,15 @@ def check_believable(sigma: FloatArray, names: Sequence[str], units: Sequence[Un
         Naming those whose standard deviation is beyond ``LARGEST_SIGMA``.
     """
     hopeless = [
-        (name, s)
+        (name, f"{name} stays uncertain by {s * DISPLAY[unit][1]:.3g} {DISPLAY[unit][0]}")
         for name, unit, s in zip(names, units, sigma, strict=True)
         if not s <= LARGEST_SIGMA[unit]
     ]
     if hopeless:
         raise NotIdentifiableError(
             [name for name, _ in hopeless],
-            [f"{name} stays uncertain by {s:.2g} (SI) in the noise" for name, s in hopeless],
+            [f"in the noise, {why}" for _, why in hopeless],
+            hint="measure poses that turn the tool farther, or free fewer parameters",
         )
 
 

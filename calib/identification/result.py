@@ -24,7 +24,7 @@ MODEL_DOUBT = 1e-4
 Status = Literal["converged", "not converged"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class IdentificationResult:
     """Identified parameters with their uncertainty.
 

@@ -22,6 +22,7 @@ from calib.identification.result import IdentificationResult, chi2_is_too_large
 from calib.measurement.data import TouchUps
 from calib.measurement.simulate import touch
 from calib.model import CalibrationModel
+from calib.parameters.base import Unit
 from calib.se3 import FloatArray, IntArray
 
 Method = Literal["gauss-newton", "newton-raphson"]
@@ -34,8 +35,9 @@ STEP_TOLERANCE = 1e-7
 then moves by more than this part of its own standard deviation, whatever its unit; and since the
 last step is taken too, what is left is far smaller still."""
 
-FINITE_DIFFERENCE = 1e-6
-"""The Δp of Eq. 5 [rad, m]: balances truncation against rounding for arms of a few metres."""
+FINITE_DIFFERENCE: dict[Unit, float] = {"rad": 1e-6, "m": 1e-6, "rad/Nm": 1e-9}
+"""The Δp of Eq. 5: balances truncation against rounding for arms of a few metres, and of torques
+of some thousand Nm."""
 
 
 def identify(
@@ -136,9 +138,9 @@ def finite_difference_jacobian(
     model: CalibrationModel, q: FloatArray, x: FloatArray, target: IntArray | None = None
 ) -> FloatArray:
     """Eq. 5 of [Watanabe2006]_ as printed: forward differences, ``(N, m, p)``."""
-    shifted = x + FINITE_DIFFERENCE * np.eye(model.p)
-    moved = model.predict(q[None], shifted, target)  # (p, N, m)
-    columns = (moved - model.predict(q, x, target)) / FINITE_DIFFERENCE
+    step = np.array([FINITE_DIFFERENCE[unit] for unit in model.units])
+    moved = model.predict(q[None], x + np.diag(step), target)  # (p, N, m)
+    columns = (moved - model.predict(q, x, target)) / step[:, None, None]
     return np.moveaxis(columns, 0, -1)
 
 
@@ -192,6 +194,9 @@ def _check_identifiable_at(model: CalibrationModel, measurements: TouchUps, x: F
     _, J, R = model.linearise(q, x, measurements.target)
     white = model.measurement.whiten(J, R).reshape(-1, model.p)
     check_identifiable(white, model.names, model.nuisance)
+    # what the noise alone leaves unknown would wander off before it could be refused
+    root = np.linalg.pinv(white)
+    check_believable(np.linalg.norm(root, axis=1), model.names, model.units)
 
 
 def _place_setup(

@@ -10,7 +10,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TouchUps:
     """Postures at which the tool point stood on a target.
 

@@ -58,27 +58,39 @@ def touch(
     chain = model.robot.chain
     batch = np.broadcast_shapes(q.shape[:-2], x.shape[:-1], np.shape(displacement)[:-2])
     q = np.broadcast_to(q, (*batch, *q.shape[-2:]))
-    R_held = chain.forward(q).R_base_tip
+    R_held = chain.forward(q).R_base_tip if hold_orientation else None
     for _ in range(_ITERATIONS):
-        view, error = model.view(q, x, target)
-        missing = displacement - error
-        distance = np.linalg.norm(missing, axis=-1)
-        J = view.joint_motion[..., :3, :]
-        right = missing
-        if hold_orientation:
-            nominal = chain.forward(q)
-            turn = rotation_log(R_held @ np.swapaxes(nominal.R_base_tip, -1, -2))
-            J = np.concatenate([J, np.swapaxes(nominal.axes, -1, -2)], axis=-2)
-            right = np.concatenate([missing, turn], axis=-1)
+        J, right = _shift(model, q, x, target, displacement, R_held)
         if np.abs(right).max(initial=0.0) < TOUCH_TOLERANCE_M:
             break
         Jt = np.swapaxes(J, -1, -2)
-        step = (Jt @ np.linalg.solve(J @ Jt + _DAMPING * np.eye(J.shape[-2]), right[..., None]))[
-            ..., 0
-        ]
+        JJt = J @ Jt + _DAMPING * np.eye(J.shape[-2])
+        step = (Jt @ np.linalg.solve(JJt, right[..., None]))[..., 0]
         largest = np.abs(step).max(axis=-1, keepdims=True)
         q = q + step * np.minimum(1.0, _LARGEST_STEP_RAD / np.maximum(largest, 1e-300))
-    return np.asarray(q), distance
+    else:
+        right = _shift(model, q, x, target, displacement, R_held)[1]
+    return np.asarray(q), np.asarray(np.linalg.norm(right[..., :3], axis=-1))
+
+
+def _shift(
+    model: CalibrationModel,
+    q: FloatArray,
+    x: FloatArray,
+    target: IntArray | None,
+    displacement: FloatArray | float,
+    R_held: FloatArray | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Equations ``J dq = right`` of one step: the missing way [m], then the turn to undo [rad]."""
+    view, error = model.view(q, x, target)
+    missing = displacement - error
+    J = view.joint_motion[..., :3, :]
+    if R_held is None:
+        return J, missing
+    nominal = model.robot.chain.forward(q)
+    turn = rotation_log(R_held @ np.swapaxes(nominal.R_base_tip, -1, -2))
+    J = np.concatenate([J, np.swapaxes(nominal.axes, -1, -2)], axis=-2)
+    return J, np.concatenate([missing, turn], axis=-1)
 
 
 def simulate_touch_ups(

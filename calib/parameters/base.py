@@ -26,7 +26,7 @@ GRAVITY = np.array([0.0, 0.0, -9.80665])
 """Standard gravity [m/s²] in the base frame: the arm stands on a level floor."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Payload:
     """What the flange carries besides itself.
 
@@ -39,6 +39,16 @@ class Payload:
 
     mass_kg: float
     com_m: FloatArray
+
+    def __post_init__(self) -> None:
+        com = np.asarray(self.com_m, dtype=float)
+        if not (np.isfinite(self.mass_kg) and self.mass_kg >= 0 and com.shape == (3,)):
+            raise InputError(
+                "a payload needs a mass of zero or more and a centre of mass of three numbers",
+                name="payload",
+                value=self.mass_kg,
+            )
+        object.__setattr__(self, "com_m", com)
 
 
 @dataclass
@@ -60,7 +70,7 @@ class ArmErrors:
     targets: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ArmView:
     """Everything about an arm in given postures that a parameter block may need.
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calib.errors import InputError
 from calib.parameters.base import (
     GRAVITY,
     ArmErrors,
@@ -84,6 +85,10 @@ class JointCompliance(ParameterBlock):
         self._payload = payload
         self._indices = joint_indices(robot, joints)
         self._nominal = np.zeros(len(joints)) if nominal is None else np.asarray(nominal, float)
+        if self._nominal.shape != (len(joints),):
+            raise InputError(
+                f"{self._nominal.size} nominal compliances for {len(joints)} joints", name="nominal"
+            )
         self.names = tuple(f"compliance.{joint}" for joint in joints)
 
     @property

@@ -73,19 +73,25 @@ class TargetPoints(ParameterBlock):
         Nominal positions [m] in the base frame.
     labels : sequence of str
         Name of each target, as in the data.
+    free : bool
+        Whether they are to be identified. Surveyed targets are not, and then even the offset of
+        the first joint can be.
     """
 
     unit = "m"
     nuisance = True
 
-    def __init__(self, positions_m: ArrayLike, labels: Sequence[str] = ("T1",)) -> None:
+    def __init__(
+        self, positions_m: ArrayLike, labels: Sequence[str] = ("T1",), free: bool = True
+    ) -> None:
         self._positions = np.atleast_2d(np.asarray(positions_m, dtype=float))
         if self._positions.shape != (len(labels), 3) or not np.isfinite(self._positions).all():
             raise InputError("each target needs three finite numbers", name="target")
         self.labels = tuple(labels)
         if len(set(self.labels)) != len(self.labels):
             raise InputError("two targets have the same name", name="target", hint="rename one")
-        self.names = tuple(f"target.{label}.{axis}" for label in labels for axis in _AXES)
+        self._free = free
+        self.names = tuple(f"target.{label}.{axis}" for label in labels for axis in _AXES if free)
 
     @property
     def positions_m(self) -> FloatArray:
@@ -94,15 +100,20 @@ class TargetPoints(ParameterBlock):
 
     @property
     def nominal(self) -> FloatArray:
-        """Nominal positions, target by target, ``(3 K,)`` [m]."""
-        return self._positions.ravel()
+        """Nominal positions, target by target, ``(3 K,)`` [m]; empty where they are not free."""
+        return self._positions.ravel() if self._free else np.zeros(0)
 
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray) -> None:
         """See :meth:`ParameterBlock.displace`."""
-        errors.targets = values.reshape(*values.shape[:-1], len(self.labels), 3)
+        shape = (*values.shape[:-1], len(self.labels), 3)
+        errors.targets = (
+            values.reshape(shape) if self._free else np.broadcast_to(self._positions, shape)
+        )
 
     def motion(self, view: ArmView) -> FloatArray:
         """See :meth:`ParameterBlock.motion`."""
+        if not self._free:
+            return np.zeros((*view.point.shape[:-1], 6, 0))
         out = np.zeros((*view.point.shape[:-1], 6, len(self.labels), 3))
         touched = view.target[:, None] == np.arange(len(self.labels))  # (N, K)
         for axis in range(3):

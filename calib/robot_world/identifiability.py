@@ -62,7 +62,7 @@ _SAME_PLACE_M = 1e-6
 """Movement that counts as none when the message says what is free."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """What the rotations of T sets of pose pairs tell.
 

@@ -10,7 +10,7 @@ from calib import se3
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """What one method returns for T problems.
 
@@ -49,7 +49,7 @@ def residuals(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray) -> Flo
     return np.concatenate([se3.rotation_log(difference), translation], axis=-1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotWorldBatch:
     """Solutions of T problems A X = Z B by one method.
 
@@ -88,7 +88,7 @@ class RobotWorldBatch:
         return self.converged & ~self.degenerate & ~self.misfit
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotWorldResult:
     """Solution of one problem A X = Z B.
 

@@ -19,7 +19,7 @@ _TARGET_OFFSET_M = 1.0
 """Largest coordinates of the camera in the flange frame, and of the target in the base frame."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Problems:
     """T problems without noise: ``A X = Z B`` holds to rounding.
 

@@ -14,7 +14,7 @@ import numpy as np
 from calib.se3 import FloatArray, skew, transform
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ChainState:
     """Where every joint and the tip of a chain are, in the base frame.
 
@@ -64,7 +64,7 @@ class ChainState:
         return np.swapaxes(np.concatenate([linear, self.axes], axis=-1), -1, -2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SerialChain:
     """n revolute joints in a row.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import eaik.pybindings.EAIK as eaik
 import numpy as np
 
-from calib.robots.chain import SerialChain
+from calib.robots.chain import ChainState, SerialChain
 from calib.robots.inverse import (
     CLOSURE_TOLERANCE,
     InverseKinematics,
@@ -50,8 +50,13 @@ class ClosedForm(InverseKinematics):
         found = [np.asarray(a.Q, dtype=float).reshape(-1, self._chain.n) for a in answers]
         pose = np.repeat(np.arange(count), [len(f) for f in found])
         postures = np.concatenate([*found, np.empty((0, self._chain.n))])
-        postures, pose = self._mend_straight_wrists(postures, pose, T_base_tip, near)
-        distance, angle = _misses(self._chain, postures, T_base_tip[pose])
+        state = self._chain.forward(postures)
+        sine = np.linalg.norm(np.cross(state.axes[:, 3], state.axes[:, 5]), axis=-1)
+        straight = sine < STRAIGHT_WRIST
+        if straight.any():
+            postures, pose = self._mend(postures, pose, straight, T_base_tip, near)
+            state = self._chain.forward(postures)
+        distance, angle = _misses(state, T_base_tip[pose])
         exact = (distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)
         gap_m = np.full(count, np.inf)
         np.minimum.at(gap_m, pose, np.where(exact, 0.0, distance))
@@ -64,14 +69,15 @@ class ClosedForm(InverseKinematics):
         gap_m[np.isinf(gap_m)] = np.nan
         return InverseSolutions(postures, pose[exact], inside, gap_m, near)
 
-    def _mend_straight_wrists(
-        self, postures: FloatArray, pose: IntArray, T_base_tip: FloatArray, near: FloatArray
+    def _mend(
+        self,
+        postures: FloatArray,
+        pose: IntArray,
+        straight: BoolArray,
+        T_base_tip: FloatArray,
+        near: FloatArray,
     ) -> tuple[FloatArray, IntArray]:
-        axes = self._chain.forward(postures).axes
-        sine = np.linalg.norm(np.cross(axes[:, 3], axes[:, 5]), axis=-1)
-        straight = sine < STRAIGHT_WRIST
-        if not straight.any():
-            return postures, pose
+        """Answers with a straight wrist solved again, those of each pose still together."""
         # EAIK gives one or both ways to bend joint 5: take each place of the arm once
         arms = np.column_stack([pose, np.round(postures[:, :3], 9)])[straight]
         once = np.flatnonzero(straight)[np.unique(arms, axis=0, return_index=True)[1]]
@@ -100,7 +106,7 @@ class ClosedForm(InverseKinematics):
         wanted = T_base_tip[pose[off]]
         postures = postures.copy()
         postures[off] = close_in(self._chain, postures[off], wanted, -free, free, _POLISHING)
-        distance, angle = _misses(self._chain, postures[off], wanted)
+        distance, angle = _misses(self._chain.forward(postures[off]), wanted)
         closed = off[(distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)]
         # several answers may close in on one posture
         turn = np.remainder(np.round(postures[closed] - near, 6), round(2.0 * np.pi, 6))
@@ -110,11 +116,8 @@ class ClosedForm(InverseKinematics):
         return postures, arrived
 
 
-def _misses(
-    chain: SerialChain, postures: FloatArray, T_wanted: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Distance [m] and angle [rad] between where postures bring the tip and where it should be."""
-    state = chain.forward(postures)
+def _misses(state: ChainState, T_wanted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distance [m] and angle [rad] between where the tip is and where it should be."""
     distance = np.linalg.norm(state.p_base_tip - T_wanted[:, :3, 3], axis=-1)
     # |R - R'| is sqrt(2) times the angle where it is small, without the cost of a logarithm
     angle = np.linalg.norm(state.R_base_tip - T_wanted[:, :3, :3], axis=(-2, -1)) / np.sqrt(2.0)

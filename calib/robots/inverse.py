@@ -19,11 +19,14 @@ CLOSURE_TOLERANCE = 1e-9
 """Largest distance [m] and angle [rad] between the pose asked for and the one a posture takes.
 Closed forms reach 1e-12; what is farther off is a least-squares compromise, not a solution."""
 
+LIMIT_TOLERANCE = 1e-9
+"""Excess over a joint limit [rad] that is rounding: a posture on its limit is inside."""
+
 _TURNS = 2.0 * np.pi * np.arange(-2, 3)
 """Full turns that limits of up to +-720 deg can hold."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InverseSolutions:
     """Postures for a list of poses, as flat arrays.
 
@@ -102,7 +105,7 @@ def nearest_turns(
     """
     turned = postures[..., None] + _TURNS  # (S, n, turns)
     below, above = lower[:, None] - turned, turned - upper[:, None]
-    excess = np.maximum(np.maximum(below, above) - CLOSURE_TOLERANCE, 0.0)
+    excess = np.maximum(np.maximum(below, above) - LIMIT_TOLERANCE, 0.0)
     # any excess outweighs every distance inside the limits
     cost = np.abs(turned - near[:, None]) + 1e6 * excess
     best = np.argmin(cost, axis=-1)[..., None]

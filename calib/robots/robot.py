@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError, JointLimitError, RobotModelError, near_names
 from calib.robots.chain import ChainState, SerialChain
 from calib.robots.closed_form import ClosedForm
-from calib.robots.inverse import InverseKinematics, InverseSolutions
+from calib.robots.inverse import LIMIT_TOLERANCE, InverseKinematics, InverseSolutions
 from calib.robots.iterative import DampedIteration
 from calib.robots.presets import load_preset
 from calib.robots.urdf import load_urdf
@@ -27,7 +27,7 @@ USUAL_TIPS = ("tool0", "flange")
 """Names that ROS-Industrial and the makers give to the mounting face, the better one first."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
     """A serial arm of n revolute joints between a base frame and a tip frame.
 
@@ -237,7 +237,8 @@ class Robot:
         """Raise :class:`JointLimitError` for the first joint of posture ``(n,)`` outside limits."""
         posture = self.check_posture(q)
         for j in range(self.n):
-            if not self.lower[j] <= posture[j] <= self.upper[j]:
+            beyond = max(self.lower[j] - posture[j], posture[j] - self.upper[j])
+            if beyond > LIMIT_TOLERANCE:
                 raise JointLimitError(
                     self.joint_names[j],
                     *np.rad2deg([posture[j], self.lower[j], self.upper[j]]).tolist(),
@@ -259,7 +260,14 @@ def _usual_tip(model: pin.Model, notices: list[str]) -> int:
         if model.existFrame(name, pin.FrameType.BODY):
             return _frame_id(model, name)
     bodies = [i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
-    deepest = max(bodies, key=lambda i: (len(model.supports[model.frames[i].parentJoint]), i))
+
+    def depth(i: int) -> tuple[int, float]:  # a flange is farther out than a link's own frame
+        frame = model.frames[i]
+        return len(model.supports[frame.parentJoint]), float(
+            np.linalg.norm(frame.placement.translation)
+        )
+
+    deepest = max(bodies, key=depth)
     notices.append(
         f"tip taken to be {model.frames[deepest].name}, the last link of the longest chain"
     )

@@ -108,3 +108,19 @@ def test_every_arm_is_ready_to_be_planned_for(urdfs):
         assert (robot.lower < robot.upper).all(), path.name
         assert (robot.speed > 0).all(), path.name
         assert robot.model.nq == robot.n, path.name
+
+
+def test_universal_robots_with_a_straight_wrist(data_folder: Path) -> None:
+    """The closed form loses some of these poses; they are closed in on from where it ends."""
+    robot = Robot.from_urdf(data_folder / "urdf" / "ur5e.urdf")
+    q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (300, 6))
+    q[:, 4] = 0.0
+    poses = robot.fk(q)
+    answers = robot.inverse(poses)
+    assert (answers.gap_m == 0).all()
+    assert set(answers.pose) == set(range(300))
+    np.testing.assert_allclose(robot.fk(answers.postures), poses[answers.pose], atol=1e-8)
+
+
+def test_the_flange_of_a_panda_is_its_tip(data_folder: Path) -> None:
+    assert Robot.from_urdf(data_folder / "urdf" / "panda.urdf").tip_frame == "panda_link8"

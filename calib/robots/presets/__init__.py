@@ -21,7 +21,7 @@ from calib.se3 import rotation_from_wpr
 _NO_LIMIT = np.finfo(float).max
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Preset:
     """A robot as loaded from its file.
 

@@ -82,7 +82,7 @@ def test_both_methods_reach_the_same_minimum(make_model, touching, weighted):
         rows = model.predict(data.postures, x)
         if weighted:
             # the noise is that of the identified arm: held, as the solver does
-            return np.sum(model.whiten(data.postures, rows, gauss.values) ** 2)
+            return np.sum(model.whiten(data.postures, rows[..., None], gauss.values) ** 2)
         return np.sum(rows**2)
 
     least = cost(gauss.values)
@@ -343,7 +343,8 @@ def test_the_result_reads_well(make_model, touching):
     assert lines[-1].strip() == result.message
     assert result.degrees_of_freedom == 60 - 10
     assert result.max_m == np.linalg.norm(result.residuals, axis=1).max()
-    white = model.whiten(simulated(model, touching(20)).postures, result.residuals, result.values)
+    postures = simulated(model, touching(20)).postures
+    white = model.whiten(postures, result.residuals[..., None], result.values)
     assert result.chi2 == pytest.approx(np.sum(white**2))
 
 
@@ -364,3 +365,30 @@ def test_as_many_equations_as_parameters_leave_nothing_to_judge_by(
     assert result.noise_scale == 1.0
     assert result.explains_data
     assert np.isnan(result.leave_one_out).all()
+
+
+def test_surveyed_targets_make_the_first_joint_identifiable(reference_robot, target_m, touching):
+    surveyed = TargetPoints([target_m], free=False)
+    model = CalibrationModel(
+        reference_robot,
+        [
+            ZeroOffsets(reference_robot, [f"joint_{j}" for j in range(1, 6)]),
+            ToolPoint([0.2, -0.05, 0.35]),
+            surveyed,
+        ],
+        TouchUp(1e-5),
+    )
+    assert model.labels == ("T1",)
+    assert model.p == 8
+    true = model.nominal + np.concatenate([np.full(5, 1e-3), [1e-3, -2e-3, 3e-3]])
+    found = identify(model, simulate_touch_ups(model, true, touching(20)))
+    np.testing.assert_allclose(found.values, true, atol=1e-9)
+
+
+def test_what_the_noise_leaves_unknown_is_refused_before_it_wanders_off(make_model, touching):
+    model = make_model(measurement=TouchUp(1e-4))
+    with pytest.raises(NotIdentifiableError, match="stays uncertain by") as caught:
+        identify(model, simulate_touch_ups(model, model.nominal, touching(20, tilt=0.03)))
+    # the offset of joint 2 and the height of the target are all but the same thing there
+    assert set(caught.value.parameters) & {"zero_offset.joint_2", "target.T1.z"}
+    assert "turn the tool farther" in caught.value.hint

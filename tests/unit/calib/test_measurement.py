@@ -8,7 +8,8 @@ import pytest
 from calib import se3
 from calib.errors import ConvergenceError, InputError
 from calib.measurement import TouchUp, TouchUps, ViewLine
-from calib.measurement.simulate import simulate_touch_ups
+from calib.measurement.simulate import simulate_touch_ups, touch
+from calib.parameters import Payload
 
 SAMPLES = 20_000
 FIVE_SIGMA = 5 * np.sqrt(2 / SAMPLES)
@@ -107,7 +108,8 @@ def test_simulated_touch_ups_have_the_noise_of_the_measurement(make_model, touch
     x[:5] += [1e-3, -1e-3, 2e-3, 1e-3, 1e-3]
     data = simulate_touch_ups(model, x, q, np.random.default_rng(5), trials=400)
     assert data.postures.shape == (400, 10, 6)
-    white = model.whiten(data.postures, model.predict(data.postures, x), x).reshape(-1, 3)
+    rows = model.predict(data.postures, x)
+    white = model.whiten(data.postures, rows[..., None], x).reshape(-1, 3)
     np.testing.assert_allclose(white.T @ white / len(white), np.eye(3), atol=5 * np.sqrt(2 / 4000))
 
 
@@ -130,3 +132,19 @@ def test_simulation_says_which_pose_cannot_be_touched(make_model, touching):
     ) as caught:
         simulate_touch_ups(model, x, q, target=np.array([0, 1, 0]))
     assert caught.value.name == "pose 2"
+
+
+def test_touch_says_how_far_an_arm_out_of_reach_stays(make_model, touching, target_m):
+    model = make_model()
+    x = model.nominal.copy()
+    x[-3:] = target_m + [3.0, 0.0, 0.0]
+    q, missing = touch(model, touching(2), x)
+    point = model.view(q, x)[0].point
+    np.testing.assert_allclose(missing, np.linalg.norm(point - x[-3:], axis=-1), atol=1e-9)
+    assert (missing > 0.5).all()
+
+
+@pytest.mark.parametrize(("mass", "com"), [(-1.0, [0, 0, 0]), (np.nan, [0, 0, 0]), (5.0, [0, 0])])
+def test_a_payload_that_cannot_be(mass, com):
+    with pytest.raises(InputError, match="a payload needs"):
+        Payload(mass, com)

@@ -23,8 +23,8 @@ from calib.model import CalibrationModel
 from calib.robot_world import solve_batch
 from calib.se3 import FloatArray, inverse, rotation_angle
 from posedesign.cell import Cell
-from posedesign.evaluation import PlateTest, try_plate
 from posedesign.planner import plan
+from posedesign.plate import PlateTest, try_plate
 from posedesign.pose_plan import PosePlan, Round
 from posedesign.simulation import SimulatedRobot
 

@@ -22,8 +22,8 @@ from calib.parameters import TargetPoints
 from calib.robot_world import METHODS, PairNoise, RobotWorldResult, solve
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.accuracy_study import SOLVERS, AccuracyStudy
+from posedesign.before_after import identify_models, results_as_dict
 from posedesign.cell import Cell
-from posedesign.evaluation import identify_models, results_as_dict
 from posedesign.files import write_text_atomic
 from posedesign.indices import Indices, evaluate
 from posedesign.planner import Progress, plan

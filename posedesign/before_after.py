@@ -1,0 +1,73 @@
+"""What touch-ups make of the robot, beside the baseline that leaves it as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from calib.identification import IdentificationResult, identify
+from calib.measurement import TouchUps
+from calib.parameters import TargetPoints
+from posedesign.cell import Cell
+
+
+def identify_models(cell: Cell, touch_ups: TouchUps) -> tuple[IdentificationResult, ...]:
+    """Identify what the cell asks for, and the baseline it has to beat.
+
+    The first result, ``frames only``, places tool point and targets and leaves the robot as it
+    is: errors of the set-up are not the robot's, and a "before" that contains them flatters every
+    calibration. The second, ``offsets``, frees the zero offsets as well.
+
+    Parameters
+    ----------
+    cell : Cell
+    touch_ups : TouchUps
+        Of any targets; their positions need not be known.
+
+    Raises
+    ------
+    InputError, NotIdentifiableError, ConvergenceError
+        As :func:`calib.identification.identify`.
+    """
+    # where the nominal arm sees each target: any guess will do, tool and targets are fitted first
+    points = cell.robot.state(touch_ups.postures).point(cell.tool_m)
+    guesses = [points[touch_ups.target == k].mean(axis=0) for k in range(len(touch_ups.labels))]
+    targets = TargetPoints(guesses, touch_ups.labels)
+    weighted = cell.config.measurement.weighted
+    return tuple(
+        identify(cell.model(offsets, targets=targets), touch_ups, weighted=weighted, name=name)
+        for name, offsets in (("frames only", ()), ("offsets", cell.offset_joints))
+    )
+
+
+def results_as_dict(
+    cell: Cell, touch_ups: TouchUps, results: Sequence[IdentificationResult]
+) -> dict[str, Any]:
+    """The content of ``identification.json``: degrees and millimetres."""
+    best = min(results, key=lambda r: r.leave_one_out_rms_m)
+    return {
+        "robot": cell.robot.name,
+        "touch_ups": touch_ups.count,
+        "targets": list(touch_ups.labels),
+        "weighted": cell.config.measurement.weighted,
+        "recommended": best.model,
+        "models": [
+            {
+                "name": r.model,
+                "status": r.status,
+                "message": r.message,
+                "iterations": r.iterations,
+                "rms_mm": r.rms_m * 1e3,
+                "max_mm": r.max_m * 1e3,
+                "leave_one_out_rms_mm": r.leave_one_out_rms_m * 1e3,
+                "chi2": r.chi2,
+                "degrees_of_freedom": r.degrees_of_freedom,
+                "noise_scale": r.noise_scale,
+                "parameters": [
+                    {"name": name, "value": value, "unit": unit, "sigma": sigma, "change": change}
+                    for name, unit, value, change, sigma in r.displayed()
+                ],
+            }
+            for r in results
+        ],
+    }

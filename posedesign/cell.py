@@ -98,6 +98,13 @@ class Cell:
         )
         with _naming(path, "parameters.zero_offsets"):
             ZeroOffsets(robot, cell.offset_joints)
+        if config.measurement.kind == "view-line" and "z" in cell.tool_axes:
+            raise FileFormatError(
+                "a view line does not show where the tool point is along z",
+                path=path,
+                column="parameters.tool_axes",
+                hint='set it to "xy"',
+            )
         true_offsets = config.truth.zero_offsets_deg
         if true_offsets is not None and len(true_offsets) != robot.n:
             raise FileFormatError(

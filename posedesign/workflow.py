@@ -27,7 +27,7 @@ from posedesign.cell import Cell
 from posedesign.files import write_text_atomic
 from posedesign.indices import Indices, evaluate
 from posedesign.planner import Progress, plan
-from posedesign.pose_plan import PosePlan, StopReason, displayed_sigma, fingerprint
+from posedesign.pose_plan import PosePlan, displayed_sigma, fingerprint
 from posedesign.programs import (
     PoseProgram,
     ProgramOptions,
@@ -141,7 +141,8 @@ def plan_poses(cell: Cell, out: Path, progress: Progress | None = None) -> PoseP
         The poses cannot identify some of the parameters, which are named; nothing is written.
     """
     result = plan(cell, progress)
-    if result.stop is StopReason.INFEASIBLE and len(result.postures):
+    if len(result.postures) * result.model.measurement.rows >= result.model.p:
+        # a parameter that nothing depends on has no place in C_G, nor a standard deviation
         _refuse_hidden(result.model, result.postures)
     make_folder(out)
     write_poses(out / "poses.csv", cell.robot, result.poses, cell.tool_m)

@@ -16,7 +16,7 @@ ChangeCell = Callable[[Mapping[str, str]], Path]
 MakeUrdf = Callable[..., Path]
 
 
-RADIANS = "[0.0, 0.2618, -0.4363, 0.0, -0.8727, 0.1]"
+RADIANS = "[0.0, 0.2618, -0.4363, 0.0, -0.8727, 0.0]"
 
 CELL_CASES = {
     "preset that does not exist": ("robot.preset", '"r2000ic165"', ("did you mean r2000ic165f",)),
@@ -75,6 +75,7 @@ CELL_CASES = {
     "offset twice": ("parameters.zero_offsets", '["joint_2", "joint_2"]', ("listed twice",)),
     "offsets as text": ("parameters.zero_offsets", '"joint_2"', ("should be a list",)),
     "tool axes in another order": ("parameters.tool_axes", '"zx"', ("another order", "'zx'")),
+    "tool point along a view line": ("measurement.kind", '"view-line"', ("tool_axes", 'to "xy"')),
     "unknown kind": ("measurement.kind", '"touchup"', ("'touch-up' or 'view-line'",)),
     "noise of zero": ("measurement.three_sigma_mm", "[0.02, 0.0, 0.1]", ("greater than 0",)),
     "noise below zero": ("measurement.three_sigma_mm", "[0.02, -1, 0.1]", ("greater than 0", "-1")),
@@ -103,7 +104,7 @@ def test_key_of_the_cell(
     words: tuple[str, ...],
 ) -> None:
     line = refuse("plan", change_cell({key: value}), "--out", work / "out")
-    section = key.split(".")[0]
+    section = "tool_axes" if "tool_axes" in words else key.split(".")[0]
     line.says(str(work / "cell.toml"), section, *words, "(")
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from calib.robots import preset_names
+from posedesign.cli import output
 from posedesign.config import CellConfig
 from posedesign.programs import DIALECTS, read, validate
 
@@ -142,6 +143,19 @@ def test_plan_as_json_says_what_the_tables_say(cli: Cli, work: Path) -> None:
     assert len(plan["predicted"]) == 10
     assert all(Path(file).is_file() for file in plan["files"])
     assert plan["indices"]["c_g"] == pytest.approx(plan["rounds"][-1]["c_g"])
+
+
+def test_numbers_are_not_cut_in_a_narrow_terminal(
+    cli: Cli, work: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(output, "PIPE_WIDTH", 60)
+    said = cli("plan", work / "cell.toml", "--out", work / "out").out
+    assert "…" not in said
+    rows = rows_of(work / "out" / "rounds.csv")
+    keys = ("d_w_deg", "c_g", "cond_2_g", "sigma_zero_offset.joint_2_deg")
+    numbers = [{key: float(row[key]) for key in keys} for row in rows]
+    shown = [{**row, "d_w_deg": int(row["d_w_deg"])} for row in numbers]
+    assert_table_shows(said, shown, keys)
 
 
 def test_plan_without_out_writes_here(

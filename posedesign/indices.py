@@ -24,6 +24,10 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.se3 import FloatArray
 
+NOTHING = 1e-13
+"""Part of the largest entry of G below which a column is rounding of zero. Scaled up, it would
+pass for a column of random numbers, and for a parameter that can be seen."""
+
 PER_MRAD_AND_MM = 1e-3
 """Column scale from SI: at a metre or two of reach, 1 mrad and 1 mm move the tool about alike."""
 
@@ -47,17 +51,20 @@ def stack(G: ArrayLike) -> FloatArray:
 
 
 def scale_by_largest(G: ArrayLike) -> FloatArray:
-    """G' of Eq. 12: each column divided by its largest absolute entry; zero columns stay zero."""
+    """G' of Eq. 12: each column divided by its largest absolute entry; columns of zeros stay."""
     matrix = stack(G)
-    largest = np.abs(matrix).max(axis=0, initial=0.0)
-    return matrix / np.where(largest > 0, largest, 1.0)
+    return _divide(matrix, np.abs(matrix).max(axis=0, initial=0.0))
 
 
 def scale_to_unit_length(G: ArrayLike) -> FloatArray:
-    """G with each column divided by its Euclidean length; zero columns stay zero."""
+    """G with each column divided by its Euclidean length; columns of zeros stay."""
     matrix = stack(G)
-    length = np.linalg.norm(matrix, axis=0)
-    return matrix / np.where(length > 0, length, 1.0)
+    return _divide(matrix, np.linalg.norm(matrix, axis=0))
+
+
+def _divide(matrix: FloatArray, size: FloatArray) -> FloatArray:
+    seen = size > NOTHING * size.max(initial=0.0)
+    return np.where(seen, matrix / np.where(seen, size, 1.0), 0.0)
 
 
 def condition_inf(G: ArrayLike) -> float:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from calib.errors import UnreachableError
-from calib.identification import covariance_of
+from calib.identification import check_identifiable, covariance_of
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
@@ -42,8 +42,8 @@ def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
     ------
     UnreachableError
         The base pose itself does not bring the tool point to the target, or breaks the margin.
-    NotIdentifiableError, InputError
-        The parameters asked for do not fit the robot.
+    NotIdentifiableError
+        No poses can identify some of the parameters, which are named.
     """
     return _Loop(cell, progress).run()
 
@@ -126,8 +126,13 @@ class _Loop:
         best = len(values) - 1 if stop is StopReason.THRESHOLD else int(np.argmin(values))
         if not np.isfinite(values[best]):
             stop = StopReason.INFEASIBLE
+            best = int(np.argmax([len(poses.kept) for poses in self.sets]))
         postures = self.sets[best].kept
         _, blocks, R = self.model.linearise(postures)
+        if stop is StopReason.INFEASIBLE and blocks[..., 0].size >= self.model.p:
+            # enough poses, and still something is hidden: no angle will show it
+            white = self.model.measurement.whiten(blocks, R).reshape(-1, self.model.p)
+            check_identifiable(white, self.model.names, self.model.nuisance)
         return PosePlan(
             poses=self.sets[best],
             best=best,
@@ -155,7 +160,8 @@ def check_base_pose(cell: Cell) -> None:
     if not there.feasible[0]:
         raise UnreachableError(
             f"the base pose cannot be taken: {there.reasons[0]}",
-            hint="move the target or the base posture, or lower plan.limit_margin_deg",
+            hint="move the target (target.position_mm) or the base posture (base_pose.posture_deg)"
+            + (", or lower plan.limit_margin_deg" if cell.margin else ""),
             name="base_pose",
         )
 

@@ -133,17 +133,8 @@ def make_folder(path: Path) -> Path:
 
 
 def plan_poses(cell: Cell, out: Path, progress: Progress | None = None) -> PosePlan:
-    """Plan, and write ``poses.csv`` and ``rounds.csv`` into a folder.
-
-    Raises
-    ------
-    NotIdentifiableError
-        The poses cannot identify some of the parameters, which are named; nothing is written.
-    """
+    """Plan, and write ``poses.csv`` and ``rounds.csv`` into a folder."""
     result = plan(cell, progress)
-    if len(result.postures) * result.model.measurement.rows >= result.model.p:
-        # a parameter that nothing depends on has no place in C_G, nor a standard deviation
-        _refuse_hidden(result.model, result.postures)
     make_folder(out)
     write_poses(out / "poses.csv", cell.robot, result.poses, cell.tool_m)
     rows = round_rows(result)

@@ -1,7 +1,7 @@
 """Identification: what the data can tell, the fit, and its result."""
 
 from calib.identification.covariance import covariance_of, leave_one_out
-from calib.identification.identifiability import check_identifiable
+from calib.identification.identifiability import check_identifiable, is_identifiable
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import (
     finite_difference_jacobian,
@@ -16,5 +16,6 @@ __all__ = [
     "finite_difference_jacobian",
     "identify",
     "identify_batch",
+    "is_identifiable",
     "leave_one_out",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.identification.identifiability import is_identifiable
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, IntArray
 
@@ -19,10 +20,13 @@ def covariance_of(
     """Covariance ``(p, p)`` [SI] that the noise of the measurement gives, before measuring.
 
     Weighted: ``(JᵀJ)⁻¹`` of the whitened Jacobian, the Cramér-Rao bound. Unweighted: the scatter
-    of the paper's estimate (Eq. 8), ``G⁺ Σ G⁺ᵀ``, under the same noise.
+    of the paper's estimate (Eq. 8), ``G⁺ Σ G⁺ᵀ``, under the same noise. Infinite throughout where
+    the postures do not identify all parameters.
     """
     _, J, R = model.linearise(q, x, target)
     white = model.measurement.whiten(J, R)
+    if not is_identifiable(white.reshape(-1, model.p)):
+        return np.full((model.p, model.p), np.inf)
     if weighted:
         root = np.linalg.pinv(white.reshape(-1, model.p))
         return np.asarray(root @ root.T)

@@ -24,6 +24,14 @@ _SHARE = 0.02
 """Parameters whose weight in an invisible combination is below this are not named in it."""
 
 
+def is_identifiable(jacobian: FloatArray) -> bool:
+    """Whether the stacked Jacobian ``(M, p)`` can tell all its parameters apart."""
+    length = np.linalg.norm(jacobian, axis=0)
+    if not (length > RANK_TOLERANCE * length.max(initial=0.0)).all():
+        return False
+    return _rank_is_full(jacobian / length)
+
+
 def check_identifiable(
     jacobian: FloatArray, names: Sequence[str], nuisance: BoolArray | None = None
 ) -> None:
@@ -46,12 +54,11 @@ def check_identifiable(
     NotIdentifiableError
         Naming the parameters to leave out and the invisible combinations.
     """
-    length = np.linalg.norm(jacobian, axis=0)
-    largest = length.max(initial=0.0)
-    seen = length > RANK_TOLERANCE * largest
-    unit = jacobian[:, seen] / length[seen]
-    if seen.all() and _rank_is_full(unit):
+    if is_identifiable(jacobian):
         return
+    length = np.linalg.norm(jacobian, axis=0)
+    seen = length > RANK_TOLERANCE * length.max(initial=0.0)
+    unit = jacobian[:, seen] / length[seen]
     index = [int(i) for i in np.flatnonzero(seen)]
     first = np.zeros(len(names), dtype=bool) if nuisance is None else nuisance
     order = sorted(range(len(index)), key=lambda k: (not first[index[k]], k))

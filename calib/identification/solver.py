@@ -195,8 +195,8 @@ def _check_identifiable_at(model: CalibrationModel, measurements: TouchUps, x: F
     white = model.measurement.whiten(J, R).reshape(-1, model.p)
     check_identifiable(white, model.names, model.nuisance)
     # what the noise alone leaves unknown would wander off before it could be refused
-    root = np.linalg.pinv(white)
-    check_believable(np.linalg.norm(root, axis=1), model.names, model.units)
+    sigma = np.linalg.norm(np.linalg.pinv(white), axis=1)
+    check_believable(sigma, model.names, model.units)
 
 
 def _place_setup(

@@ -106,8 +106,8 @@ class FileFormatError(CalibError):
         The file.
     row : int, optional
         Line number in the file, counted from 1 as an editor shows it.
-    column : str, optional
-        Name of the column or key.
+    column, key : str, optional
+        Name of the column of a table, or of the key of a configuration.
     hint : str
         What to do about it.
     """
@@ -119,6 +119,7 @@ class FileFormatError(CalibError):
         path: Path | str,
         row: int | None = None,
         column: str | None = None,
+        key: str | None = None,
         hint: str = "",
         value: object = None,
         bound: object = None,
@@ -128,12 +129,19 @@ class FileFormatError(CalibError):
             place += f", line {row}"
         if column is not None:
             place += f", column {column}"
+        if key is not None:
+            place += f", key {key}"
         super().__init__(
-            f"{place}: {message}", hint=hint, name=column or str(path), value=value, bound=bound
+            f"{place}: {message}",
+            hint=hint,
+            name=column or key or str(path),
+            value=value,
+            bound=bound,
         )
         self.path = Path(path)
         self.row = row
         self.column = column
+        self.key = key
 
 
 class OutputError(CalibError):

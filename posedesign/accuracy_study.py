@@ -111,6 +111,16 @@ class AccuracyStudy:
     seed: int
     notes: tuple[str, ...]
 
+    @property
+    def truth(self) -> str:
+        """The truth that the cell describes, which is studied first."""
+        return self.findings[0].truth
+
+    @property
+    def leading_parameter(self) -> str:
+        """The parameter whose scatter is shown: the first that is identified."""
+        return self.plan.model.names[0]
+
     def frame(self) -> pd.DataFrame:
         """The findings as a table, a row each."""
         import pandas as pd

@@ -102,7 +102,7 @@ class Cell:
             raise FileFormatError(
                 "a view line does not show where the tool point is along z",
                 path=path,
-                column="parameters.tool_axes",
+                key="parameters.tool_axes",
                 hint='set it to "xy"',
             )
         true_offsets = config.truth.zero_offsets_deg
@@ -110,7 +110,7 @@ class Cell:
             raise FileFormatError(
                 f"{len(true_offsets)} values for {robot.n} joints",
                 path=path,
-                column="truth.zero_offsets_deg",
+                key="truth.zero_offsets_deg",
                 hint="give one value for each joint",
             )
         return cell
@@ -138,6 +138,12 @@ class Cell:
     def margin(self) -> float:
         """Distance [rad] that planned poses keep from the joint limits."""
         return float(np.deg2rad(self.config.plan.limit_margin_deg))
+
+    @property
+    def target_offset_m(self) -> float:
+        """How far the target is from where the base posture puts the tool point [m]."""
+        point = self.robot.state(self.base_posture).point(self.tool_m)
+        return float(np.linalg.norm(self.target_m - point))
 
     @property
     def T_tip_camera(self) -> FloatArray:
@@ -218,7 +224,7 @@ class _naming:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, CalibError):
             raise FileFormatError(
-                error.message, path=self._path, column=self._key, hint=error.hint
+                error.message, path=self._path, key=self._key, hint=error.hint
             ) from error
 
 
@@ -232,7 +238,7 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
         raise FileFormatError(
             f"looks like radians (largest value {np.abs(degrees).max():g})",
             path=path,
-            column=key,
+            key=key,
             hint="give degrees",
         )
     try:
@@ -241,7 +247,7 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
         raise FileFormatError(
             f"the base pose is outside the limits: {error.message}",
             path=path,
-            column=key,
+            key=key,
             hint="choose a posture inside the limits",
             value=error.value,
         ) from error

@@ -10,21 +10,21 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
 from calib.errors import FileFormatError, near_names
 from posedesign.files import read_bytes_bounded
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
-Length = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(strict=True, ge=0, le=1e6, allow_inf_nan=False)]
+Length = Annotated[float, Field(strict=True, ge=-1e6, le=1e6, allow_inf_nan=False)]
 """[mm]; a kilometre is no robot cell."""
 Vector = tuple[Length, Length, Length]
-Variation = Annotated[float, Field(ge=0.1, le=180, allow_inf_nan=False)]
+Variation = Annotated[float, Field(strict=True, ge=0.1, le=180, allow_inf_nan=False)]
 """[deg]; finer steps would be rounds without end."""
 VariationVector = tuple[Variation, Variation, Variation]
-Noise = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]
+Noise = Annotated[float, Field(strict=True, gt=0, le=1e3, allow_inf_nan=False)]
 """[mm, deg]"""
 NoiseVector = tuple[Noise, Noise, Noise]
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]*$")]
@@ -105,10 +105,10 @@ class PlanSection(Section):
 
     condition_threshold: Positive = 1.0e5
     limit_margin_deg: NotNegative = 0.0
-    repair: bool = True
+    repair: StrictBool = True
     repair_margin_deg: NotNegative = 2.0
-    repair_tilt_deg: Annotated[float, Field(gt=0, le=180)] = 60.0
-    repair_base_joint_deg: Annotated[float, Field(gt=0, le=360)] = 90.0
+    repair_tilt_deg: Annotated[float, Field(strict=True, gt=0, le=180)] = 60.0
+    repair_base_joint_deg: Annotated[float, Field(strict=True, gt=0, le=360)] = 90.0
 
 
 class ParameterSection(Section):
@@ -123,7 +123,7 @@ class MeasurementSection(Section):
 
     kind: Literal["touch-up", "view-line"] = "touch-up"
     three_sigma_mm: NoiseVector = (0.02, 0.02, 0.12)
-    weighted: bool = True
+    weighted: StrictBool = True
     camera_three_sigma_deg: Noise = 0.06
     camera_three_sigma_mm: Noise = 0.3
 
@@ -131,20 +131,20 @@ class MeasurementSection(Section):
 class TruthSection(Section):
     """The robot that is simulated: nothing but the simulation looks at this."""
 
-    seed: Annotated[int, Field(ge=0)] = 1
+    seed: Annotated[int, Field(strict=True, ge=0)] = 1
     zero_offsets_deg: tuple[Finite, ...] | None = None
     tool_error_mm: Vector = (2.0, -1.0, 3.0)
     target_error_mm: Vector = (5.0, -4.0, 2.0)
-    deflection: bool = True
+    deflection: StrictBool = True
 
 
 class ProgramSection(Section):
     """The robot program."""
 
     name: str = "CALIB01"
-    user_frame: Annotated[int, Field(ge=0, le=9)] = 0
-    tool_frame: Annotated[int, Field(ge=1, le=10)] = 1
-    speed_percent: Annotated[int, Field(ge=1, le=100)] = 10
+    user_frame: Annotated[int, Field(strict=True, ge=0, le=9)] = 0
+    tool_frame: Annotated[int, Field(strict=True, ge=1, le=10)] = 1
+    speed_percent: Annotated[int, Field(strict=True, ge=1, le=100)] = 10
     settle_s: NotNegative = 1.0
     measure_call: str | None = "MEASURE"
 
@@ -207,7 +207,7 @@ def parse_config(raw: dict[str, Any], path: Path) -> CellConfig:
         raise FileFormatError(
             _reason(first),
             path=path,
-            column=key or None,
+            key=key or None,
             hint=_hint(first),
             value=first.get("input"),
         ) from error

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.identification import IdentificationResult
-from posedesign.accuracy_study import SOLVERS, AccuracyStudy, accuracy_study
+from calib.se3 import FloatArray
+from posedesign.accuracy_study import SOLVERS, AccuracyStudy, accuracy_study, effective_truth
 from posedesign.cell import Cell
 from posedesign.files import write_text_atomic
 from posedesign.pose_plan import PosePlan
@@ -33,11 +34,16 @@ _STEPS_BEFORE_STUDY = 0.2
 
 @dataclass(frozen=True)
 class DemoResults:
-    """What the demo made, besides its files."""
+    """What the demo made, besides its files.
+
+    ``truth`` is what the identified parameters are held against, see
+    :func:`~posedesign.accuracy_study.effective_truth` [SI].
+    """
 
     plan: PosePlan
     program: WrittenProgram
     identification: tuple[IdentificationResult, ...]
+    truth: FloatArray
     robot_world: tuple[SolverOutcome, ...]
     study: AccuracyStudy
 
@@ -65,7 +71,7 @@ def run_demo(
     name = cell.config.program.name
     program = write_program(poses, out, "fanuc-ls", program_options(cell, poses.postures), name)
     progress("touching up", 0.05)
-    simulate(cell, poses, out)
+    robot = simulate(cell, poses, out)
     identification = identify_file(cell, out / "touchups.csv", out)
     progress("solving A X = Z B", 0.1)
     robot_world = solve_file(out / "pairs.csv", out, SOLVERS, camera_noise(cell))
@@ -77,4 +83,5 @@ def run_demo(
         ),
     )
     write_study(study, out)
-    return DemoResults(plan, program, identification, robot_world, study)
+    truth = effective_truth(robot, cell.model())
+    return DemoResults(plan, program, identification, truth, robot_world, study)

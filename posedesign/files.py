@@ -7,9 +7,13 @@ or the new one, never a part.
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import secrets
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from calib.errors import FileFormatError, OutputError
 
@@ -50,6 +54,28 @@ def write_text_atomic(
             value=text[error.start],
         ) from error
     return write_bytes_atomic(path, data)
+
+
+def write_json_atomic(path: Path | str, content: object) -> Path:
+    """Write a value as JSON, whole or not at all; see :func:`json_text`."""
+    return write_text_atomic(path, json_text(content) + "\n")
+
+
+def json_text(content: object) -> str:
+    """A value as JSON: arrays as lists, and null for numbers that JSON does not have."""
+    return json.dumps(_plain(content), indent=2)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def write_bytes_atomic(path: Path | str, data: bytes) -> Path:

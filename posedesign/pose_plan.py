@@ -152,7 +152,7 @@ class PosePlan:
 
     def sigma_displayed(self) -> list[tuple[str, str, float]]:
         """Name, unit and predicted standard deviation of each parameter as people read them."""
-        return displayed_sigma(self.model, self.rounds[self.best].sigma)
+        return displayed(self.model, self.rounds[self.best].sigma)
 
     @property
     def fingerprint(self) -> str:
@@ -160,14 +160,14 @@ class PosePlan:
         return fingerprint(self.postures)
 
 
-def displayed_sigma(model: CalibrationModel, sigma: FloatArray) -> list[tuple[str, str, float]]:
-    """Name, unit and value in deg or mm of standard deviations ``(p,)`` [SI]."""
+def displayed(model: CalibrationModel, values: FloatArray) -> list[tuple[str, str, float]]:
+    """Name, unit and value in deg or mm of parameters or deviations ``(p,)`` [SI]."""
     from calib.identification.result import DISPLAY
 
     units: tuple[Unit, ...] = model.units
     return [
         (name, DISPLAY[unit][0], float(value * DISPLAY[unit][1]))
-        for name, unit, value in zip(model.names, units, sigma, strict=True)
+        for name, unit, value in zip(model.names, units, values, strict=True)
     ]
 
 

@@ -203,7 +203,7 @@ def pair_columns(letter: str) -> list[str]:
 
 
 def read_rows(path: Path) -> tuple[list[str], list[Row]]:
-    """Header and rows of a CSV file with a header line; lines that start with # are passed over.
+    """Header and rows of a CSV file with a header line; lines with # before it are passed over.
 
     Raises
     ------
@@ -223,7 +223,7 @@ def read_rows(path: Path) -> tuple[list[str], list[Row]]:
     rows: list[Row] = []
     try:
         for cells in reader:
-            if not any(cells) or cells[0].startswith("#"):
+            if not any(cells) or (not columns and cells[0].startswith("#")):
                 continue
             stripped = [_unescaped(cell.strip()) for cell in cells]
             if not columns:

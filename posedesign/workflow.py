@@ -6,15 +6,13 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from calib.errors import CalibError, InputError, NotIdentifiableError, OutputError
+from calib.errors import CalibError, InputError, JointLimitError, NotIdentifiableError, OutputError
 from calib.identification import IdentificationResult, check_identifiable, covariance_of
 from calib.identification.solver import check_enough
 from calib.model import CalibrationModel
@@ -24,10 +22,10 @@ from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.accuracy_study import SOLVERS, AccuracyStudy
 from posedesign.before_after import identify_models, results_as_dict
 from posedesign.cell import Cell
-from posedesign.files import write_text_atomic
+from posedesign.files import write_json_atomic
 from posedesign.indices import Indices, evaluate
 from posedesign.planner import Progress, plan
-from posedesign.pose_plan import PosePlan, displayed_sigma, fingerprint
+from posedesign.pose_plan import PosePlan, displayed, fingerprint
 from posedesign.programs import (
     PoseProgram,
     ProgramOptions,
@@ -155,7 +153,7 @@ def round_rows(result: PosePlan) -> list[dict[str, object]]:
             "c_g": turn.c_g,
             "cond_2_g": turn.cond_2_g,
         }
-        for name, unit, value in displayed_sigma(result.model, turn.sigma):
+        for name, unit, value in displayed(result.model, turn.sigma):
             row[f"sigma_{name}_{unit}"] = value
         rows.append(row)
     return rows
@@ -170,14 +168,32 @@ def score_poses(cell: Cell, poses: PoseList) -> Score:
     sigma: list[tuple[str, str, float]] = []
     if not problem:
         covariance = covariance_of(model, poses.postures)
-        sigma = displayed_sigma(model, np.sqrt(np.diag(covariance)))
-    outside = []
-    for name, q in zip(poses.names, poses.postures, strict=True):
+        sigma = displayed(model, np.sqrt(np.diag(covariance)))
+    outside = outside_limits(cell, poses.names, poses.postures)
+    return Score(evaluate(blocks, white), sigma, problem, tuple(outside))
+
+
+def outside_limits(cell: Cell, names: Sequence[str], postures: FloatArray) -> list[str]:
+    """Name and broken limit of each posture ``(N, n)`` [rad] that the robot cannot take."""
+    said = []
+    for name, q in zip(names, postures, strict=True):
         try:
             cell.robot.check_limits(q)
-        except CalibError as error:
-            outside.append(f"{name}: {error.message}")
-    return Score(evaluate(blocks, white), sigma, problem, tuple(outside))
+        except JointLimitError as error:
+            said.append(f"{name}: {error.message}")
+    return said
+
+
+def refuse_outside(cell: Cell, poses: PoseList) -> None:
+    """Raise InputError where a pose that the robot is to be sent to is outside its limits."""
+    outside = outside_limits(cell, poses.names, poses.postures)
+    if outside:
+        more = f", and {len(outside) - 1} more" if len(outside) > 1 else ""
+        raise InputError(
+            f"pose {outside[0]}{more}",
+            hint="are these poses of this robot, in URDF signs? FANUC pendants show J3 less J2",
+            name="poses",
+        )
 
 
 def _what_is_hidden(cell: Cell, postures: FloatArray) -> str:
@@ -203,6 +219,7 @@ def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) ->
 
     The noise depends on the seed alone: the one of the cell, unless another is given.
     """
+    refuse_outside(cell, poses)
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
     touched = robot.touch_up(poses.postures, rng)
@@ -214,27 +231,29 @@ def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) ->
 
 
 def identify_file(
-    cell: Cell, touch_ups: Path, out: Path, *, trust_units: bool = False
+    cell: Cell,
+    touch_ups: Path,
+    out: Path,
+    *,
+    trust_units: bool = False,
+    warn: Callable[[str], None] = lambda text: None,
 ) -> tuple[IdentificationResult, ...]:
-    """Identify from a ``touchups.csv``; write ``identification.json``."""
+    """Identify from a ``touchups.csv``; write ``identification.json``.
+
+    ``warn`` is told of touch-ups outside the joint limits: they may be another robot's.
+    """
     data = read_touch_ups(touch_ups, cell.robot.n, trust_units=trust_units)
+    rows = [f"touch-up {i + 1}" for i in range(data.count)]
+    for line in outside_limits(cell, rows, data.postures):
+        warn(f"{touch_ups}: {line}")
     # before the baseline, which has fewer parameters and would be refused for another reason
     targets = TargetPoints(np.zeros((len(data.labels), 3)), data.labels)
     check_enough(cell.model(targets=targets), data)
     results = identify_models(cell, data)
     content = results_as_dict(cell, data, results)
     make_folder(out)
-    write_text_atomic(out / "identification.json", json.dumps(_plain(content), indent=2) + "\n")
+    write_json_atomic(out / "identification.json", content)
     return results
-
-
-def _plain(content: Any) -> Any:
-    """The same content with null for the numbers that JSON does not have."""
-    if isinstance(content, dict):
-        return {key: _plain(value) for key, value in content.items()}
-    if isinstance(content, list):
-        return [_plain(value) for value in content]
-    return None if isinstance(content, float) and not np.isfinite(content) else content
 
 
 def solve_file(

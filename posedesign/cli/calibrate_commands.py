@@ -32,9 +32,10 @@ def simulate(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of the noise; default: the cell's.")
     ] = None,
+    as_json: AsJson = False,
     trust_units: TrustUnits = False,
 ) -> int:
-    """Rehearse the measurement: touch up the poses with the robot of [truth]."""
+    """Rehearse: touch up the poses with a simulated robot."""
     from posedesign import workflow
     from posedesign.cell import Cell
     from posedesign.tables import read_poses
@@ -42,7 +43,11 @@ def simulate(
     loaded = Cell.load(cell)
     listed = read_poses(poses, loaded.robot.n, trust_units=trust_units)
     workflow.simulate(loaded, listed, out, seed)
-    print(f"wrote {out / 'touchups.csv'} and {out / 'pairs.csv'}: {len(listed.names)} touch-ups")
+    files = [str(out / "touchups.csv"), str(out / "pairs.csv")]
+    if as_json:
+        print_json({"touch_ups": len(listed.names), "files": files})
+    else:
+        print(f"wrote {' and '.join(files)}: {len(listed.names)} touch-ups")
     return DONE
 
 
@@ -53,11 +58,20 @@ def identify(
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
 ) -> int:
-    """Identify the robot from touch-ups, beside the baseline that leaves it as it is."""
+    """Identify the robot from touch-ups.
+
+    Beside the baseline that places tool and targets and leaves the robot as it is.
+    """
     from posedesign.cell import Cell
     from posedesign.workflow import identify_file
 
-    results = identify_file(Cell.load(cell), touch_ups, out, trust_units=trust_units)
+    results = identify_file(
+        Cell.load(cell),
+        touch_ups,
+        out,
+        trust_units=trust_units,
+        warn=lambda text: note(f"warning: {text}"),
+    )
     if as_json:
         print((out / "identification.json").read_text(encoding="utf-8"), end="")
     else:
@@ -105,7 +119,10 @@ def robot_world(
     out: OutFolder = Path(),
     as_json: AsJson = False,
 ) -> int:
-    """Solve A X = Z B: X the camera on the flange, Z the target in the base."""
+    """Solve A X = Z B for camera and target.
+
+    X is the camera on the flange, Z the target in the base.
+    """
     import math
 
     from calib.errors import InputError

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -46,6 +47,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         # imported late: --help must not wait for it
         from calib.errors import CalibError
 
+        if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+            error = CalibError("the disk is full", hint="make room, or choose another --out")
         if not isinstance(error, CalibError):
             raise
         print(f"error: {_one_line(str(error))}", file=sys.stderr)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Protocol
 
 PIPE_WIDTH = 200
 """Columns of a table that goes into a pipe: wide enough not to be cut."""
@@ -52,7 +51,9 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]]) -> None:
 
 def print_json(content: object) -> None:
     """Print a value as JSON; numbers that JSON does not have become null."""
-    print(json.dumps(_plain(content), indent=2))
+    from posedesign.files import json_text
+
+    print(json_text(content))
 
 
 def note(text: str) -> None:
@@ -89,16 +90,3 @@ def _shown(value: object) -> str:
             return "-" if math.isnan(value) else "inf"
         return f"{value:.4g}" if abs(value) >= 1e4 or 0 < abs(value) < 1e-4 else f"{value:.5g}"
     return str(value)
-
-
-def _plain(value: Any) -> Any:
-    """The same value in types that JSON has."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -12,6 +12,9 @@ from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_tab
 if TYPE_CHECKING:
     from posedesign.pose_plan import PosePlan
 
+FAR_M = 0.05
+"""Distance of the target from the tool point at the base posture that is worth a word."""
+
 CellFile = Annotated[Path, typer.Argument(help="The cell, made with: posedesign new > cell.toml")]
 OutFolder = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
@@ -66,11 +69,20 @@ def plan(
     out: OutFolder = Path(),
     as_json: AsJson = False,
 ) -> int:
-    """Plan measuring poses until the condition number falls below the threshold."""
+    """Plan measuring poses.
+
+    Angles are raised until the condition number falls below the threshold.
+    """
     from posedesign.cell import Cell
     from posedesign.workflow import plan_poses
 
-    result = plan_poses(Cell.load(cell), out)
+    loaded = Cell.load(cell)
+    result = plan_poses(loaded, out)
+    if loaded.target_offset_m > FAR_M:
+        note(
+            f"note: the target is {loaded.target_offset_m * 1e3:.0f} mm from where the base "
+            "posture puts the tool point"
+        )
     print_plan(result, out, as_json=as_json)
     return DONE if result.reached else NOT_REACHED
 
@@ -123,7 +135,10 @@ def score(
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
 ) -> int:
-    """Say how good any list of poses is: condition numbers, indices, predicted accuracy."""
+    """Say how good any list of poses is.
+
+    Condition numbers, indices, and the accuracy to expect.
+    """
     from posedesign.cell import Cell
     from posedesign.indices import SCALING
     from posedesign.tables import read_poses
@@ -182,10 +197,12 @@ def program(
     """Write the robot program that visits the poses."""
     from posedesign.cell import Cell
     from posedesign.tables import read_poses
-    from posedesign.workflow import program_options, write_program
+    from posedesign.workflow import program_options, refuse_outside, write_program
 
     loaded = Cell.load(cell) if cell is not None else None
     listed = read_poses(poses, loaded.robot.n if loaded else None, trust_units=trust_units)
+    if loaded:
+        refuse_outside(loaded, listed)
     title = name or (loaded.config.program.name if loaded else "CALIB01")
     written = write_program(listed, out, dialect, program_options(loaded, listed.postures), title)
     if as_json:
@@ -204,4 +221,6 @@ def program(
             f"wrote {written.path}: {written.poses} poses, joints rounded by at most "
             f"{written.largest_rounding_deg:.4f} deg"
         )
+        if not loaded:
+            note("note: joint limits were not checked; pass --cell to check them")
     return NOT_REACHED if written.problems else DONE

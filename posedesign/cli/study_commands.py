@@ -12,6 +12,7 @@ from posedesign.cli.plan_commands import AsJson, OutFolder
 
 if TYPE_CHECKING:
     from posedesign.accuracy_study import AccuracyStudy
+    from posedesign.demo import DemoResults
 
 Draws = Annotated[int, typer.Option(min=10, help="Noise draws for each pose set, at least 10.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of the noise.")]
@@ -55,31 +56,64 @@ def accuracy(
 
 def print_study(study: AccuracyStudy) -> None:
     """Print the key figures of every pose set."""
-    from posedesign.report.accuracy_table import accuracy_rows
+    from posedesign.report.accuracy_table import LEGEND, accuracy_rows
 
     for text in study.notes:
         note(f"note: {text}")
     print_table(
         f"Accuracy against condition number ({study.draws} draws a pose set)", accuracy_rows(study)
     )
+    print(LEGEND)
 
 
 def demo(
     out: OutFolder = Path("posedesign-demo"),
     draws: Draws = 50,
+    as_json: AsJson = False,
 ) -> int:
-    """Run the main job on the reference cell, from the robot to the accuracy it buys."""
+    """Run the main job on the reference cell."""
     from posedesign.cli.calibrate_commands import print_identification, print_solvers
     from posedesign.cli.plan_commands import print_plan
     from posedesign.demo import run_demo
 
     with progress("demo") as advance:
         results = run_demo(out, draws=draws, progress=advance)
+    program = results.program
+    code = DONE if results.plan.reached and not program.problems else NOT_REACHED
+    files = sorted(path.name for path in out.iterdir())
+    if as_json:
+        print_json(
+            {
+                "message": results.plan.message,
+                "reached": results.plan.reached,
+                "identified": truth_rows(results),
+                "program_problems": program.problems,
+                "accuracy": [finding.__dict__ for finding in results.study.findings],
+                "files": [str(out / name) for name in files],
+            }
+        )
+        return code
     print_plan(results.plan, out, as_json=False)
     print_identification(results.identification)
+    print_table("Against the simulated truth", truth_rows(results))
+    print(
+        "truth: zero offset plus deflection under gravity at the base pose. The rest of the "
+        "deflection changes from pose to pose, and no constant offset can follow it."
+    )
     print_solvers(results.robot_world)
-    program = results.program
     print(f"wrote {program.path}: {program.poses} poses, {len(program.problems)} objections")
     print_study(results.study)
-    print(f"everything is in {out}: " + ", ".join(sorted(p.name for p in out.iterdir())))
-    return DONE if results.plan.reached and not program.problems else NOT_REACHED
+    print(f"everything is in {out}: " + ", ".join(files))
+    return code
+
+
+def truth_rows(results: DemoResults) -> list[dict[str, object]]:
+    """Identified parameters beside what the simulation used."""
+    from posedesign.pose_plan import displayed
+
+    last = results.identification[-1]
+    shown = zip(last.displayed(), displayed(results.plan.model, results.truth), strict=True)
+    return [
+        {"parameter": name, "truth": true, "identified": value, "sigma": sigma, "unit": unit}
+        for (name, unit, value, _, sigma), (_, _, true) in shown
+    ]

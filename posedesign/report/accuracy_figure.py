@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib.identification.result import DISPLAY
 from posedesign.accuracy_study import IDENTIFIED_ARM, SOLVERS, AccuracyStudy, Finding, select
 from posedesign.files import write_bytes_atomic
 
@@ -34,8 +35,7 @@ def draw_accuracy(study: AccuracyStudy, path: Path) -> Path:
     # built without pyplot: no global state, no window system
     figure = Figure(figsize=(11.0, 9.6), dpi=120, layout="constrained")
     panels = figure.subplots(2, 2)
-    offset = next(f.quantity for f in study.findings if f.quantity.startswith("zero_offset"))
-    _scatter(panels[0, 0], study, offset)
+    _scatter(panels[0, 0], study)
     _plate(panels[0, 1], study)
     _robot_world(panels[1, 0], study, "X rotation", "deg")
     _robot_world(panels[1, 1], study, "X translation", "mm")
@@ -56,10 +56,10 @@ def draw_accuracy(study: AccuracyStudy, path: Path) -> Path:
     return write_bytes_atomic(path, data.getvalue())
 
 
-def _scatter(panel: Axes, study: AccuracyStudy, quantity: str) -> None:
-    """Scatter of one offset over the draws with its interval, and the prediction as a line."""
+def _scatter(panel: Axes, study: AccuracyStudy) -> None:
+    """Scatter of one parameter over the draws with its interval, and the prediction as a line."""
     for estimator, colour, marker in zip(ESTIMATORS, COLOURS, MARKERS, strict=False):
-        found = select(study.findings, _truth(study), estimator, quantity)
+        found = select(study.findings, study.truth, estimator, study.leading_parameter)
         if not found:
             continue
         c_g = [f.c_g for f in found]
@@ -70,8 +70,8 @@ def _scatter(panel: Axes, study: AccuracyStudy, quantity: str) -> None:
         ]
         panel.errorbar(c_g, spread, yerr=interval, fmt=marker, color=colour, capsize=2, ms=4)
         panel.plot(c_g, [f.predicted_sigma for f in found], "-", color=colour, lw=1)
-    joint = quantity.partition(".")[2]
-    panel.set_ylabel(f"standard deviation of the {joint} zero offset [deg]")
+    unit = DISPLAY[study.plan.model.units[0]][0]
+    panel.set_ylabel(f"standard deviation of {study.leading_parameter} [{unit}]")
     panel.set_title("Scatter, with its 95 % interval; lines: predicted beforehand", fontsize=10)
     _legend(panel, ESTIMATORS, COLOURS, (("predicted", "-"),))
 
@@ -94,7 +94,7 @@ def _robot_world(panel: Axes, study: AccuracyStudy, quantity: str, unit: str) ->
     styles = (("A from the controller", "-"), ("A from the identified arm", ":"))
     for solver, colour, marker in zip(SOLVERS, COLOURS, MARKERS, strict=True):
         for suffix, (_, style) in zip(("", IDENTIFIED_ARM), styles, strict=True):
-            found = select(study.findings, _truth(study), solver + suffix, quantity)
+            found = select(study.findings, study.truth, solver + suffix, quantity)
             _line(panel, found, style, colour, marker)
     panel.set_ylabel(f"error of {quantity} [{unit}]")
     panel.set_title(f"AX = ZB: {quantity} of the camera on the flange, median", fontsize=10)
@@ -126,8 +126,3 @@ def _legend(
     panel.legend(
         handles=handles, fontsize=8, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.12)
     )
-
-
-def _truth(study: AccuracyStudy) -> str:
-    """The truth that the cell describes: the one studied first."""
-    return study.findings[0].truth

@@ -2,40 +2,46 @@
 
 from __future__ import annotations
 
+from calib.identification.result import DISPLAY
 from posedesign.accuracy_study import SOLVERS, AccuracyStudy, Finding, select
+
+LEGEND = (
+    "sd: standard deviation over the draws; plate: worst distance error on a 5 x 5 plate, median, "
+    "before and after; X: translation error of AX = ZB, median; -: most answers refused as misfits"
+)
 
 
 def accuracy_rows(study: AccuracyStudy) -> list[dict[str, object]]:
-    """Condition, scatter of the first offset, plate error and error of X, by falling C_G.
+    """Condition, scatter of the first parameter, plate error and error of X, by falling C_G.
 
     Scatter and errors are those of the cell's own truth; degrees and millimetres.
     """
-    truth = study.findings[0].truth
-    offset = next(f.quantity for f in study.findings if f.quantity.startswith("zero_offset"))
-    joint = offset.partition(".")[2]
+    name, unit = study.leading_parameter, DISPLAY[study.plan.model.units[0]][0]
+    short = name.rpartition(".")[2]
 
     def column(estimator: str, quantity: str) -> dict[float, Finding]:
-        return {f.c_g: f for f in select(study.findings, truth, estimator, quantity)}
+        return {f.c_g: f for f in select(study.findings, study.truth, estimator, quantity)}
 
-    weighted = column("touch-up weighted", offset)
-    unweighted = column("touch-up unweighted", offset)
-    line = column("view line", offset)
-    before = column("uncalibrated", "plate distance worst")
-    after = column("touch-up weighted", "plate distance worst")
-    solvers = {solver: column(solver, "X translation") for solver in SOLVERS}
+    columns = {
+        f"{short} sd weighted [{unit}]": (column("touch-up weighted", name), "spread"),
+        f"sd unweighted [{unit}]": (column("touch-up unweighted", name), "spread"),
+        f"sd view line [{unit}]": (column("view line", name), "spread"),
+        "plate before [mm]": (column("uncalibrated", "plate distance worst"), "error_median"),
+        "after [mm]": (column("touch-up weighted", "plate distance worst"), "error_median"),
+        **{
+            f"X {solver} [mm]": (column(solver, "X translation"), "error_median")
+            for solver in SOLVERS
+        },
+    }
     rows: list[dict[str, object]] = []
-    for c_g, found in weighted.items():
+    for c_g, found in column("touch-up weighted", name).items():
+        angles = dict.fromkeys((found.d_w_deg, found.d_p_deg, found.d_r_deg))
         row: dict[str, object] = {
-            "D [deg]": "/".join(f"{d:g}" for d in (found.d_w_deg, found.d_p_deg, found.d_r_deg)),
+            "D [deg]": "/".join(f"{d:g}" for d in angles),
             "C_G": c_g,
-            f"{joint}: predicted": found.predicted_sigma,
-            "scatter": found.spread,
-            "unweighted": unweighted[c_g].spread if c_g in unweighted else None,
-            "view line": line[c_g].spread if c_g in line else None,
-            "plate before [mm]": before[c_g].error_median if c_g in before else None,
-            "after": after[c_g].error_median if c_g in after else None,
+            f"predicted [{unit}]": found.predicted_sigma,
         }
-        for solver, values in solvers.items():
-            row[f"X {solver} [mm]"] = values[c_g].error_median if c_g in values else None
+        for title, (values, attribute) in columns.items():
+            row[title] = getattr(values[c_g], attribute) if c_g in values else None
         rows.append(row)
     return rows

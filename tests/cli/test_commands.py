@@ -358,7 +358,12 @@ def test_robot_world_with_noise_gives_standard_deviations(cli: Cli, work: Path) 
 
 def test_program(cli: Cli, work: Path) -> None:
     said = cli("program", work / "poses.csv", "--out", work)
-    assert (said.code, said.err) == (0, "")
+    assert (said.code, said.err) == (
+        0,
+        "note: joint limits were not checked; pass --cell to check them\n",
+    )
+    checked = cli("program", work / "poses.csv", "--cell", work / "cell.toml", "--out", work)
+    assert (checked.code, checked.err) == (0, "")
     assert f"wrote {work / 'CALIB01.LS'}: 27 poses" in said.out
     assert validate(work / "CALIB01.LS") == []
     text = (work / "CALIB01.LS").read_text()
@@ -403,3 +408,45 @@ def test_trust_units_takes_small_degrees(cli: Cli, work: Path) -> None:
     assert cli("score", work / "cell.toml", work / "small.csv").code == 2
     assert cli("score", work / "cell.toml", work / "small.csv", "--trust-units").code in (0, 1)
     assert cli("program", work / "small.csv", "--trust-units", "--out", work).code == 0
+
+
+def with_joint_2_at_90_deg(path: Path) -> Path:
+    """The same file with the second joint of its third row moved out of the limits."""
+    lines = path.read_text().splitlines()
+    column = lines[0].split(",").index("j2_deg")
+    cells = lines[3].split(",")
+    cells[column] = "90.0"
+    lines[3] = ",".join(cells)
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_an_arm_is_not_sent_beyond_its_limits(refuse: Refuse, work: Path) -> None:
+    poses, cell = with_joint_2_at_90_deg(work / "poses.csv"), work / "cell.toml"
+    for words in (("simulate", cell, poses), ("program", poses, "--cell", cell)):
+        refuse(*words, "--out", work).says(
+            "pose P03: joint_2 90.0 deg is above 76.0 deg", "URDF signs"
+        )
+
+
+def test_touch_ups_beyond_the_limits_are_named(cli: Cli, work: Path) -> None:
+    touch_ups = with_joint_2_at_90_deg(work / "touchups.csv")
+    said = cli("identify", work / "cell.toml", touch_ups, "--out", work)
+    assert f"warning: {touch_ups}: touch-up 3: joint_2 90.0 deg is above 76.0 deg" in said.err
+
+
+def test_a_target_far_from_the_base_posture_is_worth_a_word(
+    cli: Cli, change_cell: ChangeCell, work: Path
+) -> None:
+    cell = change_cell({"target.position_mm": "[1915.4, 50.0, 693.0]"})
+    said = cli("plan", cell, "--out", work)
+    assert "note: the target is 200 mm from where the base posture puts the tool point" in said.err
+
+
+def test_a_study_without_offsets_shows_the_tool(
+    cli: Cli, change_cell: ChangeCell, work: Path
+) -> None:
+    cell = change_cell({"parameters.zero_offsets": "[]", "variations.largest_deg": "[15, 15, 15]"})
+    said = cli("study", "accuracy", cell, "--draws", 10, "--out", work)
+    assert said.code == 0
+    assert "x sd" in said.out

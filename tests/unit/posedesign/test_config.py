@@ -107,7 +107,7 @@ def test_errors_carry_their_key_and_value() -> None:
     with pytest.raises(FileFormatError) as caught:
         parse_config(raw, WHERE)
     error = caught.value
-    assert (error.column, error.value) == ("measurement.three_sigma_mm.1", -0.5)
+    assert (error.key, error.value) == ("measurement.three_sigma_mm.1", -0.5)
     assert error.path == WHERE
 
 

@@ -253,7 +253,8 @@ def _result(
         covariance = covariance * scale**2
         message = (
             f"the residuals are {scale:.1f} times the noise given: the model leaves something out "
-            "or the noise is larger; standard deviations are scaled up to the residuals"
+            "or the noise is larger; standard deviations are scaled up to the residuals, which "
+            "does not cover the bias of a model that leaves something out"
         )
     else:
         message = f"the noise given explains the residuals (ratio {scale:.2f})"

@@ -41,7 +41,7 @@ def test_help(benchmark: BenchmarkFixture) -> None:
     code = "from posedesign.cli.main import main; main()"
     command = [sys.executable, "-c", code, "--help"]
     benchmark.pedantic(
-        lambda: subprocess.run(command, check=True, capture_output=True),  # noqa: S603
+        lambda: subprocess.run(command, check=True, capture_output=True),
         rounds=7,
         warmup_rounds=1,
     )

@@ -421,7 +421,7 @@ def with_joint_2_at_90_deg(path: Path) -> Path:
     return path
 
 
-def test_an_arm_is_not_sent_beyond_its_limits(refuse: Refuse, work: Path) -> None:
+def test_an_arm_is_not_sent_beyond_its_limits(refuse: Callable[..., Any], work: Path) -> None:
     poses, cell = with_joint_2_at_90_deg(work / "poses.csv"), work / "cell.toml"
     for words in (("simulate", cell, poses), ("program", poses, "--cell", cell)):
         refuse(*words, "--out", work).says(

@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
-    """Folder with real measurements: POSEDESIGN_DATA, else ``../shared/data`` beside the checkout."""
+    """Folder of real measurements: POSEDESIGN_DATA, else ``../shared/data`` by the checkout."""
     named = os.environ.get("POSEDESIGN_DATA")
     folder = Path(named) if named else Path(__file__).parents[2].parent / "shared" / "data"
     if not folder.is_dir():

@@ -137,7 +137,7 @@ def test_simulation_says_which_pose_cannot_be_touched(make_model, touching):
 def test_touch_says_how_far_an_arm_out_of_reach_stays(make_model, touching, target_m):
     model = make_model()
     x = model.nominal.copy()
-    x[-3:] = target_m + [3.0, 0.0, 0.0]
+    x[-3:] = target_m + np.array([3.0, 0.0, 0.0])
     q, missing = touch(model, touching(2), x)
     point = model.view(q, x)[0].point
     np.testing.assert_allclose(missing, np.linalg.norm(point - x[-3:], axis=-1), atol=1e-9)

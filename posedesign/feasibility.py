@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.errors import limit_reason
 from calib.robots import InverseSolutions, Robot
-from calib.robots.inverse import first_per_group, nearest_turns
+from calib.robots.inverse import first_per_group
 from calib.se3 import BoolArray, FloatArray
 
 
@@ -44,7 +44,7 @@ def nearest_postures(
     margin : float
         Distance to keep from every limit [rad].
     """
-    solutions = within_margin(robot, robot.inverse(T_base_tip, near=reference), reference, margin)
+    solutions = robot.inverse(T_base_tip, near=reference, margin=margin)
     q, feasible = solutions.nearest()
     if feasible.all():
         return Postures(q, feasible, ("",) * len(q))
@@ -52,18 +52,6 @@ def nearest_postures(
     return Postures(
         q, feasible, tuple("" if ok else why for ok, why in zip(feasible, reasons, strict=True))
     )
-
-
-def within_margin(
-    robot: Robot, solutions: InverseSolutions, reference: FloatArray, margin: float
-) -> InverseSolutions:
-    """The same solutions, with ``inside`` judged against the limits less a margin [rad]."""
-    if margin == 0.0:
-        return solutions
-    q, inside = nearest_turns(
-        solutions.postures, robot.lower + margin, robot.upper - margin, reference
-    )
-    return InverseSolutions(q, solutions.pose, inside, solutions.gap_m, reference)
 
 
 def _reasons(robot: Robot, solutions: InverseSolutions, margin: float) -> list[str]:

@@ -73,15 +73,12 @@ def condition_inf(G: ArrayLike) -> float:
     Eq. 9 to 12 as printed: G' has its columns divided by their largest absolute entry, and the
     norm is the largest absolute row sum.
     """
+    if singular_values(G, "largest")[-1] == 0.0:
+        return float("inf")
     scaled = scale_by_largest(G)
     H = scaled.T @ scaled
-    try:
-        H_inverse = np.linalg.inv(H)
-    except np.linalg.LinAlgError:
-        return float("inf")
-    value = float(np.abs(H).sum(axis=1).max() * np.abs(H_inverse).sum(axis=1).max())
-    # beyond the resolution of the inverse the number is noise
-    return value if np.isfinite(value) and value < 1.0 / np.finfo(float).eps else float("inf")
+    H_inverse = np.linalg.inv(H)
+    return float(np.abs(H).sum(axis=1).max() * np.abs(H_inverse).sum(axis=1).max())
 
 
 def condition_2(G: ArrayLike, scaling: str = "unit") -> float:
@@ -94,19 +91,21 @@ def condition_2(G: ArrayLike, scaling: str = "unit") -> float:
         Columns of unit length, divided by their largest entry (as C_G), or as they are.
     """
     values = singular_values(G, scaling)
-    smallest = values[-1] if len(values) else 0.0
-    if smallest <= values[0] * np.finfo(float).eps:
-        return float("inf")
-    return float(values[0] / smallest)
+    return float(values[0] / values[-1]) if values[-1] > 0 else float("inf")
 
 
 def singular_values(G: ArrayLike, scaling: str = "none") -> FloatArray:
-    """Singular values ``(p,)`` of the scaled regressor, the largest first, zeros at the end."""
+    """Singular values ``(p,)`` of the scaled regressor, the largest first.
+
+    Zero where they are no more than rounding: a parameter that cannot be seen must not look as if
+    it were seen poorly.
+    """
     scalers = {"unit": scale_to_unit_length, "largest": scale_by_largest, "none": stack}
     if scaling not in scalers:
         raise InputError(f"unknown scaling {scaling!r}", hint="one of " + ", ".join(scalers))
     matrix = scalers[scaling](G)
     values = np.linalg.svd(matrix, compute_uv=False)
+    values[values < max(matrix.shape) * np.finfo(float).eps * values.max(initial=0.0)] = 0.0
     return np.pad(values, (0, matrix.shape[1] - len(values)))
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
-from posedesign.feasibility import within_margin
 from posedesign.generation import cone_rotations, touching_poses
 
 POOL_ORIENTATIONS = 400
@@ -38,7 +37,7 @@ def repair_pool(cell: Cell) -> FloatArray:
     )
     poses = touching_poses(rotations, cell.tool_m, cell.target_m)
     margin = float(np.deg2rad(max(plan.repair_margin_deg, plan.limit_margin_deg)))
-    solutions = within_margin(robot, robot.inverse(poses, near=base), base, margin)
+    solutions = robot.inverse(poses, near=base, margin=margin)
     swing = np.abs(solutions.postures[:, 0] - base[0])
     near = swing <= np.deg2rad(plan.repair_base_joint_deg)
     return np.asarray(solutions.postures[solutions.inside & near])

@@ -22,9 +22,6 @@ from calib.se3 import FloatArray, IntArray
 
 Unit = Literal["rad", "m", "rad/Nm"]
 
-GRAVITY = np.array([0.0, 0.0, -9.80665])
-"""Standard gravity [m/s²] in the base frame: the arm stands on a level floor."""
-
 
 @dataclass(frozen=True, eq=False)
 class Payload:

@@ -8,7 +8,6 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.parameters.base import (
-    GRAVITY,
     ArmErrors,
     ArmView,
     ParameterBlock,
@@ -137,4 +136,4 @@ def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) 
     if payload is not None:  # the payload belongs to the last link
         moment, carried = moment[..., :n, :], carried[:n]
     lever = moment - carried[:, None] * state.origins
-    return np.asarray(np.sum(state.axes * np.cross(lever, GRAVITY), axis=-1))
+    return np.asarray(np.sum(state.axes * np.cross(lever, robot.gravity), axis=-1))

@@ -22,9 +22,6 @@ Closed forms reach 1e-12; what is farther off is a least-squares compromise, not
 LIMIT_TOLERANCE = 1e-9
 """Excess over a joint limit [rad] that is rounding: a posture on its limit is inside."""
 
-_TURNS = 2.0 * np.pi * np.arange(-2, 3)
-"""Full turns that limits of up to +-720 deg can hold."""
-
 
 @dataclass(frozen=True, eq=False)
 class InverseSolutions:
@@ -103,14 +100,15 @@ def nearest_turns(
         The same arm positions. Where no turn of a joint fits, the one that breaks its limit least.
     inside : array (S,) of bool
     """
-    turned = postures[..., None] + _TURNS  # (S, n, turns)
-    below, above = lower[:, None] - turned, turned - upper[:, None]
-    excess = np.maximum(np.maximum(below, above) - LIMIT_TOLERANCE, 0.0)
-    # any excess outweighs every distance inside the limits
-    cost = np.abs(turned - near[:, None]) + 1e6 * excess
-    best = np.argmin(cost, axis=-1)[..., None]
-    picked = np.take_along_axis(turned, best, axis=-1)[..., 0]
-    return picked, np.take_along_axis(excess, best, axis=-1)[..., 0].max(axis=-1, initial=0.0) == 0
+    turn = 2.0 * np.pi
+    lowest = np.ceil((lower - LIMIT_TOLERANCE - postures) / turn)
+    highest = np.floor((upper + LIMIT_TOLERANCE - postures) / turn)
+    fits = lowest <= highest
+    wanted = np.clip(np.round((near - postures) / turn), lowest, highest)
+    # where none fits, lowest lands above the range and highest below it
+    over, under = postures + turn * lowest - upper, lower - postures - turn * highest
+    picked = postures + turn * np.where(fits, wanted, np.where(over < under, lowest, highest))
+    return picked, np.asarray(fits.all(axis=-1))
 
 
 def first_per_group(group: IntArray, cost: FloatArray, count: int) -> IntArray:

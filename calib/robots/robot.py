@@ -23,6 +23,9 @@ from calib.robots.presets import load_preset
 from calib.robots.urdf import load_urdf
 from calib.se3 import FloatArray, check_transforms, transform
 
+STANDARD_GRAVITY = 9.80665
+"""[m/s²]"""
+
 USUAL_TIPS = ("tool0", "flange")
 """Names that ROS-Industrial and the makers give to the mounting face, the better one first."""
 
@@ -48,6 +51,8 @@ class Robot:
         Mass of what each joint moves up to the next joint [kg]; zero where none is given.
     link_com : array (n, 3)
         Centre of mass of each link, in the frame of its joint [m].
+    gravity : array (3,)
+        Acceleration of gravity in the base frame [m/s²]; the root of the description is level.
     stiffness : array (n,)
         Torsional stiffness of each reducer [Nm/rad]; infinite where the description gives none.
     base_frame, tip_frame : str
@@ -63,6 +68,7 @@ class Robot:
     speed: FloatArray
     link_mass: FloatArray
     link_com: FloatArray
+    gravity: FloatArray
     stiffness: FloatArray
     base_frame: str
     tip_frame: str
@@ -150,6 +156,7 @@ class Robot:
             speed=np.where(speed > 0, speed, np.nan),
             link_mass=np.array([i.mass for i in inertias]),
             link_com=np.array([i.lever for i in inertias]),
+            gravity=_gravity(model, base_id),
             stiffness=np.array([(stiffness or {}).get(n, np.inf) for n in names]),
             base_frame=model.frames[base_id].name,
             tip_frame=model.frames[tip_id].name,
@@ -193,12 +200,22 @@ class Robot:
         state = self.state(q)
         return state.jacobian(state.p_base_tip)
 
-    def inverse(self, T_base_tip: ArrayLike, near: ArrayLike | None = None) -> InverseSolutions:
+    def inverse(
+        self, T_base_tip: ArrayLike, near: ArrayLike | None = None, margin: float = 0.0
+    ) -> InverseSolutions:
         """Postures that bring the tip to poses ``(N, 4, 4)``: every branch of the arm.
 
         Each branch is given once, each joint in that full turn which lies inside the limits and
-        nearest to ``near`` ``(n,)`` (default: the middle of the limits). See
-        :class:`InverseSolutions`.
+        nearest to ``near``. A redundant arm has infinitely many postures for a pose: those that
+        iteration falls to are given, from ``near`` and from a dozen other starts.
+
+        Parameters
+        ----------
+        T_base_tip : array_like (N, 4, 4)
+        near : array_like (n,), optional
+            Posture to stay near [rad]; the middle of the limits by default.
+        margin : float
+            Distance to keep from every limit [rad].
 
         Raises
         ------
@@ -212,7 +229,7 @@ class Robot:
             raise InputError(
                 f"near has shape {reference.shape}, not ({self.n},): it is one posture", name="near"
             )
-        return self._inverse.solve(poses, self.lower, self.upper, reference)
+        return self._inverse.solve(poses, self.lower + margin, self.upper - margin, reference)
 
     @cached_property
     def _inverse(self) -> InverseKinematics:
@@ -274,6 +291,14 @@ def _usual_tip(model: pin.Model, notices: list[str]) -> int:
     return deepest
 
 
+def _gravity(model: pin.Model, base_id: int) -> FloatArray:
+    """Gravity (3,) [m/s²] in a base frame, which may be tilted against the root."""
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    down = np.array([0.0, 0.0, -STANDARD_GRAVITY])
+    return np.asarray(data.oMf[base_id].rotation.T @ down)
+
+
 def _joints_between(model: pin.Model, base_id: int, tip_id: int) -> list[int]:
     base, tip = model.frames[base_id], model.frames[tip_id]
     path = list(model.supports[tip.parentJoint])
@@ -300,6 +325,13 @@ def _check_joints(model: pin.Model, joints: list[int], mimics: frozenset[str]) -
             raise RobotModelError(
                 f"{model.name}: joint {name} follows another joint (mimic)",
                 hint="only independent joints can be calibrated",
+                name=name,
+            )
+        column = model.joints[i].idx_v
+        if not model.lowerPositionLimit[column] < model.upperPositionLimit[column]:
+            raise RobotModelError(
+                f"{model.name}: joint {name} has no range: its limits are the same",
+                hint="correct the limits, or make the joint fixed",
                 name=name,
             )
         if not model.joints[i].shortname().startswith("JointModelR"):

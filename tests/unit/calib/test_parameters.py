@@ -17,13 +17,13 @@ from calib.parameters import (
     ZeroOffsets,
     gravity_torque,
 )
-from calib.parameters.base import GRAVITY
+from calib.robots.robot import STANDARD_GRAVITY
 
 PAYLOAD = Payload(165.0, np.array([0.1, -0.05, 0.2]))
 
 
 def torque_by_pinocchio(model: pin.Model, q: np.ndarray) -> np.ndarray:
-    model.gravity.linear = GRAVITY
+    model.gravity.linear = np.array([0.0, 0.0, -STANDARD_GRAVITY])
     data = model.createData()
     return -np.array([pin.computeGeneralizedGravity(model, data, row).copy() for row in q])
 

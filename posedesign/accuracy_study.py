@@ -20,8 +20,8 @@ from calib.identification import covariance_of, identify_batch
 from calib.identification.result import DISPLAY
 from calib.measurement import Measurement, TouchUp, ViewLine
 from calib.model import CalibrationModel
-from calib.robot_world import solve_batch
-from calib.se3 import FloatArray, inverse, rotation_angle
+from calib.robot_world import PAPER_METHODS, solve_batch
+from calib.se3 import FloatArray, apply, inverse, rotation_angle
 from posedesign.cell import Cell
 from posedesign.planner import plan
 from posedesign.plate import PlateTest, try_plate
@@ -31,9 +31,6 @@ from posedesign.simulation import SimulatedRobot
 if TYPE_CHECKING:
     import pandas as pd
 
-SOLVERS = ("li-kronecker", "li-dual-quaternion", "zhuang", "hirsh")
-"""The methods of the papers, in the form that is fit for use."""
-
 IDENTIFIED_ARM = ", identified arm"
 """Ends the name of a solver that was given the arm as identified, not as the controller has it."""
 
@@ -42,7 +39,7 @@ FEWEST_DRAWS = 10
 
 CONFIDENCE = 0.95
 
-Progress = Callable[[str, float], None]
+Advance = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -129,7 +126,7 @@ class AccuracyStudy:
 
 
 def accuracy_study(
-    cell: Cell, *, draws: int = 50, seed: int = 1, progress: Progress | None = None
+    cell: Cell, *, draws: int = 50, seed: int = 1, progress: Advance | None = None
 ) -> AccuracyStudy:
     """Run the study on a cell.
 
@@ -194,10 +191,9 @@ def truths(cell: Cell) -> list[Cell]:
 
     The rigid robot tells the noise apart from what constant offsets leave out.
     """
-    section = cell.config.truth
-    if not section.deflection:
+    if not cell.deflects:
         return [cell]
-    rigid = section.model_copy(update={"deflection": False})
+    rigid = cell.config.truth.model_copy(update={"deflection": False})
     return [cell, replace(cell, config=cell.config.model_copy(update={"truth": rigid}))]
 
 
@@ -216,6 +212,7 @@ class _SetStudy:
         self.cell, self.turn, self.postures = cell, turn, postures
         self.draws, self.rng = draws, rng
         self.notes: list[str] = []
+        self._weighted = cell.config.measurement.weighted
         self.robot = SimulatedRobot.of(cell)
         self.plate = try_plate(self.robot, rng, draws)
         if isinstance(self.plate, str):
@@ -268,22 +265,31 @@ class _SetStudy:
         """Every solver, with the arm as its controller computes it and as it was identified."""
         touched = self.robot.touch_up(self.postures, self.rng, trials=self.draws)
         A, B = self.robot.camera_poses(touched.postures, self.rng)
+        yield from self._solvers("", A, B)
         model = self.cell.model()
-        identified, _ = model.view(touched.postures, identify_batch(model, touched))
-        for suffix, A_used in (("", A), (IDENTIFIED_ARM, identified.state.T_base_tip)):
-            for solver in SOLVERS:
-                found = solve_batch(A_used, B, solver)
-                for letter, estimate, true in (
-                    ("X", found.X, self.robot.T_tip_camera),
-                    ("Z", found.Z, self.robot.T_base_target),
-                ):
-                    error = inverse(true) @ estimate
-                    angle = np.full(len(error), np.nan)
-                    angle[found.ok] = rotation_angle(error[found.ok, :3, :3])
-                    shift = np.where(found.ok, np.linalg.norm(error[:, :3, 3], axis=-1), np.nan)
-                    name = solver + suffix
-                    yield self._finding(name, f"{letter} rotation", "deg", np.rad2deg(angle))
-                    yield self._finding(name, f"{letter} translation", "mm", 1e3 * shift)
+        try:
+            values = identify_batch(model, touched, weighted=self._weighted)
+        except CalibError as error:
+            self.notes.append(f"AX = ZB with the identified arm left out: {error.message}")
+            return
+        good = np.isfinite(values).all(axis=1)
+        identified, _ = model.view(touched.postures[good], values[good])
+        yield from self._solvers(IDENTIFIED_ARM, identified.state.T_base_tip, B[good])
+
+    def _solvers(self, suffix: str, A: FloatArray, B: FloatArray) -> Iterator[Finding]:
+        X_shown = self.robot.T_shown_tip @ self.robot.T_tip_camera
+        Z_shown = self.robot.T_shown_base @ self.robot.T_base_target
+        for solver in PAPER_METHODS:
+            found = solve_batch(A, B, solver)
+            for letter, estimate, true in (("X", found.X, X_shown), ("Z", found.Z, Z_shown)):
+                error = inverse(true) @ estimate
+                angle, shift = np.full((2, self.draws), np.nan)
+                ok = np.flatnonzero(found.ok)
+                angle[ok] = rotation_angle(error[ok, :3, :3])
+                shift[ok] = np.linalg.norm(error[ok, :3, 3], axis=-1)
+                name = solver + suffix
+                yield self._finding(name, f"{letter} rotation", "deg", np.rad2deg(angle))
+                yield self._finding(name, f"{letter} translation", "mm", 1e3 * shift)
 
     def _finding(
         self, estimator: str, quantity: str, unit: str, error: FloatArray, predicted: float = np.nan
@@ -295,7 +301,7 @@ class _SetStudy:
         low, high = spread_interval(spread, len(good))
         size = np.abs(good)
         return Finding(
-            "deflecting" if self.cell.config.truth.deflection else "rigid",
+            "deflecting" if self.cell.deflects else "rigid",
             *self.turn.variation_deg,
             len(self.postures),
             self.turn.c_g,
@@ -317,18 +323,25 @@ class _SetStudy:
 def effective_truth(robot: SimulatedRobot, model: CalibrationModel) -> FloatArray:
     """What an identification of constant offsets is held against, ``(p,)`` [SI].
 
-    Tool point and target as they are; offsets including the deflection at the base pose, for an
+    Tool point and target in the frames that measurements can show (see
+    :attr:`SimulatedRobot.T_shown_base`); offsets including the deflection at the base pose, for an
     arm that deflects has no other constant offset. What is left, a bias that no number of draws
     removes, is the part of the deflection that changes from pose to pose.
     """
-    offsets = robot.joint_errors(robot.cell.base_posture[None])[0]
+    cell = robot.cell
+    offsets = robot.joint_errors(cell.base_posture[None])[0]
+    tool = np.array([robot.value(f"tool.{axis}") for axis in "xyz"])
+    shown = {
+        "tool": apply(robot.T_shown_tip, tool),
+        "target": apply(robot.T_shown_base, robot.target_m),
+    }
     truth = []
     for name in model.names:
-        kind, _, joint = name.partition(".")
+        kind, _, rest = name.partition(".")
         if kind == "zero_offset":
-            truth.append(offsets[robot.cell.robot.joint_names.index(joint)])
+            truth.append(offsets[cell.robot.joint_names.index(rest)])
         else:
-            truth.append(robot.value(name))
+            truth.append(shown[kind]["xyz".index(rest[-1])])
     return np.array(truth)
 
 
@@ -343,7 +356,7 @@ def spread_interval(spread: float, count: int) -> tuple[float, float]:
     return spread * float(np.sqrt(low)), spread * float(np.sqrt(high))
 
 
-def select(findings: Sequence[Finding], truth: str, estimator: str, quantity: str) -> list[Finding]:
+def pick(findings: Sequence[Finding], truth: str, estimator: str, quantity: str) -> list[Finding]:
     """Findings of one kind, by falling C_G."""
     wanted = (truth, estimator, quantity)
     chosen = [f for f in findings if (f.truth, f.estimator, f.quantity) == wanted]

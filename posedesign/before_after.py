@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from calib.identification import IdentificationResult, identify
 from calib.measurement import TouchUps
 from calib.parameters import TargetPoints
@@ -35,7 +37,13 @@ def identify_models(cell: Cell, touch_ups: TouchUps) -> tuple[IdentificationResu
     targets = TargetPoints(guesses, touch_ups.labels)
     weighted = cell.config.measurement.weighted
     return tuple(
-        identify(cell.model(offsets, targets=targets), touch_ups, weighted=weighted, name=name)
+        identify(
+            cell.model(offsets, targets=targets),
+            touch_ups,
+            weighted=weighted,
+            method=cell.config.parameters.method,
+            name=name,
+        )
         for name, offsets in (("frames only", ()), ("offsets", cell.offset_joints))
     )
 
@@ -44,13 +52,18 @@ def results_as_dict(
     cell: Cell, touch_ups: TouchUps, results: Sequence[IdentificationResult]
 ) -> dict[str, Any]:
     """The content of ``identification.json``: degrees and millimetres."""
+    # errors left out over different postures cannot be compared
+    best: IdentificationResult | None
+    comparable = len({r.indispensable for r in results}) == 1
     best = min(results, key=lambda r: r.leave_one_out_rms_m)
+    if not comparable or not np.isfinite(best.leave_one_out_rms_m):
+        best = None
     return {
         "robot": cell.robot.name,
         "touch_ups": touch_ups.count,
         "targets": list(touch_ups.labels),
         "weighted": cell.config.measurement.weighted,
-        "recommended": best.model,
+        "recommended": best.model if best else None,
         "models": [
             {
                 "name": r.model,
@@ -60,6 +73,7 @@ def results_as_dict(
                 "rms_mm": r.rms_m * 1e3,
                 "max_mm": r.max_m * 1e3,
                 "leave_one_out_rms_mm": r.leave_one_out_rms_m * 1e3,
+                "not_left_out": r.indispensable,
                 "chi2": r.chi2,
                 "degrees_of_freedom": r.degrees_of_freedom,
                 "noise_scale": r.noise_scale,

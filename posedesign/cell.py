@@ -105,14 +105,8 @@ class Cell:
                 key="parameters.tool_axes",
                 hint='set it to "xy"',
             )
-        true_offsets = config.truth.zero_offsets_deg
-        if true_offsets is not None and len(true_offsets) != robot.n:
-            raise FileFormatError(
-                f"{len(true_offsets)} values for {robot.n} joints",
-                path=path,
-                key="truth.zero_offsets_deg",
-                hint="give one value for each joint",
-            )
+        _check_truth(cell, path)
+        _check_margins(cell, path)
         return cell
 
     @property
@@ -122,11 +116,37 @@ class Cell:
 
     @property
     def tool_axes(self) -> str:
-        """Axes along which the tool point is identified: not along a view line."""
+        """Axes along which the tool point is identified by the cell's own measurement."""
         given = self.config.parameters.tool_axes
-        if given is not None:
-            return given
-        return "xyz" if self.config.measurement.kind == "touch-up" else "xy"
+        return self.tool_axes_of(self.measurement) if given is None else given
+
+    def tool_axes_of(self, measurement: Measurement) -> str:
+        """Axes of the tool point that another measurement identifies in this cell.
+
+        Those that the cell asks for; z only by touch-up, which does show it.
+        """
+        given = self.config.parameters.tool_axes
+        asked = "xyz" if given is None else given
+        across = asked.replace("z", "")
+        if isinstance(measurement, ViewLine):
+            return across
+        own = self.config.measurement.kind
+        return across + "z" if "z" in asked or (own == "view-line" and across) else across
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """Stiffness of the simulated reducers ``(n,)`` [Nm/rad]; infinite where they are rigid."""
+        truth = self.config.truth
+        if truth.deflection is False:
+            return np.full(self.robot.n, np.inf)
+        given = truth.stiffness_nm_per_rad
+        return self.robot.stiffness if given is None else np.array(given)
+
+    @property
+    def deflects(self) -> bool:
+        """Whether the simulated robot gives way under gravity."""
+        loaded = self.payload is not None or bool(self.robot.link_mass.any())
+        return loaded and bool(np.isfinite(self.stiffness).any())
 
     @property
     def payload(self) -> Payload | None:
@@ -165,13 +185,13 @@ class Cell:
         offsets : tuple of str, optional
             Joints with an unknown offset; those of the cell by default.
         measurement : Measurement, optional
-            Another measurement than the cell's. With a view line the tool point stays free across
-            it only.
+            Another measurement than the cell's; the tool point is then free along the axes that
+            it shows, see :meth:`tool_axes_of`.
         targets : TargetPoints, optional
             Other targets than the cell's one.
         """
         measured = self.measurement if measurement is None else measurement
-        axes = "xy" if isinstance(measured, ViewLine) and measurement else self.tool_axes
+        axes = self.tool_axes if measurement is None else self.tool_axes_of(measurement)
         return CalibrationModel(
             self.robot,
             [
@@ -191,9 +211,9 @@ class Cell:
         target = TargetPoints([self.target_m], [self.config.target.name])
         blocks: list[ParameterBlock] = [ZeroOffsets(self.robot, self.robot.joint_names)]
         values = [offsets]
-        if truth.deflection:
+        if self.deflects:
             blocks.append(JointCompliance(self.robot, self.robot.joint_names, self.payload))
-            values.append(1.0 / self.robot.stiffness)
+            values.append(1.0 / self.stiffness)
         values += [
             tool.nominal + np.array(truth.tool_error_mm) / 1e3,
             target.nominal + np.array(truth.target_error_mm) / 1e3,
@@ -252,6 +272,43 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
             value=error.value,
         ) from error
     return posture
+
+
+def _check_truth(cell: Cell, path: Path) -> None:
+    truth, n = cell.config.truth, cell.robot.n
+    for key, values in (
+        ("zero_offsets_deg", truth.zero_offsets_deg),
+        ("stiffness_nm_per_rad", truth.stiffness_nm_per_rad),
+    ):
+        if values is not None and len(values) != n:
+            raise FileFormatError(
+                f"{len(values)} values for {n} joints",
+                path=path,
+                key=f"truth.{key}",
+                hint="give one value for each joint",
+            )
+    if truth.deflection and not cell.deflects:
+        raise FileFormatError(
+            f"nothing is known that would make {cell.robot.name} deflect",
+            path=path,
+            key="truth.deflection",
+            hint="give truth.stiffness_nm_per_rad and tool.mass_kg, or set it to false",
+        )
+
+
+def _check_margins(cell: Cell, path: Path) -> None:
+    plan = cell.config.plan
+    narrowest = int(np.argmin(cell.robot.joint_range))
+    room = float(np.rad2deg(cell.robot.joint_range[narrowest])) / 2.0
+    for key in ("limit_margin_deg", "repair_margin_deg"):
+        if getattr(plan, key) >= room:
+            raise FileFormatError(
+                f"{getattr(plan, key):g} deg leaves nothing of the range of "
+                f"{cell.robot.joint_names[narrowest]}",
+                path=path,
+                key=f"plan.{key}",
+                hint=f"stay well below {room:.0f} deg",
+            )
 
 
 def usual_offsets(n: int) -> FloatArray:

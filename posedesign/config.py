@@ -21,7 +21,9 @@ NotNegative = Annotated[float, Field(strict=True, ge=0, le=1e6, allow_inf_nan=Fa
 Length = Annotated[float, Field(strict=True, ge=-1e6, le=1e6, allow_inf_nan=False)]
 """[mm]; a kilometre is no robot cell."""
 Vector = tuple[Length, Length, Length]
-Variation = Annotated[float, Field(strict=True, ge=0.1, le=180, allow_inf_nan=False)]
+Variation = Annotated[float, Field(strict=True, ge=0, lt=180, allow_inf_nan=False)]
+"""[deg]; zero holds an angle."""
+Step = Annotated[float, Field(strict=True, ge=0.1, lt=180, allow_inf_nan=False)]
 """[deg]; finer steps would be rounds without end."""
 VariationVector = tuple[Variation, Variation, Variation]
 Noise = Annotated[float, Field(strict=True, gt=0, le=1e3, allow_inf_nan=False)]
@@ -88,7 +90,7 @@ class VariationSection(Section):
     """D_W, D_P, D_R of Eq. 13: where they start, how they grow, how far they may go."""
 
     start_deg: VariationVector = (5.0, 5.0, 5.0)
-    step_deg: VariationVector = (5.0, 5.0, 5.0)
+    step_deg: tuple[Step, Step, Step] = (5.0, 5.0, 5.0)
     largest_deg: VariationVector = (60.0, 60.0, 60.0)
     raise_: Annotated[Literal["together", "best"], Field(alias="raise")] = "together"
 
@@ -97,6 +99,8 @@ class VariationSection(Section):
         for start, largest in zip(self.start_deg, self.largest_deg, strict=True):
             if start > largest:
                 raise ValueError(f"start_deg {start:g} is above largest_deg {largest:g}")
+        if not any(self.largest_deg):
+            raise ValueError("at least one angle of largest_deg must be above zero")
         return self
 
 
@@ -116,6 +120,7 @@ class ParameterSection(Section):
 
     zero_offsets: tuple[str, ...] | None = None
     tool_axes: Annotated[str, Field(pattern=r"^x?y?z?$")] | None = None
+    method: Literal["gauss-newton", "newton-raphson"] = "gauss-newton"
 
 
 class MeasurementSection(Section):
@@ -135,7 +140,8 @@ class TruthSection(Section):
     zero_offsets_deg: tuple[Finite, ...] | None = None
     tool_error_mm: Vector = (2.0, -1.0, 3.0)
     target_error_mm: Vector = (5.0, -4.0, 2.0)
-    deflection: StrictBool = True
+    deflection: StrictBool | None = None
+    stiffness_nm_per_rad: tuple[Positive, ...] | None = None
 
 
 class ProgramSection(Section):

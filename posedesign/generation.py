@@ -15,6 +15,8 @@ GRID = np.array(list(product((-1, 0, 1), repeat=3)), dtype=float)
 def wpr_rotations(base_wpr: FloatArray, variation: FloatArray) -> FloatArray:
     """Orientations of Eq. 13: W, P, R each varied by -D, 0, +D, ``(27, 3, 3)``.
 
+    Nine where one D is zero, three where two are.
+
     Parameters
     ----------
     base_wpr : array (3,)
@@ -22,7 +24,7 @@ def wpr_rotations(base_wpr: FloatArray, variation: FloatArray) -> FloatArray:
     variation : array (3,)
         D_W, D_P, D_R [rad].
     """
-    return rotation_from_wpr(base_wpr + GRID * variation)
+    return rotation_from_wpr(base_wpr + np.unique(GRID * variation, axis=0))
 
 
 def cone_rotations(

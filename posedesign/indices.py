@@ -73,11 +73,14 @@ def condition_inf(G: ArrayLike) -> float:
     Eq. 9 to 12 as printed: G' has its columns divided by their largest absolute entry, and the
     norm is the largest absolute row sum.
     """
-    if singular_values(G, "largest")[-1] == 0.0:
-        return float("inf")
     scaled = scale_by_largest(G)
+    values = singular_values(scaled)
+    if values[-1] == 0.0:
+        return float("inf")
     H = scaled.T @ scaled
-    H_inverse = np.linalg.inv(H)
+    # from the singular values: inverting H itself would square the condition a second time
+    Vt = np.linalg.svd(scaled, full_matrices=False)[2]
+    H_inverse = (Vt.T / values**2) @ Vt
     return float(np.abs(H).sum(axis=1).max() * np.abs(H_inverse).sum(axis=1).max())
 
 

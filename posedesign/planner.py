@@ -78,7 +78,8 @@ class _Loop:
 
     def _round(self, variation: FloatArray) -> None:
         poses = self._generate(variation)
-        done = _evaluate(self.model, poses, len(self.rounds) + 1, variation)
+        weighted = self.cell.config.measurement.weighted
+        done = _evaluate(self.model, poses, len(self.rounds) + 1, variation, weighted)
         self.rounds.append(done)
         self.sets.append(poses)
         if self.progress is not None:
@@ -196,12 +197,14 @@ def repair(cell: Cell, poses: PoseSet, pool: FloatArray) -> PoseSet:
     return PoseSet(postures, tuple(status), tuple(reasons))
 
 
-def _evaluate(model: CalibrationModel, poses: PoseSet, number: int, variation: FloatArray) -> Round:
+def _evaluate(
+    model: CalibrationModel, poses: PoseSet, number: int, variation: FloatArray, weighted: bool
+) -> Round:
     kept = poses.kept
     blocks = model.jacobian(kept)
     c_g = condition_inf(blocks) if len(kept) else float("inf")
     if np.isfinite(c_g) and len(kept) * model.measurement.rows >= model.p:
-        sigma = np.sqrt(np.diag(covariance_of(model, kept)))
+        sigma = np.sqrt(np.diag(covariance_of(model, kept, weighted=weighted)))
     else:
         c_g, sigma = float("inf"), np.full(model.p, np.inf)
     return Round(

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.errors import CalibError, UnreachableError
 from calib.measurement import TouchUp
-from calib.measurement.simulate import touch
+from calib.measurement.touch import TOUCH_TOLERANCE_M, touch
 from calib.model import CalibrationModel
 from calib.parameters import TargetPoints
 from calib.se3 import FloatArray
@@ -62,12 +62,15 @@ class PlateTest:
             [*(b for b in robot.model.parameters if not isinstance(b, TargetPoints)), targets],
             TouchUp(np.array(cell.config.measurement.three_sigma_mm) / 3e3),
         )
-        values = np.concatenate([robot.values[:-3], targets.nominal])
+        is_target = np.array([name.startswith("target.") for name in robot.model.names])
+        values = np.concatenate([robot.values[~is_target], targets.nominal])
         index = np.arange(len(points))
         start, _ = touch(model, found.q, values, index)
         R = model.view(start, values, index)[0].state.R_base_tip
         off = model.measurement.sample(np.broadcast_to(R, (trials, *R.shape)), rng)
-        postures, _ = touch(model, start, values, index, off)
+        postures, missing = touch(model, start, values, index, off)
+        if missing.max() > 1e3 * TOUCH_TOLERANCE_M:
+            raise UnreachableError("the simulated arm does not meet a point of the test plate")
         return cls(postures)
 
     def worst_error(self, model: CalibrationModel, x: FloatArray) -> FloatArray:

@@ -82,7 +82,8 @@ class Round:
         Poses taken as generated, replaced, and left out.
     c_g, cond_2_g : float
     sigma : array (p,)
-        Predicted standard deviation of each parameter [SI]; infinite where not identifiable.
+        Predicted standard deviation of each parameter [SI], of the estimator that the cell asks
+        for (weighted or not); infinite where not identifiable.
     """
 
     number: int

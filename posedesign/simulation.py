@@ -45,7 +45,8 @@ class SimulatedRobot:
     @property
     def target_m(self) -> FloatArray:
         """Where the target really is ``(3,)`` [m]."""
-        return self.values[-3:]
+        name = self.cell.config.target.name
+        return np.array([self.value(f"target.{name}.{axis}") for axis in "xyz"])
 
     @property
     def T_tip_camera(self) -> FloatArray:
@@ -59,6 +60,35 @@ class SimulatedRobot:
         """Z: where the target really is, facing the camera of the base pose."""
         rotation = self.cell.robot.fk(self.cell.base_posture)[:3, :3] @ _FACING
         return transform(rotation, self.target_m)
+
+    @property
+    def T_shown_base(self) -> FloatArray:
+        """The base as measurements show it, turned by the error of a first joint that is not freed.
+
+        Nothing measured tells a zero offset of the first joint from a turned base, or one of the
+        last joint from a turned tip (section 3.2 of Watanabe et al. 2006). What identification
+        and AX=ZB can find is target and tool in the frames so turned. Deflection counts as an
+        offset with its value at the base pose.
+        """
+        return inverse(self._turned_by(0))
+
+    @property
+    def T_shown_tip(self) -> FloatArray:
+        """The tip as measurements show it; see :attr:`T_shown_base`."""
+        robot = self.cell.robot
+        T_base_tip = robot.fk(self.cell.base_posture)
+        return inverse(T_base_tip) @ self._turned_by(robot.n - 1) @ T_base_tip
+
+    def _turned_by(self, joint: int) -> FloatArray:
+        """Motion ``(4, 4)`` by the error of a joint at the base pose, in base axes; or none."""
+        robot, q = self.cell.robot, self.cell.base_posture
+        if robot.joint_names[joint] in self.cell.offset_joints:
+            return np.eye(4)
+        angle = self.joint_errors(q[None])[0, joint]
+        state = robot.state(q)
+        rotation = rotation_exp(angle * state.axes[joint])
+        origin = state.origins[joint]
+        return transform(rotation, origin - rotation @ origin)
 
     def touch_up(
         self, q: FloatArray, rng: np.random.Generator | None, trials: int | None = None

@@ -59,6 +59,7 @@ repair_base_joint_deg = 90.0      # how far joint 1 may turn in a replacement
 # Identified besides the target. The first and the last joint are absorbed by target and tool.
 zero_offsets = {offsets}
 tool_axes = "xyz"                 # "xy" for a view line
+method = "gauss-newton"           # or "newton-raphson": as in the paper, by finite differences
 
 [measurement]
 kind = "touch-up"                 # or "view-line": only across the line of sight
@@ -74,6 +75,7 @@ zero_offsets_deg = {truth}
 tool_error_mm = [2.0, -1.0, 3.0]
 target_error_mm = [5.0, -4.0, 2.0]
 deflection = {deflection}         # reducers give way under gravity
+# stiffness_nm_per_rad = [4e6, ...]  # of each joint; default: the preset's
 
 [program]
 name = "CALIB01"

@@ -17,9 +17,9 @@ from calib.identification import IdentificationResult, check_identifiable, covar
 from calib.identification.solver import check_enough
 from calib.model import CalibrationModel
 from calib.parameters import TargetPoints
-from calib.robot_world import METHODS, PairNoise, RobotWorldResult, solve
+from calib.robot_world import METHODS, PAPER_METHODS, PairNoise, RobotWorldResult, solve
 from calib.se3 import FloatArray, wpr_from_rotation
-from posedesign.accuracy_study import SOLVERS, AccuracyStudy
+from posedesign.accuracy_study import AccuracyStudy
 from posedesign.before_after import identify_models, results_as_dict
 from posedesign.cell import Cell
 from posedesign.files import write_json_atomic
@@ -48,6 +48,13 @@ from posedesign.tables import (
     write_touch_ups,
 )
 
+ON_TARGET_M = 1e-3
+"""Distance of the tool point from the target at which a pose is still one for touching it: far
+above the rounding of a program, far below what an index would not notice."""
+
+NEAR_TARGET_M = 0.05
+"""Distance over which touch-up may be rehearsed: no servo sees the target from farther."""
+
 
 @dataclass(frozen=True)
 class Score:
@@ -62,12 +69,15 @@ class Score:
         What the poses cannot identify; empty where they can.
     outside : tuple of str
         Poses outside the joint limits, with the limit.
+    off_target : tuple of str
+        Poses that do not bring the tool point to the target, with the distance.
     """
 
     indices: Indices
     sigma: list[tuple[str, str, float]]
     problem: str
     outside: tuple[str, ...]
+    off_target: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -167,10 +177,12 @@ def score_poses(cell: Cell, poses: PoseList) -> Score:
     problem = _what_is_hidden(cell, poses.postures)
     sigma: list[tuple[str, str, float]] = []
     if not problem:
-        covariance = covariance_of(model, poses.postures)
+        weighted = cell.config.measurement.weighted
+        covariance = covariance_of(model, poses.postures, weighted=weighted)
         sigma = displayed(model, np.sqrt(np.diag(covariance)))
     outside = outside_limits(cell, poses.names, poses.postures)
-    return Score(evaluate(blocks, white), sigma, problem, tuple(outside))
+    off = off_target(cell, poses.names, poses.postures, ON_TARGET_M)
+    return Score(evaluate(blocks, white), sigma, problem, tuple(outside), tuple(off))
 
 
 def outside_limits(cell: Cell, names: Sequence[str], postures: FloatArray) -> list[str]:
@@ -182,6 +194,17 @@ def outside_limits(cell: Cell, names: Sequence[str], postures: FloatArray) -> li
         except JointLimitError as error:
             said.append(f"{name}: {error.message}")
     return said
+
+
+def off_target(cell: Cell, names: Sequence[str], postures: FloatArray, far_m: float) -> list[str]:
+    """Name and distance [mm] of each posture ``(N, n)`` [rad] off the target by more than that."""
+    _, error = cell.model().view(postures)
+    distance = np.linalg.norm(error, axis=-1)
+    return [
+        f"{name}: the tool point is {far * 1e3:.4g} mm from the target"
+        for name, far in zip(names, distance, strict=True)
+        if far > far_m
+    ]
 
 
 def refuse_outside(cell: Cell, poses: PoseList) -> None:
@@ -220,6 +243,11 @@ def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) ->
     The noise depends on the seed alone: the one of the cell, unless another is given.
     """
     refuse_outside(cell, poses)
+    far = off_target(cell, poses.names, poses.postures, NEAR_TARGET_M)
+    if far:
+        raise InputError(
+            f"pose {far[0]}", hint="touch-up would move the arm to quite another pose", name="poses"
+        )
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
     touched = robot.touch_up(poses.postures, rng)
@@ -257,7 +285,7 @@ def identify_file(
 
 
 def solve_file(
-    pairs: Path, out: Path, methods: Sequence[str] = SOLVERS, noise: PairNoise | None = None
+    pairs: Path, out: Path, methods: Sequence[str] = PAPER_METHODS, noise: PairNoise | None = None
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB from a ``pairs.csv`` by several methods; write ``robot_world.csv``.
 

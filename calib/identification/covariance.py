@@ -39,6 +39,28 @@ def covariance_of(
     return np.asarray(spread @ spread.T)
 
 
+def best_chi2(J: FloatArray, rows: FloatArray, R: FloatArray, model: CalibrationModel) -> float:
+    """Sum of squares of the whitened residuals, where the weighted fit has them.
+
+    After an unweighted fit the residuals are larger than that, by what it gives away, and would
+    not have the distribution of chi²: what the parameters could still explain is taken out.
+
+    Parameters
+    ----------
+    J : array (N, m, p)
+    rows : array (N, m)
+        Residuals of a fit, weighted or not [m].
+    R : array (N, 3, 3)
+        Rotations of the tip, see :meth:`CalibrationModel.linearise`.
+    model : CalibrationModel
+    """
+    white = model.measurement.whiten(np.concatenate([J, rows[..., None]], axis=-1), R)
+    white = white.reshape(-1, model.p + 1)
+    Q = np.linalg.qr(white[:, :-1] / np.linalg.norm(white[:, :-1], axis=0))[0]
+    left = white[:, -1] - Q @ (Q.T @ white[:, -1])
+    return float(left @ left)
+
+
 def leave_one_out(
     J: FloatArray, rows: FloatArray, R: FloatArray, model: CalibrationModel, weighted: bool
 ) -> FloatArray:

@@ -41,16 +41,19 @@ class IdentificationResult:
     nominal : array (p,)
         Where the robot as described stands [SI].
     covariance : array (p, p)
-        [SI]. From the noise given where that explains the residuals, else scaled up to them.
+        [SI]. From the noise given; scaled up to the residuals where chance would leave ones as
+        large as they are with a probability below ``MODEL_DOUBT`` only.
     residuals : array (N, m)
         Rows left over at each posture [m].
     leave_one_out : array (N, m)
-        Rows at each posture when predicted from all the others [m].
+        Rows at each posture when predicted from all the others [m]; NaN for a posture without
+        which the parameters cannot be identified.
     chi2 : float
-        Sum of squared residuals divided by the noise given.
+        Sum of squared residuals divided by the noise given, see :func:`best_chi2`.
     degrees_of_freedom : int
     noise_scale : float
-        Residuals over noise: ``sqrt(chi2 / degrees_of_freedom)``; 1 where the noise fits.
+        Residuals over noise: ``sqrt(chi2 / degrees_of_freedom)``, 1 where the noise fits; NaN
+        where no equation is left over.
     iterations : int
     status : {"converged", "not converged"}
     message : str
@@ -84,8 +87,16 @@ class IdentificationResult:
 
     @property
     def leave_one_out_rms_m(self) -> float:
-        """The same for postures that took no part in the fit [m]."""
-        return _rms(self.leave_one_out)
+        """The same for postures that took no part in the fit [m]; NaN where there are none.
+
+        Over the postures that can be left out: see :attr:`indispensable`.
+        """
+        return _rms(self.leave_one_out[np.isfinite(self.leave_one_out).all(axis=1)])
+
+    @property
+    def indispensable(self) -> int:
+        """Postures without which the parameters could not be identified."""
+        return int((~np.isfinite(self.leave_one_out).all(axis=1)).sum())
 
     @property
     def max_m(self) -> float:
@@ -133,4 +144,4 @@ def chi2_is_too_large(chi2: float, degrees_of_freedom: int) -> bool:
 
 
 def _rms(rows: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
+    return float(np.sqrt(np.mean(np.sum(rows**2, axis=1)))) if len(rows) else float("nan")

@@ -10,17 +10,16 @@ call.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from calib.errors import ConvergenceError, InputError
-from calib.identification.covariance import covariance_of, leave_one_out
+from calib.identification.covariance import best_chi2, covariance_of, leave_one_out
 from calib.identification.identifiability import check_believable, check_identifiable
 from calib.identification.result import IdentificationResult, chi2_is_too_large
 from calib.measurement.data import TouchUps
-from calib.measurement.simulate import touch
+from calib.measurement.touch import touch
 from calib.model import CalibrationModel
 from calib.parameters.base import Unit
 from calib.se3 import FloatArray, IntArray
@@ -78,35 +77,43 @@ def identify(
             hint="identify_batch takes the trials of a Monte Carlo run",
             name="touch-ups",
         )
-    q, target = measurements.postures, measurements.target
-    jacobians: dict[str, Callable[[FloatArray], FloatArray]] = {
-        "gauss-newton": lambda x: model.jacobian(q, x, target),
-        "newton-raphson": lambda x: finite_difference_jacobian(model, q, x, target),
-    }
-    if method not in jacobians:
-        raise InputError(f"unknown method {method!r}", hint="one of " + ", ".join(jacobians))
-    x, iterations = model.nominal.copy(), 0
-    x = _place_setup(model, measurements, x, weighted)
+    if method not in get_args(Method):
+        known = ", ".join(get_args(Method))
+        raise InputError(f"unknown method {method!r}", hint=f"one of {known}")
+    x = _place_setup(model, measurements, weighted)
     _check_identifiable_at(model, measurements, x)
-    while True:
-        rows = _weigh(model, q, x, model.predict(q, x, target)[..., None], weighted).ravel()
-        J = _weigh(model, q, x, jacobians[method](x), weighted).reshape(-1, model.p)
-        step = _least_squares(J, -rows)
-        x = x + step
-        iterations += 1
-        change = float(np.linalg.norm(J @ step))
-        if change < STEP_TOLERANCE:
-            break
-        if iterations == ITERATIONS or not np.isfinite(x).all():
-            raise ConvergenceError(
-                f"the identification has not converged after {iterations} iterations "
-                f"(the last one still moved the predictions by {change:.2g} times the noise)",
-                hint="check that the touch-ups belong to this robot and that the tool point and "
-                "the joint signs are about right",
-            )
+    x, iterations = _iterate(model, measurements, x, weighted, method)
     result = _result(model, measurements, x, weighted, iterations, name)
     check_believable(result.sigma, model.names, model.units)
     return result
+
+
+def _iterate(
+    model: CalibrationModel, measurements: TouchUps, x: FloatArray, weighted: bool, method: Method
+) -> tuple[FloatArray, int]:
+    """Full steps until the predictions stand still: the parameters, and how many it took."""
+    q, target = measurements.postures, measurements.target
+    change = np.inf
+    for iteration in range(1, ITERATIONS + 1):
+        if method == "gauss-newton":
+            J = model.jacobian(q, x, target)
+        else:
+            J = finite_difference_jacobian(model, q, x, target)
+        J = _weigh(model, q, x, J, weighted).reshape(-1, model.p)
+        rows = _weigh(model, q, x, model.predict(q, x, target)[..., None], weighted).ravel()
+        step = _least_squares(J, -rows)
+        x = x + step
+        change = float(np.linalg.norm(J @ step))
+        if change < STEP_TOLERANCE:
+            return x, iteration
+        if not np.isfinite(x).all():
+            break
+    raise ConvergenceError(
+        f"the identification has not converged after {ITERATIONS} iterations "
+        f"(the last one still moved the predictions by {change:.2g} times the noise)",
+        hint="check that the touch-ups belong to this robot and that the tool point and "
+        "the joint signs are about right",
+    )
 
 
 def check_enough(model: CalibrationModel, measurements: TouchUps) -> None:
@@ -149,38 +156,54 @@ def identify_batch(
 ) -> FloatArray:
     """Identify every trial of a Monte Carlo run, ``(T, N, n)`` postures, to ``(T, p)`` values [SI].
 
-    Full Gauss-Newton steps for all trials at once. Identifiability is checked on the first trial:
-    trials of one plan differ by noise only.
+    Gauss-Newton steps for all trials at once. Identifiability is checked on the first trial:
+    trials of one plan differ by noise only. A trial that does not converge gives NaN.
 
     Raises
     ------
-    InputError, NotIdentifiableError, ConvergenceError
+    InputError, NotIdentifiableError
         As :func:`identify`.
+    ConvergenceError
+        No trial has converged.
     """
     check_enough(model, measurements)
     q, target = measurements.postures, measurements.target
     x = np.broadcast_to(model.nominal, (len(q), model.p)).copy()
     _check_identifiable_at(model, TouchUps(q[0], target, measurements.labels), x[0])
-    for _ in range(ITERATIONS):
-        rows, J, R = model.linearise(q, x, target)
-        stacked = np.concatenate([J, rows[..., None]], axis=-1)
-        if weighted:
-            stacked = model.measurement.whiten(stacked, R)
-        else:
-            stacked = stacked / model.measurement.mean_sigma_m
-        stacked = stacked.reshape(len(q), -1, model.p + 1)
-        scale = np.linalg.norm(stacked[..., :-1], axis=1, keepdims=True)  # (T, 1, p)
-        # QR, not normal equations: the worst planned sets have a condition of 1e4
-        Q, Rf = np.linalg.qr(stacked[..., :-1] / scale)
-        change = np.swapaxes(Q, -1, -2) @ stacked[..., -1:]  # (T, p, 1)
-        x = x - np.linalg.solve(Rf, change)[..., 0] / scale[:, 0]
-        moving = np.linalg.norm(change[..., 0], axis=-1) >= STEP_TOLERANCE
-        if not moving.any():
-            return np.asarray(x)
-    raise ConvergenceError(
-        f"{int(moving.sum())} of {len(q)} trials have not converged after {ITERATIONS} iterations",
-        hint="are the simulated errors of a size that occurs?",
-    )
+    moving = np.ones(len(q), dtype=bool)
+    with np.errstate(all="ignore"):  # a trial that runs away is told by its NaN
+        for _ in range(ITERATIONS):
+            step, change = _batch_step(model, q, x, target, weighted)
+            x = x + step
+            moving = ~(change < STEP_TOLERANCE)
+            if not moving.any():
+                break
+    if moving.all():
+        raise ConvergenceError(
+            f"none of {len(q)} trials has converged after {ITERATIONS} iterations",
+            hint="are the simulated errors of a size that occurs?",
+        )
+    x[moving] = np.nan
+    return np.asarray(x)
+
+
+def _batch_step(
+    model: CalibrationModel, q: FloatArray, x: FloatArray, target: IntArray, weighted: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Step ``(T, p)`` [SI] of each trial, and by how much it moves the predictions ``(T,)``."""
+    rows, J, R = model.linearise(q, x, target)
+    stacked = np.concatenate([J, rows[..., None]], axis=-1)
+    if weighted:
+        stacked = model.measurement.whiten(stacked, R)
+    else:
+        stacked = stacked / model.measurement.mean_sigma_m
+    stacked = stacked.reshape(len(q), -1, model.p + 1)
+    scale = np.linalg.norm(stacked[..., :-1], axis=1, keepdims=True)  # (T, 1, p)
+    # QR, not normal equations: the worst planned sets have a condition of 1e4
+    Q, Rf = np.linalg.qr(stacked[..., :-1] / scale)
+    change = np.swapaxes(Q, -1, -2) @ stacked[..., -1:]  # (T, p, 1)
+    step = -np.linalg.solve(Rf, change)[..., 0] / scale[:, 0]
+    return step, np.linalg.norm(change[..., 0], axis=-1)
 
 
 def _check_identifiable_at(model: CalibrationModel, measurements: TouchUps, x: FloatArray) -> None:
@@ -199,22 +222,19 @@ def _check_identifiable_at(model: CalibrationModel, measurements: TouchUps, x: F
     check_believable(sigma, model.names, model.units)
 
 
-def _place_setup(
-    model: CalibrationModel, measurements: TouchUps, x: FloatArray, weighted: bool
-) -> FloatArray:
+def _place_setup(model: CalibrationModel, measurements: TouchUps, weighted: bool) -> FloatArray:
     """First guess: tool point and targets where the nominal robot puts them.
 
     With the robot held they enter linearly (touch-up) or nearly so, so that any first guess of
     them will do. The step is the shortest one where they cannot be told apart.
     """
     q, target = measurements.postures, measurements.target
-    free = model.nuisance
+    x, free = model.nominal.copy(), model.nuisance
     if not free.any():
         return x
     for _ in range(2):
         rows = _weigh(model, q, x, model.predict(q, x, target)[..., None], weighted).ravel()
         J = _weigh(model, q, x, model.jacobian(q, x, target), weighted).reshape(-1, model.p)
-        x = x.copy()
         x[free] += np.linalg.lstsq(J[:, free], -rows, rcond=1e-9)[0]
     return x
 
@@ -244,12 +264,13 @@ def _result(
 ) -> IdentificationResult:
     q, target = measurements.postures, measurements.target
     rows, J, R = model.linearise(q, x, target)
-    white = model.measurement.whiten(rows[..., None], R)[..., 0]
-    chi2 = float(np.sum(white**2))
+    chi2 = best_chi2(J, rows, R, model)
     freedom = rows.size - model.p
-    scale = float(np.sqrt(chi2 / freedom)) if freedom else 1.0
+    scale = float(np.sqrt(chi2 / freedom)) if freedom else float("nan")
     covariance = covariance_of(model, q, x, target, weighted=weighted)
-    if chi2_is_too_large(chi2, freedom):
+    if freedom == 0:
+        message = "there are as many equations as parameters: nothing is left to test the model by"
+    elif chi2_is_too_large(chi2, freedom):
         covariance = covariance * scale**2
         message = (
             f"the residuals are {scale:.1f} times the noise given: the model leaves something out "

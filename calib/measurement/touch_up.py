@@ -56,15 +56,12 @@ class ViewLine(Measurement):
     ----------
     sigma_m : float or array_like (2,)
         Standard deviations [m] along the tip's x and y (the camera's V and H).
-    depth_slack_m : float
-        How far off in depth the arm may stand when the target is on the line: nothing holds it.
     """
 
     rows = 2
 
-    def __init__(self, sigma_m: ArrayLike, depth_slack_m: float = 0.0) -> None:
+    def __init__(self, sigma_m: ArrayLike) -> None:
         self.sigma_m = check_sigma(sigma_m, 2)
-        self.depth_slack_m = depth_slack_m
 
     def observe(self, error: FloatArray, R_base_tip: FloatArray) -> FloatArray:
         """See :meth:`Measurement.observe`: the error across the view line."""
@@ -86,7 +83,7 @@ class ViewLine(Measurement):
         return np.asarray(rows / self.sigma_m[:, None])
 
     def sample(self, R_base_tip: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See :meth:`Measurement.sample`."""
-        sigma = np.append(self.sigma_m, self.depth_slack_m)
+        """See :meth:`Measurement.sample`: across the line; the arm is taken to hold its depth."""
+        sigma = np.append(self.sigma_m, 0.0)
         drawn = rng.standard_normal((*R_base_tip.shape[:-1], 1)) * sigma[:, None]
         return np.asarray((R_base_tip @ drawn)[..., 0])

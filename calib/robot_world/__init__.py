@@ -5,13 +5,14 @@ One file for each method, one result type for all; :data:`METHODS` lists them.
 
 from calib.robot_world.noise import PairNoise
 from calib.robot_world.opencv import pairs_from_opencv, result_to_opencv
-from calib.robot_world.registry import METHODS, Method
+from calib.robot_world.registry import METHODS, PAPER_METHODS, Method
 from calib.robot_world.results import RobotWorldBatch, RobotWorldResult
 from calib.robot_world.simulation import Problems, add_noise, random_problems
 from calib.robot_world.solver import solve, solve_batch
 
 __all__ = [
     "METHODS",
+    "PAPER_METHODS",
     "Method",
     "PairNoise",
     "Problems",

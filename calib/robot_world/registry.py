@@ -90,6 +90,10 @@ METHODS: Mapping[str, Method] = MappingProxyType({method.name: method for method
 """All methods, in the order in which they are listed to people."""
 
 
+PAPER_METHODS = ("li-kronecker", "li-dual-quaternion", "zhuang", "hirsh")
+"""The methods of the papers, each in the form that is fit for use."""
+
+
 def find_method(name: str) -> Method:
     """Return the method of a name.
 

@@ -21,7 +21,7 @@ _PAIRS_AT_ONCE = 20_000
 
 
 def solve(
-    A: ArrayLike, B: ArrayLike, method: str = "li-kronecker", noise: PairNoise | None = None
+    A: ArrayLike, B: ArrayLike, method: str = "hirsh", noise: PairNoise | None = None
 ) -> RobotWorldResult:
     """Solve ``A_i X = Z B_i`` for X and Z.
 
@@ -69,7 +69,7 @@ def solve(
     return RobotWorldResult(X, Z, method, status, message, iterations, error, covariance)
 
 
-def solve_batch(A: ArrayLike, B: ArrayLike, method: str = "li-kronecker") -> RobotWorldBatch:
+def solve_batch(A: ArrayLike, B: ArrayLike, method: str = "hirsh") -> RobotWorldBatch:
     """Solve T problems ``A_i X = Z B_i`` at once, as Monte Carlo studies need it.
 
     Parameters

@@ -126,8 +126,7 @@ def robot_world(
     import math
 
     from calib.errors import InputError
-    from calib.robot_world import PairNoise
-    from posedesign.accuracy_study import SOLVERS
+    from calib.robot_world import PAPER_METHODS, PairNoise
     from posedesign.workflow import solve_file, solver_row
 
     noise = None
@@ -135,7 +134,7 @@ def robot_world(
         raise InputError("give both --noise-deg and --noise-mm, or neither", name="noise")
     if noise_deg is not None and noise_mm is not None:
         noise = PairNoise(math.radians(noise_deg), noise_mm / 1e3, on="B")
-    outcomes = solve_file(pairs, out, SOLVERS if method == ALL else [method], noise)
+    outcomes = solve_file(pairs, out, PAPER_METHODS if method == ALL else [method], noise)
     if as_json:
         print_json([solver_row(outcome) for outcome in outcomes])
     else:

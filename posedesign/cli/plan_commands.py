@@ -148,7 +148,7 @@ def score(
     scored = score_poses(loaded, read_poses(poses, loaded.robot.n, trust_units=trust_units))
     threshold = loaded.config.plan.condition_threshold
     below = scored.indices.c_g < threshold
-    good = below and not scored.problem and not scored.outside
+    good = below and not (scored.problem or scored.outside or scored.off_target)
     sigma = [
         {"parameter": name, "predicted sigma": value, "unit": unit}
         for name, unit, value in scored.sigma
@@ -161,6 +161,7 @@ def score(
                 "predicted": sigma,
                 "problem": scored.problem,
                 "outside_limits": scored.outside,
+                "off_target": scored.off_target,
                 "threshold": threshold,
                 "reached": good,
             }
@@ -174,12 +175,14 @@ def score(
             ],
         )
         print_table("Predicted before measuring", sigma)
-        for line in scored.outside:
+        for line in (*scored.outside, *scored.off_target):
             note(f"warning: {line}")
         verdict = "below" if below else "not below"
         print(scored.problem or f"C_G {scored.indices.c_g:.4g} is {verdict} {threshold:.4g}")
         if scored.outside:
             print(f"poses outside the joint limits: {len(scored.outside)}")
+        if scored.off_target:
+            print(f"poses that do not touch the target: {len(scored.off_target)}")
     return DONE if good else NOT_REACHED
 
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.identification.result import DISPLAY
-from posedesign.accuracy_study import IDENTIFIED_ARM, SOLVERS, AccuracyStudy, Finding, select
+from calib.robot_world import PAPER_METHODS
+from posedesign.accuracy_study import IDENTIFIED_ARM, AccuracyStudy, Finding, pick
 from posedesign.files import write_bytes_atomic
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def draw_accuracy(study: AccuracyStudy, path: Path) -> Path:
 def _scatter(panel: Axes, study: AccuracyStudy) -> None:
     """Scatter of one parameter over the draws with its interval, and the prediction as a line."""
     for estimator, colour, marker in zip(ESTIMATORS, COLOURS, MARKERS, strict=False):
-        found = select(study.findings, study.truth, estimator, study.leading_parameter)
+        found = pick(study.findings, study.truth, estimator, study.leading_parameter)
         if not found:
             continue
         c_g = [f.c_g for f in found]
@@ -82,7 +83,7 @@ def _plate(panel: Axes, study: AccuracyStudy) -> None:
     styles = (("deflecting arm", "-"), ("rigid arm", ":"))
     for estimator, colour, marker in zip(estimators, colours, MARKERS, strict=True):
         for truth, style in styles:
-            found = select(study.findings, truth.split()[0], estimator, "plate distance worst")
+            found = pick(study.findings, truth.split()[0], estimator, "plate distance worst")
             _line(panel, found, style, colour, marker)
     panel.set_ylabel("worst distance error on the plate [mm]")
     panel.set_title("5 x 5 plate, 100 mm pitch: worst distance error, median", fontsize=10)
@@ -92,13 +93,13 @@ def _plate(panel: Axes, study: AccuracyStudy) -> None:
 def _robot_world(panel: Axes, study: AccuracyStudy, quantity: str, unit: str) -> None:
     """Median error of every solver, with the controller's arm and with the identified one."""
     styles = (("A from the controller", "-"), ("A from the identified arm", ":"))
-    for solver, colour, marker in zip(SOLVERS, COLOURS, MARKERS, strict=True):
+    for solver, colour, marker in zip(PAPER_METHODS, COLOURS, MARKERS, strict=True):
         for suffix, (_, style) in zip(("", IDENTIFIED_ARM), styles, strict=True):
-            found = select(study.findings, study.truth, solver + suffix, quantity)
+            found = pick(study.findings, study.truth, solver + suffix, quantity)
             _line(panel, found, style, colour, marker)
     panel.set_ylabel(f"error of {quantity} [{unit}]")
     panel.set_title(f"AX = ZB: {quantity} of the camera on the flange, median", fontsize=10)
-    _legend(panel, SOLVERS, COLOURS, styles)
+    _legend(panel, PAPER_METHODS, COLOURS, styles)
 
 
 def _line(panel: Axes, found: list[Finding], style: str, colour: str, marker: str) -> None:

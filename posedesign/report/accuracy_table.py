@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from calib.identification.result import DISPLAY
-from posedesign.accuracy_study import SOLVERS, AccuracyStudy, Finding, select
+from calib.robot_world import PAPER_METHODS
+from posedesign.accuracy_study import AccuracyStudy, Finding, pick
 
 LEGEND = (
     "sd: standard deviation over the draws; plate: worst distance error on a 5 x 5 plate, median, "
@@ -20,7 +21,7 @@ def accuracy_rows(study: AccuracyStudy) -> list[dict[str, object]]:
     short = name.rpartition(".")[2]
 
     def column(estimator: str, quantity: str) -> dict[float, Finding]:
-        return {f.c_g: f for f in select(study.findings, study.truth, estimator, quantity)}
+        return {f.c_g: f for f in pick(study.findings, study.truth, estimator, quantity)}
 
     columns = {
         f"{short} sd weighted [{unit}]": (column("touch-up weighted", name), "spread"),
@@ -30,7 +31,7 @@ def accuracy_rows(study: AccuracyStudy) -> list[dict[str, object]]:
         "after [mm]": (column("touch-up weighted", "plate distance worst"), "error_median"),
         **{
             f"X {solver} [mm]": (column(solver, "X translation"), "error_median")
-            for solver in SOLVERS
+            for solver in PAPER_METHODS
         },
     }
     rows: list[dict[str, object]] = []

@@ -7,7 +7,7 @@ import json
 import tomllib
 from pathlib import Path
 
-from posedesign.accuracy_study import AccuracyStudy, accuracy_study, select
+from posedesign.accuracy_study import IDENTIFIED_ARM, AccuracyStudy, accuracy_study, pick
 from posedesign.cell import Cell
 from posedesign.cli.output import print_table, progress
 from posedesign.report.accuracy_table import accuracy_rows
@@ -17,6 +17,7 @@ from posedesign.workflow import write_study
 HERE = Path(__file__).parent
 OFFSET = "zero_offset.joint_2"
 PLATE = "plate distance worst"
+X = "X translation"
 
 
 def run(draws: int | None = None) -> AccuracyStudy:
@@ -30,26 +31,33 @@ def run(draws: int | None = None) -> AccuracyStudy:
 
 
 def key_figures(study: AccuracyStudy) -> list[dict[str, float]]:
-    """What the answer rests on, a row for each pose set; degrees and millimetres."""
-    rows = []
-    for found in select(study.findings, "rigid", "touch-up weighted", OFFSET):
-        row = {"d_deg": found.d_w_deg, "c_g": found.c_g, "scatter_deg": found.spread}
+    """What the answer rests on, a row for each pose set; degrees and millimetres.
 
-        def median(truth: str, estimator: str, quantity: str, c_g: float = found.c_g) -> float:
-            return next(
-                f.error_median
-                for f in select(study.findings, truth, estimator, quantity)
-                if f.c_g == c_g
-            )
-
-        row["plate_before_mm"] = median("deflecting", "uncalibrated", PLATE)
-        row["plate_after_mm"] = median("deflecting", "touch-up weighted", PLATE)
-        row["plate_after_rigid_mm"] = median("rigid", "touch-up weighted", PLATE)
-        row["x_translation_mm"] = median("deflecting", "hirsh", "X translation")
-        row["x_translation_identified_mm"] = median(
-            "deflecting", "hirsh, identified arm", "X translation"
-        )
-        rows.append(row)
+    Medians and scatter of the deflecting arm, except where ``rigid`` stands in the name.
+    """
+    columns = {
+        "predicted_deg": ("deflecting", "touch-up weighted", OFFSET, "predicted_sigma"),
+        "scatter_deg": ("deflecting", "touch-up weighted", OFFSET, "spread"),
+        "scatter_unweighted_deg": ("deflecting", "touch-up unweighted", OFFSET, "spread"),
+        "scatter_view_line_deg": ("deflecting", "view line", OFFSET, "spread"),
+        "error_deg": ("deflecting", "touch-up weighted", OFFSET, "error_median"),
+        "error_rigid_deg": ("rigid", "touch-up weighted", OFFSET, "error_median"),
+        "plate_before_mm": ("deflecting", "uncalibrated", PLATE, "error_median"),
+        "plate_after_mm": ("deflecting", "touch-up weighted", PLATE, "error_median"),
+        "plate_after_rigid_mm": ("rigid", "touch-up weighted", PLATE, "error_median"),
+    }
+    for solver in ("hirsh", "li-dual-quaternion", "li-kronecker"):
+        short = solver.rpartition("-")[2]
+        columns[f"x_{short}_mm"] = ("deflecting", solver, X, "error_median")
+        identified = solver + IDENTIFIED_ARM
+        columns[f"x_{short}_identified_mm"] = ("deflecting", identified, X, "error_median")
+        columns[f"x_{short}_identified_refused"] = ("deflecting", identified, X, "failed")
+    sets = pick(study.findings, "deflecting", "touch-up weighted", OFFSET)
+    rows: list[dict[str, float]] = [{"d_deg": f.d_w_deg, "c_g": f.c_g} for f in sets]
+    for title, (truth, estimator, quantity, attribute) in columns.items():
+        for row, found in zip(rows, pick(study.findings, truth, estimator, quantity), strict=True):
+            value = getattr(found, attribute)
+            row[title] = value if value == value else None  # NaN has no place in JSON
     return rows
 
 

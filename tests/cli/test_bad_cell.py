@@ -53,7 +53,17 @@ CELL_CASES = {
         "[0, 80, -25, 0, -50, 0]",
         ("outside the limits", "joint_2 80.0 deg is above 76.0 deg", "inside the limits"),
     ),
-    "variation of zero": ("variations.start_deg", "[0, 5, 5]", ("equal to 0.1, not 0",)),
+    "variation below zero": ("variations.start_deg", "[-1, 5, 5]", ("equal to 0, not -1",)),
+    "margin that leaves nothing": (
+        "plan.limit_margin_deg",
+        "70",
+        ("leaves nothing of the range of joint_2", "below 68 deg"),
+    ),
+    "deflection of a rigid arm": (
+        "truth.stiffness_nm_per_rad",
+        "[1e6, 1e6]",
+        ("2 values for 6 joints",),
+    ),
     "step below zero": ("variations.step_deg", "[5, -5, 5]", ("equal to 0.1, not -5",)),
     "rounds without end": ("variations.step_deg", "[5, 1e-9, 5]", ("equal to 0.1, not 1e-09",)),
     "variation beyond half a turn": ("variations.largest_deg", "[60, 60, 200]", ("180, not 200",)),
@@ -170,7 +180,7 @@ def test_base_pose_out_of_reach(refuse: Refuse, change_cell: ChangeCell, work: P
 
 
 def test_base_pose_inside_the_margin(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
-    line = refuse("plan", change_cell({"plan.limit_margin_deg": "70.0"}), "--out", work / "out")
+    line = refuse("plan", change_cell({"plan.limit_margin_deg": "65.0"}), "--out", work / "out")
     line.says("the base pose cannot be taken", " deg is ", "lower plan.limit_margin_deg")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posedesign.accuracy_study import SOLVERS
+from calib.robot_world import PAPER_METHODS
 from posedesign.cell import Cell
 from posedesign.cli.main import run
 from posedesign.programs import validate
@@ -73,7 +73,7 @@ def test_demo_files_can_be_read_back(demo: tuple[Path, str]) -> None:
     assert [m["name"] for m in answer["models"]] == ["frames only", "offsets"]
     assert set(answer["models"][1]["parameters"][0]) >= {"name", "value", "unit", "sigma"}
     with (out / "robot_world.csv").open() as stream:
-        assert [row["method"] for row in csv.DictReader(stream)] == list(SOLVERS)
+        assert [row["method"] for row in csv.DictReader(stream)] == list(PAPER_METHODS)
     assert (out / "accuracy_vs_condition.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
@@ -93,7 +93,7 @@ def test_study_covers_every_estimator_and_quantity(demo: tuple[Path, str]) -> No
         for estimator in ("touch-up weighted", "touch-up unweighted", "view line"):
             for joint in range(2, 6):
                 assert (estimator, f"zero_offset.joint_{joint}") in found
-        for solver in SOLVERS:
+        for solver in PAPER_METHODS:
             assert (solver, "X translation") in found
             assert (solver, "Z rotation") in found
         assert ("uncalibrated", "plate distance worst") in found

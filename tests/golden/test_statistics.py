@@ -9,8 +9,10 @@ import pytest
 from scipy.stats import chi2
 
 from calib.identification import covariance_of, identify, identify_batch
+from calib.measurement import TouchUps
 from calib.robot_world import METHODS, solve
 from calib.se3 import inverse, rotation_angle
+from posedesign.accuracy_study import effective_truth
 from posedesign.cell import Cell
 from posedesign.planner import plan
 from posedesign.simulation import SimulatedRobot
@@ -65,6 +67,49 @@ def test_scatter_of_2000_draws_is_the_predicted_covariance(
     assert low < nees.mean() < high
 
 
+def test_noise_free_study_of_a_rigid_arm_has_no_errors(make_cell: Callable[..., Cell]) -> None:
+    """The study's truth is what can be found: a bias of its own would pass for the method's.
+
+    Offsets of the first and the last joint cannot be found: they turn base and tip, and with them
+    the tool point, the target, X and Z that are found (section 3.2 of Watanabe et al. 2006).
+    """
+    offsets = [0.5, 0.1, -0.08, 0.05, 0.12, -0.7]
+    cell = make_cell(truth={"deflection": False, "zero_offsets_deg": offsets})
+    robot, model = SimulatedRobot.of(cell), cell.model()
+    touched = robot.touch_up(plan(cell).postures, None)
+    found = identify(model, touched)
+    truth = effective_truth(robot, model)
+    assert np.abs(found.values - truth).max() < 1e-9
+    real = np.array([robot.value(name) for name in model.names])
+    assert np.abs(real - truth).max() > 5e-3  # the turned frames do matter
+    _, B = robot.camera_poses(touched.postures, None)
+    A = model.view(touched.postures, found.values)[0].state.T_base_tip
+    solved = solve(A, B, "hirsh")
+    for estimate, shown, true in (
+        (solved.X, robot.T_shown_tip, robot.T_tip_camera),
+        (solved.Z, robot.T_shown_base, robot.T_base_target),
+    ):
+        assert np.abs(inverse(shown @ true) @ estimate - np.eye(4)).max() < 1e-9
+
+
+def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell: Callable[..., Cell]) -> None:
+    cell = make_cell(
+        truth={"deflection": False, "zero_offsets_deg": [0.0] * 6},
+        measurement={"weighted": False},
+    )
+    robot, model = SimulatedRobot.of(cell), cell.model()
+    touched = robot.touch_up(plan(cell).postures, np.random.default_rng(2), trials=200)
+    results = [
+        identify(model, TouchUps(q, touched.target, touched.labels), weighted=False)
+        for q in touched.postures
+    ]
+    assert all(r.explains_data for r in results)
+    freedom = results[0].degrees_of_freedom
+    mean = np.mean([r.chi2 for r in results])
+    # the mean of 200 draws of chi2 with 71 degrees of freedom
+    assert abs(mean - freedom) < 4 * np.sqrt(2 * freedom / len(results))
+
+
 def test_noise_free_identification_is_exact(rigid_cell: Cell) -> None:
     q = plan(rigid_cell).postures
     robot = SimulatedRobot.of(rigid_cell)
@@ -111,15 +156,15 @@ def test_touch_up_hides_a_scale_from_the_printed_kronecker_form(
 
 def test_wider_variation_brings_the_scatter_down_as_predicted(rigid_cell: Cell) -> None:
     """The first finding of Watanabe et al. 2006, Fig. 9: the scatter falls with C_G."""
-    from posedesign.accuracy_study import accuracy_study, select
+    from posedesign.accuracy_study import accuracy_study, pick
 
     study = accuracy_study(rigid_cell, draws=100, seed=5)
-    found = select(study.findings, "rigid", "touch-up weighted", "zero_offset.joint_2")
+    found = pick(study.findings, "rigid", "touch-up weighted", "zero_offset.joint_2")
     assert len(found) >= 8
     assert found[0].spread > 20 * found[-1].spread
     outside = [f for f in found if not f.spread_low < f.predicted_sigma < f.spread_high]
     # 95 % intervals: three or more of twelve miss with a probability of 2 %
     assert len(outside) <= 3
-    line = select(study.findings, "rigid", "view line", "zero_offset.joint_2")
+    line = pick(study.findings, "rigid", "view line", "zero_offset.joint_2")
     # Fig. 10 against Fig. 9: where the condition is poor, touch-up is the better measurement
     assert line[0].spread > 2 * found[0].spread

@@ -35,10 +35,11 @@ def test_accuracy_vs_condition() -> None:
     low, high = np.sqrt(f_distribution.ppf([CHANCE / 2, 1 - CHANCE / 2], SHORT - 1, FULL - 1))
     for short, full in zip(found, expected, strict=True):
         assert short["c_g"] == pytest.approx(full["c_g"], rel=1e-6)
-        assert low < short["scatter_deg"] / full["scatter_deg"] < high
-        for name, value in full.items():
-            if name.endswith("_mm"):  # medians of 20 draws scatter by a few parts in ten at most
-                assert short[name] == pytest.approx(value, rel=0.35), name
+        for name in ("scatter_deg", "scatter_unweighted_deg", "scatter_view_line_deg"):
+            assert low < short[name] / full[name] < high, name
+        # medians of 20 draws scatter by a few parts in ten at most
+        for name in ("plate_before_mm", "plate_after_mm", "x_hirsh_mm", "x_hirsh_identified_mm"):
+            assert short[name] == pytest.approx(full[name], rel=0.4), name
 
 
 def test_every_study_has_its_parts() -> None:

@@ -362,9 +362,11 @@ def test_as_many_equations_as_parameters_leave_nothing_to_judge_by(
     )
     result = identify(model, simulate_touch_ups(model, model.nominal, touching(3)))
     assert result.degrees_of_freedom == 0
-    assert result.noise_scale == 1.0
-    assert result.explains_data
+    assert np.isnan(result.noise_scale)
+    assert "nothing is left to test the model by" in result.message
     assert np.isnan(result.leave_one_out).all()
+    assert result.indispensable == 3
+    assert np.isnan(result.leave_one_out_rms_m)
 
 
 def test_surveyed_targets_make_the_first_joint_identifiable(reference_robot, target_m, touching):

@@ -8,7 +8,8 @@ import pytest
 from calib import se3
 from calib.errors import ConvergenceError, InputError
 from calib.measurement import TouchUp, TouchUps, ViewLine
-from calib.measurement.simulate import simulate_touch_ups, touch
+from calib.measurement.simulate import simulate_touch_ups
+from calib.measurement.touch import touch
 from calib.parameters import Payload
 
 SAMPLES = 20_000

@@ -136,3 +136,22 @@ def test_what_places_the_set_up_is_a_nuisance(make_model, reference_robot):
 def test_refusals(reference_robot, make, message):
     with pytest.raises(InputError, match=message):
         make(reference_robot)
+
+
+def test_gravity_pulls_down_whatever_frame_is_the_base(tmp_path):
+    """An arm on a wall: its base frame is tilted against the root of the description."""
+    (tmp_path / "wall.urdf").write_text(
+        """<robot name="wall"><link name="world"/><link name="base"/>
+        <link name="arm"><inertial><mass value="5"/><origin xyz="1 0 0"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="mount" type="fixed"><parent link="world"/><child link="base"/>
+        <origin rpy="1.5707963267948966 0 0"/></joint>
+        <joint name="j" type="revolute"><parent link="base"/><child link="arm"/>
+        <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="0"/></joint></robot>"""
+    )
+    torques = [
+        gravity_torque(Robot.from_urdf(tmp_path / "wall.urdf", tip="arm", base=base), np.zeros(1))
+        for base in ("world", "base")
+    ]
+    np.testing.assert_allclose(torques[0], torques[1], atol=1e-9)
+    assert abs(torques[0][0]) == pytest.approx(5 * STANDARD_GRAVITY, rel=1e-9)

@@ -7,7 +7,7 @@ import pytest
 
 from calib import CalibrationModel
 from calib.measurement import TouchUp
-from calib.measurement.simulate import TOUCH_TOLERANCE_M, touch
+from calib.measurement.touch import TOUCH_TOLERANCE_M, touch
 from calib.parameters import JointCompliance, TargetPoints, ToolPoint, ZeroOffsets
 
 

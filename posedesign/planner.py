@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from calib.errors import UnreachableError
+from calib.errors import InputError, UnreachableError
 from calib.identification import check_identifiable, covariance_of
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, wpr_from_rotation
@@ -22,6 +22,9 @@ from posedesign.repair import farthest_postures, repair_pool
 
 IMPROVEMENT = 0.99
 """A round counts as better when it brings C_G below this part of the best so far."""
+
+MOST_FREE = 6
+"""Degrees of freedom of a pose: three of the tool point, three of W, P, R."""
 
 PATIENCE = 3
 """Rounds without improvement after which the loop ends."""
@@ -155,6 +158,13 @@ def check_base_pose(cell: Cell) -> None:
     UnreachableError
     """
     q, robot = cell.base_posture, cell.robot
+    if robot.n < MOST_FREE:
+        raise InputError(
+            f"{robot.name} has {robot.n} joints: fewer than {MOST_FREE} cannot hold the tool point "
+            "while W, P and R vary",
+            hint="plan such an arm by hand and judge the poses with posedesign score",
+            name="robot",
+        )
     rotation = robot.fk(q)[:3, :3]
     pose = touching_poses(rotation[None], cell.tool_m, cell.target_m)
     there = nearest_postures(robot, pose, q, cell.margin)

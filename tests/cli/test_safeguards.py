@@ -1,0 +1,126 @@
+"""What keeps an arm, and its user, from going astray: limits, targets, and options that matter."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Cli = Callable[..., Any]
+ChangeCell = Callable[[Mapping[str, str]], Path]
+
+
+def with_joint_2_at_90_deg(path: Path) -> Path:
+    """The same file with the second joint of its third row moved out of the limits."""
+    lines = path.read_text().splitlines()
+    column = lines[0].split(",").index("j2_deg")
+    cells = lines[3].split(",")
+    cells[column] = "90.0"
+    lines[3] = ",".join(cells)
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_an_arm_is_not_sent_beyond_its_limits(refuse: Callable[..., Any], work: Path) -> None:
+    poses, cell = with_joint_2_at_90_deg(work / "poses.csv"), work / "cell.toml"
+    for words in (("simulate", cell, poses), ("program", poses, "--cell", cell)):
+        refuse(*words, "--out", work).says(
+            "pose P03: joint_2 90.0 deg is above 76.0 deg", "URDF signs"
+        )
+
+
+def test_touch_ups_beyond_the_limits_are_named(cli: Cli, work: Path) -> None:
+    touch_ups = with_joint_2_at_90_deg(work / "touchups.csv")
+    said = cli("identify", work / "cell.toml", touch_ups, "--out", work)
+    assert f"warning: {touch_ups}: touch-up 3: joint_2 90.0 deg is above 76.0 deg" in said.err
+
+
+def test_a_target_far_from_the_base_posture_is_worth_a_word(
+    cli: Cli, change_cell: ChangeCell, work: Path
+) -> None:
+    cell = change_cell({"target.position_mm": "[1915.4, 50.0, 693.0]"})
+    said = cli("plan", cell, "--out", work)
+    assert "note: the target is 200 mm from where the base posture puts the tool point" in said.err
+
+
+def test_a_study_without_offsets_shows_the_tool(
+    cli: Cli, change_cell: ChangeCell, work: Path
+) -> None:
+    cell = change_cell({"parameters.zero_offsets": "[]", "variations.largest_deg": "[15, 15, 15]"})
+    said = cli("study", "accuracy", cell, "--draws", 10, "--out", work)
+    assert said.code == 0
+    assert "x sd" in said.out
+
+
+def test_score_does_not_praise_poses_that_touch_nothing(
+    cli: Cli, work: Path, change_csv: Callable[[str, int, str, str], Path]
+) -> None:
+    poses = change_csv("poses.csv", 2, "j1_deg", "40")
+    said = cli("score", work / "cell.toml", poses)
+    assert said.code == 1
+    assert "warning: P02: the tool point is " in said.err
+    assert "mm from the target" in said.err
+    said = cli("simulate", work / "cell.toml", poses, "--out", work)
+    assert said.code == 2
+    assert "error: pose P02: the tool point is" in said.err
+
+
+def test_predictions_are_those_of_the_estimator_asked_for(
+    cli: Cli, change_cell: ChangeCell, work: Path
+) -> None:
+    cell = change_cell({"measurement.weighted": "false"})
+    plan = json.loads(cli("plan", cell, "--out", work, "--json").out)
+    assert plan["predicted"][0]["predicted sigma"] == pytest.approx(0.01216, rel=0.01)
+    score = json.loads(cli("score", cell, work / "poses.csv", "--json").out)
+    assert score["predicted"][0]["predicted sigma"] == pytest.approx(0.01216, rel=0.01)
+
+
+def test_an_angle_that_is_held(cli: Cli, change_cell: ChangeCell, work: Path) -> None:
+    cell = change_cell(
+        {"variations.start_deg": "[5, 5, 0]", "variations.largest_deg": "[60, 60, 0]"}
+    )
+    plan = json.loads(cli("plan", cell, "--out", work, "--json").out)
+    assert {row["grid"] + row["repaired"] for row in plan["rounds"]} == {9}
+    assert {row["d_r_deg"] for row in plan["rounds"]} == {0}
+
+
+def test_the_newton_raphson_of_the_paper(cli: Cli, change_cell: ChangeCell, work: Path) -> None:
+    by = {}
+    for method in ("gauss-newton", "newton-raphson"):
+        cell = change_cell({"parameters.method": f'"{method}"'})
+        content = json.loads(
+            cli("identify", cell, work / "touchups.csv", "--out", work, "--json").out
+        )
+        by[method] = [p["value"] for p in content["models"][1]["parameters"]]
+    assert by["gauss-newton"] == pytest.approx(by["newton-raphson"], rel=1e-4, abs=1e-5)
+
+
+def test_a_stiffness_of_ones_own_makes_the_arm_deflect(
+    cli: Cli, change_cell: ChangeCell, work: Path
+) -> None:
+    files = []
+    for stiffness in ("[1e6, 1e6, 1e6, 1e6, 1e6, 1e6]", "[1e9, 1e9, 1e9, 1e9, 1e9, 1e9]"):
+        cell = change_cell({"truth.stiffness_nm_per_rad": stiffness})
+        assert cli("simulate", cell, work / "poses.csv", "--out", work).code == 0
+        files.append((work / "touchups.csv").read_text())
+    assert files[0] != files[1]
+
+
+def test_arms_of_few_joints_are_not_planned_for(cli: Cli, tmp_path: Path) -> None:
+    joints = "".join(
+        f"""<link name="l{i + 1}"/><joint name="j{i + 1}" type="revolute"><parent link="l{i}"/>
+        <child link="l{i + 1}"/><origin xyz="0.3 0 0.1"/><axis xyz="0 {i % 2} {1 - i % 2}"/>
+        <limit lower="-2" upper="2" velocity="1" effort="1"/></joint>"""
+        for i in range(3)
+    )
+    (tmp_path / "arm.urdf").write_text(f'<robot name="short"><link name="l0"/>{joints}</robot>')
+    (tmp_path / "cell.toml").write_text(
+        '[robot]\nurdf = "arm.urdf"\n[tool]\npoint_mm = [10, 0, 10]\n'
+        "[base_pose]\nposture_deg = [10, 20, 30]\n"
+    )
+    said = cli("plan", tmp_path / "cell.toml", "--out", tmp_path)
+    assert said.code == 2
+    assert "short has 3 joints: fewer than 6 cannot hold the tool point" in said.err

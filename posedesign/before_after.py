@@ -31,9 +31,15 @@ def identify_models(cell: Cell, touch_ups: TouchUps) -> tuple[IdentificationResu
     InputError, NotIdentifiableError, ConvergenceError
         As :func:`calib.identification.identify`.
     """
-    # where the nominal arm sees each target: any guess will do, tool and targets are fitted first
+    # a target that the cell does not know is taken to be where the nominal arm sees it: any guess
+    # will do, tool and targets are fitted first
     points = cell.robot.state(touch_ups.postures).point(cell.tool_m)
-    guesses = [points[touch_ups.target == k].mean(axis=0) for k in range(len(touch_ups.labels))]
+    guesses = [
+        cell.target_m
+        if label == cell.config.target.name
+        else points[touch_ups.target == k].mean(axis=0)
+        for k, label in enumerate(touch_ups.labels)
+    ]
     targets = TargetPoints(guesses, touch_ups.labels)
     weighted = cell.config.measurement.weighted
     return tuple(
@@ -77,6 +83,7 @@ def results_as_dict(
                 "chi2": r.chi2,
                 "degrees_of_freedom": r.degrees_of_freedom,
                 "noise_scale": r.noise_scale,
+                "residuals_mm": [1e3 * far for far in r.distances_m],
                 "parameters": [
                     {"name": name, "value": value, "unit": unit, "sigma": sigma, "change": change}
                     for name, unit, value, change, sigma in r.displayed()

@@ -18,7 +18,7 @@ from calib.parameters import (
     ToolPoint,
     ZeroOffsets,
 )
-from calib.robots import Robot
+from calib.robots import Robot, preset_info
 from calib.se3 import FloatArray, transform
 from posedesign.config import CellConfig, MeasurementSection, parse_text, read_config
 
@@ -108,6 +108,14 @@ class Cell:
         _check_truth(cell, path)
         _check_margins(cell, path)
         return cell
+
+    @property
+    def dialect(self) -> str | None:
+        """Language of the robot's controller, as the preset or the cell says; None if unknown."""
+        source = self.config.robot
+        if source.controller is not None:
+            return f"{source.controller}-ls"
+        return str(preset_info(source.preset)["dialect"]) if source.preset else None
 
     @property
     def measurement(self) -> Measurement:

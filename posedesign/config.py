@@ -56,6 +56,7 @@ class RobotSection(Section):
     urdf: Line | None = None
     base: Line | None = None
     tip: Line | None = None
+    controller: Literal["fanuc"] | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotSection:

@@ -26,6 +26,10 @@ IMPROVEMENT = 0.99
 MOST_FREE = 6
 """Degrees of freedom of a pose: three of the tool point, three of W, P, R."""
 
+FARTHEST_M = 0.5
+"""Distance of the target from the tool point at the base posture beyond which one of the two is a
+mistake: metres for millimetres, or another frame."""
+
 PATIENCE = 3
 """Rounds without improvement after which the loop ends."""
 
@@ -164,6 +168,13 @@ def check_base_pose(cell: Cell) -> None:
             "while W, P and R vary",
             hint="plan such an arm by hand and judge the poses with posedesign score",
             name="robot",
+        )
+    if cell.target_offset_m > FARTHEST_M:
+        raise UnreachableError(
+            f"the target is {cell.target_offset_m * 1e3:.0f} mm from where the base posture puts "
+            "the tool point",
+            hint="give target.position_mm in mm in the base frame, or a base posture that touches",
+            name="target.position_mm",
         )
     rotation = robot.fk(q)[:3, :3]
     pose = touching_poses(rotation[None], cell.tool_m, cell.target_m)

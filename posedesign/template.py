@@ -26,7 +26,7 @@ tip = {tip}
 
 [tool]
 # The point that is brought to the target: a pin, a ball, or the camera's virtual pin tip.
-# As good as you know it; it is identified too.
+# {tool_note}
 point_mm = {point_mm}             # in the axes of the tip
 mass_kg = {mass_kg}               # what the flange carries, for deflection in the simulation
 com_mm = {com_mm}
@@ -38,7 +38,8 @@ camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, 
 
 [target]
 name = "T1"
-# position_mm = [0.0, 0.0, 0.0]   # in the base frame; default: where the base pose puts the tool
+# In the base frame; default: where the base pose puts the tool point, which is
+# position_mm = {target_mm}
 
 [variations]
 # W, P and R are varied by -D, 0, +D: 27 poses. D starts here and is raised step by step.
@@ -125,6 +126,7 @@ def _for_preset(name: str) -> str:
     return _fill(
         robot,
         source=f'preset = "{name}"',
+        tool_note="As good as you know it; it is identified too.",
         tool=([200.0, -50.0, 350.0], 106.0, [50.0, 0.0, 200.0], 350.0),
         pendant=pendant,
         posture=posture,
@@ -139,13 +141,21 @@ def _for_urdf(path: Path) -> str:
     posture = np.rad2deg(suggest_base_posture(robot, tool))
     return _fill(
         robot,
-        source=f"urdf = {_quoted(str(path.resolve()))}",
+        source=f"urdf = {_quoted(str(path.resolve()))}\n{_controller_line(robot)}",
+        tool_note="A SUGGESTION only: put in your own, as good as you know it; it is identified.",
         tool=((1e3 * tool).tolist(), 0.0, [0.0, 0.0, 0.0], 100.0),
         pendant="# Suggested: tool pointing down, room to turn it. Take your own taught posture.\n",
         posture=(np.round(posture, 6) + 0.0).tolist(),
         three_sigma=[0.1, 0.1, 0.1],
         deflection=False,
     )
+
+
+def _controller_line(robot: Robot) -> str:
+    """The controller, of a URDF that says by its name that it is ROS-Industrial's of a FANUC."""
+    if robot.name.lower().startswith("fanuc"):
+        return 'controller = "fanuc"              # with joints in ROS-Industrial signs'
+    return '# controller = "fanuc"            # only for a FANUC in ROS-Industrial signs'
 
 
 def _quoted(text: str) -> str:
@@ -157,6 +167,7 @@ def _fill(
     robot: Robot,
     *,
     source: str,
+    tool_note: str,
     tool: tuple[Sequence[float], float, Sequence[float], float],
     pendant: str,
     posture: Sequence[float],
@@ -165,9 +176,12 @@ def _fill(
 ) -> str:
     from posedesign.cell import usual_offsets
 
+    point = robot.state(np.deg2rad(posture)).point(np.array(tool[0]) / 1e3)
     offsets = ", ".join(_quoted(joint) for joint in robot.joint_names[1:-1])
     return _TEMPLATE.format(
         robot=source,
+        tool_note=tool_note,
+        target_mm=[round(float(v), 3) for v in 1e3 * point],
         notices="".join(f"# {' '.join(said.split())}\n" for said in robot.notices),
         tip=_quoted(robot.tip_frame),
         point_mm=list(tool[0]),

@@ -53,7 +53,7 @@ ON_TARGET_M = 1e-3
 above the rounding of a program, far below what an index would not notice."""
 
 NEAR_TARGET_M = 0.05
-"""Distance over which touch-up may be rehearsed: no servo sees the target from farther."""
+"""Distance from which touch-up may start: a servo that is farther off does not see the target."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def score_poses(cell: Cell, poses: PoseList) -> Score:
     model = cell.model()
     _, blocks, R = model.linearise(poses.postures)
     white = model.measurement.whiten(blocks, R)
-    problem = _what_is_hidden(cell, poses.postures)
+    problem = _what_is_hidden(model, white)
     sigma: list[tuple[str, str, float]] = []
     if not problem:
         weighted = cell.config.measurement.weighted
@@ -183,6 +183,17 @@ def score_poses(cell: Cell, poses: PoseList) -> Score:
     outside = outside_limits(cell, poses.names, poses.postures)
     off = off_target(cell, poses.names, poses.postures, ON_TARGET_M)
     return Score(evaluate(blocks, white), sigma, problem, tuple(outside), tuple(off))
+
+
+def _what_is_hidden(model: CalibrationModel, white: FloatArray) -> str:
+    """What whitened blocks ``(N, m, p)`` cannot identify, in words; empty where they can."""
+    if white[..., 0].size < model.p:
+        return f"{len(white)} poses give {white[..., 0].size} equations for {model.p} parameters"
+    try:
+        check_identifiable(white.reshape(-1, model.p), model.names, model.nuisance)
+    except NotIdentifiableError as error:
+        return error.message
+    return ""
 
 
 def outside_limits(cell: Cell, names: Sequence[str], postures: FloatArray) -> list[str]:
@@ -207,34 +218,41 @@ def off_target(cell: Cell, names: Sequence[str], postures: FloatArray, far_m: fl
     ]
 
 
-def refuse_outside(cell: Cell, poses: PoseList) -> None:
-    """Raise InputError where a pose that the robot is to be sent to is outside its limits."""
+def refuse_unfit(cell: Cell, poses: PoseList) -> None:
+    """Refuse poses that the robot is to be sent to and that do not belong to this cell.
+
+    Raises
+    ------
+    InputError
+        A pose outside the joint limits, or with the tool point far from the target.
+    """
     outside = outside_limits(cell, poses.names, poses.postures)
-    if outside:
-        more = f", and {len(outside) - 1} more" if len(outside) > 1 else ""
+    _refuse(outside, "are these poses of this robot, in URDF signs? FANUC pendants show J3 less J2")
+    far = off_target(cell, poses.names, poses.postures, NEAR_TARGET_M)
+    _refuse(far, "are these poses of this cell, its tool and its target, in URDF signs?")
+
+
+def refuse_dialect(cell: Cell, dialect: str) -> None:
+    """Refuse to write a program for a controller that the robot is not known to have.
+
+    Raises
+    ------
+    InputError
+    """
+    if find_dialect(dialect).name != cell.dialect:
+        known = f"speaks {cell.dialect}" if cell.dialect else "has an unknown controller"
         raise InputError(
-            f"pose {outside[0]}{more}",
-            hint="are these poses of this robot, in URDF signs? FANUC pendants show J3 less J2",
-            name="poses",
+            f"{cell.robot.name} {known}: its joints would be written in the wrong convention",
+            hint='if it is a FANUC in ROS-Industrial signs, set robot.controller = "fanuc"',
+            name="format",
+            value=dialect,
         )
 
 
-def _what_is_hidden(cell: Cell, postures: FloatArray) -> str:
-    model = cell.model()
-    rows = len(postures) * model.measurement.rows
-    if rows < model.p:
-        return f"{len(postures)} poses give {rows} equations for {model.p} parameters"
-    try:
-        _refuse_hidden(model, postures)
-    except NotIdentifiableError as error:
-        return error.message
-    return ""
-
-
-def _refuse_hidden(model: CalibrationModel, postures: FloatArray) -> None:
-    _, blocks, R = model.linearise(postures)
-    white = model.measurement.whiten(blocks, R).reshape(-1, model.p)
-    check_identifiable(white, model.names, model.nuisance)
+def _refuse(poses: Sequence[str], hint: str) -> None:
+    if poses:
+        more = f", and {len(poses) - 1} more" if len(poses) > 1 else ""
+        raise InputError(f"pose {poses[0]}{more}", hint=hint, name="poses")
 
 
 def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) -> SimulatedRobot:
@@ -242,12 +260,7 @@ def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) ->
 
     The noise depends on the seed alone: the one of the cell, unless another is given.
     """
-    refuse_outside(cell, poses)
-    far = off_target(cell, poses.names, poses.postures, NEAR_TARGET_M)
-    if far:
-        raise InputError(
-            f"pose {far[0]}", hint="touch-up would move the arm to quite another pose", name="poses"
-        )
+    refuse_unfit(cell, poses)
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
     touched = robot.touch_up(poses.postures, rng)

@@ -99,9 +99,14 @@ class IdentificationResult:
         return int((~np.isfinite(self.leave_one_out).all(axis=1)).sum())
 
     @property
+    def distances_m(self) -> list[float]:
+        """Distance left over at each posture [m]."""
+        return [float(far) for far in np.linalg.norm(self.residuals, axis=1)]
+
+    @property
     def max_m(self) -> float:
         """Largest distance left over [m]."""
-        return float(np.linalg.norm(self.residuals, axis=1).max())
+        return max(self.distances_m)
 
     @property
     def explains_data(self) -> bool:

@@ -104,6 +104,11 @@ def print_identification(results: Sequence[IdentificationResult]) -> None:
             for name, unit, value, change, sigma in last.displayed()
         ],
     )
+    worst = sorted(last.distances_m, reverse=True)[:3]
+    where = ", ".join(
+        f"touch-up {last.distances_m.index(far) + 1} {far * 1e3:.3f} mm" for far in worst
+    )
+    print(f"largest residuals: {where}")
     print(last.message)
 
 

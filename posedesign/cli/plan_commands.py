@@ -12,7 +12,7 @@ from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_tab
 if TYPE_CHECKING:
     from posedesign.pose_plan import PosePlan
 
-FAR_M = 0.05
+NOTEWORTHY_M = 0.05
 """Distance of the target from the tool point at the base posture that is worth a word."""
 
 CellFile = Annotated[Path, typer.Argument(help="The cell, made with: posedesign new > cell.toml")]
@@ -78,7 +78,7 @@ def plan(
 
     loaded = Cell.load(cell)
     result = plan_poses(loaded, out)
-    if loaded.target_offset_m > FAR_M:
+    if loaded.target_offset_m > NOTEWORTHY_M:
         note(
             f"note: the target is {loaded.target_offset_m * 1e3:.0f} mm from where the base "
             "posture puts the tool point"
@@ -120,7 +120,7 @@ def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
     ]
     short = [{k.replace("zero_offset.", ""): v for k, v in row.items()} for row in rounds]
     print_table("Rounds of the loop", [_without_tool(row) for row in short])
-    print_table("Predicted before measuring", sigma)
+    print_table("Predicted before measuring, from the noise alone", sigma)
     print(result.message)
     print(f"wrote {out / 'poses.csv'} and {out / 'rounds.csv'}")
 
@@ -174,7 +174,7 @@ def score(
                 for key, value in scored.indices.as_dict().items()
             ],
         )
-        print_table("Predicted before measuring", sigma)
+        print_table("Predicted before measuring, from the noise alone", sigma)
         for line in (*scored.outside, *scored.off_target):
             note(f"warning: {line}")
         verdict = "below" if below else "not below"
@@ -200,12 +200,13 @@ def program(
     """Write the robot program that visits the poses."""
     from posedesign.cell import Cell
     from posedesign.tables import read_poses
-    from posedesign.workflow import program_options, refuse_outside, write_program
+    from posedesign.workflow import program_options, refuse_dialect, refuse_unfit, write_program
 
     loaded = Cell.load(cell) if cell is not None else None
     listed = read_poses(poses, loaded.robot.n if loaded else None, trust_units=trust_units)
     if loaded:
-        refuse_outside(loaded, listed)
+        refuse_dialect(loaded, dialect)
+        refuse_unfit(loaded, listed)
     title = name or (loaded.config.program.name if loaded else "CALIB01")
     written = write_program(listed, out, dialect, program_options(loaded, listed.postures), title)
     if as_json:
@@ -225,5 +226,5 @@ def program(
             f"{written.largest_rounding_deg:.4f} deg"
         )
         if not loaded:
-            note("note: joint limits were not checked; pass --cell to check them")
+            note("note: limits, target and controller were not checked; pass --cell to check them")
     return NOT_REACHED if written.problems else DONE

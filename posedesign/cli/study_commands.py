@@ -98,7 +98,8 @@ def demo(
     print_table("Against the simulated truth", truth_rows(results))
     print(
         "truth: zero offset plus deflection under gravity at the base pose. The rest of the "
-        "deflection changes from pose to pose, and no constant offset can follow it."
+        "deflection changes from pose to pose: no constant offset can follow it, and a model that "
+        "leaves it out is off by more than its sigma."
     )
     print_solvers(results.robot_world)
     print(f"wrote {program.path}: {program.poses} poses, {len(program.problems)} objections")

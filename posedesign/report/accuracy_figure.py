@@ -43,12 +43,15 @@ def draw_accuracy(study: AccuracyStudy, path: Path) -> Path:
     plain = FuncFormatter(lambda value, _: f"{value:g}")
     few = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
     for panel in panels.flat:
+        panel.set_xlabel("condition number C_G (Eq. 9-12); better poses to the right")
+        if not panel.lines:  # a logarithmic axis cannot be drawn without data
+            panel.text(0.5, 0.5, "no data: see the notes", ha="center", transform=panel.transAxes)
+            continue
         panel.set_xscale("log")
         panel.set_yscale("log")
         panel.invert_xaxis()
         panel.yaxis.set_major_formatter(plain)
         panel.yaxis.set_minor_formatter(few)
-        panel.set_xlabel("condition number C_G (Eq. 9-12); better poses to the right")
         panel.grid(True, which="both", alpha=0.25)
     draws = f"{study.draws} noise draws for each pose set"
     figure.suptitle(f"Accuracy against condition number: {study.plan.model.robot.name}, {draws}")
@@ -105,6 +108,8 @@ def _robot_world(panel: Axes, study: AccuracyStudy, quantity: str, unit: str) ->
 def _line(panel: Axes, found: list[Finding], style: str, colour: str, marker: str) -> None:
     """Median errors against C_G; sets in which most draws failed are left out."""
     good = [f for f in found if f.failed < f.draws / 2]
+    if not good:
+        return
     c_g, error = [f.c_g for f in good], [f.error_median for f in good]
     hollow = {"mfc": "none", "ms": 7} if marker == MARKERS[2] else {"ms": 4}  # seen under others
     panel.plot(c_g, error, style + marker, color=colour, lw=1.2, **hollow)

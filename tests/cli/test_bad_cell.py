@@ -174,9 +174,21 @@ def test_cell_that_is_too_large(
 
 
 def test_base_pose_out_of_reach(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
-    cell = change_cell({"target.position_mm": "[9000.0, 0.0, 500.0]"})
-    line = refuse("plan", cell, "--out", work / "out")
+    stretched = {
+        "base_pose.posture_deg": "[0.0, 60.0, 60.0, 0.0, -60.0, 0.0]",
+        "target.position_mm": "[3400.0, 50.0, 1040.0]",
+    }
+    line = refuse("plan", change_cell(stretched), "--out", work / "out")
     line.says("the base pose cannot be taken", "out of reach by", "mm", "move the target")
+
+
+@pytest.mark.parametrize("position", ["[9000.0, 0.0, 500.0]", "[1.915, 0.05, 0.493]"])
+def test_target_far_from_the_base_pose(
+    refuse: Refuse, change_cell: ChangeCell, work: Path, position: str
+) -> None:
+    cell = change_cell({"target.position_mm": position})
+    line = refuse("plan", cell, "--out", work / "out")
+    line.says("the target is", "mm from where the base posture puts", "target.position_mm in mm")
 
 
 def test_base_pose_inside_the_margin(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:

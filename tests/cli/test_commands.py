@@ -360,7 +360,7 @@ def test_program(cli: Cli, work: Path) -> None:
     said = cli("program", work / "poses.csv", "--out", work)
     assert (said.code, said.err) == (
         0,
-        "note: joint limits were not checked; pass --cell to check them\n",
+        "note: limits, target and controller were not checked; pass --cell to check them\n",
     )
     checked = cli("program", work / "poses.csv", "--cell", work / "cell.toml", "--out", work)
     assert (checked.code, checked.err) == (0, "")

@@ -124,3 +124,40 @@ def test_arms_of_few_joints_are_not_planned_for(cli: Cli, tmp_path: Path) -> Non
     said = cli("plan", tmp_path / "cell.toml", "--out", tmp_path)
     assert said.code == 2
     assert "short has 3 joints: fewer than 6 cannot hold the tool point" in said.err
+
+
+def test_a_fanuc_program_is_written_for_a_fanuc_only(cli: Cli, work: Path) -> None:
+    """The pendant's J3 of another arm would be wrong by its J2."""
+    robot = """<robot name="{name}"><link name="l0"/>{joints}</robot>"""
+    joint = """<link name="l{n}"/><joint name="j{n}" type="revolute"><parent link="l{m}"/>
+        <child link="l{n}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/>
+        <limit lower="-4" upper="4" velocity="1" effort="1"/></joint>"""
+    places = ["0 0 .67", ".312 0 0", "0 0 1.075", "0 0 .225", "1.28 0 0", ".215 0 0"]
+    axes = ["0 0 1", "0 1 0", "0 -1 0", "-1 0 0", "0 -1 0", "-1 0 0"]
+    joints = "".join(joint.format(n=i + 1, m=i, xyz=places[i], axis=axes[i]) for i in range(6))
+    (work / "arm.urdf").write_text(robot.format(name="other", joints=joints))
+    new = cli("new", "--robot", work / "arm.urdf")
+    (work / "other.toml").write_text(new.out)
+    assert cli("plan", work / "other.toml", "--out", work).code == 0
+    words = ("program", work / "poses.csv", "--cell", work / "other.toml", "--out", work)
+    said = cli(*words)
+    assert said.code == 2
+    assert "other has an unknown controller: its joints would be written in the wrong" in said.err
+    assert not (work / "CALIB01.LS").exists()
+    (work / "other.toml").write_text(new.out.replace("# controller =", "controller ="))
+    assert cli(*words).code == 0
+
+
+def test_a_study_on_an_arm_without_room_for_the_plate(
+    cli: Cli, change_cell: ChangeCell, work: Path
+) -> None:
+    cell = change_cell(
+        {
+            "base_pose.posture_deg": "[0.0, 70.0, -10.0, 0.0, -20.0, 0.0]",
+            "variations.largest_deg": "[10, 10, 10]",
+        }
+    )
+    said = cli("study", "accuracy", cell, "--draws", 10, "--out", work)
+    assert said.code == 0
+    assert "note: plate test left out: point" in said.err
+    assert (work / "accuracy_vs_condition.png").stat().st_size > 10_000

@@ -181,7 +181,7 @@ def _fill(
     return _TEMPLATE.format(
         robot=source,
         tool_note=tool_note,
-        target_mm=[round(float(v), 3) for v in 1e3 * point],
+        target_mm=[round(float(v), 3) + 0.0 for v in 1e3 * point],
         notices="".join(f"# {' '.join(said.split())}\n" for said in robot.notices),
         tip=_quoted(robot.tip_frame),
         point_mm=list(tool[0]),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+from scipy.stats import chi2 as chi2_distribution
 
 from calib import se3
 from calib.errors import InputError, near_names
@@ -15,6 +16,9 @@ from calib.se3 import FloatArray
 
 Side = Literal["A", "B", "both"]
 Estimator = Callable[[FloatArray, FloatArray], Estimate]
+
+NOISE_DOUBT = 1e-4
+"""Probability of residuals as large as those found below which the noise does not explain them."""
 
 _STEP = 1e-5
 """Step of the central differences [rad, m]: its square, the share that the next order takes, and
@@ -66,6 +70,24 @@ class PairNoise:
     def sigma(self) -> FloatArray:
         """Standard deviations ``(6,)`` of (w, v)."""
         return np.repeat([self.rotation_rad, self.translation_m], 3).astype(float)
+
+    def excess(self, residuals: FloatArray, X: FloatArray) -> float:
+        """How many times larger than this noise the residuals ``(N, 6)`` of a solution are.
+
+        1 where chance may have made them as large as they are. Exact for methods that weigh the
+        pairs alike; others leave somewhat larger residuals.
+        """
+        sides = 2.0 if self.on == "both" else 1.0
+        lever = 0.0 if self.on == "B" else 2.0 / 3.0 * float(X[:3, 3] @ X[:3, 3])
+        turn, shift = self.rotation_rad**2, self.translation_m**2
+        # noise in the rotation of A moves the origin of X as well
+        variance = np.repeat([sides * turn, sides * shift + lever * turn], 3)
+        seen = variance > 0
+        freedom = (len(residuals) - 2) * int(seen.sum())  # X and Z take two poses
+        chi2 = float(np.sum(residuals[:, seen] ** 2 / variance[seen]))
+        if freedom <= 0 or chi2_distribution.sf(chi2, freedom) > NOISE_DOUBT:
+            return 1.0
+        return float(np.sqrt(chi2 / freedom))
 
 
 def perturb(T: FloatArray, error: FloatArray) -> FloatArray:

@@ -110,7 +110,8 @@ class RobotWorldResult:
         axes of the base.
     covariance : ndarray (12, 12) or None
         Of the errors of X (rotation, translation) and Z (rotation, translation) [rad, m], where a
-        noise was given and the status is ``"ok"``. An error (w, v) is meant as
+        noise was given and the status is ``"ok"``; scaled up where the residuals are larger than
+        the noise explains, which the message then says. An error (w, v) is meant as
         ``R_estimated = exp([w]) R_true`` and ``p_estimated = p_true + v``: rotation and translation
         in the axes of the frame that the transform maps to, the flange for X and the base for Z.
     """

@@ -65,6 +65,13 @@ def solve(
     covariance = None
     if noise is not None and status == "ok":
         covariance = propagate(chosen.estimate, A, B, noise)
+        ratio = noise.excess(error, X)
+        if ratio > 1.0:
+            covariance = covariance * ratio**2
+            message += (
+                f"; the residuals are {ratio:.1f} times the noise given: standard deviations are "
+                "scaled up to them, which does not cover a bias of A or B"
+            )
     iterations = None if found.iterations is None else int(found.iterations[0])
     return RobotWorldResult(X, Z, method, status, message, iterations, error, covariance)
 

@@ -160,5 +160,8 @@ def print_solvers(outcomes: Sequence[SolverOutcome]) -> None:
     keep = ["method", "status", "iterations", "residual_rotation_deg", "residual_translation_mm"]
     print_table("Left over (rms)", [{key: row[key] for key in keep} for row in rows])
     for outcome in outcomes:
-        if not outcome.ok:
-            note(f"warning: {outcome.method}: {outcome.problem or outcome.result.message}")  # type: ignore[union-attr]
+        said = outcome.result.message if outcome.result else outcome.problem
+        if outcome.ok:
+            print(f"{outcome.method}: {said}")
+        else:
+            note(f"warning: {outcome.method}: {said}")

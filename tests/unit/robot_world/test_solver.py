@@ -182,3 +182,20 @@ def test_opencv_names_the_same_equation_from_the_other_side(problem):
     np.testing.assert_allclose(result.X, problem.X[0], atol=1e-9)
     error = refused(pairs_from_opencv, T_camera_target * np.nan, T_flange_base)
     assert error.name == "world2cam"
+
+
+@pytest.mark.parametrize("side", ["A", "B", "both"])
+def test_residuals_beyond_the_noise_given_widen_the_deviations(side):
+    noise = PairNoise(np.radians(0.1), 1e-3, on=side)
+    rng = np.random.default_rng(4)
+    problems = random_problems(rng, 200, 12)
+    A, B = add_noise(rng, problems.A, problems.B, noise)
+    found = [solve(a, b, "hirsh", noise) for a, b in zip(A, B, strict=True)]
+    # the right noise explains the residuals: one chance in ten thousand for each of 200 sets
+    assert sum("times the noise" in result.message for result in found) <= 1
+    small = PairNoise(noise.rotation_rad / 10, noise.translation_m / 10, on=side)
+    doubted = solve(A[0], B[0], "hirsh", small)
+    assert "times the noise given" in doubted.message
+    ratio = doubted.sigma_X / found[0].sigma_X
+    # 60 degrees of freedom: the scale is known to a tenth
+    np.testing.assert_allclose(ratio, 1.0, atol=0.4)

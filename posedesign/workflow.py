@@ -12,18 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import CalibError, InputError, JointLimitError, NotIdentifiableError, OutputError
-from calib.identification import IdentificationResult, check_identifiable, covariance_of
+from calib.errors import CalibError, InputError, NotIdentifiableError, OutputError
+from calib.identification import IdentificationResult
 from calib.identification.solver import check_enough
-from calib.model import CalibrationModel
 from calib.parameters import TargetPoints
 from calib.robot_world import METHODS, PAPER_METHODS, PairNoise, RobotWorldResult, solve
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.accuracy_study import AccuracyStudy
 from posedesign.before_after import identify_models, results_as_dict
 from posedesign.cell import Cell
+from posedesign.checks import outside_limits, refuse_unfit
 from posedesign.files import write_json_atomic
-from posedesign.indices import Indices, evaluate
 from posedesign.planner import Progress, plan
 from posedesign.pose_plan import PosePlan, displayed, fingerprint
 from posedesign.programs import (
@@ -47,37 +46,6 @@ from posedesign.tables import (
     write_table,
     write_touch_ups,
 )
-
-ON_TARGET_M = 1e-3
-"""Distance of the tool point from the target at which a pose is still one for touching it: far
-above the rounding of a program, far below what an index would not notice."""
-
-NEAR_TARGET_M = 0.05
-"""Distance from which touch-up may start: a servo that is farther off does not see the target."""
-
-
-@dataclass(frozen=True)
-class Score:
-    """How good a list of poses is for a cell.
-
-    Attributes
-    ----------
-    indices : Indices
-    sigma : list of (name, unit, value)
-        Predicted standard deviations as people read them; empty where not identifiable.
-    problem : str
-        What the poses cannot identify; empty where they can.
-    outside : tuple of str
-        Poses outside the joint limits, with the limit.
-    off_target : tuple of str
-        Poses that do not bring the tool point to the target, with the distance.
-    """
-
-    indices: Indices
-    sigma: list[tuple[str, str, float]]
-    problem: str
-    outside: tuple[str, ...]
-    off_target: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -167,92 +135,6 @@ def round_rows(result: PosePlan) -> list[dict[str, object]]:
             row[f"sigma_{name}_{unit}"] = value
         rows.append(row)
     return rows
-
-
-def score_poses(cell: Cell, poses: PoseList) -> Score:
-    """Indices and predicted standard deviations of any pose list."""
-    model = cell.model()
-    _, blocks, R = model.linearise(poses.postures)
-    white = model.measurement.whiten(blocks, R)
-    problem = _what_is_hidden(model, white)
-    sigma: list[tuple[str, str, float]] = []
-    if not problem:
-        weighted = cell.config.measurement.weighted
-        covariance = covariance_of(model, poses.postures, weighted=weighted)
-        sigma = displayed(model, np.sqrt(np.diag(covariance)))
-    outside = outside_limits(cell, poses.names, poses.postures)
-    off = off_target(cell, poses.names, poses.postures, ON_TARGET_M)
-    return Score(evaluate(blocks, white), sigma, problem, tuple(outside), tuple(off))
-
-
-def _what_is_hidden(model: CalibrationModel, white: FloatArray) -> str:
-    """What whitened blocks ``(N, m, p)`` cannot identify, in words; empty where they can."""
-    if white[..., 0].size < model.p:
-        return f"{len(white)} poses give {white[..., 0].size} equations for {model.p} parameters"
-    try:
-        check_identifiable(white.reshape(-1, model.p), model.names, model.nuisance)
-    except NotIdentifiableError as error:
-        return error.message
-    return ""
-
-
-def outside_limits(cell: Cell, names: Sequence[str], postures: FloatArray) -> list[str]:
-    """Name and broken limit of each posture ``(N, n)`` [rad] that the robot cannot take."""
-    said = []
-    for name, q in zip(names, postures, strict=True):
-        try:
-            cell.robot.check_limits(q)
-        except JointLimitError as error:
-            said.append(f"{name}: {error.message}")
-    return said
-
-
-def off_target(cell: Cell, names: Sequence[str], postures: FloatArray, far_m: float) -> list[str]:
-    """Name and distance [mm] of each posture ``(N, n)`` [rad] off the target by more than that."""
-    _, error = cell.model().view(postures)
-    distance = np.linalg.norm(error, axis=-1)
-    return [
-        f"{name}: the tool point is {far * 1e3:.4g} mm from the target"
-        for name, far in zip(names, distance, strict=True)
-        if far > far_m
-    ]
-
-
-def refuse_unfit(cell: Cell, poses: PoseList) -> None:
-    """Refuse poses that the robot is to be sent to and that do not belong to this cell.
-
-    Raises
-    ------
-    InputError
-        A pose outside the joint limits, or with the tool point far from the target.
-    """
-    outside = outside_limits(cell, poses.names, poses.postures)
-    _refuse(outside, "are these poses of this robot, in URDF signs? FANUC pendants show J3 less J2")
-    far = off_target(cell, poses.names, poses.postures, NEAR_TARGET_M)
-    _refuse(far, "are these poses of this cell, its tool and its target, in URDF signs?")
-
-
-def refuse_dialect(cell: Cell, dialect: str) -> None:
-    """Refuse to write a program for a controller that the robot is not known to have.
-
-    Raises
-    ------
-    InputError
-    """
-    if find_dialect(dialect).name != cell.dialect:
-        known = f"speaks {cell.dialect}" if cell.dialect else "has an unknown controller"
-        raise InputError(
-            f"{cell.robot.name} {known}: its joints would be written in the wrong convention",
-            hint='if it is a FANUC in ROS-Industrial signs, set robot.controller = "fanuc"',
-            name="format",
-            value=dialect,
-        )
-
-
-def _refuse(poses: Sequence[str], hint: str) -> None:
-    if poses:
-        more = f", and {len(poses) - 1} more" if len(poses) > 1 else ""
-        raise InputError(f"pose {poses[0]}{more}", hint=hint, name="poses")
 
 
 def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) -> SimulatedRobot:

@@ -141,8 +141,8 @@ def score(
     """
     from posedesign.cell import Cell
     from posedesign.indices import SCALING
+    from posedesign.scoring import score_poses
     from posedesign.tables import read_poses
-    from posedesign.workflow import score_poses
 
     loaded = Cell.load(cell)
     scored = score_poses(loaded, read_poses(poses, loaded.robot.n, trust_units=trust_units))
@@ -199,8 +199,9 @@ def program(
 ) -> int:
     """Write the robot program that visits the poses."""
     from posedesign.cell import Cell
+    from posedesign.checks import refuse_dialect, refuse_unfit
     from posedesign.tables import read_poses
-    from posedesign.workflow import program_options, refuse_dialect, refuse_unfit, write_program
+    from posedesign.workflow import program_options, write_program
 
     loaded = Cell.load(cell) if cell is not None else None
     listed = read_poses(poses, loaded.robot.n if loaded else None, trust_units=trust_units)

@@ -31,7 +31,7 @@ FILES = {
     "accuracy_vs_condition.csv",
     "accuracy_vs_condition.png",
 }
-"""Those that issue 2 names."""
+"""What the demo promises to leave behind."""
 
 
 @pytest.fixture(scope="module")

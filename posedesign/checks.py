@@ -1,0 +1,79 @@
+"""Whether poses that were made elsewhere, or by hand, belong to a cell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.errors import InputError, JointLimitError
+from calib.se3 import FloatArray
+from posedesign.cell import Cell
+from posedesign.programs import find_dialect
+from posedesign.tables import PoseList
+
+ON_TARGET_M = 1e-3
+"""Distance of the tool point from the target at which a pose is still one for touching it: far
+above the rounding of a program, far below what an index would not notice."""
+
+NEAR_TARGET_M = 0.05
+"""Distance from which touch-up may start: a servo that is farther off does not see the target."""
+
+
+def outside_limits(cell: Cell, names: Sequence[str], postures: FloatArray) -> list[str]:
+    """Name and broken limit of each posture ``(N, n)`` [rad] that the robot cannot take."""
+    said = []
+    for name, q in zip(names, postures, strict=True):
+        try:
+            cell.robot.check_limits(q)
+        except JointLimitError as error:
+            said.append(f"{name}: {error.message}")
+    return said
+
+
+def off_target(cell: Cell, names: Sequence[str], postures: FloatArray, far_m: float) -> list[str]:
+    """Name and distance [mm] of each posture ``(N, n)`` [rad] off the target by more than that."""
+    _, error = cell.model().view(postures)
+    distance = np.linalg.norm(error, axis=-1)
+    return [
+        f"{name}: the tool point is {far * 1e3:.4g} mm from the target"
+        for name, far in zip(names, distance, strict=True)
+        if far > far_m
+    ]
+
+
+def refuse_unfit(cell: Cell, poses: PoseList) -> None:
+    """Refuse poses that the robot is to be sent to and that do not belong to this cell.
+
+    Raises
+    ------
+    InputError
+        A pose outside the joint limits, or with the tool point far from the target.
+    """
+    outside = outside_limits(cell, poses.names, poses.postures)
+    _refuse(outside, "are these poses of this robot, in URDF signs? FANUC pendants show J3 less J2")
+    far = off_target(cell, poses.names, poses.postures, NEAR_TARGET_M)
+    _refuse(far, "are these poses of this cell, its tool and its target, in URDF signs?")
+
+
+def refuse_dialect(cell: Cell, dialect: str) -> None:
+    """Refuse to write a program for a controller that the robot is not known to have.
+
+    Raises
+    ------
+    InputError
+    """
+    if find_dialect(dialect).name != cell.dialect:
+        known = f"speaks {cell.dialect}" if cell.dialect else "has an unknown controller"
+        raise InputError(
+            f"{cell.robot.name} {known}: its joints would be written in the wrong convention",
+            hint='if it is a FANUC in ROS-Industrial signs, set robot.controller = "fanuc"',
+            name="format",
+            value=dialect,
+        )
+
+
+def _refuse(poses: Sequence[str], hint: str) -> None:
+    if poses:
+        more = f", and {len(poses) - 1} more" if len(poses) > 1 else ""
+        raise InputError(f"pose {poses[0]}{more}", hint=hint, name="poses")

@@ -1,0 +1,68 @@
+"""How good any list of poses is, wherever it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.errors import NotIdentifiableError
+from calib.identification import check_identifiable, covariance_of
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray
+from posedesign.cell import Cell
+from posedesign.checks import ON_TARGET_M, off_target, outside_limits
+from posedesign.indices import Indices, evaluate
+from posedesign.pose_plan import displayed
+from posedesign.tables import PoseList
+
+
+@dataclass(frozen=True)
+class Score:
+    """How good a list of poses is for a cell.
+
+    Attributes
+    ----------
+    indices : Indices
+    sigma : list of (name, unit, value)
+        Predicted standard deviations as people read them; empty where not identifiable.
+    problem : str
+        What the poses cannot identify; empty where they can.
+    outside : tuple of str
+        Poses outside the joint limits, with the limit.
+    off_target : tuple of str
+        Poses that do not bring the tool point to the target, with the distance.
+    """
+
+    indices: Indices
+    sigma: list[tuple[str, str, float]]
+    problem: str
+    outside: tuple[str, ...]
+    off_target: tuple[str, ...]
+
+
+def score_poses(cell: Cell, poses: PoseList) -> Score:
+    """Indices and predicted standard deviations of any pose list."""
+    model = cell.model()
+    _, blocks, R = model.linearise(poses.postures)
+    white = model.measurement.whiten(blocks, R)
+    problem = _what_is_hidden(model, white)
+    sigma: list[tuple[str, str, float]] = []
+    if not problem:
+        weighted = cell.config.measurement.weighted
+        covariance = covariance_of(model, poses.postures, weighted=weighted)
+        sigma = displayed(model, np.sqrt(np.diag(covariance)))
+    outside = outside_limits(cell, poses.names, poses.postures)
+    off = off_target(cell, poses.names, poses.postures, ON_TARGET_M)
+    return Score(evaluate(blocks, white), sigma, problem, tuple(outside), tuple(off))
+
+
+def _what_is_hidden(model: CalibrationModel, white: FloatArray) -> str:
+    """What whitened blocks ``(N, m, p)`` cannot identify, in words; empty where they can."""
+    if white[..., 0].size < model.p:
+        return f"{len(white)} poses give {white[..., 0].size} equations for {model.p} parameters"
+    try:
+        check_identifiable(white.reshape(-1, model.p), model.names, model.nuisance)
+    except NotIdentifiableError as error:
+        return error.message
+    return ""

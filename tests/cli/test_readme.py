@@ -1,0 +1,51 @@
+"""The README's own commands and its Python, run as printed on the reference cell."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str = "") -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+
+
+def test_commands_and_python_of_the_readme(
+    cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (steps,) = (block for block in blocks() if block.startswith("posedesign new"))
+    lines = [line.partition("#")[0].strip() for line in steps.splitlines()]
+    assert len(lines) == 8
+    for line in lines:
+        words = shlex.split(line.replace("--robot arm.urdf", "").partition(">")[0])
+        assert words.pop(0) == "posedesign"
+        if words[0] == "study":
+            words += ["--draws", "10"]
+        said = cli(*words)
+        assert said.code == 0, (line, said.err)
+        if words[0] == "new":
+            Path("cell.toml").write_text(said.out)
+        if words[0] == "plan":
+            shutil.copy("run/poses.csv", "my_poses.csv")
+    (python,) = blocks("python")
+    found: dict[str, Any] = {}
+    exec(python, found)  # noqa: S102  our own README
+    assert found["plan"].reached
+    assert found["result"].status == "converged"
+    assert found["X_Z"].covariance.shape == (12, 12)
+
+
+def test_the_two_commands_are_what_the_makefile_has() -> None:
+    makefile = (Path(__file__).parents[2] / "Makefile").read_text(encoding="utf-8")
+    for target in ("demo", "test"):
+        assert f"\nmake {target} " in README
+        assert f"\n{target}: " in makefile

@@ -14,7 +14,7 @@ from posedesign.tables import PoseList
 
 ON_TARGET_M = 1e-3
 """Distance of the tool point from the target at which a pose is still one for touching it: far
-above the rounding of a program, far below what an index would not notice."""
+above the rounding of a program, far below what would change an index."""
 
 NEAR_TARGET_M = 0.05
 """Distance from which touch-up may start: a servo that is farther off does not see the target."""

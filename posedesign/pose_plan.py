@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.model import CalibrationModel
 from calib.parameters.base import Unit
-from calib.se3 import FloatArray, wpr_from_rotation
+from calib.se3 import FloatArray
 from posedesign.indices import Indices
 
 
@@ -176,8 +176,3 @@ def fingerprint(postures: FloatArray) -> str:
     """Eight hex digits of postures ``(N, n)`` [rad], the same after a round trip through a file."""
     degrees = np.round(np.rad2deg(postures), 4) + 0.0
     return sha256(np.ascontiguousarray(degrees).tobytes()).hexdigest()[:8]
-
-
-def tip_wpr(model: CalibrationModel, postures: FloatArray) -> FloatArray:
-    """W, P, R ``(N, 3)`` [rad] of the tip at postures ``(N, n)``."""
-    return wpr_from_rotation(model.robot.fk(postures)[..., :3, :3])

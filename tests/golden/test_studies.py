@@ -49,3 +49,25 @@ def test_every_study_has_its_parts() -> None:
         for part in ("README.md", "study.toml", "run.py", "expected.json"):
             assert (folder / part).is_file(), f"{folder.name} lacks {part}"
         assert folder.name in (STUDIES / "README.md").read_text()
+
+
+def test_the_table_of_the_accuracy_study_is_its_result() -> None:
+    """The figures that people read are those that the run wrote, to their last digit."""
+    folder = STUDIES / "01_accuracy_vs_condition"
+    by_angle = {row["d_deg"]: row for row in json.loads((folder / "expected.json").read_text())}
+    columns = (
+        "d_deg", "c_g", "scatter_deg", "error_deg", "error_rigid_deg", "plate_before_mm",
+        "plate_after_mm", "plate_after_rigid_mm", "x_hirsh_mm", "x_hirsh_identified_mm",
+    )  # fmt: skip
+    table = [
+        line.strip("| ").split(" | ")
+        for line in (folder / "README.md").read_text().splitlines()
+        if line.startswith("| ") and line[2].isdigit()
+    ]
+    assert len(table) >= 6
+    for cells in table:
+        row = by_angle[float(cells[0])]
+        for name, cell in zip(columns, cells, strict=True):
+            digits = len(cell.partition("e")[0].partition(".")[2])
+            scale = 10.0 ** int(cell.partition("e")[2] or 0)
+            assert abs(float(cell) - row[name]) <= 0.5001 * scale * 10.0**-digits, (name, cells)

@@ -1,12 +1,17 @@
 """Robots: descriptions, kinematics over arrays, inverse kinematics, presets."""
 
 from calib.robots.chain import ChainState, SerialChain
+from calib.robots.controller import POSITIVE_AXES, Controller
 from calib.robots.inverse import InverseSolutions
+from calib.robots.limits import CoupledLimit
 from calib.robots.presets import preset_info, preset_names
 from calib.robots.robot import Robot
 
 __all__ = [
+    "POSITIVE_AXES",
     "ChainState",
+    "Controller",
+    "CoupledLimit",
     "InverseSolutions",
     "Robot",
     "SerialChain",

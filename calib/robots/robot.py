@@ -6,7 +6,8 @@ and checked there, and handed on as plain arrays.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -15,10 +16,13 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, JointLimitError, RobotModelError, near_names
+from calib.geometry.shapes import Body, LinkShape
 from calib.robots.chain import ChainState, SerialChain
 from calib.robots.closed_form import ClosedForm
+from calib.robots.controller import Controller, controller_of
 from calib.robots.inverse import LIMIT_TOLERANCE, InverseKinematics, InverseSolutions
 from calib.robots.iterative import DampedIteration
+from calib.robots.limits import CoupledLimit
 from calib.robots.presets import load_preset
 from calib.robots.urdf import load_urdf
 from calib.se3 import FloatArray, check_transforms, transform
@@ -28,6 +32,10 @@ STANDARD_GRAVITY = 9.80665
 
 USUAL_TIPS = ("tool0", "flange")
 """Names that ROS-Industrial and the makers give to the mounting face, the better one first."""
+
+
+_WORLD = "base"
+"""Name that ROS-Industrial gives to the controller's world."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +66,12 @@ class Robot:
     base_frame, tip_frame : str
     notices : tuple of str
         What was decided while reading the description, in words.
+    bodies : tuple of Body
+        Solids of the arm; none where the description has none.
+    coupled_limits : tuple of CoupledLimit
+        Limits that several joints have together.
+    controller : Controller or None
+        What the pendant shows; None where the maker is not known.
     """
 
     name: str
@@ -73,6 +87,9 @@ class Robot:
     base_frame: str
     tip_frame: str
     notices: tuple[str, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    coupled_limits: tuple[CoupledLimit, ...] = ()
+    controller: Controller | None = None
     model: pin.Model = field(default=None, repr=False, compare=False)
 
     @classmethod
@@ -107,9 +124,15 @@ class Robot:
             There is no preset of that name; the hint lists near names.
         """
         preset = load_preset(name)
-        return cls.from_model(
-            preset.model, tip=tip or preset.tip, base=base, stiffness=preset.stiffness
+        robot = cls.from_model(
+            preset.model,
+            tip=tip or preset.tip,
+            base=base,
+            stiffness=preset.stiffness,
+            shapes=preset.shapes,
+            coupled_limits=preset.coupled_limits,
         )
+        return robot.controlled_by(preset.controller)
 
     @classmethod
     def from_model(
@@ -121,6 +144,8 @@ class Robot:
         notices: list[str] | None = None,
         mimics: frozenset[str] = frozenset(),
         stiffness: dict[str, float] | None = None,
+        shapes: Sequence[LinkShape] = (),
+        coupled_limits: Sequence[CoupledLimit] = (),
     ) -> Robot:
         """Take the chain between two frames out of a Pinocchio model; other joints are locked."""
         said = list(notices or [])
@@ -161,8 +186,26 @@ class Robot:
             base_frame=model.frames[base_id].name,
             tip_frame=model.frames[tip_id].name,
             notices=tuple(said),
+            bodies=tuple(_body(model, shape, joints, base_id) for shape in shapes),
+            coupled_limits=tuple(coupled_limits),
             model=model,
         )
+
+    def controlled_by(self, maker: str) -> Robot:
+        """The same robot with the controller of a maker (``calib.robots.POSITIVE_AXES``).
+
+        Raises
+        ------
+        RobotModelError
+            The maker is unknown, or its arms have other axes or another zero posture.
+        """
+        world = None
+        if self.model.existFrame(_WORLD, pin.FrameType.BODY):
+            data = self.model.createData()
+            pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))
+            base, there = (_frame_id(self.model, name) for name in (self.base_frame, _WORLD))
+            world = (data.oMf[base].inverse() * data.oMf[there]).homogeneous
+        return replace(self, controller=controller_of(maker, self.chain, world))
 
     def __getstate__(self) -> dict[str, object]:
         # the closed-form solver lives in C++ and cannot be sent to a worker, which makes its own
@@ -340,6 +383,16 @@ def _check_joints(model: pin.Model, joints: list[int], mimics: frozenset[str]) -
                 hint="name a base and a tip with only revolute joints between them",
                 name=name,
             )
+
+
+def _body(model: pin.Model, shape: LinkShape, joints: list[int], base_id: int) -> Body:
+    """A solid of a link on the joint of the chain that moves it; of other links, on the base."""
+    frame = model.frames[_frame_id(model, shape.link)]
+    if frame.parentJoint in joints:
+        mover, T_mover_link = joints.index(frame.parentJoint) + 1, frame.placement
+    else:
+        mover, T_mover_link = 0, model.frames[base_id].placement.inverse() * frame.placement
+    return Body(shape.name, mover, T_mover_link.homogeneous @ shape.T_link_shape, shape.solid)
 
 
 def _chain(model: pin.Model, joints: list[int], base_id: int, tip_id: int) -> SerialChain:

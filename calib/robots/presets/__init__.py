@@ -16,7 +16,9 @@ import numpy as np
 import pinocchio as pin
 
 from calib.errors import RobotModelError, near_names
-from calib.se3 import rotation_from_wpr
+from calib.geometry.shapes import Box, Capsule, LinkShape
+from calib.robots.limits import CoupledLimit
+from calib.se3 import FloatArray, rotation_from_wpr, transform
 
 _NO_LIMIT = np.finfo(float).max
 
@@ -27,8 +29,9 @@ class Preset:
 
     Attributes
     ----------
-    name, title, source, confidence, dialect : str
-        ``dialect`` is the controller language the arm speaks.
+    name, title, source, confidence : str
+    controller : str
+        Maker of the controller, a key of ``calib.robots.POSITIVE_AXES``.
     tip : str
         Link that carries the tool.
     base_posture_deg : tuple of float
@@ -36,6 +39,9 @@ class Preset:
     model : pinocchio.Model
     stiffness : dict
         Torsional stiffness by joint name [Nm/rad].
+    shapes : tuple of LinkShape
+        The links as capsules and boxes.
+    coupled_limits : tuple of CoupledLimit
     missing : tuple of str
         What the source does not say.
     """
@@ -44,11 +50,13 @@ class Preset:
     title: str
     source: str
     confidence: str
-    dialect: str
+    controller: str
     tip: str
     base_posture_deg: tuple[float, ...]
     model: pin.Model
     stiffness: dict[str, float]
+    shapes: tuple[LinkShape, ...]
+    coupled_limits: tuple[CoupledLimit, ...]
     missing: tuple[str, ...]
 
 
@@ -87,11 +95,13 @@ def load_preset(name: str) -> Preset:
         title=info["title"],
         source=info["source"],
         confidence=info["confidence"],
-        dialect=info["dialect"],
+        controller=info["controller"],
         tip=info["tip"],
         base_posture_deg=tuple(info["base_posture_deg"]),
         model=_build_model(name, info),
         stiffness=stiffness,
+        shapes=tuple(_shape(entry) for entry in info.get("shape", ())),
+        coupled_limits=tuple(_coupled_limit(entry) for entry in info.get("coupled_limit", ())),
         missing=tuple(info.get("missing", ())),
     )
 
@@ -135,3 +145,33 @@ def _build_model(name: str, info: dict[str, Any]) -> pin.Model:
 def _placement(entry: dict[str, Any]) -> pin.SE3:
     rotation = rotation_from_wpr(np.deg2rad(entry.get("rpy_deg", [0.0, 0.0, 0.0])))
     return pin.SE3(rotation, np.array(entry.get("xyz_mm", [0.0, 0.0, 0.0]), dtype=float) / 1e3)
+
+
+def _shape(entry: dict[str, Any]) -> LinkShape:
+    """A capsule between two points, or a box about one; both in the frame of the link."""
+    link = entry["link"]
+    name = entry.get("name", link)
+    if "radius_mm" in entry:
+        start, end = np.array([entry["from_mm"], entry["to_mm"]], dtype=float) / 1e3
+        length = float(np.linalg.norm(end - start))
+        placement = transform(_turn_z_to(end - start), (start + end) / 2.0)
+        return LinkShape(link, name, placement, Capsule(entry["radius_mm"] / 1e3, length))
+    x, y, z = np.array(entry["size_mm"], dtype=float) / 1e3
+    return LinkShape(link, name, _placement(entry).homogeneous, Box((x, y, z)))
+
+
+def _turn_z_to(direction: FloatArray) -> FloatArray:
+    """A rotation (3, 3) whose z points along a direction; the identity for none."""
+    length = np.linalg.norm(direction)
+    if length == 0.0:
+        return np.eye(3)
+    z = direction / length
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _coupled_limit(entry: dict[str, Any]) -> CoupledLimit:
+    lower, upper = np.deg2rad([entry["lower_deg"], entry["upper_deg"]])
+    coefficients = np.array(entry["coefficients"], dtype=float)
+    return CoupledLimit(entry["name"], coefficients, float(lower), float(upper))

@@ -1,0 +1,103 @@
+"""What is solid: plain numbers for links, tools and obstacles, without any engine behind them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.se3 import FloatArray
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """All points within ``radius_m`` of a segment of ``length_m`` along z, centred on the origin."""
+
+    radius_m: float
+    length_m: float
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along z, centred on the origin."""
+
+    radius_m: float
+    length_m: float
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball about the origin."""
+
+    radius_m: float
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box with edges along the axes, centred on the origin."""
+
+    size_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """Everything below the plane z = 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A surface of triangles.
+
+    Attributes
+    ----------
+    vertices : array (V, 3)
+        [m]
+    triangles : array (F, 3) of int
+        Rows of ``vertices``.
+    """
+
+    vertices: FloatArray
+    triangles: np.ndarray[tuple[int, int], np.dtype[np.intp]]
+
+
+Solid = Capsule | Cylinder | Sphere | Box | HalfSpace | Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A solid that is fixed to the base or to a link of the arm.
+
+    Attributes
+    ----------
+    name : str
+        As reasons and tables say it.
+    link : int
+        0: fixed to the base; j from 1 to n: moved by joint j.
+    T_link_body : array (4, 4)
+        The solid in the base frame (link 0), or in the frame of joint j, as
+        :class:`~calib.robots.chain.ChainState` has it.
+    solid : Solid
+    """
+
+    name: str
+    link: int
+    T_link_body: FloatArray
+    solid: Solid
+
+
+@dataclass(frozen=True, eq=False)
+class LinkShape:
+    """A solid as a robot description has it: by the name of the link that it belongs to.
+
+    Attributes
+    ----------
+    link, name : str
+    T_link_shape : array (4, 4)
+        [m], in the frame of the link.
+    solid : Solid
+    """
+
+    link: str
+    name: str
+    T_link_shape: FloatArray
+    solid: Solid

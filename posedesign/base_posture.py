@@ -9,7 +9,8 @@ import numpy as np
 from calib.errors import UnreachableError
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_from_wpr, wpr_from_rotation
-from posedesign.feasibility import nearest_postures
+from posedesign.feasibility import Checker, nearest_postures
+from posedesign.feasibility.joints import reach
 from posedesign.generation import touching_poses, wpr_rotations
 
 _TRIAL_VARIATION = np.deg2rad([30.0, 30.0, 30.0])
@@ -22,13 +23,6 @@ _HEIGHTS = (-0.1, 0.1, 0.25, 0.4)
 
 _TRIED_PER_PLACE = 2
 """Postures of each place, the roomiest first, for which the trial poses are solved."""
-
-
-def reach(robot: Robot) -> float:
-    """Length of the stretched arm from its second joint to the tip [m], an upper bound."""
-    state = robot.state(np.zeros(robot.n))
-    points = np.vstack([state.origins[1:], state.p_base_tip])
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def suggest_tool(robot: Robot) -> FloatArray:
@@ -86,7 +80,7 @@ def _score(robot: Robot, tool_m: FloatArray, q: FloatArray) -> tuple[float, ...]
     state = robot.state(q)
     rotations = wpr_rotations(wpr_from_rotation(state.R_base_tip), _TRIAL_VARIATION)
     poses = touching_poses(rotations, tool_m, state.point(tool_m))
-    found = nearest_postures(robot, poses, q).feasible.sum()
+    found = nearest_postures(Checker(robot), poses, q).feasible.sum()
     return float(found), round(_room(robot, q), 2), -float(np.abs(q).sum())
 
 

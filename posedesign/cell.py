@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from calib.camera import PinholeCamera
 from calib.errors import CalibError, FileFormatError, InputError, JointLimitError
+from calib.geometry import Body
+from calib.geometry.scene import Scene
 from calib.measurement import Measurement, TouchUp, ViewLine
 from calib.model import CalibrationModel
 from calib.parameters import (
@@ -18,9 +22,15 @@ from calib.parameters import (
     ToolPoint,
     ZeroOffsets,
 )
-from calib.robots import Robot, preset_info
-from calib.se3 import FloatArray, transform
+from calib.robots import Robot
+from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.config import CellConfig, MeasurementSection, parse_text, read_config
+from posedesign.feasibility import Checker, Constraint
+from posedesign.feasibility.joints import Singularity, reach
+from posedesign.feasibility.space import Collision, Workspace
+from posedesign.feasibility.visibility import Distance, InImage, LineOfSight, TargetView, Tilt
+from posedesign.feasibility.ways import WayChecker
+from posedesign.surroundings import obstacles, tool_bodies
 
 MOST_RADIANS = np.pi
 """A base posture whose values all lie within this, most of them with a fraction, was written in
@@ -44,6 +54,8 @@ class Cell:
         Target in the base frame [m].
     offset_joints : tuple of str
         Joints whose zero offset is identified.
+    tool_bodies, obstacles : tuple of Body
+        What the flange carries, and what stands around.
     """
 
     config: CellConfig
@@ -52,6 +64,8 @@ class Cell:
     tool_m: FloatArray
     target_m: FloatArray
     offset_joints: tuple[str, ...]
+    tool_bodies: tuple[Body, ...]
+    obstacles: tuple[Body, ...]
 
     @classmethod
     def load(cls, path: Path | str) -> Cell:
@@ -81,12 +95,19 @@ class Cell:
                 robot = Robot.preset(source.preset, tip=source.tip, base=source.base)
             else:
                 urdf = path.parent / str(source.urdf)
-                robot = Robot.from_urdf(urdf, tip=source.tip, base=source.base)
+                robot = Robot.from_urdf(urdf, tip=source.tip, base=source.base, lock=source.lock)
+        if source.controller is not None:
+            with _naming(path, "robot.controller"):
+                robot = robot.controlled_by(source.controller)
         posture = _base_posture(config, robot, path)
         tool = np.array(config.tool.point_mm) / 1e3
         given = config.target.position_mm
         target = robot.state(posture).point(tool) if given is None else np.array(given) / 1e3
         listed = config.parameters.zero_offsets
+        with _naming(path, "tool.body"):
+            carried = tool_bodies(config.tool.body, robot, path.parent)
+        with _naming(path, "obstacle"):
+            around = obstacles(config.obstacle, path.parent)
         cell = cls(
             config=config,
             robot=robot,
@@ -95,6 +116,8 @@ class Cell:
             target_m=target,
             # the first and the last joint are absorbed by target and tool point (section 3.2)
             offset_joints=robot.joint_names[1:-1] if listed is None else listed,
+            tool_bodies=tuple(carried),
+            obstacles=tuple(around),
         )
         with _naming(path, "parameters.zero_offsets"):
             ZeroOffsets(robot, cell.offset_joints)
@@ -107,15 +130,8 @@ class Cell:
             )
         _check_truth(cell, path)
         _check_margins(cell, path)
+        _check_surroundings(cell, path)
         return cell
-
-    @property
-    def dialect(self) -> str | None:
-        """Language of the robot's controller, as the preset or the cell says; None if unknown."""
-        source = self.config.robot
-        if source.controller is not None:
-            return f"{source.controller}-ls"
-        return str(preset_info(source.preset)["dialect"]) if source.preset else None
 
     @property
     def measurement(self) -> Measurement:
@@ -175,9 +191,120 @@ class Cell:
 
     @property
     def T_tip_camera(self) -> FloatArray:
-        """Camera in the tip frame: axes of the tip, lens behind the tool point along its z."""
+        """Camera in the tip frame.
+
+        By default with the axes of the tip, the lens behind the tool point along its z.
+        """
         lens = self.tool_m - [0.0, 0.0, self.config.tool.camera_stand_off_mm / 1e3]
-        return transform(np.eye(3), lens)
+        section = self.config.camera
+        if section is None:
+            return transform(np.eye(3), lens)
+        if section.position_mm is not None:
+            lens = np.array(section.position_mm) / 1e3
+        return transform(rotation_from_wpr(np.deg2rad(section.wpr_deg)), lens)
+
+    @property
+    def target_normal(self) -> FloatArray:
+        """Unit vector ``(3,)`` out of the face of the target, in base axes.
+
+        By default towards the camera at the base pose.
+        """
+        given = self.config.target.normal
+        if given is not None:
+            return np.array(given) / np.linalg.norm(given)
+        lens = self.robot.state(self.base_posture).point(self.T_tip_camera[:3, 3])
+        way = lens - self.target_m
+        return np.asarray(way / np.linalg.norm(way))
+
+    @property
+    def notices(self) -> list[str]:
+        """What planning and checking leave out, in words."""
+        left_out = []
+        if not self.config.constraints.collisions:
+            left_out.append("collisions are not checked: constraints.collisions is false")
+        elif not self.robot.bodies:
+            left_out.append(
+                f"{self.robot.name} has no collision geometry: only its tool is checked"
+                if self.tool_bodies
+                else f"{self.robot.name} has no collision geometry: collisions are not checked"
+            )
+        elif not self.obstacles:
+            left_out.append("no [[obstacle]] is described: the arm is checked against itself only")
+        if self.view is None:
+            left_out.append("no [camera] is described: the view of the target is not checked")
+        return left_out
+
+    @cached_property
+    def scene(self) -> Scene:
+        """Arm, tool and obstacles."""
+        ignore = self.config.constraints.ignore
+        zero = np.clip(np.zeros(self.robot.n), self.robot.lower, self.robot.upper)
+        return Scene(
+            self.robot.chain,
+            arm=self.robot.bodies,
+            tool=self.tool_bodies,
+            obstacles=self.obstacles,
+            ignore=ignore,
+            zero=zero,
+        )
+
+    @cached_property
+    def view(self) -> TargetView | None:
+        """The camera and the target it is to see; None where the cell describes no camera."""
+        section = self.config.camera
+        if section is None:
+            return None
+        return TargetView(
+            camera=PinholeCamera(*section.image_px, section.focal_px),
+            T_tip_camera=self.T_tip_camera,
+            target_m=self.target_m,
+            normal=self.target_normal,
+            radius_m=self.config.target.radius_mm / 1e3,
+        )
+
+    @cached_property
+    def checker(self) -> Checker:
+        """All constraints that a measuring posture must keep."""
+        section = self.config.constraints
+        found: list[Constraint] = []
+        if self.view is not None and self.config.camera is not None:
+            seen = self.config.camera
+            found += [
+                Distance(self.view, seen.nearest_mm / 1e3, seen.farthest_mm / 1e3),
+                Tilt(self.view, float(np.deg2rad(seen.largest_tilt_deg))),
+                InImage(self.view, seen.border_px),
+            ]
+        if section.smallest_singular_value:
+            found.append(Singularity(reach(self.robot), section.smallest_singular_value))
+        if section.workspace_lowest_mm is not None and section.workspace_highest_mm is not None:
+            low, high = section.workspace_lowest_mm, section.workspace_highest_mm
+            found.append(Workspace(self.scene, np.array(low) / 1e3, np.array(high) / 1e3))
+        if self.view is not None and self.scene.bodies:
+            found.append(LineOfSight(self.view, self.scene))
+        return Checker(self.robot, [*found, *self._collision], self.margin)
+
+    @cached_property
+    def passing(self) -> Checker:
+        """What postures that the arm only passes through must keep."""
+        return Checker(self.robot, self._collision, self.margin)
+
+    @property
+    def _collision(self) -> list[Constraint]:
+        if not self.config.constraints.collisions or not len(self.scene.pairs):
+            return []
+        return [Collision(self.scene, self.config.constraints.safety_distance_mm / 1e3)]
+
+    @property
+    def ways(self) -> WayChecker:
+        """What the ways between postures must keep."""
+        section = self.config.constraints
+        checked = section.ways and bool(self._collision)
+        travel = section.largest_travel_deg
+        return WayChecker(
+            self.scene if checked else None,
+            section.safety_distance_mm / 1e3,
+            np.inf if travel is None else float(np.deg2rad(travel)),
+        )
 
     def model(
         self,
@@ -301,6 +428,19 @@ def _check_truth(cell: Cell, path: Path) -> None:
             path=path,
             key="truth.deflection",
             hint="give truth.stiffness_nm_per_rad and tool.mass_kg, or set it to false",
+        )
+
+
+def _check_surroundings(cell: Cell, path: Path) -> None:
+    with _naming(path, "constraints.ignore"):
+        inside = int(cell.scene.inside(cell.target_m[None])[0])
+    if inside >= 0:
+        obstacle = cell.obstacles[inside].name
+        raise FileFormatError(
+            f"the target lies inside the obstacle {obstacle!r}",
+            path=path,
+            key="target.position_mm",
+            hint="correct the place of one of them; a target sits on its fixture, not in it",
         )
 
 

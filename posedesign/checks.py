@@ -10,6 +10,7 @@ from calib.errors import InputError, JointLimitError
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.programs import find_dialect
+from posedesign.programs.controller_view import ROS_INDUSTRIAL_FANUC
 from posedesign.tables import PoseList
 
 ON_TARGET_M = 1e-3
@@ -52,7 +53,8 @@ def refuse_unfit(cell: Cell, poses: PoseList) -> None:
     """
     outside = outside_limits(cell, poses.names, poses.postures)
     _refuse(outside, "are these poses of this robot, in URDF signs? FANUC pendants show J3 less J2")
-    far = off_target(cell, poses.names, poses.postures, NEAR_TARGET_M)
+    measured = poses.measured
+    far = off_target(cell, measured.names, measured.postures, NEAR_TARGET_M)
     _refuse(far, "are these poses of this cell, its tool and its target, in URDF signs?")
 
 
@@ -63,11 +65,22 @@ def refuse_dialect(cell: Cell, dialect: str) -> None:
     ------
     InputError
     """
-    if find_dialect(dialect).name != cell.dialect:
-        known = f"speaks {cell.dialect}" if cell.dialect else "has an unknown controller"
+    controller = cell.robot.controller
+    if controller is None or find_dialect(dialect).maker != controller.maker:
+        known = f"a controller of {controller.maker}" if controller else "an unknown controller"
         raise InputError(
-            f"{cell.robot.name} {known}: its joints would be written in the wrong convention",
+            f"{cell.robot.name} has {known}: its joints would be written in the wrong convention",
             hint='if it is a FANUC in ROS-Industrial signs, set robot.controller = "fanuc"',
+            name="format",
+            value=dialect,
+        )
+    if not np.array_equal(
+        controller.pendant_from_joints, ROS_INDUSTRIAL_FANUC.pendant_from_joints
+    ):
+        raise InputError(
+            f"{cell.robot.name} counts joints in other directions than ROS-Industrial's FANUCs: "
+            "its program would be wrong",
+            hint="use a description in ROS-Industrial signs",
             name="format",
             value=dialect,
         )

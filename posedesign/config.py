@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
@@ -32,7 +32,21 @@ NoiseVector = tuple[Noise, Noise, Noise]
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]*$")]
 """Text that stays on one line and does not steer a terminal."""
 
+Name = Annotated[Line, Field(min_length=1, max_length=40)]
+Size = Annotated[float, Field(strict=True, gt=0, le=1e6, allow_inf_nan=False)]
+"""[mm]"""
+Pixels = Annotated[int, Field(strict=True, gt=0, le=100_000)]
+
 LARGEST_CELL_BYTES = 1_000_000
+
+_SHAPE_KEYS: dict[str, tuple[str, ...]] = {
+    "box": ("size_mm",),
+    "cylinder": ("radius_mm", "height_mm"),
+    "sphere": ("radius_mm",),
+    "half-space": (),
+    "mesh": ("mesh",),
+}
+"""What each kind of solid is described by."""
 
 _IN_WORDS = {
     "tuple_type": "should be a list in [ ]",
@@ -56,12 +70,36 @@ class RobotSection(Section):
     urdf: Line | None = None
     base: Line | None = None
     tip: Line | None = None
-    controller: Literal["fanuc"] | None = None
+    controller: Line | None = None
+    lock: tuple[Line, ...] = ()
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotSection:
         if (self.preset is None) == (self.urdf is None):
             raise ValueError("give either preset or urdf")
+        return self
+
+
+class SolidSection(Section):
+    """Something solid: its shape, and where its centre is."""
+
+    name: Name
+    kind: Literal["box", "cylinder", "sphere", "half-space", "mesh"] = "box"
+    at_mm: Vector = (0.0, 0.0, 0.0)
+    wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    size_mm: tuple[Size, Size, Size] | None = None
+    radius_mm: Size | None = None
+    height_mm: Size | None = None
+    mesh: Line | None = None
+    scale: Size = 1.0
+
+    @model_validator(mode="after")
+    def _has_what_it_needs(self) -> SolidSection:
+        needed = _SHAPE_KEYS[self.kind]
+        for key in ("size_mm", "radius_mm", "height_mm", "mesh"):
+            if (getattr(self, key) is None) == (key in needed):
+                verb = "needs" if key in needed else "has no"
+                raise ValueError(f"a {self.kind} {verb} {key}")
         return self
 
 
@@ -72,6 +110,37 @@ class ToolSection(Section):
     mass_kg: NotNegative = 0.0
     com_mm: Vector = (0.0, 0.0, 0.0)
     camera_stand_off_mm: NotNegative = 350.0
+    body: tuple[SolidSection, ...] = ()
+
+    @model_validator(mode="after")
+    def _is_finite(self) -> ToolSection:
+        for body in self.body:
+            if body.kind == "half-space":
+                raise ValueError(f"{body.name}: a tool cannot be a half-space")
+        return self
+
+
+class CameraSection(Section):
+    """What the camera on the tool sees; without this section no pose is refused for its view."""
+
+    position_mm: Vector | None = None
+    wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    image_px: tuple[Pixels, Pixels] = (1280, 1024)
+    focal_px: Annotated[float, Field(strict=True, gt=0, le=1e6)] = 1800.0
+    border_px: NotNegative = 30.0
+    largest_tilt_deg: Annotated[float, Field(strict=True, gt=0, lt=90)] = 70.0
+    nearest_mm: NotNegative = 100.0
+    farthest_mm: NotNegative = 1000.0
+
+    @model_validator(mode="after")
+    def _has_room(self) -> CameraSection:
+        if not self.nearest_mm < self.farthest_mm:
+            raise ValueError(
+                f"nearest_mm {self.nearest_mm:g} is not below farthest_mm {self.farthest_mm:g}"
+            )
+        if 2 * self.border_px >= min(self.image_px):
+            raise ValueError(f"border_px {self.border_px:g} leaves nothing of the image")
+        return self
 
 
 class BasePoseSection(Section):
@@ -83,8 +152,16 @@ class BasePoseSection(Section):
 class TargetSection(Section):
     """The point that is touched; where the tool point stands at the base pose by default."""
 
-    name: Annotated[Line, Field(min_length=1, max_length=40)] = "T1"
+    name: Name = "T1"
     position_mm: Vector | None = None
+    normal: Vector | None = None
+    radius_mm: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> TargetSection:
+        if self.normal is not None and not any(self.normal):
+            raise ValueError("normal has no direction")
+        return self
 
 
 class VariationSection(Section):
@@ -109,11 +186,35 @@ class PlanSection(Section):
     """When the loop has done enough, and how poses that cannot be reached are replaced."""
 
     condition_threshold: Positive = 1.0e5
-    limit_margin_deg: NotNegative = 0.0
+    limit_margin_deg: NotNegative = 1.0
     repair: StrictBool = True
     repair_margin_deg: NotNegative = 2.0
     repair_tilt_deg: Annotated[float, Field(strict=True, gt=0, le=180)] = 60.0
     repair_base_joint_deg: Annotated[float, Field(strict=True, gt=0, le=360)] = 90.0
+
+
+class ConstraintSection(Section):
+    """What a pose must keep besides the joint limits of ``[plan]``."""
+
+    collisions: StrictBool = True
+    safety_distance_mm: NotNegative = 20.0
+    ways: StrictBool = True
+    ignore: tuple[tuple[Line, Line], ...] = ()
+    smallest_singular_value: Annotated[float, Field(strict=True, ge=0, lt=1)] = 0.0
+    largest_travel_deg: Annotated[float, Field(strict=True, gt=0, le=1e4)] | None = None
+    workspace_lowest_mm: Vector | None = None
+    workspace_highest_mm: Vector | None = None
+
+    @model_validator(mode="after")
+    def _whole_box(self) -> ConstraintSection:
+        low, high = self.workspace_lowest_mm, self.workspace_highest_mm
+        if (low is None) != (high is None):
+            raise ValueError("give both workspace_lowest_mm and workspace_highest_mm")
+        if low is not None and high is not None:
+            for axis, a, b in zip("xyz", low, high, strict=True):
+                if a >= b:
+                    raise ValueError(f"the workspace is empty along {axis}: {a:g} to {b:g}")
+        return self
 
 
 class ParameterSection(Section):
@@ -163,6 +264,9 @@ class CellConfig(Section):
     tool: ToolSection
     base_pose: BasePoseSection
     target: TargetSection = TargetSection()
+    camera: CameraSection | None = None
+    obstacle: tuple[SolidSection, ...] = ()
+    constraints: ConstraintSection = ConstraintSection()
     variations: VariationSection = VariationSection()
     plan: PlanSection = PlanSection()
     parameters: ParameterSection = ParameterSection()
@@ -236,7 +340,13 @@ def _hint(error: Any) -> str:
     if error["type"] == "extra_forbidden":
         section: Any = CellConfig
         for part in where[:-1]:
-            section = section.model_fields[part].annotation
+            section = _section_in(section.model_fields[part].annotation)
         known = [field.alias or name for name, field in section.model_fields.items()]
         return near_names(where[-1], known)
     return "posedesign new prints a commented example"
+
+
+def _section_in(annotation: Any) -> Any:
+    """The section that an annotation names, by itself, optional, or in a list."""
+    options = [annotation, *get_args(annotation)]
+    return next(o for o in options if isinstance(o, type) and issubclass(o, Section))

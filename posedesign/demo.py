@@ -70,7 +70,7 @@ def run_demo(
     plan = plan_poses(cell, out)
     poses = read_poses(out / "poses.csv", cell.robot.n)
     name = cell.config.program.name
-    program = write_program(poses, out, "fanuc-ls", program_options(cell, poses.postures), name)
+    program = write_program(poses, out, "fanuc-ls", program_options(cell, poses), name)
     progress("touching up", 0.05)
     robot = simulate(cell, poses, out)
     identification = identify_file(cell, out / "touchups.csv", out)

@@ -5,7 +5,7 @@ Steps 1 to 6 of the paper are the functions below, in that order.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from posedesign.feasibility import nearest_postures
 from posedesign.generation import touching_poses, wpr_rotations
 from posedesign.indices import condition_2, condition_inf, evaluate
 from posedesign.pose_plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
-from posedesign.repair import farthest_postures, repair_pool
+from posedesign.repair import RepairPool, repair
+from posedesign.route import Route, Router
 
 IMPROVEMENT = 0.99
 """A round counts as better when it brings C_G below this part of the best so far."""
@@ -32,6 +33,9 @@ mistake: metres for millimetres, or another frame."""
 
 PATIENCE = 3
 """Rounds without improvement after which the loop ends."""
+
+REPLACEMENTS = 3
+"""How often poses that no clear way leads to are replaced before they are left out."""
 
 Progress = Callable[[Round], None]
 
@@ -64,7 +68,8 @@ class _Loop:
         self.progress = progress
         self.rounds: list[Round] = []
         self.sets: list[PoseSet] = []
-        self._pool: FloatArray | None = None
+        self.routes: list[Route | None] = []
+        self._pool = RepairPool(cell)
         check_base_pose(cell)
 
     def run(self) -> PosePlan:
@@ -85,19 +90,47 @@ class _Loop:
 
     def _round(self, variation: FloatArray) -> None:
         poses = self._generate(variation)
-        weighted = self.cell.config.measurement.weighted
-        done = _evaluate(self.model, poses, len(self.rounds) + 1, variation, weighted)
-        self.rounds.append(done)
         self.sets.append(poses)
+        self.routes.append(None)
+        self.rounds.append(self._evaluate(poses, variation, len(self.rounds) + 1))
+        if self.rounds[-1].c_g < self.cell.config.plan.condition_threshold:
+            self._connect(len(self.rounds) - 1)
         if self.progress is not None:
-            self.progress(done)
+            self.progress(self.rounds[-1])
+
+    def _evaluate(self, poses: PoseSet, variation: Sequence[float], number: int) -> Round:
+        weighted = self.cell.config.measurement.weighted
+        return evaluate_round(self.model, poses, number, variation, weighted)
+
+    def _connect(self, k: int) -> Route:
+        """Find the route of round k; poses that no way leads to are replaced, or dropped."""
+        known = self.routes[k]
+        if known is not None:
+            return known
+        cell, poses = self.cell, self.sets[k]
+        router = Router(cell.robot, cell.ways, cell.passing, cell.base_posture)
+        replacements = REPLACEMENTS if cell.config.plan.repair else 0
+        while True:
+            route = router.route(poses.kept)
+            if not route.lost:
+                break
+            self._pool.exclude(poses.kept[list(route.lost)])
+            rows = [i for i, s in enumerate(poses.status) if s is not PoseStatus.DROPPED]
+            poses = poses.without({rows[i]: why for i, why in route.lost.items()})
+            if replacements:
+                poses = repair(cell, poses, self._pool)
+                replacements -= 1
+        self.routes[k] = route
+        if poses is not self.sets[k]:
+            self.sets[k] = poses
+            done = self.rounds[k]
+            self.rounds[k] = self._evaluate(poses, done.variation_deg, done.number)
+        return route
 
     def _generate(self, variation: FloatArray) -> PoseSet:
         """Steps 2 to 4: the grid, what of it can be reached, and replacements for the rest."""
         poses = grid_poses(self.cell, variation)
         if PoseStatus.DROPPED in poses.status and self.cell.config.plan.repair:
-            if self._pool is None:
-                self._pool = repair_pool(self.cell)
             poses = repair(self.cell, poses, self._pool)
         return poses
 
@@ -135,14 +168,17 @@ class _Loop:
         if not np.isfinite(values[best]):
             stop = StopReason.INFEASIBLE
             best = int(np.argmax([len(poses.kept) for poses in self.sets]))
-        postures = self.sets[best].kept
+        route = self._connect(best)
+        poses = self.sets[best]
+        postures = poses.kept
         _, blocks, R = self.model.linearise(postures)
         if stop is StopReason.INFEASIBLE and blocks[..., 0].size >= self.model.p:
             # enough poses, and still something is hidden: no angle will show it
             white = self.model.measurement.whiten(blocks, R).reshape(-1, self.model.p)
             check_identifiable(white, self.model.names, self.model.nuisance)
         return PosePlan(
-            poses=self.sets[best],
+            poses=poses,
+            route=route,
             best=best,
             rounds=tuple(self.rounds),
             history=tuple(self.sets),
@@ -178,12 +214,13 @@ def check_base_pose(cell: Cell) -> None:
         )
     rotation = robot.fk(q)[:3, :3]
     pose = touching_poses(rotation[None], cell.tool_m, cell.target_m)
-    there = nearest_postures(robot, pose, q, cell.margin)
+    there = nearest_postures(cell.checker, pose, q)
     if not there.feasible[0]:
+        key = there.keys[0]
         raise UnreachableError(
             f"the base pose cannot be taken: {there.reasons[0]}",
             hint="move the target (target.position_mm) or the base posture (base_pose.posture_deg)"
-            + (", or lower plan.limit_margin_deg" if cell.margin else ""),
+            + f", or change {key}" * bool(key),
             name="base_pose",
         )
 
@@ -200,27 +237,19 @@ def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
     wpr = wpr_from_rotation(cell.robot.fk(cell.base_posture)[:3, :3])
     rotations = wpr_rotations(wpr, np.deg2rad(variation_deg))
     poses = touching_poses(rotations, cell.tool_m, cell.target_m)
-    found = nearest_postures(cell.robot, poses, cell.base_posture, cell.margin)
+    found = nearest_postures(cell.checker, poses, cell.base_posture)
     status = tuple(PoseStatus.GRID if ok else PoseStatus.DROPPED for ok in found.feasible)
-    return PoseSet(found.q, status, found.reasons)
+    return PoseSet(found.q, status, found.reasons, rotations)
 
 
-def repair(cell: Cell, poses: PoseSet, pool: FloatArray) -> PoseSet:
-    """Step 4: replace each dropped pose by the posture of the pool farthest from all others."""
-    gaps = [i for i, status in enumerate(poses.status) if status is PoseStatus.DROPPED]
-    found = farthest_postures(pool, poses.kept, len(gaps), cell.robot.joint_range)
-    postures, status, reasons = poses.postures.copy(), list(poses.status), list(poses.reasons)
-    for i, posture in zip(gaps, found, strict=False):
-        postures[i] = posture
-        status[i] = PoseStatus.REPAIRED
-    for i in gaps[len(found) :]:
-        reasons[i] += "; no posture inside the limits is left to take its place"
-    return PoseSet(postures, tuple(status), tuple(reasons))
-
-
-def _evaluate(
-    model: CalibrationModel, poses: PoseSet, number: int, variation: FloatArray, weighted: bool
+def evaluate_round(
+    model: CalibrationModel,
+    poses: PoseSet,
+    number: int,
+    variation_deg: Sequence[float],
+    weighted: bool,
 ) -> Round:
+    """What a set of poses is worth to the loop."""
     kept = poses.kept
     blocks = model.jacobian(kept)
     c_g = condition_inf(blocks) if len(kept) else float("inf")
@@ -230,7 +259,7 @@ def _evaluate(
         c_g, sigma = float("inf"), np.full(model.p, np.inf)
     return Round(
         number=number,
-        variation_deg=(float(variation[0]), float(variation[1]), float(variation[2])),
+        variation_deg=(float(variation_deg[0]), float(variation_deg[1]), float(variation_deg[2])),
         grid=poses.count(PoseStatus.GRID),
         repaired=poses.count(PoseStatus.REPAIRED),
         dropped=poses.count(PoseStatus.DROPPED),

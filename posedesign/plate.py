@@ -13,7 +13,7 @@ from calib.measurement.touch import TOUCH_TOLERANCE_M, touch
 from calib.model import CalibrationModel
 from calib.parameters import TargetPoints
 from calib.se3 import FloatArray
-from posedesign.feasibility import nearest_postures
+from posedesign.feasibility import Checker, nearest_postures
 from posedesign.generation import touching_poses
 from posedesign.simulation import SimulatedRobot
 
@@ -47,7 +47,8 @@ class PlateTest:
         rotation = cell.robot.fk(cell.base_posture)[:3, :3]
         points = robot.target_m + plate_points() @ rotation.T  # in the plane across the tool
         poses = touching_poses(np.broadcast_to(rotation, (len(points), 3, 3)), cell.tool_m, points)
-        found = nearest_postures(cell.robot, poses, cell.base_posture, cell.margin)
+        limits = Checker(cell.robot, margin=cell.margin)  # the plate is thought of, not there
+        found = nearest_postures(limits, poses, cell.base_posture)
         if not found.feasible.all():
             worst = int(np.argmin(found.feasible))
             raise UnreachableError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from hashlib import sha256
@@ -12,6 +13,7 @@ from calib.model import CalibrationModel
 from calib.parameters.base import Unit
 from calib.se3 import FloatArray
 from posedesign.indices import Indices
+from posedesign.route import Route
 
 
 class PoseStatus(StrEnum):
@@ -20,6 +22,7 @@ class PoseStatus(StrEnum):
     GRID = "grid"
     REPAIRED = "repaired"
     DROPPED = "dropped"
+    VIA = "via"
 
 
 class StopReason(StrEnum):
@@ -42,11 +45,14 @@ class PoseSet:
     status : tuple of PoseStatus
     reasons : tuple of str
         Empty for a pose of the grid that can be taken as it is.
+    orientations : array (27, 3, 3)
+        ``R_base_tip`` that the grid asks for.
     """
 
     postures: FloatArray
     status: tuple[PoseStatus, ...]
     reasons: tuple[str, ...]
+    orientations: FloatArray
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -67,6 +73,17 @@ class PoseSet:
     def count(self, status: PoseStatus) -> int:
         """Number of poses with a status."""
         return self.status.count(status)
+
+    def without(self, lost: Mapping[int, str]) -> PoseSet:
+        """The set with some poses dropped, by index, each for a reason."""
+        if not lost:
+            return self
+        postures, status, reasons = self.postures.copy(), list(self.status), list(self.reasons)
+        for i, why in lost.items():
+            postures[i] = np.nan
+            status[i] = PoseStatus.DROPPED
+            reasons[i] = f"{reasons[i]}; {why}" if reasons[i] else why
+        return PoseSet(postures, tuple(status), tuple(reasons), self.orientations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +121,8 @@ class PosePlan:
     ----------
     poses : PoseSet
         Those of the best round.
+    route : Route
+        The order of the kept poses, by index into ``poses.kept``, and what lies between them.
     best : int
         Index into ``rounds`` of the round that the poses are from.
     rounds : tuple of Round
@@ -120,6 +139,7 @@ class PosePlan:
     """
 
     poses: PoseSet
+    route: Route
     best: int
     rounds: tuple[Round, ...]
     history: tuple[PoseSet, ...]
@@ -136,8 +156,13 @@ class PosePlan:
 
     @property
     def postures(self) -> FloatArray:
-        """Postures ``(N, n)`` [rad] to measure at."""
-        return self.poses.kept
+        """Postures ``(N, n)`` [rad] to measure at, in the order of the route."""
+        return np.asarray(self.poses.kept[self.route.order])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the postures."""
+        return tuple(self.poses.kept_names[i] for i in self.route.order)
 
     @property
     def message(self) -> str:
@@ -147,6 +172,8 @@ class PosePlan:
         return (
             f"{self.stop}: C_G {best.c_g:.4g} (asked for {self.threshold:.4g}) with "
             f"{len(self.postures)} poses at D_W/D_P/D_R {angles} deg"
+            + f", {self.route.detours} posture(s) passed through on the way"
+            * bool(self.route.detours)
             + f"; {self.advice}"
             * bool(self.advice)
         )

@@ -1,46 +1,122 @@
-"""Step 4 of the paper's algorithm: a posture in place of a pose that cannot be reached.
+"""Step 4 of the paper's algorithm: a posture in place of a pose that cannot be taken.
 
 "Adjust the rotation angles of all axes ... so that their displacements from those of other
 measuring poses will become as large as possible to move within the operating range": from a pool
-of postures that all keep the tool point on the target and lie inside the limits, the one farthest
-from all postures already chosen is taken, again and again (max-min).
+of postures that all keep the tool point on the target and every constraint of the cell, the one
+farthest from all postures already chosen is taken, again and again (max-min).
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
-from calib.se3 import FloatArray
+from calib.se3 import FloatArray, rotation_angle, rotation_exp
 from posedesign.cell import Cell
 from posedesign.generation import cone_rotations, touching_poses
+from posedesign.pose_plan import PoseSet, PoseStatus
 
 POOL_ORIENTATIONS = 400
 """Orientations that the pool is made of; twice as many lower C_G by less than a tenth."""
 
+MORE_ORIENTATIONS = 3000
+"""Orientations all around that are tried where those near the base pose do not do."""
+
+ENOUGH = 3
+"""Postures in the pool for each one that is wanted, so that there is something to choose from."""
+
+_GROWTH_ROUNDS = 30
+_GROWTH_TILTS = np.deg2rad([0.5, 30.0])
+"""Smallest and largest turn by which postures are varied where few can be found."""
+
+_SAME_PLACE_RAD = np.deg2rad(1.0)
+"""A posture that differs by less from one that no clear way leads to shares its fate."""
+
 _POOL_SEED = 2006
 
 
-def repair_pool(cell: Cell) -> FloatArray:
-    """Postures ``(K, n)`` [rad] that replacements are taken from.
+class RepairPool:
+    """Postures that replacements are taken from, found when they are first needed.
 
-    All arm configurations over a cone of orientations around the base pose, rolled freely, with
-    the tool point on the target; inside the limits less the repair margin, and with the first
-    joint near its base value, so that no replacement reaches over the arm's back.
+    First all arm configurations over a cone of orientations around the base pose, rolled freely,
+    inside the limits less the repair margin, with the first joint near its base value, so that no
+    replacement reaches over the arm's back. Where they are too few: orientations all around, the
+    first joint anywhere, less the margin of the plan only. Where they are still too few: small
+    turns of those that were found, and of the base pose.
     """
-    plan = cell.config.plan
-    robot, base = cell.robot, cell.base_posture
-    rotations = cone_rotations(
-        robot.fk(base)[:3, :3],
-        float(np.deg2rad(plan.repair_tilt_deg)),
-        POOL_ORIENTATIONS,
-        np.random.default_rng(_POOL_SEED),  # fixed: the same cell gives the same plan
-    )
-    poses = touching_poses(rotations, cell.tool_m, cell.target_m)
-    margin = float(np.deg2rad(max(plan.repair_margin_deg, plan.limit_margin_deg)))
-    solutions = robot.inverse(poses, near=base, margin=margin)
-    swing = np.abs(solutions.postures[:, 0] - base[0])
-    near = swing <= np.deg2rad(plan.repair_base_joint_deg)
-    return np.asarray(solutions.postures[solutions.inside & near])
+
+    def __init__(self, cell: Cell) -> None:
+        self._cell = cell
+        self._rng = np.random.default_rng(_POOL_SEED)  # fixed: the same cell gives the same plan
+        self._stage = 0
+        self._found = np.empty((0, cell.robot.n))
+
+    def postures(self, wanted: int) -> FloatArray:
+        """Postures ``(K, n)`` [rad] to choose that many from; fewer where there are no more."""
+        while len(self._found) < ENOUGH * wanted and self._stage < 2 + _GROWTH_ROUNDS:
+            self._found = np.concatenate([self._found, self._more(self._stage)])
+            self._stage += 1
+        return self._found
+
+    def exclude(self, postures: FloatArray) -> None:
+        """Offer these postures ``(K, n)`` [rad] no more, nor any so near that it would do no better."""
+        apart = np.abs(self._found[:, None] - postures[None]).max(axis=-1, initial=0.0)
+        self._found = self._found[(apart > _SAME_PLACE_RAD).all(axis=1)]
+
+    def _more(self, stage: int) -> FloatArray:
+        plan, base = self._cell.config.plan, self._cell.robot.fk(self._cell.base_posture)[:3, :3]
+        if stage == 0:
+            tilt = float(np.deg2rad(plan.repair_tilt_deg))
+            rotations = cone_rotations(base, tilt, POOL_ORIENTATIONS, self._rng)
+            margin = float(np.deg2rad(max(plan.repair_margin_deg, plan.limit_margin_deg)))
+            return self._feasible(rotations, margin, float(np.deg2rad(plan.repair_base_joint_deg)))
+        if stage == 1:
+            rotations = cone_rotations(base, np.pi, MORE_ORIENTATIONS, self._rng)
+        else:
+            known = self._cell.robot.fk(np.vstack([self._cell.base_posture, self._found]))
+            rotations = self._vary(known[:, :3, :3])
+        return self._feasible(rotations, self._cell.margin, np.inf)
+
+    def _vary(self, rotations: FloatArray) -> FloatArray:
+        """Orientations turned a little, some more than others."""
+        picked = rotations[self._rng.integers(len(rotations), size=POOL_ORIENTATIONS)]
+        low, high = np.log(_GROWTH_TILTS)
+        angle = np.exp(self._rng.uniform(low, high, POOL_ORIENTATIONS))
+        axis = self._rng.standard_normal((POOL_ORIENTATIONS, 3))
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        return np.asarray(picked @ rotation_exp(axis * angle[:, None]))
+
+    def _feasible(self, rotations: FloatArray, margin: float, swing: float) -> FloatArray:
+        """All postures with these orientations that keep every constraint."""
+        cell, base = self._cell, self._cell.base_posture
+        poses = touching_poses(rotations, cell.tool_m, cell.target_m)
+        solutions = cell.robot.inverse(poses, near=base, margin=margin)
+        near = np.abs(solutions.postures[:, 0] - base[0]) <= swing
+        postures = solutions.postures[solutions.inside & near]
+        return np.asarray(postures[cell.checker.check(postures, every=False).feasible])
+
+
+def repair(cell: Cell, poses: PoseSet, pool: RepairPool) -> PoseSet:
+    """Replace each dropped pose by a posture of the pool, each as far as possible from all others.
+
+    Of the replacements each pose gets the one that is turned least against it; its reason says
+    what shut the pose out and by how much the replacement is turned.
+    """
+    gaps = np.flatnonzero([status is PoseStatus.DROPPED for status in poses.status])
+    available = pool.postures(len(gaps))
+    found = farthest_postures(available, poses.kept, len(gaps), cell.robot.joint_range)
+    postures, status, reasons = poses.postures.copy(), list(poses.status), list(poses.reasons)
+    R_found = cell.robot.fk(found)[:, :3, :3]
+    turn = rotation_angle(np.swapaxes(poses.orientations[gaps][:, None], -1, -2) @ R_found)
+    for row, k in zip(*linear_sum_assignment(turn), strict=True):
+        i = int(gaps[row])
+        postures[i] = found[k]
+        status[i] = PoseStatus.REPAIRED
+        reasons[i] += f"; replaced by a pose turned by {np.rad2deg(turn[row, k]):.0f} deg"
+    for i in gaps:
+        if status[i] is PoseStatus.DROPPED:
+            reasons[i] += "; no posture that keeps all constraints is left to take its place"
+    return PoseSet(postures, tuple(status), tuple(reasons), poses.orientations)
 
 
 def farthest_postures(

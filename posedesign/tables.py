@@ -3,7 +3,9 @@
 ======================  =========================================================================
 ``poses.csv``           ``name, status, reason, j1_deg .. jn_deg, x_mm, y_mm, z_mm, w_deg, p_deg,
                         r_deg``: joints in URDF signs; x, y, z of the tool point and W, P, R of
-                        the tip in the base frame. A dropped pose has no numbers.
+                        the tip in the base frame; in the order in which they are visited. A pose
+                        with the status ``via`` is passed through and not measured. A dropped pose
+                        has no numbers.
 ``touchups.csv``        ``target, j1_deg .. jn_deg, pose``: one row a touch-up, joints as the
                         controller showed them, in URDF signs; ``pose`` may be left out.
 ``pairs.csv``           ``pose, a_x_mm .. a_r_deg, b_x_mm .. b_r_deg``: A = T_base_tip as the
@@ -28,9 +30,10 @@ import numpy as np
 from calib.errors import FileFormatError, near_names
 from calib.measurement import TouchUps
 from calib.robots import Robot
-from calib.se3 import FloatArray, rotation_from_wpr, transform, wpr_from_rotation
+from calib.se3 import BoolArray, FloatArray, rotation_from_wpr, transform, wpr_from_rotation
 from posedesign.files import read_bytes_bounded, write_text_atomic
 from posedesign.pose_plan import PoseSet, PoseStatus
+from posedesign.route import Route
 
 LARGEST_CSV_BYTES = 50_000_000
 DECIMALS = 9
@@ -65,10 +68,20 @@ class PoseList:
     names : tuple of str
     postures : array (N, n)
         [rad], URDF signs.
+    via : array (N,) of bool
+        Postures that the arm passes through without measuring.
     """
 
     names: tuple[str, ...]
     postures: FloatArray
+    via: BoolArray
+
+    @property
+    def measured(self) -> PoseList:
+        """The poses that are measured."""
+        kept = ~self.via
+        names = tuple(name for name, ok in zip(self.names, kept, strict=True) if ok)
+        return PoseList(names, self.postures[kept], self.via[kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,23 +115,36 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, 
     return write_text_atomic(path, text.getvalue())
 
 
-def write_poses(path: Path, robot: Robot, poses: PoseSet, tool_m: FloatArray) -> Path:
-    """Write ``poses.csv``."""
-    rows = []
-    for name, q, status, reason in zip(
-        poses.names, poses.postures, poses.status, poses.reasons, strict=True
-    ):
-        row: dict[str, object] = {"name": name, "status": str(status), "reason": reason}
-        if status is not PoseStatus.DROPPED:
-            row |= dict(zip(joint_columns(robot.n), np.rad2deg(q), strict=True))
-            state = robot.state(q)
-            wpr_deg = np.rad2deg(wpr_from_rotation(state.R_base_tip))
-            numbers = np.concatenate([1e3 * state.point(tool_m), wpr_deg])
-            row |= dict(zip(POSE_AXES, numbers, strict=True))
-        rows.append(row)
+def write_poses(
+    path: Path, robot: Robot, poses: PoseSet, route: Route, tool_m: FloatArray
+) -> Path:
+    """Write ``poses.csv``: the stops of a route through the kept poses, then what was dropped."""
+    kept = [i for i, status in enumerate(poses.status) if status is not PoseStatus.DROPPED]
+    rows: list[dict[str, object]] = []
+    via = 0
+    for stop in route.stops:
+        if stop.pose is None:
+            via += 1
+            row: dict[str, object] = {"name": f"V{via:02d}", "status": str(PoseStatus.VIA)}
+        else:
+            row = _labels(poses, kept[stop.pose])
+        row |= dict(zip(joint_columns(robot.n), np.rad2deg(stop.posture), strict=True))
+        state = robot.state(stop.posture)
+        wpr_deg = np.rad2deg(wpr_from_rotation(state.R_base_tip))
+        numbers = np.concatenate([1e3 * state.point(tool_m), wpr_deg])
+        rows.append(row | dict(zip(POSE_AXES, numbers, strict=True)))
+    rows += [_labels(poses, i) for i in range(len(poses.status)) if i not in kept]
     return write_table(
         path, ["name", "status", "reason", *joint_columns(robot.n), *POSE_AXES], rows
     )
+
+
+def _labels(poses: PoseSet, i: int) -> dict[str, object]:
+    return {
+        "name": poses.names[i],
+        "status": str(poses.status[i]),
+        "reason": poses.reasons[i],
+    }
 
 
 def read_poses(path: Path, n: int | None, *, trust_units: bool = False) -> PoseList:
@@ -138,7 +164,15 @@ def read_poses(path: Path, n: int | None, *, trust_units: bool = False) -> PoseL
     rows = [row for row in rows if row.cells.get("status") != PoseStatus.DROPPED]
     postures = _postures(path, rows, count, trust_units)
     names = tuple(row.cells.get("name") or f"P{i + 1:02d}" for i, row in enumerate(rows))
-    return PoseList(names, postures)
+    via = np.array([row.cells.get("status") == PoseStatus.VIA for row in rows])
+    if via.all():
+        raise FileFormatError(
+            "has no pose that is measured: all are via",
+            path=path,
+            column="status",
+            hint="give at least one pose another status, or none",
+        )
+    return PoseList(names, postures, via)
 
 
 def write_touch_ups(path: Path, touch_ups: TouchUps, names: Sequence[str] | None = None) -> Path:

@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from calib.errors import RobotModelError, near_names
-from calib.robots import Robot, preset_info, preset_names
+from calib.robots import POSITIVE_AXES, Robot, preset_info, preset_names
+from calib.se3 import FloatArray
 from posedesign.base_posture import suggest_base_posture, suggest_tool
+from posedesign.feasibility.joints import reach
 
 REFERENCE = "r2000ic165f"
 """Preset of the reference cell: the arm and tool of Watanabe et al. 2006 in public numbers."""
+
+REFERENCE_REACH_M = 2.6
+"""Reach of its arm, rounded; tool, camera and fixture of smaller arms are scaled by theirs."""
+
+PAYLOAD_USED = 0.6424
+"""Part of the payload that the tool weighs: 106 kg of 165 kg in the paper."""
 
 _TEMPLATE = """\
 # A calibration cell for posedesign. Lengths in mm, angles in degrees, joints in URDF signs.
@@ -23,6 +32,7 @@ _TEMPLATE = """\
 {robot}
 {notices}# base = "base_link"              # positions are given in this link; default: the root
 tip = {tip}
+# lock = ["joint_7"]              # joints that are held at zero
 
 [tool]
 # The point that is brought to the target: a pin, a ball, or the camera's virtual pin tip.
@@ -31,7 +41,7 @@ point_mm = {point_mm}             # in the axes of the tip
 mass_kg = {mass_kg}               # what the flange carries, for deflection in the simulation
 com_mm = {com_mm}
 camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, along the tip's z
-
+{tool_bodies}
 [base_pose]
 # The posture with the tool point on the target that all poses are varied around.
 {pendant}posture_deg = {posture_deg}
@@ -40,6 +50,17 @@ camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, 
 name = "T1"
 # In the base frame; default: where the base pose puts the tool point, which is
 # position_mm = {target_mm}
+# normal = [0.0, 0.0, 1.0]        # out of its face; default: towards the camera at the base pose
+{surroundings}
+[constraints]
+collisions = true                 # of arm, tool and obstacles
+ways = true                       # check the straight joint moves from pose to pose, too
+safety_distance_mm = {safety}     # kept between them
+# ignore = [["gun", "fixture"]]   # pairs that may touch
+# smallest_singular_value = 0.02  # of the tip's Jacobian, lengths divided by the arm's reach
+# largest_travel_deg = 180.0      # of any joint from one pose to the next
+# workspace_lowest_mm = [-1000.0, -2000.0, 0.0]      # a box that arm and tool stay in
+# workspace_highest_mm = [3000.0, 2000.0, 3000.0]
 
 [variations]
 # W, P and R are varied by -D, 0, +D: 27 poses. D starts here and is raised step by step.
@@ -50,8 +71,8 @@ raise = "together"                # or "best": only the angle that lowers the co
 
 [plan]
 condition_threshold = {threshold} # C_G = cond(G'G); the loop stops below it
-limit_margin_deg = 0.0            # kept from every joint limit
-repair = true                     # replace poses that cannot be reached
+limit_margin_deg = 1.0            # kept from every joint limit: no zero is exact before calibration
+repair = true                     # replace poses that cannot be taken
 repair_margin_deg = 2.0           # kept by the replacements
 repair_tilt_deg = 60.0            # largest tilt of a replacement against the base pose
 repair_base_joint_deg = 90.0      # how far joint 1 may turn in a replacement
@@ -87,6 +108,73 @@ settle_s = 1.0
 measure_call = "MEASURE"          # called at each pose with its number
 """
 
+_BODIES = """
+[[tool.body]]                     # what is solid, in the axes of the tip: boxes, cylinders, meshes
+name = "gun"
+size_mm = {gun_size}
+at_mm = {gun_at}                  # its centre
+
+[[tool.body]]
+name = "camera"
+size_mm = {camera_size}
+at_mm = {camera_at}
+"""
+
+_SURROUNDINGS = """radius_mm = {target_radius}
+
+[camera]                          # leave this out, and no pose is refused for what it sees
+image_px = [1280, 1024]
+focal_px = 1800.0
+border_px = 30.0                  # kept between target and edge of the image
+largest_tilt_deg = 70.0           # of the target's face against the line of sight
+nearest_mm = {nearest}
+farthest_mm = {farthest}
+# position_mm = {lens_mm}         # the lens, in the axes of the tip: as the stand-off has it
+# wpr_deg = [0.0, 0.0, 0.0]       # z looks along
+
+[[obstacle]]                      # what stands around, in the base frame
+name = "floor"
+kind = "half-space"               # everything below this point
+at_mm = {floor_at}
+
+[[obstacle]]
+name = "fixture"
+size_mm = {fixture_size}
+at_mm = {fixture_at}              # its centre; the target sits a little above its top
+"""
+
+_NO_BODIES = """
+# [[tool.body]]                   # what is solid, in the axes of the tip: boxes, cylinders, meshes
+# name = "gripper"
+# size_mm = [100.0, 100.0, 150.0]
+# at_mm = [0.0, 0.0, 75.0]        # its centre
+"""
+
+_NO_SURROUNDINGS = """
+# [camera]                        # without this no pose is refused for what the camera sees
+# image_px = [1280, 1024]
+# focal_px = 1800.0
+
+# [[obstacle]]                    # what stands around, in the base frame: box (size_mm), cylinder
+# name = "table"                  # (radius_mm, height_mm), sphere, mesh (mesh = "file.stl")
+# kind = "half-space"             # a half-space is everything below at_mm
+# at_mm = [0.0, 0.0, 0.0]
+"""
+
+
+@dataclass(frozen=True)
+class _Setup:
+    """What the arm carries and looks at, all scaled with the arm."""
+
+    tool_note: str
+    point_mm: Sequence[float]
+    mass_kg: float
+    com_mm: Sequence[float]
+    stand_off_mm: float
+    safety_mm: float
+    tool_bodies: str
+    surroundings: str
+
 
 def cell_template(robot: str | None = None) -> str:
     """Text of a ``cell.toml``, commented, for a preset or a URDF file.
@@ -121,17 +209,18 @@ def _for_preset(name: str) -> str:
     robot = Robot.preset(name)
     posture = info["base_posture_deg"]
     pendant = ""
-    if info["dialect"] == "fanuc-ls":
-        pendant = f"# A FANUC pendant shows J3 = {posture[2] - posture[1]:g} here: J3 less J2.\n"
+    if robot.controller is not None and robot.controller.maker == "fanuc":
+        shown = robot.controller.pendant(np.deg2rad(posture))[2]
+        pendant = f"# A FANUC pendant shows J3 = {shown:g} here: J3 less J2.\n"
+    known = bool(robot.link_mass.any() and np.isfinite(robot.stiffness).any())
     return _fill(
         robot,
         source=f'preset = "{name}"',
-        tool_note="As good as you know it; it is identified too.",
-        tool=([200.0, -50.0, 350.0], 106.0, [50.0, 0.0, 200.0], 350.0),
+        setup=_gun_and_camera(robot, np.deg2rad(posture), float(info["payload_kg"])),
         pendant=pendant,
         posture=posture,
         three_sigma=[0.02, 0.02, 0.12],
-        deflection=True,
+        deflection=known,
     )
 
 
@@ -139,11 +228,20 @@ def _for_urdf(path: Path) -> str:
     robot = Robot.from_urdf(path)
     tool = suggest_tool(robot)
     posture = np.rad2deg(suggest_base_posture(robot, tool))
+    setup = _Setup(
+        tool_note="A SUGGESTION only: put in your own, as good as you know it; it is identified.",
+        point_mm=(1e3 * tool).tolist(),
+        mass_kg=0.0,
+        com_mm=[0.0, 0.0, 0.0],
+        stand_off_mm=100.0,
+        safety_mm=10.0,
+        tool_bodies=_NO_BODIES,
+        surroundings=_NO_SURROUNDINGS,
+    )
     return _fill(
         robot,
         source=f"urdf = {_quoted(str(path.resolve()))}\n{_controller_line(robot)}",
-        tool_note="A SUGGESTION only: put in your own, as good as you know it; it is identified.",
-        tool=((1e3 * tool).tolist(), 0.0, [0.0, 0.0, 0.0], 100.0),
+        setup=setup,
         pendant="# Suggested: tool pointing down, room to turn it. Take your own taught posture.\n",
         posture=(np.round(posture, 6) + 0.0).tolist(),
         three_sigma=[0.1, 0.1, 0.1],
@@ -151,11 +249,54 @@ def _for_urdf(path: Path) -> str:
     )
 
 
+def _scale(robot: Robot) -> float:
+    """Size of an arm against that of the reference cell."""
+    return min(1.0, reach(robot) / REFERENCE_REACH_M)
+
+
+def _gun_and_camera(robot: Robot, posture: FloatArray, payload_kg: float) -> _Setup:
+    """The gun, the camera, the fixture and the floor of the reference cell, scaled to an arm."""
+    k = _scale(robot)
+
+    def scaled(*lengths_mm: float) -> list[float]:
+        return [_round(k * length, 1) for length in lengths_mm]
+
+    point = scaled(200.0, -50.0, 350.0)
+    x, y, z = (1e3 * robot.state(posture).point(np.array(point) / 1e3)).tolist()
+    floor = min(0.0, z - 250.0 * k)  # a small arm stands on a table
+    top = z - 20.0 * k
+    bodies = _BODIES.format(
+        gun_size=scaled(280.0, 220.0, 270.0),
+        gun_at=scaled(-10.0, 0.0, 145.0),
+        camera_size=scaled(80.0, 80.0, 120.0),
+        camera_at=scaled(200.0, -50.0, -60.0),
+    )
+    surroundings = _SURROUNDINGS.format(
+        target_radius=scaled(10.0)[0],
+        nearest=scaled(100.0)[0],
+        farthest=scaled(700.0)[0],
+        lens_mm=[point[0], point[1], 0.0],
+        floor_at=[0.0, 0.0, _round(floor, 1)],
+        fixture_size=[*scaled(120.0, 120.0), _round(top - floor, 1)],
+        fixture_at=[_round(v, 1) for v in (x, y, (top + floor) / 2.0)],
+    )
+    return _Setup(
+        tool_note="As good as you know it; it is identified too.",
+        point_mm=point,
+        mass_kg=_round(PAYLOAD_USED * payload_kg, 1),
+        com_mm=scaled(50.0, 0.0, 200.0),
+        stand_off_mm=point[2],
+        safety_mm=scaled(20.0)[0],
+        tool_bodies=bodies,
+        surroundings=surroundings,
+    )
+
+
 def _controller_line(robot: Robot) -> str:
     """The controller, of a URDF that says by its name that it is ROS-Industrial's of a FANUC."""
     if robot.name.lower().startswith("fanuc"):
-        return 'controller = "fanuc"              # with joints in ROS-Industrial signs'
-    return '# controller = "fanuc"            # only for a FANUC in ROS-Industrial signs'
+        return 'controller = "fanuc"              # what the pendant shows; programs are in its view'
+    return f'# controller = "fanuc"            # or {", ".join(m for m in POSITIVE_AXES if m != "fanuc")}'
 
 
 def _quoted(text: str) -> str:
@@ -163,12 +304,15 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)
 
 
+def _round(value: float, decimals: int) -> float:
+    return round(float(value), decimals) + 0.0
+
+
 def _fill(
     robot: Robot,
     *,
     source: str,
-    tool_note: str,
-    tool: tuple[Sequence[float], float, Sequence[float], float],
+    setup: _Setup,
     pendant: str,
     posture: Sequence[float],
     three_sigma: Sequence[float],
@@ -176,18 +320,21 @@ def _fill(
 ) -> str:
     from posedesign.cell import usual_offsets
 
-    point = robot.state(np.deg2rad(posture)).point(np.array(tool[0]) / 1e3)
+    point = robot.state(np.deg2rad(posture)).point(np.array(setup.point_mm) / 1e3)
     offsets = ", ".join(_quoted(joint) for joint in robot.joint_names[1:-1])
     return _TEMPLATE.format(
         robot=source,
-        tool_note=tool_note,
-        target_mm=[round(float(v), 3) + 0.0 for v in 1e3 * point],
+        tool_note=setup.tool_note,
+        target_mm=[_round(v, 3) for v in 1e3 * point],
         notices="".join(f"# {' '.join(said.split())}\n" for said in robot.notices),
         tip=_quoted(robot.tip_frame),
-        point_mm=list(tool[0]),
-        mass_kg=tool[1],
-        com_mm=list(tool[2]),
-        stand_off=tool[3],
+        point_mm=list(setup.point_mm),
+        mass_kg=setup.mass_kg,
+        com_mm=list(setup.com_mm),
+        stand_off=setup.stand_off_mm,
+        tool_bodies=setup.tool_bodies,
+        surroundings=setup.surroundings,
+        safety=setup.safety_mm,
         pendant=pendant,
         posture_deg=list(posture),
         threshold="1.0e5",

@@ -112,7 +112,7 @@ def plan_poses(cell: Cell, out: Path, progress: Progress | None = None) -> PoseP
     """Plan, and write ``poses.csv`` and ``rounds.csv`` into a folder."""
     result = plan(cell, progress)
     make_folder(out)
-    write_poses(out / "poses.csv", cell.robot, result.poses, cell.tool_m)
+    write_poses(out / "poses.csv", cell.robot, result.poses, result.route, cell.tool_m)
     rows = round_rows(result)
     write_table(out / "rounds.csv", list(rows[0]), rows)
     return result
@@ -145,6 +145,7 @@ def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) ->
     refuse_unfit(cell, poses)
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
+    poses = poses.measured
     touched = robot.touch_up(poses.postures, rng)
     A, B = robot.camera_poses(touched.postures, rng)
     make_folder(out)
@@ -248,19 +249,25 @@ def write_program(
         )
     program = PoseProgram(
         name,
-        tuple(ProgramPose(n, q) for n, q in zip(poses.names, poses.postures, strict=True)),
+        tuple(
+            ProgramPose(name, q, via=bool(via))
+            for name, q, via in zip(poses.names, poses.postures, poses.via, strict=True)
+        ),
         options,
     )
     make_folder(out)
     path = write(program, dialect, out / f"{name}{suffix}")
     recorded = read(path)
-    rounding = np.abs(recorded.postures_rad - poses.postures).max()
+    written = poses.postures[np.argsort(poses.via, kind="stable")]  # in a file, vias come last
+    rounding = np.abs(recorded.postures_rad - written).max()
     problems = tuple(f"line {p.line}: {p.message}" for p in validate(path))
-    return WrittenProgram(path, len(poses.names), problems, float(np.rad2deg(rounding)))
+    count = len(poses.measured.names)
+    return WrittenProgram(path, count, problems, float(np.rad2deg(rounding)))
 
 
-def program_options(cell: Cell | None, postures: FloatArray) -> ProgramOptions:
+def program_options(cell: Cell | None, poses: PoseList) -> ProgramOptions:
     """Options of a program as the cell wants them, with the fingerprint of the plan."""
+    postures = poses.measured.postures
     if cell is None:
         return ProgramOptions(fingerprint=fingerprint(postures))
     section = cell.config.program

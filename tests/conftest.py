@@ -18,20 +18,48 @@ settings.register_profile("repeatable", database=None, deadline=None, derandomiz
 settings.load_profile("repeatable")
 
 
+def paper_cell() -> dict[str, Any]:
+    """The cell that ``posedesign new`` prints, with joint limits as its only constraints.
+
+    As in the papers, and in the independent figures that tests hold the planner to.
+    """
+    raw = tomllib.loads(cell_template())
+    for name in ("camera", "obstacle"):
+        del raw[name]
+    del raw["tool"]["body"]
+    raw["constraints"] = {"collisions": False}
+    raw["plan"]["limit_margin_deg"] = 0.0
+    return raw
+
+
+def cell_of(raw: dict[str, Any], sections: dict[str, dict[str, Any]]) -> Cell:
+    """The cell with keys of its sections replaced; a section of None is left out."""
+    for name, keys in sections.items():
+        raw[name] = {**raw.get(name, {}), **keys} if isinstance(keys, dict) else keys
+        if keys is None:
+            del raw[name]
+    return Cell.from_config(parse_config(raw, Path("cell.toml")), Path("cell.toml"))
+
+
 @pytest.fixture(scope="session")
 def reference_cell() -> Cell:
-    """The reference cell, as ``posedesign new`` prints it."""
+    """The reference cell with joint limits as its only constraints."""
+    return cell_of(paper_cell(), {})
+
+
+@pytest.fixture(scope="session")
+def demo_cell() -> Cell:
+    """The reference cell as ``posedesign new`` prints it: gun, camera, fixture and floor."""
     return Cell.from_text(cell_template())
 
 
 @pytest.fixture(scope="session")
 def make_cell() -> Callable[..., Cell]:
     """The reference cell with keys of its sections replaced: ``make_cell(plan={...})``."""
+    return lambda **sections: cell_of(paper_cell(), sections)
 
-    def make(**sections: dict[str, Any]) -> Cell:
-        raw = tomllib.loads(cell_template())
-        for name, keys in sections.items():
-            raw[name] = {**raw.get(name, {}), **keys}
-        return Cell.from_config(parse_config(raw, Path("cell.toml")), Path("cell.toml"))
 
-    return make
+@pytest.fixture(scope="session")
+def make_demo_cell() -> Callable[..., Cell]:
+    """The same from the cell with gun, camera, fixture and floor."""
+    return lambda **sections: cell_of(tomllib.loads(cell_template()), sections)

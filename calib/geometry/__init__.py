@@ -12,4 +12,14 @@ from calib.geometry.shapes import (
     Sphere,
 )
 
-__all__ = ["Body", "Box", "Capsule", "Cylinder", "HalfSpace", "LinkShape", "Mesh", "Solid", "Sphere"]
+__all__ = [
+    "Body",
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "HalfSpace",
+    "LinkShape",
+    "Mesh",
+    "Solid",
+    "Sphere",
+]

@@ -1,26 +1,79 @@
 """Inverse kinematics: poses in, for each pose every posture that takes it.
 
-What solvers have in common: their interface, their answer, and the choice of full turns. Six-axis
-arms are solved in closed form (:mod:`calib.robots.closed_form`) where there is one, all other arms
-by damped iteration (:mod:`calib.robots.iterative`).
+What solvers have in common: their interface and their answer. Six-axis arms are solved in closed
+form (:mod:`calib.robots.closed_form`), seven-axis arms by closed forms along their redundant joint
+(:mod:`calib.robots.redundant`), and what has no closed form by damped iteration
+(:mod:`calib.robots.iterative`).
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from calib.robots.bounds import (
+    LIMIT_TOLERANCE,
+    Bounds,
+    first_per_group,
+    nearest_turns,
+    turned_inside,
+)
 from calib.robots.chain import SerialChain
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_log
+
+__all__ = [
+    "CLOSURE_TOLERANCE",
+    "LIMIT_TOLERANCE",
+    "NEAR_SINGULAR",
+    "Bounds",
+    "InverseKinematics",
+    "InverseSolutions",
+    "NoPosture",
+    "first_per_group",
+    "nearest_turns",
+    "pose_error",
+    "singular_postures",
+]
 
 CLOSURE_TOLERANCE = 1e-9
 """Largest distance [m] and angle [rad] between the pose asked for and the one a posture takes.
 Closed forms reach 1e-12; what is farther off is a least-squares compromise, not a solution."""
 
-LIMIT_TOLERANCE = 1e-9
-"""Excess over a joint limit [rad] that is rounding: a posture on its limit is inside."""
+NEAR_SINGULAR = 0.01
+"""Smallest singular value of the tip's Jacobian, its linear rows divided by the arm's reach, below
+which a posture counts as near a singularity. There some joint turns a hundred times as far as the
+tip does: at the 100 to 200 deg/s of an industrial joint the tip creeps at 1 to 2 deg/s, and an
+error of the pose of 0.01 deg is one of 1 deg in the joint. With the spherical wrist of an
+R-2000iC that is every posture with abs(q5) < 0.8 deg, and four of five at 2 deg."""
+
+_AT_ONCE = 20_000
+"""Jacobians decomposed at once: 10 MB."""
+
+
+@dataclass(frozen=True)
+class NoPosture:
+    """Why no posture inside the limits takes a pose.
+
+    Attributes
+    ----------
+    gap_m : float
+        Distance to the nearest point the arm reaches [m]: zero where it is the limits that are in
+        the way, NaN where it is not known.
+    joint : int or None
+        Joint (from zero) that the least offending posture brings farthest beyond its limits.
+    coupled : str or None
+        Name of the coupled limit, where it is one of these that is broken farthest.
+    excess_rad : float
+        How far beyond; NaN where no posture takes the pose at all.
+    """
+
+    gap_m: float
+    joint: int | None
+    coupled: str | None
+    excess_rad: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +87,18 @@ class InverseSolutions:
     pose : array (S,)
         Index of the pose that each posture takes.
     inside : array (S,) of bool
-        Whether the posture lies inside the limits it was solved for. Where a joint has no full
-        turn inside them, the turn that breaks them least is given.
+        Whether the posture lies inside the limits it was solved for, those that joints have
+        together included. Where a joint has no full turn inside them, the turn that breaks them
+        least is given.
     gap_m : array (N,)
         Distance from each pose to the nearest point the arm reaches: zero where there is a
         solution, NaN where it is not known.
     near : array (n,)
         Posture that full turns were chosen near to [rad].
+    bounds : Bounds
+        The limits it was solved for.
+    chain : SerialChain
+        The arm it was solved for.
     """
 
     postures: FloatArray
@@ -48,10 +106,18 @@ class InverseSolutions:
     inside: BoolArray
     gap_m: FloatArray
     near: FloatArray
+    bounds: Bounds
+    chain: SerialChain
+
+    @cached_property
+    def singular(self) -> BoolArray:
+        """Whether each posture is near a singularity, ``(S,)``: see :data:`NEAR_SINGULAR`."""
+        return singular_postures(self.chain, self.postures)
 
     def of(self, pose: int) -> FloatArray:
         """Postures ``(K, n)`` [rad] inside the limits that take one pose."""
-        return np.asarray(self.postures[(self.pose == pose) & self.inside])
+        first, last = np.searchsorted(self.pose, [pose, pose + 1])
+        return np.asarray(self.postures[first:last][self.inside[first:last]])
 
     def nearest(self) -> tuple[FloatArray, BoolArray]:
         """Of each pose the posture nearest to ``near``, inside the limits.
@@ -71,53 +137,69 @@ class InverseSolutions:
         postures[chosen] = self.postures[best[chosen]]
         return postures, chosen
 
+    def reason(self, pose: int) -> NoPosture | None:
+        """Why a pose has no posture inside the limits; None where it has one."""
+        first, last = np.searchsorted(self.pose, [pose, pose + 1])
+        if self.inside[first:last].any():
+            return None
+        if first == last:
+            return NoPosture(float(self.gap_m[pose]), None, None, np.nan)
+        excess = self.bounds.excess(self.postures[first:last])
+        best = excess[int(np.argmin(excess.max(axis=1)))]
+        worst, n = int(np.argmax(best)), self.postures.shape[1]
+        together = worst - n
+        return NoPosture(
+            gap_m=float(self.gap_m[pose]),
+            joint=worst if together < 0 else None,
+            coupled=None if together < 0 else self.bounds.coupled[together].name,
+            excess_rad=float(best[worst]),
+        )
+
 
 class InverseKinematics(ABC):
     """One way to solve for postures."""
 
+    def __init__(self, chain: SerialChain) -> None:
+        self._chain = chain
+
     @abstractmethod
     def solve(
-        self, T_base_tip: FloatArray, lower: FloatArray, upper: FloatArray, near: FloatArray
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
     ) -> InverseSolutions:
-        """Postures for poses ``(N, 4, 4)``; full turns chosen inside limits ``(n,)`` near one."""
+        """Postures inside bounds for poses ``(N, 4, 4)``.
+
+        Full turns are chosen nearest to a posture ``near`` ``(n,)`` [rad], or all are given.
+        """
+
+    def _answer(
+        self,
+        postures: FloatArray,
+        pose: IntArray,
+        gap_m: FloatArray,
+        bounds: Bounds,
+        near: FloatArray,
+        every_turn: bool,
+    ) -> InverseSolutions:
+        """What :meth:`solve` returns, of postures in any turn."""
+        postures, pose, inside = turned_inside(postures, pose, bounds, near, every_turn)
+        return InverseSolutions(postures, pose, inside, gap_m, near, bounds, self._chain)
 
 
-def nearest_turns(
-    postures: FloatArray, lower: FloatArray, upper: FloatArray, near: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """Shift each joint by full turns into its limits, as near to a reference as they allow.
+def singular_postures(chain: SerialChain, postures: FloatArray) -> BoolArray:
+    """Whether postures ``(S, n)`` [rad] are near a singularity: see :data:`NEAR_SINGULAR`.
 
-    Parameters
-    ----------
-    postures : array (S, n)
-        [rad]
-    lower, upper, near : array (n,)
-        Limits and reference posture [rad].
-
-    Returns
-    -------
-    postures : array (S, n)
-        The same arm positions. Where no turn of a joint fits, the one that breaks its limit least.
-    inside : array (S,) of bool
+    An arm of fewer than six joints is judged by what its joints can do.
     """
-    turn = 2.0 * np.pi
-    lowest = np.ceil((lower - LIMIT_TOLERANCE - postures) / turn)
-    highest = np.floor((upper + LIMIT_TOLERANCE - postures) / turn)
-    fits = lowest <= highest
-    wanted = np.clip(np.round((near - postures) / turn), lowest, highest)
-    # where none fits, lowest lands above the range and highest below it
-    over, under = postures + turn * lowest - upper, lower - postures - turn * highest
-    picked = postures + turn * np.where(fits, wanted, np.where(over < under, lowest, highest))
-    return picked, np.asarray(fits.all(axis=-1))
-
-
-def first_per_group(group: IntArray, cost: FloatArray, count: int) -> IntArray:
-    """Index of the cheapest entry of each of ``count`` groups; -1 for an empty group."""
-    order = np.lexsort((cost, group))
-    first = np.full(count, -1, dtype=np.intp)
-    groups, where = np.unique(group[order], return_index=True)
-    first[groups] = order[where]
-    return first
+    steps = [chain.placements[1:, :3, 3], chain.T_link_tip[None, :3, 3]]
+    reach = float(np.linalg.norm(np.concatenate(steps), axis=1).sum())
+    scale = np.repeat([1.0 / reach if reach > 0 else 1.0, 1.0], 3)[:, None]
+    smallest = np.empty(len(postures))
+    for start in range(0, len(postures), _AT_ONCE):
+        part = slice(start, start + _AT_ONCE)
+        state = chain.forward(postures[part])
+        J = scale * state.jacobian(state.p_base_tip)
+        smallest[part] = np.linalg.svd(J, compute_uv=False)[:, -1]
+    return np.asarray(smallest < NEAR_SINGULAR)
 
 
 def pose_error(chain: SerialChain, postures: FloatArray, T_wanted: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.robots.bounds import Bounds
 from calib.robots.chain import SerialChain
 from calib.robots.inverse import (
     CLOSURE_TOLERANCE,
@@ -30,14 +31,12 @@ class DampedIteration(InverseKinematics):
     and the reference posture gives one near itself.
     """
 
-    def __init__(self, chain: SerialChain) -> None:
-        self._chain = chain
-
     def solve(
-        self, T_base_tip: FloatArray, lower: FloatArray, upper: FloatArray, near: FloatArray
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
     ) -> InverseSolutions:
         """See :meth:`InverseKinematics.solve`."""
         rng = np.random.default_rng(0)  # the same pose must give the same postures at every call
+        lower, upper = bounds.lower, bounds.upper
         q = self._from_starts(T_base_tip, near, lower, upper, _STARTS, rng)
         missed = ~self._closed(q, T_base_tip).any(axis=1)
         if missed.any():  # unreachable, or unlucky: once more from elsewhere
@@ -46,13 +45,8 @@ class DampedIteration(InverseKinematics):
         closed = self._closed(q, T_base_tip)
         distinct = closed & ~_repeats(q, closed)
         distance = np.linalg.norm(pose_error(self._chain, q, T_base_tip[:, None])[..., :3], axis=-1)
-        return InverseSolutions(
-            postures=q[distinct],
-            pose=np.nonzero(distinct)[0],
-            inside=np.ones(int(distinct.sum()), dtype=bool),
-            gap_m=np.where(closed.any(axis=1), 0.0, distance.min(axis=1)),
-            near=near,
-        )
+        gap_m = np.where(closed.any(axis=1), 0.0, distance.min(axis=1))
+        return self._answer(q[distinct], np.nonzero(distinct)[0], gap_m, bounds, near, every_turn)
 
     def _from_starts(
         self,

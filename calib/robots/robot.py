@@ -6,10 +6,11 @@ and checked there, and handed on as plain arrays.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
@@ -17,13 +18,13 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError, JointLimitError, RobotModelError, near_names
 from calib.geometry.shapes import Body, LinkShape
+from calib.robots.bounds import LIMIT_TOLERANCE, Bounds
 from calib.robots.chain import ChainState, SerialChain
-from calib.robots.closed_form import ClosedForm
 from calib.robots.controller import Controller, controller_of
-from calib.robots.inverse import LIMIT_TOLERANCE, InverseKinematics, InverseSolutions
-from calib.robots.iterative import DampedIteration
+from calib.robots.inverse import InverseKinematics, InverseSolutions
 from calib.robots.limits import CoupledLimit
 from calib.robots.presets import load_preset
+from calib.robots.solvers import solver_for
 from calib.robots.urdf import load_urdf
 from calib.se3 import FloatArray, check_transforms, transform
 
@@ -33,6 +34,9 @@ STANDARD_GRAVITY = 9.80665
 USUAL_TIPS = ("tool0", "flange")
 """Names that ROS-Industrial and the makers give to the mounting face, the better one first."""
 
+
+MOST_JOINTS = 100
+"""Snakes have some thirty; Pinocchio's memory grows with the third power (2 GB at 300)."""
 
 _WORLD = "base"
 """Name that ROS-Industrial gives to the controller's world."""
@@ -93,26 +97,49 @@ class Robot:
     model: pin.Model = field(default=None, repr=False, compare=False)
 
     @classmethod
-    def from_urdf(cls, path: Path | str, tip: str | None = None, base: str | None = None) -> Robot:
-        """Read a robot from a URDF file.
+    def from_urdf(
+        cls,
+        path: Path | str,
+        tip: str | None = None,
+        base: str | None = None,
+        *,
+        lock: Iterable[str] = (),
+    ) -> Robot:
+        """Read a robot from a URDF file, or from a xacro file.
+
+        Joints that do not lie between base and tip are held at zero, which a notice says.
+        Collision geometry is read, with the meshes that lie in the packages of the file
+        (:mod:`calib.descriptions.packages`); visual geometry is not.
 
         Parameters
         ----------
         path : path
-            The file. Meshes are not looked for.
+            The file; a xacro needs the package xacro (``posedesign[xacro]``).
         tip : str, optional
             Link that carries the tool: ``tool0``, ``flange``, else the link behind most joints.
         base : str, optional
             Link that positions are given in; the root of the tree by default.
+        lock : names, optional
+            Further joints to hold at zero: a rail or a lift between base and tip.
 
         Raises
         ------
         RobotModelError
-            The file cannot be used (see :func:`calib.robots.urdf.load_urdf`), a frame does not
-            exist, or what lies between base and tip is not a row of revolute joints.
+            The file cannot be used (see :func:`calib.robots.urdf.load_urdf`), a frame or a joint
+            to lock does not exist, or what moves between base and tip is not a row of revolute
+            joints with limits.
         """
-        model, notices, mimics = load_urdf(Path(path))
-        return cls.from_model(model, tip=tip, base=base, notices=notices, mimics=mimics)
+        urdf = load_urdf(Path(path))
+        return cls.from_model(
+            urdf.model,
+            tip=tip,
+            base=base,
+            lock=lock,
+            notices=urdf.notices,
+            joint_notices=urdf.joint_notices,
+            flaws=urdf.flaws,
+            shapes=urdf.shapes,
+        )
 
     @classmethod
     def preset(cls, name: str, tip: str | None = None, base: str | None = None) -> Robot:
@@ -141,29 +168,35 @@ class Robot:
         *,
         tip: str | None = None,
         base: str | None = None,
-        notices: list[str] | None = None,
-        mimics: frozenset[str] = frozenset(),
+        lock: Iterable[str] = (),
+        notices: Sequence[str] = (),
+        joint_notices: Mapping[str, str] = MappingProxyType({}),
+        flaws: Mapping[str, RobotModelError] = MappingProxyType({}),
         stiffness: dict[str, float] | None = None,
         shapes: Sequence[LinkShape] = (),
         coupled_limits: Sequence[CoupledLimit] = (),
     ) -> Robot:
         """Take the chain between two frames out of a Pinocchio model; other joints are locked."""
-        said = list(notices or [])
+        said = list(notices)
+        asked = _joints_to_lock(model, lock)
         base_id = _frame_id(model, base) if base else 1
         tip_id = _frame_id(model, tip) if tip else _usual_tip(model, said)
-        joints = _joints_between(model, base_id, tip_id)
-        _check_joints(model, joints, mimics)
+        joints = _joints_between(model, base_id, tip_id, asked)
+        _check_joints(model, joints, flaws)
+        said[:0] = [joint_notices[n] for n in _names(model, joints) if n in joint_notices]
         locked = [i for i in range(1, model.njoints) if i not in joints]
+        for why, which in (
+            ("not between base and tip", [i for i in locked if i not in asked]),
+            ("as asked", asked),
+        ):
+            if which:
+                said.append(f"locked at zero, {why}: {', '.join(_names(model, which))}")
         if locked:
-            said.append(
-                "locked at zero, not between base and tip: "
-                + ", ".join(model.names[i] for i in locked)
-            )
             frames = model.frames[base_id].name, model.frames[tip_id].name
             model = pin.buildReducedModel(model, locked, pin.neutral(model))
             base_id, tip_id = (_frame_id(model, name) for name in frames)
             joints = _joints_between(model, base_id, tip_id)
-        names = tuple(model.names[i] for i in joints)
+        names = tuple(_names(model, joints))
         columns = [model.joints[i].idx_v for i in joints]
         speed = np.array(model.velocityLimit)[columns]
         if not (speed > 0).all():
@@ -244,13 +277,19 @@ class Robot:
         return state.jacobian(state.p_base_tip)
 
     def inverse(
-        self, T_base_tip: ArrayLike, near: ArrayLike | None = None, margin: float = 0.0
+        self,
+        T_base_tip: ArrayLike,
+        near: ArrayLike | None = None,
+        margin: float = 0.0,
+        every_turn: bool = False,
     ) -> InverseSolutions:
         """Postures that bring the tip to poses ``(N, 4, 4)``: every branch of the arm.
 
         Each branch is given once, each joint in that full turn which lies inside the limits and
-        nearest to ``near``. A redundant arm has infinitely many postures for a pose: those that
-        iteration falls to are given, from ``near`` and from a dozen other starts.
+        nearest to ``near``. An arm of seven joints has infinitely many postures for a pose: every
+        branch is given at steps of its redundant joint, and the postures nearest to ``near``.
+        Where there is no closed form, what iteration falls to is given, from ``near`` and from a
+        dozen other starts.
 
         Parameters
         ----------
@@ -258,7 +297,10 @@ class Robot:
         near : array_like (n,), optional
             Posture to stay near [rad]; the middle of the limits by default.
         margin : float
-            Distance to keep from every limit [rad].
+            Distance to keep from every limit [rad], the coupled ones included.
+        every_turn : bool
+            Give each branch in every combination of full turns inside the limits, not only in the
+            nearest.
 
         Raises
         ------
@@ -272,11 +314,12 @@ class Robot:
             raise InputError(
                 f"near has shape {reference.shape}, not ({self.n},): it is one posture", name="near"
             )
-        return self._inverse.solve(poses, self.lower + margin, self.upper - margin, reference)
+        bounds = Bounds.within(self.lower, self.upper, self.coupled_limits, margin)
+        return self._inverse.solve(poses, bounds, reference, every_turn)
 
     @cached_property
     def _inverse(self) -> InverseKinematics:
-        return ClosedForm.of(self.chain) or DampedIteration(self.chain)
+        return solver_for(self.chain)
 
     def check_posture(self, q: ArrayLike) -> FloatArray:
         """Return q as a float array after checking that it has n finite values a posture."""
@@ -342,7 +385,29 @@ def _gravity(model: pin.Model, base_id: int) -> FloatArray:
     return np.asarray(data.oMf[base_id].rotation.T @ down)
 
 
-def _joints_between(model: pin.Model, base_id: int, tip_id: int) -> list[int]:
+def _names(model: pin.Model, joints: Sequence[int]) -> list[str]:
+    return [model.names[i] for i in joints]
+
+
+def _joints_to_lock(model: pin.Model, lock: Iterable[str]) -> list[int]:
+    """Indices of the moving joints among the names; a fixed joint is locked already."""
+    moving = list(model.names)[1:]
+    found = []
+    for name in [lock] if isinstance(lock, str) else lock:
+        if name in moving:
+            found.append(int(model.getJointId(name)))
+        elif not model.existFrame(name, pin.FrameType.FIXED_JOINT):
+            raise RobotModelError(
+                f"{model.name}: there is no joint {name!r} to lock",
+                hint=near_names(name, moving),
+                name=name,
+            )
+    return sorted(set(found))
+
+
+def _joints_between(
+    model: pin.Model, base_id: int, tip_id: int, locked: Sequence[int] = ()
+) -> list[int]:
     base, tip = model.frames[base_id], model.frames[tip_id]
     path = list(model.supports[tip.parentJoint])
     if base.parentJoint not in path:
@@ -351,7 +416,7 @@ def _joints_between(model: pin.Model, base_id: int, tip_id: int) -> list[int]:
             hint="give a base between the root and the tip",
             name=base.name,
         )
-    joints = path[path.index(base.parentJoint) + 1 :]
+    joints = [i for i in path[path.index(base.parentJoint) + 1 :] if i not in locked]
     if not joints:
         raise RobotModelError(
             f"{model.name}: there is no moving joint between {base.name} and {tip.name}",
@@ -361,26 +426,33 @@ def _joints_between(model: pin.Model, base_id: int, tip_id: int) -> list[int]:
     return joints
 
 
-def _check_joints(model: pin.Model, joints: list[int], mimics: frozenset[str]) -> None:
+def _check_joints(
+    model: pin.Model, joints: list[int], flaws: Mapping[str, RobotModelError]
+) -> None:
+    if len(joints) > MOST_JOINTS:
+        raise RobotModelError(
+            f"{model.name}: has {len(joints)} joints between base and tip, more than {MOST_JOINTS}",
+            hint="name another base or tip, or hold joints at zero with lock",
+            name=model.name,
+            value=len(joints),
+            bound=MOST_JOINTS,
+        )
     for i in joints:
         name = model.names[i]
-        if name in mimics:
-            raise RobotModelError(
-                f"{model.name}: joint {name} follows another joint (mimic)",
-                hint="only independent joints can be calibrated",
-                name=name,
-            )
-        column = model.joints[i].idx_v
-        if not model.lowerPositionLimit[column] < model.upperPositionLimit[column]:
-            raise RobotModelError(
-                f"{model.name}: joint {name} has no range: its limits are the same",
-                hint="correct the limits, or make the joint fixed",
-                name=name,
-            )
         if not model.joints[i].shortname().startswith("JointModelR"):
             raise RobotModelError(
                 f"{model.name}: joint {name} is not revolute",
-                hint="name a base and a tip with only revolute joints between them",
+                hint="name a base and a tip with only revolute joints between them, or hold the "
+                "joint at zero with lock",
+                name=name,
+            )
+        if name in flaws:
+            raise flaws[name]
+        place = model.joints[i].idx_q  # a floating joint before it has seven values for six speeds
+        if not model.lowerPositionLimit[place] < model.upperPositionLimit[place]:
+            raise RobotModelError(
+                f"{model.name}: joint {name} has no range: its limits are the same",
+                hint="correct the limits, make the joint fixed, or hold it at zero with lock",
                 name=name,
             )
 

@@ -10,6 +10,7 @@ import typer
 from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table
 
 if TYPE_CHECKING:
+    from posedesign.pose_check import PoseVerdict
     from posedesign.pose_plan import PosePlan
 
 NOTEWORTHY_M = 0.05
@@ -28,6 +29,7 @@ def register(app: typer.Typer) -> None:
     app.command()(robots)
     app.command()(new)
     app.command()(plan)
+    app.command()(check)
     app.command()(score)
     app.command()(program)
 
@@ -39,7 +41,7 @@ def robots(as_json: AsJson = False) -> int:
     rows: list[dict[str, object]] = []
     for name in preset_names():
         info = preset_info(name)
-        keys = ("title", "dialect", "payload_kg", "confidence", "source")
+        keys = ("title", "controller", "payload_kg", "confidence", "source")
         rows.append({"preset": name, **{key: info[key] for key in keys}})
     if as_json:
         print_json(rows)
@@ -129,6 +131,60 @@ def _without_tool(row: dict[str, object]) -> dict[str, object]:
     return {key: value for key, value in row.items() if not key.startswith("sigma_tool")}
 
 
+def check(
+    cell: CellFile,
+    poses: Annotated[Path, typer.Argument(help="A list of poses with columns j1_deg, j2_deg, ...")],
+    as_json: AsJson = False,
+    trust_units: TrustUnits = False,
+) -> int:
+    """Say whether the robot can really take the poses of a list, and go from one to the next.
+
+    Limits, singularities, collisions, the view of the target, and the straight ways in between.
+    """
+    from posedesign.cell import Cell
+    from posedesign.checks import ON_TARGET_M, off_target
+    from posedesign.pose_check import check_poses
+    from posedesign.tables import read_poses
+
+    loaded = Cell.load(cell)
+    listed = read_poses(poses, loaded.robot.n, trust_units=trust_units)
+    verdicts = check_poses(loaded, listed)
+    measured = listed.measured
+    off = off_target(loaded, measured.names, measured.postures, ON_TARGET_M)
+    good = all(verdict.ok for verdict in verdicts) and not off
+    for said in loaded.notices:
+        note(f"note: {said}")
+    if as_json:
+        print_json(
+            {
+                "feasible": good,
+                "poses": [verdict.__dict__ for verdict in verdicts],
+                "off_target": off,
+                "not_checked": loaded.notices,
+            }
+        )
+        return DONE if good else NOT_REACHED
+    print_table("Poses", [_verdict_row(verdict) for verdict in verdicts])
+    for line in off:
+        note(f"warning: {line}")
+    bad = sum(not verdict.feasible for verdict in verdicts)
+    blocked = sum(not verdict.way_clear for verdict in verdicts)
+    print(f"{len(verdicts)} poses: {bad} cannot be taken, {blocked} ways between them not clear")
+    return DONE if good else NOT_REACHED
+
+
+def _verdict_row(verdict: PoseVerdict) -> dict[str, object]:
+    return {
+        "pose": verdict.name + " (via)" * verdict.via,
+        "verdict": "ok" if verdict.ok else ("NO" if not verdict.feasible else "NO WAY"),
+        "tightest": verdict.tightest,
+        "room": None if verdict.room is None else round(verdict.room, 3),
+        "unit": verdict.unit,
+        "in words": verdict.says + (f"; on the way to it: {verdict.way}" if verdict.way else ""),
+        "travel [deg]": round(verdict.travel_deg, 1),
+    }
+
+
 def score(
     cell: CellFile,
     poses: Annotated[Path, typer.Argument(help="A list of poses with columns j1_deg, j2_deg, ...")],
@@ -145,7 +201,8 @@ def score(
     from posedesign.tables import read_poses
 
     loaded = Cell.load(cell)
-    scored = score_poses(loaded, read_poses(poses, loaded.robot.n, trust_units=trust_units))
+    listed = read_poses(poses, loaded.robot.n, trust_units=trust_units)
+    scored = score_poses(loaded, listed.measured)
     threshold = loaded.config.plan.condition_threshold
     below = scored.indices.c_g < threshold
     good = below and not (scored.problem or scored.outside or scored.off_target)
@@ -200,16 +257,21 @@ def program(
     """Write the robot program that visits the poses."""
     from posedesign.cell import Cell
     from posedesign.checks import refuse_dialect, refuse_unfit
+    from posedesign.pose_check import check_poses
     from posedesign.tables import read_poses
     from posedesign.workflow import program_options, write_program
 
     loaded = Cell.load(cell) if cell is not None else None
+    broken: list[PoseVerdict] = []
     listed = read_poses(poses, loaded.robot.n if loaded else None, trust_units=trust_units)
     if loaded:
         refuse_dialect(loaded, dialect)
         refuse_unfit(loaded, listed)
+        broken = [v for v in check_poses(loaded, listed) if not v.ok]
+        for verdict in broken:
+            note(f"warning: pose {verdict.name}: {verdict.way if verdict.feasible else verdict.says}")
     title = name or (loaded.config.program.name if loaded else "CALIB01")
-    written = write_program(listed, out, dialect, program_options(loaded, listed.postures), title)
+    written = write_program(listed, out, dialect, program_options(loaded, listed), title)
     if as_json:
         print_json(
             {
@@ -227,5 +289,5 @@ def program(
             f"{written.largest_rounding_deg:.4f} deg"
         )
         if not loaded:
-            note("note: limits, target and controller were not checked; pass --cell to check them")
-    return NOT_REACHED if written.problems else DONE
+            note("note: nothing was checked against a cell; pass --cell to check limits, target, ...")
+    return NOT_REACHED if written.problems or broken else DONE

@@ -1,13 +1,7 @@
-"""Joint values as a controller's pendant shows them, from those of the URDF and back.
+"""Joint values as a FANUC pendant shows them, for postures in the signs of ROS-Industrial's URDFs.
 
-FANUC's J3 is the angle of the forearm to the horizontal, the URDF's joint_3 the one to the upper
-arm; with joint_2 about +y and joint_3 about -y
-
-    J3 = q3 - q2        q3 = J3 + J2
-
-and the other joints agree. Source: ros-industrial/fanuc, fanuc_driver/src/fanuc_utils.cpp, where
-``J23_factor`` is 1 for all arms but the M-430iA. A zero offset of J2 therefore moves q2 *and* q3
-when the pendant's J3 is kept.
+A program or a pose list knows no robot. What holds for any description is
+:class:`calib.robots.Controller`.
 """
 
 from __future__ import annotations
@@ -16,11 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib.errors import InputError
+from calib.robots import Controller
 
 FloatArray = NDArray[np.float64]
 
 FANUC_JOINTS = 6
 """Joints of the arms whose coupling of J2 and J3 is known."""
+
+_MATRIX = np.eye(FANUC_JOINTS)
+_MATRIX[2, 1] = -1.0  # J3 is the angle to the horizontal: q3 - q2
+
+ROS_INDUSTRIAL_FANUC = Controller("fanuc", _MATRIX, np.eye(4))
 
 
 def pendant_from_urdf(posture_rad: ArrayLike) -> FloatArray:
@@ -31,9 +31,7 @@ def pendant_from_urdf(posture_rad: ArrayLike) -> FloatArray:
     InputError
         The arm has another number of joints than 6.
     """
-    pendant = np.degrees(_check_joints(posture_rad))
-    pendant[..., 2] -= pendant[..., 1]
-    return pendant
+    return ROS_INDUSTRIAL_FANUC.pendant(_check_joints(posture_rad))
 
 
 def urdf_from_pendant(pendant_deg: ArrayLike) -> FloatArray:
@@ -44,14 +42,12 @@ def urdf_from_pendant(pendant_deg: ArrayLike) -> FloatArray:
     InputError
         The arm has another number of joints than 6.
     """
-    posture = _check_joints(pendant_deg)
-    posture[..., 2] += posture[..., 1]
-    return np.radians(posture)
+    return ROS_INDUSTRIAL_FANUC.posture(_check_joints(pendant_deg))
 
 
 def _check_joints(values: ArrayLike) -> FloatArray:
-    """Copy the values, after checking that they belong to an arm of six joints."""
-    array = np.array(values, dtype=float)
+    """The values as an array, after checking that they belong to an arm of six joints."""
+    array = np.asarray(values, dtype=float)
     n = array.shape[-1] if array.ndim else 0
     if n != FANUC_JOINTS:
         raise InputError(

@@ -17,11 +17,14 @@ class Dialect(ABC):
     ----------
     name : str
         What a user calls it, e.g. ``fanuc-ls``.
+    maker : str
+        Whose controllers read it, a key of ``calib.robots.POSITIVE_AXES``.
     suffixes : tuple of str
         Endings of its files in lower case, the usual one first, e.g. ``.ls``.
     """
 
     name: ClassVar[str]
+    maker: ClassVar[str]
     suffixes: ClassVar[tuple[str, ...]]
 
     @abstractmethod

@@ -18,6 +18,7 @@ class FanucLs(Dialect):
     """FANUC teach pendant programs in ASCII."""
 
     name: ClassVar[str] = "fanuc-ls"
+    maker: ClassVar[str] = "fanuc"
     suffixes: ClassVar[tuple[str, ...]] = (".ls",)
 
     def write(self, program: PoseProgram, path: Path) -> None:

@@ -85,7 +85,7 @@ def render_fanuc_ls(program: PoseProgram) -> str:
     lines = [f"/PROG  {program.name}", *_attributes(options, len(instructions)), "/MN"]
     lines += [f"{number:4d}:{text} ;" for number, text in enumerate(instructions, start=1)]
     lines.append("/POS")
-    for number, pose in enumerate(program.poses, start=1):
+    for number, pose in sorted(zip(program.numbers, program.poses, strict=True), key=_number):
         lines += _position(number, pose, options)
     lines.append("/END")
     return "\n".join(lines) + "\n"
@@ -147,12 +147,14 @@ def _instructions(program: PoseProgram) -> list[str]:
     options = program.options
     lines = [f"  !PLAN {options.fingerprint}"] if options.fingerprint else []
     lines += [f"  UFRAME_NUM={options.user_frame}", f"  UTOOL_NUM={options.tool_frame}"]
-    for number, pose in enumerate(program.poses, start=1):
+    for number, pose in zip(program.numbers, program.poses, strict=True):
         if pose.comment:
             _check_text(f"comment of pose {pose.name!r}", pose.comment, REMARK_LENGTH)
             lines.append(f"  !{pose.comment.strip()}")
         # The three further spaces before the semicolon are those of controller exports.
         lines.append(f"J P[{number}] {options.speed_percent}% FINE   ")
+        if pose.via:
+            continue
         if options.settle_s > 0:
             # At least one hundredth: a wait that is asked for must not round to none.
             wait = f"{max(options.settle_s, 0.01):.2f}".removeprefix("0")
@@ -160,6 +162,10 @@ def _instructions(program: PoseProgram) -> list[str]:
         if options.measure_call is not None:
             lines.append(f"  CALL {options.measure_call}({number})")
     return lines
+
+
+def _number(entry: tuple[int, ProgramPose]) -> int:
+    return entry[0]
 
 
 def _attributes(options: ProgramOptions, line_count: int) -> list[str]:

@@ -35,6 +35,8 @@ class ProgramPose:
         Joint values [rad], in the signs of the URDF.
     comment : str
         A remark for the operator, shown before the move.
+    via : bool
+        The arm only passes through, and does not measure.
 
     Raises
     ------
@@ -45,6 +47,7 @@ class ProgramPose:
     name: str
     posture_rad: FloatArray
     comment: str = ""
+    via: bool = False
 
     def __post_init__(self) -> None:
         posture = np.array(self.posture_rad, dtype=float)
@@ -171,13 +174,26 @@ class PoseProgram:
     def of_plan(
         cls, plan: PosePlan, name: str, options: ProgramOptions | None = None
     ) -> PoseProgram:
-        """The program of a plan: its poses that are measured, with the plan's fingerprint."""
-        poses = zip(plan.poses.kept_names, plan.poses.kept, strict=True)
-        return cls(
-            name,
-            tuple(ProgramPose(title, posture) for title, posture in poses),
-            options or ProgramOptions(fingerprint=plan.fingerprint),
+        """The program of a plan: its route, with the plan's fingerprint."""
+        names = plan.poses.kept_names
+        poses = tuple(
+            ProgramPose("", stop.posture, via=True)
+            if stop.pose is None
+            else ProgramPose(names[stop.pose], stop.posture)
+            for stop in plan.route.stops
         )
+        return cls(name, poses, options or ProgramOptions(fingerprint=plan.fingerprint))
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Number of each pose: those that are measured from 1 on, then those passed through."""
+        measured = sum(not pose.via for pose in self.poses)
+        counts = {False: 0, True: measured}
+        numbers = []
+        for pose in self.poses:
+            counts[pose.via] += 1
+            numbers.append(counts[pose.via])
+        return tuple(numbers)
 
     @property
     def postures_rad(self) -> FloatArray:

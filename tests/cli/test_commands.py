@@ -72,7 +72,7 @@ def test_robots(cli: Cli) -> None:
     assert (table.code, said.code) == (0, 0)
     rows = json.loads(said.out)
     assert [row["preset"] for row in rows] == list(preset_names())
-    assert_table_shows(table.out, rows, ("preset", "dialect", "payload_kg"))
+    assert_table_shows(table.out, rows, ("preset", "controller", "payload_kg"))
 
 
 @pytest.mark.parametrize("preset", [None, *preset_names()])
@@ -270,10 +270,11 @@ def test_score_does_not_praise_poses_outside_the_limits(
     poses = change_csv("poses.csv", 2, "j2_deg", "76.5")
     said = cli("score", work / "cell.toml", poses)
     assert said.code == 1
-    assert said.err.startswith("warning: P02: joint_2 76.5 deg is above 76.0 deg\n")
+    second = rows_of(work / "poses.csv")[1]["name"]
+    assert said.err.startswith(f"warning: {second}: joint_2 76.5 deg is above 76.0 deg\n")
     score = json.loads(cli("score", work / "cell.toml", poses, "--json").out)
     assert score["reached"] is False
-    assert score["outside_limits"] == ["P02: joint_2 76.5 deg is above 76.0 deg"]
+    assert score["outside_limits"] == [f"{second}: joint_2 76.5 deg is above 76.0 deg"]
 
 
 def test_simulate_depends_on_the_seed_alone(cli: Cli, work: Path) -> None:
@@ -284,7 +285,9 @@ def test_simulate_depends_on_the_seed_alone(cli: Cli, work: Path) -> None:
     assert (work / "other" / "touchups.csv").read_bytes() != first
     rows = rows_of(work / "touchups.csv")
     assert {row["target"] for row in rows} == {"T1"}
-    assert [row["pose"] for row in rows] == [f"P{i:02d}" for i in range(1, 28)]
+    planned = [row["name"] for row in rows_of(work / "poses.csv")]
+    assert [row["pose"] for row in rows] == planned
+    assert sorted(planned) == [f"P{i:02d}" for i in range(1, 28)]
     assert len(rows_of(work / "pairs.csv")) == 27
 
 
@@ -360,7 +363,7 @@ def test_program(cli: Cli, work: Path) -> None:
     said = cli("program", work / "poses.csv", "--out", work)
     assert (said.code, said.err) == (
         0,
-        "note: limits, target and controller were not checked; pass --cell to check them\n",
+        "note: nothing was checked against a cell; pass --cell to check limits, target, ...\n",
     )
     checked = cli("program", work / "poses.csv", "--cell", work / "cell.toml", "--out", work)
     assert (checked.code, checked.err) == (0, "")

@@ -14,9 +14,9 @@ from calib.identification import check_identifiable, covariance_of
 from calib.measurement import TouchUp, ViewLine
 from posedesign.cell import Cell
 from posedesign.indices import condition_2, condition_inf
-from posedesign.planner import grid_poses, plan, repair
+from posedesign.planner import grid_poses, plan
 from posedesign.pose_plan import PoseStatus, StopReason
-from posedesign.repair import repair_pool
+from posedesign.repair import RepairPool, repair
 
 # D [deg], C_G, cond_2 of G with unit columns, sigma(dtheta2) [deg]: weighted, unweighted
 TABLE = [
@@ -163,7 +163,7 @@ def test_repair_lowers_the_condition(make_cell, d: int, count: int, c_g: float) 
     reachable = condition_inf(model.jacobian(poses.kept))
     assert len(poses.kept) == count
     assert reachable == pytest.approx(c_g, rel=ONE_PERCENT)
-    repaired = repair(cell, poses, repair_pool(cell))
+    repaired = repair(cell, poses, RepairPool(cell))
     assert len(repaired.kept) == 27
     assert repaired.count(PoseStatus.REPAIRED) == 27 - count
     if count < 27:
@@ -172,7 +172,7 @@ def test_repair_lowers_the_condition(make_cell, d: int, count: int, c_g: float) 
 
 def test_repaired_poses_keep_what_they_promise(make_cell) -> None:
     cell = make_cell(base_pose=REPAIR_CASE)
-    poses = repair(cell, grid_poses(cell, np.full(3, 50.0)), repair_pool(cell))
+    poses = repair(cell, grid_poses(cell, np.full(3, 50.0)), RepairPool(cell))
     point = cell.robot.state(poses.kept).point(cell.tool_m)
     assert np.abs(point - cell.target_m).max() < 1e-9  # 1e-6 mm
     margin = np.deg2rad(cell.config.plan.repair_margin_deg)

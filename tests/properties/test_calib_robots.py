@@ -2,41 +2,126 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from calib import CalibrationModel, Robot, preset_names, se3
 from calib.identification import covariance_of
 from calib.measurement import TouchUp, ViewLine
 from calib.parameters import TargetPoints, ToolPoint, ZeroOffsets
-from calib.robots.inverse import nearest_turns
+from calib.robots import InverseSolutions
+from calib.robots.bounds import nearest_turns
 
 ROBOTS = [Robot.preset(name) for name in preset_names()]
+SIX = [robot for robot in ROBOTS if robot.n == 6]
+SEVEN = [robot for robot in ROBOTS if robot.n == 7]
 share = st.floats(0, 1)
-postures = st.tuples(*[share] * 6).map(np.array)
+TURN = 2 * np.pi
+
+
+def postures(n: int) -> st.SearchStrategy[np.ndarray]:
+    """Shares of the joints' ranges; hypothesis likes simple ones, singular postures and limits."""
+    return st.tuples(*[share] * n).map(np.array)
+
+
+def allowed(robot: Robot, q: np.ndarray) -> bool:
+    return all(limit.room(q) >= 0 for limit in robot.coupled_limits)
+
+
+def smallest_singular_value(robot: Robot, q: np.ndarray) -> float:
+    return float(np.linalg.svd(robot.jacobian(q), compute_uv=False)[-1])
+
+
+def name_of(robot: Robot) -> str:
+    return preset_names()[ROBOTS.index(robot)]
+
+
+def assert_answers_hold(robot: Robot, poses: np.ndarray, answers: InverseSolutions) -> None:
+    """Each takes its pose, and what is said to be inside the limits is."""
+    np.testing.assert_allclose(robot.fk(answers.postures), poses[answers.pose], atol=1e-9)
+    inside = answers.postures[answers.inside]
+    assert (inside >= robot.lower - 1e-9).all()
+    assert (inside <= robot.upper + 1e-9).all()
+    for limit in robot.coupled_limits:
+        assert (limit.room(inside) >= -1e-9).all()
+    np.testing.assert_array_equal(answers.gap_m[answers.pose], 0.0)
+
+
+@pytest.mark.parametrize("robot", SIX, ids=name_of)
+@settings(max_examples=60, deadline=None)
+@given(part=postures(6))
+def test_inverse_kinematics_finds_every_posture_again(robot, part):
+    """Of singular postures, the pose is taken; which of their neighbours is given is open."""
+    q = robot.lower + part * robot.joint_range
+    assume(allowed(robot, q))
+    pose = robot.fk(q)
+    answers = robot.inverse(pose, near=q)
+    assert_answers_hold(robot, pose[None], answers)
+    best, found = answers.nearest()
+    if smallest_singular_value(robot, q) > 1e-3:
+        # how far a posture moves for a rounding of the pose: the worse, the nearer a singularity
+        assert found[0]
+        assert np.abs(best[0] - q).max() < 1e-6
+        every = robot.inverse(pose, every_turn=True)
+        assert np.abs(every.of(0) - q).max(axis=1).min() < 1e-6
+    else:
+        assert len(answers.postures) > 0
+
+
+@pytest.mark.parametrize("robot", SIX, ids=name_of)
+@settings(max_examples=25, deadline=None)
+@given(part=postures(6), margin=st.sampled_from([0.0, 0.1]))
+def test_every_turn_is_all_there_are(robot, part, margin):
+    pose = robot.fk(robot.lower + part * robot.joint_range)
+    one = robot.inverse(pose, margin=margin)
+    every = robot.inverse(pose, margin=margin, every_turn=True)
+    assert_answers_hold(robot, pose[None], every)
+    wanted = []
+    for branch in one.postures:
+        turned = branch[:, None] + TURN * np.arange(-5, 6)
+        fits = turned >= robot.lower[:, None] + margin - 1e-9
+        fits &= turned <= robot.upper[:, None] - margin + 1e-9
+        for choice in itertools.product(*[turned[j][fits[j]] for j in range(6)]):
+            if all(lim.room(np.array(choice)) >= margin - 1e-9 for lim in robot.coupled_limits):
+                wanted.append(choice)
+    found = every.of(0)
+    assert len(found) == len(wanted)
+    if wanted:
+        order = [np.lexsort(np.round(np.array(rows), 6).T) for rows in (found, wanted)]
+        np.testing.assert_allclose(found[order[0]], np.array(wanted)[order[1]], atol=1e-9)
+        assert len(np.unique(np.round(found, 6), axis=0)) == len(found)
+
+
+@pytest.mark.parametrize("robot", SEVEN, ids=name_of)
+@settings(max_examples=15, deadline=None)
+@given(part=postures(7))
+def test_a_redundant_arm_finds_the_posture_it_is_near_to(robot, part):
+    q = robot.lower + part * robot.joint_range
+    assume(allowed(robot, q))
+    pose = robot.fk(q)
+    answers = robot.inverse(pose, near=q)
+    assert_answers_hold(robot, pose[None], answers)
+    best, found = answers.nearest()
+    assert found[0]
+    np.testing.assert_allclose(best[0], q, atol=1e-6)
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=preset_names())
-@settings(max_examples=60, deadline=None)
-@given(part=postures)
-def test_inverse_kinematics_finds_every_posture_again(robot, part):
-    """Simple fractions of the range, too: hypothesis likes straight wrists and limits."""
-    q = robot.lower + part * robot.joint_range
-    pose = robot.fk(q)
-    answers = robot.inverse(pose, near=q)
-    for posture in answers.postures:
-        np.testing.assert_allclose(robot.fk(posture), pose, atol=1e-9)
-    best, found = answers.nearest()
-    assert found[0]
-    assert (best[0] >= robot.lower - 1e-9).all()
-    assert (best[0] <= robot.upper + 1e-9).all()
-    wrist = robot.state(q).axes
-    if np.linalg.norm(np.cross(wrist[3], wrist[5])) > 1e-3:
-        # how far a posture moves for a rounding of the pose: the worse, the nearer a singularity
-        worst = np.linalg.svd(robot.jacobian(q), compute_uv=False)[-1]
-        assert np.abs(best[0] - q).max() < 1e-6 or worst < 1e-3
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_the_order_of_the_poses_is_that_of_the_answers(robot, seed):
+    rng = np.random.default_rng(seed)
+    poses = robot.fk(rng.uniform(robot.lower, robot.upper, (9, robot.n)))
+    poses[4, :3, 3] += 9.0  # out of reach in between
+    order = rng.permutation(9)
+    before, after = robot.inverse(poses), robot.inverse(poses[order])
+    np.testing.assert_allclose(after.gap_m, before.gap_m[order], atol=1e-12)
+    for i, pose in enumerate(order):
+        np.testing.assert_allclose(after.of(i), before.of(int(pose)), atol=1e-9)
 
 
 @settings(max_examples=100, deadline=None)
@@ -66,7 +151,7 @@ def test_the_full_turn_is_the_best_of_all(q, near, lower, width):
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10_000), turn=st.floats(-3, 3))
 def test_turning_the_whole_cell_about_the_first_axis_changes_no_certainty(measurement, seed, turn):
-    robot = ROBOTS[-1]
+    robot = Robot.preset("r2000ic165f")
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1, 1, (20, 6))
     free = "xyz" if measurement.rows == 3 else "xy"

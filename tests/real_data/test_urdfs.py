@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from calib import Robot
+from calib.errors import CalibError
 
 pytestmark = pytest.mark.real_data
 
@@ -124,3 +125,52 @@ def test_universal_robots_with_a_straight_wrist(data_folder: Path) -> None:
 
 def test_the_flange_of_a_panda_is_its_tip(data_folder: Path) -> None:
     assert Robot.from_urdf(data_folder / "urdf" / "panda.urdf").tip_frame == "panda_link8"
+
+
+def test_a_file_expanded_from_xacro_is_the_same_arm(urdfs, tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    for path in urdfs[:4]:
+        copy = tmp_path / f"{path.stem}.xacro"
+        copy.write_bytes(path.read_bytes())
+        plain, expanded = Robot.from_urdf(path), Robot.from_urdf(copy)
+        q = np.random.default_rng(3).uniform(plain.lower, plain.upper, (20, plain.n))
+        np.testing.assert_array_equal(expanded.fk(q), plain.fk(q), err_msg=path.name)
+        assert set(expanded.notices) - set(plain.notices) == {
+            "expanded from xacro, every argument at its default"
+        }
+
+
+def test_every_joint_of_an_arm_can_be_locked(urdfs) -> None:
+    for path in urdfs:
+        robot = Robot.from_urdf(path)
+        q = np.random.default_rng(4).uniform(robot.lower, robot.upper)
+        for j, name in enumerate(robot.joint_names):
+            held = Robot.from_urdf(path, robot.tip_frame, robot.base_frame, lock=[name])
+            assert held.joint_names == robot.joint_names[:j] + robot.joint_names[j + 1 :]
+            q_zero = np.where(np.arange(robot.n) == j, 0.0, q)
+            expected = robot.fk(q_zero)
+            np.testing.assert_allclose(
+                held.fk(np.delete(q, j)), expected, atol=1e-12, err_msg=f"{path.name} {name}"
+            )
+
+
+def test_damaged_files_are_refused_in_words(urdfs, tmp_path: Path, capfd) -> None:
+    rng = np.random.default_rng(5)
+    errors = 0
+    for path in urdfs:
+        data = path.read_bytes()
+        for _ in range(30):
+            start, stop = np.sort(rng.integers(0, len(data), 2))
+            stop = min(stop, start + rng.choice([1, 3, 30, len(data)]))
+            copy = tmp_path / "arm.urdf"
+            copy.write_bytes(data[:start] + data[stop:])
+            try:
+                Robot.from_urdf(copy)
+            except CalibError as error:
+                errors += 1
+                words = str(error)
+            else:
+                words = ""
+            assert "\n" not in words
+    assert errors > 0
+    assert capfd.readouterr() == ("", "")

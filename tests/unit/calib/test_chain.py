@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from calib import Robot, preset_names
+from calib import Robot, preset_names, se3
 from calib.errors import InputError, JointLimitError, RobotModelError
+from calib.robots import SerialChain
 
 
 def by_pinocchio(model: pin.Model, q: np.ndarray, tip: str, base: str):
@@ -42,7 +43,7 @@ def assert_same_kinematics(robot: Robot, model: pin.Model, q: np.ndarray) -> Non
 @pytest.mark.parametrize("base", ["base_link", "base"])
 def test_presets_move_as_in_pinocchio(name, base):
     robot = Robot.preset(name, base=base)
-    q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (50, 6))
+    q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (50, robot.n))
     assert_same_kinematics(robot, robot.model, q)
 
 
@@ -99,6 +100,42 @@ def test_leading_dimensions_are_kept(reference_robot):
     np.testing.assert_allclose(
         state.point(tip), state.T_base_tip[..., :3, :3] @ tip + state.T_base_tip[..., :3, 3]
     )
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_frames_are_the_product_of_placements_and_turns(straight):
+    """Joint by joint with 4x4 matrices: axes along and against x, y and z, and askew."""
+    rng = np.random.default_rng(1)
+    R = se3.rotation_exp(rng.uniform(-3, 3, (7, 3)))
+    R[2:5] = np.eye(3), np.eye(3)[[1, 2, 0]], np.diag([1, -1, -1])
+    placements = se3.transform(R, rng.uniform(-1, 1, (7, 3)) * rng.integers(0, 2, (7, 3)))
+    axes = rng.normal(size=(7, 3))
+    if straight:
+        axes = np.vstack([np.eye(3), -np.eye(3), [[0, 0, 1]]])
+    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    mount = se3.transform(se3.rotation_exp([0.3, 0.2, -1]), [0.1, 0, 0.2])
+    chain = SerialChain(placements, axes, mount)
+    q = rng.uniform(-7, 7, (20, 7))
+    state = chain.forward(q)
+    for i in range(20):
+        T = np.eye(4)
+        for j in range(7):
+            T = T @ placements[j] @ se3.transform(se3.rotation_exp(axes[j] * q[i, j]), np.zeros(3))
+            np.testing.assert_allclose(state.rotations[i, j], T[:3, :3], atol=1e-14)
+            np.testing.assert_allclose(state.origins[i, j], T[:3, 3], atol=1e-14)
+            np.testing.assert_allclose(state.axes[i, j], T[:3, :3] @ axes[j], atol=1e-14)
+        np.testing.assert_allclose(state.T_base_tip[i], T @ mount, atol=1e-14)
+
+
+def test_a_posture_gives_the_same_bits_in_any_batch(reference_robot):
+    """Also across the blocks that batches are walked in."""
+    q = np.random.default_rng(2).uniform(-6, 6, (2500, 6))
+    whole = reference_robot.state(q)
+    for part in (slice(0, 1), slice(1000, 1050), slice(1020, 1029), slice(2499, 2500)):
+        alone = reference_robot.state(q[part])
+        for name in ("rotations", "origins", "axes", "R_base_tip", "p_base_tip"):
+            np.testing.assert_array_equal(getattr(alone, name), getattr(whole, name)[part])
+    assert reference_robot.state(np.empty((0, 6))).origins.shape == (0, 6, 3)
 
 
 @pytest.mark.parametrize(

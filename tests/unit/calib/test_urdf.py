@@ -124,9 +124,49 @@ def test_a_robot_without_name_is_named_after_its_file(read):
     assert read(f'<?xml version="1.0"?>{body}').name == "arm"
 
 
-def test_meshes_are_not_looked_for(read):
+def test_visual_geometry_is_not_read(read):
     mesh = '<visual><geometry><mesh filename="package://none/none.dae"/></geometry></visual>'
-    assert read(link("a", mesh) + link("b") + link("c") + J1 + J2).n == 2
+    robot = read(link("a", mesh) + link("b") + link("c") + J1 + J2, tip="c")
+    assert (robot.notices, robot.bodies) == ((), ())
+
+
+def test_what_is_not_kinematics_is_passed_over(read):
+    around = (
+        '<transmission name="t"><joint name="j1"/></transmission>'
+        '<gazebo reference="b"><plugin filename="x"/></gazebo>'
+        '<material name="m"><color rgba="x"/></material>' + "<g>" * 3000 + "</g>" * 3000
+    )
+    more = (
+        '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="0.5" k_velocity="x"/>'
+        '<dynamics friction="x"/><calibration rising="x"/>'
+    )
+    robot = read(ABC + around + joint("j1", "a", "b", more=more) + J2, tip="c")
+    np.testing.assert_array_equal(robot.upper, [1.5, 1.5])
+    assert robot.notices == ()
+
+
+def test_elements_may_have_a_name_space(read):
+    robot = read(f'<?xml version="1.0"?><robot name="r" xmlns="http://x.org">{ABC}{J1}{J2}</robot>')
+    assert robot.joint_names == ("j1", "j2")
+
+
+def test_line_breaks_in_the_name_of_the_robot_do_not_break_lines(read):
+    robot = read(f'<?xml version="1.0"?><robot name="a&#10;b">{ABC}{J1}{J2}</robot>')
+    assert robot.name == "a b"
+
+
+def test_the_speed_of_a_continuous_joint_is_kept(read):
+    wheel = read(ABC + J1 + joint("j2", "b", "c", "continuous"), tip="c")
+    np.testing.assert_array_equal(wheel.speed, [2.0, 2.0])
+
+
+def test_a_model_that_pinocchio_refuses(read, monkeypatch):
+    def refuse(_):
+        raise ValueError("no\nway")
+
+    monkeypatch.setattr(urdf.pin, "buildModelFromXML", refuse)
+    with pytest.raises(RobotModelError, match="Pinocchio cannot build a model of it: no "):
+        read(ABC + J1 + J2)
 
 
 BROKEN = {
@@ -158,7 +198,7 @@ BROKEN = {
     "xacro": (
         '<?xml version="1.0"?><robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
         '<xacro:include filename="x"/></robot>',
-        r"contains xacro macros \(expand it first",
+        r"xacro cannot be expanded: cannot be read: .* No such file or directory: '.*/x'",
         "arm.urdf",
     ),
     "xacro value": (
@@ -167,7 +207,37 @@ BROKEN = {
         "j2",
     ),
     "no links": ("", "has no links", "arm.urdf"),
-    "deep": (ABC + J1 + J2 + "<g>" * 3000 + "</g>" * 3000, "Pinocchio cannot build", "arm.urdf"),
+    "many links": (
+        ABC + J1 + J2 + "".join(link(f"l{i}") for i in range(998)),
+        "has 1001 links, more than 1000",
+        "arm.urdf",
+    ),
+    "far": (
+        ABC + J1 + J2.replace("0.1 0 0.3", "0 0 2000"),
+        "joint 'j2' has origin xyz='0 0 2000', beyond 1000 m",
+        "j2",
+    ),
+    "no turns": (
+        ABC + J1 + joint("j2", "b", "c", limit='<limit lower="-1e16" upper="1e16"/>'),
+        "joint 'j2' has limits -1e\\+16 to 1e\\+16, more than a hundred turns",
+        "j2",
+    ),
+    "unnamed link": (ABC + J1 + J2 + "<link/>", "link '' has no name in one line", ""),
+    "a name of two lines": (
+        ABC + J1 + joint("j&#10;2", "b", "c"),
+        r"joint 'j\\n2' has no name in one line",
+        "j\n2",
+    ),
+    "a long value": (
+        ABC + J1 + J2.replace("0.1 0 0.3", "1 " * 500),
+        r"joint 'j2' has origin xyz='(1 )+1\.\.\.', not three",
+        "j2",
+    ),
+    "heavy": (
+        link("a") + link("b", inertial('<mass value="1e300"/>')) + link("c") + J1 + J2,
+        "link 'b' has inertial mass value='1e300'",
+        "b",
+    ),
     "no limit": (ABC + J1 + joint("j2", "b", "c", limit=""), "joint 'j2' has no <limit>", "j2"),
     "reversed limits": (
         ABC + J1 + joint("j2", "b", "c", limit='<limit lower="1" upper="-2" velocity="1"/>'),
@@ -204,7 +274,7 @@ BROKEN = {
         "joint 'j2' has axis xyz='0 1', not three finite numbers",
         "j2",
     ),
-    "unnamed joint": (ABC + J1 + joint("", "b", "c"), "joint '' has no name", ""),
+    "unnamed joint": (ABC + J1 + joint("", "b", "c"), "joint '' has no name in one line", ""),
     "type": (
         ABC + J1 + joint("j2", "b", "c", "revolut"),
         r"joint 'j2' has the unknown type 'revolut' \(did you mean revolute",
@@ -258,7 +328,7 @@ BROKEN = {
     "floating": (ABC + J1 + joint("j2", "b", "c", "floating"), "joint j2 is not revolute", "j2"),
     "mimic": (
         ABC + J1 + joint("j2", "b", "c", more='<mimic joint="j1" multiplier="2"/>'),
-        r"joint j2 follows another joint \(mimic\)",
+        r"joint 'j2' follows another joint \(mimic\)",
         "j2",
     ),
     "no moving joint": (

@@ -17,6 +17,7 @@ from calib.se3 import rotation_from_wpr, transform
 from posedesign import files, tables
 from posedesign.cell import Cell
 from posedesign.pose_plan import PoseSet, PoseStatus
+from posedesign.route import Route, Stop
 from posedesign.tables import (
     Pairs,
     check_columns,
@@ -101,15 +102,26 @@ def test_poses_round_trip(
     status = [PoseStatus.DROPPED if i in dropped else PoseStatus.GRID for i in range(len(q))]
     status[-1] = PoseStatus.REPAIRED
     reasons = tuple("=J5, too far" if s is not PoseStatus.GRID else "" for s in status)
-    poses = PoseSet(q, tuple(status), reasons)
-    path = write_poses(tmp_path / "q.csv", robot, poses, reference_cell.tool_m)
+    q[sorted(dropped & set(range(len(q) - 1)))] = np.nan
+    poses = PoseSet(q, tuple(status), reasons, np.tile(np.eye(3), (len(q), 1, 1)))
     kept = [i for i, s in enumerate(status) if s is not PoseStatus.DROPPED]
+    # visited backwards, with a posture in between that is only passed through
+    stops = [Stop(poses.kept[k], k) for k in reversed(range(len(kept)))]
+    route = Route((stops[0], Stop(reference_cell.base_posture, None), *stops[1:]), {})
+    path = write_poses(tmp_path / "q.csv", robot, poses, route, reference_cell.tool_m)
+    kept = kept[::-1]
     for count in (6, None):
         found = read_poses(path, count, trust_units=True)
-        np.testing.assert_allclose(found.postures, q[kept], rtol=0, atol=EXACT)
-        assert found.names == tuple(f"P{i + 1:02d}" for i in kept)
+        np.testing.assert_allclose(found.measured.postures, q[kept], rtol=0, atol=EXACT)
+        assert found.measured.names == tuple(f"P{i + 1:02d}" for i in kept)
+        assert np.flatnonzero(found.via).tolist() == [1]
+        np.testing.assert_allclose(found.postures[1], reference_cell.base_posture, atol=EXACT)
     _, rows = read_rows(path)
-    for i, row in enumerate(rows):
+    assert [row.cells["name"] for row in rows if row.cells["status"] == "via"] == ["V01"]
+    for row in rows:
+        if row.cells["status"] == "via":
+            continue
+        i = int(row.cells["name"][1:]) - 1
         assert row.cells["reason"] == reasons[i]
         if i in kept:
             point = [float(row.cells[f"{axis}_mm"]) / 1e3 for axis in "xyz"]

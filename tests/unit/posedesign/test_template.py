@@ -69,10 +69,10 @@ def test_every_line_fits_and_every_key_says_its_unit() -> None:
     text = cell_template()
     assert max(map(len, text.splitlines())) <= 110
     for keys in tomllib.loads(text).values():
-        for key, value in keys.items():
+        for key, value in (keys[0] if isinstance(keys, list) else keys).items():
             numbers = value if isinstance(value, list) else [value]
             if all(isinstance(v, float) for v in numbers):
-                units = ("_mm", "_deg", "_kg", "_s", "threshold")
+                units = ("_mm", "_deg", "_kg", "_s", "_px", "threshold")
                 assert key.endswith(units), key
 
 

@@ -1,0 +1,257 @@
+"""Exact distances of many pairs of bodies, posture by posture: bounds first, then coal.
+
+The only importer of coal. Arrays bound every distance from below; coal is asked for a pair only
+where its bound is below all that is known exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, assert_never
+
+import coal
+import numpy as np
+
+from calib.geometry.enclosure import enclose, hull_vertices, reach
+from calib.geometry.segments import box_box_bound, segment_segment
+from calib.geometry.shapes import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:  # calib.robots imports the shapes of this package
+    from calib.robots.chain import ChainState
+
+LINE_RADIUS_M = 1e-6
+"""coal knows no segments: a line of sight is a capsule as thin as coal's own tolerance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Where bodies are: ``rotations (S, B, 3, 3)``, ``origins (S, B, 3)`` [m], from the base."""
+
+    rotations: FloatArray
+    origins: FloatArray
+
+
+@dataclass(eq=False)
+class Bounds:
+    """What is known of the distances of P pairs at S postures; :class:`Engine` improves it.
+
+    Attributes
+    ----------
+    distance_m : array (S, P)
+        Signed distance, or a lower bound of it.
+    exact : array (S, P) of bool
+        Which of them are distances.
+    refined : array (S, P) of bool
+        Which of the others are the best bound that arrays give.
+    placed : Placed
+    """
+
+    distance_m: FloatArray
+    exact: BoolArray
+    refined: BoolArray
+    placed: Placed
+
+    def rows(self, which: BoolArray) -> Bounds:
+        """The same for some of the postures, by a mask (S,)."""
+        placed = Placed(self.placed.rotations[which], self.placed.origins[which])
+        return Bounds(self.distance_m[which], self.exact[which], self.refined[which], placed)
+
+
+class Engine:
+    """Distances of given pairs of bodies.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        Half-spaces only on link 0.
+    pairs : array (P, 2) of int
+        Rows of ``bodies``; a half-space stands second, and there is at most one in a pair.
+    """
+
+    def __init__(self, bodies: Sequence[Body], pairs: IntArray) -> None:
+        self._bodies = tuple(bodies)
+        self._pairs = pairs
+        self._links = np.array([body.link for body in bodies], dtype=np.intp)
+        placements = np.array([body.T_link_body for body in bodies]).reshape(-1, 4, 4)
+        self._rotations, self._origins = placements[:, :3, :3], placements[:, :3, 3]
+        self._half_space = np.array([isinstance(b.solid, HalfSpace) for b in bodies], dtype=bool)
+        ball = enclose(Sphere(0.0))
+        around = [ball if isinstance(b.solid, HalfSpace) else enclose(b.solid) for b in bodies]
+        self._centres = np.array([e.centre for e in around]).reshape(-1, 3)
+        self._halves = np.array([e.half for e in around]).reshape(-1, 3)
+        self._roundings = np.array([e.radius_m for e in around])
+        capsules = [e.capsule for e in around]
+        self._ends = np.array([end for end, _ in capsules]).reshape(-1, 3)
+        self._radii = np.array([radius for _, radius in capsules])
+        self._hulls = [
+            hull_vertices(b.solid) if isinstance(b.solid, Mesh) else None for b in bodies
+        ]
+        against_plane = self._half_space[pairs[:, 1]]
+        self._plane_pairs = np.flatnonzero(against_plane)
+        self._other_pairs = np.flatnonzero(~against_plane)
+        own = np.array([isinstance(b.solid, Capsule | Sphere) for b in bodies], dtype=bool)
+        self._exact = against_plane | own[pairs].all(axis=-1)
+        self._oracle = _Oracle(bodies, pairs)
+
+    def place(self, state: ChainState) -> Placed:
+        """Where the bodies are at S states of the chain."""
+        S = len(state.origins)
+        base = np.broadcast_to(np.eye(3), (S, 1, 3, 3))
+        links_R = np.concatenate([base, state.rotations], axis=1)[:, self._links]
+        links_p = np.concatenate([np.zeros((S, 1, 3)), state.origins], axis=1)[:, self._links]
+        origins = (links_R @ self._origins[..., None])[..., 0] + links_p
+        return Placed(links_R @ self._rotations, origins)
+
+    def bounds(self, placed: Placed) -> Bounds:
+        """Distances at S postures where arrays give them exactly; bounds elsewhere."""
+        distance = np.empty((len(placed.origins), len(self._pairs)))
+        ends = (placed.rotations @ self._ends[..., None])[..., 0]
+        centres = (placed.rotations @ self._centres[..., None])[..., 0] + placed.origins
+        a, b = self._pairs[self._other_pairs].T
+        apart = centres[:, b] - centres[:, a]
+        radii = self._radii[a] + self._radii[b]
+        distance[:, self._other_pairs] = segment_segment(apart, ends[:, a], ends[:, b]) - radii
+        for p in self._plane_pairs:
+            distance[:, p] = self._above_plane(placed, *self._pairs[p])
+        exact = np.broadcast_to(self._exact, distance.shape).copy()
+        return Bounds(distance, exact, exact.copy(), placed)
+
+    def settle(self, known: Bounds, beyond: FloatArray | float, enough: float) -> None:
+        """Improve the bounds until the smallest of each posture is exact, or large enough.
+
+        Parameters
+        ----------
+        known : Bounds
+            Changed in place.
+        beyond : array (S, P) or float
+            Taken off the distances before they are compared [m].
+        enough : float
+            Rows whose smallest value is at least this are not looked at any further [m].
+        """
+        key = known.distance_m - beyond
+        beyond = np.broadcast_to(beyond, key.shape)
+        rows = np.arange(len(key)) if key.shape[1] else np.empty(0, dtype=np.intp)
+        while len(rows):
+            pairs = key[rows].argmin(axis=1)
+            open_ = ~known.exact[rows, pairs] & (key[rows, pairs] < enough)
+            rows, pairs = rows[open_], pairs[open_]
+            first = ~known.refined[rows, pairs]
+            self._refine(known, rows[first], pairs[first])
+            self._ask(known, rows[~first], pairs[~first])
+            key[rows, pairs] = known.distance_m[rows, pairs] - beyond[rows, pairs]
+
+    def settle_all(self, known: Bounds, enough: float) -> None:
+        """Improve all bounds until they are exact, or at least large enough [m]."""
+        for improve in (self._refine, self._ask):
+            improve(known, *np.nonzero(~known.exact & (known.distance_m < enough)))
+
+    def _refine(self, known: Bounds, rows: IntArray, pairs: IntArray) -> None:
+        """Replace bounds from capsules by bounds from boxes, where these are better."""
+        a, b = self._pairs[pairs].T
+        R_a, R_b = known.placed.rotations[rows, a], known.placed.rotations[rows, b]
+        inverse = np.swapaxes(R_a, -1, -2)
+        shift_a = (R_a @ self._centres[a][..., None])[..., 0] + known.placed.origins[rows, a]
+        shift_b = (R_b @ self._centres[b][..., None])[..., 0] + known.placed.origins[rows, b]
+        apart = (inverse @ (shift_b - shift_a)[..., None])[..., 0]
+        bound = box_box_bound(inverse @ R_b, apart, self._halves[a], self._halves[b])
+        bound -= self._roundings[a] + self._roundings[b]
+        known.distance_m[rows, pairs] = np.maximum(known.distance_m[rows, pairs], bound)
+        known.refined[rows, pairs] = True
+
+    def _ask(self, known: Bounds, rows: IntArray, pairs: IntArray) -> None:
+        a, b = self._pairs[pairs].T
+        inverse = np.swapaxes(known.placed.rotations[rows, a], -1, -2)
+        shift = known.placed.origins[rows, b] - known.placed.origins[rows, a]
+        known.distance_m[rows, pairs] = self._oracle.distances(
+            pairs, inverse @ known.placed.rotations[rows, b], (inverse @ shift[..., None])[..., 0]
+        )
+        known.exact[rows, pairs] = True
+
+    def _above_plane(self, placed: Placed, body: int, plane: int) -> FloatArray:
+        """Height (S,) of the lowest point of a body above a half-space [m]."""
+        normal = self._rotations[plane, :, 2]
+        height = (placed.origins[:, body] - self._origins[plane]) @ normal
+        down = -normal @ placed.rotations[:, body]
+        return np.asarray(height - reach(self._bodies[body].solid, self._hulls[body], down))
+
+
+class _Oracle:
+    """Distances of single pairs by coal."""
+
+    def __init__(self, bodies: Sequence[Body], pairs: IntArray) -> None:
+        # kept because coal's functors do not own the solids that they were made for
+        self._solids = [coal_solid(body.solid) for body in bodies]
+        self._functors = [coal.ComputeDistance(self._solids[a], self._solids[b]) for a, b in pairs]
+        self._request = coal.DistanceRequest()
+        self._result = coal.DistanceResult()
+
+    def distances(self, pairs: IntArray, R_a_b: FloatArray, p_a_b: FloatArray) -> FloatArray:
+        """Signed distances (M,) [m] of pairs (M,) at (M, 3, 3) and (M, 3)."""
+        found = np.empty(len(pairs))
+        here, there = coal.Transform3s.Identity(), coal.Transform3s.Identity()
+        request, result = self._request, self._result
+        for m, (pair, R, p) in enumerate(zip(pairs.tolist(), R_a_b, p_a_b, strict=True)):
+            there.setRotation(R)
+            there.setTranslation(p)
+            result.clear()
+            found[m] = self._functors[pair](here, there, request, result)
+        return found
+
+
+class MeshSight:
+    """Whether segments meet the surface of a mesh, by coal's tree of its triangles."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._tree = _tree(mesh.vertices, mesh.triangles)
+
+    def crosses(self, start: FloatArray, end: FloatArray) -> BoolArray:
+        """Whether segments (M, 3) to (M, 3) [m], in the axes of the mesh, meet it, (M,)."""
+        way = end - start
+        length = np.linalg.norm(way, axis=-1)
+        z = np.where(length[:, None] > 0.0, way, [0.0, 0.0, 1.0])
+        z /= np.linalg.norm(z, axis=-1, keepdims=True)
+        x = np.cross(z, np.eye(3)[np.abs(z).argmin(axis=-1)])
+        x /= np.linalg.norm(x, axis=-1, keepdims=True)
+        rotations = np.stack([x, np.cross(z, x), z], axis=-1)
+        middles = (start + end) / 2.0
+        here, there = coal.Transform3s.Identity(), coal.Transform3s.Identity()
+        request, result = coal.CollisionRequest(), coal.CollisionResult()
+        met = np.empty(len(start), dtype=bool)
+        for m, (R, p, l_m) in enumerate(zip(rotations, middles, length.tolist(), strict=True)):
+            there.setRotation(R)
+            there.setTranslation(p)
+            result.clear()
+            line = coal.Capsule(LINE_RADIUS_M, l_m)
+            met[m] = coal.collide(self._tree, here, line, there, request, result) > 0
+        return met
+
+
+def coal_solid(solid: Solid) -> coal.CollisionGeometry:
+    """A solid as coal has it; a mesh becomes a tree of oriented boxes about its triangles."""
+    match solid:
+        case Sphere(radius_m=radius):
+            return coal.Sphere(radius)
+        case Capsule(radius_m=radius, length_m=length):
+            return coal.Capsule(radius, length)
+        case Cylinder(radius_m=radius, length_m=length):
+            return coal.Cylinder(radius, length)
+        case Box(size_m=size):
+            return coal.Box(*size)
+        case HalfSpace():
+            return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+        case Mesh(vertices=vertices, triangles=triangles):
+            return _tree(vertices, triangles)
+    assert_never(solid)
+
+
+def _tree(vertices: FloatArray, triangles: IntArray) -> coal.BVHModelOBBRSS:
+    points, corners = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    points.extend(list(np.asarray(vertices, dtype=float)))
+    corners.extend([coal.Triangle(*corner) for corner in np.asarray(triangles).tolist()])
+    tree = coal.BVHModelOBBRSS()
+    tree.beginModel(len(corners), len(points))
+    tree.addSubModel(points, corners)
+    tree.endModel()
+    return tree

@@ -1,0 +1,388 @@
+"""A cell of solids: an arm, what it carries, what stands around it, and what is in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError, near_names
+from calib.geometry.enclosure import enclose, hull_vertices, reach
+from calib.geometry.engine import Engine, MeshSight, Placed
+from calib.geometry.pairs import candidate_pairs, check_groups, motion_radii, without_ignored
+from calib.geometry.rays import contains, crosses
+from calib.geometry.results import Clearance, Extent, Sight, Ways
+from calib.geometry.segments import point_segment
+from calib.geometry.shapes import Body, HalfSpace, Mesh
+from calib.geometry.ways import check_ways, nearest
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:  # calib.robots imports the shapes of this package
+    from calib.robots.chain import ChainState, SerialChain
+
+CAP_M = 0.5
+"""Distances beyond this are not told apart: nobody asks for more room than half a metre."""
+
+CONTACT_M = 1e-6
+"""Bodies that are this near touch: coal's distances are not better."""
+
+_CHUNK_ENTRIES = 200_000
+"""Postures times pairs that are held at once; bounds the memory to some 50 MB."""
+
+
+class Scene:
+    """The bodies of a cell and the pairs of them that must not meet.
+
+    Checked are links of the arm at least two apart, the tool against all links but the last two,
+    and obstacles against the tool and the moving links. Pairs of the arm's own bodies that touch
+    in the zero posture are left out, since descriptions overlap at the joints.
+
+    Bodies are solid, but a mesh is its surface: what lies wholly inside a closed mesh is not near
+    it. Only :meth:`inside` knows the inside of a mesh.
+
+    Parameters
+    ----------
+    chain : SerialChain
+    arm : sequence of Body
+        Solids of the arm, links 0 (the base) to n; as ``robot.bodies``.
+    tool : sequence of Body
+        What the arm carries: link n, in the frame of the last joint (with the tool given in the
+        tip frame, ``chain.T_link_tip @ T_tip_body``).
+    obstacles : sequence of Body
+        Link 0, in the base frame.
+    ignore : sequence of (str, str)
+        Names of bodies that may come together, in either order. Several bodies can have the same
+        name; all of them are meant.
+    zero : array_like (n,), optional
+        The zero posture [rad]; zeros by default.
+
+    Attributes
+    ----------
+    bodies : tuple of Body
+        Arm, tool and obstacles, in this order.
+    pairs : array (P, 2) of int
+        The pairs that are checked, as rows of ``bodies``.
+    excluded : tuple of (str, str)
+        Names of the bodies of the arm that touch in the zero posture.
+
+    Raises
+    ------
+    InputError
+        A body is on no link of its group, has sizes or a placement that cannot be, a half-space
+        moves, an ignored name is not that of a body, or the zero posture is not one.
+    """
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        arm: Sequence[Body] = (),
+        *,
+        tool: Sequence[Body] = (),
+        obstacles: Sequence[Body] = (),
+        ignore: Sequence[tuple[str, str]] = (),
+        zero: ArrayLike | None = None,
+    ) -> None:
+        check_groups(chain.n, arm, tool, obstacles)
+        self._chain = chain
+        self._tool_from = len(arm)
+        self._fixed_from = len(arm) + len(tool)
+        self.bodies: tuple[Body, ...] = (*arm, *tool, *obstacles)
+        names = [body.name for body in self.bodies]
+        pairs = without_ignored(candidate_pairs(chain.n, arm, tool, obstacles), names, ignore)
+        own = pairs[:, 1] < len(arm)
+        touching = np.zeros(len(pairs), dtype=bool)
+        rest = np.zeros(chain.n) if zero is None else zero
+        touching[own] = self._touching(pairs[own], self._postures(rest, "zero"))
+        self.pairs: IntArray = pairs[~touching]
+        self.excluded: tuple[tuple[str, str], ...] = tuple(
+            dict.fromkeys((names[a], names[b]) for a, b in pairs[touching])
+        )
+
+    def __getstate__(self) -> dict[str, object]:
+        # coal's objects cannot be sent to a worker, which makes its own
+        lazy = ("_engine", "_mesh_sights")
+        return {key: value for key, value in self.__dict__.items() if key not in lazy}
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """Names of the two bodies of a pair, a row of ``pairs``."""
+        a, b = self.pairs[pair]
+        return self.bodies[a].name, self.bodies[b].name
+
+    def clearance(
+        self, q: ArrayLike, *, cap_m: float = CAP_M, state: ChainState | None = None
+    ) -> Clearance:
+        """How near bodies come to each other at postures ``(S, n)`` [rad].
+
+        Parameters
+        ----------
+        q : array_like (S, n)
+        cap_m : float
+            Distances beyond this are not told apart.
+        state : ChainState, optional
+            What ``chain.forward(q)`` gives, where it is known already.
+
+        Raises
+        ------
+        InputError
+            The postures do not have n finite values each, or the cap is not above zero.
+        """
+        postures = self._postures(q, "q")
+        _check_length(cap_m, "cap_m", 1e-9)
+        distance = np.empty(len(postures))
+        pair = np.empty(len(postures), dtype=np.intp)
+        for rows in self._chunks(len(postures)):
+            known = self._engine.bounds(self._place(postures, state, rows))
+            self._engine.settle(known, 0.0, cap_m)
+            distance[rows], pair[rows] = nearest(known.distance_m, cap_m)
+        return Clearance(distance, pair)
+
+    def ways(
+        self, start: ArrayLike, end: ArrayLike, keep_m: float, *, cap_m: float = CAP_M
+    ) -> Ways:
+        """Check straight joint-space ways as a whole, not at samples alone.
+
+        A clear way keeps the distance everywhere, to within
+        :data:`~calib.geometry.ways.WAY_TOLERANCE_M`.
+
+        Parameters
+        ----------
+        start, end : array_like (W, n)
+            [rad]
+        keep_m : float
+            Distance that all pairs have to keep.
+        cap_m : float
+            Distances beyond this are not told apart, if it is more than ``keep_m``.
+
+        Raises
+        ------
+        InputError
+            The postures do not have n finite values each, starts and ends are not as many, or
+            the distance to keep is negative.
+        """
+        starts, ends = self._postures(start, "start"), self._postures(end, "end")
+        _check_length(keep_m, "keep_m", 0.0)
+        _check_length(cap_m, "cap_m", 1e-9)
+        if len(starts) != len(ends):
+            raise InputError(
+                f"there are {len(starts)} starts and {len(ends)} ends of ways",
+                hint="give one end for each start",
+                name="end",
+            )
+        return check_ways(
+            self._chain,
+            self._engine,
+            motion_radii(self._chain, self.bodies, self.pairs),
+            starts,
+            ends,
+            keep_m=keep_m,
+            cap_m=max(cap_m, keep_m + 1e-6),
+            chunk=self._chunk,
+        )
+
+    def sight(
+        self,
+        q: ArrayLike,
+        start: ArrayLike,
+        end: ArrayLike,
+        *,
+        ignore: Sequence[str] = (),
+        state: ChainState | None = None,
+    ) -> Sight:
+        """Check whether lines of sight are free of all bodies.
+
+        Parameters
+        ----------
+        q : array_like (S, n) or (n,)
+            Postures [rad]; one for all lines, or one a line.
+        start, end : array_like (S, 3)
+            Ends of each line in the base frame [m]. A line that begins or ends inside a body is
+            blocked by it, one that ends on its surface is not.
+        ignore : sequence of str
+            Names of bodies that may be looked through.
+        state : ChainState, optional
+            What ``chain.forward(q)`` gives, where it is known already.
+
+        Raises
+        ------
+        InputError
+            The postures do not have n finite values each, the points have not three, they are
+            not as many, or an ignored name is not that of a body.
+        """
+        postures = self._postures(q, "q")
+        starts, ends = _points(start, "start"), _points(end, "end")
+        if len(ends) != len(starts) or len(postures) not in (1, len(starts)):
+            raise InputError(
+                f"there are {len(postures)} postures, {len(starts)} starts and {len(ends)} ends",
+                hint="give a posture, a start and an end for each line of sight",
+                name="start",
+            )
+        known = dict.fromkeys(body.name for body in self.bodies)
+        for name in ignore:
+            if name not in known:
+                raise InputError(
+                    f"there is no body {name!r} to ignore", hint=near_names(name, known), name=name
+                )
+        blocker = np.full(len(starts), -1, dtype=np.intp)
+        for rows in self._chunks(len(starts), len(self.bodies)):
+            of = rows if len(postures) == len(starts) else slice(0, 1)
+            placed = self._place(postures, state, of)
+            blocker[rows] = self._blockers(placed, starts[rows], ends[rows], ignore)
+        return Sight(blocker < 0, blocker)
+
+    def extent(self, q: ArrayLike, *, state: ChainState | None = None) -> Extent:
+        """Box around the tool and the links from the second on, along the axes of the base.
+
+        Parameters
+        ----------
+        q : array_like (S, n)
+            [rad]
+        state : ChainState, optional
+            What ``chain.forward(q)`` gives, where it is known already.
+
+        Raises
+        ------
+        InputError
+            The postures do not have n finite values each.
+        """
+        postures = self._postures(q, "q")
+        lowest = np.full((len(postures), 3), np.inf)
+        highest = np.full((len(postures), 3), -np.inf)
+        robot = range(self._fixed_from)
+        moving = [b for b in robot if b >= self._tool_from or self.bodies[b].link >= 2]
+        for rows in self._chunks(len(postures), len(self.bodies)):
+            placed = self._place(postures, state, rows)
+            for b in moving:
+                axes, origin = placed.rotations[:, b], placed.origins[:, b]
+                solid, hull = self.bodies[b].solid, self._hulls[b]
+                highest[rows] = np.maximum(highest[rows], origin + reach(solid, hull, axes))
+                lowest[rows] = np.minimum(lowest[rows], origin - reach(solid, hull, -axes))
+        return Extent(lowest, highest)
+
+    def inside(self, points: ArrayLike) -> IntArray:
+        """Which obstacle contains each of the points ``(S, 3)`` in the base frame [m].
+
+        Returns
+        -------
+        array (S,) of int
+            The first obstacle, a row of ``obstacles`` as they were given; -1: none. Meshes are taken to be closed.
+
+        Raises
+        ------
+        InputError
+            The points do not have three finite values each.
+        """
+        wanted = _points(points, "points")
+        found = np.full(len(wanted), -1, dtype=np.intp)
+        for row, body in enumerate(self.bodies[self._fixed_from :]):
+            R, p = body.T_link_body[:3, :3], body.T_link_body[:3, 3]
+            free = np.flatnonzero(found < 0)
+            found[free[contains(body.solid, (wanted[free] - p) @ R)]] = row
+        return found
+
+    def _place(self, q: FloatArray, state: ChainState | None, rows: slice) -> Placed:
+        if state is None:
+            return self._engine.place(self._chain.forward(q[rows]))
+        # a state of one posture may come without the batch
+        R = state.rotations.reshape(-1, *state.rotations.shape[-3:])[rows]
+        origins = state.origins.reshape(-1, *state.origins.shape[-2:])[rows]
+        return self._engine.place(replace(state, rotations=R, origins=origins))
+
+    @cached_property
+    def _engine(self) -> Engine:
+        return Engine(self.bodies, self.pairs)
+
+    @cached_property
+    def _hulls(self) -> list[FloatArray | None]:
+        solids = [body.solid for body in self.bodies]
+        return [hull_vertices(solid) if isinstance(solid, Mesh) else None for solid in solids]
+
+    @cached_property
+    def _mesh_sights(self) -> dict[int, MeshSight]:
+        solids = [body.solid for body in self.bodies]
+        return {b: MeshSight(solid) for b, solid in enumerate(solids) if isinstance(solid, Mesh)}
+
+    @property
+    def _chunk(self) -> int:
+        return max(1, _CHUNK_ENTRIES // max(1, len(self.pairs)))
+
+    def _chunks(self, count: int, width: int | None = None) -> Iterator[slice]:
+        step = self._chunk if width is None else max(1, _CHUNK_ENTRIES // max(1, width))
+        return (slice(first, first + step) for first in range(0, count, step))
+
+    def _touching(self, pairs: IntArray, zero: FloatArray) -> BoolArray:
+        if len(zero) != 1:
+            raise InputError(
+                f"zero has {len(zero)} postures", hint="give one value a joint", name="zero"
+            )
+        engine = Engine(self.bodies, pairs)
+        known = engine.bounds(engine.place(self._chain.forward(zero)))
+        engine.settle_all(known, CONTACT_M)
+        return np.asarray(known.distance_m[0] <= CONTACT_M)
+
+    def _blockers(
+        self, placed: Placed, start: FloatArray, end: FloatArray, ignore: Sequence[str]
+    ) -> IntArray:
+        """Which body (S,) stands in each line of sight (S, 3), or -1."""
+        found = np.full(len(start), -1, dtype=np.intp)
+        middle, half = (start + end) / 2.0, (end - start) / 2.0
+        for b, body in enumerate(self.bodies):
+            if body.name in ignore:
+                continue
+            axes, origin = placed.rotations[:, b], placed.origins[:, b]
+            free = found < 0
+            if not isinstance(body.solid, HalfSpace):
+                around = enclose(body.solid)
+                radius = float(np.linalg.norm(around.half)) + around.radius_m
+                free &= point_segment(middle - origin - axes @ around.centre, half) <= radius
+            rows = np.flatnonzero(free)
+            at = rows if len(axes) > 1 else np.zeros_like(rows)
+            local = [_seen_from(axes[at], origin[at], points[rows]) for points in (start, end)]
+            if b in self._mesh_sights:
+                hit = self._mesh_sights[b].crosses(*local)
+            else:
+                hit = crosses(body.solid, *local)
+            found[rows[hit]] = b
+        return found
+
+    def _postures(self, q: ArrayLike, name: str) -> FloatArray:
+        postures = np.atleast_2d(np.asarray(q, dtype=float))
+        if postures.ndim != 2 or postures.shape[1] != self._chain.n:
+            raise InputError(
+                f"{name} has shape {np.shape(q)}, the arm has {self._chain.n} joints",
+                hint=f"give an array (S, {self._chain.n})",
+                name=name,
+            )
+        if not np.isfinite(postures).all():
+            row = int(np.argwhere(~np.isfinite(postures))[0][0])
+            raise InputError(f"posture {row} of {name} is not finite", name=name)
+        return postures
+
+
+def _seen_from(R_base_body: FloatArray, p_base_body: FloatArray, points: FloatArray) -> FloatArray:
+    """Points (M, 3) of the base frame in the axes of bodies (M, 3, 3) at (M, 3)."""
+    return np.asarray(np.einsum("mij,mi->mj", R_base_body, points - p_base_body))
+
+
+def _points(points: ArrayLike, name: str) -> FloatArray:
+    array = np.asarray(points, dtype=float)
+    if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
+        raise InputError(
+            f"{name} has shape {array.shape}, or a value that is not finite",
+            hint="give an array (S, 3) of finite values, in metres",
+            name=name,
+        )
+    return array
+
+
+def _check_length(value_m: float, name: str, smallest_m: float) -> None:
+    if not (np.isfinite(value_m) and value_m >= smallest_m):
+        raise InputError(
+            f"{name} is {value_m}",
+            hint="give a finite length in metres that is not negative",
+            name=name,
+            value=value_m,
+        )

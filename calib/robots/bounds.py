@@ -1,0 +1,198 @@
+"""What a posture must keep to, and which full turns of its joints do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.robots.limits import CoupledLimit
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+LIMIT_TOLERANCE = 1e-9
+"""Excess over a joint limit [rad] that is rounding: a posture on its limit is inside."""
+
+TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Limits of each joint, and those that joints have together, a margin taken off.
+
+    Attributes
+    ----------
+    lower, upper : array (n,)
+        [rad]
+    coupled : tuple of CoupledLimit
+    margin : float
+        Distance to keep from the coupled limits [rad]; ``lower`` and ``upper`` have it already.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    coupled: tuple[CoupledLimit, ...] = ()
+    margin: float = 0.0
+
+    @classmethod
+    def within(
+        cls,
+        lower: FloatArray,
+        upper: FloatArray,
+        coupled: Sequence[CoupledLimit] = (),
+        margin: float = 0.0,
+    ) -> Bounds:
+        """Bounds that keep a margin [rad] from limits ``(n,)`` [rad]."""
+        return cls(lower + margin, upper - margin, tuple(coupled), margin)
+
+    def excess(self, q: FloatArray) -> FloatArray:
+        """How far postures ``(S, n)`` break each limit, ``(S, n + coupled)`` [rad].
+
+        Negative inside. One column for each joint, then one for each coupled limit.
+        """
+        single = np.maximum(self.lower - q, q - self.upper)
+        together = [self.margin - limit.room(q) for limit in self.coupled]
+        return np.column_stack([single, *together])
+
+    def joints_fit(self, q: FloatArray) -> BoolArray:
+        """Whether each joint of postures ``(S, n)`` is inside its own limits, ``(S,)``."""
+        fits = (q >= self.lower - LIMIT_TOLERANCE) & (q <= self.upper + LIMIT_TOLERANCE)
+        return np.asarray(fits.all(axis=-1))
+
+    def coupled_fit(self, q: FloatArray) -> BoolArray:
+        """Whether postures ``(S, n)`` keep the limits that joints have together, ``(S,)``."""
+        fits = np.ones(len(q), dtype=bool)
+        for limit in self.coupled:
+            fits &= limit.room(q) >= self.margin - LIMIT_TOLERANCE
+        return fits
+
+
+def nearest_turns(
+    postures: FloatArray, lower: FloatArray, upper: FloatArray, near: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Shift each joint by full turns into its limits, as near to a reference as they allow.
+
+    Parameters
+    ----------
+    postures : array (S, n)
+        [rad]
+    lower, upper, near : array (n,)
+        Limits and reference posture [rad].
+
+    Returns
+    -------
+    postures : array (S, n)
+        The same arm positions. Where no turn of a joint fits, the one that breaks its limit least.
+    inside : array (S,) of bool
+    """
+    lowest, highest = _turns(postures, lower, upper)
+    wanted = np.rint((near - postures) * (1.0 / TURN))
+    picked = postures + TURN * np.minimum(np.maximum(wanted, lowest), highest)
+    fits = lowest <= highest
+    inside = np.asarray(fits.all(axis=-1))
+    if not inside.all():
+        row, j = np.nonzero(~fits)
+        # where none fits, lowest lands above the range and highest below it
+        above = postures[row, j] + TURN * lowest[row, j]
+        below = postures[row, j] + TURN * highest[row, j]
+        picked[row, j] = np.where(above - upper[j] < lower[j] - below, above, below)
+    return picked, inside
+
+
+def _turns(
+    postures: FloatArray, lower: FloatArray, upper: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Fewest and most full turns ``(S, n)`` that bring each joint inside; crossed if none does."""
+    lowest = np.ceil((lower - LIMIT_TOLERANCE - postures) * (1.0 / TURN))
+    highest = np.floor((upper + LIMIT_TOLERANCE - postures) * (1.0 / TURN))
+    return lowest, highest
+
+
+def every_turn(
+    postures: FloatArray, lower: FloatArray, upper: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """All combinations of full turns of the joints that lie inside limits.
+
+    Parameters
+    ----------
+    postures : array (S, n)
+        [rad]
+    lower, upper : array (n,)
+        [rad]
+
+    Returns
+    -------
+    postures : array (K, n)
+        Those of row 0 first, from the lowest turns up, the last joint the quickest. None for a
+        row that does not fit.
+    source : array (K,)
+        Row that each comes from.
+    """
+    lowest, highest = _turns(postures, lower, upper)
+    choices = np.maximum(highest - lowest + 1.0, 0.0).astype(np.intp)
+    total = choices.prod(axis=1)
+    source = np.repeat(np.arange(len(postures)), total)
+    rank = np.arange(len(source)) - np.repeat(np.cumsum(total) - total, total)
+    turned = postures[source] + TURN * lowest[source]
+    for j in range(postures.shape[1] - 1, -1, -1):
+        rank, digit = np.divmod(rank, choices[source, j])
+        turned[:, j] += TURN * digit
+    return turned, source
+
+
+def turned_inside(
+    postures: FloatArray, pose: IntArray, bounds: Bounds, near: FloatArray, every: bool
+) -> tuple[FloatArray, IntArray, BoolArray]:
+    """Postures with their full turns chosen: the nearest to a reference, or every one.
+
+    Parameters
+    ----------
+    postures : array (S, n)
+        [rad]
+    pose : array (S,)
+        Pose that each takes, in ascending order.
+    bounds : Bounds
+    near : array (n,)
+        [rad]
+    every : bool
+        All combinations of turns inside the bounds, not only the nearest.
+
+    Returns
+    -------
+    postures : array (K, n)
+    pose : array (K,)
+    inside : array (K,) of bool
+        An arm position of which no turn is inside is given once, in the turn that breaks the
+        joints' own limits least.
+    """
+    picked, inside = nearest_turns(postures, bounds.lower, bounds.upper, near)
+    if bounds.coupled:
+        inside &= bounds.coupled_fit(picked)
+    if not every and (inside.all() or not bounds.coupled):
+        return picked, pose, inside
+    # an arm position that breaks a coupled limit may keep it in another turn
+    again = np.arange(len(postures)) if every else np.flatnonzero(~inside)
+    turned, source = every_turn(postures[again], bounds.lower, bounds.upper)
+    keep = bounds.coupled_fit(turned)
+    turned, source = turned[keep], again[source[keep]]
+    if not every:
+        distance = np.linalg.norm(turned - near, axis=1)
+        best = first_per_group(source, distance, len(postures))
+        better = best >= 0
+        picked[better], inside[better] = turned[best[better]], True
+        return picked, pose, inside
+    without = np.ones(len(postures), dtype=bool)
+    without[source] = False
+    row = np.concatenate([source, np.flatnonzero(without)])
+    order = np.argsort(row, kind="stable")
+    everything = np.concatenate([turned, picked[without]])[order]
+    return everything, pose[row[order]], ~without[row[order]]
+
+
+def first_per_group(group: IntArray, cost: FloatArray, count: int) -> IntArray:
+    """Index of the cheapest entry of each of ``count`` groups; -1 for an empty group."""
+    order = np.lexsort((cost, group))
+    first = np.full(count, -1, dtype=np.intp)
+    groups, where = np.unique(group[order], return_index=True)
+    first[groups] = order[where]
+    return first

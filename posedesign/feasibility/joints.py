@@ -1,0 +1,105 @@
+"""Constraints on the joints: their limits, limits that they have together, singularities."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.errors import limit_reason
+from calib.robots import Robot
+from calib.se3 import FloatArray, IntArray
+from posedesign.feasibility.constraint import ROUNDING, Constraint
+from posedesign.feasibility.situation import Situation
+
+_DEG = float(np.rad2deg(1.0))
+
+
+class JointLimits(Constraint):
+    """Every joint inside its limits, less a margin: an uncalibrated joint is not where it says."""
+
+    name = "joint limits"
+    unit = "deg"
+    display = _DEG
+    comfort = np.deg2rad(10.0)
+    key = "plan.limit_margin_deg"
+
+    def __init__(self, robot: Robot, margin: float) -> None:
+        self._lower, self._upper = robot.lower + margin, robot.upper - margin
+        self._margin_deg = np.rad2deg(margin)
+
+    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+        """See :meth:`Constraint.room`; which: the joint."""
+        room = np.minimum(arm.q - self._lower, self._upper - arm.q)
+        which = np.argmin(room, axis=1)
+        return room[np.arange(len(room)), which], which
+
+    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+        """See :meth:`Constraint.says`."""
+        value, low, high = np.rad2deg([arm.q[i, which], self._lower[which], self._upper[which]])
+        kept = f" ({self._margin_deg:g} deg inside the limit)" if self._margin_deg else ""
+        if room < -ROUNDING:
+            return limit_reason(f"J{which + 1}", float(value), float(low), float(high)) + kept
+        side = "upper" if high - value < value - low else "lower"
+        bound = high if side == "upper" else low
+        return f"J{which + 1} {value:.1f} deg, {side} bound {bound:.1f} deg{kept}"
+
+
+class CoupledLimits(Constraint):
+    """Limits that joints have together, less a margin."""
+
+    name = "coupled limits"
+    unit = "deg"
+    display = _DEG
+    comfort = np.deg2rad(10.0)
+    key = "plan.limit_margin_deg"
+
+    def __init__(self, robot: Robot, margin: float) -> None:
+        self._limits = robot.coupled_limits
+        self._margin = margin
+
+    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+        """See :meth:`Constraint.room`; which: the limit."""
+        room = np.stack([limit.room(arm.q) for limit in self._limits], axis=1) - self._margin
+        which = np.argmin(room, axis=1)
+        return room[np.arange(len(room)), which], which
+
+    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+        """See :meth:`Constraint.says`."""
+        limit = self._limits[which]
+        value = float(np.rad2deg(arm.q[i] @ limit.coefficients))
+        low = float(np.rad2deg(limit.lower + self._margin))
+        high = float(np.rad2deg(limit.upper - self._margin))
+        if room < -ROUNDING:
+            return limit_reason(limit.name, value, low, high)
+        return f"{limit.name} {value:.1f} deg, between {low:.1f} and {high:.1f} deg"
+
+
+class Singularity(Constraint):
+    """The smallest singular value of the tip's Jacobian, its lengths divided by the arm's reach."""
+
+    name = "singularity"
+    unit = ""
+    display = 1.0
+    comfort = 0.05
+    key = "constraints.smallest_singular_value"
+
+    def __init__(self, reach_m: float, smallest: float) -> None:
+        self._reach_m = reach_m
+        self._smallest = smallest
+
+    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+        """See :meth:`Constraint.room`."""
+        J = arm.state.jacobian(arm.state.p_base_tip)
+        J[:, :3] /= self._reach_m
+        value = np.linalg.svd(J, compute_uv=False)[:, -1]
+        return value - self._smallest, np.zeros(len(value), dtype=np.intp)
+
+    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+        """See :meth:`Constraint.says`."""
+        return f"smallest singular value {room + self._smallest:.3f}, bound {self._smallest:g}"
+
+
+def reach(robot: Robot) -> float:
+    """Length of the stretched arm from its second joint to the tip [m], an upper bound."""
+    state = robot.state(np.zeros(robot.n))
+    points = np.vstack([state.origins[1:], state.p_base_tip])
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -1,0 +1,49 @@
+"""How fast verdicts are. Run with ``make bench``."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from posedesign.cell import Cell
+from posedesign.feasibility import Checker
+from posedesign.feasibility.space import Collision
+from posedesign.planner import grid_poses, plan
+
+
+def postures(cell: Cell, count: int) -> np.ndarray:
+    """Postures about the base pose, as a planner looks at them."""
+    rng = np.random.default_rng(1)
+    q = cell.base_posture + rng.uniform(-0.6, 0.6, (count, cell.robot.n))
+    return np.asarray(np.clip(q, cell.robot.lower + 0.02, cell.robot.upper - 0.02))
+
+
+def test_limits_and_visibility(benchmark: BenchmarkFixture, demo_cell: Cell) -> None:
+    """100,000 postures, every constraint but collisions. To be under 1 s."""
+    constraints = [c for c in demo_cell.checker.constraints if not isinstance(c, Collision)]
+    checker = Checker(demo_cell.robot)
+    checker.constraints = tuple(constraints)
+    q = postures(demo_cell, 100_000)
+    verdicts = benchmark.pedantic(checker.check, args=(q,), rounds=5)
+    assert verdicts.room.shape == (100_000, len(constraints))
+
+
+@pytest.mark.parametrize("count", [1_000, 10_000])
+def test_collisions(benchmark: BenchmarkFixture, demo_cell: Cell, count: int) -> None:
+    """Smallest distances of postures of the demo cell. 10,000 to be under 10 s."""
+    q = postures(demo_cell, count)
+    found = benchmark.pedantic(demo_cell.scene.clearance, args=(q,), rounds=3)
+    assert found.distance_m.shape == (count,)
+
+
+def test_one_round_with_all_constraints(benchmark: BenchmarkFixture, demo_cell: Cell) -> None:
+    """27 poses of the demo cell: inverse kinematics, limits, visibility, collisions."""
+    assert len(benchmark(grid_poses, demo_cell, np.full(3, 40.0)).kept) > 20
+
+
+def test_the_whole_plan_with_all_constraints(
+    benchmark: BenchmarkFixture, demo_cell: Cell
+) -> None:
+    """The plan of the demo cell with collisions, visibility, repair and the route."""
+    assert benchmark.pedantic(plan, args=(demo_cell,), rounds=5, warmup_rounds=1).reached

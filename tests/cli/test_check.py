@@ -1,0 +1,246 @@
+"""``posedesign check``: verdicts as a person reads them, and cells whose bounds make no sense."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posedesign.cell import Cell
+from posedesign.pose_check import check_poses
+from posedesign.tables import read_poses
+
+ChangeCell = Callable[[Mapping[str, str]], Path]
+Cli = Callable[..., Any]
+Refuse = Callable[..., Any]
+
+
+def test_planned_poses_pass(cli: Cli, work: Path) -> None:
+    said = cli("check", work / "cell.toml", work / "poses.csv")
+    assert said.code == 0
+    assert "27 poses: 0 cannot be taken, 0 ways between them not clear" in said.out
+    told = json.loads(cli("check", work / "cell.toml", work / "poses.csv", "--json").out)
+    assert told["feasible"] is True
+    assert len(told["poses"]) == 27
+    assert told["not_checked"] == []
+
+
+def test_every_pose_has_its_tightest_constraint(cli: Cli, work: Path) -> None:
+    """The table and the JSON say what the constraints say."""
+    cell = Cell.load(work / "cell.toml")
+    poses = read_poses(work / "poses.csv", 6)
+    verdicts = cell.checker.check(poses.postures)
+    parts = verdicts.room / [constraint.comfort for constraint in verdicts.constraints]
+    told = json.loads(cli("check", work / "cell.toml", work / "poses.csv", "--json").out)
+    for row, part, room in zip(told["poses"], parts, verdicts.room, strict=True):
+        tightest = verdicts.constraints[int(np.argmin(part))]
+        assert row["tightest"] == tightest.name
+        expected = room[int(np.argmin(part))] * tightest.display
+        assert row["room"] == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_pose_in_the_floor(
+    cli: Cli, work: Path, change_csv: Callable[[str, int, str, str], Path]
+) -> None:
+    poses = change_csv("poses.csv", 2, "j2_deg", "70")
+    said = cli("check", work / "cell.toml", poses)
+    assert said.code == 1
+    name = poses.read_text().splitlines()[2].split(",")[0]
+    told = json.loads(cli("check", work / "cell.toml", poses, "--json").out)
+    bad = [row for row in told["poses"] if not row["feasible"]]
+    assert [row["name"] for row in bad] == [name]
+    assert bad[0]["room"] < 0
+    assert bad[0]["says"] in said.out.replace("\n", " ") or "NO" in said.out
+    assert any(name in line for line in told["off_target"])
+
+
+def test_a_way_through_the_fixture(make_demo_cell: Callable[..., Cell]) -> None:
+    """Two clear poses on either side of a wall, and the wall between them."""
+    cell = make_demo_cell(camera=None)
+    x, y, z = 1e3 * cell.target_m
+    wall = {"name": "wall", "size_mm": [800.0, 20.0, 3000.0], "at_mm": [x, 900.0, 1500.0]}
+    cell = make_demo_cell(obstacle=[wall], camera=None)
+    q = np.tile(cell.base_posture, (2, 1))
+    q[1, 0] += np.deg2rad(60.0)
+    from posedesign.tables import PoseList
+
+    there = check_poses(cell, PoseList(("P1", "P2"), q, np.zeros(2, dtype=bool)))
+    assert [verdict.feasible for verdict in there] == [True, True]
+    assert there[0].way_clear
+    assert not there[1].way_clear
+    assert "wall" in there[1].way
+    assert not there[1].ok
+
+
+def test_postures_on_the_way_need_not_see_the_target(make_demo_cell: Callable[..., Cell]) -> None:
+    from posedesign.tables import PoseList
+
+    cell = make_demo_cell()
+    q = cell.base_posture + np.deg2rad([[0.0, 0, 0, 0, 0, 0], [10.0, -10, 0, 0, 40, 0]])
+    names = ("P1", "V1")
+    measured = check_poses(cell, PoseList(names, q, np.array([False, False])))
+    assert not measured[1].feasible
+    passing = check_poses(cell, PoseList(names, q, np.array([False, True])))
+    assert passing[1].feasible, passing[1].says
+
+
+def test_a_program_of_poses_that_collide_says_so(
+    cli: Cli, work: Path, change_cell: ChangeCell
+) -> None:
+    cell = change_cell({"constraints.safety_distance_mm": "80.0"})
+    said = cli("program", work / "poses.csv", "--cell", cell, "--out", work)
+    assert said.code == 1
+    assert "80 mm asked for" in said.err
+
+
+# bounds that make no sense
+
+CASES: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
+    "a camera that looks away": (
+        {"camera.wpr_deg": "[180.0, 0.0, 0.0]"},
+        ("the camera looks away from the target, by 180 deg", "change camera"),
+    ),
+    "a target seen too slantwise": (
+        {"target.normal": "[1.0, 0.0, 0.2]"},
+        ("the base pose cannot be taken: target seen at a tilt of 78.7 deg",),
+    ),
+    "a safety distance that shuts out the base pose": (
+        {"constraints.safety_distance_mm": "500.0"},
+        ("the base pose cannot be taken: ", "500 mm asked for", "constraints.safety_distance_mm"),
+    ),
+    "a workspace that shuts out the base pose": (
+        {
+            "constraints.workspace_lowest_mm": "[-3000.0, -3000.0, 800.0]",
+            "constraints.workspace_highest_mm": "[3000.0, 3000.0, 3000.0]",
+        },
+        ("below z = 800 mm of the workspace", "mm"),
+    ),
+    "a singular value that no posture has": (
+        {"constraints.smallest_singular_value": "0.9"},
+        ("smallest singular value 0.", "bound 0.9", "constraints.smallest_singular_value"),
+    ),
+    "a camera too near": (
+        {"camera.nearest_mm": "400.0"},
+        ("target 350 mm from the camera, nearest allowed 400 mm",),
+    ),
+}
+
+
+@pytest.mark.parametrize(("changes", "words"), CASES.values(), ids=CASES)
+def test_bounds_that_shut_out_the_base_pose(
+    refuse: Refuse,
+    change_cell: ChangeCell,
+    work: Path,
+    changes: dict[str, str],
+    words: tuple[str, ...],
+) -> None:
+    refuse("plan", change_cell(changes), "--out", work / "out").says(*words)
+
+
+KEYS: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
+    "target inside its fixture": (
+        {"target.position_mm": "[1915.4, 50.0, 400.0]"},
+        ("key target.position_mm", "the target lies inside the obstacle 'fixture'"),
+    ),
+    "half a workspace": (
+        {"constraints.workspace_lowest_mm": "[0.0, 0.0, 0.0]"},
+        ("give both workspace_lowest_mm and workspace_highest_mm",),
+    ),
+    "an empty workspace": (
+        {
+            "constraints.workspace_lowest_mm": "[0.0, 5.0, 0.0]",
+            "constraints.workspace_highest_mm": "[9.0, 5.0, 9.0]",
+        },
+        ("the workspace is empty along y: 5 to 5",),
+    ),
+    "pairs of unknown bodies": (
+        {"constraints.ignore": '[["gunn", "fixture"]]'},
+        ("constraints.ignore", "'gunn'", "did you mean gun?"),
+    ),
+    "a border that leaves nothing": (
+        {"camera.border_px": "600.0"},
+        ("border_px 600 leaves nothing of the image",),
+    ),
+    "nearest beyond farthest": (
+        {"camera.nearest_mm": "900.0"},
+        ("nearest_mm 900 is not below farthest_mm 700",),
+    ),
+    "a target without a face": ({"target.normal": "[0.0, 0.0, 0.0]"}, ("no direction",)),
+    "a box without a size": ({"camera.image_px": "[0, 480]"}, ("greater than 0",)),
+    "an unknown controller": (
+        {"robot.controller": '"fanucc"'},
+        ("robot.controller", "no controller 'fanucc'", "did you mean fanuc?"),
+    ),
+    "a controller of other arms": (
+        {"robot.controller": '"staubli"'},
+        ("joint 4 at zero does not turn about the axis",),
+    ),
+}
+
+
+@pytest.mark.parametrize(("changes", "words"), KEYS.values(), ids=KEYS)
+def test_surroundings_that_make_no_sense(
+    refuse: Refuse,
+    change_cell: ChangeCell,
+    work: Path,
+    changes: dict[str, str],
+    words: tuple[str, ...],
+) -> None:
+    refuse("check", change_cell(changes), work / "poses.csv").says(*words)
+
+
+SOLIDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "box without size": ('name = "b"', ("a box needs size_mm",)),
+    "sphere with height": (
+        'name = "b"\nkind = "sphere"\nradius_mm = 5.0\nheight_mm = 3.0',
+        ("a sphere has no height_mm",),
+    ),
+    "unknown kind": ('name = "b"\nkind = "cone"', ("'box', 'cylinder'",)),
+    "size of zero": ('name = "b"\nsize_mm = [0.0, 1.0, 1.0]', ("greater than 0",)),
+    "mistyped key": ('name = "b"\nsize_m = [1.0, 1.0, 1.0]', ("no such key", "size_mm")),
+    "mesh that is not there": (
+        'name = "b"\nkind = "mesh"\nmesh = "nowhere.stl"',
+        ("nowhere.stl", "cannot be read"),
+    ),
+    "mesh that is none": (
+        'name = "b"\nkind = "mesh"\nmesh = "poses.csv"',
+        ("poses.csv",),
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "words"), SOLIDS.values(), ids=SOLIDS)
+@pytest.mark.parametrize("table", ["obstacle", "tool.body"])
+def test_solids_that_make_no_sense(
+    refuse: Refuse, work: Path, text: str, words: tuple[str, ...], table: str
+) -> None:
+    path = work / "cell.toml"
+    path.write_text(path.read_text() + f"\n[[{table}]]\n{text}\n")
+    refuse("check", path, work / "poses.csv").says(*words)
+
+
+def test_a_tool_is_no_half_space(refuse: Refuse, work: Path) -> None:
+    path = work / "cell.toml"
+    path.write_text(path.read_text() + '\n[[tool.body]]\nname = "b"\nkind = "half-space"\n')
+    refuse("plan", path, "--out", work / "x").says("b: a tool cannot be a half-space")
+
+
+def test_a_preset_with_five_values(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
+    cell = change_cell({"base_pose.posture_deg": "[0, 15, -25, 0, -50]"})
+    refuse("plan", cell, "--out", work / "x").says(
+        "r2000ic165f has 6 joints, the posture has 5 values"
+    )
+
+
+def test_what_is_not_checked_is_said(cli: Cli, make_urdf: Callable[..., Path], work: Path) -> None:
+    new = cli("new", "--robot", make_urdf())
+    assert new.code == 0
+    (work / "own.toml").write_text(new.out)
+    assert cli("plan", work / "own.toml", "--out", work).code in (0, 1)
+    said = cli("check", work / "own.toml", work / "poses.csv")
+    assert "note: small has no collision geometry: collisions are not checked" in said.err
+    assert "note: no [camera] is described: the view of the target is not checked" in said.err

@@ -1,0 +1,123 @@
+"""What the pendant shows: joints both ways, world frames, and descriptions that do not fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib import se3
+from calib.errors import InputError, RobotModelError
+from calib.robots import POSITIVE_AXES, Robot, preset_names
+from calib.robots.chain import SerialChain
+from calib.robots.controller import controller_of
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_pendant_and_posture_are_inverse(name: str) -> None:
+    robot = Robot.preset(name)
+    controller = robot.controller
+    assert controller is not None
+    q = np.random.default_rng(1).uniform(robot.lower, robot.upper, (50, robot.n))
+    np.testing.assert_allclose(controller.posture(controller.pendant(q)), q, atol=1e-14)
+    T = robot.fk(q)
+    np.testing.assert_allclose(controller.in_base(controller.in_world(T)), T, atol=1e-14)
+
+
+def test_fanuc_j3_is_the_angle_to_the_horizontal() -> None:
+    """Moving J2 on the pendant leaves the forearm's direction as it is."""
+    robot = Robot.preset("r2000ic165f")
+    assert robot.controller is not None
+    shown = np.array([10.0, -5.0, -20.0, 0.0, -45.0, 30.0])
+    moved = shown + [0.0, 25.0, 0.0, 0.0, 0.0, 0.0]
+    R = robot.fk(robot.controller.posture(np.array([shown, moved])))[:, :3, :3]
+    np.testing.assert_allclose(R[0], R[1], atol=1e-12)
+    forearm = robot.state(robot.controller.posture(shown)).axes[3]
+    # axis 4 points back along the forearm: J3 = -20 deg points it down by 20 deg
+    assert np.rad2deg(np.arcsin(-forearm[2])) == pytest.approx(-20.0, abs=1e-9)
+
+
+def test_fanuc_world_lies_on_j1_at_the_height_of_j2() -> None:
+    """Pendant J (0, 0, 0, 0, -90, 0): X 1592, Z 1085, W 180, from a real controller."""
+    robot = Robot.preset("r2000ic165f")
+    assert robot.controller is not None
+    q = robot.controller.posture([0.0, 0.0, 0.0, 0.0, -90.0, 0.0])
+    T = robot.controller.in_world(robot.fk(q))
+    np.testing.assert_allclose(1e3 * T[:3, 3], [1592.0, 0.0, 1085.0], atol=1e-9)
+    # W 180, P 0, R 0
+    np.testing.assert_allclose(T[:3, :3], np.diag([1.0, -1.0, -1.0]), atol=1e-12)
+
+
+def test_the_world_is_computed_where_the_description_has_none() -> None:
+    robot = Robot.preset("r2000ic165f")
+    assert robot.controller is not None
+    found = controller_of("fanuc", robot.chain, None)
+    np.testing.assert_allclose(found.T_base_world, robot.controller.T_base_world, atol=1e-12)
+
+
+def turned_joint(chain: SerialChain, joint: int) -> SerialChain:
+    """The same arm with a joint that counts the other way."""
+    axes = chain.axes.copy()
+    axes[joint] *= -1.0
+    return replace(chain, axes=axes)
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_signs_are_read_off_the_axes(joint: int) -> None:
+    robot = Robot.preset("r2000ic165f")
+    assert robot.controller is not None
+    q = np.deg2rad([10.0, 20.0, -30.0, 40.0, -50.0, 60.0])
+    other = q.copy()
+    other[joint] *= -1.0
+    found = controller_of("fanuc", turned_joint(robot.chain, joint), None)
+    np.testing.assert_allclose(found.pendant(other), robot.controller.pendant(q), atol=1e-12)
+
+
+def test_kuka_signs() -> None:
+    """A1, A4 and A6 count about axes that point down, and back along the arm."""
+    robot = Robot.preset("kr6r900sixx") if "kr6r900sixx" in preset_names() else None
+    if robot is None:
+        pytest.skip("no KUKA among the presets")
+    assert robot.controller is not None
+    turned = robot.fk(robot.controller.posture([30.0, -90.0, 90.0, 0.0, 0.0, 0.0]))
+    # A1 = 30 turns the arm clockwise, seen from above: to negative y
+    assert np.rad2deg(np.arctan2(turned[1, 3], turned[0, 3])) == pytest.approx(-30.0, abs=1e-9)
+
+
+def test_universal_robots_count_positions_in_a_turned_base() -> None:
+    if "ur5e" not in preset_names():
+        pytest.skip("no UR among the presets")
+    robot = Robot.preset("ur5e")
+    assert robot.controller is not None
+    T = se3.transform(np.eye(3), [-0.8172, -0.2329, 0.0628])
+    np.testing.assert_allclose(
+        robot.controller.in_base(T)[:3, 3], [0.8172, 0.2329, 0.0628], atol=1e-12
+    )
+
+
+def test_unknown_maker_is_named() -> None:
+    robot = Robot.preset("r2000ic165f")
+    with pytest.raises(RobotModelError, match="no controller 'fanu'") as caught:
+        robot.controlled_by("fanu")
+    assert "fanuc" in caught.value.hint
+
+
+@pytest.mark.parametrize("maker", sorted(set(POSITIVE_AXES) - {"fanuc", "yaskawa", "franka"}))
+def test_a_description_with_other_axes_is_refused(maker: str) -> None:
+    """The wrist of a FANUC at zero lies along x: a maker whose zero differs is not guessed at."""
+    chain = Robot.preset("r2000ic165f").chain
+    if maker in ("abb", "kuka"):  # the same axes, but for signs: they are read off
+        assert controller_of(maker, chain, None).maker == maker
+        return
+    with pytest.raises(RobotModelError, match="at zero does not turn about the axis"):
+        controller_of(maker, chain, None)
+
+
+def test_wrong_number_of_joints() -> None:
+    robot = Robot.preset("r2000ic165f")
+    with pytest.raises(RobotModelError, match="an arm of franka has 7 joints, this one 6"):
+        robot.controlled_by("franka")
+    assert robot.controller is not None
+    with pytest.raises(InputError, match="5 joint values, the arm 6"):
+        robot.controller.posture(np.zeros(5))

@@ -1,0 +1,148 @@
+"""Six-axis arms other than the spherical wrist on exact right angles: parallel axes, rounding."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib import Robot, se3
+from calib.robots.chain import SerialChain
+from calib.robots.closed_form import ClosedForm
+from calib.robots.ideal import idealised
+
+CLOSURE = 1e-9
+TURN = 2 * np.pi
+
+UR5E = [  # xyz [m], rpy [rad]: three parallel axes, none of the wrist's meet in one point
+    ("0 0 0.1625", "0 0 0"),
+    ("0 0 0", "1.5707963267948966 0 0"),
+    ("-0.425 0 0", "0 0 0"),
+    ("-0.3922 0 0.1333", "0 0 0"),
+    ("0 -0.0997 0", "1.5707963267948966 0 0"),
+    ("0 0.0996 0", "-1.5707963267948966 0 0"),
+]
+
+GP180 = [  # as its maker's description rounds right angles
+    ("0 0 0.650", "0 0 0"),
+    ("0.325 0 0", "0 -1.571 -1.571"),
+    ("1.150 0 0", "3.142 0 0"),
+    ("0.300 -1.225 0", "-1.571 0 0"),
+    ("0 0 0", "1.571 0 0"),
+    ("0 -0.225 0", "-1.571 0 0"),
+]
+
+
+def arm(folder, rows, limit: float) -> Robot:
+    text = ['<robot name="arm"><link name="l0"/>']
+    for j, (xyz, rpy) in enumerate(rows):
+        text.append(
+            f'<joint name="j{j + 1}" type="revolute"><parent link="l{j}"/><child link="l{j + 1}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
+            f'<limit lower="{-limit}" upper="{limit}" velocity="2" effort="1"/></joint>'
+            f'<link name="l{j + 1}"/>'
+        )
+    path = folder / "arm.urdf"
+    path.write_text("".join(text) + "</robot>")
+    return Robot.from_urdf(path)
+
+
+@pytest.fixture(scope="module")
+def ur5e(tmp_path_factory) -> Robot:
+    return arm(tmp_path_factory.mktemp("ur"), UR5E, TURN)
+
+
+@pytest.fixture(scope="module")
+def rounded(tmp_path_factory) -> Robot:
+    return arm(tmp_path_factory.mktemp("gp"), GP180, 3.0)
+
+
+@pytest.fixture(scope="module")
+def calibrated() -> Robot:
+    """The reference arm with every frame off by some tenths of a millimetre and milliradian."""
+    robot, rng = Robot.preset("r2000ic165f"), np.random.default_rng(0)
+    off = se3.transform(se3.rotation_exp(rng.normal(0, 2e-4, (6, 3))), rng.normal(0, 2e-4, (6, 3)))
+    chain = replace(robot.chain, placements=robot.chain.placements @ off)
+    return replace(robot, chain=chain)
+
+
+def missed(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """How far the nearest answer to each posture is from it, full turns aside [rad]."""
+    poses = robot.fk(q)
+    answers = robot.inverse(poses)
+    np.testing.assert_allclose(robot.fk(answers.postures), poses[answers.pose], atol=CLOSURE)
+    out = np.full(len(q), np.inf)
+    apart = (answers.postures - q[answers.pose] + np.pi) % TURN - np.pi
+    np.minimum.at(out, answers.pose, np.abs(apart).max(axis=1))
+    return out
+
+
+@pytest.mark.parametrize("bend", [1e-9, 1e-8, 3e-8, 1e-7, 3e-7, 1e-6, 3e-6, 1e-5, 1e-3])
+@pytest.mark.parametrize("middle", [0.0, np.pi])
+def test_three_parallel_axes_lose_nothing_near_a_straight_wrist(ur5e, bend, middle):
+    """EAIK loses the digits of joint 6 below 3e-6, and up to a twentieth of the poses."""
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-3, 3, (300, 6))
+    q[:, 4] = middle + bend * rng.choice([-1, 1], 300)
+    off = missed(ur5e, q)
+    # the nearer the line, the farther a posture moves for the rounding of its pose, 1e-15, and a
+    # hundred times farther where the elbow is almost stretched, too
+    assert (off < 1e-6 + 2e-13 / bend).all()
+
+
+@pytest.mark.parametrize("bend", [0.0, 1e-13, 1e-11])
+def test_on_the_line_the_roll_of_the_reference_is_kept(ur5e, bend):
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-3, 3, (40, 6))
+    q[:, 4] = bend
+    for posture in q:
+        best, found = ur5e.inverse(ur5e.fk(posture), near=posture).nearest()
+        assert found[0]
+        np.testing.assert_allclose(best[0], posture, atol=1e-6)
+    # from elsewhere no pose is lost either
+    answers = ur5e.inverse(ur5e.fk(q), near=np.full(6, 0.7))
+    assert set(answers.pose.tolist()) == set(range(40))
+
+
+def test_each_branch_of_three_parallel_axes_is_given_once(ur5e):
+    rng = np.random.default_rng(2)
+    q = rng.uniform(-3, 3, (200, 6))
+    q[::2, 4] = 1e-7
+    answers = ur5e.inverse(ur5e.fk(q))
+    for i in range(200):
+        own = answers.postures[answers.pose == i]
+        assert 1 <= len(own) <= 8
+        apart = np.abs((own[:, None] - own[None] + np.pi) % TURN - np.pi).max(axis=-1)
+        assert apart[~np.eye(len(own), dtype=bool)].min(initial=1.0) > 1e-6
+
+
+@pytest.mark.parametrize("name", ["rounded", "calibrated"])
+def test_inexact_arms_are_solved_through_their_ideal(request, name):
+    robot = request.getfixturevalue(name)
+    assert isinstance(robot._inverse, ClosedForm)
+    q = np.random.default_rng(3).uniform(robot.lower, robot.upper, (400, 6))
+    off = missed(robot, q)
+    smallest = np.linalg.svd(robot.jacobian(q), compute_uv=False)[:, -1]
+    # two branches that are about to merge may both be closed in on from one side
+    assert (off[smallest > 0.01] < 1e-6).all()
+    assert (off < 1e-6).mean() > 0.995
+    far = robot.inverse(se3.transform(np.eye(3), [4.0, 0.0, 1.0]))
+    assert len(far.postures) == 0
+    assert 0.5 < far.gap_m[0] < 2.5
+
+
+def test_the_ideal_of_an_exact_arm_is_the_arm(reference_robot):
+    ideal = idealised(reference_robot.chain)
+    np.testing.assert_allclose(ideal.placements, reference_robot.chain.placements, atol=1e-15)
+    np.testing.assert_allclose(ideal.axes, reference_robot.chain.axes, atol=1e-15)
+
+
+def test_only_what_is_slight_is_idealised():
+    turned = se3.transform(se3.rotation_exp([[9e-4, 0, 0], [0.002, 0, 0]]), [[9e-4, 2e-3, -9e-4]])
+    chain = SerialChain(turned, np.array([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]]), np.eye(4))
+    ideal = idealised(chain)
+    np.testing.assert_array_equal(ideal.placements[0, :3, :3], np.eye(3))
+    np.testing.assert_array_equal(ideal.placements[1, :3, :3], turned[1, :3, :3])
+    np.testing.assert_array_equal(ideal.placements[0, :3, 3], [0.0, 2e-3, 0.0])
+    np.testing.assert_array_equal(ideal.axes, chain.axes)

@@ -1,0 +1,311 @@
+"""Every constraint against what it means geometrically, verdicts, and the choice of postures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.robots import CoupledLimit, Robot
+from calib.se3 import rotation_exp
+from posedesign.cell import Cell
+from posedesign.feasibility import Checker, Constraint, Situation, nearest_postures
+from posedesign.feasibility.joints import CoupledLimits, JointLimits, Singularity, reach
+from posedesign.feasibility.visibility import Distance, InImage, LineOfSight, Tilt
+from posedesign.generation import touching_poses
+
+MakeCell = Callable[..., Cell]
+
+
+def situation(cell: Cell, *postures_deg: list[float]) -> Situation:
+    return Situation(cell.robot.chain, np.deg2rad(np.array(postures_deg)))
+
+
+def turned(cell: Cell, axis: str, degrees: float) -> Situation:
+    """The base pose turned about an axis of the tool, the tool point still on the target."""
+    R = cell.robot.fk(cell.base_posture)[:3, :3]
+    turn = rotation_exp(np.deg2rad(degrees) * np.eye(3)["xyz".index(axis)])
+    pose = touching_poses((R @ turn)[None], cell.tool_m, cell.target_m)
+    found = nearest_postures(Checker(cell.robot), pose, cell.base_posture)
+    assert found.feasible.all(), found.reasons
+    return Situation(cell.robot.chain, found.q)
+
+
+def only(cell: Cell, kind: type[Constraint]) -> Constraint:
+    return next(c for c in cell.checker.constraints if isinstance(c, kind))
+
+
+# joints
+
+
+@pytest.mark.parametrize(
+    ("q", "room", "says"),
+    [
+        ([0, 15, -25, 0, -50, 0], 61.0, "J2 15.0 deg, upper bound 76.0 deg"),
+        ([0, 75, -25, 0, -50, 0], 1.0, "J2 75.0 deg, upper bound 76.0 deg"),
+        ([0, -59, -25, 0, -50, 0], 1.0, "J2 -59.0 deg, lower bound -60.0 deg"),
+        ([0, 15, -25, 0, -131.2, 0], -6.2, "J5 -131.2 deg is below -125.0 deg"),
+    ],
+)
+def test_joint_limits(
+    reference_cell: Cell, q: list[float], room: float, says: str
+) -> None:
+    verdicts = Checker(reference_cell.robot).check(np.deg2rad([q]))
+    assert np.rad2deg(verdicts.room[0, 0]) == pytest.approx(room)
+    limits = verdicts.constraints[0]
+    assert limits.says(verdicts.arm, 0, verdicts.room[0, 0], verdicts.which[0, 0]) == says
+    assert verdicts.feasible[0] == (room >= 0)
+
+
+def test_a_margin_moves_every_bound(reference_cell: Cell) -> None:
+    robot = reference_cell.robot
+    q = np.deg2rad([[0.0, 75.5, -25.0, 0.0, -50.0, 0.0]])
+    verdicts = Checker(robot, margin=np.deg2rad(1.0)).check(q)
+    assert not verdicts.feasible[0]
+    assert verdicts.says(0) == "J2 75.5 deg is above 75.0 deg (1 deg inside the limit)"
+
+
+def test_coupled_limits() -> None:
+    """q3 - q2 within -60 .. 40 deg, whatever the joints by themselves may do."""
+    bare = Robot.preset("r2000ic165f")
+    limit = CoupledLimit(
+        "J3 to the horizontal", np.array([0.0, -1, 1, 0, 0, 0]), np.deg2rad(-60), np.deg2rad(40)
+    )
+    robot = replace(bare, coupled_limits=(limit,))
+    checker = Checker(robot, margin=np.deg2rad(2.0))
+    q = np.deg2rad([[0, 10, -30, 0, -50, 0], [0, 35, -30, 0, -50, 0], [0, 10, 49, 0, -50, 0.0]])
+    verdicts = checker.check(q)
+    k = [isinstance(c, CoupledLimits) for c in verdicts.constraints].index(True)
+    # -40: 20 from the lower bound; -65: 5 beyond it; 39: 1 from the upper; less the margin
+    np.testing.assert_allclose(np.rad2deg(verdicts.room[:, k]), [18.0, -7.0, -1.0])
+    assert verdicts.feasible.tolist() == [True, False, False]
+    assert verdicts.says(1) == "J3 to the horizontal -65.0 deg is below -58.0 deg"
+
+
+def test_singular_value_against_an_svd_of_pinocchio(reference_cell: Cell) -> None:
+    pin = pytest.importorskip("pinocchio")
+    robot = reference_cell.robot
+    q = np.random.default_rng(1).uniform(robot.lower, robot.upper, (20, 6))
+    room, _ = Singularity(reach(robot), 0.0).room(Situation(robot.chain, q))
+    data = robot.model.createData()
+    frame = robot.model.getFrameId(robot.tip_frame)
+    for posture, value in zip(q, room, strict=True):
+        J = pin.computeFrameJacobian(
+            robot.model, data, posture, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        J[:3] /= reach(robot)
+        assert value == pytest.approx(np.linalg.svd(J, compute_uv=False)[-1], abs=1e-9)
+
+
+def test_a_straight_wrist_is_singular(make_cell: MakeCell) -> None:
+    cell = make_cell(constraints={"collisions": False, "smallest_singular_value": 0.02})
+    q = np.deg2rad([[0.0, 15.0, -25.0, 0.0, 0.0, 0.0], [0.0, 15.0, -25.0, 0.0, -50.0, 0.0]])
+    verdicts = cell.checker.check(q)
+    assert verdicts.feasible.tolist() == [False, True]
+    assert verdicts.says(0) == "smallest singular value 0.000, bound 0.02"
+
+
+# what the camera sees
+
+
+@pytest.fixture
+def seeing(make_demo_cell: MakeCell) -> Cell:
+    return make_demo_cell(constraints={"collisions": False}, obstacle=None)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 20.0, 60.0, 69.9])
+def test_tilt_is_the_angle_that_the_tool_is_turned_by(seeing: Cell, degrees: float) -> None:
+    """The target faces the camera of the base pose, which looks along the tool."""
+    arm = turned(seeing, "y", degrees)
+    room, _ = only(seeing, Tilt).room(arm)
+    assert np.rad2deg(room[0]) == pytest.approx(70.0 - degrees, abs=1e-6)
+
+
+def test_tilt_beyond_its_bound(seeing: Cell) -> None:
+    verdicts = seeing.checker.check(turned(seeing, "y", 75.0).q)
+    assert not verdicts.feasible[0]
+    assert verdicts.says(0) == "target seen at a tilt of 75.0 deg, largest allowed 70 deg"
+
+
+def test_the_normal_of_the_target_may_be_given(make_demo_cell: MakeCell) -> None:
+    slanted = [np.sin(np.deg2rad(30.0)), 0.0, np.cos(np.deg2rad(30.0))]
+    cell = make_demo_cell(target={"normal": slanted})
+    room, _ = only(cell, Tilt).room(situation(cell, [0, 15, -25, 0, -50, 0]))
+    assert np.rad2deg(room[0]) == pytest.approx(40.0, abs=1e-6)
+
+
+def test_the_rolled_target_stays_in_the_middle(seeing: Cell) -> None:
+    """The tool point is the middle of the image: 512 px to the edge, less the radius and border.
+
+    10 mm at 350 mm with 1800 px: the octagon about the target is 51.4 px across its corners.
+    """
+    room, _ = only(seeing, InImage).room(turned(seeing, "z", 37.0))
+    reach_px = 1800.0 * 10.0 / 350.0
+    assert 512.0 - 30.0 - reach_px <= room[0] <= 512.0 - 30.0 - reach_px * np.cos(np.pi / 8) + 1e-9
+
+
+def test_target_outside_the_image(make_demo_cell: MakeCell) -> None:
+    """A lens turned by 15 deg sees the target 1800 tan(15) = 482 px off the middle."""
+    cell = make_demo_cell(camera={"wpr_deg": [15.0, 0.0, 0.0]}, target={"radius_mm": 0.0})
+    room, _ = only(cell, InImage).room(situation(cell, [0, 15, -25, 0, -50, 0]))
+    assert room[0] == pytest.approx(512.0 - 1800.0 * np.tan(np.deg2rad(15.0)) - 30.0)
+    away = make_demo_cell(camera={"wpr_deg": [170.0, 0.0, 0.0]})
+    verdicts = away.checker.check(away.base_posture[None])
+    assert verdicts.says(0) == "the camera looks away from the target, by 170 deg"
+
+
+@pytest.mark.parametrize(
+    ("nearest", "farthest", "room", "says"),
+    [
+        (100.0, 700.0, 250.0, "target 350 mm from the camera, nearest allowed 100 mm"),
+        (360.0, 700.0, -10.0, "target 350 mm from the camera, nearest allowed 360 mm"),
+        (100.0, 340.0, -10.0, "target 350 mm from the camera, farthest allowed 340 mm"),
+    ],
+)
+def test_distance(
+    make_demo_cell: MakeCell, nearest: float, farthest: float, room: float, says: str
+) -> None:
+    cell = make_demo_cell(camera={"nearest_mm": nearest, "farthest_mm": farthest})
+    arm = situation(cell, [0, 15, -25, 0, -50, 0])
+    distance = only(cell, Distance)
+    found, which = distance.room(arm)
+    assert 1e3 * found[0] == pytest.approx(room, abs=1e-6)
+    assert distance.says(arm, 0, found[0], which[0]) == says
+
+
+def test_something_in_the_line_of_sight(make_demo_cell: MakeCell) -> None:
+    x, y, z = 1e3 * make_demo_cell().target_m
+    post = {"name": "post", "size_mm": [10.0, 10.0, 50.0], "at_mm": [x, y, z + 60.0]}
+    cell = make_demo_cell(obstacle=[post], constraints={"collisions": False})
+    verdicts = cell.checker.check(cell.base_posture[None])
+    assert not verdicts.feasible[0]
+    assert verdicts.says(0) == "post stands between camera and target"
+    beside = make_demo_cell(
+        obstacle=[{**post, "at_mm": [x + 20.0, y, z + 60.0]}], constraints={"collisions": False}
+    )
+    assert beside.checker.check(cell.base_posture[None]).feasible[0]
+
+
+def test_the_tool_itself_may_block_the_view(make_demo_cell: MakeCell) -> None:
+    tool = {"name": "clamp", "size_mm": [300.0, 300.0, 50.0], "at_mm": [100.0, 0.0, 200.0]}
+    cell = make_demo_cell(tool={"body": [tool]}, obstacle=None, constraints={"collisions": False})
+    verdicts = cell.checker.check(cell.base_posture[None])
+    assert verdicts.says(0) == "clamp stands between camera and target"
+    sight = only(cell, LineOfSight)
+    room, which = sight.room(verdicts.arm)
+    assert room[0] < 0
+    assert cell.scene.bodies[which[0]].name == "clamp"
+
+
+# space
+
+
+def test_two_bodies_too_near(make_demo_cell: MakeCell) -> None:
+    """A wall beside the gun, 15 mm from its side."""
+    cell = make_demo_cell()
+    T = cell.robot.fk(cell.base_posture)
+    side = 1e3 * (T[:3, 3] + T[:3, :3] @ [-0.010, 0.110, 0.145])  # middle of the gun's side
+    wall = {
+        "name": "wall",
+        "size_mm": [300.0, 10.0, 300.0],
+        "at_mm": (side - [0.0, 20.0, 0.0]).tolist(),  # tool y points to -y of the base
+    }
+    near = make_demo_cell(obstacle=[wall])
+    verdicts = near.checker.check(near.base_posture[None])
+    assert not verdicts.feasible[0]
+    assert verdicts.says(0) == "gun 15.0 mm from wall, 20 mm asked for"
+    closer = make_demo_cell(obstacle=[wall], constraints={"safety_distance_mm": 10.0})
+    assert closer.checker.check(near.base_posture[None]).feasible[0]
+    ignored = make_demo_cell(obstacle=[wall], constraints={"ignore": [["wall", "gun"]]})
+    assert ignored.checker.check(near.base_posture[None]).feasible[0]
+
+
+def test_workspace_box(make_demo_cell: MakeCell) -> None:
+    """The lowest point of arm and tool is the gun's face, 280 mm below the faceplate."""
+    cell = make_demo_cell()
+    low = 1e3 * cell.robot.fk(cell.base_posture)[2, 3] - 280.0
+    box = {
+        "workspace_lowest_mm": [-2000.0, -2000.0, low + 10.0],
+        "workspace_highest_mm": [4000.0, 2000.0, 4000.0],
+    }
+    narrow = make_demo_cell(constraints=box)
+    verdicts = narrow.checker.check(cell.base_posture[None])
+    assert not verdicts.feasible[0]
+    expected = f"arm or tool 10 mm below z = {low + 10.0:.0f} mm of the workspace"
+    assert verdicts.says(0) == expected
+    box["workspace_lowest_mm"] = [-2000.0, -2000.0, low - 10.0]
+    assert make_demo_cell(constraints=box).checker.check(cell.base_posture[None]).feasible[0]
+
+
+# verdicts
+
+
+def test_later_constraints_are_spared_what_is_lost(demo_cell: Cell) -> None:
+    q = np.vstack([demo_cell.base_posture, np.deg2rad([0.0, 90.0, -25.0, 0.0, -50.0, 0.0])])
+    lazy = demo_cell.checker.check(q, every=False)
+    full = demo_cell.checker.check(q)
+    assert np.isnan(lazy.room[1, 1:]).all()
+    assert not np.isnan(full.room).any()
+    np.testing.assert_array_equal(lazy.feasible, full.feasible)
+    np.testing.assert_allclose(lazy.room[0], full.room[0])
+    assert lazy.says(1) == "J2 90.0 deg is above 75.0 deg (1 deg inside the limit)"
+
+
+def test_order_of_postures_does_not_matter(demo_cell: Cell) -> None:
+    rng = np.random.default_rng(5)
+    robot = demo_cell.robot
+    q = demo_cell.base_posture + rng.uniform(-0.6, 0.6, (60, robot.n))
+    order = rng.permutation(60)
+    one, other = demo_cell.checker.check(q), demo_cell.checker.check(q[order])
+    np.testing.assert_allclose(one.room[order], other.room, atol=1e-12)
+    assert one.feasible.any()
+    assert not one.feasible.all()
+
+
+def test_no_postures(demo_cell: Cell) -> None:
+    verdicts = demo_cell.checker.check(np.empty((0, 6)))
+    assert verdicts.feasible.shape == (0,)
+
+
+# the choice of postures
+
+
+def test_a_branch_that_collides_gives_way_to_another(make_demo_cell: MakeCell) -> None:
+    """A post where the forearm's elbow-up branch is: the pose is still taken, otherwise."""
+    cell = make_demo_cell(constraints={"collisions": False}, obstacle=None)
+    pose = cell.robot.fk(cell.base_posture)[None]
+    plain = nearest_postures(cell.checker, pose, cell.base_posture)
+    np.testing.assert_allclose(plain.q[0], cell.base_posture, atol=1e-9)
+
+    class NotThisBranch(JointLimits):
+        name = "test"
+
+        def room(self, arm: Situation) -> tuple[np.ndarray, np.ndarray]:
+            apart = np.abs(arm.q - cell.base_posture).max(axis=1)
+            return np.where(apart < 0.1, -1.0, 1.0), np.zeros(len(apart), dtype=np.intp)
+
+    checker = Checker(cell.robot, [NotThisBranch(cell.robot, 0.0)])
+    other = nearest_postures(checker, pose, cell.base_posture)
+    assert other.feasible[0]
+    assert np.abs(other.q[0] - cell.base_posture).max() > 0.1
+    np.testing.assert_allclose(cell.robot.fk(other.q[0]), pose[0], atol=1e-9)
+    # of all other branches the nearest
+    branches = cell.robot.inverse(pose, near=cell.base_posture).of(0)
+    apart = np.sort(np.linalg.norm(branches - cell.base_posture, axis=1))
+    assert np.linalg.norm(other.q[0] - cell.base_posture) == pytest.approx(apart[1])
+
+
+def test_reasons_of_poses_that_cannot_be_taken(make_demo_cell: MakeCell) -> None:
+    cell = make_demo_cell()
+    poses = np.tile(cell.robot.fk(cell.base_posture), (3, 1, 1))
+    poses[0, 0, 3] += 3.0  # out of reach
+    poses[1, 2, 3] -= 0.7  # the gun would go through the floor
+    found = nearest_postures(cell.checker, poses, cell.base_posture)
+    assert found.feasible.tolist() == [False, False, True]
+    assert found.reasons[0].startswith("out of reach by ")
+    assert "floor" in found.reasons[1] or "fixture" in found.reasons[1]
+    assert found.keys[1] == "constraints.safety_distance_mm"
+    assert found.reasons[2] == ""
+    assert np.isnan(found.q[:2]).all()

@@ -1,0 +1,147 @@
+"""The order of the poses: short, along clear ways only, with detours where there is no other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise, permutations
+
+import numpy as np
+import pytest
+
+from calib.robots import Robot
+from posedesign.cell import Cell
+from posedesign.feasibility.ways import WayChecker, WayVerdicts
+from posedesign.route import Route, Router, shortest_order
+
+FREE = WayChecker(None, 0.0, np.inf)
+
+
+def length(cost: np.ndarray, order: list[int]) -> float:
+    return float(sum(cost[a, b] for a, b in pairwise(order)))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_order_against_all_orders(seed: int) -> None:
+    """2-opt on seven points: within 10 % of the best of all 720 orders, and always a path."""
+    points = np.random.default_rng(seed).uniform(size=(7, 2))
+    cost = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    order = shortest_order(cost)
+    assert order[0] == 0
+    assert sorted(order) == list(range(7))
+    best = min(length(cost, [0, *rest]) for rest in permutations(range(1, 7)))
+    assert best - 1e-12 <= length(cost, order) <= 1.1 * best
+
+
+def test_no_stretch_turned_round_would_be_shorter() -> None:
+    points = np.random.default_rng(3).uniform(size=(40, 6))
+    cost = np.abs(points[:, None] - points[None]).max(axis=-1)
+    order = shortest_order(cost)
+    found = length(cost, order)
+    for i in range(1, 40):
+        for j in range(i + 1, 40):
+            other = [*order[:i], *order[i : j + 1][::-1], *order[j + 1 :]]
+            assert length(cost, other) >= found - 1e-8
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_short_lists(count: int) -> None:
+    assert shortest_order(np.zeros((count, count))) == list(range(count))
+
+
+class Walls(WayChecker):
+    """Ways between given numbers of joint 1 [deg] are blocked, where joint 2 stands at 15 deg."""
+
+    def __init__(self, *blocked: tuple[float, float]) -> None:
+        super().__init__(None, 0.0, np.inf)
+        object.__setattr__(self, "blocked", {frozenset(pair) for pair in blocked})
+        object.__setattr__(self, "asked", [])
+
+    def check(self, start: np.ndarray, end: np.ndarray) -> WayVerdicts:
+        ends = np.rad2deg(np.stack([start[:, 0], end[:, 0]], axis=1)).round(6)
+        self.asked.append(len(ends))  # type: ignore[attr-defined]
+        low = np.isclose(np.rad2deg([start[:, 1], end[:, 1]]), 15.0).all(axis=0)
+        hit = np.array([frozenset(pair) in self.blocked for pair in ends.tolist()])  # type: ignore[attr-defined]
+        clear = ~(hit & low)
+        return WayVerdicts(clear, np.zeros(len(ends)), tuple("" if c else "a wall" for c in clear))
+
+
+def at(*degrees: float) -> np.ndarray:
+    """Postures of the reference arm with joint 1 at some angles."""
+    q = np.tile(np.deg2rad([0.0, 15.0, -25.0, 0.0, -50.0, 0.0]), (len(degrees), 1))
+    q[:, 0] = np.deg2rad(degrees)
+    return q
+
+
+def route(reference_cell: Cell, ways: WayChecker, *degrees: float) -> Route:
+    cell = reference_cell
+    return Router(cell.robot, ways, cell.passing, cell.base_posture).route(at(*degrees))
+
+
+def test_poses_are_visited_along_the_shortest_way(reference_cell: Cell) -> None:
+    found = route(reference_cell, FREE, 30.0, 10.0, 20.0)
+    assert found.order.tolist() == [1, 2, 0]
+    assert found.detours == 0
+    assert found.lost == {}
+
+
+def test_a_blocked_way_changes_the_order(reference_cell: Cell) -> None:
+    found = route(reference_cell, Walls((10.0, 20.0)), 10.0, 20.0, 30.0)
+    steps = [frozenset(pair) for pair in pairwise([0, *np.array([10, 20, 30])[found.order]])]
+    assert frozenset((10, 20)) not in steps
+    assert sorted(found.order) == [0, 1, 2]
+    assert found.detours == 0
+
+
+def test_a_detour_where_no_order_is_clear(reference_cell: Cell) -> None:
+    walls = Walls((0.0, 20.0), (10.0, 20.0))
+    found = route(reference_cell, walls, 10.0, 20.0)
+    assert found.detours == 1
+    assert sorted(found.order) == [0, 1]
+    path = [reference_cell.base_posture, *(stop.posture for stop in found.stops)]
+    assert walls.check(np.array(path[:-1]), np.array(path[1:])).clear.all()
+    drawn_back = next(stop.posture for stop in found.stops if stop.pose is None)
+    robot = reference_cell.robot
+    poses = robot.fk(np.vstack([drawn_back, at(10.0, 20.0)]))
+    # the tool is drawn back along its own z, by the shortest retreat
+    apart = np.linalg.norm(poses[1:, :3, 3] - poses[0, :3, 3], axis=1)
+    assert apart.min() == pytest.approx(0.1, abs=1e-9)
+
+
+class Prison(WayChecker):
+    """No way leads to joint 1 at 20 deg, from wherever."""
+
+    def check(self, start: np.ndarray, end: np.ndarray) -> WayVerdicts:
+        inside = np.isclose(np.rad2deg([start[:, 0], end[:, 0]]), 20.0).any(axis=0)
+        return WayVerdicts(
+            ~inside, np.zeros(len(start)), tuple("a wall" if i else "" for i in inside)
+        )
+
+
+def test_a_pose_that_no_way_leads_to_is_lost(reference_cell: Cell) -> None:
+    found = route(reference_cell, Prison(None, 0.0, np.inf), 10.0, 20.0, 30.0)
+    assert found.lost == {1: "no clear way to it: a wall"}
+    assert sorted(found.order) == [0, 2]
+
+
+def test_only_ways_of_the_order_are_checked(reference_cell: Cell) -> None:
+    walls = Walls()
+    route(reference_cell, walls, *range(5, 65, 5))
+    assert walls.asked == [12]  # type: ignore[attr-defined]
+
+
+def test_travel_of_a_joint_is_bounded() -> None:
+    ways = WayChecker(None, 0.0, np.deg2rad(45.0))
+    verdicts = ways.check(at(0.0, 0.0), at(45.0, 46.0))
+    assert verdicts.clear.tolist() == [True, False]
+    assert verdicts.reasons == ("", "J1 travels 46 deg, 45 deg allowed")
+    np.testing.assert_allclose(np.rad2deg(verdicts.travel), [45.0, 46.0])
+
+
+def test_fast_joints_count_less(make_cell: Callable[..., Cell]) -> None:
+    """Time counts, not angle: joint 6 of this arm is twice as fast as joint 1."""
+    robot = Robot.preset("r2000ic165f")
+    q = np.tile(make_cell().base_posture, (2, 1))
+    q[0, 0] += np.deg2rad(30.0)  # 0.23 s at 130 deg/s
+    q[1, 5] += np.deg2rad(40.0)  # 0.15 s at 260 deg/s
+    found = Router(robot, FREE, make_cell().passing, make_cell().base_posture).route(q)
+    assert found.order[0] == 1

@@ -25,6 +25,9 @@ MORE_ORIENTATIONS = 3000
 ENOUGH = 3
 """Postures in the pool for each one that is wanted, so that there is something to choose from."""
 
+NEARLY = 60
+"""Orientations nearest to being feasible that are varied while none is."""
+
 _GROWTH_ROUNDS = 30
 _GROWTH_TILTS = np.deg2rad([0.5, 30.0])
 """Smallest and largest turn by which postures are varied where few can be found."""
@@ -42,7 +45,7 @@ class RepairPool:
     inside the limits less the repair margin, with the first joint near its base value, so that no
     replacement reaches over the arm's back. Where they are too few: orientations all around, the
     first joint anywhere, less the margin of the plan only. Where they are still too few: small
-    turns of those that were found, and of the base pose.
+    turns of those that were found, or of those that came nearest to keeping every constraint.
     """
 
     def __init__(self, cell: Cell) -> None:
@@ -50,6 +53,7 @@ class RepairPool:
         self._rng = np.random.default_rng(_POOL_SEED)  # fixed: the same cell gives the same plan
         self._stage = 0
         self._found = np.empty((0, cell.robot.n))
+        self._nearly: list[tuple[float, FloatArray]] = []
 
     def postures(self, wanted: int) -> FloatArray:
         """Postures ``(K, n)`` [rad] to choose that many from; fewer where there are no more."""
@@ -73,8 +77,9 @@ class RepairPool:
         if stage == 1:
             rotations = cone_rotations(base, np.pi, MORE_ORIENTATIONS, self._rng)
         else:
-            known = self._cell.robot.fk(np.vstack([self._cell.base_posture, self._found]))
-            rotations = self._vary(known[:, :3, :3])
+            seeds = self._found if len(self._found) else self._cell.base_posture[None]
+            known = [*self._cell.robot.fk(seeds)[:, :3, :3], *(R for _, R in self._nearly)]
+            rotations = self._vary(np.array(known))
         return self._feasible(rotations, self._cell.margin, np.inf)
 
     def _vary(self, rotations: FloatArray) -> FloatArray:
@@ -92,8 +97,17 @@ class RepairPool:
         poses = touching_poses(rotations, cell.tool_m, cell.target_m)
         solutions = cell.robot.inverse(poses, near=base, margin=margin)
         near = np.abs(solutions.postures[:, 0] - base[0]) <= swing
-        postures = solutions.postures[solutions.inside & near]
-        return np.asarray(postures[cell.checker.check(postures, every=False).feasible])
+        rows = np.flatnonzero(solutions.inside & near)
+        verdicts = cell.checker.check(solutions.postures[rows], every=False)
+        feasible = verdicts.feasible
+        if not len(self._found) and not feasible.any():
+            # how many constraints are kept, and how far the first that is not is broken
+            kept = np.isfinite(verdicts.room).sum(axis=1) + np.tanh(verdicts.slack)
+            best = np.argsort(-kept)[:NEARLY]
+            ranked = zip(kept[best], rotations[solutions.pose[rows[best]]], strict=True)
+            self._nearly += [(float(score), R) for score, R in ranked]
+            self._nearly = sorted(self._nearly, key=lambda entry: -entry[0])[:NEARLY]
+        return np.asarray(solutions.postures[rows[feasible]])
 
 
 def repair(cell: Cell, poses: PoseSet, pool: RepairPool) -> PoseSet:

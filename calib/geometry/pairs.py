@@ -53,7 +53,7 @@ def check_groups(
 def candidate_pairs(
     n: int, arm: Sequence[Body], tool: Sequence[Body], obstacles: Sequence[Body]
 ) -> IntArray:
-    """Pairs ``(P, 2)`` of rows of (\\*arm, \\*tool, \\*obstacles) that can come together.
+    """Pairs ``(P, 2)`` of rows of arm, tool and obstacles in a row that can come together.
 
     Neighbouring links touch at their joint and are left out, so is the tool against the last two
     links, and the base, which stands on the floor, against obstacles.
@@ -88,7 +88,7 @@ def without_ignored(
                 )
     gone = {frozenset(pair) for pair in ignore}
     kept = [frozenset((names[a], names[b])) not in gone for a, b in pairs]
-    return pairs[np.array(kept, dtype=bool)]
+    return np.asarray(pairs[np.array(kept, dtype=bool)])
 
 
 def motion_radii(chain: SerialChain, bodies: Sequence[Body], pairs: IntArray) -> FloatArray:

@@ -268,7 +268,8 @@ class Scene:
         Returns
         -------
         array (S,) of int
-            The first obstacle, a row of ``obstacles`` as they were given; -1: none. Meshes are taken to be closed.
+            The first obstacle, a row of ``obstacles`` as they were given; -1: none. Meshes are
+            taken to be closed.
 
         Raises
         ------

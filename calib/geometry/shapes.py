@@ -11,7 +11,7 @@ from calib.se3 import FloatArray
 
 @dataclass(frozen=True)
 class Capsule:
-    """All points within ``radius_m`` of a segment of ``length_m`` along z, centred on the origin."""
+    """All points within ``radius_m`` of a segment of ``length_m`` along z about the origin."""
 
     radius_m: float
     length_m: float

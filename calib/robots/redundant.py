@@ -209,9 +209,9 @@ def _together(
     once = ~repeated(walked, of)
     walked, of = walked[once], of[once]
     fresh = np.ones(len(cuts), dtype=bool)
-    for k in range(_STARTS + 1):
-        rank = np.arange(len(of)) - np.searchsorted(of, of)
-        chosen = np.full((int(max(pose.max(initial=-1), of.max(initial=-1))) + 1, 7), np.inf)
+    rank = np.arange(len(of)) - np.searchsorted(of, of)
+    for k in range(int(rank.max(initial=-1)) + 1):
+        chosen = np.full((int(max(pose.max(initial=-1), of.max())) + 1, cuts.shape[1]), np.inf)
         chosen[of[rank == k]] = walked[rank == k]
         fresh &= np.abs(cuts - chosen[pose]).max(axis=1, initial=0.0) > SAME_POSTURE_RAD
     pose = np.concatenate([of, pose[fresh]])

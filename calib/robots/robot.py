@@ -157,9 +157,10 @@ class Robot:
             base=base,
             stiffness=preset.stiffness,
             shapes=preset.shapes,
-            coupled_limits=preset.coupled_limits,
         )
-        return robot.controlled_by(preset.controller)
+        if robot.n < preset.model.njoints - 1:  # a part of the arm has no controller of its own
+            return robot
+        return replace(robot, coupled_limits=preset.coupled_limits).controlled_by(preset.controller)
 
     @classmethod
     def from_model(
@@ -174,7 +175,6 @@ class Robot:
         flaws: Mapping[str, RobotModelError] = MappingProxyType({}),
         stiffness: dict[str, float] | None = None,
         shapes: Sequence[LinkShape] = (),
-        coupled_limits: Sequence[CoupledLimit] = (),
     ) -> Robot:
         """Take the chain between two frames out of a Pinocchio model; other joints are locked."""
         said = list(notices)
@@ -220,7 +220,6 @@ class Robot:
             tip_frame=model.frames[tip_id].name,
             notices=tuple(said),
             bodies=tuple(_body(model, shape, joints, base_id) for shape in shapes),
-            coupled_limits=tuple(coupled_limits),
             model=model,
         )
 

@@ -9,7 +9,8 @@ from calib.robots.inverse import CLOSURE_TOLERANCE
 from calib.robots.iterative import close_in
 from calib.se3 import FloatArray, rotation_log
 
-_STEPS = 50
+_STEPS = 30
+"""Most walks rest after a dozen; those that have not by then are cut off, on their pose or not."""
 _LARGEST_PULL_RAD = 0.3
 _LARGEST_STEP_RAD = 0.6
 _AT_REST_RAD = 1e-10
@@ -17,7 +18,7 @@ _DAMPING = 1e-4
 _LEAST_DAMPING = 1e-14
 """Of the closing step: relative to the squared pose error, so that it vanishes on the pose."""
 
-_CLOSING = 20
+_CLOSING = 10
 """Steps of closing in at the end; those that were on their pose take one or two."""
 
 _PULL_GAIN = (0.05, 4.0)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
 from calib.descriptions.packages import find_package, is_inside
-from calib.errors import FileFormatError, RobotModelError
+from calib.errors import CalibError, RobotModelError
 from calib.geometry.shapes import Box, Capsule, Cylinder, LinkShape, Mesh, Solid, Sphere
 from calib.robots.urdf_kinematics import LARGEST_LENGTH_M, numbers, printable, shown
 from calib.se3 import FloatArray, rotation_from_wpr, transform
@@ -211,7 +211,7 @@ class _Meshes:
 
             try:
                 self._read[file, scale] = read_mesh(file, scale)
-            except (FileFormatError, OSError) as error:
+            except (CalibError, OSError) as error:
                 why = getattr(error, "message", str(error)).removeprefix(f"{file}: ")
                 raise _NoMesh("mesh cannot be read", f"{name} ({why})") from error
         return self._read[file, scale]

@@ -47,7 +47,7 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
     count = len(T_base_tip)
     q = np.full((count, checker.robot.n), np.nan)
     feasible = np.zeros(count, dtype=bool)
-    slack = np.full(count, -np.inf)
+    slack = np.full(count, np.nan)  # NaN until a posture of the pose has been looked at
     reasons, keys = [""] * count, [""] * count
     for rows in _nearest_first(solutions, reference):
         rows = rows[~feasible[solutions.pose[rows]]]
@@ -59,11 +59,11 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
         q[poses[good]] = solutions.postures[rows[good]]
         feasible[poses[good]] = True
         # of all branches, the one that comes nearest to being possible is worth talking about
-        for i in np.flatnonzero(~good & (verdicts.slack > slack[poses])):
+        for i in np.flatnonzero(~good & ~(verdicts.slack <= slack[poses])):
             slack[poses[i]] = verdicts.slack[i]
             reasons[poses[i]] = verdicts.says(int(i))
             keys[poses[i]] = verdicts.constraints[verdicts.tightest[i]].key
-    unreached = np.flatnonzero(~feasible & np.isinf(slack))
+    unreached = np.flatnonzero(~feasible & np.isnan(slack))
     if len(unreached):
         why = _unreached(checker, solutions)
         for pose in unreached:

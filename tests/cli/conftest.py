@@ -78,10 +78,31 @@ def contents(folder: Path) -> dict[str, bytes | None]:
     }
 
 
+def paper_text() -> str:
+    """The reference cell with joint limits as its only constraints, as in the papers."""
+    kept, skipping = [], False
+    for line in cell_template().splitlines():
+        if line.startswith("["):
+            skipping = line.split("]")[0].strip("[") in ("camera", "obstacle", "tool.body")
+        if not skipping:
+            kept.append(line)
+    changes = {"constraints.collisions": "false", "plan.limit_margin_deg": "0.0"}
+    return with_keys("\n".join(kept), changes)
+
+
 @pytest.fixture(scope="session")
 def _work(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("work")
-    (folder / "cell.toml").write_text(cell_template())
+    return worked_on(tmp_path_factory.mktemp("work"), paper_text())
+
+
+@pytest.fixture(scope="session")
+def _demo_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return worked_on(tmp_path_factory.mktemp("demo"), cell_template())
+
+
+def worked_on(folder: Path, text: str) -> Path:
+    """A folder with a cell and what plan and simulate make of it."""
+    (folder / "cell.toml").write_text(text)
     cell, poses = str(folder / "cell.toml"), str(folder / "poses.csv")
     assert run(["plan", cell, "--out", str(folder)]) == 0
     assert run(["simulate", cell, poses, "--out", str(folder)]) == 0
@@ -91,9 +112,20 @@ def _work(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def work(_work: Path, tmp_path: Path) -> Path:
     """A folder with the reference cell and the files that plan and simulate make of it."""
+    return copied(_work, tmp_path)
+
+
+@pytest.fixture
+def demo_work(_demo_work: Path, tmp_path: Path) -> Path:
+    """The same with gun, camera, fixture and floor."""
+    return copied(_demo_work, tmp_path)
+
+
+def copied(source: Path, folder: Path) -> Path:
+    """The files of a worked-on folder in a folder of their own."""
     for name in WORK_FILES:
-        shutil.copy(_work / name, tmp_path / name)
-    return tmp_path
+        shutil.copy(source / name, folder / name)
+    return folder
 
 
 def with_keys(text: str, changes: Mapping[str, str]) -> str:
@@ -101,7 +133,7 @@ def with_keys(text: str, changes: Mapping[str, str]) -> str:
     lines = text.splitlines()
     for dotted, value in changes.items():
         section, key = dotted.split(".")
-        start = lines.index(f"[{section}]") + 1
+        start = next(i for i, line in enumerate(lines) if line.split(" ")[0] == f"[{section}]") + 1
         end = next((i for i in range(start, len(lines)) if lines[i].startswith("[")), len(lines))
         for i in range(start, end):
             if lines[i].startswith(f"{key} ="):

@@ -19,6 +19,12 @@ Cli = Callable[..., Any]
 Refuse = Callable[..., Any]
 
 
+@pytest.fixture
+def work(demo_work: Path) -> Path:
+    """The reference cell with gun, camera, fixture and floor."""
+    return demo_work
+
+
 def test_planned_poses_pass(cli: Cli, work: Path) -> None:
     said = cli("check", work / "cell.toml", work / "poses.csv")
     assert said.code == 0
@@ -173,7 +179,7 @@ KEYS: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
     "a box without a size": ({"camera.image_px": "[0, 480]"}, ("greater than 0",)),
     "an unknown controller": (
         {"robot.controller": '"fanucc"'},
-        ("robot.controller", "no controller 'fanucc'", "did you mean fanuc?"),
+        ("robot.controller", "no controller 'fanucc'", "did you mean fanuc"),
     ),
     "a controller of other arms": (
         {"robot.controller": '"staubli"'},

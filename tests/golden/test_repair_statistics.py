@@ -30,38 +30,48 @@ ASKED_FOR = 0.95
 
 
 def random_cell(name: str, rng: np.random.Generator) -> Cell:
-    """A cell with tight bounds of a random kind; some leave nothing at all."""
+    """A cell with tight bounds of one or several kinds; some leave nothing at all."""
     raw: dict[str, Any] = tomllib.loads(cell_template(name))
     cell = Cell.from_config(parse_config(raw, Path("cell.toml")), Path("cell.toml"))
-    kind = rng.choice(["limits", "collision", "view"])
-    size = float(np.linalg.norm(raw["tool"]["point_mm"])) / 406.0
-    if kind == "limits":
-        room = cell.robot.joint_range / 2.0
-        raw["plan"]["limit_margin_deg"] = float(np.rad2deg(room.min()) * rng.uniform(0.2, 0.95))
-        shifted = cell.base_posture + rng.uniform(-0.5, 0.5, cell.robot.n)
-        shifted = np.clip(shifted, cell.robot.lower + 0.02, cell.robot.upper - 0.02)
-        raw["base_pose"]["posture_deg"] = np.rad2deg(shifted).tolist()
-        del raw["obstacle"]
-    elif kind == "collision":
-        heading = rng.uniform(-np.pi, np.pi)
-        away = 1e3 * size * rng.uniform(0.1, 0.5)
-        x, y, z = 1e3 * cell.target_m
-        raw["obstacle"].append(
-            {
-                "name": "wall",
-                "size_mm": [30.0 * size, 1500.0 * size, 1000.0 * size],
-                "at_mm": [x + away * np.cos(heading), y + away * np.sin(heading), z],
-                "wpr_deg": [0.0, 0.0, float(np.rad2deg(heading))],
-            }
-        )
-        raw["constraints"]["safety_distance_mm"] = float(rng.uniform(0.0, 60.0) * size)
-    else:
-        raw["camera"]["largest_tilt_deg"] = float(rng.uniform(3.0, 35.0))
-        slant = np.deg2rad(rng.uniform(0.0, 50.0))
-        heading = rng.uniform(-np.pi, np.pi)
-        normal = [np.sin(slant) * np.cos(heading), np.sin(slant) * np.sin(heading), np.cos(slant)]
-        raw["target"]["normal"] = [float(v) for v in normal]
+    kinds = rng.random(3) < 0.6
+    if kinds[0]:
+        tighten_limits(raw, cell, rng)
+    if kinds[1]:
+        put_up_a_wall(raw, cell, rng)
+    if kinds[2]:
+        narrow_the_view(raw, rng)
     return Cell.from_config(parse_config(raw, Path("cell.toml")), Path("cell.toml"))
+
+
+def tighten_limits(raw: dict[str, Any], cell: Cell, rng: np.random.Generator) -> None:
+    room = cell.robot.joint_range.min() / 2.0
+    raw["plan"]["limit_margin_deg"] = float(np.rad2deg(room) * rng.uniform(0.2, 0.95))
+    q = cell.base_posture + rng.uniform(-0.5, 0.5, cell.robot.n)
+    q = np.clip(q, cell.robot.lower + 0.02, cell.robot.upper - 0.02)
+    raw["base_pose"]["posture_deg"] = np.rad2deg(q).tolist()
+
+
+def put_up_a_wall(raw: dict[str, Any], cell: Cell, rng: np.random.Generator) -> None:
+    size = np.linalg.norm(cell.tool_m)  # of the tool [m]
+    heading = rng.uniform(-np.pi, np.pi)
+    away = 1e3 * size * rng.uniform(0.2, 1.2)
+    x, y, z = 1e3 * cell.target_m
+    raw["obstacle"].append(
+        {
+            "name": "wall",
+            "size_mm": [70.0 * size, 4000.0 * size, 3000.0 * size],
+            "at_mm": [x + away * np.cos(heading), y + away * np.sin(heading), z],
+            "wpr_deg": [0.0, 0.0, float(np.rad2deg(heading))],
+        }
+    )
+    raw["constraints"]["safety_distance_mm"] = float(rng.uniform(0.0, 150.0) * size)
+
+
+def narrow_the_view(raw: dict[str, Any], rng: np.random.Generator) -> None:
+    raw["camera"]["largest_tilt_deg"] = float(rng.uniform(3.0, 35.0))
+    slant, heading = np.deg2rad(rng.uniform(0.0, 80.0)), rng.uniform(-np.pi, np.pi)
+    normal = [np.sin(slant) * np.cos(heading), np.sin(slant) * np.sin(heading), np.cos(slant)]
+    raw["target"]["normal"] = [float(v) for v in normal]
 
 
 def any_feasible(cell: Cell, rng: np.random.Generator) -> bool:

@@ -129,6 +129,7 @@ def _build_model(name: str, info: dict[str, Any]) -> pin.Model:
             np.array([np.deg2rad(joint["lower_deg"])]),
             np.array([np.deg2rad(joint["upper_deg"])]),
         )
+        model.addJointFrame(index)  # without it a joint cannot be locked
         if "mass_kg" in joint:
             com = np.array(joint["com_mm"], dtype=float) / 1e3
             model.appendBodyToJoint(

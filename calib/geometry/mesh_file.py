@@ -1,0 +1,214 @@
+"""Meshes from files that may come from anywhere: one file is read, and nothing that it names."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from trimesh.exchange.dae import load_collada
+from trimesh.exchange.obj import load_obj
+from trimesh.exchange.ply import load_ply
+from trimesh.exchange.stl import load_stl
+
+from calib.errors import FileFormatError, InputError
+from calib.geometry.collada import read_shapes
+from calib.geometry.shapes import Mesh
+from calib.se3 import FloatArray, IntArray
+
+LARGEST_MESH_BYTES = 50_000_000
+"""A million triangles in the most compact format. Collision meshes have some thousand."""
+
+LARGEST_TRIANGLES = 1_000_000
+
+LARGEST_COORDINATE_M = 1000.0
+"""Nothing in a cell is farther away; larger numbers are a wrong unit, or no numbers at all."""
+
+_LONGEST_REASON = 150
+
+
+def read_mesh(path: Path | str, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
+    """Read the triangles of a mesh file.
+
+    Several objects in a file become one mesh. The unit of length that a COLLADA file names is
+    applied, its upward axis is not, as in ROS. Equal vertices are merged.
+
+    Parameters
+    ----------
+    path : path
+        A file ``.stl`` (binary or ASCII), ``.obj``, ``.ply`` or ``.dae``. Materials, textures and
+        other files that it names are not looked for.
+    scale : sequence of 3 floats
+        Metres of one unit of the file, along each axis; negative to mirror it.
+
+    Raises
+    ------
+    FileFormatError
+        There is no such file, its format is not known, it cannot be read or is too large, or it
+        has no triangles, or coordinates that cannot be.
+    InputError
+        The scale has not three finite values other than zero.
+    """
+    path = Path(path)
+    factors = np.asarray(scale, dtype=float)
+    if factors.shape != (3,) or not (np.isfinite(factors).all() and factors.all()):
+        raise InputError(
+            f"the scale of {path} is {tuple(scale)}",
+            hint="give three factors, not zero",
+            name="scale",
+        )
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise FileFormatError(
+            f"is no mesh file known here ({path.suffix or 'no suffix'})",
+            path=path,
+            hint="give a file " + ", ".join(_READERS),
+        )
+    vertices, triangles = _triangles(reader, _read(path), path)
+    vertices = vertices * factors
+    _check(vertices, triangles, path)
+    return _merged(vertices, triangles)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if not path.is_file():  # a pipe would be waited for without end
+            raise FileFormatError("is no file", path=path, hint="give the path of a mesh file")
+        with path.open("rb") as file:
+            data = file.read(LARGEST_MESH_BYTES + 1)
+    except OSError as error:
+        raise FileFormatError(
+            f"cannot be read: {error.strerror}", path=path, hint="check the path and its rights"
+        ) from error
+    if len(data) > LARGEST_MESH_BYTES:
+        raise FileFormatError(
+            f"has more than {LARGEST_MESH_BYTES / 1e6:.0f} MB",
+            path=path,
+            hint="give a simplified mesh for collisions",
+            value=len(data),
+            bound=LARGEST_MESH_BYTES,
+        )
+    return data
+
+
+def _triangles(
+    reader: Callable[[bytes], list[tuple[FloatArray, IntArray]]], data: bytes, path: Path
+) -> tuple[FloatArray, IntArray]:
+    """Vertices (V, 3) in units of the file, triangles (F, 3)."""
+    try:
+        with warnings.catch_warnings():
+            # numpy's word for text that is no number, on which it stops reading in silence
+            warnings.filterwarnings("error", message="string or file could not be read")
+            parts = reader(data)
+        count = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+        if not parts:
+            return np.empty((0, 3)), np.empty((0, 3), dtype=np.intp)
+        vertices = np.concatenate([np.asarray(v, dtype=float) for v, _ in parts])
+        triangles = np.concatenate([f + n for (_, f), n in zip(parts, count, strict=False)])
+    # readers of half a dozen formats fail on broken files in every way that there is
+    except Exception as error:
+        reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
+        printed = "".join(c if c.isprintable() else " " for c in reason)
+        raise FileFormatError(
+            f"cannot be read as {path.suffix.lower()}: {printed}",
+            path=path,
+            hint="export it again; binary .stl is the simplest format",
+        ) from error
+    return vertices, triangles
+
+
+def _check(vertices: FloatArray, triangles: IntArray, path: Path) -> None:
+    if not len(triangles):
+        raise FileFormatError(
+            "has no triangles", path=path, hint="export a surface; is the file complete?"
+        )
+    if len(triangles) > LARGEST_TRIANGLES:
+        raise FileFormatError(
+            f"has {len(triangles)} triangles, more than {LARGEST_TRIANGLES}",
+            path=path,
+            hint="give a simplified mesh for collisions",
+            value=len(triangles),
+            bound=LARGEST_TRIANGLES,
+        )
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise FileFormatError(
+            f"has triangles of vertices that do not exist ({len(vertices)} do)",
+            path=path,
+            hint="export it again",
+        )
+    used = vertices[triangles.ravel()]
+    if not np.isfinite(used).all():
+        raise FileFormatError(
+            "has coordinates that are no numbers", path=path, hint="export it again"
+        )
+    farthest = float(np.abs(used).max())
+    if farthest > LARGEST_COORDINATE_M:
+        raise FileFormatError(
+            f"reaches {farthest:.3g} m from its origin, more than {LARGEST_COORDINATE_M:g} m",
+            path=path,
+            hint="set the scale: 0.001 for a file in mm",
+            value=farthest,
+            bound=LARGEST_COORDINATE_M,
+        )
+    if not np.ptp(used, axis=0).any():
+        raise FileFormatError("is a single point", path=path, hint="export it again")
+
+
+def _merged(vertices: FloatArray, triangles: IntArray) -> Mesh:
+    kept, rows = np.unique(vertices[triangles.ravel()], axis=0, return_inverse=True)
+    corners = np.asarray(rows, dtype=np.intp).reshape(-1, 3)
+    a, b, c = corners.T
+    real = (a != b) & (b != c) & (c != a)  # one with two corners in one point encloses nothing
+    return Mesh(kept, corners[real] if real.any() else corners)
+
+
+def _stl(data: bytes) -> list[tuple[FloatArray, IntArray]]:
+    return list(_parts(load_stl(io.BytesIO(data))))
+
+
+def _obj(data: bytes) -> list[tuple[FloatArray, IntArray]]:
+    return list(_parts(load_obj(io.BytesIO(data), resolver=None, skip_materials=True)))
+
+
+def _ply(data: bytes) -> list[tuple[FloatArray, IntArray]]:
+    return list(_parts(load_ply(io.BytesIO(data), resolver=None, skip_materials=True)))
+
+
+def _dae(data: bytes) -> list[tuple[FloatArray, IntArray]]:
+    shapes = read_shapes(data, LARGEST_MESH_BYTES)
+    found = load_collada(io.BytesIO(shapes.text), resolver=None, ignore_broken=False)
+    return [(vertices * shapes.unit_m, faces) for vertices, faces in _parts(found)]
+
+
+_READERS: Mapping[str, Callable[[bytes], list[tuple[FloatArray, IntArray]]]] = {
+    ".stl": _stl,
+    ".obj": _obj,
+    ".ply": _ply,
+    ".dae": _dae,
+}
+
+
+def _parts(loaded: dict[str, Any]) -> Iterator[tuple[FloatArray, IntArray]]:
+    """Vertices (V, 3) and triangles (F, 3) of what trimesh hands on: one mesh, or a scene."""
+    if "geometry" not in loaded:
+        yield from _part(loaded, np.eye(4))
+        return
+    geometry = loaded["geometry"]
+    graph = loaded.get("graph") or [{"geometry": name} for name in geometry]
+    for place in graph:
+        T = np.asarray(place.get("matrix", np.eye(4)), dtype=float)
+        yield from _part(geometry[place["geometry"]], T)
+
+
+def _part(mesh: dict[str, Any], T: FloatArray) -> Iterator[tuple[FloatArray, IntArray]]:
+    if "faces" not in mesh or not len(mesh["faces"]):
+        return
+    vertices = np.asarray(mesh["vertices"], dtype=float)
+    faces = np.asarray(mesh["faces"]).astype(np.intp, casting="same_kind")
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] < 3:
+        raise ValueError("its vertices or faces have another form")
+    fan = [faces[:, [0, k, k + 1]] for k in range(1, faces.shape[1] - 1)]
+    yield vertices @ T[:3, :3].T + T[:3, 3], np.concatenate(fan)

@@ -27,7 +27,7 @@ from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.config import CellConfig, MeasurementSection, parse_text, read_config
 from posedesign.feasibility import Checker, Constraint
 from posedesign.feasibility.joints import Singularity, reach
-from posedesign.feasibility.space import Collision, Workspace
+from posedesign.feasibility.space import Collision, SelfCollision, Workspace
 from posedesign.feasibility.visibility import Distance, InImage, LineOfSight, TargetView, Tilt
 from posedesign.feasibility.ways import WayChecker
 from posedesign.surroundings import obstacles, tool_bodies
@@ -211,7 +211,7 @@ class Cell:
         """
         given = self.config.target.normal
         if given is not None:
-            return np.array(given) / np.linalg.norm(given)
+            return np.asarray(np.array(given) / np.linalg.norm(given))
         lens = self.robot.state(self.base_posture).point(self.T_tip_camera[:3, 3])
         way = lens - self.target_m
         return np.asarray(way / np.linalg.norm(way))
@@ -288,21 +288,25 @@ class Cell:
         """What postures that the arm only passes through must keep."""
         return Checker(self.robot, self._collision, self.margin)
 
-    @property
+    @cached_property
     def _collision(self) -> list[Constraint]:
-        if not self.config.constraints.collisions or not len(self.scene.pairs):
+        if not self.config.constraints.collisions:
             return []
-        return [Collision(self.scene, self.config.constraints.safety_distance_mm / 1e3)]
+        found: list[Constraint] = []
+        if len(self.scene.own.pairs):
+            found.append(SelfCollision(self.scene.own))
+        if len(self.scene.others.pairs):
+            keep_m = self.config.constraints.safety_distance_mm / 1e3
+            found.append(Collision(self.scene.others, keep_m))
+        return found
 
-    @property
+    @cached_property
     def ways(self) -> WayChecker:
         """What the ways between postures must keep."""
         section = self.config.constraints
-        checked = section.ways and bool(self._collision)
         travel = section.largest_travel_deg
         return WayChecker(
-            self.scene if checked else None,
-            section.safety_distance_mm / 1e3,
+            tuple(c for c in self._collision if isinstance(c, Collision)) if section.ways else (),
             np.inf if travel is None else float(np.deg2rad(travel)),
         )
 

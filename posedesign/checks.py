@@ -74,9 +74,7 @@ def refuse_dialect(cell: Cell, dialect: str) -> None:
             name="format",
             value=dialect,
         )
-    if not np.array_equal(
-        controller.pendant_from_joints, ROS_INDUSTRIAL_FANUC.pendant_from_joints
-    ):
+    if not np.array_equal(controller.pendant_from_joints, ROS_INDUSTRIAL_FANUC.pendant_from_joints):
         raise InputError(
             f"{cell.robot.name} counts joints in other directions than ROS-Industrial's FANUCs: "
             "its program would be wrong",

@@ -92,7 +92,7 @@ class _Loop:
         poses = self._generate(variation)
         self.sets.append(poses)
         self.routes.append(None)
-        self.rounds.append(self._evaluate(poses, variation, len(self.rounds) + 1))
+        self.rounds.append(self._evaluate(poses, variation.tolist(), len(self.rounds) + 1))
         if self.rounds[-1].c_g < self.cell.config.plan.condition_threshold:
             self._connect(len(self.rounds) - 1)
         if self.progress is not None:

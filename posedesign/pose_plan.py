@@ -174,8 +174,7 @@ class PosePlan:
             f"{len(self.postures)} poses at D_W/D_P/D_R {angles} deg"
             + f", {self.route.detours} posture(s) passed through on the way"
             * bool(self.route.detours)
-            + f"; {self.advice}"
-            * bool(self.advice)
+            + f"; {self.advice}" * bool(self.advice)
         )
 
     def sigma_displayed(self) -> list[tuple[str, str, float]]:

@@ -63,7 +63,7 @@ class RepairPool:
         return self._found
 
     def exclude(self, postures: FloatArray) -> None:
-        """Offer these postures ``(K, n)`` [rad] no more, nor any so near that it would do no better."""
+        """Offer postures ``(K, n)`` [rad] no more, nor any so near that they would do no better."""
         apart = np.abs(self._found[:, None] - postures[None]).max(axis=-1, initial=0.0)
         self._found = self._found[(apart > _SAME_PLACE_RAD).all(axis=1)]
 
@@ -127,7 +127,7 @@ def repair(cell: Cell, poses: PoseSet, pool: RepairPool) -> PoseSet:
         postures[i] = found[k]
         status[i] = PoseStatus.REPAIRED
         reasons[i] += f"; replaced by a pose turned by {np.rad2deg(turn[row, k]):.0f} deg"
-    for i in gaps:
+    for i in gaps.tolist():
         if status[i] is PoseStatus.DROPPED:
             reasons[i] += "; no posture that keeps all constraints is left to take its place"
     return PoseSet(postures, tuple(status), tuple(reasons), poses.orientations)

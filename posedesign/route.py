@@ -90,9 +90,7 @@ class Router:
         Posture that the arm comes from [rad].
     """
 
-    def __init__(
-        self, robot: Robot, ways: WayChecker, passing: Checker, start: FloatArray
-    ) -> None:
+    def __init__(self, robot: Robot, ways: WayChecker, passing: Checker, start: FloatArray) -> None:
         self._robot = robot
         self._ways = ways
         self._passing = passing
@@ -203,7 +201,7 @@ def shortest_order(cost: FloatArray) -> list[int]:
         if gain[best] <= _NO_GAIN:
             break
         path[i[best] : j[best] + 1] = path[i[best] : j[best] + 1][::-1]
-    return path.tolist()
+    return [int(i) for i in path]
 
 
 def _edge(a: int, b: int) -> tuple[int, int]:

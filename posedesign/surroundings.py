@@ -16,9 +16,7 @@ from posedesign.config import SolidSection
 def tool_bodies(sections: Sequence[SolidSection], robot: Robot, folder: Path) -> list[Body]:
     """What the flange carries; places in the file are in the tip frame."""
     T_link_tip = robot.chain.T_link_tip
-    return [
-        Body(s.name, robot.n, T_link_tip @ _placement(s), _solid(s, folder)) for s in sections
-    ]
+    return [Body(s.name, robot.n, T_link_tip @ _placement(s), _solid(s, folder)) for s in sections]
 
 
 def obstacles(sections: Sequence[SolidSection], folder: Path) -> list[Body]:

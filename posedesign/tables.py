@@ -115,9 +115,7 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, 
     return write_text_atomic(path, text.getvalue())
 
 
-def write_poses(
-    path: Path, robot: Robot, poses: PoseSet, route: Route, tool_m: FloatArray
-) -> Path:
+def write_poses(path: Path, robot: Robot, poses: PoseSet, route: Route, tool_m: FloatArray) -> Path:
     """Write ``poses.csv``: the stops of a route through the kept poses, then what was dropped."""
     kept = [i for i, status in enumerate(poses.status) if status is not PoseStatus.DROPPED]
     rows: list[dict[str, object]] = []

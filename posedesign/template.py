@@ -295,8 +295,11 @@ def _gun_and_camera(robot: Robot, posture: FloatArray, payload_kg: float) -> _Se
 def _controller_line(robot: Robot) -> str:
     """The controller, of a URDF that says by its name that it is ROS-Industrial's of a FANUC."""
     if robot.name.lower().startswith("fanuc"):
-        return 'controller = "fanuc"              # what the pendant shows; programs are in its view'
-    return f'# controller = "fanuc"            # or {", ".join(m for m in POSITIVE_AXES if m != "fanuc")}'
+        return (
+            'controller = "fanuc"              # what the pendant shows; programs are in its view'
+        )
+    others = ", ".join(maker for maker in POSITIVE_AXES if maker != "fanuc")
+    return f'# controller = "fanuc"            # or {others}'
 
 
 def _quoted(text: str) -> str:

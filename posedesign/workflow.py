@@ -17,7 +17,7 @@ from calib.identification import IdentificationResult
 from calib.identification.solver import check_enough
 from calib.parameters import TargetPoints
 from calib.robot_world import METHODS, PAPER_METHODS, PairNoise, RobotWorldResult, solve
-from calib.se3 import FloatArray, wpr_from_rotation
+from calib.se3 import wpr_from_rotation
 from posedesign.accuracy_study import AccuracyStudy
 from posedesign.before_after import identify_models, results_as_dict
 from posedesign.cell import Cell

@@ -13,6 +13,7 @@ from trimesh.exchange.dae import load_collada
 from trimesh.exchange.obj import load_obj
 from trimesh.exchange.ply import load_ply
 from trimesh.exchange.stl import load_stl
+from trimesh.geometry import triangulate_quads
 
 from calib.errors import FileFormatError, InputError
 from calib.geometry.collada import read_shapes
@@ -26,6 +27,8 @@ LARGEST_TRIANGLES = 1_000_000
 
 LARGEST_COORDINATE_M = 1000.0
 """Nothing in a cell is farther away; larger numbers are a wrong unit, or no numbers at all."""
+
+_STL_HEADER_BYTES, _STL_TRIANGLE_BYTES = 84, 50
 
 _LONGEST_REASON = 150
 
@@ -165,12 +168,22 @@ def _merged(vertices: FloatArray, triangles: IntArray) -> Mesh:
     return Mesh(kept, corners[real] if real.any() else corners)
 
 
+def _text(data: bytes) -> bytes:
+    """UTF-8 text: names in comments may be in any code page, and mean nothing here."""
+    return data.decode("utf-8", errors="replace").encode()
+
+
 def _stl(data: bytes) -> list[tuple[FloatArray, IntArray]]:
+    triangles = int.from_bytes(data[80:84], "little")
+    if len(data) != _STL_HEADER_BYTES + triangles * _STL_TRIANGLE_BYTES:
+        if b"\0" in data:
+            raise ValueError("its length is not what it says: it is cut off, or no STL")
+        data = _text(data)
     return list(_parts(load_stl(io.BytesIO(data))))
 
 
 def _obj(data: bytes) -> list[tuple[FloatArray, IntArray]]:
-    return list(_parts(load_obj(io.BytesIO(data), resolver=None, skip_materials=True)))
+    return list(_parts(load_obj(io.BytesIO(_text(data)), resolver=None, skip_materials=True)))
 
 
 def _ply(data: bytes) -> list[tuple[FloatArray, IntArray]]:
@@ -207,8 +220,7 @@ def _part(mesh: dict[str, Any], T: FloatArray) -> Iterator[tuple[FloatArray, Int
     if "faces" not in mesh or not len(mesh["faces"]):
         return
     vertices = np.asarray(mesh["vertices"], dtype=float)
-    faces = np.asarray(mesh["faces"]).astype(np.intp, casting="same_kind")
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] < 3:
+    faces = np.asarray(triangulate_quads(mesh["faces"]))
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.shape[1:] != (3,):
         raise ValueError("its vertices or faces have another form")
-    fan = [faces[:, [0, k, k + 1]] for k in range(1, faces.shape[1] - 1)]
-    yield vertices @ T[:3, :3].T + T[:3, 3], np.concatenate(fan)
+    yield vertices @ T[:3, :3].T + T[:3, 3], faces.astype(np.intp, casting="same_kind")

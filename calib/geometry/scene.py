@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -106,6 +107,21 @@ class Scene:
         # coal's objects cannot be sent to a worker, which makes its own
         lazy = ("_engine", "_mesh_sights")
         return {key: value for key, value in self.__dict__.items() if key not in lazy}
+
+    @property
+    def own(self) -> Scene:
+        """The same bodies, with only the pairs of the arm's own links."""
+        return self._with_pairs(self.pairs.max(axis=1, initial=-1) < self._tool_from)
+
+    @property
+    def others(self) -> Scene:
+        """The same bodies, with only the pairs of which one is the tool or an obstacle."""
+        return self._with_pairs(self.pairs.max(axis=1, initial=-1) >= self._tool_from)
+
+    def _with_pairs(self, kept: BoolArray) -> Scene:
+        scene = copy(self)  # without what is made of the pairs, see __getstate__
+        scene.pairs = self.pairs[kept]
+        return scene
 
     def names(self, pair: int) -> tuple[str, str]:
         """Names of the two bodies of a pair, a row of ``pairs``."""

@@ -1,7 +1,7 @@
 """A serial robot: its joints, its limits, where its tip is, and how its joints get there.
 
-Together with its two loaders this is the only place that imports Pinocchio: the model is built
-and checked there, and handed on as plain arrays.
+With what loads and takes apart descriptions this is the only place that imports Pinocchio: the
+model is built and checked there, and handed on as plain arrays.
 """
 
 from __future__ import annotations
@@ -16,27 +16,28 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError, JointLimitError, RobotModelError, near_names
+from calib.errors import InputError, JointLimitError, RobotModelError
 from calib.geometry.shapes import Body, LinkShape
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds
 from calib.robots.chain import ChainState, SerialChain
 from calib.robots.controller import Controller, controller_of
 from calib.robots.inverse import InverseKinematics, InverseSolutions
 from calib.robots.limits import CoupledLimit
+from calib.robots.model_chain import (
+    body_of,
+    chain_of,
+    check_joints,
+    frame_id,
+    gravity_at,
+    joints_between,
+    joints_to_lock,
+    names_of,
+    usual_tip,
+)
 from calib.robots.presets import load_preset
 from calib.robots.solvers import solver_for
 from calib.robots.urdf import load_urdf
-from calib.se3 import FloatArray, check_transforms, transform
-
-STANDARD_GRAVITY = 9.80665
-"""[m/s²]"""
-
-USUAL_TIPS = ("tool0", "flange")
-"""Names that ROS-Industrial and the makers give to the mounting face, the better one first."""
-
-
-MOST_JOINTS = 100
-"""Snakes have some thirty; Pinocchio's memory grows with the third power (2 GB at 300)."""
+from calib.se3 import FloatArray, check_transforms
 
 _WORLD = "base"
 """Name that ROS-Industrial gives to the controller's world."""
@@ -178,25 +179,25 @@ class Robot:
     ) -> Robot:
         """Take the chain between two frames out of a Pinocchio model; other joints are locked."""
         said = list(notices)
-        asked = _joints_to_lock(model, lock)
-        base_id = _frame_id(model, base) if base else 1
-        tip_id = _frame_id(model, tip) if tip else _usual_tip(model, said)
-        joints = _joints_between(model, base_id, tip_id, asked)
-        _check_joints(model, joints, flaws)
-        said[:0] = [joint_notices[n] for n in _names(model, joints) if n in joint_notices]
+        asked = joints_to_lock(model, lock)
+        base_id = frame_id(model, base) if base else 1
+        tip_id = frame_id(model, tip) if tip else usual_tip(model, said)
+        joints = joints_between(model, base_id, tip_id, asked)
+        check_joints(model, joints, flaws)
+        said[:0] = [joint_notices[n] for n in names_of(model, joints) if n in joint_notices]
         locked = [i for i in range(1, model.njoints) if i not in joints]
         for why, which in (
             ("not between base and tip", [i for i in locked if i not in asked]),
             ("as asked", asked),
         ):
             if which:
-                said.append(f"locked at zero, {why}: {', '.join(_names(model, which))}")
+                said.append(f"locked at zero, {why}: {', '.join(names_of(model, which))}")
         if locked:
             frames = model.frames[base_id].name, model.frames[tip_id].name
             model = pin.buildReducedModel(model, locked, pin.neutral(model))
-            base_id, tip_id = (_frame_id(model, name) for name in frames)
-            joints = _joints_between(model, base_id, tip_id)
-        names = tuple(_names(model, joints))
+            base_id, tip_id = (frame_id(model, name) for name in frames)
+            joints = joints_between(model, base_id, tip_id)
+        names = tuple(names_of(model, joints))
         columns = [model.joints[i].idx_v for i in joints]
         speed = np.array(model.velocityLimit)[columns]
         if not (speed > 0).all():
@@ -207,19 +208,19 @@ class Robot:
         inertias = [model.inertias[i] for i in joints]
         return cls(
             name=model.name,
-            chain=_chain(model, joints, base_id, tip_id),
+            chain=chain_of(model, joints, base_id, tip_id),
             joint_names=names,
             lower=np.array(model.lowerPositionLimit)[columns],
             upper=np.array(model.upperPositionLimit)[columns],
             speed=np.where(speed > 0, speed, np.nan),
             link_mass=np.array([i.mass for i in inertias]),
             link_com=np.array([i.lever for i in inertias]),
-            gravity=_gravity(model, base_id),
+            gravity=gravity_at(model, base_id),
             stiffness=np.array([(stiffness or {}).get(n, np.inf) for n in names]),
             base_frame=model.frames[base_id].name,
             tip_frame=model.frames[tip_id].name,
             notices=tuple(said),
-            bodies=tuple(_body(model, shape, joints, base_id) for shape in shapes),
+            bodies=tuple(body_of(model, shape, joints, base_id) for shape in shapes),
             model=model,
         )
 
@@ -235,7 +236,7 @@ class Robot:
         if self.model.existFrame(_WORLD, pin.FrameType.BODY):
             data = self.model.createData()
             pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))
-            base, there = (_frame_id(self.model, name) for name in (self.base_frame, _WORLD))
+            base, there = (frame_id(self.model, name) for name in (self.base_frame, _WORLD))
             world = (data.oMf[base].inverse() * data.oMf[there]).homogeneous
         return replace(self, controller=controller_of(maker, self.chain, world))
 
@@ -336,7 +337,7 @@ class Robot:
         return posture
 
     def check_limits(self, q: ArrayLike) -> None:
-        """Raise :class:`JointLimitError` for the first joint of posture ``(n,)`` outside limits."""
+        """Raise :class:`JointLimitError` for the first limit that posture ``(n,)`` breaks."""
         posture = self.check_posture(q)
         for j in range(self.n):
             beyond = max(self.lower[j] - posture[j], posture[j] - self.upper[j])
@@ -345,135 +346,9 @@ class Robot:
                     self.joint_names[j],
                     *np.rad2deg([posture[j], self.lower[j], self.upper[j]]).tolist(),
                 )
-
-
-def _frame_id(model: pin.Model, name: str) -> int:
-    # getFrameId returns nframes in silence for a name that does not exist
-    if not model.existFrame(name, pin.FrameType.BODY):
-        known = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
-        raise RobotModelError(
-            f"{model.name}: there is no link {name!r}", hint=near_names(name, known), name=name
-        )
-    return int(model.getFrameId(name, pin.FrameType.BODY))
-
-
-def _usual_tip(model: pin.Model, notices: list[str]) -> int:
-    for name in USUAL_TIPS:
-        if model.existFrame(name, pin.FrameType.BODY):
-            return _frame_id(model, name)
-    bodies = [i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
-
-    def depth(i: int) -> tuple[int, float]:  # a flange is farther out than a link's own frame
-        frame = model.frames[i]
-        return len(model.supports[frame.parentJoint]), float(
-            np.linalg.norm(frame.placement.translation)
-        )
-
-    deepest = max(bodies, key=depth)
-    notices.append(
-        f"tip taken to be {model.frames[deepest].name}, the last link of the longest chain"
-    )
-    return deepest
-
-
-def _gravity(model: pin.Model, base_id: int) -> FloatArray:
-    """Gravity (3,) [m/s²] in a base frame, which may be tilted against the root."""
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, pin.neutral(model))
-    down = np.array([0.0, 0.0, -STANDARD_GRAVITY])
-    return np.asarray(data.oMf[base_id].rotation.T @ down)
-
-
-def _names(model: pin.Model, joints: Sequence[int]) -> list[str]:
-    return [model.names[i] for i in joints]
-
-
-def _joints_to_lock(model: pin.Model, lock: Iterable[str]) -> list[int]:
-    """Indices of the moving joints among the names; a fixed joint is locked already."""
-    moving = list(model.names)[1:]
-    found = []
-    for name in [lock] if isinstance(lock, str) else lock:
-        if name in moving:
-            found.append(int(model.getJointId(name)))
-        elif not model.existFrame(name, pin.FrameType.FIXED_JOINT):
-            raise RobotModelError(
-                f"{model.name}: there is no joint {name!r} to lock",
-                hint=near_names(name, moving),
-                name=name,
-            )
-    return sorted(set(found))
-
-
-def _joints_between(
-    model: pin.Model, base_id: int, tip_id: int, locked: Sequence[int] = ()
-) -> list[int]:
-    base, tip = model.frames[base_id], model.frames[tip_id]
-    path = list(model.supports[tip.parentJoint])
-    if base.parentJoint not in path:
-        raise RobotModelError(
-            f"{model.name}: {tip.name} does not hang on {base.name}",
-            hint="give a base between the root and the tip",
-            name=base.name,
-        )
-    joints = [i for i in path[path.index(base.parentJoint) + 1 :] if i not in locked]
-    if not joints:
-        raise RobotModelError(
-            f"{model.name}: there is no moving joint between {base.name} and {tip.name}",
-            hint="name another tip",
-            name=tip.name,
-        )
-    return joints
-
-
-def _check_joints(
-    model: pin.Model, joints: list[int], flaws: Mapping[str, RobotModelError]
-) -> None:
-    if len(joints) > MOST_JOINTS:
-        raise RobotModelError(
-            f"{model.name}: has {len(joints)} joints between base and tip, more than {MOST_JOINTS}",
-            hint="name another base or tip, or hold joints at zero with lock",
-            name=model.name,
-            value=len(joints),
-            bound=MOST_JOINTS,
-        )
-    for i in joints:
-        name = model.names[i]
-        if not model.joints[i].shortname().startswith("JointModelR"):
-            raise RobotModelError(
-                f"{model.name}: joint {name} is not revolute",
-                hint="name a base and a tip with only revolute joints between them, or hold the "
-                "joint at zero with lock",
-                name=name,
-            )
-        if name in flaws:
-            raise flaws[name]
-        place = model.joints[i].idx_q  # a floating joint before it has seven values for six speeds
-        if not model.lowerPositionLimit[place] < model.upperPositionLimit[place]:
-            raise RobotModelError(
-                f"{model.name}: joint {name} has no range: its limits are the same",
-                hint="correct the limits, make the joint fixed, or hold it at zero with lock",
-                name=name,
-            )
-
-
-def _body(model: pin.Model, shape: LinkShape, joints: list[int], base_id: int) -> Body:
-    """A solid of a link on the joint of the chain that moves it; of other links, on the base."""
-    frame = model.frames[_frame_id(model, shape.link)]
-    if frame.parentJoint in joints:
-        mover, T_mover_link = joints.index(frame.parentJoint) + 1, frame.placement
-    else:
-        mover, T_mover_link = 0, model.frames[base_id].placement.inverse() * frame.placement
-    return Body(shape.name, mover, T_mover_link.homogeneous @ shape.T_link_shape, shape.solid)
-
-
-def _chain(model: pin.Model, joints: list[int], base_id: int, tip_id: int) -> SerialChain:
-    placements = np.array([model.jointPlacements[i].homogeneous for i in joints])
-    base, tip = model.frames[base_id].placement, model.frames[tip_id].placement
-    placements[0] = base.inverse().homogeneous @ placements[0]
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    J = data.J.reshape(6, -1)  # a model of one joint gives a flat array
-    axes = np.array([data.oMi[i].rotation.T @ J[3:, model.joints[i].idx_v] for i in joints])
-    return SerialChain(
-        placements=placements, axes=axes, T_link_tip=transform(tip.rotation, tip.translation)
-    )
+        for limit in self.coupled_limits:
+            if limit.room(posture) < -LIMIT_TOLERANCE:
+                value = float(posture @ limit.coefficients)
+                raise JointLimitError(
+                    limit.name, *np.rad2deg([value, limit.lower, limit.upper]).tolist()
+                )

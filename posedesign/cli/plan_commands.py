@@ -269,7 +269,9 @@ def program(
         refuse_unfit(loaded, listed)
         broken = [v for v in check_poses(loaded, listed) if not v.ok]
         for verdict in broken:
-            note(f"warning: pose {verdict.name}: {verdict.way if verdict.feasible else verdict.says}")
+            note(
+                f"warning: pose {verdict.name}: {verdict.way if verdict.feasible else verdict.says}"
+            )
     title = name or (loaded.config.program.name if loaded else "CALIB01")
     written = write_program(listed, out, dialect, program_options(loaded, listed), title)
     if as_json:
@@ -289,5 +291,7 @@ def program(
             f"{written.largest_rounding_deg:.4f} deg"
         )
         if not loaded:
-            note("note: nothing was checked against a cell; pass --cell to check limits, target, ...")
+            note(
+                "note: nothing was checked against a cell; pass --cell to check limits, target, ..."
+            )
     return NOT_REACHED if written.problems or broken else DONE

@@ -53,9 +53,7 @@ class Verdicts:
     def says(self, i: int) -> str:
         """What the tightest constraint of posture i says, in words."""
         k = int(self.tightest[i])
-        return self.constraints[k].says(
-            self.arm, i, float(self.room[i, k]), int(self.which[i, k])
-        )
+        return self.constraints[k].says(self.arm, i, float(self.room[i, k]), int(self.which[i, k]))
 
     @property
     def _parts(self) -> FloatArray:

@@ -91,7 +91,7 @@ class Singularity(Constraint):
         J = arm.state.jacobian(arm.state.p_base_tip)
         J[:, :3] /= self._reach_m
         value = np.linalg.svd(J, compute_uv=False)[:, -1]
-        return value - self._smallest, np.zeros(len(value), dtype=np.intp)
+        return np.asarray(value - self._smallest), np.zeros(len(value), dtype=np.intp)
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """See :meth:`Constraint.says`."""

@@ -13,7 +13,7 @@ _SIDES = ("below x", "below y", "below z", "above x", "above y", "above z")
 
 
 class Collision(Constraint):
-    """A safety distance between the arm, its tool and everything around."""
+    """A safety distance between tool, obstacles and arm."""
 
     name = "collision"
     unit = "mm"
@@ -22,17 +22,27 @@ class Collision(Constraint):
     key = "constraints.safety_distance_mm"
 
     def __init__(self, scene: Scene, keep_m: float) -> None:
-        self._scene = scene
+        self.scene = scene
         self.keep_m = keep_m
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """See :meth:`Constraint.room`; which: the pair of bodies."""
-        found = self._scene.clearance(arm.q, state=arm.state)
+        found = self.scene.clearance(arm.q, state=arm.state)
         return found.distance_m - self.keep_m, found.pair
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """See :meth:`Constraint.says`."""
-        return distance_reason(self._scene, room + self.keep_m, which, self.keep_m)
+        return distance_reason(self.scene, room + self.keep_m, which, self.keep_m)
+
+
+class SelfCollision(Collision):
+    """The links of the arm not running into each other: their makers keep no distance."""
+
+    name = "self-collision"
+    key = "constraints.ignore"
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene, 0.0)
 
 
 class Workspace(Constraint):
@@ -60,7 +70,9 @@ class Workspace(Constraint):
         bound = np.concatenate([self._lowest_m, self._highest_m])[which]
         side = _SIDES[which]
         if room < 0:
-            return f"arm or tool {-room * 1e3:.0f} mm {side} = {bound * 1e3:.0f} mm of the workspace"
+            return (
+                f"arm or tool {-room * 1e3:.0f} mm {side} = {bound * 1e3:.0f} mm of the workspace"
+            )
         axis = side[-1]
         return f"arm and tool {room * 1e3:.0f} mm inside {axis} = {bound * 1e3:.0f} mm"
 
@@ -72,4 +84,5 @@ def distance_reason(scene: Scene, distance_m: float, pair: int, keep_m: float) -
     one, other = scene.names(pair)
     if distance_m <= 0.0:
         return f"{one} and {other} run {-distance_m * 1e3:.0f} mm into each other"
-    return f"{one} {distance_m * 1e3:.1f} mm from {other}, {keep_m * 1e3:g} mm asked for"
+    asked = f", {keep_m * 1e3:g} mm asked for" if keep_m else ""
+    return f"{one} {distance_m * 1e3:.1f} mm from {other}{asked}"

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.geometry.scene import Scene
 from calib.se3 import BoolArray, FloatArray
 from posedesign.feasibility.constraint import ROUNDING
-from posedesign.feasibility.space import distance_reason
+from posedesign.feasibility.space import Collision, distance_reason
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,43 +31,38 @@ class WayVerdicts:
 
 @dataclass(frozen=True, eq=False)
 class WayChecker:
-    """Bounds on ways: a safety distance all along, and how far a joint may travel.
+    """Bounds on ways: distances that are kept all along, and how far a joint may travel.
 
     Attributes
     ----------
-    scene : Scene or None
-        None: ways are not checked for collisions.
-    keep_m : float
-        Safety distance [m].
+    collisions : tuple of Collision
+        Each with its bodies and the distance they keep; none: ways are not checked for them.
     largest_travel : float
         [rad]; infinite for no bound.
     """
 
-    scene: Scene | None
-    keep_m: float
+    collisions: tuple[Collision, ...]
     largest_travel: float
 
     def check(self, start: FloatArray, end: FloatArray) -> WayVerdicts:
         """Verdicts on ways from postures ``(W, n)`` to postures ``(W, n)`` [rad]."""
         moves = np.abs(end - start)
         travel = moves.max(axis=1, initial=0.0)
-        far = travel > self.largest_travel + ROUNDING
-        clear = ~far
+        clear = travel <= self.largest_travel + ROUNDING
         reasons = [""] * len(start)
-        for i in np.flatnonzero(far):
+        for i in np.flatnonzero(~clear).tolist():
             degrees = np.rad2deg([travel[i], self.largest_travel])
             reasons[i] = (
                 f"J{int(np.argmax(moves[i])) + 1} travels {degrees[0]:.0f} deg, "
                 f"{degrees[1]:g} deg allowed"
             )
-        rows = np.flatnonzero(clear)
-        if self.scene is not None and len(rows):
-            found = self.scene.ways(start[rows], end[rows], self.keep_m)
-            clear[rows] = found.clear
-            for i, row in enumerate(rows):
-                if not found.clear[i]:
-                    said = distance_reason(
-                        self.scene, float(found.distance_m[i]), int(found.pair[i]), self.keep_m
-                    )
-                    reasons[row] = f"{said}, at {found.part[i]:.0%} of the way"
+        for collision in self.collisions:
+            rows = np.flatnonzero(clear)
+            ways = collision.scene.ways(start[rows], end[rows], collision.keep_m)
+            clear[rows] = ways.clear
+            for i in np.flatnonzero(~ways.clear).tolist():
+                said = distance_reason(
+                    collision.scene, float(ways.distance_m[i]), int(ways.pair[i]), collision.keep_m
+                )
+                reasons[rows[i]] = f"{said}, at {ways.part[i]:.0%} of the way"
         return WayVerdicts(clear, travel, tuple(reasons))

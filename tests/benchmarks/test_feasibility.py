@@ -42,8 +42,6 @@ def test_one_round_with_all_constraints(benchmark: BenchmarkFixture, demo_cell: 
     assert len(benchmark(grid_poses, demo_cell, np.full(3, 40.0)).kept) > 20
 
 
-def test_the_whole_plan_with_all_constraints(
-    benchmark: BenchmarkFixture, demo_cell: Cell
-) -> None:
+def test_the_whole_plan_with_all_constraints(benchmark: BenchmarkFixture, demo_cell: Cell) -> None:
     """The plan of the demo cell with collisions, visibility, repair and the route."""
     assert benchmark.pedantic(plan, args=(demo_cell,), rounds=5, warmup_rounds=1).reached

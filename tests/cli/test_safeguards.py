@@ -27,9 +27,7 @@ def with_joint_2_at_90_deg(path: Path) -> Path:
 def test_an_arm_is_not_sent_beyond_its_limits(refuse: Callable[..., Any], work: Path) -> None:
     poses, cell = with_joint_2_at_90_deg(work / "poses.csv"), work / "cell.toml"
     for words in (("simulate", cell, poses), ("program", poses, "--cell", cell)):
-        refuse(*words, "--out", work).says(
-            ": joint_2 90.0 deg is above 76.0 deg", "URDF signs"
-        )
+        refuse(*words, "--out", work).says(": joint_2 90.0 deg is above 76.0 deg", "URDF signs")
 
 
 def test_touch_ups_beyond_the_limits_are_named(cli: Cli, work: Path) -> None:

@@ -30,7 +30,7 @@ def test_fanuc_j3_is_the_angle_to_the_horizontal() -> None:
     robot = Robot.preset("r2000ic165f")
     assert robot.controller is not None
     shown = np.array([10.0, -5.0, -20.0, 0.0, -45.0, 30.0])
-    moved = shown + [0.0, 25.0, 0.0, 0.0, 0.0, 0.0]
+    moved = np.array([10.0, 20.0, -20.0, 0.0, -45.0, 30.0])
     R = robot.fk(robot.controller.posture(np.array([shown, moved])))[:, :3, :3]
     np.testing.assert_allclose(R[0], R[1], atol=1e-12)
     forearm = robot.state(robot.controller.posture(shown)).axes[3]

@@ -17,7 +17,7 @@ from calib.parameters import (
     ZeroOffsets,
     gravity_torque,
 )
-from calib.robots.robot import STANDARD_GRAVITY
+from calib.robots.model_chain import STANDARD_GRAVITY
 
 PAYLOAD = Payload(165.0, np.array([0.1, -0.05, 0.2]))
 

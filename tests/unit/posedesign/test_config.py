@@ -52,7 +52,9 @@ def test_example_names_every_key() -> None:
     # these stand in the example of a URDF
     elsewhere = {("robot", "urdf"), ("robot", "controller")}
     # one kind of solid is shown for all; the guide to the file has the others
-    elsewhere |= {("obstacle", key) for key in ("wpr_deg", "radius_mm", "height_mm", "mesh", "scale")}
+    elsewhere |= {
+        ("obstacle", key) for key in ("wpr_deg", "radius_mm", "height_mm", "mesh", "scale")
+    }
     for name, field in CellConfig.model_fields.items():
         section: Any = _section_in(field.annotation)
         for key, entry in section.model_fields.items():

@@ -49,9 +49,7 @@ def only(cell: Cell, kind: type[Constraint]) -> Constraint:
         ([0, 15, -25, 0, -131.2, 0], -6.2, "J5 -131.2 deg is below -125.0 deg"),
     ],
 )
-def test_joint_limits(
-    reference_cell: Cell, q: list[float], room: float, says: str
-) -> None:
+def test_joint_limits(reference_cell: Cell, q: list[float], room: float, says: str) -> None:
     verdicts = Checker(reference_cell.robot).check(np.deg2rad([q]))
     assert np.rad2deg(verdicts.room[0, 0]) == pytest.approx(room)
     limits = verdicts.constraints[0]
@@ -223,20 +221,21 @@ def test_two_bodies_too_near(make_demo_cell: MakeCell) -> None:
 
 
 def test_workspace_box(make_demo_cell: MakeCell) -> None:
-    """The lowest point of arm and tool is the gun's face, 280 mm below the faceplate."""
+    """What stands out farthest to the front is the side of the camera, 240 mm along x of the tip."""
     cell = make_demo_cell()
-    low = 1e3 * cell.robot.fk(cell.base_posture)[2, 3] - 280.0
+    front = 1e3 * cell.robot.fk(cell.base_posture)[0, 3] + 240.0
     box = {
-        "workspace_lowest_mm": [-2000.0, -2000.0, low + 10.0],
-        "workspace_highest_mm": [4000.0, 2000.0, 4000.0],
+        "workspace_lowest_mm": [-2000.0, -2000.0, 0.0],
+        "workspace_highest_mm": [front - 10.0, 2000.0, 4000.0],
     }
     narrow = make_demo_cell(constraints=box)
     verdicts = narrow.checker.check(cell.base_posture[None])
     assert not verdicts.feasible[0]
-    expected = f"arm or tool 10 mm below z = {low + 10.0:.0f} mm of the workspace"
+    expected = f"arm or tool 10 mm above x = {front - 10.0:.0f} mm of the workspace"
     assert verdicts.says(0) == expected
-    box["workspace_lowest_mm"] = [-2000.0, -2000.0, low - 10.0]
-    assert make_demo_cell(constraints=box).checker.check(cell.base_posture[None]).feasible[0]
+    box["workspace_highest_mm"] = [front + 10.0, 2000.0, 4000.0]
+    wide = make_demo_cell(constraints=box)
+    assert wide.checker.check(cell.base_posture[None]).feasible[0]
 
 
 # verdicts

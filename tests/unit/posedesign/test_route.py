@@ -13,7 +13,7 @@ from posedesign.cell import Cell
 from posedesign.feasibility.ways import WayChecker, WayVerdicts
 from posedesign.route import Route, Router, shortest_order
 
-FREE = WayChecker(None, 0.0, np.inf)
+FREE = WayChecker((), np.inf)
 
 
 def length(cost: np.ndarray, order: list[int]) -> float:
@@ -52,7 +52,7 @@ class Walls(WayChecker):
     """Ways between given numbers of joint 1 [deg] are blocked, where joint 2 stands at 15 deg."""
 
     def __init__(self, *blocked: tuple[float, float]) -> None:
-        super().__init__(None, 0.0, np.inf)
+        super().__init__((), np.inf)
         object.__setattr__(self, "blocked", {frozenset(pair) for pair in blocked})
         object.__setattr__(self, "asked", [])
 
@@ -118,7 +118,7 @@ class Prison(WayChecker):
 
 
 def test_a_pose_that_no_way_leads_to_is_lost(reference_cell: Cell) -> None:
-    found = route(reference_cell, Prison(None, 0.0, np.inf), 10.0, 20.0, 30.0)
+    found = route(reference_cell, Prison((), np.inf), 10.0, 20.0, 30.0)
     assert found.lost == {1: "no clear way to it: a wall"}
     assert sorted(found.order) == [0, 2]
 
@@ -130,7 +130,7 @@ def test_only_ways_of_the_order_are_checked(reference_cell: Cell) -> None:
 
 
 def test_travel_of_a_joint_is_bounded() -> None:
-    ways = WayChecker(None, 0.0, np.deg2rad(45.0))
+    ways = WayChecker((), np.deg2rad(45.0))
     verdicts = ways.check(at(0.0, 0.0), at(45.0, 46.0))
     assert verdicts.clear.tolist() == [True, False]
     assert verdicts.reasons == ("", "J1 travels 46 deg, 45 deg allowed")

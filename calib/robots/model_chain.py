@@ -1,0 +1,158 @@
+"""The chain between two frames of a Pinocchio model, taken out and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from calib.errors import RobotModelError, near_names
+from calib.geometry.shapes import Body, LinkShape
+from calib.robots.chain import SerialChain
+from calib.se3 import FloatArray, transform
+
+STANDARD_GRAVITY = 9.80665
+"""[m/s²]"""
+
+USUAL_TIPS = ("tool0", "flange")
+"""Names that ROS-Industrial and the makers give to the mounting face, the better one first."""
+
+MOST_JOINTS = 100
+"""Snakes have some thirty; Pinocchio's memory grows with the third power (2 GB at 300)."""
+
+
+def frame_id(model: pin.Model, name: str) -> int:
+    """Index of a link's frame; RobotModelError with near names where there is none."""
+    # getFrameId returns nframes in silence for a name that does not exist
+    if not model.existFrame(name, pin.FrameType.BODY):
+        known = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
+        raise RobotModelError(
+            f"{model.name}: there is no link {name!r}", hint=near_names(name, known), name=name
+        )
+    return int(model.getFrameId(name, pin.FrameType.BODY))
+
+
+def usual_tip(model: pin.Model, notices: list[str]) -> int:
+    """The mounting face by its usual names, else the link behind most joints, with a notice."""
+    for name in USUAL_TIPS:
+        if model.existFrame(name, pin.FrameType.BODY):
+            return frame_id(model, name)
+    bodies = [i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
+
+    def depth(i: int) -> tuple[int, float]:  # a flange is farther out than a link's own frame
+        frame = model.frames[i]
+        return len(model.supports[frame.parentJoint]), float(
+            np.linalg.norm(frame.placement.translation)
+        )
+
+    deepest = max(bodies, key=depth)
+    notices.append(
+        f"tip taken to be {model.frames[deepest].name}, the last link of the longest chain"
+    )
+    return deepest
+
+
+def gravity_at(model: pin.Model, base_id: int) -> FloatArray:
+    """Gravity (3,) [m/s²] in a base frame, which may be tilted against the root."""
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    down = np.array([0.0, 0.0, -STANDARD_GRAVITY])
+    return np.asarray(data.oMf[base_id].rotation.T @ down)
+
+
+def names_of(model: pin.Model, joints: Sequence[int]) -> list[str]:
+    """Names of joints."""
+    return [model.names[i] for i in joints]
+
+
+def joints_to_lock(model: pin.Model, lock: Iterable[str]) -> list[int]:
+    """Indices of the moving joints among the names; a fixed joint is locked already."""
+    moving = list(model.names)[1:]
+    found = []
+    for name in [lock] if isinstance(lock, str) else lock:
+        if name in moving:
+            found.append(int(model.getJointId(name)))
+        elif not model.existFrame(name, pin.FrameType.FIXED_JOINT):
+            raise RobotModelError(
+                f"{model.name}: there is no joint {name!r} to lock",
+                hint=near_names(name, moving),
+                name=name,
+            )
+    return sorted(set(found))
+
+
+def joints_between(
+    model: pin.Model, base_id: int, tip_id: int, locked: Sequence[int] = ()
+) -> list[int]:
+    """Joints from the base to the tip, without those that are locked."""
+    base, tip = model.frames[base_id], model.frames[tip_id]
+    path = list(model.supports[tip.parentJoint])
+    if base.parentJoint not in path:
+        raise RobotModelError(
+            f"{model.name}: {tip.name} does not hang on {base.name}",
+            hint="give a base between the root and the tip",
+            name=base.name,
+        )
+    joints = [i for i in path[path.index(base.parentJoint) + 1 :] if i not in locked]
+    if not joints:
+        raise RobotModelError(
+            f"{model.name}: there is no moving joint between {base.name} and {tip.name}",
+            hint="name another tip",
+            name=tip.name,
+        )
+    return joints
+
+
+def check_joints(model: pin.Model, joints: list[int], flaws: Mapping[str, RobotModelError]) -> None:
+    """Refuse joints that no serial arm of revolute joints has."""
+    if len(joints) > MOST_JOINTS:
+        raise RobotModelError(
+            f"{model.name}: has {len(joints)} joints between base and tip, more than {MOST_JOINTS}",
+            hint="name another base or tip, or hold joints at zero with lock",
+            name=model.name,
+            value=len(joints),
+            bound=MOST_JOINTS,
+        )
+    for i in joints:
+        name = model.names[i]
+        if not model.joints[i].shortname().startswith("JointModelR"):
+            raise RobotModelError(
+                f"{model.name}: joint {name} is not revolute",
+                hint="name a base and a tip with only revolute joints between them, or hold the "
+                "joint at zero with lock",
+                name=name,
+            )
+        if name in flaws:
+            raise flaws[name]
+        place = model.joints[i].idx_q  # a floating joint before it has seven values for six speeds
+        if not model.lowerPositionLimit[place] < model.upperPositionLimit[place]:
+            raise RobotModelError(
+                f"{model.name}: joint {name} has no range: its limits are the same",
+                hint="correct the limits, make the joint fixed, or hold it at zero with lock",
+                name=name,
+            )
+
+
+def body_of(model: pin.Model, shape: LinkShape, joints: list[int], base_id: int) -> Body:
+    """A solid of a link on the joint of the chain that moves it; of other links, on the base."""
+    frame = model.frames[frame_id(model, shape.link)]
+    if frame.parentJoint in joints:
+        mover, T_mover_link = joints.index(frame.parentJoint) + 1, frame.placement
+    else:
+        mover, T_mover_link = 0, model.frames[base_id].placement.inverse() * frame.placement
+    return Body(shape.name, mover, T_mover_link.homogeneous @ shape.T_link_shape, shape.solid)
+
+
+def chain_of(model: pin.Model, joints: list[int], base_id: int, tip_id: int) -> SerialChain:
+    """The joints as arrays, from the base frame to the tip frame."""
+    placements = np.array([model.jointPlacements[i].homogeneous for i in joints])
+    base, tip = model.frames[base_id].placement, model.frames[tip_id].placement
+    placements[0] = base.inverse().homogeneous @ placements[0]
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    J = data.J.reshape(6, -1)  # a model of one joint gives a flat array
+    axes = np.array([data.oMi[i].rotation.T @ J[3:, model.joints[i].idx_v] for i in joints])
+    return SerialChain(
+        placements=placements, axes=axes, T_link_tip=transform(tip.rotation, tip.translation)
+    )

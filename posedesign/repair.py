@@ -75,7 +75,9 @@ class RepairPool:
             margin = float(np.deg2rad(max(plan.repair_margin_deg, plan.limit_margin_deg)))
             return self._feasible(rotations, margin, float(np.deg2rad(plan.repair_base_joint_deg)))
         if stage == 1:
-            rotations = cone_rotations(base, np.pi, MORE_ORIENTATIONS, self._rng)
+            # a redundant arm takes each orientation in a hundred ways, and longer to find them
+            count = MORE_ORIENTATIONS // (1 if self._cell.robot.n == 6 else 10)
+            rotations = cone_rotations(base, np.pi, count, self._rng)
         else:
             seeds = self._found if len(self._found) else self._cell.base_posture[None]
             known = [*self._cell.robot.fk(seeds)[:, :3, :3], *(R for _, R in self._nearly)]

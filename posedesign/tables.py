@@ -5,9 +5,12 @@
                         r_deg``: joints in URDF signs; x, y, z of the tool point and W, P, R of
                         the tip in the base frame; in the order in which they are visited. A pose
                         with the status ``via`` is passed through and not measured. A dropped pose
-                        has no numbers.
+                        has no numbers. Where the pendant shows other joint values, they follow
+                        as ``pendant_j1_deg ..``.
 ``touchups.csv``        ``target, j1_deg .. jn_deg, pose``: one row a touch-up, joints as the
-                        controller showed them, in URDF signs; ``pose`` may be left out.
+                        controller showed them, in URDF signs; ``pose`` may be left out. In place
+                        of ``j1_deg ..`` there may be ``pendant_j1_deg ..``, as read off the
+                        pendant.
 ``pairs.csv``           ``pose, a_x_mm .. a_r_deg, b_x_mm .. b_r_deg``: A = T_base_tip as the
                         controller shows it, B = T_target_camera, as x y z and W P R.
 ======================  =========================================================================
@@ -29,7 +32,7 @@ import numpy as np
 
 from calib.errors import FileFormatError, near_names
 from calib.measurement import TouchUps
-from calib.robots import Robot
+from calib.robots import Controller, Robot
 from calib.se3 import BoolArray, FloatArray, rotation_from_wpr, transform, wpr_from_rotation
 from posedesign.files import read_bytes_bounded, write_text_atomic
 from posedesign.pose_plan import PoseSet, PoseStatus
@@ -105,6 +108,11 @@ def joint_columns(n: int) -> list[str]:
     return [f"j{i + 1}_deg" for i in range(n)]
 
 
+def pendant_columns(n: int) -> list[str]:
+    """``pendant_j1_deg`` to ``pendant_jn_deg``."""
+    return [f"pendant_{column}" for column in joint_columns(n)]
+
+
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> Path:
     """Write rows as CSV, whole or not at all; missing values are empty cells."""
     text = io.StringIO()
@@ -118,6 +126,7 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, 
 def write_poses(path: Path, robot: Robot, poses: PoseSet, route: Route, tool_m: FloatArray) -> Path:
     """Write ``poses.csv``: the stops of a route through the kept poses, then what was dropped."""
     kept = [i for i, status in enumerate(poses.status) if status is not PoseStatus.DROPPED]
+    shown = robot.controller if robot.controller and robot.controller.differs else None
     rows: list[dict[str, object]] = []
     via = 0
     for stop in route.stops:
@@ -130,11 +139,13 @@ def write_poses(path: Path, robot: Robot, poses: PoseSet, route: Route, tool_m: 
         state = robot.state(stop.posture)
         wpr_deg = np.rad2deg(wpr_from_rotation(state.R_base_tip))
         numbers = np.concatenate([1e3 * state.point(tool_m), wpr_deg])
-        rows.append(row | dict(zip(POSE_AXES, numbers, strict=True)))
+        row |= dict(zip(POSE_AXES, numbers, strict=True))
+        if shown:
+            row |= dict(zip(pendant_columns(robot.n), shown.pendant(stop.posture), strict=True))
+        rows.append(row)
     rows += [_labels(poses, i) for i in range(len(poses.status)) if i not in kept]
-    return write_table(
-        path, ["name", "status", "reason", *joint_columns(robot.n), *POSE_AXES], rows
-    )
+    columns = ["name", "status", "reason", *joint_columns(robot.n), *POSE_AXES]
+    return write_table(path, columns + (pendant_columns(robot.n) if shown else []), rows)
 
 
 def _labels(poses: PoseSet, i: int) -> dict[str, object]:
@@ -160,7 +171,7 @@ def read_poses(path: Path, n: int | None, *, trust_units: bool = False) -> PoseL
     count = n if n is not None else _count_joints(columns, path)
     check_columns(path, columns, joint_columns(count), joints=True)
     rows = [row for row in rows if row.cells.get("status") != PoseStatus.DROPPED]
-    postures = _postures(path, rows, count, trust_units)
+    postures = _postures(path, rows, joint_columns(count), trust_units)
     names = tuple(row.cells.get("name") or f"P{i + 1:02d}" for i, row in enumerate(rows))
     via = np.array([row.cells.get("status") == PoseStatus.VIA for row in rows])
     if via.all():
@@ -185,10 +196,31 @@ def write_touch_ups(path: Path, touch_ups: TouchUps, names: Sequence[str] | None
     return write_table(path, ["target", *joint_columns(n), "pose"], rows)
 
 
-def read_touch_ups(path: Path, n: int, *, trust_units: bool = False) -> TouchUps:
-    """Read a ``touchups.csv`` of a robot with n joints; targets in the order of appearance."""
+def read_touch_ups(
+    path: Path, n: int, *, controller: Controller | None = None, trust_units: bool = False
+) -> TouchUps:
+    """Read a ``touchups.csv`` of a robot with n joints; targets in the order of appearance.
+
+    Parameters
+    ----------
+    path : Path
+    n : int
+    controller : Controller, optional
+        Turns ``pendant_j1_deg ..`` into joint values; without it such columns are refused.
+    trust_units : bool
+        Do not refuse values that look like radians.
+    """
     columns, rows = read_rows(path)
-    check_columns(path, columns, ["target", *joint_columns(n)], joints=True)
+    on_pendant = pendant_columns(n)[0] in columns and joint_columns(n)[0] not in columns
+    if on_pendant and controller is None:
+        raise FileFormatError(
+            "holds what a pendant shows, and the robot's controller is not known",
+            path=path,
+            column=pendant_columns(n)[0],
+            hint="set robot.controller in the cell",
+        )
+    joints = pendant_columns(n) if on_pendant else joint_columns(n)
+    check_columns(path, columns, ["target", *joints], joints=True)
     labels = list(dict.fromkeys(row.cells["target"] for row in rows))
     for row in rows:
         if not row.cells["target"]:
@@ -201,7 +233,10 @@ def read_touch_ups(path: Path, n: int, *, trust_units: bool = False) -> TouchUps
             )
     index = {label: i for i, label in enumerate(labels)}
     target = np.array([index[row.cells["target"]] for row in rows], dtype=np.intp)
-    return TouchUps(_postures(path, rows, n, trust_units), target, tuple(labels))
+    values = _postures(path, rows, joints, trust_units)
+    if on_pendant and controller is not None:
+        values = controller.posture(np.rad2deg(values))
+    return TouchUps(values, target, tuple(labels))
 
 
 def write_pairs(path: Path, pairs: Pairs) -> Path:
@@ -350,8 +385,9 @@ def _count_joints(columns: Sequence[str], path: Path) -> int:
     return count
 
 
-def _postures(path: Path, rows: Sequence[Row], n: int, trust_units: bool) -> FloatArray:
-    columns = joint_columns(n)
+def _postures(
+    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool
+) -> FloatArray:
     if not rows:
         raise FileFormatError("has no pose that was not dropped", path=path)
     degrees = _numbers(path, rows, columns)

@@ -261,7 +261,7 @@ def _gun_and_camera(robot: Robot, posture: FloatArray, payload_kg: float) -> _Se
     def scaled(*lengths_mm: float) -> list[float]:
         return [_round(k * length, 1) for length in lengths_mm]
 
-    point = scaled(200.0, -50.0, 350.0)
+    point, stand_off = scaled(200.0, -50.0, 350.0), scaled(250.0)[0]
     x, y, z = (1e3 * robot.state(posture).point(np.array(point) / 1e3)).tolist()
     floor = min(0.0, z - 250.0 * k)  # a small arm stands on a table
     top = z - 20.0 * k
@@ -269,13 +269,13 @@ def _gun_and_camera(robot: Robot, posture: FloatArray, payload_kg: float) -> _Se
         gun_size=scaled(280.0, 220.0, 270.0),
         gun_at=scaled(-10.0, 0.0, 145.0),
         camera_size=scaled(80.0, 80.0, 120.0),
-        camera_at=scaled(200.0, -50.0, -60.0),
+        camera_at=scaled(200.0, -50.0, 40.0),  # the lens is its front
     )
     surroundings = _SURROUNDINGS.format(
         target_radius=scaled(10.0)[0],
         nearest=scaled(100.0)[0],
         farthest=scaled(700.0)[0],
-        lens_mm=[point[0], point[1], 0.0],
+        lens_mm=[point[0], point[1], _round(point[2] - stand_off, 1)],
         floor_at=[0.0, 0.0, _round(floor, 1)],
         fixture_size=[*scaled(120.0, 120.0), _round(top - floor, 1)],
         fixture_at=[_round(v, 1) for v in (x, y, (top + floor) / 2.0)],
@@ -285,7 +285,7 @@ def _gun_and_camera(robot: Robot, posture: FloatArray, payload_kg: float) -> _Se
         point_mm=point,
         mass_kg=_round(PAYLOAD_USED * payload_kg, 1),
         com_mm=scaled(50.0, 0.0, 200.0),
-        stand_off_mm=point[2],
+        stand_off_mm=stand_off,
         safety_mm=scaled(20.0)[0],
         tool_bodies=bodies,
         surroundings=surroundings,

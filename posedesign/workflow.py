@@ -166,7 +166,8 @@ def identify_file(
 
     ``warn`` is told of touch-ups outside the joint limits: they may be another robot's.
     """
-    data = read_touch_ups(touch_ups, cell.robot.n, trust_units=trust_units)
+    robot = cell.robot
+    data = read_touch_ups(touch_ups, robot.n, controller=robot.controller, trust_units=trust_units)
     rows = [f"touch-up {i + 1}" for i in range(data.count)]
     for line in outside_limits(cell, rows, data.postures):
         warn(f"{touch_ups}: {line}")

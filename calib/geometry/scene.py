@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, near_names
-from calib.geometry.enclosure import enclose, hull_vertices, reach
-from calib.geometry.engine import Engine, MeshSight, Placed
+from calib.geometry.enclosure import hull_vertices, reach
+from calib.geometry.engine import Engine, Placed
 from calib.geometry.pairs import candidate_pairs, check_groups, motion_radii, without_ignored
-from calib.geometry.rays import contains, crosses
+from calib.geometry.rays import contains
 from calib.geometry.results import Clearance, Extent, Sight, Ways
-from calib.geometry.segments import point_segment
-from calib.geometry.shapes import Body, HalfSpace, Mesh
+from calib.geometry.shapes import Body, Mesh
+from calib.geometry.sight import LinesOfSight
 from calib.geometry.ways import check_ways, nearest
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -104,8 +104,8 @@ class Scene:
         )
 
     def __getstate__(self) -> dict[str, object]:
-        # coal's objects cannot be sent to a worker, which makes its own
-        lazy = ("_engine", "_mesh_sights")
+        # coal's objects cannot be sent to a worker, and pairs may change: made anew when needed
+        lazy = ("_engine", "_lines", "_radii")
         return {key: value for key, value in self.__dict__.items() if key not in lazy}
 
     @property
@@ -191,7 +191,7 @@ class Scene:
         return check_ways(
             self._chain,
             self._engine,
-            motion_radii(self._chain, self.bodies, self.pairs),
+            self._radii,
             starts,
             ends,
             keep_m=keep_m,
@@ -246,7 +246,7 @@ class Scene:
         for rows in self._chunks(len(starts), len(self.bodies)):
             of = rows if len(postures) == len(starts) else slice(0, 1)
             placed = self._place(postures, state, of)
-            blocker[rows] = self._blockers(placed, starts[rows], ends[rows], ignore)
+            blocker[rows] = self._lines.blockers(placed, starts[rows], ends[rows], ignore)
         return Sight(blocker < 0, blocker)
 
     def extent(self, q: ArrayLike, *, state: ChainState | None = None) -> Extent:
@@ -313,14 +313,17 @@ class Scene:
         return Engine(self.bodies, self.pairs)
 
     @cached_property
+    def _radii(self) -> FloatArray:
+        return motion_radii(self._chain, self.bodies, self.pairs)
+
+    @cached_property
     def _hulls(self) -> list[FloatArray | None]:
         solids = [body.solid for body in self.bodies]
         return [hull_vertices(solid) if isinstance(solid, Mesh) else None for solid in solids]
 
     @cached_property
-    def _mesh_sights(self) -> dict[int, MeshSight]:
-        solids = [body.solid for body in self.bodies]
-        return {b: MeshSight(solid) for b, solid in enumerate(solids) if isinstance(solid, Mesh)}
+    def _lines(self) -> LinesOfSight:
+        return LinesOfSight(self.bodies)
 
     @property
     def _chunk(self) -> int:
@@ -340,31 +343,6 @@ class Scene:
         engine.settle_all(known, CONTACT_M)
         return np.asarray(known.distance_m[0] <= CONTACT_M)
 
-    def _blockers(
-        self, placed: Placed, start: FloatArray, end: FloatArray, ignore: Sequence[str]
-    ) -> IntArray:
-        """Which body (S,) stands in each line of sight (S, 3), or -1."""
-        found = np.full(len(start), -1, dtype=np.intp)
-        middle, half = (start + end) / 2.0, (end - start) / 2.0
-        for b, body in enumerate(self.bodies):
-            if body.name in ignore:
-                continue
-            axes, origin = placed.rotations[:, b], placed.origins[:, b]
-            free = found < 0
-            if not isinstance(body.solid, HalfSpace):
-                around = enclose(body.solid)
-                radius = float(np.linalg.norm(around.half)) + around.radius_m
-                free &= point_segment(middle - origin - axes @ around.centre, half) <= radius
-            rows = np.flatnonzero(free)
-            at = rows if len(axes) > 1 else np.zeros_like(rows)
-            local = [_seen_from(axes[at], origin[at], points[rows]) for points in (start, end)]
-            if b in self._mesh_sights:
-                hit = self._mesh_sights[b].crosses(*local)
-            else:
-                hit = crosses(body.solid, *local)
-            found[rows[hit]] = b
-        return found
-
     def _postures(self, q: ArrayLike, name: str) -> FloatArray:
         postures = np.atleast_2d(np.asarray(q, dtype=float))
         if postures.ndim != 2 or postures.shape[1] != self._chain.n:
@@ -375,13 +353,10 @@ class Scene:
             )
         if not np.isfinite(postures).all():
             row = int(np.argwhere(~np.isfinite(postures))[0][0])
-            raise InputError(f"posture {row} of {name} is not finite", name=name)
+            raise InputError(
+                f"posture {row} of {name} is not finite", hint="give radians", name=name
+            )
         return postures
-
-
-def _seen_from(R_base_body: FloatArray, p_base_body: FloatArray, points: FloatArray) -> FloatArray:
-    """Points (M, 3) of the base frame in the axes of bodies (M, 3, 3) at (M, 3)."""
-    return np.asarray(np.einsum("mij,mi->mj", R_base_body, points - p_base_body))
 
 
 def _points(points: ArrayLike, name: str) -> FloatArray:

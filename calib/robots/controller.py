@@ -65,6 +65,11 @@ class Controller:
     pendant_from_joints: FloatArray
     T_base_world: FloatArray
 
+    @property
+    def differs(self) -> bool:
+        """Whether the pendant shows other joint values than the description has."""
+        return not np.array_equal(self.pendant_from_joints, np.eye(len(self.pendant_from_joints)))
+
     def pendant(self, q: ArrayLike) -> FloatArray:
         """Joint values on the pendant ``(..., n)`` [deg] of postures ``(..., n)`` [rad]."""
         return np.asarray(np.rad2deg(self._check(q) @ self.pendant_from_joints.T) + 0.0)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table
+from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress
 
 if TYPE_CHECKING:
     from posedesign.pose_check import PoseVerdict
@@ -79,7 +79,17 @@ def plan(
     from posedesign.workflow import plan_poses
 
     loaded = Cell.load(cell)
-    result = plan_poses(loaded, out)
+    largest = max(loaded.config.variations.largest_deg)
+    with progress("planning") as advance:
+        result = plan_poses(
+            loaded,
+            out,
+            lambda turn: advance(
+                f"round {turn.number}, C_G {turn.c_g:.3g}", max(turn.variation_deg) / largest
+            ),
+        )
+    for said in loaded.notices:
+        note(f"note: {said}")
     if loaded.target_offset_m > NOTEWORTHY_M:
         note(
             f"note: the target is {loaded.target_offset_m * 1e3:.0f} mm from where the base "

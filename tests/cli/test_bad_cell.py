@@ -20,7 +20,7 @@ RADIANS = "[0.0, 0.2618, -0.4363, 0.0, -0.8727, 0.0]"
 
 CELL_CASES = {
     "preset that does not exist": ("robot.preset", '"r2000ic165"', ("did you mean r2000ic165f",)),
-    "preset nowhere near": ("robot.preset", '"kuka"', ("known: r2000ia165f_fig7, r2000ic165f",)),
+    "preset nowhere near": ("robot.preset", '"kuka"', ("known: gp7, hp3, ", "r2000ic165f")),
     "tip that does not exist": ("robot.tip", '"tol0"', ("'tol0'", "did you mean tool0?")),
     "base that does not exist": ("robot.base", '"base_lnk"', ("'base_lnk'", "base_link")),
     "base that is the tip": ("robot.base", '"tool0"', ("no moving joint", "another tip")),

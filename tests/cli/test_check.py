@@ -59,7 +59,7 @@ def test_a_pose_in_the_floor(
     told = json.loads(cli("check", work / "cell.toml", poses, "--json").out)
     bad = [row for row in told["poses"] if not row["feasible"]]
     assert [row["name"] for row in bad] == [name]
-    assert bad[0]["says"] == "the camera looks away from the target, by 105 deg" or bad[0]["room"] < 0
+    assert bad[0]["says"].startswith("the camera looks away from the target, by ")
     assert f"{name}" in said.out
     assert "1 cannot be taken" in said.out
     assert any(name in line for line in told["off_target"])
@@ -132,7 +132,7 @@ CASES: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
     ),
     "a camera too near": (
         {"camera.nearest_mm": "400.0"},
-        ("target 350 mm from the camera, nearest allowed 400 mm",),
+        ("target 250 mm from the camera, nearest allowed 400 mm",),
     ),
 }
 

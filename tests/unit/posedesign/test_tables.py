@@ -16,6 +16,7 @@ from calib.measurement import TouchUps
 from calib.se3 import rotation_from_wpr, transform
 from posedesign import files, tables
 from posedesign.cell import Cell
+from posedesign.planner import plan
 from posedesign.pose_plan import PoseSet, PoseStatus
 from posedesign.route import Route, Stop
 from posedesign.tables import (
@@ -133,6 +134,33 @@ def test_poses_round_trip(
             )
         else:
             assert row.cells["j1_deg"] == row.cells["x_mm"] == ""
+
+
+def test_touch_ups_as_the_pendant_shows_them(tmp_path: Path, reference_cell: Cell) -> None:
+    robot = reference_cell.robot
+    q = reference_cell.base_posture + np.random.default_rng(1).uniform(-0.5, 0.5, (5, 6))
+    assert robot.controller is not None
+    columns = [f"pendant_j{i + 1}_deg" for i in range(6)]
+    rows = [
+        {"target": "T1"} | dict(zip(columns, shown, strict=True))
+        for shown in robot.controller.pendant(q)
+    ]
+    path = write_table(tmp_path / "t.csv", ["target", *columns], rows)
+    found = read_touch_ups(path, 6, controller=robot.controller)
+    np.testing.assert_allclose(found.postures, q, rtol=0, atol=EXACT)
+    with pytest.raises(FileFormatError, match="the robot's controller is not known"):
+        read_touch_ups(path, 6)
+
+
+def test_planned_poses_carry_what_the_pendant_shows(tmp_path: Path, reference_cell: Cell) -> None:
+    result = plan(reference_cell)
+    robot = reference_cell.robot
+    path = tmp_path / "q.csv"
+    write_poses(path, robot, result.poses, result.route, reference_cell.tool_m)
+    for row in read_rows(path)[1]:
+        j2, j3 = float(row.cells["j2_deg"]), float(row.cells["j3_deg"])
+        assert float(row.cells["pendant_j3_deg"]) == pytest.approx(j3 - j2, abs=1e-8)
+        assert row.cells["pendant_j2_deg"] == row.cells["j2_deg"]
 
 
 @FILES_BETWEEN_EXAMPLES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +53,7 @@ name = "T1"
 # normal = [0.0, 0.0, 1.0]        # out of its face; default: towards the camera at the base pose
 {surroundings}
 [constraints]
-collisions = true                 # of arm, tool and obstacles
+collisions = {collisions}                 # of arm, tool and obstacles
 ways = true                       # check the straight joint moves from pose to pose, too
 safety_distance_mm = {safety}     # kept between them
 # ignore = [["gun", "fixture"]]   # pairs that may touch
@@ -71,7 +71,7 @@ raise = "together"                # or "best": only the angle that lowers the co
 
 [plan]
 condition_threshold = {threshold} # C_G = cond(G'G); the loop stops below it
-limit_margin_deg = 1.0            # kept from every joint limit: no zero is exact before calibration
+limit_margin_deg = {margin}            # kept from every joint limit: no zero is exact before calibration
 repair = true                     # replace poses that cannot be taken
 repair_margin_deg = 2.0           # kept by the replacements
 repair_tilt_deg = 60.0            # largest tilt of a replacement against the base pose
@@ -171,18 +171,23 @@ class _Setup:
     mass_kg: float
     com_mm: Sequence[float]
     stand_off_mm: float
-    safety_mm: float
-    tool_bodies: str
-    surroundings: str
+    safety_mm: float = 10.0
+    tool_bodies: str = _NO_BODIES
+    surroundings: str = _NO_SURROUNDINGS
+    margin_deg: float = 1.0
+    collisions: bool = True
 
 
-def cell_template(robot: str | None = None) -> str:
+def cell_template(robot: str | None = None, *, surroundings: bool = True) -> str:
     """Text of a ``cell.toml``, commented, for a preset or a URDF file.
 
     Parameters
     ----------
     robot : str, optional
         Name of a preset or path of a URDF; the reference cell by default.
+    surroundings : bool
+        False: without gun, camera, fixture and floor, and with the joint limits as they are, so
+        that they alone bound the poses, as in the papers.
 
     Raises
     ------
@@ -193,7 +198,7 @@ def cell_template(robot: str | None = None) -> str:
     """
     name = robot or REFERENCE
     if name in preset_names():
-        return _for_preset(name)
+        return _for_preset(name, surroundings)
     path = Path(name)
     if not path.exists() and path.suffix.lower() not in (".urdf", ".xml"):
         raise RobotModelError(
@@ -204,7 +209,7 @@ def cell_template(robot: str | None = None) -> str:
     return _for_urdf(path)
 
 
-def _for_preset(name: str) -> str:
+def _for_preset(name: str, surroundings: bool) -> str:
     info = preset_info(name)
     robot = Robot.preset(name)
     posture = info["base_posture_deg"]
@@ -216,7 +221,9 @@ def _for_preset(name: str) -> str:
     return _fill(
         robot,
         source=f'preset = "{name}"',
-        setup=_gun_and_camera(robot, np.deg2rad(posture), float(info["payload_kg"])),
+        setup=_gun_and_camera(
+            robot, np.deg2rad(posture), float(info["payload_kg"]), surroundings
+        ),
         pendant=pendant,
         posture=posture,
         three_sigma=[0.02, 0.02, 0.12],
@@ -234,9 +241,6 @@ def _for_urdf(path: Path) -> str:
         mass_kg=0.0,
         com_mm=[0.0, 0.0, 0.0],
         stand_off_mm=100.0,
-        safety_mm=10.0,
-        tool_bodies=_NO_BODIES,
-        surroundings=_NO_SURROUNDINGS,
     )
     return _fill(
         robot,
@@ -254,14 +258,28 @@ def _scale(robot: Robot) -> float:
     return min(1.0, reach(robot) / REFERENCE_REACH_M)
 
 
-def _gun_and_camera(robot: Robot, posture: FloatArray, payload_kg: float) -> _Setup:
+def _gun_and_camera(
+    robot: Robot, posture: FloatArray, payload_kg: float, surroundings: bool
+) -> _Setup:
     """The gun, the camera, the fixture and the floor of the reference cell, scaled to an arm."""
     k = _scale(robot)
 
     def scaled(*lengths_mm: float) -> list[float]:
         return [_round(k * length, 1) for length in lengths_mm]
 
-    point, stand_off = scaled(200.0, -50.0, 350.0), scaled(250.0)[0]
+    point = scaled(200.0, -50.0, 350.0)
+    bare = _Setup(
+        tool_note="As good as you know it; it is identified too.",
+        point_mm=point,
+        mass_kg=_round(PAYLOAD_USED * payload_kg, 1),
+        com_mm=scaled(50.0, 0.0, 200.0),
+        stand_off_mm=point[2],
+        margin_deg=0.0,
+        collisions=False,
+    )
+    if not surroundings:
+        return bare
+    stand_off = scaled(250.0)[0]
     x, y, z = (1e3 * robot.state(posture).point(np.array(point) / 1e3)).tolist()
     floor = min(0.0, z - 250.0 * k)  # a small arm stands on a table
     top = z - 20.0 * k
@@ -271,7 +289,7 @@ def _gun_and_camera(robot: Robot, posture: FloatArray, payload_kg: float) -> _Se
         camera_size=scaled(80.0, 80.0, 120.0),
         camera_at=scaled(200.0, -50.0, 40.0),  # the lens is its front
     )
-    surroundings = _SURROUNDINGS.format(
+    around = _SURROUNDINGS.format(
         target_radius=scaled(10.0)[0],
         nearest=scaled(100.0)[0],
         farthest=scaled(700.0)[0],
@@ -280,15 +298,14 @@ def _gun_and_camera(robot: Robot, posture: FloatArray, payload_kg: float) -> _Se
         fixture_size=[*scaled(120.0, 120.0), _round(top - floor, 1)],
         fixture_at=[_round(v, 1) for v in (x, y, (top + floor) / 2.0)],
     )
-    return _Setup(
-        tool_note="As good as you know it; it is identified too.",
-        point_mm=point,
-        mass_kg=_round(PAYLOAD_USED * payload_kg, 1),
-        com_mm=scaled(50.0, 0.0, 200.0),
+    return replace(
+        bare,
+        margin_deg=1.0,
+        collisions=True,
         stand_off_mm=stand_off,
         safety_mm=scaled(20.0)[0],
         tool_bodies=bodies,
-        surroundings=surroundings,
+        surroundings=around,
     )
 
 
@@ -338,6 +355,8 @@ def _fill(
         tool_bodies=setup.tool_bodies,
         surroundings=setup.surroundings,
         safety=setup.safety_mm,
+        margin=setup.margin_deg,
+        collisions=str(setup.collisions).lower(),
         pendant=pendant,
         posture_deg=list(posture),
         threshold="1.0e5",

@@ -18,20 +18,6 @@ settings.register_profile("repeatable", database=None, deadline=None, derandomiz
 settings.load_profile("repeatable")
 
 
-def paper_cell() -> dict[str, Any]:
-    """The cell that ``posedesign new`` prints, with joint limits as its only constraints.
-
-    As in the papers, and in the independent figures that tests hold the planner to.
-    """
-    raw = tomllib.loads(cell_template())
-    for name in ("camera", "obstacle"):
-        del raw[name]
-    del raw["tool"]["body"]
-    raw["constraints"] = {"collisions": False}
-    raw["plan"]["limit_margin_deg"] = 0.0
-    return raw
-
-
 def cell_of(raw: dict[str, Any], sections: dict[str, dict[str, Any]]) -> Cell:
     """The cell with keys of its sections replaced; a section of None is left out."""
     for name, keys in sections.items():
@@ -44,7 +30,7 @@ def cell_of(raw: dict[str, Any], sections: dict[str, dict[str, Any]]) -> Cell:
 @pytest.fixture(scope="session")
 def reference_cell() -> Cell:
     """The reference cell with joint limits as its only constraints."""
-    return cell_of(paper_cell(), {})
+    return cell_of(tomllib.loads(cell_template(surroundings=False)), {})
 
 
 @pytest.fixture(scope="session")
@@ -56,7 +42,7 @@ def demo_cell() -> Cell:
 @pytest.fixture(scope="session")
 def make_cell() -> Callable[..., Cell]:
     """The reference cell with keys of its sections replaced: ``make_cell(plan={...})``."""
-    return lambda **sections: cell_of(paper_cell(), sections)
+    return lambda **sections: cell_of(tomllib.loads(cell_template(surroundings=False)), sections)
 
 
 @pytest.fixture(scope="session")

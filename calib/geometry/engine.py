@@ -68,6 +68,11 @@ class Engine:
         Half-spaces only on link 0.
     pairs : array (P, 2) of int
         Rows of ``bodies``; a half-space stands second, and there is at most one in a pair.
+
+    Attributes
+    ----------
+    hulls : list of array (K, 3) or None
+        Vertices on the convex hulls of meshes [m].
     """
 
     def __init__(self, bodies: Sequence[Body], pairs: IntArray) -> None:
@@ -85,9 +90,7 @@ class Engine:
         capsules = [e.capsule for e in around]
         self._ends = np.array([end for end, _ in capsules]).reshape(-1, 3)
         self._radii = np.array([radius for _, radius in capsules])
-        self._hulls = [
-            hull_vertices(b.solid) if isinstance(b.solid, Mesh) else None for b in bodies
-        ]
+        self.hulls = [hull_vertices(b.solid) if isinstance(b.solid, Mesh) else None for b in bodies]
         against_plane = self._half_space[pairs[:, 1]]
         self._plane_pairs = np.flatnonzero(against_plane)
         self._other_pairs = np.flatnonzero(~against_plane)
@@ -174,7 +177,7 @@ class Engine:
         normal = self._rotations[plane, :, 2]
         height = (placed.origins[:, body] - self._origins[plane]) @ normal
         down = -normal @ placed.rotations[:, body]
-        return np.asarray(height - reach(self._bodies[body].solid, self._hulls[body], down))
+        return np.asarray(height - reach(self._bodies[body].solid, self.hulls[body], down))
 
 
 class _Oracle:
@@ -247,11 +250,9 @@ def coal_solid(solid: Solid) -> coal.CollisionGeometry:
 
 
 def _tree(vertices: FloatArray, triangles: IntArray) -> coal.BVHModelOBBRSS:
-    points, corners = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    points.extend(list(np.asarray(vertices, dtype=float)))
-    corners.extend([coal.Triangle(*corner) for corner in np.asarray(triangles).tolist()])
     tree = coal.BVHModelOBBRSS()
-    tree.beginModel(len(corners), len(points))
-    tree.addSubModel(points, corners)
+    tree.beginModel(len(triangles), len(vertices))
+    tree.addVertices(np.ascontiguousarray(vertices, dtype=float))
+    tree.addTriangles(np.ascontiguousarray(triangles, dtype=np.dtype("l")))
     tree.endModel()
     return tree

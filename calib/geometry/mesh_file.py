@@ -71,7 +71,8 @@ def read_mesh(path: Path | str, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mes
             hint="give a file " + ", ".join(_READERS),
         )
     vertices, triangles = _triangles(reader, _read(path), path)
-    vertices = vertices * factors
+    with np.errstate(invalid="ignore", over="ignore"):
+        vertices = vertices * factors
     _check(vertices, triangles, path)
     return _merged(vertices, triangles)
 
@@ -103,6 +104,7 @@ def _triangles(
     """Vertices (V, 3) in units of the file, triangles (F, 3)."""
     try:
         with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             # numpy's word for text that is no number, on which it stops reading in silence
             warnings.filterwarnings("error", message="string or file could not be read")
             parts = reader(data)
@@ -223,4 +225,6 @@ def _part(mesh: dict[str, Any], T: FloatArray) -> Iterator[tuple[FloatArray, Int
     faces = np.asarray(triangulate_quads(mesh["faces"]))
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.shape[1:] != (3,):
         raise ValueError("its vertices or faces have another form")
-    yield vertices @ T[:3, :3].T + T[:3, 3], faces.astype(np.intp, casting="same_kind")
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is found later
+        placed = vertices @ T[:3, :3].T + T[:3, 3]
+    yield placed, faces.astype(np.intp, casting="same_kind")

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, near_names
-from calib.geometry.enclosure import hull_vertices, reach
+from calib.geometry.enclosure import reach
 from calib.geometry.engine import Engine, Placed
 from calib.geometry.pairs import candidate_pairs, check_groups, motion_radii, without_ignored
 from calib.geometry.rays import contains
 from calib.geometry.results import Clearance, Extent, Sight, Ways
-from calib.geometry.shapes import Body, Mesh
+from calib.geometry.shapes import Body
 from calib.geometry.sight import LinesOfSight
 from calib.geometry.ways import check_ways, nearest
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -273,7 +273,7 @@ class Scene:
             placed = self._place(postures, state, rows)
             for b in moving:
                 axes, origin = placed.rotations[:, b], placed.origins[:, b]
-                solid, hull = self.bodies[b].solid, self._hulls[b]
+                solid, hull = self.bodies[b].solid, self._engine.hulls[b]
                 highest[rows] = np.maximum(highest[rows], origin + reach(solid, hull, axes))
                 lowest[rows] = np.minimum(lowest[rows], origin - reach(solid, hull, -axes))
         return Extent(lowest, highest)
@@ -317,9 +317,8 @@ class Scene:
         return motion_radii(self._chain, self.bodies, self.pairs)
 
     @cached_property
-    def _hulls(self) -> list[FloatArray | None]:
-        solids = [body.solid for body in self.bodies]
-        return [hull_vertices(solid) if isinstance(solid, Mesh) else None for solid in solids]
+    def _radii(self) -> FloatArray:
+        return motion_radii(self._chain, self.bodies, self.pairs)
 
     @cached_property
     def _lines(self) -> LinesOfSight:

@@ -23,7 +23,7 @@ X = "X translation"
 def run(draws: int | None = None) -> AccuracyStudy:
     """The study as its TOML describes it, with fewer draws where asked for."""
     settings = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
-    cell = Cell.from_text(cell_template(settings["robot"]))
+    cell = Cell.from_text(cell_template(settings["robot"], surroundings=False))
     with progress("accuracy against condition") as advance:
         return accuracy_study(
             cell, draws=draws or settings["draws"], seed=settings["seed"], progress=advance

@@ -78,21 +78,9 @@ def contents(folder: Path) -> dict[str, bytes | None]:
     }
 
 
-def paper_text() -> str:
-    """The reference cell with joint limits as its only constraints, as in the papers."""
-    kept, skipping = [], False
-    for line in cell_template().splitlines():
-        if line.startswith("["):
-            skipping = line.split("]")[0].strip("[") in ("camera", "obstacle", "tool.body")
-        if not skipping:
-            kept.append(line)
-    changes = {"constraints.collisions": "false", "plan.limit_margin_deg": "0.0"}
-    return with_keys("\n".join(kept), changes)
-
-
 @pytest.fixture(scope="session")
 def _work(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return worked_on(tmp_path_factory.mktemp("work"), paper_text())
+    return worked_on(tmp_path_factory.mktemp("work"), cell_template(surroundings=False))
 
 
 @pytest.fixture(scope="session")

@@ -138,12 +138,13 @@ def test_corners_with_textures_and_comments_in_any_code_page(read):
 
 
 def test_places_and_units_of_collada(read):
-    there = "<node><translate>10 0 0</translate><rotate>0 0 1 90</rotate>{}</node>".format(NODE)
+    there = f"<node><translate>10 0 0</translate><rotate>0 0 1 90</rotate>{NODE}</node>"
     mesh = read("a.dae", dae(NODE + there, head='<unit name="cm" meter="0.01"/>'))
     assert len(mesh.triangles) == 8
-    np.testing.assert_allclose(mesh.vertices.min(axis=0), [0, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(mesh.vertices.max(axis=0), [0.1, 0.02, 0.03], atol=1e-12)
-    assert [0.08, 0, 0] in mesh.vertices.round(12).tolist()
+    # pycollada turns in single precision
+    np.testing.assert_allclose(mesh.vertices.min(axis=0), [0, 0, 0], atol=1e-8)
+    np.testing.assert_allclose(mesh.vertices.max(axis=0), [0.1, 0.02, 0.03], atol=1e-8)
+    assert [0.08, 0, 0] in mesh.vertices.round(7).tolist()
 
 
 def test_triangles_without_an_area_between_equal_corners_are_left_out(read):
@@ -202,6 +203,7 @@ def laughing() -> str:
         ("a.stl", "hello", "has no triangles"),
         ("a.stl", BINARY_STL[:-10], "cannot be read as .stl: its length is not what it says"),
         ("a.stl", STL.replace("vertex 1", "vertex one", 1), "cannot be read as .stl"),
+        ("a.stl", STL.replace("normal 0", "normal x").replace("vertex 1", "vertex one"), "cannot"),
         ("a.stl", STL.replace("vertex 1.0", "vertex nan", 1), "coordinates that are no numbers"),
         ("a.stl", b"\0" * 80 + b"\xff" * 4, "its length is not what it says"),
         ("a.obj", "", "has no triangles"),
@@ -245,7 +247,7 @@ def laughing() -> str:
         ("mesh", "", "is no mesh file known here (no suffix)"),
     ],
 )
-def test_files_that_cannot_be_used(read, tmp_path, name, content, says):
+def test_files_that_cannot_be_used(read, tmp_path, capfd, name, content, says):
     with pytest.raises(FileFormatError) as caught:
         read(name, content)
     assert caught.value.message.startswith(f"{tmp_path / name}: {says}") or (
@@ -254,14 +256,14 @@ def test_files_that_cannot_be_used(read, tmp_path, name, content, says):
     assert "\n" not in str(caught.value)
     assert caught.value.hint
     assert caught.value.path == tmp_path / name
+    assert capfd.readouterr() == ("", "")
 
 
-def test_garbage_of_every_format(read, subtests):
-    rng = np.random.default_rng(0)
-    for suffix in ("stl", "obj", "ply", "dae"):
-        for start in (b"", b"ply\n", b"solid ", b"<COLLADA>", b"v 1 2 3\n"):
-            with subtests.test(suffix=suffix, start=start), pytest.raises(FileFormatError):
-                read(f"a.{suffix}", start + rng.bytes(3000))
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "dae"])
+@pytest.mark.parametrize("start", [b"", b"ply\n", b"solid ", b"<COLLADA>", b"v 1 2 3\n"])
+def test_garbage(read, suffix, start):
+    with pytest.raises(FileFormatError):
+        read(f"a.{suffix}", start + np.random.default_rng(0).bytes(3000))
 
 
 @pytest.mark.parametrize("cut", range(100, 1500, 200))
@@ -271,10 +273,10 @@ def test_files_that_are_cut_off_are_read_or_refused(read, name, cut):
     whole = {"a.obj": OBJ, "a.ply": ply(CORNERS, FACES.tolist()), "a.dae": dae(), "a.stl": STL}
     try:
         mesh = read(name, whole[name][:cut])
-    except FileFormatError as error:
-        assert "\n" not in error.message
-    else:
-        assert np.isfinite(mesh.vertices).all()
+    except FileFormatError:
+        return
+    assert np.isfinite(mesh.vertices).all()
+    assert len(mesh.triangles) <= 4
 
 
 def test_what_is_no_file(tmp_path):
@@ -290,10 +292,12 @@ def test_what_is_no_file(tmp_path):
         read_mesh(tmp_path / "zero\0byte.stl")
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
-def test_a_file_that_may_not_be_read(tmp_path):
+def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
+    def refuse(self, mode):
+        raise PermissionError(13, "Permission denied", str(self))
+
     (tmp_path / "a.stl").write_text(STL)
-    (tmp_path / "a.stl").chmod(0)
+    monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(FileFormatError, match="cannot be read: Permission denied"):
         read_mesh(tmp_path / "a.stl")
 

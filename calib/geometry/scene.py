@@ -317,10 +317,6 @@ class Scene:
         return motion_radii(self._chain, self.bodies, self.pairs)
 
     @cached_property
-    def _radii(self) -> FloatArray:
-        return motion_radii(self._chain, self.bodies, self.pairs)
-
-    @cached_property
     def _lines(self) -> LinesOfSight:
         return LinesOfSight(self.bodies)
 

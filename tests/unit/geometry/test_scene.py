@@ -53,6 +53,23 @@ def test_which_pairs_are_checked(make, body):
     assert scene.excluded == ()
 
 
+def test_own_pairs_and_those_with_others(make):
+    scene = make()
+    rng = np.random.default_rng(4)
+    q, to = rng.uniform(-3, 3, (2, 40, 4))
+    whole = scene.clearance(q)
+    own, others = scene.own, scene.others
+    named = [{frozenset(s.names(p)) for p in range(len(s.pairs))} for s in (scene, own, others)]
+    assert named[0] == named[1] | named[2]
+    assert not named[1] & named[2]
+    assert all(name.startswith(("link", "base")) for pair in named[1] for name in pair)
+    assert all(pair & {"tool", "part"} for pair in named[2])
+    apart = np.minimum(own.clearance(q).distance_m, others.clearance(q).distance_m)
+    np.testing.assert_array_equal(apart, whole.distance_m)
+    clear = own.ways(q, to, 0.01).clear & others.ways(q, to, 0.01).clear
+    np.testing.assert_array_equal(clear, scene.ways(q, to, 0.01).clear)
+
+
 def test_pairs_that_touch_at_zero_are_left_out_and_told(make, body):
     long = Body("link1", 1, transform(LYING, [1.0, 0, 0]), Capsule(0.1, 2.8))
     arm = [long, *(body(f"link{j}", j, BALL, (0.5, 0, 0)) for j in (2, 3, 4))]

@@ -307,3 +307,18 @@ def test_a_refused_program_leaves_the_old_file(tmp_path: Path) -> None:
     assert path.read_text() == "old"
     with pytest.raises(OutputError, match="there is no folder"):
         write(PoseProgram("CAL", POSES), "fanuc-ls", tmp_path / "none" / "CAL.LS")
+
+
+def test_positions_on_the_way_are_passed_and_not_measured(tmp_path: Path) -> None:
+    """P[1] and P[2] are measured; P[3], in between, is only passed through."""
+    q = np.deg2rad([[0.0, 15, -25, 0, -50, 0], [5, 10, -25, 0, -50, 0], [10, 15, -25, 0, -50, 0]])
+    poses = (ProgramPose("P01", q[0]), ProgramPose("", q[1], via=True), ProgramPose("P02", q[2]))
+    program = PoseProgram("VIA", poses)
+    assert program.numbers == (1, 3, 2)
+    text = render_fanuc_ls(program)
+    moves = re.findall(r"J P\[(\d+)\]|CALL MEASURE\((\d+)\)", text)
+    assert moves == [("1", ""), ("", "1"), ("3", ""), ("2", ""), ("", "2")]
+    assert re.findall(r"^P\[(\d+)", text, re.MULTILINE) == ["1", "2", "3"]
+    path = write(program, "fanuc-ls", tmp_path / "VIA.LS")
+    assert validate(path) == []
+    np.testing.assert_allclose(read(path).postures_rad, q[[0, 2, 1]], atol=2e-5)

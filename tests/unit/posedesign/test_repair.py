@@ -1,0 +1,161 @@
+"""Replacements: as far as possible from all other poses, from wherever there is something left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calib.se3 import rotation_angle
+from posedesign.cell import Cell
+from posedesign.planner import grid_poses, plan
+from posedesign.pose_plan import PoseStatus, StopReason
+from posedesign.repair import ENOUGH, POOL_ORIENTATIONS, RepairPool, farthest_postures, repair
+from posedesign.tables import read_poses, write_poses
+
+MakeCell = Callable[..., Cell]
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 6))
+def test_each_replacement_is_the_farthest_there_is(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    pool, chosen = rng.uniform(size=(30, 3)), rng.uniform(size=(4, 3))
+    scale = np.array([1.0, 2.0, 0.5])
+    picked = farthest_postures(pool, chosen, count, scale)
+    there = chosen
+    for posture in picked:
+        distance = np.linalg.norm((pool[:, None] - there[None]) / scale, axis=-1).min(axis=1)
+        best = np.linalg.norm((posture - there) / scale, axis=-1).min()
+        assert best == pytest.approx(distance.max())
+        there = np.vstack([there, posture])
+
+
+def test_repetitions_are_not_picked() -> None:
+    pool = np.zeros((5, 2))
+    assert len(farthest_postures(pool, np.ones((1, 2)), 3, np.ones(2))) == 1
+    assert len(farthest_postures(np.empty((0, 2)), pool, 3, np.ones(2))) == 0
+
+
+def test_every_posture_of_the_pool_keeps_every_constraint(demo_cell: Cell) -> None:
+    q = RepairPool(demo_cell).postures(5)
+    assert len(q) >= ENOUGH * 5
+    assert demo_cell.checker.check(q).feasible.all()
+    point = demo_cell.robot.state(q).point(demo_cell.tool_m)
+    assert np.abs(point - demo_cell.target_m).max() < 1e-9
+
+
+def test_the_first_pool_stays_near_the_base_pose(make_cell: MakeCell) -> None:
+    cell = make_cell(plan={"repair_tilt_deg": 25.0, "repair_base_joint_deg": 20.0})
+    q = RepairPool(cell).postures(1)
+    z = cell.robot.fk(q)[:, :3, 2]
+    tilt = np.rad2deg(np.arccos(z @ cell.robot.fk(cell.base_posture)[:3, 2]))
+    assert tilt.max() <= 25.0 + 1e-6
+    assert np.rad2deg(np.abs(q[:, 0] - cell.base_posture[0])).max() <= 20.0
+    assert len(q) > POOL_ORIENTATIONS / 4
+
+
+def test_a_narrow_view_is_searched_until_there_is_enough(make_demo_cell: MakeCell) -> None:
+    """A tilt of 1 deg leaves hardly any of a thousand orientations; many are found all the same."""
+    cell = make_demo_cell(camera={"largest_tilt_deg": 1.0})
+    pool = RepairPool(cell)
+    q = pool.postures(24)
+    assert len(q) >= ENOUGH * 24
+    assert cell.checker.check(q).feasible.all()
+
+
+def test_the_same_cell_gives_the_same_pool(demo_cell: Cell) -> None:
+    one, other = RepairPool(demo_cell), RepairPool(demo_cell)
+    np.testing.assert_array_equal(one.postures(400), other.postures(400))
+
+
+def test_what_is_excluded_is_offered_no_more(demo_cell: Cell) -> None:
+    pool = RepairPool(demo_cell)
+    before = pool.postures(1)
+    pool.exclude(before[:3])
+    after = pool.postures(1)
+    for posture in before[:3]:
+        assert np.abs(after - posture).max(axis=1).min() > np.deg2rad(1.0)
+    assert len(before) > len(after) > 0
+
+
+def test_reasons_say_what_and_how_far(demo_cell: Cell) -> None:
+    """The turn in words is the angle between the pose of the grid and its replacement."""
+    poses = grid_poses(demo_cell, np.full(3, 50.0))
+    gaps = [i for i, status in enumerate(poses.status) if status is PoseStatus.DROPPED]
+    assert gaps
+    after = repair(demo_cell, poses, RepairPool(demo_cell))
+    for i in gaps:
+        why = poses.reasons[i]
+        R = demo_cell.robot.fk(after.postures[i])[:3, :3]
+        angle = np.rad2deg(rotation_angle(poses.orientations[i].T @ R))
+        assert after.reasons[i] == f"{why}; replaced by a pose turned by {angle:.0f} deg"
+
+
+def test_replacements_are_shared_out_by_nearness(demo_cell: Cell) -> None:
+    """No two gaps could swap their replacements and both be turned less in sum."""
+    poses = grid_poses(demo_cell, np.full(3, 60.0))
+    gaps = [i for i, status in enumerate(poses.status) if status is PoseStatus.DROPPED]
+    assert len(gaps) > 3
+    R = demo_cell.robot.fk(repair(demo_cell, poses, RepairPool(demo_cell)).postures)[:, :3, :3]
+
+    def turn(i: int, j: int) -> float:
+        return float(rotation_angle(poses.orientations[i].T @ R[j]))
+
+    for i in gaps:
+        for j in gaps:
+            assert turn(i, i) + turn(j, j) <= turn(i, j) + turn(j, i) + 1e-9
+
+
+def test_without_repair_poses_are_dropped(make_demo_cell: MakeCell) -> None:
+    cell = make_demo_cell(plan={"repair": False}, variations={"start_deg": [50.0, 50.0, 50.0]})
+    result = plan(cell)
+    assert result.rounds[0].dropped > 0
+    assert result.rounds[0].repaired == 0
+    assert result.poses.count(PoseStatus.DROPPED) == result.rounds[result.best].dropped
+
+
+def test_a_plan_is_the_same_every_time(demo_cell: Cell, make_demo_cell: MakeCell) -> None:
+    one, other = plan(demo_cell), plan(make_demo_cell())
+    np.testing.assert_array_equal(one.postures, other.postures)
+    assert one.names == other.names
+    assert one.fingerprint == other.fingerprint
+
+
+# plans whose ways are blocked
+
+
+@pytest.fixture(scope="module")
+def hemmed_in(make_demo_cell: MakeCell) -> Cell:
+    """No joint may travel far: some poses are reached only through others, or not at all."""
+    return make_demo_cell(constraints={"largest_travel_deg": 40.0})
+
+
+def test_ways_of_a_plan_are_clear(hemmed_in: Cell) -> None:
+    result = plan(hemmed_in)
+    stops = np.array([hemmed_in.base_posture, *(stop.posture for stop in result.route.stops)])
+    assert hemmed_in.ways.check(stops[:-1], stops[1:]).clear.all()
+    assert np.rad2deg(np.abs(np.diff(stops, axis=0))).max() <= 40.0 + 1e-6
+
+
+def test_rounds_count_the_poses_that_are_left(hemmed_in: Cell) -> None:
+    result = plan(hemmed_in)
+    best = result.rounds[result.best]
+    assert best.grid + best.repaired == len(result.postures) == len(result.names)
+    assert best.dropped == 27 - len(result.postures)
+    assert result.stop is not StopReason.THRESHOLD or best.c_g < result.threshold
+    assert result.indices.c_g == pytest.approx(best.c_g)
+    for status, reason in zip(result.poses.status, result.poses.reasons, strict=True):
+        assert (status is PoseStatus.GRID) == (reason == "")
+
+
+def test_what_is_written_is_what_was_planned(hemmed_in: Cell, tmp_path) -> None:
+    result = plan(hemmed_in)
+    path = tmp_path / "poses.csv"
+    write_poses(path, hemmed_in.robot, result.poses, result.route, hemmed_in.tool_m)
+    read = read_poses(path, 6)
+    assert read.via.sum() == result.route.detours
+    assert read.measured.names == result.names
+    np.testing.assert_allclose(read.measured.postures, result.postures, atol=1e-9)

@@ -162,14 +162,24 @@ class _Loop:
         ]
         return np.asarray(options[int(np.argmin(scores))])
 
+    def _best(self, stop: StopReason) -> int:
+        """The round to take, its poses connected: with the threshold reached it is the last."""
+        if stop is StopReason.THRESHOLD:
+            return len(self.rounds) - 1
+        while True:
+            values = [r.c_g for r in self.rounds]
+            best = int(np.argmin(values))
+            if not np.isfinite(values[best]):
+                best = int(np.argmax([len(poses.kept) for poses in self.sets]))
+            if self.routes[best] is not None:
+                return best
+            self._connect(best)  # may lose poses, and leave another round the best
+
     def _finish(self, stop: StopReason) -> PosePlan:
-        values = [r.c_g for r in self.rounds]
-        best = len(values) - 1 if stop is StopReason.THRESHOLD else int(np.argmin(values))
-        if not np.isfinite(values[best]):
+        best = self._best(stop)
+        if not np.isfinite(self.rounds[best].c_g):
             stop = StopReason.INFEASIBLE
-            best = int(np.argmax([len(poses.kept) for poses in self.sets]))
-        route = self._connect(best)
-        poses = self.sets[best]
+        route, poses = self._connect(best), self.sets[best]
         postures = poses.kept
         _, blocks, R = self.model.linearise(postures)
         if stop is StopReason.INFEASIBLE and blocks[..., 0].size >= self.model.p:
@@ -238,8 +248,7 @@ def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
     rotations = wpr_rotations(wpr, np.deg2rad(variation_deg))
     poses = touching_poses(rotations, cell.tool_m, cell.target_m)
     found = nearest_postures(cell.checker, poses, cell.base_posture)
-    status = tuple(PoseStatus.GRID if ok else PoseStatus.DROPPED for ok in found.feasible)
-    return PoseSet(found.q, status, found.reasons, rotations)
+    return PoseSet.of_grid(found.q, found.reasons, rotations)
 
 
 def evaluate_round(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from hashlib import sha256
 
@@ -43,16 +43,47 @@ class PoseSet:
     postures : array (27, n)
         [rad]; NaN where the pose was dropped.
     status : tuple of PoseStatus
-    reasons : tuple of str
-        Empty for a pose of the grid that can be taken as it is.
+    shut_out : tuple of str
+        What keeps a pose of the grid from being taken as it is; empty where it can be.
     orientations : array (27, 3, 3)
         ``R_base_tip`` that the grid asks for.
+    turned : array (27,)
+        Angle of a replacement against the pose of the grid [rad]; NaN for all others.
+    searched : bool
+        Whether replacements were looked for.
     """
 
     postures: FloatArray
     status: tuple[PoseStatus, ...]
-    reasons: tuple[str, ...]
+    shut_out: tuple[str, ...]
     orientations: FloatArray
+    turned: FloatArray
+    searched: bool = False
+
+    @classmethod
+    def of_grid(
+        cls, postures: FloatArray, shut_out: tuple[str, ...], orientations: FloatArray
+    ) -> PoseSet:
+        """Poses of the grid, dropped where something shuts them out."""
+        status = tuple(PoseStatus.DROPPED if why else PoseStatus.GRID for why in shut_out)
+        return cls(postures, status, shut_out, orientations, np.full(len(status), np.nan))
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why each pose is not that of the grid, in words; empty where it is."""
+        lost = "; nothing that keeps all constraints is left to take its place"
+        endings = {
+            PoseStatus.GRID: [""] * len(self.status),
+            PoseStatus.DROPPED: [lost if self.searched else ""] * len(self.status),
+            PoseStatus.REPAIRED: [
+                f"; replaced by a pose turned by {angle:.0f} deg"
+                for angle in np.rad2deg(self.turned)
+            ],
+        }
+        return tuple(
+            why + endings[status][i]
+            for i, (why, status) in enumerate(zip(self.shut_out, self.status, strict=True))
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -76,14 +107,19 @@ class PoseSet:
 
     def without(self, lost: Mapping[int, str]) -> PoseSet:
         """The set with some poses dropped, by index, each for a reason."""
-        if not lost:
-            return self
-        postures, status, reasons = self.postures.copy(), list(self.status), list(self.reasons)
+        postures, turned = self.postures.copy(), self.turned.copy()
+        status, shut_out = list(self.status), list(self.shut_out)
         for i, why in lost.items():
-            postures[i] = np.nan
+            postures[i], turned[i] = np.nan, np.nan
             status[i] = PoseStatus.DROPPED
-            reasons[i] = f"{reasons[i]}; {why}" if reasons[i] else why
-        return PoseSet(postures, tuple(status), tuple(reasons), self.orientations)
+            shut_out[i] = shut_out[i] or why  # of a replacement: why it was needed
+        return replace(
+            self,
+            postures=postures,
+            status=tuple(status),
+            shut_out=tuple(shut_out),
+            turned=turned,
+        )
 
 
 @dataclass(frozen=True, eq=False)

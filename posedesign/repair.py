@@ -8,6 +8,8 @@ farthest from all postures already chosen is taken, again and again (max-min).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
@@ -121,18 +123,14 @@ def repair(cell: Cell, poses: PoseSet, pool: RepairPool) -> PoseSet:
     gaps = np.flatnonzero([status is PoseStatus.DROPPED for status in poses.status])
     available = pool.postures(len(gaps))
     found = farthest_postures(available, poses.kept, len(gaps), cell.robot.joint_range)
-    postures, status, reasons = poses.postures.copy(), list(poses.status), list(poses.reasons)
+    postures, status, turned = poses.postures.copy(), list(poses.status), poses.turned.copy()
     R_found = cell.robot.fk(found)[:, :3, :3]
     turn = rotation_angle(np.swapaxes(poses.orientations[gaps][:, None], -1, -2) @ R_found)
     for row, k in zip(*linear_sum_assignment(turn), strict=True):
         i = int(gaps[row])
-        postures[i] = found[k]
+        postures[i], turned[i] = found[k], turn[row, k]
         status[i] = PoseStatus.REPAIRED
-        reasons[i] += f"; replaced by a pose turned by {np.rad2deg(turn[row, k]):.0f} deg"
-    for i in gaps.tolist():
-        if status[i] is PoseStatus.DROPPED:
-            reasons[i] += "; no posture that keeps all constraints is left to take its place"
-    return PoseSet(postures, tuple(status), tuple(reasons), poses.orientations)
+    return replace(poses, postures=postures, status=tuple(status), turned=turned, searched=True)
 
 
 def farthest_postures(

@@ -2,7 +2,8 @@
 
 Moves are straight in joint space. The order is the shortest found from the base posture; where
 the way between two poses is not clear, another order is tried, then a detour: through the base
-posture, or with the tool drawn back along its z before and after.
+posture, or with the tool drawn back along its z before and after. Where a joint would travel too
+far at once, stops are put in between.
 """
 
 from __future__ import annotations
@@ -152,6 +153,7 @@ class Router:
         options += [[q] for q in (*first, *last)]
         options += [[a, b] for a in first for b in last]
         options += [[a, self._start, b] for a in first for b in last]
+        options = [self._in_steps([start, *via, end])[1:-1] for via in ([], *options)]
         options.sort(key=lambda via: self._time([start, *via, end]))
         clear = self._all_clear([[start, *via, end] for via in options])
         return next((via for via, ok in zip(options, clear, strict=True) if ok), None)
@@ -162,6 +164,14 @@ class Router:
         T[:, :3, 3] -= np.array(RETREATS_M)[:, None] * T[:, :3, 2]
         found = nearest_postures(self._passing, T, q)
         return list(found.q[found.feasible])
+
+    def _in_steps(self, path: Sequence[FloatArray]) -> list[FloatArray]:
+        """The path with stops put in between, so that no joint travels too far at once."""
+        stops = [path[0]]
+        for a, b in pairwise(path):
+            count = self._ways.steps(a, b)
+            stops += [a + (b - a) * k / count for k in range(1, count + 1)]
+        return stops
 
     def _all_clear(self, paths: Sequence[Sequence[FloatArray]]) -> list[bool]:
         starts = np.array([q for path in paths for q in path[:-1]])

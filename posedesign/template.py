@@ -71,7 +71,7 @@ raise = "together"                # or "best": only the angle that lowers the co
 
 [plan]
 condition_threshold = {threshold} # C_G = cond(G'G); the loop stops below it
-limit_margin_deg = {margin}            # kept from every joint limit: no zero is exact before calibration
+limit_margin_deg = {margin}            # kept from every joint limit: no zero is exact yet
 repair = true                     # replace poses that cannot be taken
 repair_margin_deg = 2.0           # kept by the replacements
 repair_tilt_deg = 60.0            # largest tilt of a replacement against the base pose
@@ -221,9 +221,7 @@ def _for_preset(name: str, surroundings: bool) -> str:
     return _fill(
         robot,
         source=f'preset = "{name}"',
-        setup=_gun_and_camera(
-            robot, np.deg2rad(posture), float(info["payload_kg"]), surroundings
-        ),
+        setup=_gun_and_camera(robot, np.deg2rad(posture), float(info["payload_kg"]), surroundings),
         pendant=pendant,
         posture=posture,
         three_sigma=[0.02, 0.02, 0.12],

@@ -44,6 +44,11 @@ class WayChecker:
     collisions: tuple[Collision, ...]
     largest_travel: float
 
+    def steps(self, start: FloatArray, end: FloatArray) -> int:
+        """Number of moves that the way between two postures ``(n,)`` [rad] takes."""
+        travel = float(np.abs(end - start).max())
+        return max(1, int(np.ceil((travel - ROUNDING) / self.largest_travel)))
+
     def check(self, start: FloatArray, end: FloatArray) -> WayVerdicts:
         """Verdicts on ways from postures ``(W, n)`` to postures ``(W, n)`` [rad]."""
         moves = np.abs(end - start)

@@ -221,7 +221,7 @@ def test_two_bodies_too_near(make_demo_cell: MakeCell) -> None:
 
 
 def test_workspace_box(make_demo_cell: MakeCell) -> None:
-    """What stands out farthest to the front is the side of the camera, 240 mm along x of the tip."""
+    """Farthest to the front is the side of the camera, 240 mm along x of the tip."""
     cell = make_demo_cell()
     front = 1e3 * cell.robot.fk(cell.base_posture)[0, 3] + 240.0
     box = {

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from calib.se3 import rotation_angle
 from posedesign.cell import Cell
+from posedesign.feasibility.ways import WayChecker, WayVerdicts
 from posedesign.planner import grid_poses, plan
 from posedesign.pose_plan import PoseStatus, StopReason
 from posedesign.repair import ENOUGH, POOL_ORIENTATIONS, RepairPool, farthest_postures, repair
@@ -125,6 +126,32 @@ def test_a_plan_is_the_same_every_time(demo_cell: Cell, make_demo_cell: MakeCell
 
 
 # plans whose ways are blocked
+
+
+class NotBeyond(WayChecker):
+    """No way leads to postures with joint 4 beyond 50 deg."""
+
+    def check(self, start: np.ndarray, end: np.ndarray) -> WayVerdicts:
+        far = (np.abs(np.rad2deg([start[:, 3], end[:, 3]])) > 50.0).any(axis=0)
+        return WayVerdicts(~far, np.zeros(len(far)), tuple("a wall" if f else "" for f in far))
+
+
+@pytest.mark.parametrize("replace", [True, False])
+def test_poses_that_no_way_leads_to(make_demo_cell: MakeCell, replace: bool) -> None:
+    cell = make_demo_cell(plan={"repair": replace, "condition_threshold": 2e5})
+    free = plan(cell)
+    assert (np.abs(free.postures[:, 3]) > np.deg2rad(50.0)).any()
+    cell = make_demo_cell(plan={"repair": replace, "condition_threshold": 2e5})
+    cell.__dict__["ways"] = NotBeyond((), np.inf)
+    result = plan(cell)
+    assert (np.abs(result.postures[:, 3]) <= np.deg2rad(50.0)).all()
+    best = result.rounds[result.best]
+    assert best.grid + best.repaired == len(result.postures)
+    assert (best.repaired > 0) == replace
+    assert result.indices.c_g == pytest.approx(best.c_g)
+    lost = [why for why in result.poses.reasons if "no clear way to it: a wall" in why]
+    assert lost
+    assert len(lost) + best.grid == 27
 
 
 @pytest.fixture(scope="module")

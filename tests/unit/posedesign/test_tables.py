@@ -102,9 +102,11 @@ def test_poses_round_trip(
     q = np.vstack([robot.lower + share * robot.joint_range, reference_cell.base_posture])
     status = [PoseStatus.DROPPED if i in dropped else PoseStatus.GRID for i in range(len(q))]
     status[-1] = PoseStatus.REPAIRED
-    reasons = tuple("=J5, too far" if s is not PoseStatus.GRID else "" for s in status)
+    why = tuple("=J5, too far" if s is not PoseStatus.GRID else "" for s in status)
     q[sorted(dropped & set(range(len(q) - 1)))] = np.nan
-    poses = PoseSet(q, tuple(status), reasons, np.tile(np.eye(3), (len(q), 1, 1)))
+    turned = np.full(len(q), np.deg2rad(12.0))
+    poses = PoseSet(q, tuple(status), why, np.tile(np.eye(3), (len(q), 1, 1)), turned)
+    assert poses.reasons[-1] == "=J5, too far; replaced by a pose turned by 12 deg"
     kept = [i for i, s in enumerate(status) if s is not PoseStatus.DROPPED]
     # visited backwards, with a posture in between that is only passed through
     stops = [Stop(poses.kept[k], k) for k in reversed(range(len(kept)))]
@@ -123,7 +125,7 @@ def test_poses_round_trip(
         if row.cells["status"] == "via":
             continue
         i = int(row.cells["name"][1:]) - 1
-        assert row.cells["reason"] == reasons[i]
+        assert row.cells["reason"] == poses.reasons[i]
         if i in kept:
             point = [float(row.cells[f"{axis}_mm"]) / 1e3 for axis in "xyz"]
             wanted = robot.state(q[i]).point(reference_cell.tool_m)

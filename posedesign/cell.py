@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.camera import PinholeCamera
 from calib.errors import CalibError, FileFormatError, InputError, JointLimitError
 from calib.geometry import Body
 from calib.geometry.scene import Scene
@@ -25,12 +24,20 @@ from calib.parameters import (
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.config import CellConfig, MeasurementSection, parse_text, read_config
-from posedesign.feasibility import Checker, Constraint
-from posedesign.feasibility.joints import Singularity, reach
-from posedesign.feasibility.space import Collision, SelfCollision, Workspace
-from posedesign.feasibility.visibility import Distance, InImage, LineOfSight, TargetView, Tilt
+from posedesign.feasibility import Checker
+from posedesign.feasibility.space import Collision
 from posedesign.feasibility.ways import WayChecker
-from posedesign.surroundings import obstacles, tool_bodies
+from posedesign.surroundings import (
+    build_checker,
+    build_collisions,
+    build_scene,
+    obstacles,
+    tool_bodies,
+    what_is_left_out,
+)
+
+NEAREST_LENS_M = 1e-3
+"""A lens nearer to its target than this is a mistake: nothing could be told of what it sees."""
 
 MOST_RADIANS = np.pi
 """A base posture whose values all lie within this, most of them with a fraction, was written in
@@ -210,95 +217,33 @@ class Cell:
         By default towards the camera at the base pose.
         """
         given = self.config.target.normal
-        if given is not None:
-            return np.asarray(np.array(given) / np.linalg.norm(given))
-        lens = self.robot.state(self.base_posture).point(self.T_tip_camera[:3, 3])
-        way = lens - self.target_m
+        way = self.lens_m - self.target_m if given is None else np.array(given)
         return np.asarray(way / np.linalg.norm(way))
 
     @property
-    def notices(self) -> list[str]:
-        """What planning and checking leave out, in words."""
-        left_out = []
-        if not self.config.constraints.collisions:
-            left_out.append("collisions are not checked: constraints.collisions is false")
-        elif not self.robot.bodies:
-            left_out.append(
-                f"{self.robot.name} has no collision geometry: only its tool is checked"
-                if self.tool_bodies
-                else f"{self.robot.name} has no collision geometry: collisions are not checked"
-            )
-        elif not self.obstacles:
-            left_out.append("no [[obstacle]] is described: the arm is checked against itself only")
-        if self.view is None:
-            left_out.append("no [camera] is described: the view of the target is not checked")
-        return left_out
+    def lens_m(self) -> FloatArray:
+        """The lens at the base pose ``(3,)`` [m], in the base frame."""
+        return self.robot.state(self.base_posture).point(self.T_tip_camera[:3, 3])
 
     @cached_property
     def scene(self) -> Scene:
         """Arm, tool and obstacles."""
-        ignore = self.config.constraints.ignore
-        zero = np.clip(np.zeros(self.robot.n), self.robot.lower, self.robot.upper)
-        return Scene(
-            self.robot.chain,
-            arm=self.robot.bodies,
-            tool=self.tool_bodies,
-            obstacles=self.obstacles,
-            ignore=ignore,
-            zero=zero,
-        )
-
-    @cached_property
-    def view(self) -> TargetView | None:
-        """The camera and the target it is to see; None where the cell describes no camera."""
-        section = self.config.camera
-        if section is None:
-            return None
-        return TargetView(
-            camera=PinholeCamera(*section.image_px, section.focal_px),
-            T_tip_camera=self.T_tip_camera,
-            target_m=self.target_m,
-            normal=self.target_normal,
-            radius_m=self.config.target.radius_mm / 1e3,
-        )
+        return build_scene(self)
 
     @cached_property
     def checker(self) -> Checker:
         """All constraints that a measuring posture must keep."""
-        section = self.config.constraints
-        found: list[Constraint] = []
-        if self.view is not None and self.config.camera is not None:
-            seen = self.config.camera
-            found += [
-                Distance(self.view, seen.nearest_mm / 1e3, seen.farthest_mm / 1e3),
-                Tilt(self.view, float(np.deg2rad(seen.largest_tilt_deg))),
-                InImage(self.view, seen.border_px),
-            ]
-        if section.smallest_singular_value:
-            found.append(Singularity(reach(self.robot), section.smallest_singular_value))
-        if section.workspace_lowest_mm is not None and section.workspace_highest_mm is not None:
-            low, high = section.workspace_lowest_mm, section.workspace_highest_mm
-            found.append(Workspace(self.scene, np.array(low) / 1e3, np.array(high) / 1e3))
-        if self.view is not None and self.scene.bodies:
-            found.append(LineOfSight(self.view, self.scene))
-        return Checker(self.robot, [*found, *self._collision], self.margin)
+        return build_checker(self)
 
     @cached_property
     def passing(self) -> Checker:
         """What postures that the arm only passes through must keep."""
-        return Checker(self.robot, self._collision, self.margin)
+        return Checker(self.robot, self.solid, self.margin)
 
     @cached_property
-    def _collision(self) -> list[Constraint]:
-        if not self.config.constraints.collisions:
-            return []
-        found: list[Constraint] = []
-        if len(self.scene.own.pairs):
-            found.append(SelfCollision(self.scene.own))
-        if len(self.scene.others.pairs):
-            keep_m = self.config.constraints.safety_distance_mm / 1e3
-            found.append(Collision(self.scene.others, keep_m))
-        return found
+    def solid(self) -> tuple[Collision, ...]:
+        """Constraints that hold on the ways between postures, too."""
+        return build_collisions(self)
 
     @cached_property
     def ways(self) -> WayChecker:
@@ -306,9 +251,14 @@ class Cell:
         section = self.config.constraints
         travel = section.largest_travel_deg
         return WayChecker(
-            tuple(c for c in self._collision if isinstance(c, Collision)) if section.ways else (),
+            self.solid if section.ways else (),
             np.inf if travel is None else float(np.deg2rad(travel)),
         )
+
+    @property
+    def notices(self) -> list[str]:
+        """What planning and checking leave out, in words."""
+        return what_is_left_out(self)
 
     def model(
         self,
@@ -436,8 +386,13 @@ def _check_truth(cell: Cell, path: Path) -> None:
 
 
 def _check_surroundings(cell: Cell, path: Path) -> None:
-    with _naming(path, "constraints.ignore"):
+    try:
         inside = int(cell.scene.inside(cell.target_m[None])[0])
+    except InputError as error:
+        ignored = [name for pair in cell.config.constraints.ignore for name in pair]
+        key = "constraints.ignore" if error.name in ignored else "tool.body, obstacle"
+        with _naming(path, key):
+            raise
     if inside >= 0:
         obstacle = cell.obstacles[inside].name
         raise FileFormatError(
@@ -445,6 +400,13 @@ def _check_surroundings(cell: Cell, path: Path) -> None:
             path=path,
             key="target.position_mm",
             hint="correct the place of one of them; a target sits on its fixture, not in it",
+        )
+    if cell.config.camera and np.linalg.norm(cell.lens_m - cell.target_m) < NEAREST_LENS_M:
+        raise FileFormatError(
+            "the lens of the camera lies on the target",
+            path=path,
+            key="camera.position_mm",
+            hint="give the place of the lens in the axes of the tip, or tool.camera_stand_off_mm",
         )
 
 

@@ -77,6 +77,8 @@ class RobotSection(Section):
     def _one_source(self) -> RobotSection:
         if (self.preset is None) == (self.urdf is None):
             raise ValueError("give either preset or urdf")
+        if self.preset is not None and self.lock:
+            raise ValueError("joints can be locked in a urdf only, not in a preset")
         return self
 
 
@@ -159,7 +161,7 @@ class TargetSection(Section):
 
     @model_validator(mode="after")
     def _has_direction(self) -> TargetSection:
-        if self.normal is not None and not any(self.normal):
+        if self.normal is not None and max(map(abs, self.normal)) < 1e-6:
             raise ValueError("normal has no direction")
         return self
 

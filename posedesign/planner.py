@@ -70,6 +70,7 @@ class _Loop:
         self.sets: list[PoseSet] = []
         self.routes: list[Route | None] = []
         self._pool = RepairPool(cell)
+        self._router = Router(cell.robot, cell.ways, cell.passing, cell.base_posture)
         check_base_pose(cell)
 
     def run(self) -> PosePlan:
@@ -108,10 +109,9 @@ class _Loop:
         if known is not None:
             return known
         cell, poses = self.cell, self.sets[k]
-        router = Router(cell.robot, cell.ways, cell.passing, cell.base_posture)
         replacements = REPLACEMENTS if cell.config.plan.repair else 0
         while True:
-            route = router.route(poses.kept)
+            route = self._router.route(poses.kept)
             if not route.lost:
                 break
             self._pool.exclude(poses.kept[list(route.lost)])
@@ -154,8 +154,8 @@ class _Loop:
             return np.asarray(variation + step)
         options = [
             np.minimum(variation + step * axis, largest)
-            for axis in np.eye(3)
-            if (variation + 0.0)[axis > 0] < largest[axis > 0]
+            for k, axis in enumerate(np.eye(3))
+            if variation[k] < largest[k]
         ]
         scores = [
             condition_inf(self.model.jacobian(self._generate(option).kept)) for option in options
@@ -177,7 +177,9 @@ class _Loop:
 
     def _finish(self, stop: StopReason) -> PosePlan:
         best = self._best(stop)
-        if not np.isfinite(self.rounds[best].c_g):
+        if self.rounds[best].c_g < self.cell.config.plan.condition_threshold:
+            stop = StopReason.THRESHOLD  # replacements on the way may have brought it there
+        elif not np.isfinite(self.rounds[best].c_g):
             stop = StopReason.INFEASIBLE
         route, poses = self._connect(best), self.sets[best]
         postures = poses.kept
@@ -225,12 +227,15 @@ def check_base_pose(cell: Cell) -> None:
     rotation = robot.fk(q)[:3, :3]
     pose = touching_poses(rotation[None], cell.tool_m, cell.target_m)
     there = nearest_postures(cell.checker, pose, q)
-    if not there.feasible[0]:
-        key = there.keys[0]
+    start = cell.passing.check(q[None])
+    reason, remedy = there.reasons[0], there.remedies[0]
+    if there.feasible[0] and not start.feasible[0]:  # only another branch can: the arm is not in it
+        reason, remedy = start.says(0), start.remedy(0)
+    if reason:
         raise UnreachableError(
-            f"the base pose cannot be taken: {there.reasons[0]}",
+            f"the base pose cannot be taken: {reason}",
             hint="move the target (target.position_mm) or the base posture (base_pose.posture_deg)"
-            + f", or change {key}" * bool(key),
+            + f"; or {remedy}" * bool(remedy),
             name="base_pose",
         )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.errors import InputError
 from calib.se3 import IntArray
 from posedesign.cell import Cell
 from posedesign.feasibility import Checker
@@ -27,17 +28,19 @@ class PoseVerdict:
     tightest : str
         Name of the constraint that has least room, or is broken most.
     room : float or None
-        How far the pose is inside that constraint; negative outside; None where nothing is near.
+        How far the pose is inside that constraint; negative outside; None where there is no bound
+        to it.
     unit : str
         Of ``room``.
     says : str
         The same in words.
     way_clear : bool
-        Whether the straight joint-space way from the pose before keeps the safety distance.
+        Whether the straight joint-space way to the pose keeps what ways must keep: from the pose
+        before, or from the base posture to the first pose.
     way : str
         What is wrong with the way; empty where it is clear.
     travel_deg : float
-        Largest joint travel on the way; zero for the first pose.
+        Largest joint travel on the way.
     """
 
     name: str
@@ -59,7 +62,8 @@ class PoseVerdict:
 
 def check_poses(cell: Cell, poses: PoseList) -> tuple[PoseVerdict, ...]:
     """Verdicts on poses in the order in which they are visited."""
-    ways = cell.ways.check(poses.postures[:-1], poses.postures[1:])
+    before = np.vstack([cell.base_posture, poses.postures[:-1]])
+    ways = cell.ways.check(before, poses.postures)
     judged: dict[int, PoseVerdict] = {}
     for checker, rows in (
         (cell.checker, np.flatnonzero(~poses.via)),
@@ -67,6 +71,26 @@ def check_poses(cell: Cell, poses: PoseList) -> tuple[PoseVerdict, ...]:
     ):
         judged |= _judge(checker, poses, ways, rows)
     return tuple(judged[i] for i in range(len(poses.names)))
+
+
+def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> None:
+    """Refuse poses that break a constraint of the cell, or cannot be reached one from the next.
+
+    Raises
+    ------
+    InputError
+        Unless ``force`` says that it is meant so.
+    """
+    broken = [verdict for verdict in check_poses(cell, poses) if not verdict.ok]
+    if broken and not force:
+        first = broken[0]
+        why = f"on the way to it: {first.way}" if first.feasible else first.says
+        more = f", and {len(broken) - 1} more" if len(broken) > 1 else ""
+        raise InputError(
+            f"pose {first.name}: {why}{more}",
+            hint="look at them with posedesign check; --force writes the program all the same",
+            name="poses",
+        )
 
 
 def _judge(
@@ -85,8 +109,13 @@ def _judge(
             room=room * constraint.display if np.isfinite(room) else None,
             unit=constraint.unit,
             says=verdicts.says(i),
-            way_clear=bool(ways.clear[row - 1]) if row else True,
-            way=ways.reasons[row - 1] if row else "",
-            travel_deg=float(np.rad2deg(ways.travel[row - 1])) if row else 0.0,
+            way_clear=bool(ways.clear[row]),
+            way=_on_the_way(ways, row),
+            travel_deg=float(np.rad2deg(ways.travel[row])),
         )
     return found
+
+
+def _on_the_way(ways: WayVerdicts, row: int) -> str:
+    place = f" at {ways.part[row]:.0%} of the way" if np.isfinite(ways.part[row]) else ""
+    return ways.reasons[row] + place if ways.reasons[row] else ""

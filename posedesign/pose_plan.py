@@ -208,10 +208,16 @@ class PosePlan:
         return (
             f"{self.stop}: C_G {best.c_g:.4g} (asked for {self.threshold:.4g}) with "
             f"{len(self.postures)} poses at D_W/D_P/D_R {angles} deg"
+            + f" ({best.dropped} dropped)" * bool(best.dropped)
             + f", {self.route.detours} posture(s) passed through on the way"
             * bool(self.route.detours)
             + f"; {self.advice}" * bool(self.advice)
         )
+
+    @property
+    def stops(self) -> list[tuple[str, FloatArray, bool]]:
+        """Name, posture ``(n,)`` [rad], and whether it is passed only, of every stop in order."""
+        return named_stops(self.poses, self.route)
 
     def sigma_displayed(self) -> list[tuple[str, str, float]]:
         """Name, unit and predicted standard deviation of each parameter as people read them."""
@@ -221,6 +227,20 @@ class PosePlan:
     def fingerprint(self) -> str:
         """Short digest of the postures: programs and results carry it, so that none is mixed up."""
         return fingerprint(self.postures)
+
+
+def named_stops(poses: PoseSet, route: Route) -> list[tuple[str, FloatArray, bool]]:
+    """Name, posture ``(n,)`` [rad], and whether it is passed only, of each stop of a route.
+
+    Stops that are only passed are V01, V02, ...
+    """
+    names = poses.kept_names
+    found: list[tuple[str, FloatArray, bool]] = []
+    for stop in route.stops:
+        passed = sum(via for _, _, via in found)
+        name = f"V{passed + 1:02d}" if stop.pose is None else names[stop.pose]
+        found.append((name, stop.posture, stop.pose is None))
+    return found
 
 
 def displayed(model: CalibrationModel, values: FloatArray) -> list[tuple[str, str, float]]:

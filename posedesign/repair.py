@@ -15,6 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from calib.se3 import FloatArray, rotation_angle, rotation_exp
 from posedesign.cell import Cell
+from posedesign.feasibility.constraint import ROUNDING
 from posedesign.generation import cone_rotations, touching_poses
 from posedesign.pose_plan import PoseSet, PoseStatus
 
@@ -56,18 +57,24 @@ class RepairPool:
         self._stage = 0
         self._found = np.empty((0, cell.robot.n))
         self._nearly: list[tuple[float, FloatArray]] = []
+        self._excluded = np.empty((0, cell.robot.n))
 
     def postures(self, wanted: int) -> FloatArray:
         """Postures ``(K, n)`` [rad] to choose that many from; fewer where there are no more."""
         while len(self._found) < ENOUGH * wanted and self._stage < 2 + _GROWTH_ROUNDS:
-            self._found = np.concatenate([self._found, self._more(self._stage)])
+            more = self._offered(self._more(self._stage))
+            self._found = np.concatenate([self._found, more])
             self._stage += 1
         return self._found
 
     def exclude(self, postures: FloatArray) -> None:
         """Offer postures ``(K, n)`` [rad] no more, nor any so near that they would do no better."""
-        apart = np.abs(self._found[:, None] - postures[None]).max(axis=-1, initial=0.0)
-        self._found = self._found[(apart > _SAME_PLACE_RAD).all(axis=1)]
+        self._excluded = np.concatenate([self._excluded, postures])
+        self._found = self._offered(self._found)
+
+    def _offered(self, postures: FloatArray) -> FloatArray:
+        apart = np.abs(postures[:, None] - self._excluded[None]).max(axis=-1, initial=0.0)
+        return np.asarray(postures[(apart > _SAME_PLACE_RAD).all(axis=1)])
 
     def _more(self, stage: int) -> FloatArray:
         plan, base = self._cell.config.plan, self._cell.robot.fk(self._cell.base_posture)[:3, :3]
@@ -106,8 +113,8 @@ class RepairPool:
         feasible = verdicts.feasible
         if not len(self._found) and not feasible.any():
             # how many constraints are kept, and how far the first that is not is broken
-            kept = np.isfinite(verdicts.room).sum(axis=1) + np.tanh(verdicts.slack)
-            best = np.argsort(-kept)[:NEARLY]
+            kept = (verdicts.room >= -ROUNDING).sum(axis=1) + np.tanh(verdicts.slack)
+            best = np.argsort(-kept, kind="stable")[:NEARLY]
             ranked = zip(kept[best], rotations[solutions.pose[rows[best]]], strict=True)
             self._nearly += [(float(score), R) for score, R in ranked]
             self._nearly = sorted(self._nearly, key=lambda entry: -entry[0])[:NEARLY]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -79,7 +79,7 @@ class Route:
 
 
 class Router:
-    """Finds routes through postures of one cell.
+    """Finds routes through postures of one cell, and remembers what it has found out of ways.
 
     Parameters
     ----------
@@ -96,74 +96,120 @@ class Router:
         self._ways = ways
         self._passing = passing
         self._start = start
-        # one joint as fast as another where the speeds are not known
-        self._speed = np.where(np.isfinite(robot.speed), robot.speed, 1.0)
+        # joints whose speed is not known are taken to be as fast as the others
+        known = np.isfinite(robot.speed)
+        usual = np.median(robot.speed[known]) if known.any() else 1.0
+        self._speed = np.where(known, robot.speed, usual)
+        self._reasons: dict[frozenset[bytes], str] = {}
+        self._detours: dict[frozenset[bytes], list[FloatArray] | None] = {}
+        self._retreats: dict[bytes, list[FloatArray]] = {}
 
     def route(self, postures: FloatArray) -> Route:
         """Visit postures ``(N, n)`` [rad], from the start posture on."""
-        lost: dict[int, str] = {}
         nodes = np.vstack([self._start, postures])
-        known: dict[tuple[int, int], str] = {}
-        while True:
-            kept = [i for i in range(len(postures)) if i not in lost]
-            order = self._clear_order(nodes, [0, *(i + 1 for i in kept)], known)
-            stops: list[Stop] = []
-            cut = None
-            for a, b in pairwise(order):
-                if known[_edge(a, b)]:
-                    detour = self._detour(nodes[a], nodes[b])
-                    if detour is None:
-                        cut = b
-                        lost[b - 1] = f"no clear way to it: {known[_edge(a, b)]}"
-                        break
-                    stops += [Stop(posture, None) for posture in detour]
-                stops.append(Stop(nodes[b], b - 1))
-            if cut is None:
-                return Route(tuple(stops), lost)
+        lost: dict[int, str] = {}
+        moved: set[int] = set()
+        order = self._clear_order(nodes, list(range(len(nodes))))
+        while (cut := self._first_cut(nodes, order)) is not None:
+            node = order.pop(cut)
+            place = None if node in moved else self._place_for(nodes, order, node)
+            if place is not None:
+                order.insert(place, node)
+                moved.add(node)  # once: what is moved to and fro would never end
+                continue
+            why = self._reason(nodes[order[cut - 1]], nodes[node])
+            lost[node - 1] = f"no clear way to it: {why}"
+            order = self._clear_order(nodes, order)
+        return Route(tuple(self._stops(nodes, order)), lost)
 
-    def _clear_order(
-        self, nodes: FloatArray, rows: list[int], known: dict[tuple[int, int], str]
-    ) -> list[int]:
+    def _stops(self, nodes: FloatArray, order: list[int]) -> list[Stop]:
+        stops = []
+        for a, b in pairwise(order):
+            if self._reason(nodes[a], nodes[b]):
+                stops += [Stop(q, None) for q in self._detour(nodes[a], nodes[b]) or ()]
+            stops.append(Stop(nodes[b], b - 1))
+        return stops
+
+    def _first_cut(self, nodes: FloatArray, order: list[int]) -> int | None:
+        """Place in the order of the first node that no way leads to, straight or by a detour."""
+        self._check(nodes, list(pairwise(order)))
+        for place, (a, b) in enumerate(pairwise(order), start=1):
+            if self._reason(nodes[a], nodes[b]) and self._detour(nodes[a], nodes[b]) is None:
+                return place
+        return None
+
+    def _place_for(self, nodes: FloatArray, order: list[int], node: int) -> int | None:
+        """Where in an order a node can be put with clear ways before and after it."""
+        self._check(nodes, [(node, other) for other in order])
+        near = [not self._reason(nodes[node], nodes[other]) for other in order]
+        for place in range(1, len(order) + 1):
+            if near[place - 1] and (place == len(order) or near[place]):
+                return place
+        return None
+
+    def _clear_order(self, nodes: FloatArray, rows: list[int]) -> list[int]:
         """The shortest order found that avoids blocked ways, where there is one."""
         points = nodes[rows] / self._speed
         cost = np.abs(points[:, None] - points[None]).max(axis=-1)
         place = {row: i for i, row in enumerate(rows)}
-        for (i, j), why in known.items():
-            if why and i in place and j in place:
-                cost[place[i], place[j]] = cost[place[j], place[i]] = _BLOCKED
+
+        def block(a: int, b: int) -> None:
+            cost[place[a], place[b]] = cost[place[b], place[a]] = _BLOCKED
+
+        for a, b in combinations(rows, 2):
+            if self._reasons.get(_edge(nodes[a], nodes[b])):
+                block(a, b)
         for _ in range(MOST_ORDERS):
             order = [rows[i] for i in shortest_order(cost)]
-            steps = [_edge(*step) for step in pairwise(order)]
-            unknown = [step for step in steps if step not in known]
-            if unknown:
-                a, b = np.array(unknown).T
-                verdicts = self._ways.check(nodes[a], nodes[b])
-                known.update(zip(unknown, verdicts.reasons, strict=True))
-            if not unknown or not any(known[step] for step in steps):
-                break  # nothing new, or nothing blocked
-            for i, j in unknown:
-                if known[i, j]:
-                    cost[place[i], place[j]] = cost[place[j], place[i]] = _BLOCKED
+            steps = list(pairwise(order))
+            asked = self._check(nodes, steps)
+            blocked = [(a, b) for a, b in steps if self._reason(nodes[a], nodes[b])]
+            if not asked or not blocked:
+                break  # nothing new, or nothing in the way
+            for a, b in blocked:
+                block(a, b)
         return order
+
+    def _check(self, nodes: FloatArray, steps: Sequence[tuple[int, int]]) -> bool:
+        """Check the ways that are not yet known; whether there was one."""
+        unknown = [s for s in steps if _edge(nodes[s[0]], nodes[s[1]]) not in self._reasons]
+        if unknown:
+            a, b = np.array(unknown).T
+            reasons = self._ways.check(nodes[a], nodes[b]).reasons
+            edges = (_edge(nodes[i], nodes[j]) for i, j in unknown)
+            self._reasons.update(zip(edges, reasons, strict=True))
+        return bool(unknown)
+
+    def _reason(self, start: FloatArray, end: FloatArray) -> str:
+        """What is known to be in the way between two postures."""
+        return self._reasons.get(_edge(start, end), "")
 
     def _detour(self, start: FloatArray, end: FloatArray) -> list[FloatArray] | None:
         """Postures to pass through from one to another, the quickest of those that are clear."""
-        first, last = self._drawn_back(start), self._drawn_back(end)
-        options: list[list[FloatArray]] = [[self._start]]
-        options += [[q] for q in (*first, *last)]
-        options += [[a, b] for a in first for b in last]
-        options += [[a, self._start, b] for a in first for b in last]
-        options = [self._in_steps([start, *via, end])[1:-1] for via in ([], *options)]
-        options.sort(key=lambda via: self._time([start, *via, end]))
-        clear = self._all_clear([[start, *via, end] for via in options])
-        return next((via for via, ok in zip(options, clear, strict=True) if ok), None)
+        edge = _edge(start, end)
+        if edge not in self._detours:
+            first, last = self._drawn_back(start), self._drawn_back(end)
+            options: list[list[FloatArray]] = [[], [self._start]]
+            options += [[q] for q in (*first, *last)]
+            options += [[a, b] for a in first for b in last]
+            options += [[a, self._start, b] for a in first for b in last]
+            paths = [self._in_steps([start, *via, end]) for via in options]
+            paths.sort(key=self._time)
+            clear = self._all_clear(paths)
+            self._detours[edge] = next((p for p, ok in zip(paths, clear, strict=True) if ok), None)
+        path = self._detours[edge]
+        if path is None:
+            return None
+        return path[1:-1] if np.array_equal(path[0], start) else path[-2:0:-1]
 
     def _drawn_back(self, q: FloatArray) -> list[FloatArray]:
         """Postures near one with the tool drawn back along its z."""
-        T = np.tile(self._robot.fk(q), (len(RETREATS_M), 1, 1))
-        T[:, :3, 3] -= np.array(RETREATS_M)[:, None] * T[:, :3, 2]
-        found = nearest_postures(self._passing, T, q)
-        return list(found.q[found.feasible])
+        if q.tobytes() not in self._retreats:
+            T = np.tile(self._robot.fk(q), (len(RETREATS_M), 1, 1))
+            T[:, :3, 3] -= np.array(RETREATS_M)[:, None] * T[:, :3, 2]
+            found = nearest_postures(self._passing, T, q)
+            self._retreats[q.tobytes()] = list(found.q[found.feasible])
+        return self._retreats[q.tobytes()]
 
     def _in_steps(self, path: Sequence[FloatArray]) -> list[FloatArray]:
         """The path with stops put in between, so that no joint travels too far at once."""
@@ -214,5 +260,5 @@ def shortest_order(cost: FloatArray) -> list[int]:
     return [int(i) for i in path]
 
 
-def _edge(a: int, b: int) -> tuple[int, int]:
-    return (a, b) if a < b else (b, a)
+def _edge(a: FloatArray, b: FloatArray) -> frozenset[bytes]:
+    return frozenset((a.tobytes(), b.tobytes()))

@@ -1,16 +1,26 @@
-"""The solids of a cell, as its file describes them."""
+"""What stands around the arm and what it must keep, as the file of the cell describes it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib.camera import PinholeCamera
 from calib.geometry import Body, Box, Cylinder, HalfSpace, Solid, Sphere
+from calib.geometry.scene import Scene
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.config import SolidSection
+from posedesign.feasibility import Checker, Constraint
+from posedesign.feasibility.joints import Singularity, reach
+from posedesign.feasibility.space import Collision, SelfCollision, Workspace, workspace_scene
+from posedesign.feasibility.visibility import Distance, InImage, LineOfSight, TargetView, Tilt
+
+if TYPE_CHECKING:
+    from posedesign.cell import Cell
 
 
 def tool_bodies(sections: Sequence[SolidSection], robot: Robot, folder: Path) -> list[Body]:
@@ -22,6 +32,85 @@ def tool_bodies(sections: Sequence[SolidSection], robot: Robot, folder: Path) ->
 def obstacles(sections: Sequence[SolidSection], folder: Path) -> list[Body]:
     """What stands around; places in the file are in the base frame."""
     return [Body(s.name, 0, _placement(s), _solid(s, folder)) for s in sections]
+
+
+def build_scene(cell: Cell) -> Scene:
+    """Arm, tool and obstacles of a cell."""
+    robot = cell.robot
+    return Scene(
+        robot.chain,
+        arm=robot.bodies,
+        tool=cell.tool_bodies,
+        obstacles=cell.obstacles,
+        ignore=cell.config.constraints.ignore,
+        zero=np.clip(np.zeros(robot.n), robot.lower, robot.upper),
+    )
+
+
+def build_checker(cell: Cell) -> Checker:
+    """All constraints that a measuring posture of a cell must keep, the costly ones last."""
+    found: list[Constraint] = []
+    camera = cell.config.camera
+    smallest = cell.config.constraints.smallest_singular_value
+    if smallest:
+        found.append(Singularity(reach(cell.robot), smallest))
+    if camera is not None:
+        view = TargetView(
+            camera=PinholeCamera(*camera.image_px, camera.focal_px),
+            T_tip_camera=cell.T_tip_camera,
+            target_m=cell.target_m,
+            normal=cell.target_normal,
+            radius_m=cell.config.target.radius_mm / 1e3,
+        )
+        found += [
+            Distance(view, camera.nearest_mm / 1e3, camera.farthest_mm / 1e3),
+            Tilt(view, float(np.deg2rad(camera.largest_tilt_deg))),
+            InImage(view, camera.border_px),
+        ]
+        if cell.scene.bodies:
+            found.append(LineOfSight(view, cell.scene))
+    return Checker(cell.robot, [*found, *cell.solid], cell.margin)
+
+
+def build_collisions(cell: Cell) -> tuple[Collision, ...]:
+    """Constraints of a cell that hold on the ways between postures, too."""
+    section = cell.config.constraints
+    low, high = section.workspace_lowest_mm, section.workspace_highest_mm
+    found: list[Collision] = []
+    if low is not None and high is not None:
+        bodies = [*cell.robot.bodies, *cell.tool_bodies]
+        box = np.array([low, high]) / 1e3
+        found.append(Workspace(workspace_scene(cell.robot, bodies, cell.tool_m, *box)))
+    if section.collisions:
+        own, others = cell.scene.own, cell.scene.others
+        if len(own.pairs):
+            found.append(SelfCollision(own))
+        if len(others.pairs):
+            found.append(Collision(others, section.safety_distance_mm / 1e3))
+    return tuple(found)
+
+
+def what_is_left_out(cell: Cell) -> list[str]:
+    """What planning and checking of a cell do not look at, in words."""
+    section, name = cell.config.constraints, cell.robot.name
+    said = []
+    if not section.collisions:
+        said.append("collisions are not checked: constraints.collisions is false")
+    elif not cell.robot.bodies:
+        rest = " but of its tool" if cell.tool_bodies and cell.obstacles else ""
+        said.append(f"{name} has no collision geometry: no collisions are checked{rest}")
+    elif not cell.obstacles:
+        said.append(
+            "no [[obstacle]] is described: arm and tool are checked against each other only"
+        )
+    if section.collisions and cell.scene.excluded:
+        pairs = ", ".join(f"{one} and {other}" for one, other in cell.scene.excluded)
+        said.append(f"not checked, because they touch in the zero posture: {pairs}")
+    if not section.ways:
+        said.append("the ways between poses are not checked: constraints.ways is false")
+    if cell.config.camera is None:
+        said.append("no [camera] is described: the view of the target is not checked")
+    return said
 
 
 def _placement(section: SolidSection) -> FloatArray:

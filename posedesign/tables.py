@@ -35,7 +35,7 @@ from calib.measurement import TouchUps
 from calib.robots import Controller, Robot
 from calib.se3 import BoolArray, FloatArray, rotation_from_wpr, transform, wpr_from_rotation
 from posedesign.files import read_bytes_bounded, write_text_atomic
-from posedesign.pose_plan import PoseSet, PoseStatus
+from posedesign.pose_plan import PoseSet, PoseStatus, named_stops
 from posedesign.route import Route
 
 LARGEST_CSV_BYTES = 50_000_000
@@ -125,25 +125,21 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, 
 
 def write_poses(path: Path, robot: Robot, poses: PoseSet, route: Route, tool_m: FloatArray) -> Path:
     """Write ``poses.csv``: the stops of a route through the kept poses, then what was dropped."""
-    kept = [i for i, status in enumerate(poses.status) if status is not PoseStatus.DROPPED]
     shown = robot.controller if robot.controller and robot.controller.differs else None
+    labels = {name: _labels(poses, i) for i, name in enumerate(poses.names)}
     rows: list[dict[str, object]] = []
-    via = 0
-    for stop in route.stops:
-        if stop.pose is None:
-            via += 1
-            row: dict[str, object] = {"name": f"V{via:02d}", "status": str(PoseStatus.VIA)}
-        else:
-            row = _labels(poses, kept[stop.pose])
-        row |= dict(zip(joint_columns(robot.n), np.rad2deg(stop.posture), strict=True))
-        state = robot.state(stop.posture)
+    for name, posture, via in named_stops(poses, route):
+        passed: dict[str, object] = {"name": name, "status": str(PoseStatus.VIA)}
+        row = passed if via else labels.pop(name)
+        row |= dict(zip(joint_columns(robot.n), np.rad2deg(posture), strict=True))
+        state = robot.state(posture)
         wpr_deg = np.rad2deg(wpr_from_rotation(state.R_base_tip))
         numbers = np.concatenate([1e3 * state.point(tool_m), wpr_deg])
         row |= dict(zip(POSE_AXES, numbers, strict=True))
         if shown:
-            row |= dict(zip(pendant_columns(robot.n), shown.pendant(stop.posture), strict=True))
+            row |= dict(zip(pendant_columns(robot.n), shown.pendant(posture), strict=True))
         rows.append(row)
-    rows += [_labels(poses, i) for i in range(len(poses.status)) if i not in kept]
+    rows += labels.values()  # dropped: they are on no route
     columns = ["name", "status", "reason", *joint_columns(robot.n), *POSE_AXES]
     return write_table(path, columns + (pendant_columns(robot.n) if shown else []), rows)
 
@@ -170,10 +166,11 @@ def read_poses(path: Path, n: int | None, *, trust_units: bool = False) -> PoseL
     columns, rows = read_rows(path)
     count = n if n is not None else _count_joints(columns, path)
     check_columns(path, columns, joint_columns(count), joints=True)
-    rows = [row for row in rows if row.cells.get("status") != PoseStatus.DROPPED]
+    status = [_status(path, row) for row in rows]
+    via = np.array([s is PoseStatus.VIA for s in status if s is not PoseStatus.DROPPED], dtype=bool)
+    rows = [row for row, s in zip(rows, status, strict=True) if s is not PoseStatus.DROPPED]
     postures = _postures(path, rows, joint_columns(count), trust_units)
     names = tuple(row.cells.get("name") or f"P{i + 1:02d}" for i, row in enumerate(rows))
-    via = np.array([row.cells.get("status") == PoseStatus.VIA for row in rows])
     if via.all():
         raise FileFormatError(
             "has no pose that is measured: all are via",
@@ -182,6 +179,22 @@ def read_poses(path: Path, n: int | None, *, trust_units: bool = False) -> PoseL
             hint="give at least one pose another status, or none",
         )
     return PoseList(names, postures, via)
+
+
+def _status(path: Path, row: Row) -> PoseStatus:
+    """What stands in the column status; a pose of the grid where nothing does."""
+    text = row.cells.get("status", "")
+    try:
+        return PoseStatus(text.casefold() or PoseStatus.GRID)
+    except ValueError as error:
+        raise FileFormatError(
+            f"there is no status {text[:_LONGEST_SHOWN]!r}",
+            path=path,
+            row=row.line,
+            column="status",
+            hint=near_names(text, [str(s) for s in PoseStatus]),
+            value=text,
+        ) from error
 
 
 def write_touch_ups(path: Path, touch_ups: TouchUps, names: Sequence[str] | None = None) -> Path:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.errors import InputError
 from calib.robots.limits import CoupledLimit
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -14,6 +15,10 @@ LIMIT_TOLERANCE = 1e-9
 """Excess over a joint limit [rad] that is rounding: a posture on its limit is inside."""
 
 TURN = 2.0 * np.pi
+
+_MOST_TURNED = 5_000_000
+"""Postures that full turns may make of some: 240 MB of six joints. Six joints of +-360 deg make 64
+of each; only limits of many turns make more than anybody can look at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,9 +132,24 @@ def every_turn(
         row that does not fit.
     source : array (K,)
         Row that each comes from.
+
+    Raises
+    ------
+    InputError
+        There are too many.
     """
     lowest, highest = _turns(postures, lower, upper)
-    choices = np.maximum(highest - lowest + 1.0, 0.0).astype(np.intp)
+    count = np.maximum(highest - lowest + 1.0, 0.0)
+    most = float(count.prod(axis=1).sum())
+    if most > _MOST_TURNED:
+        raise InputError(
+            f"{len(postures)} arm positions have {most:.3g} postures in every turn of their joints",
+            hint="give fewer poses, narrower limits, or only the nearest turns",
+            name="every_turn",
+            value=most,
+            bound=_MOST_TURNED,
+        )
+    choices = count.astype(np.intp)
     total = choices.prod(axis=1)
     source = np.repeat(np.arange(len(postures)), total)
     rank = np.arange(len(source)) - np.repeat(np.cumsum(total) - total, total)

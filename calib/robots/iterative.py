@@ -12,13 +12,16 @@ from calib.robots.inverse import (
     InverseSolutions,
     pose_error,
 )
-from calib.se3 import BoolArray, FloatArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 _STARTS = 12
 _ITERATIONS = 60
 _DAMPING = 1e-4
 """Of the damped least-squares step, relative to the squared pose error; vanishes at the solution,
 so that the last steps are Newton's."""
+
+_POSES_AT_ONCE = 1000
+"""Poses worked on at once; a dozen starts of each take 30 MB."""
 
 _SAME_POSTURE_RAD = 1e-3
 """Answers of two starts that differ by less are one posture."""
@@ -35,8 +38,25 @@ class DampedIteration(InverseKinematics):
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
     ) -> InverseSolutions:
         """See :meth:`InverseKinematics.solve`."""
+        postures, pose = [np.empty((0, self._chain.n))], [np.empty(0, dtype=np.intp)]
+        gap_m = np.full(len(T_base_tip), np.nan)
+        for start in range(0, len(T_base_tip), _POSES_AT_ONCE):
+            part = slice(start, start + _POSES_AT_ONCE)
+            q, of, gap_m[part] = self._some(T_base_tip[part], bounds, near)
+            postures.append(q)
+            pose.append(of + start)
+        return self._answer(
+            np.concatenate(postures), np.concatenate(pose), gap_m, bounds, near, every_turn
+        )
+
+    def _some(
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Postures, their poses and the gaps [m] of some poses."""
         rng = np.random.default_rng(0)  # the same pose must give the same postures at every call
-        lower, upper = bounds.lower, bounds.upper
+        # where a margin leaves a joint no room they are crossed: what it would take is told
+        lower = np.minimum(bounds.lower, bounds.upper)
+        upper = np.maximum(bounds.lower, bounds.upper)
         q = self._from_starts(T_base_tip, near, lower, upper, _STARTS, rng)
         missed = ~self._closed(q, T_base_tip).any(axis=1)
         if missed.any():  # unreachable, or unlucky: once more from elsewhere
@@ -46,7 +66,7 @@ class DampedIteration(InverseKinematics):
         distinct = closed & ~_repeats(q, closed)
         distance = np.linalg.norm(pose_error(self._chain, q, T_base_tip[:, None])[..., :3], axis=-1)
         gap_m = np.where(closed.any(axis=1), 0.0, distance.min(axis=1))
-        return self._answer(q[distinct], np.nonzero(distinct)[0], gap_m, bounds, near, every_turn)
+        return q[distinct], np.nonzero(distinct)[0], gap_m
 
     def _from_starts(
         self,

@@ -33,6 +33,18 @@ def frame_id(model: pin.Model, name: str) -> int:
     return int(model.getFrameId(name, pin.FrameType.BODY))
 
 
+def root_id(model: pin.Model) -> int:
+    """Index of the root link's frame; RobotModelError for a model that has none."""
+    for i, frame in enumerate(model.frames):
+        if frame.type == pin.FrameType.BODY and frame.parentJoint == 0:
+            return i
+    raise RobotModelError(
+        f"{model.name}: has no link that its first joint hangs on",
+        hint="add a frame of type BODY on joint 0, or name a base",
+        name=model.name,
+    )
+
+
 def usual_tip(model: pin.Model, notices: list[str]) -> int:
     """The mounting face by its usual names, else the link behind most joints, with a notice."""
     for name in USUAL_TIPS:

@@ -15,6 +15,9 @@ from calib.se3 import BoolArray, FloatArray, IntArray, rotation_exp, rotation_lo
 _PARALLEL = 1e-9
 """Sine [rad] below which axes of a description are parallel, or perpendicular."""
 
+_TINY = 1e-30
+"""Takes the place of a product of lengths that is zero [m²]."""
+
 
 def has_parallel_arm(chain: SerialChain) -> bool:
     """Whether axes 2 to 4 are parallel and each later axis is perpendicular to the one before."""
@@ -30,14 +33,14 @@ def solve_parallel_arm(
 
     Off that line the direction of axis 6 tells how far the arm has turned (either way) and joint
     5, and joint 6 makes up for its rounding; what is left is a triangle for joints 2 to 4. On the
-    line joint 6 is free, and kept.
+    line joint 6 is free: it is kept, or turned until the triangle closes.
 
     Parameters
     ----------
     chain : SerialChain
         One for which :func:`has_parallel_arm`.
     postures : array (S, 6)
-        Joint 1 is kept, and joint 6 on the line [rad].
+        Joint 1 is kept, and on the line joint 6 as far as the reach allows [rad].
     T_wanted : array (S, 4, 4)
 
     Returns
@@ -47,7 +50,7 @@ def solve_parallel_arm(
     source : array (K,)
         Row of the posture that each comes from.
     """
-    turns, bend, roll, source = _wrist(chain, postures, T_wanted)
+    turns, bend, roll, source, line = _wrist(chain, postures, T_wanted)
     q = np.zeros((len(source), 6))
     q[:, 0], q[:, 4], q[:, 5] = postures[source, 0], bend, roll
     at_zero = chain.forward(q)
@@ -57,8 +60,13 @@ def solve_parallel_arm(
     state = chain.forward(q)
     o2, o3, o4 = (at_zero.origins[:, j] for j in (1, 2, 3))
     upper, fore = _flat(o3 - o2, n), _flat(o4 - o3, n)
-    goal = _flat(state.origins[:, 3] + T_wanted[source, :3, 3] - state.p_base_tip - o2, n)
+    a6, o6 = state.axes[:, 5], state.origins[:, 5]
+    centre = _flat(o6 + T_wanted[source, :3, 3] - state.p_base_tip - o2, n)
+    offset = _flat(state.origins[:, 3] - o6, n)
     l2, l3 = np.linalg.norm(upper, axis=1), np.linalg.norm(fore, axis=1)
+    more = np.where(line, _into_reach(centre, offset, n, np.abs(l2 - l3), l2 + l3), 0.0)
+    turns, q[:, 5] = turns + more, roll - more * np.sign(_dot(a6, n))
+    goal = centre + _rotated(offset, n, more)
     cosine = (_dot(goal, goal) - l2**2 - l3**2) / (2.0 * l2 * l3)
     elbow = np.arccos(np.clip(cosine, -1.0, 1.0))
     found = []
@@ -73,8 +81,8 @@ def solve_parallel_arm(
 
 def _wrist(
     chain: SerialChain, postures: FloatArray, T_wanted: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-    """Turn of the arm about axis 2, joint 5 and joint 6 [rad], and the rows they are for."""
+) -> tuple[FloatArray, FloatArray, FloatArray, IntArray, BoolArray]:
+    """Turn of the arm about axis 2, joints 5 and 6 [rad], their rows, and which are on the line."""
     q = np.zeros_like(postures)
     q[:, 0] = postures[:, 0]
     state = chain.forward(q)
@@ -99,7 +107,32 @@ def _wrist(
     share = np.arange(len(source)) < len(on)
     turns = turns + np.where(share, _dot(left_over, n), 0.0)
     roll = q[:, 5] + np.where(share, 0.0, _dot(left_over, state.axes[:, 5]))
-    return turns, bend, roll, source
+    return turns, bend, roll, source, share
+
+
+def _into_reach(
+    centre: FloatArray, offset: FloatArray, n: FloatArray, least: FloatArray, most: FloatArray
+) -> FloatArray:
+    """Smallest turn (S,) [rad] of an offset about n that brings its end into reach.
+
+    Parameters
+    ----------
+    centre, offset : array (S, 3)
+        Across n [m]: what the offset starts from, and the offset.
+    n : array (S, 3)
+    least, most : array (S,)
+        Distances that the end may have [m]; where no turn does, it comes as near as it can.
+    """
+    sides = _dot(centre, centre) + _dot(offset, offset)
+    twice = 2.0 * np.linalg.norm(centre, axis=1) * np.linalg.norm(offset, axis=1)
+    nearest, farthest = (
+        np.arccos(np.clip((d**2 - sides) / np.maximum(twice, _TINY), -1.0, 1.0))
+        for d in (least, most)
+    )
+    angle = _angle(centre, offset, n)
+    size = np.abs(angle)
+    wanted = np.clip(size, farthest, nearest)
+    return np.asarray(np.where(wanted == size, 0.0, np.copysign(wanted, angle) - angle))
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:

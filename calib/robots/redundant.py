@@ -102,8 +102,11 @@ class RedundantArm(InverseKinematics):
 
     def _solvers(self, lower: float, upper: float) -> list[tuple[float, eaik.Robot]]:
         """Six-axis arms at each angle [rad] of the swept joint."""
+        if upper < lower:  # a margin left it no room: what it would take is told all the same
+            lower, upper = -np.pi, np.pi
         span = min(upper - lower, TURN)
-        steps = max(int(np.ceil(span / SWEEP_STEP_RAD)), 1)
+        # an even number: in the middle, where arms are straight, pieces of self-motion are short
+        steps = 2 * max(int(np.ceil(span / SWEEP_STEP_RAD / 2.0)), 1)
         angles = lower + np.linspace(0.0, span, steps + 1)[: None if span < TURN else -1]
         return [(a, self._held_at(a)) for a in angles.tolist()]
 

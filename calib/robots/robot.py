@@ -6,6 +6,7 @@ model is built and checked there, and handed on as plain arrays.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -32,6 +33,7 @@ from calib.robots.model_chain import (
     joints_between,
     joints_to_lock,
     names_of,
+    root_id,
     usual_tip,
 )
 from calib.robots.presets import load_preset
@@ -180,7 +182,7 @@ class Robot:
         """Take the chain between two frames out of a Pinocchio model; other joints are locked."""
         said = list(notices)
         asked = joints_to_lock(model, lock)
-        base_id = frame_id(model, base) if base else 1
+        base_id = frame_id(model, base) if base else root_id(model)
         tip_id = frame_id(model, tip) if tip else usual_tip(model, said)
         joints = joints_between(model, base_id, tip_id, asked)
         check_joints(model, joints, flaws)
@@ -305,14 +307,15 @@ class Robot:
         Raises
         ------
         InputError
-            The poses are no rigid transforms, or ``near`` is not one posture.
+            The poses are no rigid transforms, ``near`` is not one posture, the margin is not a
+            finite number, or ``every_turn`` would give millions of postures.
         """
         poses = check_transforms(T_base_tip, "T_base_tip").reshape(-1, 4, 4)
         middle = (self.lower + self.upper) / 2.0
-        reference = middle if near is None else self.check_posture(near)
-        if reference.ndim != 1:
+        reference = middle if near is None else self._one_posture(near, "near")
+        if not math.isfinite(margin):
             raise InputError(
-                f"near has shape {reference.shape}, not ({self.n},): it is one posture", name="near"
+                f"the margin to the limits is {margin}", hint="give it in radians", name="margin"
             )
         bounds = Bounds.within(self.lower, self.upper, self.coupled_limits, margin)
         return self._inverse.solve(poses, bounds, reference, every_turn)
@@ -336,9 +339,17 @@ class Robot:
             raise InputError(f"the value of {joint} is not a finite number", name=joint)
         return posture
 
+    def _one_posture(self, q: ArrayLike, name: str) -> FloatArray:
+        posture = self.check_posture(q)
+        if posture.ndim != 1:
+            raise InputError(
+                f"{name} has shape {posture.shape}, not ({self.n},): it is one posture", name=name
+            )
+        return posture
+
     def check_limits(self, q: ArrayLike) -> None:
         """Raise :class:`JointLimitError` for the first limit that posture ``(n,)`` breaks."""
-        posture = self.check_posture(q)
+        posture = self._one_posture(q, "posture")
         for j in range(self.n):
             beyond = max(self.lower[j] - posture[j], posture[j] - self.upper[j])
             if beyond > LIMIT_TOLERANCE:

@@ -45,9 +45,9 @@ def simulate(
     workflow.simulate(loaded, listed, out, seed)
     files = [str(out / "touchups.csv"), str(out / "pairs.csv")]
     if as_json:
-        print_json({"touch_ups": len(listed.names), "files": files})
+        print_json({"touch_ups": len(listed.measured.names), "files": files})
     else:
-        print(f"wrote {' and '.join(files)}: {len(listed.names)} touch-ups")
+        print(f"wrote {' and '.join(files)}: {len(listed.measured.names)} touch-ups")
     return DONE
 
 

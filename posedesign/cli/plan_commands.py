@@ -261,27 +261,25 @@ def program(
         Path | None, typer.Option(help="Cell with a [program] section; default: usual values.")
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the program.")] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write poses that break constraints of the cell, too.")
+    ] = False,
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
 ) -> int:
     """Write the robot program that visits the poses."""
     from posedesign.cell import Cell
     from posedesign.checks import refuse_dialect, refuse_unfit
-    from posedesign.pose_check import check_poses
+    from posedesign.pose_check import refuse_blocked
     from posedesign.tables import read_poses
     from posedesign.workflow import program_options, write_program
 
     loaded = Cell.load(cell) if cell is not None else None
-    broken: list[PoseVerdict] = []
     listed = read_poses(poses, loaded.robot.n if loaded else None, trust_units=trust_units)
     if loaded:
         refuse_dialect(loaded, dialect)
         refuse_unfit(loaded, listed)
-        broken = [v for v in check_poses(loaded, listed) if not v.ok]
-        for verdict in broken:
-            note(
-                f"warning: pose {verdict.name}: {verdict.way if verdict.feasible else verdict.says}"
-            )
+        refuse_blocked(loaded, listed, force=force)
     title = name or (loaded.config.program.name if loaded else "CALIB01")
     written = write_program(listed, out, dialect, program_options(loaded, listed), title)
     if as_json:
@@ -304,4 +302,4 @@ def program(
             note(
                 "note: nothing was checked against a cell; pass --cell to check limits, target, ..."
             )
-    return NOT_REACHED if written.problems or broken else DONE
+    return NOT_REACHED if written.problems else DONE

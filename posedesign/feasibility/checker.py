@@ -55,6 +55,11 @@ class Verdicts:
         k = int(self.tightest[i])
         return self.constraints[k].says(self.arm, i, float(self.room[i, k]), int(self.which[i, k]))
 
+    def remedy(self, i: int) -> str:
+        """What to change where posture i breaks its tightest constraint, or nothing."""
+        k = int(self.tightest[i])
+        return self.constraints[k].remedy(float(self.room[i, k]))
+
     @property
     def _parts(self) -> FloatArray:
         comfort = np.array([constraint.comfort for constraint in self.constraints])
@@ -98,7 +103,9 @@ class Checker:
             if not len(alive):
                 break
             some = arm if len(alive) == len(q) else arm.take(alive)
-            room[alive, k], which[alive, k] = constraint.room(some)
+            found, which[alive, k] = constraint.room(some)
+            # a room that cannot be computed is none
+            room[alive, k] = np.where(np.isnan(found), -np.inf, found)
             if not every:
                 alive = alive[room[alive, k] >= -ROUNDING]
         return Verdicts(self.constraints, arm, room, which)

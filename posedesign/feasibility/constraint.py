@@ -25,15 +25,12 @@ class Constraint(ABC):
         Factor from SI to that unit.
     comfort : float
         Room [SI] that counts as plenty. Divided by it, rooms of different kinds can be compared.
-    key : str
-        Key of ``cell.toml`` that sets the bound.
     """
 
     name: ClassVar[str]
     unit: ClassVar[str]
     display: ClassVar[float]
     comfort: ClassVar[float]
-    key: ClassVar[str]
 
     @abstractmethod
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
@@ -50,3 +47,7 @@ class Constraint(ABC):
     @abstractmethod
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """In words, how posture i keeps or breaks the bound."""
+
+    @abstractmethod
+    def remedy(self, room: float) -> str:
+        """What to change in ``cell.toml`` where the bound is broken by this much, or nothing."""

@@ -20,27 +20,25 @@ class JointLimits(Constraint):
     unit = "deg"
     display = _DEG
     comfort = np.deg2rad(10.0)
-    key = "plan.limit_margin_deg"
 
     def __init__(self, robot: Robot, margin: float) -> None:
-        self._lower, self._upper = robot.lower + margin, robot.upper - margin
-        self._margin_deg = np.rad2deg(margin)
+        self._lower, self._upper = robot.lower, robot.upper
+        self._margin = margin
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """See :meth:`Constraint.room`; which: the joint."""
-        room = np.minimum(arm.q - self._lower, self._upper - arm.q)
+        room = np.minimum(arm.q - self._lower, self._upper - arm.q) - self._margin
         which = np.argmin(room, axis=1)
         return room[np.arange(len(room)), which], which
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """See :meth:`Constraint.says`."""
-        value, low, high = np.rad2deg([arm.q[i, which], self._lower[which], self._upper[which]])
-        kept = f" ({self._margin_deg:g} deg inside the limit)" if self._margin_deg else ""
-        if room < -ROUNDING:
-            return limit_reason(f"J{which + 1}", float(value), float(low), float(high)) + kept
-        side = "upper" if high - value < value - low else "lower"
-        bound = high if side == "upper" else low
-        return f"J{which + 1} {value:.1f} deg, {side} bound {bound:.1f} deg{kept}"
+        value, low, high = arm.q[i, which], self._lower[which], self._upper[which]
+        return _limit_says(f"J{which + 1}", value, low, high, self._margin)
+
+    def remedy(self, room: float) -> str:
+        """See :meth:`Constraint.remedy`."""
+        return _margin_remedy(room, self._margin)
 
 
 class CoupledLimits(Constraint):
@@ -50,7 +48,6 @@ class CoupledLimits(Constraint):
     unit = "deg"
     display = _DEG
     comfort = np.deg2rad(10.0)
-    key = "plan.limit_margin_deg"
 
     def __init__(self, robot: Robot, margin: float) -> None:
         self._limits = robot.coupled_limits
@@ -65,12 +62,28 @@ class CoupledLimits(Constraint):
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """See :meth:`Constraint.says`."""
         limit = self._limits[which]
-        value = float(np.rad2deg(arm.q[i] @ limit.coefficients))
-        low = float(np.rad2deg(limit.lower + self._margin))
-        high = float(np.rad2deg(limit.upper - self._margin))
-        if room < -ROUNDING:
-            return limit_reason(limit.name, value, low, high)
-        return f"{limit.name} {value:.1f} deg, between {low:.1f} and {high:.1f} deg"
+        value = float(arm.q[i] @ limit.coefficients)
+        return _limit_says(limit.name, value, limit.lower, limit.upper, self._margin)
+
+    def remedy(self, room: float) -> str:
+        """See :meth:`Constraint.remedy`."""
+        return _margin_remedy(room, self._margin)
+
+
+def _limit_says(name: str, value: float, lower: float, upper: float, margin: float) -> str:
+    """How a value lies between limits that a margin is kept from [rad]."""
+    kept = 0.0 if not lower - ROUNDING <= value <= upper + ROUNDING else margin
+    value_deg, low_deg, high_deg = np.rad2deg([value, lower + kept, upper - kept]).tolist()
+    ending = f" ({np.rad2deg(kept):g} deg inside the limit)" if kept else ""
+    if min(value - lower, upper - value) - kept < -ROUNDING:
+        return limit_reason(name, value_deg, low_deg, high_deg) + ending
+    side, bound_deg = ("upper", high_deg) if 2 * value > lower + upper else ("lower", low_deg)
+    return f"{name} {value_deg:.1f} deg, {side} bound {bound_deg:.1f} deg{ending}"
+
+
+def _margin_remedy(room: float, margin: float) -> str:
+    """A margin is worth lowering only where the limit itself is kept."""
+    return "lower plan.limit_margin_deg" if 0.0 <= room + margin < margin else ""
 
 
 class Singularity(Constraint):
@@ -80,7 +93,6 @@ class Singularity(Constraint):
     unit = ""
     display = 1.0
     comfort = 0.05
-    key = "constraints.smallest_singular_value"
 
     def __init__(self, reach_m: float, smallest: float) -> None:
         self._reach_m = reach_m
@@ -96,6 +108,10 @@ class Singularity(Constraint):
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """See :meth:`Constraint.says`."""
         return f"smallest singular value {room + self._smallest:.3f}, bound {self._smallest:g}"
+
+    def remedy(self, room: float) -> str:
+        """See :meth:`Constraint.remedy`."""
+        return "lower constraints.smallest_singular_value"
 
 
 def reach(robot: Robot) -> float:

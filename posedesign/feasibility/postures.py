@@ -23,14 +23,14 @@ class Postures:
     feasible : array (N,) of bool
     reasons : tuple of str
         Empty where the pose can be taken, else e.g. ``J5 131.2 deg is above 125.0 deg``.
-    keys : tuple of str
-        The key of ``cell.toml`` that sets the bound which is broken, where there is one.
+    remedies : tuple of str
+        What to change in the cell, where something helps.
     """
 
     q: FloatArray
     feasible: BoolArray
     reasons: tuple[str, ...]
-    keys: tuple[str, ...]
+    remedies: tuple[str, ...]
 
 
 def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatArray) -> Postures:
@@ -48,7 +48,7 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
     q = np.full((count, checker.robot.n), np.nan)
     feasible = np.zeros(count, dtype=bool)
     slack = np.full(count, np.nan)  # NaN until a posture of the pose has been looked at
-    reasons, keys = [""] * count, [""] * count
+    reasons, remedies = [""] * count, [""] * count
     for rows in _nearest_first(solutions, reference):
         rows = rows[~feasible[solutions.pose[rows]]]
         if not len(rows):
@@ -61,15 +61,14 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
         # of all branches, the one that comes nearest to being possible is worth talking about
         for i in np.flatnonzero(~good & ~(verdicts.slack <= slack[poses])):
             slack[poses[i]] = verdicts.slack[i]
-            reasons[poses[i]] = verdicts.says(int(i))
-            keys[poses[i]] = verdicts.constraints[verdicts.tightest[i]].key
+            reasons[poses[i]], remedies[poses[i]] = verdicts.says(int(i)), verdicts.remedy(int(i))
     unreached = np.flatnonzero(~feasible & np.isnan(slack))
     if len(unreached):
         why = _unreached(checker, solutions)
         for pose in unreached:
-            reasons[pose], keys[pose] = why[pose]
+            reasons[pose], remedies[pose] = why[pose]
     reasons = ["" if ok else why for ok, why in zip(feasible, reasons, strict=True)]
-    return Postures(q, feasible, tuple(reasons), tuple(keys))
+    return Postures(q, feasible, tuple(reasons), tuple(remedies))
 
 
 def _nearest_first(solutions: InverseSolutions, reference: FloatArray) -> list[IntArray]:
@@ -86,7 +85,7 @@ def _nearest_first(solutions: InverseSolutions, reference: FloatArray) -> list[I
 def _unreached(checker: Checker, solutions: InverseSolutions) -> list[tuple[str, str]]:
     """Why each pose fails: the limit broken least over all branches, or how far out of reach.
 
-    Beside the reason stands the key that sets the bound, where there is a margin to lower.
+    Beside the reason stands what to change, where something helps.
     """
     verdicts = Checker(checker.robot, margin=checker.margin).check(solutions.postures)
     # the branch that comes nearest to being possible is the one worth talking about
@@ -94,8 +93,7 @@ def _unreached(checker: Checker, solutions: InverseSolutions) -> list[tuple[str,
     reasons = []
     for pose, branch in enumerate(best):
         if branch >= 0:
-            key = verdicts.constraints[verdicts.tightest[branch]].key if checker.margin else ""
-            reasons.append((verdicts.says(int(branch)), key))
+            reasons.append((verdicts.says(int(branch)), verdicts.remedy(int(branch))))
         else:
             gap = solutions.gap_m[pose]
             far = "" if np.isnan(gap) else f" by {gap * 1e3:.0f} mm"

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from calib.geometry import Body, HalfSpace, Sphere
 from calib.geometry.scene import CAP_M, Scene
-from calib.se3 import FloatArray, IntArray
+from calib.robots import Robot
+from calib.se3 import FloatArray, IntArray, transform
 from posedesign.feasibility.constraint import Constraint
 from posedesign.feasibility.situation import Situation
 
-_SIDES = ("below x", "below y", "below z", "above x", "above y", "above z")
+_POINT_M = 1e-6
+"""Radius of the balls that stand for points."""
 
 
 class Collision(Constraint):
@@ -19,70 +24,113 @@ class Collision(Constraint):
     unit = "mm"
     display = 1e3
     comfort = 0.05
-    key = "constraints.safety_distance_mm"
 
     def __init__(self, scene: Scene, keep_m: float) -> None:
         self.scene = scene
         self.keep_m = keep_m
+        self._cap_m = max(CAP_M, keep_m + self.comfort)
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """See :meth:`Constraint.room`; which: the pair of bodies."""
-        found = self.scene.clearance(arm.q, state=arm.state)
+        found = self.scene.clearance(arm.q, cap_m=self._cap_m, state=arm.state)
         return found.distance_m - self.keep_m, found.pair
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """See :meth:`Constraint.says`."""
-        return distance_reason(self.scene, room + self.keep_m, which, self.keep_m)
+        return self.explain(room + self.keep_m, which)
+
+    def explain(self, distance_m: float, pair: int) -> str:
+        """In words, how near two bodies come."""
+        if distance_m >= self._cap_m:
+            return f"nothing within {self._cap_m * 1e3:g} mm"
+        one, other = self.scene.names(pair)
+        if distance_m <= 0.0:
+            return f"{one} and {other} run {-distance_m * 1e3:.0f} mm into each other"
+        asked = f", {self.keep_m * 1e3:g} mm asked for" if self.keep_m else ""
+        return f"{one} {distance_m * 1e3:.1f} mm from {other}{asked}"
+
+    def remedy(self, room: float) -> str:
+        """See :meth:`Constraint.remedy`."""
+        return (
+            "move what stands there, lower constraints.safety_distance_mm, "
+            "or list what may touch in constraints.ignore"
+        )
 
 
 class SelfCollision(Collision):
     """The links of the arm not running into each other: their makers keep no distance."""
 
     name = "self-collision"
-    key = "constraints.ignore"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene, 0.0)
 
+    def remedy(self, room: float) -> str:
+        """See :meth:`Constraint.remedy`."""
+        return "list links that cannot really meet in constraints.ignore"
 
-class Workspace(Constraint):
-    """The tool and the arm beyond its first joint inside a box."""
+
+class Workspace(Collision):
+    """Tool, arm beyond its first joint, and tool point inside a box: its sides are half-spaces."""
 
     name = "workspace"
-    unit = "mm"
-    display = 1e3
-    comfort = 0.05
-    key = "constraints.workspace_lowest_mm, workspace_highest_mm"
 
-    def __init__(self, scene: Scene, lowest_m: FloatArray, highest_m: FloatArray) -> None:
-        self._scene = scene
-        self._lowest_m, self._highest_m = lowest_m, highest_m
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene, 0.0)
 
-    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`; which: the side of the box."""
-        lowest, highest = self._scene.extent(arm.q, state=arm.state)
-        room = np.concatenate([lowest - self._lowest_m, self._highest_m - highest], axis=1)
-        which = np.argmin(room, axis=1)
-        return room[np.arange(len(room)), which], which
+    def explain(self, distance_m: float, pair: int) -> str:
+        """In words, how near arm or tool come to a side of the box."""
+        body, side = self.scene.names(pair)
+        if distance_m >= self._cap_m:
+            return f"nothing within {self._cap_m * 1e3:g} mm of the sides of the workspace"
+        if distance_m < 0.0:
+            return f"{body} {-distance_m * 1e3:.0f} mm outside the workspace, beyond {side}"
+        return f"{body} {distance_m * 1e3:.0f} mm inside {side} of the workspace"
 
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        """See :meth:`Constraint.says`."""
-        bound = np.concatenate([self._lowest_m, self._highest_m])[which]
-        side = _SIDES[which]
-        if room < 0:
-            return (
-                f"arm or tool {-room * 1e3:.0f} mm {side} = {bound * 1e3:.0f} mm of the workspace"
-            )
-        axis = side[-1]
-        return f"arm and tool {room * 1e3:.0f} mm inside {axis} = {bound * 1e3:.0f} mm"
+    def remedy(self, room: float) -> str:
+        """See :meth:`Constraint.remedy`."""
+        return "widen constraints.workspace_lowest_mm and workspace_highest_mm"
 
 
-def distance_reason(scene: Scene, distance_m: float, pair: int, keep_m: float) -> str:
-    """In words, how near two bodies come."""
-    if distance_m >= CAP_M:
-        return f"nothing within {CAP_M * 1e3:g} mm"
-    one, other = scene.names(pair)
-    if distance_m <= 0.0:
-        return f"{one} and {other} run {-distance_m * 1e3:.0f} mm into each other"
-    asked = f", {keep_m * 1e3:g} mm asked for" if keep_m else ""
-    return f"{one} {distance_m * 1e3:.1f} mm from {other}{asked}"
+def workspace_scene(
+    robot: Robot,
+    bodies: Sequence[Body],
+    tool_m: FloatArray,
+    lowest_m: FloatArray,
+    highest_m: FloatArray,
+) -> Scene:
+    """What moves, against the six half-spaces that leave a box free.
+
+    Parameters
+    ----------
+    robot : Robot
+    bodies : sequence of Body
+        Of arm and tool. Those of the base and of the first link stay where they are, and are left
+        out. Joints and tool point count too, so that an arm without bodies is checked as well.
+    tool_m : array (3,)
+        Tool point in the tip frame [m].
+    lowest_m, highest_m : array (3,)
+        Corners of the box in the base frame [m].
+    """
+    point = Sphere(_POINT_M)
+    tip = robot.chain.T_link_tip
+    moving = [body for body in bodies if body.link >= 2]
+    moving += [
+        Body(name, j + 1, np.eye(4), point) for j, name in enumerate(robot.joint_names) if j >= 1
+    ]
+    T_link_tool = tip @ transform(np.eye(3), tool_m)
+    moving += [Body("tool point", robot.n, T_link_tool, point)]
+    sides = []
+    for axis, letter in enumerate("xyz"):
+        for bound, sign in ((lowest_m[axis], 1.0), (highest_m[axis], -1.0)):
+            place = transform(_z_along(axis, sign), bound * np.eye(3)[axis])
+            sides.append(Body(f"{letter} = {bound * 1e3:.0f} mm", 0, place, HalfSpace()))
+    scene = Scene(robot.chain, arm=moving, obstacles=sides)
+    return scene.others
+
+
+def _z_along(axis: int, sign: float) -> FloatArray:
+    """A rotation (3, 3) whose z points along an axis of the base, or against it."""
+    z = sign * np.eye(3)[axis]
+    x = np.eye(3)[(axis + 1) % 3]
+    return np.column_stack([x, np.cross(z, x), z])

@@ -53,13 +53,13 @@ class TargetView:
         return (points - self.lens(arm)[:, None]) @ R_base_camera
 
     def rim(self) -> FloatArray:
-        """Centre and rim of the target, ``(K, 3)`` [m] in the base frame."""
+        """Centre of the target and an octagon about it, ``(K, 3)`` [m] in the base frame."""
         if self.radius_m == 0.0:
             return self.target_m[None]
         across = np.linalg.svd(self.normal[None])[2][1:]  # two directions across the normal
         angle = np.arange(_RIM) * 2.0 * np.pi / _RIM
-        circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across
-        return np.concatenate([self.target_m[None], self.target_m + self.radius_m * circle])
+        corner = np.stack([np.cos(angle), np.sin(angle)], axis=1) / np.cos(np.pi / _RIM)
+        return np.vstack([self.target_m, self.target_m + self.radius_m * corner @ across])
 
 
 class Distance(Constraint):
@@ -69,7 +69,6 @@ class Distance(Constraint):
     unit = "mm"
     display = 1e3
     comfort = 0.05
-    key = "camera.nearest_mm, camera.farthest_mm"
 
     def __init__(self, view: TargetView, nearest_m: float, farthest_m: float) -> None:
         self._view = view
@@ -89,6 +88,10 @@ class Distance(Constraint):
         end = ("nearest", "farthest")[which]
         return f"target {distance * 1e3:.0f} mm from the camera, {end} allowed {bound * 1e3:.0f} mm"
 
+    def remedy(self, room: float) -> str:
+        """See :meth:`Constraint.remedy`."""
+        return "change camera.nearest_mm or camera.farthest_mm"
+
 
 class Tilt(Constraint):
     """The face of the target turned to the camera."""
@@ -97,7 +100,6 @@ class Tilt(Constraint):
     unit = "deg"
     display = float(np.rad2deg(1.0))
     comfort = np.deg2rad(10.0)
-    key = "camera.largest_tilt_deg"
 
     def __init__(self, view: TargetView, largest: float) -> None:
         self._view = view
@@ -115,6 +117,10 @@ class Tilt(Constraint):
         tilt, largest = np.rad2deg([self._largest - room, self._largest])
         return f"target seen at a tilt of {tilt:.1f} deg, largest allowed {largest:g} deg"
 
+    def remedy(self, room: float) -> str:
+        """See :meth:`Constraint.remedy`."""
+        return "correct target.normal, or raise camera.largest_tilt_deg"
+
 
 class InImage(Constraint):
     """The whole target inside the image, less a border."""
@@ -123,42 +129,46 @@ class InImage(Constraint):
     unit = "px"
     display = 1.0
     comfort = 100.0
-    key = "camera"
 
     def __init__(self, view: TargetView, border_px: float) -> None:
         self._view = view
         self._border_px = border_px
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`."""
+        """See :meth:`Constraint.room`; of what is behind the lens, by the angle off the axis."""
         points = self._view.in_camera(arm, self._view.rim())
-        room = self._view.camera.room_px(points).min(axis=1) - self._border_px
+        room = self._view.camera.room_px(points).min(axis=1)
+        behind = self._view.camera.focal_px * self._off_axis(arm)
+        room = np.where(np.isinf(room), -behind, room) - self._border_px
         return room, np.zeros(len(room), dtype=np.intp)
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """See :meth:`Constraint.says`."""
-        if np.isinf(room):
-            return f"the camera looks away from the target, by {self._away_deg(arm, i):.0f} deg"
-        if room + self._border_px < 0.0:
-            return f"target {-room - self._border_px:.0f} px outside the image"
+        off_deg = float(np.rad2deg(self._off_axis(arm.take(np.array([i])))[0]))
+        if off_deg >= 90.0:
+            return f"the camera looks away from the target, by {off_deg:.0f} deg"
         edge = room + self._border_px
+        if edge < 0.0:
+            return f"target {-edge:.0f} px outside the image"
         return f"target {edge:.0f} px from the edge of the image, border {self._border_px:g} px"
 
-    def _away_deg(self, arm: Situation, i: int) -> float:
-        """Angle between the optical axis and the way to the target [deg]."""
-        here = arm.take(np.array([i]))
-        x, y, z = self._view.in_camera(here, self._view.target_m[None])[0, 0]
-        return float(np.rad2deg(np.arctan2(np.hypot(x, y), z)))
+    def remedy(self, room: float) -> str:
+        """See :meth:`Constraint.remedy`."""
+        return "correct camera.position_mm, wpr_deg, focal_px or image_px, or lower border_px"
+
+    def _off_axis(self, arm: Situation) -> FloatArray:
+        """Angle between the optical axis and the way to the target ``(S,)`` [rad]."""
+        target = self._view.in_camera(arm, self._view.target_m[None])[:, 0]
+        return np.asarray(np.arctan2(np.hypot(target[:, 0], target[:, 1]), target[:, 2]))
 
 
 class LineOfSight(Constraint):
-    """Nothing between the lens and the target."""
+    """Nothing between the lens and the middle of the target."""
 
     name = "line of sight"
     unit = ""
     display = 1.0
     comfort = 1.0
-    key = "obstacle, tool.body"
 
     def __init__(self, view: TargetView, scene: Scene) -> None:
         self._view = view
@@ -177,5 +187,9 @@ class LineOfSight(Constraint):
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """See :meth:`Constraint.says`."""
         if room > 0:
-            return "target in full view"
+            return "nothing in the line of sight"
         return f"{self._scene.bodies[which].name} stands between camera and target"
+
+    def remedy(self, room: float) -> str:
+        """See :meth:`Constraint.remedy`."""
+        return "move what stands there, or the camera"

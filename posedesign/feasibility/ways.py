@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.se3 import BoolArray, FloatArray
 from posedesign.feasibility.constraint import ROUNDING
-from posedesign.feasibility.space import Collision, distance_reason
+from posedesign.feasibility.space import Collision
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,12 +20,15 @@ class WayVerdicts:
     clear : array (W,) of bool
     travel : array (W,)
         Largest joint travel [rad].
+    part : array (W,)
+        Where on the way something is in the way, from 0 at its start to 1; NaN where nothing is.
     reasons : tuple of str
         Empty where the way is clear.
     """
 
     clear: BoolArray
     travel: FloatArray
+    part: FloatArray
     reasons: tuple[str, ...]
 
 
@@ -54,7 +57,7 @@ class WayChecker:
         moves = np.abs(end - start)
         travel = moves.max(axis=1, initial=0.0)
         clear = travel <= self.largest_travel + ROUNDING
-        reasons = [""] * len(start)
+        reasons, part = [""] * len(start), np.full(len(start), np.nan)
         for i in np.flatnonzero(~clear).tolist():
             degrees = np.rad2deg([travel[i], self.largest_travel])
             reasons[i] = (
@@ -66,8 +69,6 @@ class WayChecker:
             ways = collision.scene.ways(start[rows], end[rows], collision.keep_m)
             clear[rows] = ways.clear
             for i in np.flatnonzero(~ways.clear).tolist():
-                said = distance_reason(
-                    collision.scene, float(ways.distance_m[i]), int(ways.pair[i]), collision.keep_m
-                )
-                reasons[rows[i]] = f"{said}, at {ways.part[i]:.0%} of the way"
-        return WayVerdicts(clear, travel, tuple(reasons))
+                said = collision.explain(float(ways.distance_m[i]), int(ways.pair[i]))
+                reasons[rows[i]], part[rows[i]] = said, ways.part[i]
+        return WayVerdicts(clear, travel, part, tuple(reasons))

@@ -175,13 +175,7 @@ class PoseProgram:
         cls, plan: PosePlan, name: str, options: ProgramOptions | None = None
     ) -> PoseProgram:
         """The program of a plan: its route, with the plan's fingerprint."""
-        names = plan.poses.kept_names
-        poses = tuple(
-            ProgramPose("", stop.posture, via=True)
-            if stop.pose is None
-            else ProgramPose(names[stop.pose], stop.posture)
-            for stop in plan.route.stops
-        )
+        poses = tuple(ProgramPose(name, posture, via=via) for name, posture, via in plan.stops)
         return cls(name, poses, options or ProgramOptions(fingerprint=plan.fingerprint))
 
     @property

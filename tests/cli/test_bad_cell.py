@@ -193,7 +193,7 @@ def test_target_far_from_the_base_pose(
 
 def test_base_pose_inside_the_margin(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
     line = refuse("plan", change_cell({"plan.limit_margin_deg": "65.0"}), "--out", work / "out")
-    line.says("the base pose cannot be taken", " deg is ", "change plan.limit_margin_deg")
+    line.says("the base pose cannot be taken", " deg is ", "lower plan.limit_margin_deg")
 
 
 @pytest.mark.parametrize("joint", ["joint_1", "joint_6"])

@@ -95,13 +95,41 @@ def test_postures_on_the_way_need_not_see_the_target(make_demo_cell: Callable[..
     assert passing[1].feasible, passing[1].says
 
 
-def test_a_program_of_poses_that_collide_says_so(
-    cli: Cli, work: Path, change_cell: ChangeCell
+def test_the_base_posture_itself_must_be_clear(
+    refuse: Refuse, demo_work: Path, make_demo_cell: Callable[..., Cell]
+) -> None:
+    """A ball in the elbow: other branches take the base pose, but the arm is not in them."""
+    cell = make_demo_cell()
+    elbow = 1e3 * cell.robot.state(cell.base_posture).origins[2]
+    path = demo_work / "cell.toml"
+    ball = f'kind = "sphere"\nradius_mm = 30.0\nat_mm = {[float(v) for v in elbow]}'
+    path.write_text(path.read_text() + f'\n[[obstacle]]\nname = "ball"\n{ball}\n')
+    refuse("plan", path, "--out", demo_work / "x").says("the base pose cannot be taken", "ball")
+
+
+def test_places_on_ways_are_counted_from_where_the_arm_comes_from(
+    make_demo_cell: Callable[..., Cell],
+) -> None:
+    """A post at a third of the way there is at two thirds of the way back."""
+    cell = make_demo_cell(camera=None, obstacle=None)
+    q = np.tile(cell.base_posture, (2, 1))
+    q[1, 0] += np.deg2rad(90.0)
+    x, y, _ = 1e3 * cell.robot.fk(q[0] + np.deg2rad([30.0, 0, 0, 0, 0, 0]))[:3, 3]
+    post = {"name": "post", "size_mm": [20.0, 20.0, 3000.0], "at_mm": [x, y, 1500.0]}
+    cell = make_demo_cell(camera=None, obstacle=[post])
+    there, back = cell.ways.check(q, q[::-1]).part
+    assert there == pytest.approx(1.0 - back, abs=1e-9)
+    assert 0.1 < there < 0.5
+
+
+def test_a_program_of_poses_that_collide_is_refused(
+    cli: Cli, refuse: Refuse, work: Path, change_cell: ChangeCell
 ) -> None:
     cell = change_cell({"constraints.safety_distance_mm": "80.0"})
-    said = cli("program", work / "poses.csv", "--cell", cell, "--out", work)
-    assert said.code == 1
-    assert "80 mm asked for" in said.err
+    words = ("program", work / "poses.csv", "--cell", cell, "--out", work)
+    refuse(*words).says("pose P", "80 mm asked for", "more", "posedesign check", "--force")
+    assert cli(*words, "--force").code == 0
+    assert (work / "CALIB01.LS").is_file()
 
 
 # bounds that make no sense
@@ -109,7 +137,7 @@ def test_a_program_of_poses_that_collide_says_so(
 CASES: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
     "a camera that looks away": (
         {"camera.wpr_deg": "[180.0, 0.0, 0.0]"},
-        ("the camera looks away from the target, by 180 deg", "change camera"),
+        ("the camera looks away from the target, by 180 deg", "correct camera.position_mm"),
     ),
     "a target seen too slantwise": (
         {"target.normal": "[1.0, 0.0, 0.2]"},
@@ -124,7 +152,7 @@ CASES: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
             "constraints.workspace_lowest_mm": "[-3000.0, -3000.0, 800.0]",
             "constraints.workspace_highest_mm": "[3000.0, 3000.0, 3000.0]",
         },
-        ("below z = 800 mm of the workspace", "mm"),
+        ("link_2 315 mm outside the workspace, beyond z = 800 mm", "widen constraints."),
     ),
     "a singular value that no posture has": (
         {"constraints.smallest_singular_value": "0.9"},
@@ -175,6 +203,14 @@ KEYS: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
     "nearest beyond farthest": (
         {"camera.nearest_mm": "900.0"},
         ("nearest_mm 900 is not below farthest_mm 700",),
+    ),
+    "a lens on its target": (
+        {"camera.position_mm": "[200.0, -50.0, 350.0]"},
+        ("camera.position_mm", "the lens of the camera lies on the target"),
+    ),
+    "a preset with a locked joint": (
+        {"robot.lock": '["joint_6"]'},
+        ("joints can be locked in a urdf only",),
     ),
     "a target without a face": ({"target.normal": "[0.0, 0.0, 0.0]"}, ("no direction",)),
     "a box without a size": ({"camera.image_px": "[0, 480]"}, ("greater than 0",)),
@@ -249,5 +285,5 @@ def test_what_is_not_checked_is_said(cli: Cli, make_urdf: Callable[..., Path], w
     (work / "own.toml").write_text(new.out)
     assert cli("plan", work / "own.toml", "--out", work).code in (0, 1)
     said = cli("check", work / "own.toml", work / "poses.csv")
-    assert "note: small has no collision geometry: collisions are not checked" in said.err
+    assert "note: small has no collision geometry: no collisions are checked" in said.err
     assert "note: no [camera] is described: the view of the target is not checked" in said.err

@@ -290,3 +290,43 @@ def test_iteration_says_how_far_what_is_too_far_is(random_urdf):
     answers = robot.inverse(se3.transform(DOWN, [9.0, 0.0, 0.5]))
     assert len(answers.postures) == 0
     assert np.hypot(9.0, 0.5) - reach < answers.gap_m[0] < np.hypot(9.0, 0.5) + reach
+
+
+def test_iteration_with_a_margin_that_leaves_no_room(random_urdf):
+    robot = Robot.from_urdf(random_urdf(np.random.default_rng(0), 6))
+    middle = (robot.lower + robot.upper) / 2
+    margin = float((robot.upper - robot.lower).max())
+    answers = robot.inverse(robot.fk(middle), near=middle, margin=margin)
+    assert len(answers.postures)
+    assert not answers.inside.any()
+    assert answers.reason(0).excess_rad > 0.0
+
+
+def test_iteration_on_many_poses_at_once(random_urdf, monkeypatch):
+    robot = Robot.from_urdf(random_urdf(np.random.default_rng(0), 6))
+    poses = robot.fk(np.random.default_rng(0).uniform(-1, 1, (7, 6)))
+    together = robot.inverse(poses)
+    monkeypatch.setattr("calib.robots.iterative._POSES_AT_ONCE", 3)
+    parts = robot.inverse(poses)
+    np.testing.assert_array_equal(parts.pose, together.pose)
+    np.testing.assert_allclose(parts.postures, together.postures, atol=1e-9)
+    np.testing.assert_allclose(parts.gap_m, together.gap_m, atol=1e-9)
+
+
+@pytest.mark.parametrize("margin", [np.nan, np.inf])
+def test_what_is_no_margin_is_refused(reference_robot, margin):
+    with pytest.raises(InputError, match=r"^the margin to the limits is"):
+        reference_robot.inverse(np.eye(4), margin=margin)
+
+
+def test_limits_of_many_turns_do_not_fill_the_memory(reference_robot):
+    robot = replace(reference_robot, lower=np.full(6, -600.0), upper=np.full(6, 600.0))
+    pose = robot.fk(np.full(6, 0.3))
+    assert robot.inverse(pose).nearest()[1].all()
+    with pytest.raises(InputError, match="in every turn of their joints"):
+        robot.inverse(pose, every_turn=True)
+
+
+def test_limits_are_checked_of_one_posture(reference_robot):
+    with pytest.raises(InputError, match=r"^posture has shape \(2, 6\), not \(6,\)"):
+        reference_robot.check_limits(np.zeros((2, 6)))

@@ -105,6 +105,18 @@ def test_on_the_line_the_roll_of_the_reference_is_kept(ur5e, bend):
     assert set(answers.pose.tolist()) == set(range(40))
 
 
+def test_on_the_line_joint_6_turns_where_the_arm_is_too_short(ur5e):
+    """A stretched arm reaches such a pose with some turns of joint 6 only."""
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-3, 3, (2000, 6))
+    q[:, 2] = rng.choice([0.0, 1e-9, 0.01, 0.2], 2000)
+    q[:, 4] = rng.choice([0.0, np.pi], 2000)
+    poses = ur5e.fk(q)
+    answers = ur5e.inverse(poses)
+    assert answers.nearest()[1].all()
+    np.testing.assert_allclose(ur5e.fk(answers.postures), poses[answers.pose], atol=CLOSURE)
+
+
 def test_each_branch_of_three_parallel_axes_is_given_once(ur5e):
     rng = np.random.default_rng(2)
     q = rng.uniform(-3, 3, (200, 6))

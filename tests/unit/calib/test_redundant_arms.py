@@ -212,3 +212,22 @@ def test_coupled_limits_hold_for_redundant_arms(seven_axis_robot):
     assert (limit.room(answers.postures[answers.inside]) >= 0.01 - 1e-9).all()
     free = seven_axis_robot.inverse(robot.fk(q), margin=0.01)
     assert answers.inside.sum() < free.inside.sum()
+
+
+def test_a_short_piece_of_self_motion_is_found_from_far_away(seven_axis_robot):
+    """Joint 5 stays within a step of the sweep there, near the middle of its limits."""
+    robot = seven_axis_robot
+    q = np.deg2rad([150.89, -88.851, 88.953, -69.48, 0.421, 23.198, 131.083])
+    for near in np.random.default_rng(3).uniform(robot.lower, robot.upper, (12, 7)):
+        assert robot.inverse(robot.fk(q), near=near).nearest()[1].all()
+
+
+def test_a_margin_that_leaves_no_room_is_told_as_one_of_limits(seven_axis_robot):
+    """Not as a pose out of reach."""
+    robot = seven_axis_robot
+    answers = robot.inverse(robot.fk(postures_of(robot, 5)), margin=3.5)
+    assert not answers.inside.any()
+    for i in range(5):
+        reason = answers.reason(i)
+        assert reason.gap_m == 0.0
+        assert reason.excess_rad > 0.0

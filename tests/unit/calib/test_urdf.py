@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from calib import Robot
@@ -158,6 +159,18 @@ def test_line_breaks_in_the_name_of_the_robot_do_not_break_lines(read):
 def test_the_speed_of_a_continuous_joint_is_kept(read):
     wheel = read(ABC + J1 + joint("j2", "b", "c", "continuous"), tip="c")
     np.testing.assert_array_equal(wheel.speed, [2.0, 2.0])
+
+
+def test_a_model_without_a_root_link_needs_one():
+    """The first frame of a model need not be its root."""
+    model = pin.buildSampleModelManipulator()
+    with pytest.raises(RobotModelError, match="has no link that its first joint hangs on"):
+        Robot.from_model(model)
+    root = pin.Frame("root", 0, 0, pin.SE3.Identity(), pin.FrameType.BODY)
+    model.addFrame(root)
+    robot = Robot.from_model(model)
+    assert robot.base_frame == "root"
+    assert robot.n == model.njoints - 1
 
 
 def test_a_model_that_pinocchio_refuses(read, monkeypatch):

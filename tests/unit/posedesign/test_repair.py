@@ -80,6 +80,9 @@ def test_what_is_excluded_is_offered_no_more(demo_cell: Cell) -> None:
     for posture in before[:3]:
         assert np.abs(after - posture).max(axis=1).min() > np.deg2rad(1.0)
     assert len(before) > len(after) > 0
+    later = pool.postures(10 * len(after))  # from other stages
+    for posture in before[:3]:
+        assert np.abs(later - posture).max(axis=1).min() > np.deg2rad(1.0)
 
 
 def test_reasons_say_what_and_how_far(demo_cell: Cell) -> None:
@@ -133,7 +136,9 @@ class NotBeyond(WayChecker):
 
     def check(self, start: np.ndarray, end: np.ndarray) -> WayVerdicts:
         far = (np.abs(np.rad2deg([start[:, 3], end[:, 3]])) > 50.0).any(axis=0)
-        return WayVerdicts(~far, np.zeros(len(far)), tuple("a wall" if f else "" for f in far))
+        return WayVerdicts(
+            ~far, np.zeros(len(far)), np.zeros(len(far)), tuple("a wall" if f else "" for f in far)
+        )
 
 
 @pytest.mark.parametrize("replace", [True, False])

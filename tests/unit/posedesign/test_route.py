@@ -62,7 +62,12 @@ class Walls(WayChecker):
         low = np.isclose(np.rad2deg([start[:, 1], end[:, 1]]), 15.0).all(axis=0)
         hit = np.array([frozenset(pair) in self.blocked for pair in ends.tolist()])  # type: ignore[attr-defined]
         clear = ~(hit & low)
-        return WayVerdicts(clear, np.zeros(len(ends)), tuple("" if c else "a wall" for c in clear))
+        return WayVerdicts(
+            clear,
+            np.zeros(len(ends)),
+            np.full(len(ends), np.nan),
+            tuple("" if c else "a wall" for c in clear),
+        )
 
 
 def at(*degrees: float) -> np.ndarray:
@@ -113,7 +118,10 @@ class Prison(WayChecker):
     def check(self, start: np.ndarray, end: np.ndarray) -> WayVerdicts:
         inside = np.isclose(np.rad2deg([start[:, 0], end[:, 0]]), 20.0).any(axis=0)
         return WayVerdicts(
-            ~inside, np.zeros(len(start)), tuple("a wall" if i else "" for i in inside)
+            ~inside,
+            np.zeros(len(start)),
+            np.zeros(len(start)),
+            tuple("a wall" if i else "" for i in inside),
         )
 
 
@@ -121,6 +129,33 @@ def test_a_pose_that_no_way_leads_to_is_lost(reference_cell: Cell) -> None:
     found = route(reference_cell, Prison((), np.inf), 10.0, 20.0, 30.0)
     assert found.lost == {1: "no clear way to it: a wall"}
     assert sorted(found.order) == [0, 2]
+
+
+class Maze(WayChecker):
+    """Only given pairs of numbers of joint 1 [deg] are joined by a clear way."""
+
+    def __init__(self, *clear: tuple[float, float]) -> None:
+        super().__init__((), np.inf)
+        object.__setattr__(self, "joined", {frozenset(pair) for pair in clear})
+
+    def check(self, start: np.ndarray, end: np.ndarray) -> WayVerdicts:
+        ends = np.rad2deg(np.stack([start[:, 0], end[:, 0]], axis=1)).round(6).tolist()
+        clear = np.array([frozenset(pair) in self.joined or pair[0] == pair[1] for pair in ends])  # type: ignore[attr-defined]
+        none = np.zeros(len(ends))
+        return WayVerdicts(clear, none, none, tuple("" if c else "a wall" for c in clear))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_path_through_a_maze_is_found(reference_cell: Cell, seed: int) -> None:
+    """One clear path through seven poses and as many ways that lead nowhere."""
+    rng = np.random.default_rng(seed)
+    degrees = [10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
+    path = [0.0, *rng.permutation(degrees)]
+    more = [tuple(rng.choice(degrees, 2, replace=False)) for _ in range(6)]
+    found = route(reference_cell, Maze(*pairwise(path), *more), *degrees)
+    assert len(found.lost) <= 2  # no proof that all can be had, but few are given up
+    visited = [0.0, *np.array(degrees)[found.order]]
+    assert all(frozenset(step) in Maze(*pairwise(path), *more).joined for step in pairwise(visited))  # type: ignore[attr-defined]
 
 
 def test_only_ways_of_the_order_are_checked(reference_cell: Cell) -> None:

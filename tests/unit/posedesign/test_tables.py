@@ -138,6 +138,28 @@ def test_poses_round_trip(
             assert row.cells["j1_deg"] == row.cells["x_mm"] == ""
 
 
+@pytest.mark.parametrize(
+    ("status", "via"), [("Via", True), ("VIA", True), ("", False), ("Grid", False)]
+)
+def test_status_as_people_write_it(tmp_path: Path, status: str, via: bool) -> None:
+    columns = ["name", "status", *(f"j{i + 1}_deg" for i in range(6))]
+    rows = [
+        dict.fromkeys(columns[2:], 10.0 * k) | {"status": s}
+        for k, s in enumerate((status, "grid"), 1)
+    ]
+    path = write_table(tmp_path / "p.csv", columns, rows)
+    assert read_poses(path, 6).via.tolist() == [via, False]
+
+
+def test_unknown_status_is_named(tmp_path: Path) -> None:
+    columns = ["name", "status", *(f"j{i + 1}_deg" for i in range(6))]
+    rows = [dict.fromkeys(columns[2:], 10.0) | {"status": "droped"}]
+    path = write_table(tmp_path / "p.csv", columns, rows)
+    with pytest.raises(FileFormatError, match="no status 'droped'") as caught:
+        read_poses(path, 6)
+    assert "dropped" in caught.value.hint
+
+
 def test_touch_ups_as_the_pendant_shows_them(tmp_path: Path, reference_cell: Cell) -> None:
     robot = reference_cell.robot
     q = reference_cell.base_posture + np.random.default_rng(1).uniform(-0.5, 0.5, (5, 6))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import CalibError, FileFormatError, InputError, JointLimitError
+from calib.errors import FileFormatError, InputError, JointLimitError
 from calib.geometry import Body
 from calib.geometry.scene import Scene
 from calib.measurement import Measurement, TouchUp, ViewLine
@@ -23,6 +23,7 @@ from calib.parameters import (
 )
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_from_wpr, transform
+from posedesign.cell_checks import check_cell, naming
 from posedesign.config import CellConfig, MeasurementSection, parse_text, read_config
 from posedesign.feasibility import Checker
 from posedesign.feasibility.space import Collision
@@ -35,9 +36,6 @@ from posedesign.surroundings import (
     tool_bodies,
     what_is_left_out,
 )
-
-NEAREST_LENS_M = 1e-3
-"""A lens nearer to its target than this is a mistake: nothing could be told of what it sees."""
 
 MOST_RADIANS = np.pi
 """A base posture whose values all lie within this, most of them with a fraction, was written in
@@ -97,23 +95,23 @@ class Cell:
     def from_config(cls, config: CellConfig, path: Path) -> Cell:
         """Build the cell; relative paths in it are relative to the folder of ``path``."""
         source = config.robot
-        with _naming(path, "robot"):
+        with naming(path, "robot"):
             if source.preset is not None:
                 robot = Robot.preset(source.preset, tip=source.tip, base=source.base)
             else:
                 urdf = path.parent / str(source.urdf)
                 robot = Robot.from_urdf(urdf, tip=source.tip, base=source.base, lock=source.lock)
         if source.controller is not None:
-            with _naming(path, "robot.controller"):
+            with naming(path, "robot.controller"):
                 robot = robot.controlled_by(source.controller)
         posture = _base_posture(config, robot, path)
         tool = np.array(config.tool.point_mm) / 1e3
         given = config.target.position_mm
         target = robot.state(posture).point(tool) if given is None else np.array(given) / 1e3
         listed = config.parameters.zero_offsets
-        with _naming(path, "tool.body"):
+        with naming(path, "tool.body"):
             carried = tool_bodies(config.tool.body, robot, path.parent)
-        with _naming(path, "obstacle"):
+        with naming(path, "obstacle"):
             around = obstacles(config.obstacle, path.parent)
         cell = cls(
             config=config,
@@ -126,7 +124,7 @@ class Cell:
             tool_bodies=tuple(carried),
             obstacles=tuple(around),
         )
-        with _naming(path, "parameters.zero_offsets"):
+        with naming(path, "parameters.zero_offsets"):
             ZeroOffsets(robot, cell.offset_joints)
         if config.measurement.kind == "view-line" and "z" in cell.tool_axes:
             raise FileFormatError(
@@ -135,9 +133,7 @@ class Cell:
                 key="parameters.tool_axes",
                 hint='set it to "xy"',
             )
-        _check_truth(cell, path)
-        _check_margins(cell, path)
-        _check_surroundings(cell, path)
+        check_cell(cell, path)
         return cell
 
     @property
@@ -321,26 +317,10 @@ def make_measurement(section: MeasurementSection) -> Measurement:
     return TouchUp(sigma) if section.kind == "touch-up" else ViewLine(sigma[:2])
 
 
-class _naming:
-    """Name file and key in an error that was raised without knowing them."""
-
-    def __init__(self, path: Path, key: str) -> None:
-        self._path, self._key = path, key
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, CalibError):
-            raise FileFormatError(
-                error.message, path=self._path, key=self._key, hint=error.hint
-            ) from error
-
-
 def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
     degrees = np.array(config.base_pose.posture_deg)
     key = "base_pose.posture_deg"
-    with _naming(path, key):
+    with naming(path, key):
         posture = robot.check_posture(np.deg2rad(degrees))
     fractions = np.count_nonzero(degrees % 1.0)
     if np.abs(degrees).max() <= MOST_RADIANS and fractions >= min(3, robot.n):
@@ -361,68 +341,6 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
             value=error.value,
         ) from error
     return posture
-
-
-def _check_truth(cell: Cell, path: Path) -> None:
-    truth, n = cell.config.truth, cell.robot.n
-    for key, values in (
-        ("zero_offsets_deg", truth.zero_offsets_deg),
-        ("stiffness_nm_per_rad", truth.stiffness_nm_per_rad),
-    ):
-        if values is not None and len(values) != n:
-            raise FileFormatError(
-                f"{len(values)} values for {n} joints",
-                path=path,
-                key=f"truth.{key}",
-                hint="give one value for each joint",
-            )
-    if truth.deflection and not cell.deflects:
-        raise FileFormatError(
-            f"nothing is known that would make {cell.robot.name} deflect",
-            path=path,
-            key="truth.deflection",
-            hint="give truth.stiffness_nm_per_rad and tool.mass_kg, or set it to false",
-        )
-
-
-def _check_surroundings(cell: Cell, path: Path) -> None:
-    try:
-        inside = int(cell.scene.inside(cell.target_m[None])[0])
-    except InputError as error:
-        ignored = [name for pair in cell.config.constraints.ignore for name in pair]
-        key = "constraints.ignore" if error.name in ignored else "tool.body, obstacle"
-        with _naming(path, key):
-            raise
-    if inside >= 0:
-        obstacle = cell.obstacles[inside].name
-        raise FileFormatError(
-            f"the target lies inside the obstacle {obstacle!r}",
-            path=path,
-            key="target.position_mm",
-            hint="correct the place of one of them; a target sits on its fixture, not in it",
-        )
-    if cell.config.camera and np.linalg.norm(cell.lens_m - cell.target_m) < NEAREST_LENS_M:
-        raise FileFormatError(
-            "the lens of the camera lies on the target",
-            path=path,
-            key="camera.position_mm",
-            hint="give the place of the lens in the axes of the tip, or tool.camera_stand_off_mm",
-        )
-
-
-def _check_margins(cell: Cell, path: Path) -> None:
-    plan = cell.config.plan
-    narrowest = int(np.argmin(cell.robot.joint_range))
-    room = float(np.rad2deg(cell.robot.joint_range[narrowest])) / 2.0
-    for key in ("limit_margin_deg", "repair_margin_deg"):
-        if getattr(plan, key) >= room:
-            raise FileFormatError(
-                f"{getattr(plan, key):g} deg leaves nothing of the range of "
-                f"{cell.robot.joint_names[narrowest]}",
-                path=path,
-                key=f"plan.{key}",
-                hint=f"stay well below {room:.0f} deg",
-            )
 
 
 def usual_offsets(n: int) -> FloatArray:

@@ -11,7 +11,7 @@ from calib.identification import check_identifiable, covariance_of
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
-from posedesign.checks import ON_TARGET_M, off_target, outside_limits
+from posedesign.checks import ON_TARGET_M, off_target
 from posedesign.indices import Indices, evaluate
 from posedesign.pose_plan import displayed
 from posedesign.tables import PoseList
@@ -28,8 +28,9 @@ class Score:
         Predicted standard deviations as people read them; empty where not identifiable.
     problem : str
         What the poses cannot identify; empty where they can.
-    outside : tuple of str
-        Poses outside the joint limits, with the limit.
+    not_feasible : tuple of str
+        Poses that break a constraint of the cell, with the one that is broken most. The ways
+        between them are not looked at: a list that is scored need not be in order.
     off_target : tuple of str
         Poses that do not bring the tool point to the target, with the distance.
     """
@@ -37,7 +38,7 @@ class Score:
     indices: Indices
     sigma: list[tuple[str, str, float]]
     problem: str
-    outside: tuple[str, ...]
+    not_feasible: tuple[str, ...]
     off_target: tuple[str, ...]
 
 
@@ -52,9 +53,12 @@ def score_poses(cell: Cell, poses: PoseList) -> Score:
         weighted = cell.config.measurement.weighted
         covariance = covariance_of(model, poses.postures, weighted=weighted)
         sigma = displayed(model, np.sqrt(np.diag(covariance)))
-    outside = outside_limits(cell, poses.names, poses.postures)
+    verdicts = cell.checker.check(poses.postures)
+    broken = [
+        f"{poses.names[i]}: {verdicts.says(i)}" for i in np.flatnonzero(~verdicts.feasible).tolist()
+    ]
     off = off_target(cell, poses.names, poses.postures, ON_TARGET_M)
-    return Score(evaluate(blocks, white), sigma, problem, tuple(outside), tuple(off))
+    return Score(evaluate(blocks, white), sigma, problem, tuple(broken), tuple(off))
 
 
 def _what_is_hidden(model: CalibrationModel, white: FloatArray) -> str:

@@ -22,6 +22,7 @@ from posedesign.accuracy_study import AccuracyStudy
 from posedesign.before_after import identify_models, results_as_dict
 from posedesign.cell import Cell
 from posedesign.checks import outside_limits, refuse_unfit
+from posedesign.csv_tables import write_table
 from posedesign.files import write_json_atomic
 from posedesign.planner import Progress, plan
 from posedesign.pose_plan import PosePlan, displayed, fingerprint
@@ -43,7 +44,6 @@ from posedesign.tables import (
     read_touch_ups,
     write_pairs,
     write_poses,
-    write_table,
     write_touch_ups,
 )
 

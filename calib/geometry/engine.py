@@ -226,7 +226,8 @@ class MeshSight:
             there.setRotation(R)
             there.setTranslation(p)
             result.clear()
-            line = coal.Capsule(LINE_RADIUS_M, l_m)
+            # its round ends must not reach beyond the segment, which may end on the surface
+            line = coal.Capsule(LINE_RADIUS_M, max(0.0, l_m - 4.0 * LINE_RADIUS_M))
             met[m] = coal.collide(self._tree, here, line, there, request, result) > 0
         return met
 

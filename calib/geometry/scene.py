@@ -216,7 +216,8 @@ class Scene:
             Postures [rad]; one for all lines, or one a line.
         start, end : array_like (S, 3)
             Ends of each line in the base frame [m]. A line that begins or ends inside a body is
-            blocked by it, one that ends on its surface is not.
+            blocked by it, one that ends on its surface is not. A mesh blocks the lines that
+            cross its surface, not those that lie wholly inside.
         ignore : sequence of str
             Names of bodies that may be looked through.
         state : ChainState, optional

@@ -215,7 +215,7 @@ def score(
     scored = score_poses(loaded, listed.measured)
     threshold = loaded.config.plan.condition_threshold
     below = scored.indices.c_g < threshold
-    good = below and not (scored.problem or scored.outside or scored.off_target)
+    good = below and not (scored.problem or scored.not_feasible or scored.off_target)
     sigma = [
         {"parameter": name, "predicted sigma": value, "unit": unit}
         for name, unit, value in scored.sigma
@@ -227,7 +227,7 @@ def score(
                 "scaling": SCALING,
                 "predicted": sigma,
                 "problem": scored.problem,
-                "outside_limits": scored.outside,
+                "not_feasible": scored.not_feasible,
                 "off_target": scored.off_target,
                 "threshold": threshold,
                 "reached": good,
@@ -242,12 +242,12 @@ def score(
             ],
         )
         print_table("Predicted before measuring, from the noise alone", sigma)
-        for line in (*scored.outside, *scored.off_target):
+        for line in (*scored.not_feasible, *scored.off_target):
             note(f"warning: {line}")
         verdict = "below" if below else "not below"
         print(scored.problem or f"C_G {scored.indices.c_g:.4g} is {verdict} {threshold:.4g}")
-        if scored.outside:
-            print(f"poses outside the joint limits: {len(scored.outside)}")
+        if scored.not_feasible:
+            print(f"poses that cannot be taken: {len(scored.not_feasible)}")
         if scored.off_target:
             print(f"poses that do not touch the target: {len(scored.off_target)}")
     return DONE if good else NOT_REACHED

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from posedesign import tables
+from posedesign import csv_tables
 
 Refuse = Callable[..., Any]
 ChangeCsv = Callable[[str, int, str, str], Path]
@@ -173,7 +173,7 @@ def test_nothing_steers_the_terminal(refuse: Refuse, work: Path) -> None:
 def test_table_that_is_too_large(
     refuse: Refuse, work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tables, "LARGEST_CSV_BYTES", 1000)
+    monkeypatch.setattr(csv_tables, "LARGEST_CSV_BYTES", 1000)
     line = refuse("identify", work / "cell.toml", work / "touchups.csv", "--out", work / "out")
     line.says("touchups.csv", "is larger than 0.001 MB")
 

@@ -240,7 +240,7 @@ def test_score_agrees_with_the_plan(cli: Cli, work: Path) -> None:
     plan = json.loads(cli("plan", work / "cell.toml", "--out", work / "o", "--json").out)
     assert score["indices"] == pytest.approx(plan["indices"], rel=1e-6)
     assert score["reached"] is True
-    assert (score["problem"], score["outside_limits"]) == ("", [])
+    assert (score["problem"], score["not_feasible"]) == ("", [])
     assert_table_shows(table.out, score["predicted"], ("parameter", "predicted sigma", "unit"))
     rows = [
         {"index": key, "value": value, "scaling": score["scaling"].get(key, "")}
@@ -275,10 +275,10 @@ def test_score_does_not_praise_poses_outside_the_limits(
     said = cli("score", work / "cell.toml", poses)
     assert said.code == 1
     second = rows_of(work / "poses.csv")[1]["name"]
-    assert said.err.startswith(f"warning: {second}: joint_2 76.5 deg is above 76.0 deg\n")
+    assert said.err.startswith(f"warning: {second}: J2 76.5 deg is above 76.0 deg\n")
     score = json.loads(cli("score", work / "cell.toml", poses, "--json").out)
     assert score["reached"] is False
-    assert score["outside_limits"] == [f"{second}: joint_2 76.5 deg is above 76.0 deg"]
+    assert score["not_feasible"] == [f"{second}: J2 76.5 deg is above 76.0 deg"]
 
 
 def test_simulate_depends_on_the_seed_alone(cli: Cli, work: Path) -> None:

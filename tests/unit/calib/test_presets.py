@@ -319,6 +319,20 @@ def test_shapes_do_not_touch_where_the_arm_works(name):
     assert np.mean([touches(q) for q in near]) <= 0.05
 
 
+@pytest.mark.parametrize("name", ELBOW_ARMS)
+def test_the_wrist_bends_almost_to_its_limits(name):
+    """Makers let joint 5 turn as far as the wrist allows: shapes must not take much of it away."""
+    robot = Robot.preset(name)
+    geometry = solid_geometry(robot)
+    found, data = pin.GeometryData(geometry), robot.model.createData()
+    for share in (-0.75, -0.5, 0.5, 0.75):
+        for roll in np.deg2rad([0.0, 45.0, 90.0]):
+            q = np.zeros(6)
+            q[4:] = share * min(-robot.lower[4], robot.upper[4]), roll
+            pin.updateGeometryPlacements(robot.model, data, geometry, found, q)
+            assert not pin.computeCollisions(geometry, found, True)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_shapes_touch_when_the_arm_is_folded_up(name):
     """Among postures of all kinds there are some where the arm hits itself, and it is noticed."""

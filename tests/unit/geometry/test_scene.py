@@ -295,6 +295,16 @@ def test_short_lines_of_sight_past_a_mesh(straight_arm):
     np.testing.assert_array_equal(found.clear, [False, True, True])
 
 
+def test_a_line_of_sight_may_end_on_a_mesh(straight_arm):
+    """As on any other solid; a hundredth of a millimetre beyond, it is blocked."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    sheet = Body("sheet", 0, np.eye(4), Mesh(corners, np.array([[0, 1, 2]])))
+    start = np.tile([0.2, 0.3, 1.0], (3, 1))
+    end = np.array([[0.2, 0.3, 1e-5], [0.2, 0.3, 0.0], [0.2, 0.3, -1e-5]])
+    found = Scene(straight_arm, obstacles=[sheet]).sight(np.zeros(4), start, end)
+    np.testing.assert_array_equal(found.clear, [True, True, False])
+
+
 def test_inside_names_the_obstacle_by_its_place_in_the_list(make, body):
     solids = (BALL, Box((0.2, 0.2, 0.2)), Cylinder(0.1, 0.2), Capsule(0.1, 0.2))
     obstacles = [body(f"part{i}", 0, solid, (i, 0, 0)) for i, solid in enumerate(solids)]

@@ -14,21 +14,19 @@ from hypothesis.extra import numpy as arrays
 from calib.errors import CalibError, FileFormatError, OutputError
 from calib.measurement import TouchUps
 from calib.se3 import rotation_from_wpr, transform
-from posedesign import files, tables
+from posedesign import csv_tables, files
 from posedesign.cell import Cell
+from posedesign.csv_tables import check_columns, read_rows, write_table
 from posedesign.planner import plan
 from posedesign.pose_plan import PoseSet, PoseStatus
 from posedesign.route import Route, Stop
 from posedesign.tables import (
     Pairs,
-    check_columns,
     read_pairs,
     read_poses,
-    read_rows,
     read_touch_ups,
     write_pairs,
     write_poses,
-    write_table,
     write_touch_ups,
 )
 
@@ -366,6 +364,6 @@ def test_a_large_table_is_refused_before_it_is_read(
 ) -> None:
     path = tmp_path / "a.csv"
     path.write_text("j1_deg\n" + "10\n" * 100)
-    monkeypatch.setattr(tables, "LARGEST_CSV_BYTES", 100)
+    monkeypatch.setattr(csv_tables, "LARGEST_CSV_BYTES", 100)
     with pytest.raises(FileFormatError, match="is larger than"):
         read_rows(path)

@@ -218,8 +218,9 @@ class Cell:
 
     @property
     def lens_m(self) -> FloatArray:
-        """The lens at the base pose ``(3,)`` [m], in the base frame."""
-        return self.robot.state(self.base_posture).point(self.T_tip_camera[:3, 3])
+        """The lens at the base pose ``(3,)`` [m], the tool point on the target; base frame."""
+        R = self.robot.fk(self.base_posture)[:3, :3]
+        return np.asarray(self.target_m + R @ (self.T_tip_camera[:3, 3] - self.tool_m))
 
     @cached_property
     def scene(self) -> Scene:

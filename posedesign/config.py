@@ -276,6 +276,14 @@ class CellConfig(Section):
     truth: TruthSection = TruthSection()
     program: ProgramSection = ProgramSection()
 
+    @model_validator(mode="after")
+    def _names_differ(self) -> CellConfig:
+        names = [solid.name for solid in (*self.tool.body, *self.obstacle)]
+        double = next((name for name in names if names.count(name) > 1), None)
+        if double is not None:
+            raise ValueError(f"two solids have the name {double!r}")
+        return self
+
 
 def read_config(path: Path) -> CellConfig:
     """Read and check a ``cell.toml``.

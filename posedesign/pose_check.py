@@ -28,13 +28,14 @@ class PoseVerdict:
     tightest : str
         Name of the constraint that has least room, or is broken most.
     room : float or None
-        How far the pose is inside that constraint; negative outside; None where there is no bound
-        to it.
+        How far the pose is inside that constraint; negative outside; None where it says
+        yes or no only.
     unit : str
         Of ``room``.
     says : str
         The same in words.
     way_clear : bool
+        What is wrong at one of its ends is said of that pose.
         Whether the straight joint-space way to the pose keeps what ways must keep: from the pose
         before, or from the base posture to the first pose.
     way : str
@@ -106,10 +107,10 @@ def _judge(
             via=bool(poses.via[row]),
             feasible=bool(verdicts.feasible[i]),
             tightest=constraint.name,
-            room=room * constraint.display if np.isfinite(room) else None,
+            room=room * constraint.display if constraint.measured and np.isfinite(room) else None,
             unit=constraint.unit,
             says=verdicts.says(i),
-            way_clear=bool(ways.clear[row]),
+            way_clear=bool(ways.clear[row] or ways.part[row] in (0.0, 1.0)),
             way=_on_the_way(ways, row),
             travel_deg=float(np.rad2deg(ways.travel[row])),
         )
@@ -117,5 +118,7 @@ def _judge(
 
 
 def _on_the_way(ways: WayVerdicts, row: int) -> str:
+    if ways.part[row] in (0.0, 1.0):
+        return ""
     place = f" at {ways.part[row]:.0%} of the way" if np.isfinite(ways.part[row]) else ""
     return ways.reasons[row] + place if ways.reasons[row] else ""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.camera import PinholeCamera
-from calib.geometry import Body, Box, Cylinder, HalfSpace, Solid, Sphere
+from calib.geometry import Body, Box, Cylinder, HalfSpace, Mesh, Solid, Sphere
 from calib.geometry.scene import Scene
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_from_wpr, transform
@@ -21,6 +21,10 @@ from posedesign.feasibility.visibility import Distance, InImage, LineOfSight, Ta
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
+
+
+SMALL_MESH_M, LARGE_MESH_M = 0.01, 50.0
+"""Meshes of a cell are larger and smaller than this: others were made in another unit."""
 
 
 def tool_bodies(sections: Sequence[SolidSection], robot: Robot, folder: Path) -> list[Body]:
@@ -106,6 +110,14 @@ def what_is_left_out(cell: Cell) -> list[str]:
     if section.collisions and cell.scene.excluded:
         pairs = ", ".join(f"{one} and {other}" for one, other in cell.scene.excluded)
         said.append(f"not checked, because they touch in the zero posture: {pairs}")
+    for body in (*cell.tool_bodies, *cell.obstacles):
+        if isinstance(body.solid, Mesh):
+            size = np.ptp(body.solid.vertices, axis=0).max()
+            if not SMALL_MESH_M < size < LARGE_MESH_M:
+                said.append(
+                    f"the mesh of {body.name} is {1e3 * size:.3g} mm large: is its file in mm? "
+                    "(scale = 1000 for metres)"
+                )
     if not section.ways:
         said.append("the ways between poses are not checked: constraints.ways is false")
     if cell.config.camera is None:

@@ -43,6 +43,9 @@ from posedesign.csv_tables import (
 from posedesign.pose_plan import PoseSet, PoseStatus, named_stops
 from posedesign.route import Route
 
+PENDANT_AGREES_DEG = 0.01
+"""Joint values and pendant values of one row may differ by as much: pendants show few decimals."""
+
 POSE_AXES = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
 
 
@@ -126,7 +129,13 @@ def _labels(poses: PoseSet, i: int) -> dict[str, object]:
     }
 
 
-def read_poses(path: Path, n: int | None, *, trust_units: bool = False) -> PoseList:
+def read_poses(
+    path: Path,
+    n: int | None,
+    *,
+    controller: Controller | None = None,
+    trust_units: bool = False,
+) -> PoseList:
     """Read the postures of a ``poses.csv``; dropped poses are passed over.
 
     Parameters
@@ -134,16 +143,17 @@ def read_poses(path: Path, n: int | None, *, trust_units: bool = False) -> PoseL
     path : Path
     n : int or None
         Number of joints of the robot; None takes what the file has.
+    controller : Controller, optional
+        Turns ``pendant_j1_deg ..`` into joint values; without it such columns alone are refused.
     trust_units : bool
         Do not refuse values that look like radians.
     """
     columns, rows = read_rows(path)
     count = n if n is not None else _count_joints(columns, path)
-    check_columns(path, columns, joint_columns(count), joints=True)
     status = [_status(path, row) for row in rows]
     via = np.array([s is PoseStatus.VIA for s in status if s is not PoseStatus.DROPPED], dtype=bool)
     rows = [row for row, s in zip(rows, status, strict=True) if s is not PoseStatus.DROPPED]
-    postures = _postures(path, rows, joint_columns(count), trust_units)
+    postures = _postures(path, columns, rows, count, controller, trust_units)
     names = tuple(row.cells.get("name") or f"P{i + 1:02d}" for i, row in enumerate(rows))
     if via.all():
         raise FileFormatError(
@@ -193,21 +203,12 @@ def read_touch_ups(
     path : Path
     n : int
     controller : Controller, optional
-        Turns ``pendant_j1_deg ..`` into joint values; without it such columns are refused.
+        Turns ``pendant_j1_deg ..`` into joint values; without it such columns alone are refused.
     trust_units : bool
         Do not refuse values that look like radians.
     """
     columns, rows = read_rows(path)
-    on_pendant = pendant_columns(n)[0] in columns and joint_columns(n)[0] not in columns
-    if on_pendant and controller is None:
-        raise FileFormatError(
-            "holds what a pendant shows, and the robot's controller is not known",
-            path=path,
-            column=pendant_columns(n)[0],
-            hint="set robot.controller in the cell",
-        )
-    joints = pendant_columns(n) if on_pendant else joint_columns(n)
-    check_columns(path, columns, ["target", *joints], joints=True)
+    check_columns(path, columns, ["target"])
     labels = list(dict.fromkeys(row.cells["target"] for row in rows))
     for row in rows:
         if not row.cells["target"]:
@@ -220,10 +221,8 @@ def read_touch_ups(
             )
     index = {label: i for i, label in enumerate(labels)}
     target = np.array([index[row.cells["target"]] for row in rows], dtype=np.intp)
-    values = _postures(path, rows, joints, trust_units)
-    if on_pendant and controller is not None:
-        values = controller.posture(np.rad2deg(values))
-    return TouchUps(values, target, tuple(labels))
+    postures = _postures(path, columns, rows, n, controller, trust_units)
+    return TouchUps(postures, target, tuple(labels))
 
 
 def write_pairs(path: Path, pairs: Pairs) -> Path:
@@ -264,10 +263,46 @@ def _count_joints(columns: Sequence[str], path: Path) -> int:
 
 
 def _postures(
-    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool
+    path: Path,
+    columns: Sequence[str],
+    rows: Sequence[Row],
+    n: int,
+    controller: Controller | None,
+    trust_units: bool,
 ) -> FloatArray:
+    """Postures ``(rows, n)`` [rad] of the joint columns, or else of the pendant's."""
     if not rows:
         raise FileFormatError("has no pose that was not dropped", path=path)
+    own, shown = joint_columns(n), pendant_columns(n)
+    if shown[0] in columns and own[0] not in columns:
+        if controller is None:
+            raise FileFormatError(
+                "holds what a pendant shows, and the robot's controller is not known",
+                path=path,
+                column=shown[0],
+                hint="set robot.controller in the cell",
+            )
+        check_columns(path, columns, shown)
+        return controller.posture(_degrees(path, rows, shown, trust_units))
+    check_columns(path, columns, own, joints=True)
+    postures = np.deg2rad(_degrees(path, rows, own, trust_units))
+    if controller is not None and set(shown) <= set(columns):
+        off = controller.pendant(postures) - numbers_of(path, rows, shown)
+        worst = np.unravel_index(int(np.argmax(np.abs(off))), off.shape)
+        if abs(off[worst]) > PENDANT_AGREES_DEG:
+            raise FileFormatError(
+                f"is {abs(off[worst]):.3g} deg off what {own[0]} to {own[-1]} make it",
+                path=path,
+                row=rows[int(worst[0])].line,
+                column=shown[int(worst[1])],
+                hint="leave out the columns that are not what the arm did",
+            )
+    return postures
+
+
+def _degrees(
+    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool
+) -> FloatArray:
     degrees = numbers_of(path, rows, columns)
     largest = float(np.abs(degrees).max())
     if not trust_units and len(rows) >= 3 and 0 < largest <= 2 * math.pi:
@@ -279,4 +314,4 @@ def _postures(
             value=largest,
             bound=2 * math.pi,
         )
-    return np.deg2rad(degrees)
+    return degrees

@@ -50,7 +50,7 @@ camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, 
 name = "T1"
 # In the base frame; default: where the base pose puts the tool point, which is
 # position_mm = {target_mm}
-# normal = [0.0, 0.0, 1.0]        # out of its face; default: towards the camera at the base pose
+{world}# normal = [0.0, 0.0, 1.0]        # out of its face; default: to the camera at the base pose
 {surroundings}
 [constraints]
 collisions = {collisions}                 # of arm, tool and obstacles
@@ -109,6 +109,7 @@ measure_call = "MEASURE"          # called at each pose with its number
 """
 
 _BODIES = """
+# Gun, camera, fixture and floor are stand-ins of the size of the arm: put in your own.
 [[tool.body]]                     # what is solid, in the axes of the tip: boxes, cylinders, meshes
 name = "gun"
 size_mm = {gun_size}
@@ -144,6 +145,7 @@ at_mm = {fixture_at}              # its centre; the target sits a little above i
 """
 
 _NO_BODIES = """
+# Gun, camera, fixture and floor are stand-ins of the size of the arm: put in your own.
 # [[tool.body]]                   # what is solid, in the axes of the tip: boxes, cylinders, meshes
 # name = "gripper"
 # size_mm = [100.0, 100.0, 150.0]
@@ -317,6 +319,18 @@ def _controller_line(robot: Robot) -> str:
     return f'# controller = "fanuc"            # or {others}'
 
 
+def _world_line(robot: Robot) -> str:
+    """Where the controller counts positions from, if that is not the base frame."""
+    if robot.controller is None or np.allclose(robot.controller.T_base_world, np.eye(4)):
+        return ""
+    x, y, z = [_round(v, 1) for v in 1e3 * robot.controller.T_base_world[:3, 3]]
+    turned = " and turned" * (not np.allclose(robot.controller.T_base_world[:3, :3], np.eye(3)))
+    return (
+        f"# The controller counts positions from ({x:g}, {y:g}, {z:g}) mm in {robot.base_frame}"
+        f"{turned}, not from {robot.base_frame} itself.\n"
+    )
+
+
 def _quoted(text: str) -> str:
     """A TOML string: names in a URDF and paths may hold quotation marks and backslashes."""
     return json.dumps(text, ensure_ascii=False)
@@ -344,6 +358,7 @@ def _fill(
         robot=source,
         tool_note=setup.tool_note,
         target_mm=[_round(v, 3) for v in 1e3 * point],
+        world=_world_line(robot),
         notices="".join(f"# {' '.join(said.split())}\n" for said in robot.notices),
         tip=_quoted(robot.tip_frame),
         point_mm=list(setup.point_mm),

@@ -41,7 +41,9 @@ def simulate(
     from posedesign.tables import read_poses
 
     loaded = Cell.load(cell)
-    listed = read_poses(poses, loaded.robot.n, trust_units=trust_units)
+    listed = read_poses(
+        poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
+    )
     workflow.simulate(loaded, listed, out, seed)
     files = [str(out / "touchups.csv"), str(out / "pairs.csv")]
     if as_json:

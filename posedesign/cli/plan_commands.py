@@ -133,6 +133,11 @@ def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
     short = [{k.replace("zero_offset.", ""): v for k, v in row.items()} for row in rounds]
     print_table("Rounds of the loop", [_without_tool(row) for row in short])
     print_table("Predicted before measuring, from the noise alone", sigma)
+    changed = zip(result.poses.names, result.poses.status, result.poses.reasons, strict=True)
+    print_table(
+        "Poses that are not those of the grid",
+        [{"pose": name, "status": str(s), "reason": why} for name, s, why in changed if why],
+    )
     print(result.message)
     print(f"wrote {out / 'poses.csv'} and {out / 'rounds.csv'}")
 
@@ -157,7 +162,9 @@ def check(
     from posedesign.tables import read_poses
 
     loaded = Cell.load(cell)
-    listed = read_poses(poses, loaded.robot.n, trust_units=trust_units)
+    listed = read_poses(
+        poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
+    )
     verdicts = check_poses(loaded, listed)
     measured = listed.measured
     off = off_target(loaded, measured.names, measured.postures, ON_TARGET_M)
@@ -211,7 +218,9 @@ def score(
     from posedesign.tables import read_poses
 
     loaded = Cell.load(cell)
-    listed = read_poses(poses, loaded.robot.n, trust_units=trust_units)
+    listed = read_poses(
+        poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
+    )
     scored = score_poses(loaded, listed.measured)
     threshold = loaded.config.plan.condition_threshold
     below = scored.indices.c_g < threshold
@@ -275,7 +284,12 @@ def program(
     from posedesign.workflow import program_options, write_program
 
     loaded = Cell.load(cell) if cell is not None else None
-    listed = read_poses(poses, loaded.robot.n if loaded else None, trust_units=trust_units)
+    listed = read_poses(
+        poses,
+        loaded.robot.n if loaded else None,
+        controller=loaded.robot.controller if loaded else None,
+        trust_units=trust_units,
+    )
     if loaded:
         refuse_dialect(loaded, dialect)
         refuse_unfit(loaded, listed)

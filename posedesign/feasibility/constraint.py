@@ -23,6 +23,8 @@ class Constraint(ABC):
         Of the room as people read it.
     display : float
         Factor from SI to that unit.
+    measured : bool
+        Whether the room is a measure, or only says yes or no.
     comfort : float
         Room [SI] that counts as plenty. Divided by it, rooms of different kinds can be compared.
     """
@@ -31,6 +33,7 @@ class Constraint(ABC):
     unit: ClassVar[str]
     display: ClassVar[float]
     comfort: ClassVar[float]
+    measured: ClassVar[bool] = True
 
     @abstractmethod
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.geometry import Body, HalfSpace, Sphere
+from calib.geometry import Body, HalfSpace, Mesh, Sphere
 from calib.geometry.scene import CAP_M, Scene
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, transform
@@ -45,6 +45,8 @@ class Collision(Constraint):
             return f"nothing within {self._cap_m * 1e3:g} mm"
         one, other = self.scene.names(pair)
         if distance_m <= 0.0:
+            if any(isinstance(self.scene.bodies[b].solid, Mesh) for b in self.scene.pairs[pair]):
+                return f"{one} runs into {other}"  # a surface has no depth
             return f"{one} and {other} run {-distance_m * 1e3:.0f} mm into each other"
         asked = f", {self.keep_m * 1e3:g} mm asked for" if self.keep_m else ""
         return f"{one} {distance_m * 1e3:.1f} mm from {other}{asked}"

@@ -166,6 +166,7 @@ class LineOfSight(Constraint):
     """Nothing between the lens and the middle of the target."""
 
     name = "line of sight"
+    measured = False
     unit = ""
     display = 1.0
     comfort = 1.0
@@ -175,7 +176,7 @@ class LineOfSight(Constraint):
         self._scene = scene
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`: infinite or -1; which: the body in the way."""
+        """See :meth:`Constraint.room`: infinite or -1; which: what is in the way."""
         lens = self._view.lens(arm)
         way = self._view.target_m - lens
         length = np.linalg.norm(way, axis=1, keepdims=True)

@@ -140,6 +140,12 @@ def test_the_normal_of_the_target_may_be_given(make_demo_cell: MakeCell) -> None
     assert np.rad2deg(room[0]) == pytest.approx(40.0, abs=1e-6)
 
 
+def test_the_default_normal_faces_the_camera_of_the_base_pose(make_demo_cell: MakeCell) -> None:
+    """Also where the target is moved: the base pose is then moved onto it, its orientation kept."""
+    cell = make_demo_cell(target={"position_mm": [1800.0, 200.0, 600.0]}, obstacle=None)
+    np.testing.assert_allclose(cell.target_normal, [0.0, 0.0, 1.0], atol=1e-12)
+
+
 def test_the_rolled_target_stays_in_the_middle(seeing: Cell) -> None:
     """The tool point is the middle of the image: 512 px to the edge, less the radius and border.
 

@@ -172,6 +172,27 @@ def test_touch_ups_as_the_pendant_shows_them(tmp_path: Path, reference_cell: Cel
     np.testing.assert_allclose(found.postures, q, rtol=0, atol=EXACT)
     with pytest.raises(FileFormatError, match="the robot's controller is not known"):
         read_touch_ups(path, 6)
+    poses = read_poses(path, 6, controller=robot.controller)
+    np.testing.assert_allclose(poses.postures, q, rtol=0, atol=EXACT)
+
+
+def test_joints_and_pendant_must_agree(tmp_path: Path, reference_cell: Cell) -> None:
+    """Measurements typed over what the plan left in the pendant's columns must not be lost."""
+    robot = reference_cell.robot
+    assert robot.controller is not None
+    q = np.tile(reference_cell.base_posture, (3, 1))
+    own, shown = ([f"{p}j{i + 1}_deg" for i in range(6)] for p in ("", "pendant_"))
+    rows = []
+    for joints, pendant in zip(np.rad2deg(q), robot.controller.pendant(q), strict=True):
+        values = dict(zip(own, joints, strict=True)) | dict(zip(shown, pendant, strict=True))
+        rows.append({"target": "T1"} | values)
+    path = write_table(tmp_path / "t.csv", ["target", *own, *shown], rows)
+    found = read_touch_ups(path, 6, controller=robot.controller)
+    np.testing.assert_allclose(found.postures, q, atol=EXACT)
+    rows[1]["pendant_j3_deg"] += 0.5  # type: ignore[operator]
+    path = write_table(tmp_path / "t.csv", ["target", *own, *shown], rows)
+    with pytest.raises(FileFormatError, match=r"line 3, column pendant_j3_deg: is 0\.5 deg off"):
+        read_touch_ups(path, 6, controller=robot.controller)
 
 
 def test_planned_poses_carry_what_the_pendant_shows(tmp_path: Path, reference_cell: Cell) -> None:

@@ -35,9 +35,9 @@ class PoseVerdict:
     says : str
         The same in words.
     way_clear : bool
-        What is wrong at one of its ends is said of that pose.
         Whether the straight joint-space way to the pose keeps what ways must keep: from the pose
-        before, or from the base posture to the first pose.
+        before, or from the base posture to the first pose. What is wrong at one of its ends alone
+        is said of the pose there.
     way : str
         What is wrong with the way; empty where it is clear.
     travel_deg : float

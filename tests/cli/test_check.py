@@ -245,6 +245,10 @@ SOLIDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "unknown kind": ('name = "b"\nkind = "cone"', ("'box', 'cylinder'",)),
     "size of zero": ('name = "b"\nsize_mm = [0.0, 1.0, 1.0]', ("greater than 0",)),
     "mistyped key": ('name = "b"\nsize_m = [1.0, 1.0, 1.0]', ("no such key", "size_mm")),
+    "a name twice": (
+        'name = "gun"\nsize_mm = [9.0, 9.0, 9.0]',
+        ("two solids have the name 'gun'",),
+    ),
     "mesh that is not there": (
         'name = "b"\nkind = "mesh"\nmesh = "nowhere.stl"',
         ("nowhere.stl",),
@@ -264,6 +268,45 @@ def test_solids_that_make_no_sense(
     path = work / "cell.toml"
     path.write_text(path.read_text() + f"\n[[{table}]]\n{text}\n")
     refuse("check", path, work / "poses.csv").says(*words)
+
+
+CUBE = """solid cube
+{facets}endsolid cube
+"""
+
+
+def cube_stl(size: float) -> str:
+    """A cube about the origin, as ASCII STL."""
+    corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij")).reshape(3, -1).T
+    facets = ""
+    for axis in range(3):
+        for side in (-1, 1):
+            face = corners[corners[:, axis] == side]
+            a, b, c, d = face * size / 2.0
+            for triangle in ((a, b, c), (b, d, c)):
+                vertices = "".join("vertex {} {} {}\n".format(*point) for point in triangle)
+                facets += f"facet normal 0 0 0\nouter loop\n{vertices}endloop\nendfacet\n"
+    return CUBE.format(facets=facets)
+
+
+@pytest.mark.parametrize(
+    ("size", "scale", "noted"), [(400.0, 1.0, False), (0.4, 1000.0, False), (0.4, 1.0, True)]
+)
+def test_meshes_in_another_unit_are_noted(
+    cli: Cli, work: Path, size: float, scale: float, noted: bool
+) -> None:
+    """A cube of 400 mm where the gun is: seen in mm and in metres, but for the wrong scale."""
+    (work / "cube.stl").write_text(cube_stl(size))
+    path = work / "cell.toml"
+    x, y, z = 1e3 * Cell.load(path).target_m
+    place = f'mesh = "cube.stl"\nscale = {scale}\nat_mm = [{x - 250.0}, {y + 300.0}, {z + 250.0}]'
+    path.write_text(path.read_text() + f'\n[[obstacle]]\nname = "cube"\nkind = "mesh"\n{place}\n')
+    base = work / "base.csv"
+    base.write_text("".join((work / "poses.csv").read_text().splitlines(keepends=True)[:2]))
+    said = cli("check", path, base)
+    assert ("the mesh of cube is 0.4 mm large: is its file in mm?" in said.err) == noted
+    assert ("gun runs into cube" in said.out) == (not noted)
+    assert said.code == (0 if noted else 1)
 
 
 def test_a_tool_is_no_half_space(refuse: Refuse, work: Path) -> None:

@@ -299,7 +299,7 @@ def test_meshes_in_another_unit_are_noted(
     (work / "cube.stl").write_text(cube_stl(size))
     path = work / "cell.toml"
     x, y, z = 1e3 * Cell.load(path).target_m
-    place = f'mesh = "cube.stl"\nscale = {scale}\nat_mm = [{x - 250.0}, {y + 300.0}, {z + 250.0}]'
+    place = f'mesh = "cube.stl"\nscale = {scale}\nat_mm = [{x - 250.0}, {y + 200.0}, {z + 250.0}]'
     path.write_text(path.read_text() + f'\n[[obstacle]]\nname = "cube"\nkind = "mesh"\n{place}\n')
     base = work / "base.csv"
     base.write_text("".join((work / "poses.csv").read_text().splitlines(keepends=True)[:2]))

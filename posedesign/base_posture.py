@@ -10,7 +10,6 @@ from calib.errors import UnreachableError
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_from_wpr, wpr_from_rotation
 from posedesign.feasibility import Checker, nearest_postures
-from posedesign.feasibility.joints import reach
 from posedesign.generation import touching_poses, wpr_rotations
 
 _TRIAL_VARIATION = np.deg2rad([30.0, 30.0, 30.0])
@@ -30,7 +29,7 @@ def suggest_tool(robot: Robot) -> FloatArray:
 
     On the axis, turning the last joint would not move it, and would tell nothing.
     """
-    size = reach(robot)
+    size = robot.chain.reach_m
     return np.round(np.array([0.05 * size, 0.0, 0.1 * size]), 2)
 
 
@@ -54,7 +53,7 @@ def suggest_base_posture(robot: Robot, tool_m: FloatArray) -> FloatArray:
     UnreachableError
         The arm cannot point its tool down anywhere in front of it.
     """
-    size, height = reach(robot), float(robot.state(np.zeros(robot.n)).origins[1, 2])
+    size, height = robot.chain.reach_m, float(robot.state(np.zeros(robot.n)).origins[1, 2])
     front = _front(robot)
     best: tuple[tuple[float, ...], FloatArray] | None = None
     for roll, part, up in product(_ROLLS, _FRACTIONS, _HEIGHTS):
@@ -87,9 +86,8 @@ def _score(robot: Robot, tool_m: FloatArray, q: FloatArray) -> tuple[float, ...]
 def _room(robot: Robot, q: FloatArray) -> float:
     """How far a posture is from its limits and from a singularity, about 0 to 0.5."""
     limits = (np.minimum(q - robot.lower, robot.upper - q) / robot.joint_range).min()
-    J = robot.jacobian(q)
-    J[:3] /= reach(robot)
-    return float(min(limits, np.linalg.svd(J, compute_uv=False)[-1]))
+    dexterity = robot.chain.smallest_singular_values(robot.state(q))
+    return float(min(limits, dexterity))
 
 
 def _front(robot: Robot) -> FloatArray:
@@ -98,4 +96,4 @@ def _front(robot: Robot) -> FloatArray:
     q[1:] = np.clip(0.0, robot.lower[1:], robot.upper[1:])
     forward = robot.state(q).p_base_tip * [1.0, 1.0, 0.0]
     length = np.linalg.norm(forward)
-    return forward / length if length > 0.05 * reach(robot) else np.array([1.0, 0.0, 0.0])
+    return forward / length if length > 0.05 * robot.chain.reach_m else np.array([1.0, 0.0, 0.0])

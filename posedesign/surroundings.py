@@ -15,7 +15,7 @@ from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.config import SolidSection
 from posedesign.feasibility import Checker, Constraint
-from posedesign.feasibility.joints import Singularity, reach
+from posedesign.feasibility.joints import Singularity
 from posedesign.feasibility.space import Collision, SelfCollision, Workspace, workspace_scene
 from posedesign.feasibility.visibility import Distance, InImage, LineOfSight, TargetView, Tilt
 
@@ -57,7 +57,7 @@ def build_checker(cell: Cell) -> Checker:
     camera = cell.config.camera
     smallest = cell.config.constraints.smallest_singular_value
     if smallest:
-        found.append(Singularity(reach(cell.robot), smallest))
+        found.append(Singularity(smallest))
     if camera is not None:
         view = TargetView(
             camera=PinholeCamera(*camera.image_px, camera.focal_px),

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import RobotModelError, near_names
-from calib.robots import POSITIVE_AXES, Robot, preset_info, preset_names
+from calib.errors import RobotModelError
+from calib.robots import POSITIVE_AXES, Robot, find_preset, preset_info
 from calib.se3 import FloatArray
 from posedesign.base_posture import suggest_base_posture, suggest_tool
-from posedesign.feasibility.joints import reach
 
 REFERENCE = "r2000ic165f"
 """Preset of the reference cell: the arm and tool of Watanabe et al. 2006 in public numbers."""
@@ -199,16 +198,18 @@ def cell_template(robot: str | None = None, *, surroundings: bool = True) -> str
         No base posture was found for the arm of a URDF.
     """
     name = robot or REFERENCE
-    if name in preset_names():
-        return _for_preset(name, surroundings)
     path = Path(name)
-    if not path.exists() and path.suffix.lower() not in (".urdf", ".xml"):
+    if path.is_file() or path.suffix.lower() in (".urdf", ".xml", ".xacro"):
+        return _for_urdf(path)
+    try:
+        preset = find_preset(name)
+    except RobotModelError as error:
         raise RobotModelError(
             f"{name!r} is neither a preset nor a URDF file",
-            hint=near_names(name, preset_names()),
+            hint=error.hint,
             name=name,
-        )
-    return _for_urdf(path)
+        ) from error
+    return _for_preset(preset, surroundings)
 
 
 def _for_preset(name: str, surroundings: bool) -> str:
@@ -255,7 +256,7 @@ def _for_urdf(path: Path) -> str:
 
 def _scale(robot: Robot) -> float:
     """Size of an arm against that of the reference cell."""
-    return min(1.0, reach(robot) / REFERENCE_REACH_M)
+    return min(1.0, robot.chain.reach_m / REFERENCE_REACH_M)
 
 
 def _gun_and_camera(

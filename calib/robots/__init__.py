@@ -4,7 +4,7 @@ from calib.robots.chain import ChainState, SerialChain
 from calib.robots.controller import POSITIVE_AXES, Controller
 from calib.robots.inverse import InverseSolutions
 from calib.robots.limits import CoupledLimit
-from calib.robots.presets import preset_info, preset_names
+from calib.robots.presets import find_preset, preset_info, preset_names
 from calib.robots.robot import Robot
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "InverseSolutions",
     "Robot",
     "SerialChain",
+    "find_preset",
     "preset_info",
     "preset_names",
 ]

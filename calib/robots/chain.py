@@ -127,6 +127,21 @@ class SerialChain:
     axes: FloatArray
     T_link_tip: FloatArray
 
+    @cached_property
+    def reach_m(self) -> float:
+        """Length of the stretched arm from its second joint to the tip, an upper bound."""
+        steps = np.vstack([self.placements[2:, :3, 3], self.T_link_tip[:3, 3]])
+        return float(np.linalg.norm(steps, axis=1).sum())
+
+    def smallest_singular_values(self, state: ChainState) -> FloatArray:
+        """How far states ``(S, ...)`` are from a singularity, ``(S,)``: zero is in one.
+
+        The smallest singular value of the tip's Jacobian, its linear rows divided by the reach.
+        """
+        J = state.jacobian(state.p_base_tip)
+        J[..., :3, :] /= self.reach_m if self.reach_m > 0 else 1.0
+        return np.asarray(np.linalg.svd(J, compute_uv=False)[..., -1])
+
     @property
     def n(self) -> int:
         """Number of joints."""

@@ -190,15 +190,10 @@ def singular_postures(chain: SerialChain, postures: FloatArray) -> BoolArray:
 
     An arm of fewer than six joints is judged by what its joints can do.
     """
-    steps = [chain.placements[1:, :3, 3], chain.T_link_tip[None, :3, 3]]
-    reach = float(np.linalg.norm(np.concatenate(steps), axis=1).sum())
-    scale = np.repeat([1.0 / reach if reach > 0 else 1.0, 1.0], 3)[:, None]
     smallest = np.empty(len(postures))
     for start in range(0, len(postures), _AT_ONCE):
         part = slice(start, start + _AT_ONCE)
-        state = chain.forward(postures[part])
-        J = scale * state.jacobian(state.p_base_tip)
-        smallest[part] = np.linalg.svd(J, compute_uv=False)[:, -1]
+        smallest[part] = chain.smallest_singular_values(chain.forward(postures[part]))
     return np.asarray(smallest < NEAR_SINGULAR)
 
 

@@ -94,16 +94,13 @@ class Singularity(Constraint):
     display = 1.0
     comfort = 0.05
 
-    def __init__(self, reach_m: float, smallest: float) -> None:
-        self._reach_m = reach_m
+    def __init__(self, smallest: float) -> None:
         self._smallest = smallest
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """See :meth:`Constraint.room`."""
-        J = arm.state.jacobian(arm.state.p_base_tip)
-        J[:, :3] /= self._reach_m
-        value = np.linalg.svd(J, compute_uv=False)[:, -1]
-        return np.asarray(value - self._smallest), np.zeros(len(value), dtype=np.intp)
+        value = arm.chain.smallest_singular_values(arm.state)
+        return value - self._smallest, np.zeros(len(value), dtype=np.intp)
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """See :meth:`Constraint.says`."""
@@ -112,10 +109,3 @@ class Singularity(Constraint):
     def remedy(self, room: float) -> str:
         """See :meth:`Constraint.remedy`."""
         return "lower constraints.smallest_singular_value"
-
-
-def reach(robot: Robot) -> float:
-    """Length of the stretched arm from its second joint to the tip [m], an upper bound."""
-    state = robot.state(np.zeros(robot.n))
-    points = np.vstack([state.origins[1:], state.p_base_tip])
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -7,6 +7,7 @@ the stiffness of its reducer.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import dataclass
 from importlib import resources
@@ -76,24 +77,49 @@ def preset_names() -> list[str]:
     return sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml"))
 
 
-def preset_info(name: str) -> dict[str, Any]:
-    """Everything that stands in the file of a preset.
+def find_preset(name: str) -> str:
+    """Name of the preset that is meant: ``LR Mate 200iD``, say, or ``IRB 6700``.
+
+    Capitals, spaces and signs do not count, and a file may list other names of its arm.
 
     Raises
     ------
     RobotModelError
         There is none of that name.
     """
-    if name not in preset_names():
-        raise RobotModelError(
-            f"there is no preset {name!r}", hint=near_names(name, preset_names()), name=name
-        )
-    text = resources.files(__name__).joinpath(f"{name}.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    known = preset_names()
+    if name in known:
+        return name
+    for preset in known:
+        names = (preset, *_content(preset).get("aliases", ()))
+        if _plain(name) in [_plain(n) for n in names]:
+            return preset
+    raise RobotModelError(f"there is no preset {name!r}", hint=near_names(name, known), name=name)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def preset_info(name: str) -> dict[str, Any]:
+    """Everything that stands in the file of a preset; for names see :func:`find_preset`.
+
+    Raises
+    ------
+    RobotModelError
+        There is none of that name.
+    """
+    return _content(find_preset(name))
+
+
+def _content(preset: str) -> dict[str, Any]:
+    file = resources.files(__name__).joinpath(f"{preset}.toml")
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def load_preset(name: str) -> Preset:
-    """Load a preset and build its Pinocchio model."""
+    """Load a preset and build its Pinocchio model; for names see :func:`find_preset`."""
+    name = find_preset(name)
     info = preset_info(name)
     stiffness = {
         j["name"]: float(j["stiffness_nm_per_rad"])

@@ -384,7 +384,8 @@ def test_files_are_plain_numbers(name):
     known = {
         "": {
             "title", "source", "confidence", "missing", "controller", "payload_kg",
-            "repeatability_mm", "arm_mass_kg", "base", "tip", "base_posture_deg", "shape_fit",
+            "repeatability_mm", "aliases",
+    "arm_mass_kg", "base", "tip", "base_posture_deg", "shape_fit",
             "joint", "frame", "shape", "coupled_limit",
         },
         "joint": {
@@ -411,3 +412,27 @@ def test_unknown_preset_lists_the_near_ones():
     known = re.escape("known: gp7, hp3, irb120")
     with pytest.raises(RobotModelError, match=known):
         preset_info("../../secret")
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("R-2000iC/165F", "r2000ic165f"),
+        ("R-2000iB/210F", "r2000ib210f"),
+        ("R-2000iA/165F", "r2000ia165f_fig7"),
+        ("M-20iA", "m20ia"),
+        ("LR Mate 200iD", "lrmate200id"),
+        ("IRB 6700", "irb6700_200_260"),
+        ("KR 6 R900", "kr6r900sixx"),
+        ("TX2-60", "tx2_60"),
+    ],
+)
+def test_names_as_people_type_them(typed: str, meant: str) -> None:
+    assert Robot.preset(typed).name == meant
+
+
+@pytest.mark.parametrize("name", ["", "-", "kuka", "r2000", "r2000ic165"])
+def test_half_a_name_is_not_guessed_at(name: str) -> None:
+    """An R-2000iC/165 is not an R-2000iC/165F."""
+    with pytest.raises(RobotModelError, match="there is no preset"):
+        Robot.preset(name)

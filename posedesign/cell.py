@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -21,10 +21,16 @@ from calib.parameters import (
     ToolPoint,
     ZeroOffsets,
 )
-from calib.robots import Robot
+from calib.robots import CoupledLimit, Robot
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.cell_checks import check_cell, naming
-from posedesign.config import CellConfig, MeasurementSection, parse_text, read_config
+from posedesign.config import (
+    CellConfig,
+    MeasurementSection,
+    RobotSection,
+    parse_text,
+    read_config,
+)
 from posedesign.feasibility import Checker
 from posedesign.feasibility.space import Collision
 from posedesign.feasibility.ways import WayChecker
@@ -104,6 +110,7 @@ class Cell:
         if source.controller is not None:
             with naming(path, "robot.controller"):
                 robot = robot.controlled_by(source.controller)
+        robot = _with_coupled_limits(robot, source, path)
         posture = _base_posture(config, robot, path)
         tool = np.array(config.tool.point_mm) / 1e3
         given = config.target.position_mm
@@ -316,6 +323,21 @@ def make_measurement(section: MeasurementSection) -> Measurement:
     """The measurement that a section of the file describes."""
     sigma = np.array(section.three_sigma_mm) / 3e3
     return TouchUp(sigma) if section.kind == "touch-up" else ViewLine(sigma[:2])
+
+
+def _with_coupled_limits(robot: Robot, section: RobotSection, path: Path) -> Robot:
+    limits = [*robot.coupled_limits] if section.keep_coupled_limits else []
+    for given in section.coupled_limit:
+        if len(given.coefficients) != robot.n:
+            raise FileFormatError(
+                f"{given.name}: {len(given.coefficients)} coefficients for {robot.n} joints",
+                path=path,
+                key="robot.coupled_limit",
+                hint="give one for each joint, 0 for those that have no part in it",
+            )
+        lower, upper = np.deg2rad([given.lower_deg, given.upper_deg]).tolist()
+        limits.append(CoupledLimit(given.name, np.array(given.coefficients), lower, upper))
+    return replace(robot, coupled_limits=tuple(limits))
 
 
 def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:

@@ -63,6 +63,25 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
 
 
+class CoupledLimitSection(Section):
+    """A bound on a sum of joint values, each times its coefficient."""
+
+    name: Name
+    coefficients: tuple[Finite, ...]
+    lower_deg: Finite
+    upper_deg: Finite
+
+    @model_validator(mode="after")
+    def _has_a_range(self) -> CoupledLimitSection:
+        if not self.lower_deg < self.upper_deg:
+            raise ValueError(
+                f"lower_deg {self.lower_deg:g} is not below upper_deg {self.upper_deg:g}"
+            )
+        if not any(self.coefficients):
+            raise ValueError("coefficients are all zero")
+        return self
+
+
 class RobotSection(Section):
     """Which arm: a preset or a URDF file."""
 
@@ -72,6 +91,8 @@ class RobotSection(Section):
     tip: Line | None = None
     controller: Line | None = None
     lock: tuple[Line, ...] = ()
+    keep_coupled_limits: StrictBool = True
+    coupled_limit: tuple[CoupledLimitSection, ...] = ()
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotSection:

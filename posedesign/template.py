@@ -31,7 +31,13 @@ _TEMPLATE = """\
 {robot}
 {notices}# base = "base_link"              # positions are given in this link; default: the root
 tip = {tip}
-# lock = ["joint_7"]              # joints that are held at zero
+# lock = ["joint_7"]              # joints of a URDF that are held at zero
+# keep_coupled_limits = false     # leave out those of the preset: limits that joints have together
+# [[robot.coupled_limit]]         # one of your own: coefficients times joint values stay inside
+# name = "J2 plus J3"
+# coefficients = [0.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+# lower_deg = -120.0
+# upper_deg = 120.0
 
 [tool]
 # The point that is brought to the target: a pin, a ball, or the camera's virtual pin tip.

@@ -212,6 +212,20 @@ KEYS: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
         {"robot.lock": '["joint_6"]'},
         ("joints can be locked in a urdf only",),
     ),
+    "a coupled limit of five joints": (
+        {
+            "robot.coupled_limit": '[{name = "J23", coefficients = [0.0, 1.0, 1.0, 0.0, 0.0], '
+            "lower_deg = -10.0, upper_deg = 10.0}]"
+        },
+        ("robot.coupled_limit", "J23: 5 coefficients for 6 joints"),
+    ),
+    "a coupled limit without a range": (
+        {
+            "robot.coupled_limit": '[{name = "J23", coefficients = [0.0, 1.0, 1.0, 0.0, 0.0, 0.0], '
+            "lower_deg = 10.0, upper_deg = 10.0}]"
+        },
+        ("lower_deg 10 is not below upper_deg 10",),
+    ),
     "a target without a face": ({"target.normal": "[0.0, 0.0, 0.0]"}, ("no direction",)),
     "a box without a size": ({"camera.image_px": "[0, 480]"}, ("greater than 0",)),
     "an unknown controller": (

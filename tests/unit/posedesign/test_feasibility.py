@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.errors import FileFormatError
 from calib.robots import CoupledLimit, Robot
 from calib.se3 import rotation_exp
 from posedesign.cell import Cell
@@ -86,6 +87,26 @@ def test_coupled_limits() -> None:
     )
     assert verdicts.remedy(1) == ""  # no margin would help
     assert verdicts.remedy(2) == "lower plan.limit_margin_deg"
+
+
+def test_coupled_limits_of_the_cell(make_cell: MakeCell) -> None:
+    """Beside those of the preset, or in their place."""
+    given = {
+        "name": "J2 with J3",
+        "coefficients": [0.0, 1.0, 1.0, 0.0, 0.0, 0.0],
+        "lower_deg": -20.0,
+        "upper_deg": 90.0,
+    }
+    cell = make_cell(robot={"coupled_limit": [given]})
+    names = [limit.name for limit in cell.robot.coupled_limits]
+    assert names == ["J3 to the horizontal", "J2 with J3"]
+    verdicts = cell.checker.check(np.deg2rad([[0.0, 5.0, -26.0, 0.0, -50.0, 0.0]]))
+    assert verdicts.says(0) == "J2 with J3 -21.0 deg is below -20.0 deg"
+    with pytest.raises(FileFormatError, match="the base pose is outside the limits: J2 with J3"):
+        make_cell(robot={"coupled_limit": [{**given, "lower_deg": -9.0}]})
+    alone = make_cell(robot={"coupled_limit": [given], "keep_coupled_limits": False})
+    assert [limit.name for limit in alone.robot.coupled_limits] == ["J2 with J3"]
+    assert make_cell(robot={"keep_coupled_limits": False}).robot.coupled_limits == ()
 
 
 def test_singular_value_against_an_svd_of_pinocchio(reference_cell: Cell) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import IntArray
 from posedesign.cell import Cell
-from posedesign.feasibility import Checker
+from posedesign.feasibility import Checker, Verdicts
+from posedesign.feasibility.space import Collision
 from posedesign.feasibility.ways import WayVerdicts
 from posedesign.tables import PoseList
 
@@ -34,6 +35,10 @@ class PoseVerdict:
         Of ``room``.
     says : str
         The same in words.
+    distance_mm : float or None
+        Smallest distance between tool, obstacles and arm; None where that is not checked.
+    nearest : str
+        The same in words, with the two bodies.
     way_clear : bool
         Whether the straight joint-space way to the pose keeps what ways must keep: from the pose
         before, or from the base posture to the first pose. What is wrong at one of its ends alone
@@ -51,6 +56,8 @@ class PoseVerdict:
     room: float | None
     unit: str
     says: str
+    distance_mm: float | None
+    nearest: str
     way_clear: bool
     way: str
     travel_deg: float
@@ -102,6 +109,7 @@ def _judge(
     for i, row in enumerate(rows.tolist()):
         k = int(verdicts.tightest[i])
         constraint, room = verdicts.constraints[k], float(verdicts.room[i, k])
+        distance_mm, nearest = _nearest(verdicts, i)
         found[row] = PoseVerdict(
             name=poses.names[row],
             via=bool(poses.via[row]),
@@ -110,15 +118,31 @@ def _judge(
             room=room * constraint.display if constraint.measured and np.isfinite(room) else None,
             unit=constraint.unit,
             says=verdicts.says(i),
-            way_clear=bool(ways.clear[row] or ways.part[row] in (0.0, 1.0)),
+            distance_mm=distance_mm,
+            nearest=nearest,
+            way_clear=bool(ways.clear[row] or _at_a_pose(ways, row)),
             way=_on_the_way(ways, row),
             travel_deg=float(np.rad2deg(ways.travel[row])),
         )
     return found
 
 
+def _nearest(verdicts: Verdicts, i: int) -> tuple[float | None, str]:
+    """Smallest distance [mm] between tool, obstacles and arm at posture i, and in words."""
+    for k, constraint in enumerate(verdicts.constraints):
+        if type(constraint) is Collision:
+            room, which = float(verdicts.room[i, k]), int(verdicts.which[i, k])
+            return 1e3 * (room + constraint.keep_m), constraint.says(verdicts.arm, i, room, which)
+    return None, ""
+
+
+def _at_a_pose(ways: WayVerdicts, row: int) -> bool:
+    """Whether what is wrong with a way is wrong with a pose of the list at one of its ends."""
+    return ways.part[row] == 1.0 or (row > 0 and ways.part[row] == 0.0)
+
+
 def _on_the_way(ways: WayVerdicts, row: int) -> str:
-    if ways.part[row] in (0.0, 1.0):
+    if _at_a_pose(ways, row):
         return ""
     place = f" at {ways.part[row]:.0%} of the way" if np.isfinite(ways.part[row]) else ""
     return ways.reasons[row] + place if ways.reasons[row] else ""

@@ -187,6 +187,10 @@ def check(
     bad = sum(not verdict.feasible for verdict in verdicts)
     blocked = sum(not verdict.way_clear for verdict in verdicts)
     print(f"{len(verdicts)} poses: {bad} cannot be taken, {blocked} ways between them not clear")
+    with_distance = [v for v in verdicts if v.distance_mm is not None]
+    if with_distance:
+        nearest = min(with_distance, key=lambda v: v.distance_mm or 0.0)
+        print(f"smallest distance, at {nearest.name}: {nearest.nearest}")
     return DONE if good else NOT_REACHED
 
 
@@ -198,6 +202,7 @@ def _verdict_row(verdict: PoseVerdict) -> dict[str, object]:
         "room": None if verdict.room is None else round(verdict.room, 3),
         "unit": verdict.unit,
         "in words": verdict.says + (f"; on the way to it: {verdict.way}" if verdict.way else ""),
+        "distance [mm]": None if verdict.distance_mm is None else round(verdict.distance_mm, 1),
         "travel [deg]": round(verdict.travel_deg, 1),
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ def test_planned_poses_pass(cli: Cli, work: Path) -> None:
     said = cli("check", work / "cell.toml", work / "poses.csv")
     assert said.code == 0
     assert "27 poses: 0 cannot be taken, 0 ways between them not clear" in said.out
+    assert re.search(r"smallest distance, at P\d\d: gun [\d.]+ mm from fixture, 20 mm", said.out)
     told = json.loads(cli("check", work / "cell.toml", work / "poses.csv", "--json").out)
     assert told["feasible"] is True
     assert len(told["poses"]) == 27
@@ -47,6 +49,8 @@ def test_every_pose_has_its_tightest_constraint(cli: Cli, work: Path) -> None:
         assert row["tightest"] == tightest.name
         expected = room[int(np.argmin(part))] * tightest.display
         assert row["room"] == pytest.approx(expected, abs=1e-9)
+    distance = cell.scene.others.clearance(poses.postures).distance_m
+    np.testing.assert_allclose([row["distance_mm"] for row in told["poses"]], 1e3 * distance)
 
 
 def test_a_pose_in_the_floor(

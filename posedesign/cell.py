@@ -221,7 +221,10 @@ class Cell:
         """
         given = self.config.target.normal
         way = self.lens_m - self.target_m if given is None else np.array(given)
-        return np.asarray(way / np.linalg.norm(way))
+        length = np.linalg.norm(way)
+        if length == 0.0:  # a lens on the target: there is no camera to speak of
+            return np.asarray(-self.robot.fk(self.base_posture)[:3, 2])
+        return np.asarray(way / length)
 
     @property
     def lens_m(self) -> FloatArray:

@@ -224,7 +224,7 @@ class ConstraintSection(Section):
     ways: StrictBool = True
     ignore: tuple[tuple[Line, Line], ...] = ()
     smallest_singular_value: Annotated[float, Field(strict=True, ge=0, lt=1)] = 0.0
-    largest_travel_deg: Annotated[float, Field(strict=True, gt=0, le=1e4)] | None = None
+    largest_travel_deg: Annotated[float, Field(strict=True, ge=1, le=1e4)] | None = None
     workspace_lowest_mm: Vector | None = None
     workspace_highest_mm: Vector | None = None
 

@@ -39,10 +39,10 @@ class PoseVerdict:
         Smallest distance between tool, obstacles and arm; None where that is not checked.
     nearest : str
         The same in words, with the two bodies.
-    way_clear : bool
+    way_clear : bool or None
         Whether the straight joint-space way to the pose keeps what ways must keep: from the pose
-        before, or from the base posture to the first pose. What is wrong at one of its ends alone
-        is said of the pose there.
+        before, or from the base posture to the first pose. None where a pose at one of its ends
+        cannot be taken: the rest of the way is then not looked at.
     way : str
         What is wrong with the way; empty where it is clear.
     travel_deg : float
@@ -58,14 +58,14 @@ class PoseVerdict:
     says: str
     distance_mm: float | None
     nearest: str
-    way_clear: bool
+    way_clear: bool | None
     way: str
     travel_deg: float
 
     @property
     def ok(self) -> bool:
         """Whether the pose can be taken, and reached from the one before."""
-        return self.feasible and self.way_clear
+        return self.feasible and self.way_clear is not False
 
 
 def check_poses(cell: Cell, poses: PoseList) -> tuple[PoseVerdict, ...]:
@@ -120,7 +120,7 @@ def _judge(
             says=verdicts.says(i),
             distance_mm=distance_mm,
             nearest=nearest,
-            way_clear=bool(ways.clear[row] or _at_a_pose(ways, row)),
+            way_clear=None if _at_a_pose(ways, row) else bool(ways.clear[row]),
             way=_on_the_way(ways, row),
             travel_deg=float(np.rad2deg(ways.travel[row])),
         )
@@ -138,7 +138,7 @@ def _nearest(verdicts: Verdicts, i: int) -> tuple[float | None, str]:
 
 def _at_a_pose(ways: WayVerdicts, row: int) -> bool:
     """Whether what is wrong with a way is wrong with a pose of the list at one of its ends."""
-    return ways.part[row] == 1.0 or (row > 0 and ways.part[row] == 0.0)
+    return bool(ways.part[row] == 1.0 or (row > 0 and ways.part[row] == 0.0))
 
 
 def _on_the_way(ways: WayVerdicts, row: int) -> str:

@@ -110,9 +110,11 @@ class PoseSet:
         postures, turned = self.postures.copy(), self.turned.copy()
         status, shut_out = list(self.status), list(self.shut_out)
         for i, why in lost.items():
+            if status[i] is PoseStatus.REPAIRED:  # why it was needed, and why the last one failed
+                why = f"{shut_out[i].split('; its ')[0]}; its replacement: {why}"
             postures[i], turned[i] = np.nan, np.nan
             status[i] = PoseStatus.DROPPED
-            shut_out[i] = shut_out[i] or why  # of a replacement: why it was needed
+            shut_out[i] = why
         return replace(
             self,
             postures=postures,

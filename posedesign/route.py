@@ -116,25 +116,29 @@ class Router:
             if place is not None:
                 order.insert(place, node)
                 moved.add(node)  # once: what is moved to and fro would never end
-                continue
-            why = self._reason(nodes[order[cut - 1]], nodes[node])
-            lost[node - 1] = f"no clear way to it: {why}"
-            order = self._clear_order(nodes, order)
+            elif self._through(nodes, [*order, node], order[cut - 1], node) is not None:
+                order.insert(cut, node)
+                moved.add(node)
+            else:
+                why = self._reason(nodes[order[cut - 1]], nodes[node])
+                lost[node - 1] = f"no clear way to it: {why}"
+                order = self._clear_order(nodes, order)
         return Route(tuple(self._stops(nodes, order)), lost)
 
     def _stops(self, nodes: FloatArray, order: list[int]) -> list[Stop]:
         stops = []
         for a, b in pairwise(order):
-            if self._reason(nodes[a], nodes[b]):
-                stops += [Stop(q, None) for q in self._detour(nodes[a], nodes[b]) or ()]
+            between = self._through(nodes, order, a, b) or []
+            path = self._in_steps([nodes[a], *between, nodes[b]])
+            stops += [Stop(q, None) for q in path[1:-1]]
             stops.append(Stop(nodes[b], b - 1))
         return stops
 
     def _first_cut(self, nodes: FloatArray, order: list[int]) -> int | None:
-        """Place in the order of the first node that no way leads to, straight or by a detour."""
+        """Place in the order of the first node that no way leads to from the one before."""
         self._check(nodes, list(pairwise(order)))
         for place, (a, b) in enumerate(pairwise(order), start=1):
-            if self._reason(nodes[a], nodes[b]) and self._detour(nodes[a], nodes[b]) is None:
+            if self._through(nodes, order, a, b) is None:
                 return place
         return None
 
@@ -146,6 +150,43 @@ class Router:
             if near[place - 1] and (place == len(order) or near[place]):
                 return place
         return None
+
+    def _through(
+        self, nodes: FloatArray, rows: list[int], start: int, end: int
+    ) -> list[FloatArray] | None:
+        """Postures to pass from one node to another; none for a clear way, None without any.
+
+        A detour where there is one, else over other nodes, the quickest way that is known.
+        """
+        if not self._reason(nodes[start], nodes[end]):
+            return []
+        detour = self._detour(nodes[start], nodes[end])
+        if detour is not None:
+            return detour
+        self._check(nodes, [(end, row) for row in rows if row != end])
+        reached: dict[int, tuple[float, list[FloatArray]]] = {start: (0.0, [])}
+        front = [start]
+        while front:
+            here = front.pop(0)
+            for row in rows:
+                hop = self._known_hop(nodes[here], nodes[row])
+                if row == here or hop is None:
+                    continue
+                time = reached[here][0] + self._time([nodes[here], *hop, nodes[row]])
+                if time < reached.get(row, (np.inf,))[0]:
+                    passed = [nodes[here]] if here != start else []
+                    reached[row] = time, [*reached[here][1], *passed, *hop]
+                    front.append(row)
+        return reached[end][1] if end in reached else None
+
+    def _known_hop(self, start: FloatArray, end: FloatArray) -> list[FloatArray] | None:
+        """What is known to lead from one node to another: a clear way, or a detour."""
+        edge = _edge(start, end)
+        if edge not in self._reasons:
+            return None
+        if not self._reasons[edge]:
+            return []
+        return self._detour(start, end) if edge in self._detours else None
 
     def _clear_order(self, nodes: FloatArray, rows: list[int]) -> list[int]:
         """The shortest order found that avoids blocked ways, where there is one."""
@@ -175,10 +216,22 @@ class Router:
         unknown = [s for s in steps if _edge(nodes[s[0]], nodes[s[1]]) not in self._reasons]
         if unknown:
             a, b = np.array(unknown).T
-            reasons = self._ways.check(nodes[a], nodes[b]).reasons
+            reasons = self._blocked(nodes[a], nodes[b])
             edges = (_edge(nodes[i], nodes[j]) for i, j in unknown)
             self._reasons.update(zip(edges, reasons, strict=True))
         return bool(unknown)
+
+    def _blocked(self, start: FloatArray, end: FloatArray) -> list[str]:
+        """What is in each of the ways ``(W, n)`` to ``(W, n)`` [rad], stops on them included."""
+        reasons = list(self._ways.check(start, end, far=True).reasons)
+        if np.isfinite(self._ways.largest_travel):
+            for i in np.flatnonzero([not why for why in reasons]).tolist():
+                stops = self._in_steps([start[i], end[i]])[1:-1]
+                if stops:
+                    verdicts = self._passing.check(np.array(stops))
+                    worst = int(np.argmin(verdicts.slack))
+                    reasons[i] = "" if verdicts.feasible.all() else verdicts.says(worst)
+        return reasons
 
     def _reason(self, start: FloatArray, end: FloatArray) -> str:
         """What is known to be in the way between two postures."""
@@ -193,7 +246,7 @@ class Router:
             options += [[q] for q in (*first, *last)]
             options += [[a, b] for a in first for b in last]
             options += [[a, self._start, b] for a in first for b in last]
-            paths = [self._in_steps([start, *via, end]) for via in options]
+            paths = [[start, *via, end] for via in options[1:]]
             paths.sort(key=self._time)
             clear = self._all_clear(paths)
             self._detours[edge] = next((p for p, ok in zip(paths, clear, strict=True) if ok), None)
@@ -222,7 +275,7 @@ class Router:
     def _all_clear(self, paths: Sequence[Sequence[FloatArray]]) -> list[bool]:
         starts = np.array([q for path in paths for q in path[:-1]])
         ends = np.array([q for path in paths for q in path[1:]])
-        clear = self._ways.check(starts, ends).clear
+        clear = np.array([not why for why in self._blocked(starts, ends)])
         splits = np.cumsum([len(path) - 1 for path in paths])[:-1]
         return [bool(part.all()) for part in np.split(clear, splits)]
 

@@ -286,8 +286,10 @@ def _postures(
         return controller.posture(_degrees(path, rows, shown, trust_units))
     check_columns(path, columns, own, joints=True)
     postures = np.deg2rad(_degrees(path, rows, own, trust_units))
-    if controller is not None and set(shown) <= set(columns):
-        off = controller.pendant(postures) - numbers_of(path, rows, shown)
+    there = [k for k, column in enumerate(shown) if column in columns]
+    if controller is not None and there:
+        shown = [shown[k] for k in there]
+        off = controller.pendant(postures)[:, there] - numbers_of(path, rows, shown)
         worst = np.unravel_index(int(np.argmax(np.abs(off))), off.shape)
         if abs(off[worst]) > PENDANT_AGREES_DEG:
             raise FileFormatError(

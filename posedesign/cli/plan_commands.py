@@ -185,7 +185,7 @@ def check(
     for line in off:
         note(f"warning: {line}")
     bad = sum(not verdict.feasible for verdict in verdicts)
-    blocked = sum(not verdict.way_clear for verdict in verdicts)
+    blocked = sum(verdict.way_clear is False for verdict in verdicts)
     print(f"{len(verdicts)} poses: {bad} cannot be taken, {blocked} ways between them not clear")
     with_distance = [v for v in verdicts if v.distance_mm is not None]
     if with_distance:

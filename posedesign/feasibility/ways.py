@@ -52,11 +52,14 @@ class WayChecker:
         travel = float(np.abs(end - start).max())
         return max(1, int(np.ceil((travel - ROUNDING) / self.largest_travel)))
 
-    def check(self, start: FloatArray, end: FloatArray) -> WayVerdicts:
-        """Verdicts on ways from postures ``(W, n)`` to postures ``(W, n)`` [rad]."""
+    def check(self, start: FloatArray, end: FloatArray, *, far: bool = False) -> WayVerdicts:
+        """Verdicts on ways from postures ``(W, n)`` to postures ``(W, n)`` [rad].
+
+        With ``far``, joints may travel as far as they like: there will be stops on the way.
+        """
         moves = np.abs(end - start)
         travel = moves.max(axis=1, initial=0.0)
-        clear = travel <= self.largest_travel + ROUNDING
+        clear = (travel <= self.largest_travel + ROUNDING) | far
         reasons, part = [""] * len(start), np.full(len(start), np.nan)
         for i in np.flatnonzero(~clear).tolist():
             degrees = np.rad2deg([travel[i], self.largest_travel])

@@ -134,10 +134,10 @@ def test_a_plan_is_the_same_every_time(demo_cell: Cell, make_demo_cell: MakeCell
 class NotBeyond(WayChecker):
     """No way leads to postures with joint 4 beyond 50 deg."""
 
-    def check(self, start: np.ndarray, end: np.ndarray) -> WayVerdicts:
-        far = (np.abs(np.rad2deg([start[:, 3], end[:, 3]])) > 50.0).any(axis=0)
+    def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> WayVerdicts:
+        hit = (np.abs(np.rad2deg([start[:, 3], end[:, 3]])) > 50.0).any(axis=0)
         return WayVerdicts(
-            ~far, np.zeros(len(far)), np.zeros(len(far)), tuple("a wall" if f else "" for f in far)
+            ~hit, np.zeros(len(hit)), np.zeros(len(hit)), tuple("a wall" if h else "" for h in hit)
         )
 
 

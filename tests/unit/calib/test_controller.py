@@ -76,9 +76,7 @@ def test_signs_are_read_off_the_axes(joint: int) -> None:
 
 def test_kuka_signs() -> None:
     """A1, A4 and A6 count about axes that point down, and back along the arm."""
-    robot = Robot.preset("kr6r900sixx") if "kr6r900sixx" in preset_names() else None
-    if robot is None:
-        pytest.skip("no KUKA among the presets")
+    robot = Robot.preset("kr6r900sixx")
     assert robot.controller is not None
     turned = robot.fk(robot.controller.posture([30.0, -90.0, 90.0, 0.0, 0.0, 0.0]))
     # A1 = 30 turns the arm clockwise, seen from above: to negative y
@@ -86,8 +84,6 @@ def test_kuka_signs() -> None:
 
 
 def test_universal_robots_count_positions_in_a_turned_base() -> None:
-    if "ur5e" not in preset_names():
-        pytest.skip("no UR among the presets")
     robot = Robot.preset("ur5e")
     assert robot.controller is not None
     T = se3.transform(np.eye(3), [-0.8172, -0.2329, 0.0628])

@@ -70,6 +70,7 @@ class _Loop:
         self.sets: list[PoseSet] = []
         self.routes: list[Route | None] = []
         self._pool = RepairPool(cell)
+        self._cut_off = 0  # poses and replacements that no clear way leads to
         self._router = Router(cell.robot, cell.ways, cell.passing, cell.base_posture)
         check_base_pose(cell)
 
@@ -114,6 +115,7 @@ class _Loop:
             route = self._router.route(poses.kept)
             if not route.lost:
                 break
+            self._cut_off += len(route.lost)
             self._pool.exclude(poses.kept[list(route.lost)])
             rows = [i for i, s in enumerate(poses.status) if s is not PoseStatus.DROPPED]
             poses = poses.without({rows[i]: why for i, why in route.lost.items()})
@@ -198,7 +200,7 @@ class _Loop:
             model=self.model,
             threshold=self.cell.config.plan.condition_threshold,
             stop=stop,
-            advice=_advice(stop, self.rounds[best]),
+            advice=_advice(stop, self.rounds[best], self._cut_off),
         )
 
 
@@ -283,9 +285,14 @@ def evaluate_round(
     )
 
 
-def _advice(stop: StopReason, best: Round) -> str:
+def _advice(stop: StopReason, best: Round, cut_off: int) -> str:
     if stop is StopReason.THRESHOLD:
         return ""
+    if cut_off and best.dropped:
+        return (
+            f"{best.dropped} poses were dropped, most because no clear way leads to them: move the "
+            "base posture to the side of the target that has room, or what stands in the way"
+        )
     if stop is StopReason.INFEASIBLE:
         return (
             "no set of these poses identifies the parameters: free fewer of them, or move the base "

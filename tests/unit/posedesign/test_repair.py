@@ -131,6 +131,25 @@ def test_a_plan_is_the_same_every_time(demo_cell: Cell, make_demo_cell: MakeCell
 # plans whose ways are blocked
 
 
+class Shut(WayChecker):
+    """No way leads anywhere else than where the arm stands."""
+
+    def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> WayVerdicts:
+        away = np.abs(end - start).max(axis=1) > 1e-9
+        none = np.zeros(len(away))
+        return WayVerdicts(~away, none, none, tuple("a wall" if a else "" for a in away))
+
+
+def test_blocked_ways_are_not_blamed_on_angles(make_demo_cell: MakeCell) -> None:
+    cell = make_demo_cell(plan={"repair": False}, variations={"largest_deg": [10.0, 10.0, 10.0]})
+    cell.__dict__["ways"] = Shut((), np.inf)
+    result = plan(cell)
+    assert not result.reached
+    assert len(result.postures) == 1
+    assert "no clear way leads to them" in result.message
+    assert "free fewer" not in result.message
+
+
 class NotBeyond(WayChecker):
     """No way leads to postures with joint 4 beyond 50 deg."""
 

@@ -62,11 +62,6 @@ class Route:
     stops: tuple[Stop, ...]
     lost: dict[int, str]
 
-    @classmethod
-    def in_order(cls, postures: FloatArray) -> Route:
-        """The route through postures ``(N, n)`` [rad] as they stand."""
-        return cls(tuple(Stop(q, i) for i, q in enumerate(postures)), {})
-
     @property
     def order(self) -> IntArray:
         """Indices of the poses in the order in which they are measured."""

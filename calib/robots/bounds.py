@@ -59,11 +59,6 @@ class Bounds:
         together = [self.margin - limit.room(q) for limit in self.coupled]
         return np.column_stack([single, *together])
 
-    def joints_fit(self, q: FloatArray) -> BoolArray:
-        """Whether each joint of postures ``(S, n)`` is inside its own limits, ``(S,)``."""
-        fits = (q >= self.lower - LIMIT_TOLERANCE) & (q <= self.upper + LIMIT_TOLERANCE)
-        return np.asarray(fits.all(axis=-1))
-
     def coupled_fit(self, q: FloatArray) -> BoolArray:
         """Whether postures ``(S, n)`` keep the limits that joints have together, ``(S,)``."""
         fits = np.ones(len(q), dtype=bool)

@@ -7,16 +7,40 @@ and Monte Carlo all take ``(N, m, p)`` and see no robot.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError
+from calib.arm_view import NO_TURN, ArmErrors, ArmView, Feature, Setup
+from calib.errors import InputError, near_names
 from calib.measurement.base import Measurement
-from calib.parameters.base import ArmErrors, ArmView, ParameterBlock
-from calib.parameters.setup import TargetPoints, ToolPoint
+from calib.parameters.base import ParameterBlock, Unit
+from calib.parameters.frames import Frames
+from calib.posture_last import product, turn
 from calib.robots.robot import Robot
 from calib.se3 import FloatArray, IntArray
+
+
+
+@dataclass(frozen=True)
+class KnownDistance:
+    """A distance between two targets that is known from elsewhere.
+
+    Attributes
+    ----------
+    first, second : str
+        Labels of the targets.
+    length_m : float
+    sigma_m : float
+        Standard deviation of the length.
+    """
+
+    first: str
+    second: str
+    length_m: float
+    sigma_m: float = 1e-5
 
 
 class CalibrationModel:
@@ -26,8 +50,11 @@ class CalibrationModel:
     ----------
     robot : Robot
     parameters : sequence of ParameterBlock
-        Must hold one :class:`ToolPoint` and one :class:`TargetPoints`.
-    measurement : Measurement
+        At least one puts something on the tool, and one a target around the arm.
+    measurement : Measurement or sequence of them
+        The kinds of measurement that may be mixed in one set of data.
+    distances : sequence of KnownDistance
+        What is known besides the measurements.
 
     Attributes
     ----------
@@ -39,35 +66,58 @@ class CalibrationModel:
         Which of them place the set-up rather than the robot.
     nominal : array (p,)
         Values of the robot and set-up as described.
+    prior : array (p,)
+        Standard deviations about the nominal values known before measuring [SI], or infinite.
+    tools, targets : tuple of str
+        Labels of what can be measured, and from where.
     """
 
     def __init__(
         self,
         robot: Robot,
         parameters: Sequence[ParameterBlock],
-        measurement: Measurement,
+        measurement: Measurement | Sequence[Measurement],
+        distances: Sequence[KnownDistance] = (),
     ) -> None:
-        for kind in (ToolPoint, TargetPoints):
-            if sum(isinstance(block, kind) for block in parameters) != 1:
-                raise InputError(
-                    f"a calibration model needs exactly one {kind.__name__}",
-                    hint="add it to the parameters"
-                    + (", with free='' where it is known" if kind is ToolPoint else ""),
-                )
         self.robot = robot
         self.parameters = tuple(parameters)
-        self.measurement = measurement
+        self.measurements = (
+            (measurement,) if isinstance(measurement, Measurement) else tuple(measurement)
+        )
+        self.tools = tuple(label for block in parameters for label in block.tools)
+        self.targets = tuple(label for block in parameters for label in block.targets)
+        for labels, what, example in (
+            (self.tools, "tool", "ToolPoint (with free='' where it is known)"),
+            (self.targets, "target", "TargetPoints"),
+        ):
+            if not labels:
+                raise InputError(
+                    f"a calibration model needs a {what}", hint=f"add {example} to the parameters"
+                )
+            if len(set(labels)) != len(labels):
+                raise InputError(f"two {what}s have the same name", name=what, hint="rename one")
         self.names = tuple(name for block in parameters for name in block.names)
         doubles = [name for name in self.names if self.names.count(name) > 1]
         if doubles:
             raise InputError(
                 f"the parameter {doubles[0]} is there twice", hint="free it once", name=doubles[0]
             )
-        self.units = tuple(block.unit for block in parameters for _ in block.names)
+        self.units: tuple[Unit, ...] = tuple(unit for block in parameters for unit in block.units)
         self.nuisance = np.array([block.nuisance for block in parameters for _ in block.names])
-        self.nominal = np.concatenate([block.nominal for block in parameters])
+        self.nuisance = self.nuisance.astype(bool)
+        self.nominal = _joined([block.nominal for block in parameters])
+        self.prior = _joined([block.prior for block in parameters])
         ends = np.cumsum([block.size for block in parameters])
-        self._slices = [slice(e - b.size, e) for e, b in zip(ends, parameters, strict=True)]
+        self.slices = [slice(e - b.size, e) for e, b in zip(ends, parameters, strict=True)]
+        self.distances = tuple(distances)
+        for known in distances:
+            for label in (known.first, known.second):
+                if label not in self.targets:
+                    raise InputError(
+                        f"there is no target {label!r} that a distance could be known to",
+                        hint=near_names(label, self.targets),
+                        name=label,
+                    )
 
     @property
     def p(self) -> int:
@@ -75,47 +125,126 @@ class CalibrationModel:
         return len(self.names)
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """Names of the targets."""
-        return next(b.labels for b in self.parameters if isinstance(b, TargetPoints))
+    def measurement(self) -> Measurement:
+        """The first kind of measurement: the only one of most models."""
+        return self.measurements[0]
 
-    def view(
-        self, q: ArrayLike, x: ArrayLike | None = None, target: IntArray | None = None
-    ) -> tuple[ArmView, FloatArray]:
-        """The arm at postures ``(..., N, n)`` with parameters ``(..., p)``.
+    @cached_property
+    def rows(self) -> int:
+        """Rows m of a block: those of the kind that has most."""
+        return max(kind.rows for kind in self.measurements)
+
+    @cached_property
+    def _twist_rows(self) -> int:
+        return 6 if any(kind.sees_rotation for kind in self.measurements) else 3
+
+    def equations(self, setup: Setup) -> int:
+        """Equations that measurements give: rows that are not there to fill a block."""
+        return int(np.array([kind.rows for kind in self.measurements])[setup.kind].sum())
+
+    def with_parameters(self, parameters: Sequence[ParameterBlock]) -> CalibrationModel:
+        """The same robot, measured alike, with other parameters."""
+        return CalibrationModel(self.robot, parameters, self.measurements, self.distances)
+
+    def with_measurements(self, measurements: Sequence[Measurement]) -> CalibrationModel:
+        """The same robot and parameters with other kinds, or another noise, of measurement."""
+        return CalibrationModel(self.robot, self.parameters, measurements, self.distances)
+
+    def centred_on(self, x: FloatArray) -> tuple[CalibrationModel, FloatArray]:
+        """The same model with its frames about the poses that they have at parameters ``(p,)``.
 
         Returns
         -------
-        view : ArmView
-        error : array (..., N, 3)
-            Tool point minus target [m], in base axes: Eq. 4 of [Watanabe2006]_.
+        model : CalibrationModel
+        x : array (p,)
+            The parameters, of the new model, that mean the same.
         """
+        values = x.copy()
+        blocks = []
+        for block, part in zip(self.parameters, self.slices, strict=True):
+            moved = block
+            if isinstance(block, Frames) and "rad" in block.units:
+                moved = block.centred_on(x[part])
+                values[part] = moved.nominal
+            blocks.append(moved)
+        return self.with_parameters(blocks), values
+
+    def view(self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None) -> ArmView:
+        """Arm and set-up at postures ``(..., N, n)`` [rad] with parameters ``(..., p)``."""
+        return self._view(q, x, setup)[0]
+
+    def _view(
+        self, q: ArrayLike, x: ArrayLike | None, setup: Setup | None
+    ) -> tuple[ArmView, FloatArray]:
+        """The view, and the parameters as ``(p, S)`` or ``(p, 1)``."""
         posture = self.robot.check_posture(q)
         if posture.ndim < 2:
             raise InputError("a model takes a list of postures, (N, n)", name="posture")
         values = self.nominal if x is None else np.atleast_1d(np.asarray(x, dtype=float))
         if values.shape[-1] != self.p:
             raise InputError(f"the model has {self.p} parameters, {values.shape[-1]} were given")
-        values = values[..., None, :]  # the same for all postures of a trial
-        touched = np.zeros(posture.shape[-2], dtype=np.intp) if target is None else target
-        count, known = posture.shape[-2], len(self.labels)
-        if touched.shape != (count,) or not ((touched >= 0) & (touched < known)).all():
+        count, n = posture.shape[-2:]
+        how = Setup.of(count) if setup is None else setup
+        self._check_setup(how, count)
+        batch = np.broadcast_shapes(posture.shape[:-2], values.shape[:-1])
+        last = np.ascontiguousarray(np.broadcast_to(posture, (*batch, count, n)).reshape(-1, n).T)
+        if values.ndim == 1:
+            values = values[:, None]
+        else:
+            spread = np.broadcast_to(values, (*batch, self.p)).reshape(-1, self.p)
+            values = np.repeat(spread.T, count, axis=1)
+        return self._arm(last, values, batch, how), values
+
+    def _arm(
+        self, q: FloatArray, values: FloatArray, batch: tuple[int, ...], setup: Setup
+    ) -> ArmView:
+        errors = ArmErrors(np.zeros((len(q), 1)))
+        for block, part in zip(self.parameters, self.slices, strict=True):
+            block.displace(values[part], errors, q, setup)
+        walk = self.robot.chain.walk(q + errors.joints, errors.displaced)
+        width = q.shape[1]
+        on_tip = _picked(errors.tools, setup.tool, width)
+        around = _picked(errors.targets, setup.target, width)
+        turned = walk.tip if on_tip.columns is None else product(walk.tip, on_tip.columns)
+        return ArmView(
+            robot=self.robot,
+            q=q,
+            batch=batch,
+            setup=setup,
+            tools=self.tools,
+            targets=self.targets,
+            is_distance=np.array([kind.is_distance for kind in self.measurements])[setup.kind],
+            errors=errors,
+            walk=walk,
+            point=walk.p_base_tip + turn(walk.tip, on_tip.position),
+            tool=turned,
+            origin=around.position,
+            target=NO_TURN if around.columns is None else around.columns,
+        )
+
+    def _check_setup(self, setup: Setup, count: int) -> None:
+        if setup.count != count:
             raise InputError(
-                f"{count} postures need {count} targets, each an index from 0 to {known - 1}",
-                name="target",
+                f"{count} postures need {count} targets, {setup.count} were given", name="target"
             )
-        errors = ArmErrors(np.zeros(1), np.zeros(3), np.zeros((1, 1, 3)))
-        for block, part in zip(self.parameters, self._slices, strict=True):
-            block.displace(values[..., part], errors, posture)
-        state = self.robot.chain.forward(posture + errors.joints)
-        point = state.point(errors.tool)
-        view = ArmView(posture, state, point, touched, errors)
-        return view, point - errors.targets[..., 0, touched, :]  # 0: one value for all postures
+        for index, labels, what in (
+            (setup.target, self.targets, "target"),
+            (setup.tool, self.tools, "tool"),
+            (setup.kind, self.measurements, "kind of measurement"),
+        ):
+            if index.max(initial=0) >= len(labels):
+                raise InputError(
+                    f"{what} {index.max() + 1} of a measurement is not in the model, "
+                    f"which has {len(labels)}",
+                    name=what,
+                )
 
     def predict(
-        self, q: ArrayLike, x: ArrayLike | None = None, target: IntArray | None = None
+        self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None
     ) -> FloatArray:
-        """What the measurement shows: rows ``(..., N, m)`` [m].
+        """What the measurements show: rows ``(..., N, m)`` [m, rad].
+
+        Where kinds of different rows are mixed, those that a kind lacks are zero.
 
         Parameters
         ----------
@@ -123,44 +252,238 @@ class CalibrationModel:
             Postures [rad].
         x : array_like (..., p), optional
             Parameters; the nominal ones by default. A leading dimension holds trials.
-        target : array (N,), optional
-            Index of the target that each posture touches; the first by default.
+        setup : Setup, optional
+            Kind, tool, target and payload of each; the first of all by default.
         """
-        view, error = self.view(q, x, target)
-        return self.measurement.observe(error, view.state.R_base_tip)
+        view = self.view(q, x, setup)
+        return view.posture_first(self._predict(view))
+
+    def _predict(self, view: ArmView) -> FloatArray:
+        """Readings ``(m, S)``."""
+        out = np.zeros((self.rows, view.q.shape[1]))
+        for kind, columns, part in self._by_kind(view):
+            out[: kind.rows, columns] = kind.predict(part)
+        return out
+
+    def _by_kind(self, view: ArmView) -> list[tuple[Measurement, slice | IntArray, ArmView]]:
+        """Each kind with its columns among the S, and the view of these alone."""
+        if len(self.measurements) == 1:
+            return [(self.measurements[0], slice(None), view)]
+        found = []
+        for k, kind in enumerate(self.measurements):
+            own = np.flatnonzero(view.setup.kind == k)
+            if own.size:
+                trials = view.q.shape[1] // view.setup.count
+                columns = (own + view.setup.count * np.arange(trials)[:, None]).ravel()
+                found.append((kind, columns, _part(view, columns, own)))
+        return found
 
     def jacobian(
-        self, q: ArrayLike, x: ArrayLike | None = None, target: IntArray | None = None
+        self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None
     ) -> FloatArray:
         """Derivative of :meth:`predict` by the parameters, ``(..., N, m, p)``; not whitened.
 
-        The blocks g_ij of Eq. 5 of [Watanabe2006]_, analytic; columns per rad and per m.
+        The blocks g_ij of Eq. 5 of [Watanabe2006]_, analytic; columns per rad and per m. Rows of
+        rotations are those of the turn that a change makes, in the axes of the instrument.
         """
-        return self.linearise(q, x, target)[1]
+        return self.linearise(q, x, setup).jacobian
 
     def linearise(
-        self, q: ArrayLike, x: ArrayLike | None = None, target: IntArray | None = None
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Prediction ``(..., N, m)``, Jacobian ``(..., N, m, p)`` and ``R_base_tip`` in one go."""
-        view, error = self.view(q, x, target)
-        R = view.state.R_base_tip
-        batch = view.point.shape[:-1]
-        motions = [block.motion(view) for block in self.parameters]
-        motion = np.concatenate(
-            [np.broadcast_to(m, (*batch, *m.shape[-2:])) for m in motions], axis=-1
-        )
-        rows = self.measurement.observe(error, R)
-        return rows, self.measurement.differentiate(motion, error, R), R
+        self,
+        q: ArrayLike,
+        x: ArrayLike | None = None,
+        setup: Setup | None = None,
+        observed: FloatArray | None = None,
+    ) -> Linearisation:
+        """Residuals and their derivative at parameters.
 
-    def whiten(self, q: ArrayLike, rows: FloatArray, x: ArrayLike | None = None) -> FloatArray:
-        """Blocks ``(..., N, m, k)`` divided by the noise of the measurement.
-
-        Rows ``(..., N, m)`` are blocks of one column: ``rows[..., None]``.
+        Parameters
+        ----------
+        q, x, setup
+            See :meth:`predict`.
+        observed : array (..., N, m), optional
+            What was read. Without it residuals are predictions, and rows of rotations zero.
         """
-        if rows.ndim < 3 or rows.shape[-2] != self.measurement.rows:
-            raise InputError(
-                f"blocks to whiten have shape (N, {self.measurement.rows}, k), not {rows.shape}",
-                name="rows",
-            )
-        view, _ = self.view(q, x)
-        return self.measurement.whiten(rows, view.state.R_base_tip)
+        view, values = self._view(q, x, setup)
+        motion = np.zeros((self.p, self._twist_rows, view.q.shape[1]))
+        for block, part in zip(self.parameters, self.slices, strict=True):
+            if block.size:
+                block.move(values[part], view, motion[part])
+        readings = None if observed is None else _last(observed, view)
+        rows = np.zeros((self.rows, view.q.shape[1]))
+        J = np.zeros((self.p, self.rows, view.q.shape[1]))
+        for kind, columns, part in self._by_kind(view):
+            predicted = kind.predict(part)
+            read = None if readings is None else readings[: kind.rows, columns]
+            if read is not None:
+                difference = kind.difference(predicted, read)
+            else:
+                difference = predicted.copy()
+                difference[kind.rows - kind.turns :] = 0.0
+            rows[: kind.rows, columns] = difference
+            moved = kind.differentiate(motion[:, :, columns], part, difference)
+            if len(self.measurements) == 1:
+                J = moved
+            else:
+                J[:, : kind.rows, columns] = moved
+        return Linearisation(self, view, rows, J)
+
+    def whiten(self, rows: FloatArray, view: ArmView) -> FloatArray:
+        """Rows ``(..., m, S)`` divided by the noise of their kinds, posture last."""
+        if len(self.measurements) == 1:
+            return self.measurement.whiten(rows, view)
+        out = np.zeros_like(rows)
+        for kind, columns, part in self._by_kind(view):
+            out[..., : kind.rows, columns] = kind.whiten(rows[..., : kind.rows, columns], part)
+        return out
+
+    def known(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What is known besides the measurements, whitened: priors, then distances.
+
+        Parameters
+        ----------
+        x : array (T, p)
+
+        Returns
+        -------
+        rows : array (T, K)
+        jacobian : array (T, K, p)
+        """
+        held = np.flatnonzero(np.isfinite(self.prior))
+        total = len(held) + len(self.distances)
+        rows, J = np.zeros((len(x), total)), np.zeros((len(x), total, self.p))
+        rows[:, : len(held)] = (x[:, held] - self.nominal[held]) / self.prior[held]
+        J[:, np.arange(len(held)), held] = 1.0 / self.prior[held]
+        for k, known in enumerate(self.distances, start=len(held)):
+            ends, columns = [], []
+            for label in (known.first, known.second):
+                place, own = self._target_place(label, x)
+                ends.append(place)
+                columns.append(own)
+            apart = ends[1] - ends[0]
+            length = np.linalg.norm(apart, axis=-1, keepdims=True)
+            way = apart / np.maximum(length, np.finfo(float).tiny)
+            rows[:, k] = (length[:, 0] - known.length_m) / known.sigma_m
+            for sign, own in zip((-1.0, 1.0), columns, strict=True):
+                if own is not None:
+                    J[:, k, own] += sign * way / known.sigma_m
+        return rows, J
+
+    def _target_place(self, label: str, x: FloatArray) -> tuple[FloatArray, slice | None]:
+        """Place ``(T, 3)`` [m] of a target point, and the columns of its x, y and z if free."""
+        for block, part in zip(self.parameters, self.slices, strict=True):
+            if label in block.targets and isinstance(block, Frames):
+                k = block.labels.index(label)
+                if block.size == 0:
+                    return np.broadcast_to(block.positions_m[k], (len(x), 3)), None
+                each = block.size // len(block.labels)
+                if each == 3 and set(block.units) == {"m"}:
+                    own = slice(part.start + 3 * k, part.start + 3 * k + 3)
+                    return x[:, own], own
+        raise InputError(f"the distance to target {label!r} cannot be known: it is no point")
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """Residuals of measurements and their derivative, at one or many sets of parameters.
+
+    Attributes
+    ----------
+    model : CalibrationModel
+    view : ArmView
+    rows_last : array (m, S)
+        Prediction less reading [m, rad], posture last.
+    jacobian_last : array (p, m, S)
+    """
+
+    model: CalibrationModel
+    view: ArmView
+    rows_last: FloatArray
+    jacobian_last: FloatArray
+
+    @property
+    def rows(self) -> FloatArray:
+        """Residuals ``(..., N, m)`` [m, rad]."""
+        return self.view.posture_first(self.rows_last)
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """Blocks ``(..., N, m, p)``."""
+        return self.view.posture_first(self.jacobian_last)
+
+    @cached_property
+    def white_last(self) -> tuple[FloatArray, FloatArray]:
+        """Residuals ``(m, S)`` and blocks ``(p, m, S)`` over the noise, posture last."""
+        whiten = self.model.whiten
+        return whiten(self.rows_last, self.view), whiten(self.jacobian_last, self.view)
+
+    @property
+    def white_rows(self) -> FloatArray:
+        """Residuals ``(..., N, m)`` over the noise: of unit variance where the model is right."""
+        return self.view.posture_first(self.white_last[0])
+
+    @property
+    def white_jacobian(self) -> FloatArray:
+        """Blocks ``(..., N, m, p)`` over the noise."""
+        return self.view.posture_first(self.white_last[1])
+
+    @property
+    def noise_root(self) -> FloatArray:
+        """Square roots ``(..., N, m, m)`` of the covariance of each measurement's rows."""
+        m, width = self.rows_last.shape
+        unit = np.broadcast_to(np.eye(m)[:, :, None], (m, m, width))
+        if len(self.model.measurements) == 1:
+            return self.view.posture_first(self.model.measurement.colour(unit, self.view))
+        out = np.zeros((m, m, width))
+        for kind, columns, part in self.model._by_kind(self.view):
+            k = kind.rows
+            out[:k, :k, columns] = kind.colour(unit[:k, :k, columns], part)
+        return self.view.posture_first(out)
+
+
+def _joined(parts: Sequence[FloatArray]) -> FloatArray:
+    return np.concatenate([np.asarray(part, dtype=float) for part in parts])
+
+
+def _picked(features: Sequence[Feature], index: IntArray, width: int) -> Feature:
+    """The feature of each of S postures."""
+    if len(features) == 1:
+        return features[0]
+    if (index == index[0]).all() if len(index) else True:
+        return features[int(index[0]) if len(index) else 0]
+    which = np.tile(index, width // len(index))
+    posture = np.arange(width)
+    position = np.stack([np.broadcast_to(f.position, (3, width)) for f in features])
+    columns = None
+    if any(f.columns is not None for f in features):
+        every = [NO_TURN if f.columns is None else f.columns for f in features]
+        stacked = np.stack([np.broadcast_to(c, (3, 3, width)) for c in every])
+        columns = np.moveaxis(stacked[which, :, :, posture], 0, -1)
+    return Feature(np.ascontiguousarray(position[which, :, posture].T), columns)
+
+
+def _part(view: ArmView, columns: IntArray, own: IntArray) -> ArmView:
+    """The view of some postures."""
+
+    def cut(array: FloatArray) -> FloatArray:
+        return array if array.shape[-1] == 1 else array[..., columns]
+
+    return replace(
+        view,
+        q=view.q[:, columns],
+        setup=view.setup[own],
+        is_distance=view.is_distance[own],
+        point=cut(view.point),
+        tool=cut(view.tool),
+        origin=cut(view.origin),
+        target=cut(view.target),
+        errors=replace(
+            view.errors, lengths={label: cut(more) for label, more in view.errors.lengths.items()}
+        ),
+    )
+
+
+def _last(array: FloatArray, view: ArmView) -> FloatArray:
+    """Readings ``(..., N, m)`` as ``(m, S)``."""
+    whole = np.broadcast_to(array, (*view.batch, *array.shape[-2:]))
+    return np.ascontiguousarray(whole.reshape(-1, array.shape[-1]).T)

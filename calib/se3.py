@@ -33,6 +33,10 @@ RIGID_TOLERANCE = 2e-6
 """Largest |RᵀR - I| of an accepted rotation: rounding to six decimals in a file passes (1.7e-6),
 a scaled or sheared matrix does not."""
 
+_SMALL_ANGLE = 1e-2
+"""[rad] below which series are used: what they leave out is below 1e-13, and the closed forms lose
+as much to the difference of nearly equal numbers."""
+
 _GIMBAL_COSINE = 1e-9
 """|cos P| below which W and R cannot be told apart in double precision."""
 
@@ -138,6 +142,38 @@ def rotation_log(rotation: ArrayLike) -> FloatArray:
     """Rotation vectors ``(..., 3)`` [rad] of rotations ``(..., 3, 3)``, angle in [0, pi]."""
     R = np.asarray(rotation, dtype=float)
     return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()).reshape(*R.shape[:-1])
+
+
+def right_jacobian(rotation_vector: ArrayLike) -> FloatArray:
+    """``(..., 3, 3)`` that turns a change of rotation vectors ``(..., 3)`` into a turn.
+
+    ``exp(v + dv) = exp(v) exp(J_r(v) dv)`` to first order: the turn is in the axes that v turns
+    to. Eq. 143 of Solà et al., "A micro Lie theory for state estimation in robotics" (2018).
+    """
+    v = np.asarray(rotation_vector, dtype=float)
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    small = angle < _SMALL_ANGLE
+    a = np.where(small, 1.0, angle)
+    first = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(a)) / a**2)
+    second = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (a - np.sin(a)) / a**3)
+    K = skew(v)
+    return np.asarray(np.eye(3) - first * K + second * (K @ K))
+
+
+def inverse_left_jacobian(rotation_vector: ArrayLike) -> FloatArray:
+    """``(..., 3, 3)`` that turns a turn of rotations into a change of their vectors ``(..., 3)``.
+
+    ``log(exp(w) exp(v)) = v + J_l⁻¹(v) w`` to first order, for angles below 2 pi: Eq. 146 of
+    Solà et al. (2018).
+    """
+    v = np.asarray(rotation_vector, dtype=float)
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    small = angle < _SMALL_ANGLE
+    a = np.where(small, 1.0, angle)
+    # (1 + cos a) / sin a is 1 / tan(a / 2), which is finite at pi
+    factor = np.where(small, 1.0 / 12.0 + angle**2 / 720.0, 1.0 / a**2 - 0.5 / (a * np.tan(a / 2)))
+    K = skew(v)
+    return np.asarray(np.eye(3) - 0.5 * K + factor * (K @ K))
 
 
 def rotation_angle(rotation: ArrayLike) -> FloatArray:

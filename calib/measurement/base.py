@@ -1,55 +1,117 @@
-"""How a measurement sees the tool point and the target, and how well."""
+"""How a kind of measurement sees the tool and its target, and how well.
+
+Every kind is a function of the pose of the tool against its target: of where the tool point is in
+the target's axes, and for some of how the tool is turned in them. Arrays have the posture last,
+see :mod:`calib.arm_view`.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from copy import copy
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib.arm_view import ArmView
 from calib.errors import InputError
 from calib.se3 import FloatArray
+
+UNKNOWN_SIGMA = 1e-4
+"""Standard deviation that a kind of unknown noise is given to start with [m, rad]."""
 
 
 class Measurement(ABC):
     """One way of measuring, with its noise.
 
+    Parameters
+    ----------
+    sigma : float, array_like or None
+        Standard deviation of each row in the axes of the noise [m, rad]; one number means the
+        same for all. None: it is estimated from the residuals.
+
     Attributes
     ----------
+    name : str
+        In the field's words, as in files.
     rows : int
-        Equations m that one posture gives.
-    sigma_m : array (m,)
-        Standard deviation of each row in the axes of the sensor [m].
+        Equations m that one measurement gives.
+    turns : int
+        How many of them, at the end, are angles [rad].
+    reads : bool
+        Whether something is read off. Otherwise the arm is moved until the tool meets the
+        target, and what is read is zero.
+    sees_rotation : bool
+        Whether it depends on the orientation of the tool.
+    is_distance : bool
+        Whether what is read is a length, with a zero of its own.
+    sigma : array (m,)
+    estimated : bool
+        Whether the noise is to be estimated.
     """
 
+    name: str
     rows: int
-    sigma_m: FloatArray
+    turns: int = 0
+    reads: bool = True
+    sees_rotation: bool = False
+    is_distance: bool = False
+    sigma: FloatArray
+    estimated: bool
+
+    def __init__(self, sigma: ArrayLike | None) -> None:
+        self.estimated = sigma is None
+        self.sigma = check_sigma(UNKNOWN_SIGMA if sigma is None else sigma, self.rows)
 
     @property
     def mean_sigma_m(self) -> float:
-        """Root mean square of the noise over the rows [m]."""
-        return float(np.sqrt(np.mean(self.sigma_m**2)))
+        """Root mean square of the noise over the rows that are lengths [m]."""
+        lengths = self.sigma[: self.rows - self.turns]
+        return float(np.sqrt(np.mean(lengths**2)))
+
+    def with_noise(self, scale: ArrayLike) -> Measurement:
+        """The same kind with its noise times a factor, one for all or one for each row."""
+        other = copy(self)
+        other.sigma = self.sigma * np.asarray(scale, dtype=float)
+        return other
 
     @abstractmethod
-    def observe(self, error: FloatArray, R_base_tip: FloatArray) -> FloatArray:
-        """Measured rows ``(..., m)`` for the tool point off its target by ``(..., 3)`` [m]."""
+    def predict(self, view: ArmView) -> FloatArray:
+        """What is read ``(m, S)``."""
+
+    def difference(self, predicted: FloatArray, observed: FloatArray) -> FloatArray:
+        """Rows ``(m, S)`` by which a reading is off another: those of a residual."""
+        return np.asarray(predicted - observed)
 
     @abstractmethod
-    def differentiate(
-        self, motion: FloatArray, error: FloatArray, R_base_tip: FloatArray
-    ) -> FloatArray:
-        """Rows ``(..., m, p)`` for motions ``(..., 6, p)`` of the tool against the target."""
+    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
+        """Rows ``(p, m, S)`` for twists ``(p, 6, S)`` of the tool against its target.
 
-    @abstractmethod
-    def whiten(self, rows: FloatArray, R_base_tip: FloatArray) -> FloatArray:
-        """Rows ``(..., m, k)`` divided by the noise: unit variance, uncorrelated."""
+        The derivative of :meth:`difference` where that is ``rows`` (m, S). There are only the
+        first three rows of a twist for kinds that see no rotation.
+        """
 
-    @abstractmethod
-    def sample(self, R_base_tip: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Noise drawn for rotations ``(..., 3, 3)``: displacement ``(..., 3)`` [m] of the tool."""
+    def whiten(self, rows: FloatArray, view: ArmView) -> FloatArray:
+        """Rows ``(..., m, S)`` divided by the noise: unit variance, uncorrelated."""
+        return np.asarray(rows / self.sigma[:, None])
+
+    def colour(self, rows: FloatArray, view: ArmView) -> FloatArray:
+        """The inverse of :meth:`whiten`: draws of unit variance as noise of the rows."""
+        return np.asarray(rows * self.sigma[:, None])
+
+    def disturb(self, readings: FloatArray, noise: FloatArray) -> FloatArray:
+        """Readings ``(m, S)`` off by rows of noise, such that :meth:`difference` gives these."""
+        return np.asarray(readings + noise)
+
+    def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
+        """Displacement ``(3, S)`` [m] of the tool point, in base axes, that shows as these rows.
+
+        For kinds that move the arm until it meets the target.
+        """
+        raise NotImplementedError(f"{self.name} is read off: the arm is not moved for it")
 
 
-def check_sigma(sigma_m: ArrayLike, count: int) -> FloatArray:
+def check_sigma(sigma: ArrayLike, count: int) -> FloatArray:
     """Standard deviations ``(count,)`` [m], one number meaning the same in every axis.
 
     Raises
@@ -57,18 +119,18 @@ def check_sigma(sigma_m: ArrayLike, count: int) -> FloatArray:
     InputError
         A number that is not positive and finite, or the wrong count of them.
     """
-    sigma = np.asarray(sigma_m, dtype=float)
-    if sigma.ndim == 0:
-        sigma = np.full(count, float(sigma))
-    if sigma.shape != (count,):
-        raise InputError(f"the noise needs {count} numbers, {sigma.size} were given", name="noise")
-    bad = ~(np.isfinite(sigma) & (sigma > 0))
+    given = np.asarray(sigma, dtype=float)
+    if given.ndim == 0:
+        given = np.full(count, float(given))
+    if given.shape != (count,):
+        raise InputError(f"the noise needs {count} numbers, {given.size} were given", name="noise")
+    bad = ~(np.isfinite(given) & (given > 0))
     if bad.any():
         raise InputError(
-            f"a noise of {sigma[bad][0] * 1e3:g} mm cannot be used: it must be above zero",
+            f"a noise of {given[bad][0] * 1e3:g} mm cannot be used: it must be above zero",
             hint="give the standard deviation of a single measurement in each axis",
             name="noise",
-            value=float(sigma[bad][0]),
+            value=float(given[bad][0]),
             bound=0.0,
         )
-    return sigma
+    return given

@@ -1,48 +1,125 @@
-"""What was measured: the postures at which touch-ups were done."""
+"""What was measured: postures, what was read at them, and how each measurement was set up."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from calib.arm_view import Setup
 from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
-class TouchUps:
-    """Postures at which the tool point stood on a target.
+class Measurements:
+    """N measurements of a robot, of any mixture of kinds.
 
     Attributes
     ----------
     postures : array (..., N, n)
         Joint values as the controller showed them [rad], URDF signs. A leading dimension holds
         Monte Carlo trials of the same plan.
-    target : array (N,)
-        Index into ``labels`` of the target touched.
-    labels : tuple of str
-        Names of the targets.
+    setup : Setup
+        Kind, tool, target and payload of each.
+    targets : tuple of str
+        Names that ``setup.target`` has indices into.
+    tools : tuple of str
+        Names that ``setup.tool`` has indices into.
+    observed : array (..., N, m) or None
+        What was read [m, rad], as :meth:`CalibrationModel.predict` has it; None where the arm was
+        moved until tool and target met.
+    names : tuple of str
+        Of the poses; measurements of one pose share a name. ``P01`` onwards by default.
     """
 
     postures: FloatArray
-    target: IntArray
-    labels: tuple[str, ...] = ("T1",)
+    setup: Setup
+    targets: tuple[str, ...] = ("T1",)
+    tools: tuple[str, ...] = ("tool",)
+    observed: FloatArray | None = None
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.postures.ndim < 2 or self.postures.shape[-2] != len(self.target):
+        count = self.setup.count
+        if self.postures.ndim < 2 or self.postures.shape[-2] != count:
             raise InputError(
-                f"{len(self.target)} targets for postures of shape {self.postures.shape}",
-                name="touch-ups",
+                f"{count} targets for postures of shape {self.postures.shape}",
+                name="measurements",
             )
         if not np.isfinite(self.postures).all():
-            raise InputError("a joint value is not a finite number", name="touch-ups")
-        if self.target.size and not (
-            0 <= self.target.min() <= self.target.max() < len(self.labels)
+            raise InputError("a joint value is not a finite number", name="measurements")
+        for index, labels, what in (
+            (self.setup.target, self.targets, "target"),
+            (self.setup.tool, self.tools, "tool"),
         ):
-            raise InputError("a target index has no name", name="touch-ups")
+            if index.max(initial=0) >= max(len(labels), 1):
+                raise InputError(f"a {what} index has no name", name="measurements")
+        if self.observed is not None:
+            if self.observed.shape[:-1] != self.postures.shape[:-1]:
+                raise InputError(
+                    f"readings of shape {self.observed.shape} for postures of shape "
+                    f"{self.postures.shape}",
+                    name="measurements",
+                )
+            if not np.isfinite(self.observed).all():
+                raise InputError("a reading is not a finite number", name="measurements")
+        if not self.names:
+            object.__setattr__(self, "names", tuple(f"P{i + 1:02d}" for i in range(count)))
+        if len(self.names) != count:
+            raise InputError(f"{len(self.names)} names for {count} measurements", name="names")
 
     @property
     def count(self) -> int:
-        """Number of touch-ups N."""
-        return len(self.target)
+        """Number of measurements N."""
+        return self.setup.count
+
+    @property
+    def target(self) -> IntArray:
+        """Index into ``targets`` of each measurement ``(N,)``."""
+        return self.setup.target
+
+    @property
+    def pose(self) -> IntArray:
+        """Index of the pose that each measurement belongs to, ``(N,)``."""
+        index = {name: i for i, name in enumerate(dict.fromkeys(self.names))}
+        return np.array([index[name] for name in self.names], dtype=np.intp)
+
+    def __getitem__(self, rows: IntArray | slice) -> Measurements:
+        """Some of the measurements, with the labels of all."""
+        names = tuple(np.array(self.names, dtype=object)[rows])
+        observed = None if self.observed is None else self.observed[..., rows, :]
+        postures = self.postures[..., rows, :]
+        return Measurements(postures, self.setup[rows], self.targets, self.tools, observed, names)
+
+    def trial(self, t: int) -> Measurements:
+        """One trial of many."""
+        observed = None if self.observed is None else self.observed[t]
+        return Measurements(
+            self.postures[t], self.setup, self.targets, self.tools, observed, self.names
+        )
+
+
+def touch_ups(
+    postures: ArrayLike,
+    target: ArrayLike = 0,
+    targets: Sequence[str] = ("T1",),
+    names: Sequence[str] = (),
+) -> Measurements:
+    """Touch-ups: postures ``(..., N, n)`` [rad] at which the tool point stood on a target.
+
+    Parameters
+    ----------
+    postures : array_like (..., N, n)
+    target : array_like (N,)
+        Index into ``targets``; the first for all by default.
+    targets : sequence of str
+    names : sequence of str, optional
+        Of the poses.
+    """
+    q = np.asarray(postures, dtype=float)
+    count = len(np.atleast_1d(target)) if np.ndim(target) else (q.shape[-2] if q.ndim > 1 else 1)
+    setup = Setup.of(count, target=target)
+    return Measurements(q, setup, tuple(targets), names=tuple(names))

@@ -3,87 +3,107 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from calib.measurement.base import Measurement, check_sigma
+from calib.arm_view import ArmView
+from calib.measurement.base import Measurement
+from calib.posture_last import along, cross, turn, turn_back
 from calib.se3 import FloatArray
 
 
 class TouchUp(Measurement):
     """All three coordinates of the tool point meet the target (visual or with a pin).
 
-    What is measured is zero: the rows are Eq. 4 of [Watanabe2006]_, ``e_i = p_i - p_M``, in base
-    axes. The noise is that of bringing the point there, in the axes of the camera (V, H, D).
+    What is measured is zero: the rows are Eq. 4 of [Watanabe2006]_, ``e_i = p_i - p_M``, in the
+    axes of the target: those of the base for a point. The noise is that of bringing the point
+    there, in the axes of the camera (V, H, D).
 
     Parameters
     ----------
-    sigma_m : float or array_like (3,)
-        Standard deviations [m] along the tip's x, y, z (the camera's V, H, D).
+    sigma : float, array_like (3,) or None
+        Standard deviations [m] along the tool's x, y, z (the camera's V, H, D).
     """
 
+    name = "touch-up"
     rows = 3
+    reads = False
 
-    def __init__(self, sigma_m: ArrayLike) -> None:
-        self.sigma_m = check_sigma(sigma_m, 3)
+    def predict(self, view: ArmView) -> FloatArray:
+        """See :meth:`Measurement.predict`: the error itself."""
+        return view.in_target(view.error)
 
-    def observe(self, error: FloatArray, R_base_tip: FloatArray) -> FloatArray:
-        """See :meth:`Measurement.observe`: the error itself."""
-        return error
-
-    def differentiate(
-        self, motion: FloatArray, error: FloatArray, R_base_tip: FloatArray
-    ) -> FloatArray:
+    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
         """See :meth:`Measurement.differentiate`."""
-        return motion[..., :3, :]
+        return view.in_target(motion[..., :3, :])
 
-    def whiten(self, rows: FloatArray, R_base_tip: FloatArray) -> FloatArray:
+    def whiten(self, rows: FloatArray, view: ArmView) -> FloatArray:
         """See :meth:`Measurement.whiten`: turned into camera axes, then divided."""
-        return np.swapaxes(R_base_tip, -1, -2) @ rows / self.sigma_m[:, None]
+        return turn_back(view.tool / self.sigma[:, None, None], view.out_of_target(rows))
 
-    def sample(self, R_base_tip: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See :meth:`Measurement.sample`."""
-        drawn = rng.standard_normal((*R_base_tip.shape[:-1], 1)) * self.sigma_m[:, None]
-        return np.asarray((R_base_tip @ drawn)[..., 0])
+    def colour(self, rows: FloatArray, view: ArmView) -> FloatArray:
+        """See :meth:`Measurement.colour`."""
+        return view.in_target(turn(view.tool, rows * self.sigma[:, None]))
+
+    def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
+        """See :meth:`Measurement.lift`."""
+        return view.out_of_target(rows)
 
 
 class ViewLine(Measurement):
     """Only that the target lies on the view line is measured: two coordinates across it.
 
-    Section 2.1 and Fig. 10 of [Watanabe2006]_. The view line runs along the tip's z through the
+    Section 2.1 and Fig. 10 of [Watanabe2006]_. The view line runs along the tool's z through the
     tool point, so the position of the tool point along z cannot be identified.
 
     Parameters
     ----------
-    sigma_m : float or array_like (2,)
-        Standard deviations [m] along the tip's x and y (the camera's V and H).
+    sigma : float, array_like (2,) or None
+        Standard deviations [m] along the tool's x and y (the camera's V and H).
     """
 
+    name = "view-line"
     rows = 2
+    reads = False
+    sees_rotation = True
 
-    def __init__(self, sigma_m: ArrayLike) -> None:
-        self.sigma_m = check_sigma(sigma_m, 2)
+    def predict(self, view: ArmView) -> FloatArray:
+        """See :meth:`Measurement.predict`: the error across the view line."""
+        error = view.error
+        return np.stack([along(view.tool[k], error) for k in range(2)])
 
-    def observe(self, error: FloatArray, R_base_tip: FloatArray) -> FloatArray:
-        """See :meth:`Measurement.observe`: the error across the view line."""
-        return (np.swapaxes(R_base_tip, -1, -2) @ error[..., None])[..., :2, 0]
-
-    def differentiate(
-        self, motion: FloatArray, error: FloatArray, R_base_tip: FloatArray
-    ) -> FloatArray:
+    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
         """See :meth:`Measurement.differentiate`.
 
         The axes turn with the tool: ``d(Rᵀe) = Rᵀ(de - w x e)``.
         """
-        turned = np.cross(np.swapaxes(motion[..., 3:, :], -1, -2), error[..., None, :])
-        moved = motion[..., :3, :] - np.swapaxes(turned, -1, -2)
-        return (np.swapaxes(R_base_tip, -1, -2) @ moved)[..., :2, :]
+        moved = motion[:, :3] - cross(motion[:, 3:], view.error)
+        return np.stack([along(view.tool[k], moved) for k in range(2)], axis=1)
 
-    def whiten(self, rows: FloatArray, R_base_tip: FloatArray) -> FloatArray:
-        """See :meth:`Measurement.whiten`: the rows are in camera axes already."""
-        return np.asarray(rows / self.sigma_m[:, None])
+    def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
+        """See :meth:`Measurement.lift`: across the line; the arm is taken to hold its depth."""
+        return np.asarray(view.tool[0] * rows[0] + view.tool[1] * rows[1])
 
-    def sample(self, R_base_tip: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See :meth:`Measurement.sample`: across the line; the arm is taken to hold its depth."""
-        sigma = np.append(self.sigma_m, 0.0)
-        drawn = rng.standard_normal((*R_base_tip.shape[:-1], 1)) * sigma[:, None]
-        return np.asarray((R_base_tip @ drawn)[..., 0])
+
+class PlaneContact(Measurement):
+    """The tool point is brought into contact with a plane: the target's z = 0.
+
+    Parameters
+    ----------
+    sigma : float or None
+        Standard deviation [m] along the normal.
+    """
+
+    name = "plane"
+    rows = 1
+    reads = False
+
+    def predict(self, view: ArmView) -> FloatArray:
+        """See :meth:`Measurement.predict`: the height over the plane."""
+        return along(view.target[2], view.error)[None]
+
+    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
+        """See :meth:`Measurement.differentiate`."""
+        return along(view.target[2], motion[:, :3])[:, None]
+
+    def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
+        """See :meth:`Measurement.lift`: along the normal."""
+        return np.asarray(view.target[2] * rows[0])

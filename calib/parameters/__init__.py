@@ -1,17 +1,34 @@
 """What can be identified, as blocks that are combined freely."""
 
-from calib.parameters.base import ArmErrors, ArmView, ParameterBlock, Payload
-from calib.parameters.joints import JointCompliance, ZeroOffsets, gravity_torque
-from calib.parameters.setup import TargetPoints, ToolPoint
+from calib.parameters.base import ParameterBlock, Unit
+from calib.parameters.compliance import JointCompliance, Payload, gravity_torque
+from calib.parameters.frames import (
+    LengthOffsets,
+    TargetFrame,
+    TargetPlane,
+    TargetPoints,
+    ToolFrame,
+    ToolPoint,
+    ToolPoints,
+)
+from calib.parameters.joints import JointHarmonics, JointScale, ZeroOffsets
+from calib.parameters.links import LinkGeometry
 
 __all__ = [
-    "ArmErrors",
-    "ArmView",
     "JointCompliance",
+    "JointHarmonics",
+    "JointScale",
+    "LengthOffsets",
+    "LinkGeometry",
     "ParameterBlock",
     "Payload",
+    "TargetFrame",
+    "TargetPlane",
     "TargetPoints",
+    "ToolFrame",
     "ToolPoint",
+    "ToolPoints",
+    "Unit",
     "ZeroOffsets",
     "gravity_torque",
 ]

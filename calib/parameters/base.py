@@ -1,100 +1,27 @@
-"""What a block of parameters must tell the calibration model: what it moves, and how.
+"""What a block of parameters must tell the calibration model: what it displaces, and how.
 
-Every error of the arm is seen at the tool point: a small change of a parameter moves the tool
-point against the target and turns the tool. A block gives that motion as a twist; how a
-measurement sees it is the measurement's business.
+Every error of arm and set-up is seen as a motion of the tool against what it is measured from (its
+target). A small change of a parameter gives a twist of the tool relative to the target; how a
+measurement sees it is the measurement's business. So any block goes with any measurement.
+
+Arrays here have the posture last, see :mod:`calib.arm_view`. Parameters are ``(size, S)``, or
+``(size, 1)`` where all postures share them.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
+from calib.arm_view import ArmErrors, ArmView, Setup
 from calib.errors import InputError, near_names
-from calib.robots.chain import ChainState
 from calib.robots.robot import Robot
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import FloatArray
 
-Unit = Literal["rad", "m", "rad/Nm"]
-
-
-@dataclass(frozen=True, eq=False)
-class Payload:
-    """What the flange carries besides itself.
-
-    Attributes
-    ----------
-    mass_kg : float
-    com_m : array (3,)
-        Centre of mass in the tip frame [m].
-    """
-
-    mass_kg: float
-    com_m: FloatArray
-
-    def __post_init__(self) -> None:
-        com = np.asarray(self.com_m, dtype=float)
-        if not (np.isfinite(self.mass_kg) and self.mass_kg >= 0 and com.shape == (3,)):
-            raise InputError(
-                "a payload needs a mass of zero or more and a centre of mass of three numbers",
-                name="payload",
-                value=self.mass_kg,
-            )
-        object.__setattr__(self, "com_m", com)
-
-
-@dataclass
-class ArmErrors:
-    """How the arm differs from its nominal description at given parameters.
-
-    Attributes
-    ----------
-    joints : array (..., n)
-        Added to the joint values [rad].
-    tool : array (..., 3)
-        Tool point in the tip frame [m].
-    targets : array (..., 1, K, 3)
-        Target points in the base frame [m].
-    """
-
-    joints: FloatArray
-    tool: FloatArray
-    targets: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class ArmView:
-    """Everything about an arm in given postures that a parameter block may need.
-
-    Attributes
-    ----------
-    q : array (..., n)
-        Joint values as the controller shows them [rad].
-    state : ChainState
-        The arm with its errors applied.
-    point : array (..., 3)
-        Tool point in the base frame [m].
-    target : array (N,)
-        Index of the target that each posture touches.
-    errors : ArmErrors
-        The errors applied.
-    """
-
-    q: FloatArray
-    state: ChainState
-    point: FloatArray
-    target: IntArray
-    errors: ArmErrors
-
-    @cached_property
-    def joint_motion(self) -> FloatArray:
-        """Twist ``(..., 6, n)`` of the tool point for each joint [m/rad, 1]."""
-        return self.state.jacobian(self.point)
+Unit = Literal["rad", "m", "rad/Nm", "rad/rad"]
 
 
 class ParameterBlock(ABC):
@@ -104,15 +31,23 @@ class ParameterBlock(ABC):
     ----------
     names : tuple of str
         One a parameter, unique over the model, e.g. ``zero_offset.joint_2``.
-    unit : str
-        SI unit of all of them.
+    units : tuple of str
+        SI unit of each.
     nuisance : bool
-        Whether they place the measuring set-up (tool point, target) rather than the robot.
+        Whether they place the measuring set-up (tool, target) rather than the robot.
+    tools, targets : tuple of str
+        Labels of what this block puts on the tool, and around the arm.
+    prior : array (size,)
+        Standard deviation, about the nominal value, that is known before measuring [SI]; infinite
+        where nothing is.
     """
 
     names: tuple[str, ...]
-    unit: Unit
+    units: tuple[Unit, ...]
     nuisance: bool = False
+    tools: tuple[str, ...] = ()
+    targets: tuple[str, ...] = ()
+    prior: FloatArray
 
     @property
     def size(self) -> int:
@@ -122,18 +57,19 @@ class ParameterBlock(ABC):
     @property
     @abstractmethod
     def nominal(self) -> FloatArray:
-        """Values ``(size,)`` of the robot and set-up as described."""
+        """Values ``(size,)`` of robot and set-up as described."""
 
     @abstractmethod
-    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray) -> None:
-        """Apply values ``(..., size)`` to the arm; ``q`` ``(..., n)`` are the joints as shown."""
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """Apply values ``(size, S)`` to arm and set-up; ``q`` ``(n, S)`` are the joints as shown."""
 
     @abstractmethod
-    def motion(self, view: ArmView) -> FloatArray:
-        """Twist ``(..., 6, size)`` of the tool against the target for each parameter.
+    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+        """Write the twist of the tool against the target for each parameter.
 
-        Rows 0 to 2: velocity of the tool point minus that of the target [m per unit]; rows 3 to
-        5: angular velocity of the tool; in base axes.
+        ``out`` is ``(size, 6, S)`` and zero. Rows 0 to 2: velocity of the tool point less that of
+        the target's frame there [m per unit]; rows 3 to 5: angular velocity; in base axes. There
+        are only rows 0 to 2 where no measurement looks at the tool's orientation.
         """
 
 
@@ -156,3 +92,24 @@ def joint_indices(robot: Robot, joints: Sequence[str]) -> list[int]:
     if doubles:
         raise InputError(f"joint {doubles[0]!r} is listed twice", hint="list it once")
     return [robot.joint_names.index(joint) for joint in joints]
+
+
+def prior_of(sigma: float | None, size: int) -> FloatArray:
+    """Standard deviations ``(size,)`` of a prior; infinite without one.
+
+    Raises
+    ------
+    InputError
+        A standard deviation that is not above zero.
+    """
+    if sigma is None:
+        return np.full(size, np.inf)
+    if not sigma > 0:
+        raise InputError(
+            f"a prior of {sigma:g} cannot be used: it must be above zero",
+            hint="leave the parameter out to hold it",
+            name="prior",
+            value=sigma,
+            bound=0.0,
+        )
+    return np.full(size, float(sigma))

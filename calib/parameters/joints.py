@@ -1,24 +1,84 @@
-"""Errors of the joints: zero offsets, and reducers that give way under gravity."""
+"""Errors of the joints: what is added to the joint value that the controller shows.
+
+All of them are a function of the posture as shown, times a parameter: ``dq_j = sum_k x_k f_k(q)``.
+They differ in the function only.
+"""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from calib.arm_view import ArmErrors, ArmView, Setup
 from calib.errors import InputError
-from calib.parameters.base import (
-    ArmErrors,
-    ArmView,
-    ParameterBlock,
-    Payload,
-    joint_indices,
-)
+from calib.parameters.base import ParameterBlock, Unit, joint_indices, prior_of
 from calib.robots.robot import Robot
 from calib.se3 import FloatArray
 
 
-class ZeroOffsets(ParameterBlock):
+class JointErrors(ParameterBlock):
+    """Parameters that each turn one joint by their value times a function of the posture.
+
+    Parameters
+    ----------
+    robot : Robot
+    joints : sequence of int
+        Index of the joint that each parameter turns.
+    names : sequence of str
+    unit : str
+    prior : float, optional
+        Standard deviation known before measuring, about the nominal value [SI].
+    """
+
+    def __init__(
+        self,
+        joints: Sequence[int],
+        names: Sequence[str],
+        unit: Unit,
+        prior: float | None = None,
+    ) -> None:
+        self._joints = list(joints)
+        self.names = tuple(names)
+        self.units = (unit,) * len(self.names)
+        self.prior = prior_of(prior, len(self.names))
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Zero: joints that do what they show."""
+        return np.zeros(self.size)
+
+    @abstractmethod
+    def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
+        """The function of each parameter at postures ``(n, S)``: ``(size, S)`` or ``(size, 1)``."""
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """See :meth:`ParameterBlock.displace`."""
+        added = values * self.functions(q, setup)
+        width = np.broadcast_shapes(added[0].shape, errors.joints[0].shape) if self.size else (1,)
+        if self.size and errors.joints.shape[1:] != width:
+            errors.joints = np.broadcast_to(errors.joints, (len(q), *width)).copy()
+        for k, joint in enumerate(self._joints):
+            errors.joints[joint] += added[k]
+
+    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`."""
+        weights = self.functions(view.q, view.setup)
+        done: dict[int, int] = {}
+        for k, joint in enumerate(self._joints):
+            if joint in done:
+                out[k] = out[done[joint]]
+            else:
+                view.turn_about(view.axis(joint), view.walk.origins[joint], out[k])
+                done[joint] = k
+        if not (weights.shape[1] == 1 and (weights == 1.0).all()):
+            out *= weights[:, None, :]
+
+
+class ZeroOffsets(JointErrors):
     """Zero-point errors of joints (FANUC: mastering): added to the joint value, URDF sign.
 
     The Δθ of Eq. 8 and section 3.2 of [Watanabe2006]_. An offset means the joint of the URDF; a
@@ -29,111 +89,87 @@ class ZeroOffsets(ParameterBlock):
     robot : Robot
     joints : sequence of str
         Names of the joints with an unknown offset.
+    prior_rad : float, optional
+        Standard deviation known before measuring [rad].
     """
 
-    unit = "rad"
+    def __init__(self, robot: Robot, joints: Sequence[str], prior_rad: float | None = None) -> None:
+        indices = joint_indices(robot, joints)
+        super().__init__(indices, [f"zero_offset.{joint}" for joint in joints], "rad", prior_rad)
 
-    def __init__(self, robot: Robot, joints: Sequence[str]) -> None:
-        self._indices = joint_indices(robot, joints)
-        self.names = tuple(f"zero_offset.{joint}" for joint in joints)
-
-    @property
-    def nominal(self) -> FloatArray:
-        """Zero: the robot as mastered."""
-        return np.zeros(self.size)
-
-    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray) -> None:
-        """See :meth:`ParameterBlock.displace`."""
-        added = np.zeros((*values.shape[:-1], q.shape[-1]))
-        added[..., self._indices] = values
-        errors.joints = errors.joints + added
-
-    def motion(self, view: ArmView) -> FloatArray:
-        """See :meth:`ParameterBlock.motion`."""
-        return view.joint_motion[..., self._indices]
+    def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
+        """One: an offset is the same in every posture."""
+        return np.ones((self.size, 1))
 
 
-class JointCompliance(ParameterBlock):
-    """Elastic reducers: each joint gives way by its compliance times its gravity torque.
-
-    "Elastic deformation occurs mainly in the reducer mounted on each rotation axis" (section 3.2
-    of [Watanabe2006]_). To first order the torque is that of the undeflected arm.
+class JointScale(JointErrors):
+    """Joints that turn by a little more or less than they show: a wrong ratio in the controller.
 
     Parameters
     ----------
     robot : Robot
-        With link masses.
     joints : sequence of str
-        The joints that give way.
-    payload : Payload, optional
-        What the flange carries.
-    nominal : array, optional
-        Compliances of the nominal robot [rad/Nm], zero by default: a controller knows of none.
+    prior : float, optional
+        Standard deviation known before measuring [rad/rad].
     """
 
-    unit = "rad/Nm"
+    def __init__(self, robot: Robot, joints: Sequence[str], prior: float | None = None) -> None:
+        self._indices = joint_indices(robot, joints)
+        names = [f"scale.{joint}" for joint in joints]
+        super().__init__(self._indices, names, "rad/rad", prior)
+
+    def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
+        """The joint value itself."""
+        return q[self._indices]
+
+
+class JointHarmonics(JointErrors):
+    """Errors of the transmission that come back with every turn of a shaft.
+
+    ``sin(h q)`` and ``cos(h q)`` of each joint: h = 1 is the eccentricity of an encoder or a
+    bearing on the joint itself, 2 what is oval; the gear ratio is the eccentricity of the motor's
+    shaft, and twice it the two-lobed error of a strain wave gear.
+
+    Parameters
+    ----------
+    robot : Robot
+    joints : sequence of str
+    harmonics : sequence of float
+        The h, waves in a turn of the joint.
+    prior_rad : float, optional
+        Standard deviation known before measuring [rad].
+    """
+
+    phases: ClassVar[tuple[str, ...]] = ("sin", "cos")
 
     def __init__(
         self,
         robot: Robot,
         joints: Sequence[str],
-        payload: Payload | None = None,
-        nominal: FloatArray | None = None,
+        harmonics: ArrayLike = (1.0,),
+        prior_rad: float | None = None,
     ) -> None:
-        self._robot = robot
-        self._payload = payload
-        self._indices = joint_indices(robot, joints)
-        self._nominal = np.zeros(len(joints)) if nominal is None else np.asarray(nominal, float)
-        if self._nominal.shape != (len(joints),):
+        waves = np.atleast_1d(np.asarray(harmonics, dtype=float))
+        if waves.ndim != 1 or not waves.size or not (np.isfinite(waves) & (waves > 0)).all():
             raise InputError(
-                f"{self._nominal.size} nominal compliances for {len(joints)} joints", name="nominal"
+                "harmonics are waves in a turn of the joint, numbers above zero",
+                hint="1 for the joint itself, the gear ratio for the motor's shaft",
+                name="harmonics",
             )
-        self.names = tuple(f"compliance.{joint}" for joint in joints)
+        if len(set(waves.tolist())) != len(waves):
+            raise InputError("a harmonic is listed twice", hint="list it once", name="harmonics")
+        indices, names, orders = [], [], []
+        for joint, index in zip(joints, joint_indices(robot, joints), strict=True):
+            for wave in waves.tolist():
+                for phase in self.phases:
+                    indices.append(index)
+                    names.append(f"harmonic.{joint}.{phase}{wave:g}")
+                    orders.append((wave, phase))
+        self._waves = np.array([wave for wave, _ in orders])[:, None]
+        # cos(a) = sin(a + 90 deg)
+        self._phase = np.array([0.0 if phase == "sin" else np.pi / 2 for _, phase in orders])
+        super().__init__(indices, names, "rad", prior_rad)
 
-    @property
-    def nominal(self) -> FloatArray:
-        """See :meth:`ParameterBlock.nominal`."""
-        return self._nominal
-
-    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray) -> None:
-        """See :meth:`ParameterBlock.displace`."""
-        torque = gravity_torque(self._robot, q, self._payload)
-        added = np.zeros(np.broadcast_shapes(torque.shape, (*values.shape[:-1], 1)))
-        added[..., self._indices] = values * torque[..., self._indices]
-        errors.joints = errors.joints + added
-
-    def motion(self, view: ArmView) -> FloatArray:
-        """See :meth:`ParameterBlock.motion`."""
-        torque = gravity_torque(self._robot, view.q, self._payload)[..., self._indices]
-        return view.joint_motion[..., self._indices] * torque[..., None, :]
-
-
-def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) -> FloatArray:
-    """Torque that gravity puts on each joint, ``(..., n)`` [Nm].
-
-    Positive where gravity turns the joint in its positive sense: the opposite of what the motors
-    hold against it (``pinocchio.computeGeneralizedGravity``).
-
-    Parameters
-    ----------
-    robot : Robot
-        Links without mass weigh nothing.
-    q : array (..., n)
-        Postures [rad].
-    payload : Payload, optional
-        Mass carried at the tip.
-    """
-    state = robot.chain.forward(q)
-    com = (state.rotations @ robot.link_com[..., None])[..., 0] + state.origins  # (..., n, 3)
-    mass = robot.link_mass
-    if payload is not None:
-        com = np.concatenate([com, state.point(payload.com_m)[..., None, :]], axis=-2)
-        mass = np.append(mass, payload.mass_kg)
-    # joint j carries link j and everything behind it: sums from the tip inwards
-    moment = np.flip(np.cumsum(np.flip(mass[:, None] * com, axis=-2), axis=-2), axis=-2)
-    carried = np.flip(np.cumsum(np.flip(mass)))
-    n = robot.n
-    if payload is not None:  # the payload belongs to the last link
-        moment, carried = moment[..., :n, :], carried[:n]
-    lever = moment - carried[:, None] * state.origins
-    return np.asarray(np.sum(state.axes * np.cross(lever, robot.gravity), axis=-1))
+    def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
+        """Sine or cosine of the joint times its harmonic."""
+        return np.sin(self._waves * q[self._joints] + self._phase[:, None])

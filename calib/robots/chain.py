@@ -10,8 +10,10 @@ three. All of it goes element by element, so that a posture gives the same bits 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -90,12 +92,34 @@ class Walk(NamedTuple):
         Columns, then rows, of ``R_base_tip``.
     p_base_tip : array (3, S)
         [m]
+    placed : dict of array (3, 3, S)
+        For each joint whose placement is displaced: columns, then rows, of the rotation of its
+        frame before the joint turns it, in the axes of the description.
     """
 
     columns: FloatArray
     origins: FloatArray
     tip: FloatArray
     p_base_tip: FloatArray
+    placed: dict[int, FloatArray]
+
+
+class Displacement(NamedTuple):
+    """How the frame of a joint sits off its place, in its own axes as described.
+
+    Attributes
+    ----------
+    translation : array (3, S) or (3, 1)
+        [m]
+    rotation : array (3, 3, S) or (3, 3, 1)
+        Rows, then columns.
+    """
+
+    translation: FloatArray
+    rotation: FloatArray
+
+
+_AS_DESCRIBED: Mapping[int, Displacement] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,18 +198,31 @@ class SerialChain:
         R = np.eye(3) if to_link is None else to_link
         return _exact(R @ T[:3, :3]), _steps(R @ T[:3, 3])
 
-    def walk(self, q: FloatArray) -> Walk:
-        """Go from the base to the tip at postures ``(S, n)`` [rad]."""
-        count = len(q)
-        q = np.ascontiguousarray(q.T)
+    def walk(self, q: FloatArray, displaced: Mapping[int, Displacement] = _AS_DESCRIBED) -> Walk:
+        """Go from the base to the tip at postures ``(n, S)`` [rad], posture last.
+
+        Parameters
+        ----------
+        q : array (n, S)
+            C-contiguous rows are fastest.
+        displaced : mapping, optional
+            Joints whose frames are not where the description has them.
+        """
+        count = q.shape[1]
         sines, cosines = np.sin(q), np.cos(q)
         columns, origins = np.empty((self.n, 3, 3, count)), np.empty((self.n, 3, count))
         before = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, count))
         origin, spare = np.zeros((3, count)), np.empty((3, count))
+        placed = {}
         for j, joint in enumerate(self._joints):
             origin = _moved(origin, before, joint.steps, origins[j])
             a, b, k = joint.turning
             at_zero = _turned(before, joint.fixed)
+            if j in displaced:
+                own = at_zero if joint.to_link is None else _turned(at_zero, joint.to_link)
+                origin = _moved_along(origin, own, displaced[j].translation, origins[j])
+                placed[j] = own = _product(own, displaced[j].rotation)
+                at_zero = own if joint.to_link is None else _turned(own, joint.to_link.T)
             s = sines[j] if joint.way > 0 else -sines[j]
             here = columns[j]
             np.multiply(cosines[j], at_zero[a], out=here[a])
@@ -196,13 +233,18 @@ class SerialChain:
             before = here
         R, steps = self._mount
         p_base_tip = _moved(origin, before, steps, np.empty((3, count)))
-        return Walk(columns, origins, _turned(before, R), p_base_tip)
+        return Walk(columns, origins, _turned(before, R), p_base_tip, placed)
 
     def axes_of(self, walk: Walk, joint: int) -> FloatArray:
         """Unit vectors ``(3, S)`` of one joint axis."""
         way, k = self._joints[joint].way, self._joints[joint].turning[2]
         axis: FloatArray = walk.columns[joint, k]
         return axis if way > 0 else -axis
+
+    def link_columns(self, walk: Walk, joint: int) -> FloatArray:
+        """Columns, then rows, ``(3, 3, S)`` of ``R_base_link`` of the link that a joint moves."""
+        to_link, columns = self._joints[joint].to_link, walk.columns[joint]
+        return columns if to_link is None else _turned(columns, to_link)
 
     def forward(self, q: FloatArray) -> ChainState:
         """State of the chain at postures ``(..., n)`` [rad]."""
@@ -213,11 +255,11 @@ class SerialChain:
         R_base_tip, p_base_tip = np.empty((count, 3, 3)), np.empty((count, 3))
         for start in range(0, count, _BLOCK):
             part = slice(start, start + _BLOCK)
-            walk = self.walk(q[part])
+            walk = self.walk(np.ascontiguousarray(q[part].T))
             for j, joint in enumerate(self._joints):
                 axes[part, j] = self.axes_of(walk, j).T
                 if joint.to_link is not None:
-                    walk.columns[j] = _turned(walk.columns[j], joint.to_link)
+                    walk.columns[j] = self.link_columns(walk, j)
             rotations[part] = walk.columns.transpose(3, 0, 2, 1)
             origins[part] = walk.origins.transpose(2, 0, 1)
             R_base_tip[part], p_base_tip[part] = walk.tip.transpose(2, 1, 0), walk.p_base_tip.T
@@ -271,6 +313,26 @@ def _turned(columns: FloatArray, R: FloatArray) -> FloatArray:
         np.multiply(weight, columns[i], out=out[k])
         for i, weight in terms[1:]:
             out[k] += weight * columns[i]
+    return out
+
+
+def _moved_along(
+    origin: FloatArray, columns: FloatArray, translation: FloatArray, out: FloatArray
+) -> FloatArray:
+    """A point ``(3, S)`` moved by ``(3, S)`` in the axes that are columns; written to ``out``."""
+    np.add(origin, columns[0] * translation[0], out=out)
+    for k in (1, 2):
+        out += columns[k] * translation[k]
+    return out
+
+
+def _product(columns: FloatArray, R: FloatArray) -> FloatArray:
+    """Columns ``(3, 3, S)`` of the product with rotations ``(3, 3, S)``, rows then columns."""
+    out = np.empty(columns.shape)
+    for k in range(3):
+        np.multiply(columns[0], R[0, k], out=out[k])
+        out[k] += columns[1] * R[1, k]
+        out[k] += columns[2] * R[2, k]
     return out
 
 

@@ -172,7 +172,7 @@ def compare(
     distance, angle, cosine = np.empty((3, len(postures)))
     for start in range(0, len(postures), _CHECKED_AT_ONCE):
         part = slice(start, start + _CHECKED_AT_ONCE)
-        walk = chain.walk(postures[part])
+        walk = chain.walk(np.ascontiguousarray(postures[part].T))
         off = np.take(wanted, pose[part], axis=1)
         off[:9] -= walk.tip.reshape(9, -1)
         off[9:] -= walk.p_base_tip

@@ -1,0 +1,414 @@
+"""Frames of the measuring set-up: on the tool, and around the arm.
+
+A frame is a place and a rotation: ``R = R_nominal exp(r)`` with the rotation vector r in its own
+axes. Points are frames without a rotation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.arm_view import ArmErrors, ArmView, Feature, Setup
+from calib.errors import InputError
+from calib.parameters.base import ParameterBlock, prior_of
+from calib.parameters.links import AXES
+from calib.posture_last import columns_of, cross, product
+from calib.se3 import FloatArray, check_transforms, right_jacobian, rotation_exp, transform
+
+
+class Frames(ParameterBlock):
+    """Frames with free axes; subclasses say where they sit.
+
+    Parameters
+    ----------
+    kind : str
+        First part of the names: ``tool`` or ``target``.
+    labels : sequence of str
+        Names of the frames.
+    T_nominal : array_like (K, 4, 4)
+        In the tip frame or in the base frame [m].
+    free : sequence of str
+        Axes to identify, of x, y, z, rx, ry, rz; the same for all frames.
+    prior_m, prior_rad : float, optional
+        Standard deviations of places and rotations known before measuring.
+    """
+
+    nuisance = True
+
+    def __init__(
+        self,
+        kind: str,
+        labels: Sequence[str],
+        T_nominal: ArrayLike,
+        free: Sequence[str],
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        self.T_nominal = check_transforms(T_nominal, kind)
+        self.labels = tuple(labels)
+        if len(set(self.labels)) != len(self.labels):
+            raise InputError(f"two {kind}s have the same name", name=kind, hint="rename one")
+        if len(set(free)) != len(free) or not set(free) <= set(AXES):
+            raise InputError(
+                f"free axes of the {kind} {' '.join(free)!r} are no part of {' '.join(AXES)}",
+                name=kind,
+            )
+        self._axes = [AXES.index(axis) for axis in free]
+        self._turns = any(axis >= 3 for axis in self._axes)
+        self.names = tuple(f"{self._stem(kind, k)}.{axis}" for k in self.labels for axis in free)
+        self.units = tuple("m" if axis < 3 else "rad" for axis in self._axes) * len(self.labels)
+        lengths = np.array([unit == "m" for unit in self.units], dtype=bool)
+        self.prior = np.where(lengths, prior_of(prior_m, self.size), prior_of(prior_rad, self.size))
+
+    def _stem(self, kind: str, label: str) -> str:
+        return kind if label == kind else f"{kind}.{label}"
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Nominal places [m], and no rotation; frame by frame ``(size,)``."""
+        six = np.zeros((len(self.labels), 6))
+        six[:, :3] = self.T_nominal[:, :3, 3]
+        return np.asarray(six[:, self._axes].ravel())
+
+    @property
+    def positions_m(self) -> FloatArray:
+        """Nominal places ``(K, 3)`` [m], free or not."""
+        return np.asarray(self.T_nominal[:, :3, 3])
+
+    def poses(self, values: ArrayLike) -> FloatArray:
+        """Poses ``(K, 4, 4)`` of the frames at values ``(size,)``."""
+        six = self._six(np.asarray(values, dtype=float)[:, None])[..., 0]
+        R = self.T_nominal[:, :3, :3] @ rotation_exp(six[:, 3:])
+        return transform(R, six[:, :3])
+
+    def centred_on(self, values: ArrayLike) -> Frames:
+        """The same block about the poses that the frames have at values ``(size,)``.
+
+        Rotation vectors are good for less than half a turn; a fit starts with none.
+        """
+        moved = copy(self)
+        moved.T_nominal = self.poses(values)
+        return moved
+
+    def _six(self, values: FloatArray) -> FloatArray:
+        """Place [m] in the parent's axes and rotation vector of each frame, ``(K, 6, S)``."""
+        six = np.zeros((len(self.labels), 6, values.shape[1]))
+        six[:, :3] = self.T_nominal[:, :3, 3, None]
+        six[:, self._axes] = values.reshape(len(self.labels), -1, values.shape[1])
+        return six
+
+    def features(self, values: FloatArray) -> list[Feature]:
+        """The frames at values ``(size, S)``."""
+        six, found = self._six(values), []
+        for k, T in enumerate(self.T_nominal):
+            R = T[:3, :3]
+            if self._turns:
+                columns = columns_of(R @ rotation_exp(six[k, 3:].T))
+            else:
+                columns = None if (np.eye(3) == R).all() else R.T[:, :, None]
+            found.append(Feature(six[k, :3], columns))
+        return found
+
+    def _turning(self, values: FloatArray, k: int, columns: FloatArray) -> FloatArray:
+        """Axes ``(3, 3, S)`` about which frame k turns for each number of its rotation vector."""
+        six = self._six(values)[k]
+        return product(columns, columns_of(right_jacobian(six[3:].T)))
+
+
+class OnTool(Frames):
+    """Frames that the tip carries."""
+
+    def __init__(
+        self,
+        labels: Sequence[str],
+        T_tip_frame: ArrayLike,
+        free: Sequence[str],
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        super().__init__("tool", labels, T_tip_frame, free, prior_m, prior_rad)
+        self.tools = self.labels
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """See :meth:`ParameterBlock.displace`."""
+        errors.tools += self.features(values)
+
+    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`."""
+        per_frame = out.reshape(len(self.labels), len(self._axes), *out.shape[1:])
+        for frame, (label, rows) in enumerate(zip(self.labels, per_frame, strict=True)):
+            mask = view.tiled(view.setup.tool, view.tools.index(label))
+            about = self._turning(values, frame, view.tool) if self._turns else None
+            for k, axis in enumerate(self._axes):
+                if axis < 3:
+                    rows[k, :3] = view.walk.tip[axis]
+                elif about is not None:  # about the frame's origin, which stays
+                    rows[k, 3:] = about[axis - 3][: rows.shape[1] - 3]
+            if mask is not None:
+                rows *= mask
+
+
+class AroundArm(Frames):
+    """Frames that measurements are taken from."""
+
+    def __init__(
+        self,
+        labels: Sequence[str],
+        T_base_frame: ArrayLike,
+        free: Sequence[str],
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        super().__init__("target", labels, T_base_frame, free, prior_m, prior_rad)
+        self.targets = self.labels
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """See :meth:`ParameterBlock.displace`."""
+        errors.targets += self.features(values)
+
+    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`: the tool against them goes the other way."""
+        per_frame = out.reshape(len(self.labels), len(self._axes), *out.shape[1:])
+        for frame, (label, rows) in enumerate(zip(self.labels, per_frame, strict=True)):
+            mask = view.tiled(view.setup.target, view.targets.index(label))
+            about = self._turning(values, frame, view.target) if self._turns else None
+            for k, axis in enumerate(self._axes):
+                if axis < 3:
+                    rows[k, :3] = -self._shift(frame, axis)[:, None]
+                elif about is not None:
+                    turn = -about[axis - 3]
+                    rows[k, :3] = cross(turn, view.error)
+                    rows[k, 3:] = turn[: rows.shape[1] - 3]
+            if mask is not None:
+                rows *= mask
+
+    def _shift(self, frame: int, axis: int) -> FloatArray:
+        """Direction in the base ``(3,)`` in which a frame goes for one of its first numbers."""
+        return np.asarray(np.eye(3)[axis])
+
+
+class ToolFrame(OnTool):
+    """A frame on the tip: where the tracker's target, the gripper or the camera is.
+
+    Parameters
+    ----------
+    T_tip_tool : array_like (4, 4)
+        Nominal pose in the tip frame [m].
+    label : str
+    free : sequence of str
+        Of x, y, z, rx, ry, rz; all by default.
+    prior_m, prior_rad : float, optional
+    """
+
+    def __init__(
+        self,
+        T_tip_tool: ArrayLike,
+        label: str = "tool",
+        free: Sequence[str] = AXES,
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        super().__init__([label], np.asarray(T_tip_tool)[None], free, prior_m, prior_rad)
+
+
+class ToolPoints(OnTool):
+    """Points on the tip: reflectors, or what a measuring arm probes.
+
+    Parameters
+    ----------
+    positions_m : array_like (K, 3)
+        Nominal places [m] in tip axes.
+    labels : sequence of str
+    free : str
+        Axes of the tip frame along which they are to be identified, a part of ``"xyz"``.
+    prior_m : float, optional
+    """
+
+    def __init__(
+        self,
+        positions_m: ArrayLike,
+        labels: Sequence[str],
+        free: str = "xyz",
+        prior_m: float | None = None,
+    ) -> None:
+        places = _points(positions_m, labels, "each tool point needs three finite numbers", "tool")
+        super().__init__(labels, places, _letters(free), prior_m)
+
+
+class ToolPoint(ToolPoints):
+    """The tool point in the tip frame: tip of the (virtual) pin, ball, or point on the view line.
+
+    The p_VT of [Watanabe2006]_.
+
+    Parameters
+    ----------
+    position_m : array_like (3,)
+        Nominal position [m] in tip axes.
+    free : str
+        Axes of the tip frame along which it is to be identified, a part of ``"xyz"``. A view line
+        says nothing of the position along itself: give ``"xy"`` there.
+    prior_m : float, optional
+        Standard deviation known before measuring.
+    """
+
+    def __init__(
+        self, position_m: ArrayLike, free: str = "xyz", prior_m: float | None = None
+    ) -> None:
+        position = np.asarray(position_m, dtype=float)
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise InputError("the tool point needs three finite numbers", name="tool")
+        super().__init__([position], ["tool"], free, prior_m)
+
+    @property
+    def position_m(self) -> FloatArray:
+        """Nominal position ``(3,)`` [m] in tip axes, free or not."""
+        return np.asarray(self.positions_m[0])
+
+
+class TargetPoints(AroundArm):
+    """The points touched, in the base frame: the p_M of [Watanabe2006]_, one or several.
+
+    Parameters
+    ----------
+    positions_m : array_like (K, 3)
+        Nominal positions [m] in the base frame.
+    labels : sequence of str
+        Name of each target, as in the data.
+    free : bool
+        Whether they are to be identified. Surveyed targets are not, and then even the offset of
+        the first joint can be.
+    prior_m : float, optional
+        Standard deviation known before measuring.
+    """
+
+    def __init__(
+        self,
+        positions_m: ArrayLike,
+        labels: Sequence[str] = ("T1",),
+        free: bool = True,
+        prior_m: float | None = None,
+    ) -> None:
+        places = _points(positions_m, labels, "each target needs three finite numbers", "target")
+        super().__init__(labels, places, "xyz" if free else "", prior_m)
+
+
+class TargetFrame(AroundArm):
+    """A frame that poses and points are measured in: of a tracker, a measuring arm, a camera.
+
+    Parameters
+    ----------
+    T_base_target : array_like (4, 4)
+        Nominal pose in the base frame [m].
+    label : str
+    free : sequence of str
+        Of x, y, z, rx, ry, rz; all by default.
+    prior_m, prior_rad : float, optional
+    """
+
+    def __init__(
+        self,
+        T_base_target: ArrayLike,
+        label: str = "tracker",
+        free: Sequence[str] = AXES,
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        super().__init__([label], np.asarray(T_base_target)[None], free, prior_m, prior_rad)
+
+
+class TargetPlane(AroundArm):
+    """A plane that the tool point touches: its height along its normal and its two tilts.
+
+    Parameters
+    ----------
+    point_m : array_like (3,)
+        A point of the nominal plane in the base frame [m].
+    normal : array_like (3,)
+        Normal in the base frame, of any length.
+    label : str
+    free : bool
+        Whether it is to be identified.
+    """
+
+    def __init__(
+        self, point_m: ArrayLike, normal: ArrayLike, label: str = "plane", free: bool = True
+    ) -> None:
+        z = np.asarray(normal, dtype=float)
+        length = float(np.linalg.norm(z)) if z.shape == (3,) else 0.0
+        if not (np.isfinite(length) and length > 0):
+            raise InputError("the normal of a plane needs a direction", name="target")
+        z = z / length
+        x = np.eye(3)[int(np.argmin(np.abs(z)))]
+        x = x - z * (z @ x)
+        x /= np.linalg.norm(x)
+        T = transform(np.column_stack([x, np.cross(z, x), z]), point_m)
+        super().__init__([label], T[None], ("z", "rx", "ry") if free else ())
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Zero: the plane as described."""
+        return np.zeros(self.size)
+
+    def _six(self, values: FloatArray) -> FloatArray:
+        six = np.zeros((1, 6, values.shape[1]))
+        six[0, self._axes] = values
+        height = six[0, 2].copy()
+        six[0, :3] = self.T_nominal[0, :3, 3, None] + self.T_nominal[0, :3, 2, None] * height
+        return six
+
+    def _shift(self, frame: int, axis: int) -> FloatArray:
+        return np.asarray(self.T_nominal[0, :3, axis])
+
+
+class LengthOffsets(ParameterBlock):
+    """What a wire or a ball bar shows more than the distance: the zero of its reading.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        Targets that it is measured from.
+    prior_m : float, optional
+        Standard deviation known before measuring.
+    """
+
+    nuisance = True
+
+    def __init__(self, labels: Sequence[str], prior_m: float | None = None) -> None:
+        self.labels = tuple(labels)
+        self.names = tuple(f"length.{label}" for label in labels)
+        self.units = ("m",) * len(self.names)
+        self.prior = prior_of(prior_m, len(self.names))
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Zero: the length as shown."""
+        return np.zeros(self.size)
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """See :meth:`ParameterBlock.displace`."""
+        errors.lengths |= dict(zip(self.labels, values, strict=True))
+
+    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`: as if the tool point went outwards."""
+        _, away = view.distance()
+        for label, row in zip(self.labels, out, strict=True):
+            shown = view.is_distance & (view.setup.target == view.targets.index(label))
+            mask = view.tiled(shown.astype(np.intp), 1)
+            row[:3] = away if mask is None else mask * away
+
+
+def _points(places: ArrayLike, labels: Sequence[str], message: str, name: str) -> FloatArray:
+    p = np.atleast_2d(np.asarray(places, dtype=float))
+    if p.shape != (len(labels), 3) or not np.isfinite(p).all():
+        raise InputError(message, name=name)
+    return transform(np.eye(3), p)
+
+
+def _letters(free: str) -> str:
+    if sorted(set(free)) != sorted(free) or not set(free) <= set("xyz"):
+        raise InputError(f"free axes of the tool point {free!r} are no part of xyz", name="tool")
+    return free

@@ -1,0 +1,106 @@
+"""Link geometry: where each joint really sits on the link before it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.arm_view import ArmErrors, ArmView, Setup
+from calib.errors import InputError
+from calib.parameters.base import ParameterBlock, joint_indices, prior_of
+from calib.posture_last import columns_of, cross, product
+from calib.robots.chain import Displacement
+from calib.robots.robot import Robot
+from calib.se3 import FloatArray, right_jacobian, rotation_exp
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+"""Degrees of freedom of a frame: along its axes [m], then a rotation vector [rad]."""
+
+
+class LinkGeometry(ParameterBlock):
+    """Errors of the places of joint frames, six a joint, in the axes of the description.
+
+    The frame of a joint is displaced by (x, y, z) and then turned by the rotation vector
+    (rx, ry, rz), before the joint turns it: the ``origin`` of a URDF joint. The last link's end is
+    the business of the tool, the base that of the targets.
+
+    Not all six of all joints can be told apart: a turn about the joint's own axis is its zero
+    offset, a shift along parallel axes shows alike on both. Free all and reduce
+    (:func:`calib.identification.reduce`), list what is wanted, or give priors.
+
+    Parameters
+    ----------
+    robot : Robot
+    freed : sequence of str, optional
+        Names of parameters to free, such as ``link.joint_2.x``; all six of all joints by default.
+    prior_m, prior_rad : float, optional
+        Standard deviations of lengths and angles known before measuring.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        freed: Sequence[str] | None = None,
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        known = [f"link.{joint}.{axis}" for joint in robot.joint_names for axis in AXES]
+        wanted = known if freed is None else list(freed)
+        strange = next((name for name in wanted if name not in known), None)
+        if strange is not None:
+            joint = strange.removeprefix("link.").rpartition(".")[0]
+            joint_indices(robot, [joint])  # raises, with near names
+            raise InputError(
+                f"{strange!r} is no parameter of a link",
+                hint=f"link.JOINT. and one of {', '.join(AXES)}",
+                name=strange,
+            )
+        self.names = tuple(name for name in known if name in set(wanted))  # from base to tip
+        places = [divmod(known.index(name), len(AXES)) for name in self.names]
+        self._joints = sorted({joint for joint, _ in places})
+        self._rows = {
+            joint: [(k, axis) for k, (j, axis) in enumerate(places) if j == joint]
+            for joint in self._joints
+        }
+        self.units = tuple("m" if axis < 3 else "rad" for _, axis in places)
+        lengths = np.array([unit == "m" for unit in self.units], dtype=bool)
+        self.prior = np.where(lengths, prior_of(prior_m, self.size), prior_of(prior_rad, self.size))
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Zero: links as described."""
+        return np.zeros(self.size)
+
+    def displacement(self, values: FloatArray, joint: int) -> FloatArray:
+        """The six numbers of a joint's frame ``(6, S)``, zero where they are not free."""
+        six = np.zeros((6, values.shape[1]))
+        for k, axis in self._rows.get(joint, ()):
+            six[axis] = values[k]
+        return six
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """See :meth:`ParameterBlock.displace`."""
+        for joint in self._joints:
+            six = self.displacement(values, joint)
+            R = np.moveaxis(rotation_exp(six[3:].T), 0, -1)
+            errors.displaced[joint] = Displacement(six[:3], R)
+
+    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`."""
+        for joint in self._joints:
+            turned = view.walk.placed[joint]  # columns of the frame, turned
+            displaced = view.errors.displaced[joint]
+            columns = [axis for _, axis in self._rows[joint]]
+            if min(columns) < 3:  # along the axes of the frame before it is turned
+                before = product(turned, displaced.rotation)  # its rows are its inverse's columns
+            if max(columns) >= 3:
+                six = self.displacement(values, joint)
+                about = product(turned, columns_of(right_jacobian(six[3:].T)))
+                lever = view.point - view.walk.origins[joint]
+            for k, axis in self._rows[joint]:
+                if axis < 3:
+                    out[k, :3] = before[axis]
+                else:
+                    out[k, :3] = cross(about[axis - 3], lever)
+                    out[k, 3:] = about[axis - 3][: out.shape[1] - 3]

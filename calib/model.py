@@ -150,25 +150,6 @@ class CalibrationModel:
         """The same robot and parameters with other kinds, or another noise, of measurement."""
         return CalibrationModel(self.robot, self.parameters, measurements, self.distances)
 
-    def centred_on(self, x: FloatArray) -> tuple[CalibrationModel, FloatArray]:
-        """The same model with its frames about the poses that they have at parameters ``(p,)``.
-
-        Returns
-        -------
-        model : CalibrationModel
-        x : array (p,)
-            The parameters, of the new model, that mean the same.
-        """
-        values = x.copy()
-        blocks = []
-        for block, part in zip(self.parameters, self.slices, strict=True):
-            moved = block
-            if isinstance(block, Frames) and "rad" in block.units:
-                moved = block.centred_on(x[part])
-                values[part] = moved.nominal
-            blocks.append(moved)
-        return self.with_parameters(blocks), values
-
     def view(self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None) -> ArmView:
         """Arm and set-up at postures ``(..., N, n)`` [rad] with parameters ``(..., p)``."""
         return self._view(q, x, setup)[0]
@@ -261,11 +242,11 @@ class CalibrationModel:
     def _predict(self, view: ArmView) -> FloatArray:
         """Readings ``(m, S)``."""
         out = np.zeros((self.rows, view.q.shape[1]))
-        for kind, columns, part in self._by_kind(view):
+        for kind, columns, part in self.by_kind(view):
             out[: kind.rows, columns] = kind.predict(part)
         return out
 
-    def _by_kind(self, view: ArmView) -> list[tuple[Measurement, slice | IntArray, ArmView]]:
+    def by_kind(self, view: ArmView) -> list[tuple[Measurement, slice | IntArray, ArmView]]:
         """Each kind with its columns among the S, and the view of these alone."""
         if len(self.measurements) == 1:
             return [(self.measurements[0], slice(None), view)]
@@ -312,7 +293,7 @@ class CalibrationModel:
         readings = None if observed is None else _last(observed, view)
         rows = np.zeros((self.rows, view.q.shape[1]))
         J = np.zeros((self.p, self.rows, view.q.shape[1]))
-        for kind, columns, part in self._by_kind(view):
+        for kind, columns, part in self.by_kind(view):
             predicted = kind.predict(part)
             read = None if readings is None else readings[: kind.rows, columns]
             if read is not None:
@@ -333,8 +314,17 @@ class CalibrationModel:
         if len(self.measurements) == 1:
             return self.measurement.whiten(rows, view)
         out = np.zeros_like(rows)
-        for kind, columns, part in self._by_kind(view):
+        for kind, columns, part in self.by_kind(view):
             out[..., : kind.rows, columns] = kind.whiten(rows[..., : kind.rows, columns], part)
+        return out
+
+    def gap(self, vector: FloatArray, view: ArmView) -> FloatArray:
+        """What of vectors ``(..., 3, S)`` the arm has to close: see :meth:`Measurement.gap`."""
+        if len(self.measurements) == 1:
+            return self.measurement.gap(vector, view)
+        out = np.zeros_like(vector)
+        for kind, columns, part in self.by_kind(view):
+            out[..., columns] = kind.gap(vector[..., columns], part)
         return out
 
     def known(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -435,7 +425,7 @@ class Linearisation:
         if len(self.model.measurements) == 1:
             return self.view.posture_first(self.model.measurement.colour(unit, self.view))
         out = np.zeros((m, m, width))
-        for kind, columns, part in self.model._by_kind(self.view):
+        for kind, columns, part in self.model.by_kind(self.view):
             k = kind.rows
             out[:k, :k, columns] = kind.colour(unit[:k, :k, columns], part)
         return self.view.posture_first(out)

@@ -4,86 +4,140 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arm_view import Setup
+from calib.errors import InputError
 from calib.identification.identifiability import is_identifiable
-from calib.model import CalibrationModel
+from calib.identification.least_squares import equal_sigma, white_rows
+from calib.model import CalibrationModel, Linearisation
 from calib.se3 import FloatArray, IntArray
+
+_NOTHING_LEFT = 1e-9
+"""Smallest singular value of I - H of a pose left out, below which nothing but it holds some
+parameter."""
 
 
 def covariance_of(
     model: CalibrationModel,
     q: FloatArray,
     x: FloatArray | None = None,
-    target: IntArray | None = None,
+    setup: Setup | None = None,
     *,
     weighted: bool = True,
 ) -> FloatArray:
     """Covariance ``(p, p)`` [SI] that the noise of the measurement gives, before measuring.
 
-    Weighted: ``(JᵀJ)⁻¹`` of the whitened Jacobian, the Cramér-Rao bound. Unweighted: the scatter
-    of the paper's estimate (Eq. 8), ``G⁺ Σ G⁺ᵀ``, under the same noise. Infinite throughout where
-    the postures do not identify all parameters.
+    Weighted: ``(JᵀJ)⁻¹`` of the whitened Jacobian with what is known besides: the Cramér-Rao
+    bound. Unweighted: the scatter of the paper's estimate (Eq. 8), ``G⁺ Σ G⁺ᵀ``, under the same
+    noise. Infinite throughout where the postures do not identify all parameters.
+
+    Raises
+    ------
+    InputError
+        Priors or known distances in an unweighted estimate: there is nothing to weigh them by.
     """
-    _, J, R = model.linearise(q, x, target)
-    white = model.measurement.whiten(J, R)
-    if not is_identifiable(white.reshape(-1, model.p)):
+    values = model.nominal if x is None else x
+    linear = model.linearise(q, values, setup)
+    return covariance_at(linear, values, weighted=weighted)
+
+
+def covariance_at(linear: Linearisation, x: FloatArray, *, weighted: bool = True) -> FloatArray:
+    """The same from a linearisation that is there already, of one set at parameters ``(p,)``."""
+    model = linear.model
+    white = information_root(linear, x)
+    if not is_identifiable(white):
         return np.full((model.p, model.p), np.inf)
     if weighted:
-        root = np.linalg.pinv(white.reshape(-1, model.p))
+        root = np.linalg.pinv(white, rcond=1e-15)
         return np.asarray(root @ root.T)
+    check_unweighted(model)
+    J = linear.jacobian
     gain = np.linalg.pinv(J.reshape(-1, model.p)).reshape(model.p, *J.shape[:2])
-    rows = J.shape[1]
-    # whiten(I) = Σ^(-1/2) of each posture
-    unit = np.broadcast_to(np.eye(rows), (*J.shape[:2], rows))
-    noise_root = np.linalg.inv(model.measurement.whiten(unit, R))
-    spread = np.einsum("pim,imk->pik", gain, noise_root).reshape(model.p, -1)
+    spread = np.einsum("pim,imk->pik", gain, linear.noise_root).reshape(model.p, -1)
     return np.asarray(spread @ spread.T)
 
 
-def best_chi2(J: FloatArray, rows: FloatArray, R: FloatArray, model: CalibrationModel) -> float:
+def check_unweighted(model: CalibrationModel) -> None:
+    """Refuse what an estimate that takes all rows alike cannot use.
+
+    Raises
+    ------
+    InputError
+    """
+    if model.distances or np.isfinite(model.prior).any():
+        raise InputError(
+            "priors and known distances need rows that are weighted by their noise",
+            hint="weight them, or leave these out",
+            name="weighted",
+        )
+
+
+def information_root(linear: Linearisation, x: FloatArray) -> FloatArray:
+    """Rows ``(M, p)`` over their noise of all that is known: its square is the information."""
+    measured = linear.white_jacobian.reshape(-1, linear.model.p)
+    _, known = linear.model.known(np.atleast_2d(x))
+    return np.concatenate([measured, known[0]])
+
+
+def best_chi2(linear: Linearisation, x: FloatArray) -> float:
     """Sum of squares of the whitened residuals, where the weighted fit has them.
 
     After an unweighted fit the residuals are larger than that, by what it gives away, and would
     not have the distribution of chi²: what the parameters could still explain is taken out.
-
-    Parameters
-    ----------
-    J : array (N, m, p)
-    rows : array (N, m)
-        Residuals of a fit, weighted or not [m].
-    R : array (N, 3, 3)
-        Rotations of the tip, see :meth:`CalibrationModel.linearise`.
-    model : CalibrationModel
     """
-    white = model.measurement.whiten(np.concatenate([J, rows[..., None]], axis=-1), R)
-    white = white.reshape(-1, model.p + 1)
-    Q = np.linalg.qr(white[:, :-1] / np.linalg.norm(white[:, :-1], axis=0))[0]
-    left = white[:, -1] - Q @ (Q.T @ white[:, -1])
-    return float(left @ left)
+    root = information_root(linear, x)
+    known, _ = linear.model.known(np.atleast_2d(x))
+    rows = np.concatenate([linear.white_rows.ravel(), known[0]])
+    if root.shape[1]:
+        Q = np.linalg.qr(root / _lengths(root))[0]
+        rows = rows - Q @ (Q.T @ rows)
+    return float(rows @ rows)
 
 
 def leave_one_out(
-    J: FloatArray, rows: FloatArray, R: FloatArray, model: CalibrationModel, weighted: bool
+    linear: Linearisation, x: FloatArray, groups: IntArray, *, weighted: bool = True
 ) -> FloatArray:
-    """Rows ``(N, m)`` at each posture, predicted from the fit to all the others.
+    """Rows ``(N, m)`` [m, rad] of each measurement, predicted from the fit to the other groups.
 
-    In closed form from one fit: ``(I - H_ii)⁻¹ r_i`` with H the hat matrix. Exact where the model
-    is linear, and calibrations are nearly so at their solution. A posture without which the
-    parameters cannot be identified gives NaN.
+    In closed form from one fit: ``(I - H_gg)⁻¹ r_g`` with H the hat matrix and g all rows of one
+    group. Exact where the model is linear, and calibrations are nearly so at their solution. A
+    group without which the parameters cannot be identified gives NaN.
+
+    Parameters
+    ----------
+    linear : Linearisation
+        Of one set, at its solution.
+    x : array (p,)
+        The solution.
+    groups : array (N,)
+        Index of the group that each measurement belongs to: those of one pose are left out
+        together.
+    weighted : bool
+        As in the fit.
     """
-    if weighted:
-        J, r = model.measurement.whiten(J, R), model.measurement.whiten(rows[..., None], R)
-    else:
-        r = rows[..., None]
+    rows_last, J_last = white_rows(linear, weighted)
+    rows, J = linear.view.posture_first(rows_last), linear.view.posture_first(J_last)
     count, m, p = J.shape
-    Q = np.linalg.qr(J.reshape(-1, p) / np.linalg.norm(J.reshape(-1, p), axis=0))[0]
-    Q = Q.reshape(count, m, p)
-    rest = np.eye(m) - Q @ np.swapaxes(Q, -1, -2)
-    alone = np.linalg.svd(rest, compute_uv=False)[:, -1] < 1e-9
-    rest[alone] = np.eye(m)
-    out = np.linalg.solve(rest, r)
-    if weighted:  # back to metres
-        unit = np.broadcast_to(np.eye(m), (count, m, m))
-        out = np.linalg.solve(model.measurement.whiten(unit, R), out)
-    out = out[..., 0]
-    out[alone] = np.nan
-    return np.asarray(out)
+    known = linear.model.known(np.atleast_2d(x))[1][0] if weighted else np.zeros((0, p))
+    stacked = np.concatenate([J.reshape(-1, p), known])
+    Q = np.linalg.qr(stacked / _lengths(stacked))[0] if p else stacked
+    Q = Q[: count * m].reshape(count, m, p)
+    out = np.full((count, m), np.nan)
+    sizes = np.bincount(groups)
+    for size in np.unique(sizes[sizes > 0]):  # groups of one size at a time
+        members = np.argsort(groups, kind="stable")
+        members = members[np.isin(groups[members], np.flatnonzero(sizes == size))].reshape(-1, size)
+        own = Q[members].reshape(len(members), size * m, p)
+        left = np.eye(size * m) - own @ np.swapaxes(own, 1, 2)
+        alone = np.linalg.svd(left, compute_uv=False)[:, -1] < _NOTHING_LEFT
+        left[alone] = np.eye(size * m)
+        found = np.linalg.solve(left, rows[members].reshape(len(members), -1, 1))
+        found[alone] = np.nan
+        out[members] = found.reshape(len(members), size, m)
+    if weighted:
+        return np.asarray((linear.noise_root @ out[..., None])[..., 0])
+    return out * equal_sigma(linear.model)
+
+
+def _lengths(columns: FloatArray) -> FloatArray:
+    length = np.linalg.norm(columns, axis=0)
+    return np.where(length > 0, length, 1.0)

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
+from scipy.stats import norm, t
 
 from calib.parameters.base import Unit
 from calib.se3 import BoolArray, FloatArray
@@ -15,13 +16,42 @@ DISPLAY: dict[Unit, tuple[str, float]] = {
     "rad": ("deg", 180.0 / np.pi),
     "m": ("mm", 1e3),
     "rad/Nm": ("urad/Nm", 1e6),
+    "rad/rad": ("mrad/rad", 1e3),
 }
 """Unit in which people read a parameter, and the factor from SI to it."""
 
 MODEL_DOUBT = 1e-4
 """Probability of a chi² as large as the one found below which noise does not explain the data."""
 
+CONFIDENCE = 0.95
+
+STRONG_CORRELATION = 0.9
+
+HELD_SHARE = 0.9
+"""Of its prior's standard deviation that a parameter must have left to be held by it alone."""
+
 Status = Literal["converged", "not converged"]
+
+
+@dataclass(frozen=True)
+class KindNoise:
+    """Noise of one kind of measurement, as used.
+
+    Attributes
+    ----------
+    kind : str
+    sigma : array (m,)
+        Standard deviation of each row [m, rad].
+    estimated : bool
+        From the residuals, because none was given.
+    scale : float
+        Residuals over this noise, redundancy taken into account; 1 where it fits.
+    """
+
+    kind: str
+    sigma: FloatArray
+    estimated: bool
+    scale: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,16 +70,29 @@ class IdentificationResult:
         [SI]
     nominal : array (p,)
         Where the robot as described stands [SI].
+    prior : array (p,)
+        Standard deviations known before measuring [SI]; infinite where nothing was.
     covariance : array (p, p)
-        [SI]. From the noise given; scaled up to the residuals where chance would leave ones as
-        large as they are with a probability below ``MODEL_DOUBT`` only.
+        [SI]. From the noise given or estimated; scaled up to the residuals where chance would
+        leave ones as large as they are with a probability below ``MODEL_DOUBT`` only.
+    singular_values : array (p,)
+        Of the Jacobian over its noise, columns of unit length; what is known besides included.
     residuals : array (N, m)
-        Rows left over at each posture [m].
+        Rows left over at each measurement [m, rad].
     leave_one_out : array (N, m)
-        Rows at each posture when predicted from all the others [m]; NaN for a posture without
-        which the parameters cannot be identified.
+        Rows at each measurement when predicted from all other poses [m, rad]; NaN for a pose
+        without which the parameters cannot be identified.
+    angles : array (N, m) of bool
+        Which rows are angles.
+    poses : tuple of str
+        Name of the pose of each measurement.
+    outliers : array (N,) of bool
+        Measurements that took no part because they contradict the others.
+    weights : array (N,)
+        Share that each measurement had in the fit; 1 without a robust loss.
+    noise : tuple of KindNoise
     chi2 : float
-        Sum of squared residuals divided by the noise given, see :func:`best_chi2`.
+        Sum of squared residuals divided by the noise, see :func:`best_chi2`.
     degrees_of_freedom : int
     noise_scale : float
         Residuals over noise: ``sqrt(chi2 / degrees_of_freedom)``, 1 where the noise fits; NaN
@@ -57,6 +100,8 @@ class IdentificationResult:
     iterations : int
     status : {"converged", "not converged"}
     message : str
+    notes : tuple of str
+        What else has to be known: parameters merged with others, what rests on priors.
     """
 
     model: str
@@ -65,15 +110,23 @@ class IdentificationResult:
     nuisance: BoolArray
     values: FloatArray
     nominal: FloatArray
+    prior: FloatArray
     covariance: FloatArray
+    singular_values: FloatArray
     residuals: FloatArray
     leave_one_out: FloatArray
+    angles: BoolArray
+    poses: tuple[str, ...]
+    outliers: BoolArray
+    weights: FloatArray
+    noise: tuple[KindNoise, ...]
     chi2: float
     degrees_of_freedom: int
     noise_scale: float
     iterations: int
     status: Status
     message: str
+    notes: tuple[str, ...] = ()
 
     @property
     def sigma(self) -> FloatArray:
@@ -81,36 +134,89 @@ class IdentificationResult:
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def rms_m(self) -> float:
-        """Root mean square of the distance left over at a posture [m]."""
-        return _rms(self.residuals)
+    def interval(self) -> FloatArray:
+        """Bounds ``(2, p)`` [SI] of the 95 % interval of each parameter.
 
-    @property
-    def leave_one_out_rms_m(self) -> float:
-        """The same for postures that took no part in the fit [m]; NaN where there are none.
-
-        Over the postures that can be left out: see :attr:`indispensable`.
+        By Student's distribution where the noise was taken from the residuals.
         """
-        return _rms(self.leave_one_out[np.isfinite(self.leave_one_out).all(axis=1)])
+        tail = 0.5 + CONFIDENCE / 2.0
+        taken = any(kind.estimated for kind in self.noise) or not self.explains_data
+        free = self.degrees_of_freedom
+        reach = float(t.ppf(tail, free)) if taken and free > 0 else float(norm.ppf(tail))
+        return self.values + reach * self.sigma * np.array([[-1.0], [1.0]])
 
     @property
-    def indispensable(self) -> int:
-        """Postures without which the parameters could not be identified."""
-        return int((~np.isfinite(self.leave_one_out).all(axis=1)).sum())
+    def correlations(self) -> FloatArray:
+        """Correlations ``(p, p)`` of the parameters."""
+        sigma = self.sigma
+        return np.asarray(self.covariance / np.outer(sigma, sigma))
+
+    @property
+    def strong_correlations(self) -> list[tuple[str, str, float]]:
+        """Pairs correlated beyond ``STRONG_CORRELATION``, the strongest first."""
+        upper = np.triu(self.correlations, 1)
+        pairs = np.argwhere(np.abs(upper) > STRONG_CORRELATION)
+        found = [(self.names[i], self.names[j], float(upper[i, j])) for i, j in pairs]
+        return sorted(found, key=lambda pair: -abs(pair[2]))
+
+    @property
+    def held_by_prior(self) -> list[str]:
+        """Parameters of which the measurements say next to nothing: the prior alone holds them."""
+        held = self.sigma > HELD_SHARE * self.prior
+        return [name for name, is_held in zip(self.names, held, strict=True) if is_held]
+
+    @property
+    def used(self) -> BoolArray:
+        """Measurements that took part in the fit, ``(N,)``."""
+        return ~self.outliers
 
     @property
     def distances_m(self) -> list[float]:
-        """Distance left over at each posture [m]."""
-        return [float(far) for far in np.linalg.norm(self.residuals, axis=1)]
+        """Distance left over at each measurement [m]."""
+        return [float(far) for far in self._lengths(self.residuals)]
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square of the distance left over at a measurement [m]; outliers apart."""
+        return _rms(self._lengths(self.residuals)[self.used])
 
     @property
     def max_m(self) -> float:
-        """Largest distance left over [m]."""
-        return max(self.distances_m)
+        """Largest distance left over [m]; outliers apart."""
+        return float(self._lengths(self.residuals)[self.used].max(initial=0.0))
+
+    @property
+    def rms_rad(self) -> float:
+        """Root mean square of the turn left over [rad]; NaN where no angle was measured."""
+        return _rms(self._turns(self.residuals)[self.used])
+
+    @property
+    def leave_one_out_m(self) -> FloatArray:
+        """Distance at each measurement predicted from the other poses, ``(N,)`` [m], or NaN."""
+        return self._lengths(self.leave_one_out)
+
+    @property
+    def leave_one_out_rms_m(self) -> float:
+        """The same as :attr:`rms_m` for poses that took no part in the fit [m].
+
+        Over the poses that can be left out: see :attr:`indispensable`. NaN where there are none.
+        """
+        return _rms(self.leave_one_out_m[self.used])
+
+    @property
+    def leave_one_out_rms_rad(self) -> float:
+        """The same of the turns [rad]; NaN where no angle was measured."""
+        return _rms(self._turns(self.leave_one_out)[self.used])
+
+    @property
+    def indispensable(self) -> int:
+        """Poses without which the parameters could not be identified."""
+        lost = ~np.isfinite(self.leave_one_out).all(axis=1) & self.used
+        return len({pose for pose, is_lost in zip(self.poses, lost, strict=True) if is_lost})
 
     @property
     def explains_data(self) -> bool:
-        """Whether the noise given is enough to explain the residuals."""
+        """Whether the noise is enough to explain the residuals."""
         return not chi2_is_too_large(self.chi2, self.degrees_of_freedom)
 
     def value(self, name: str) -> float:
@@ -129,24 +235,40 @@ class IdentificationResult:
 
     def summary(self) -> str:
         """The result as a few lines of text, in degrees and millimetres."""
+        width = max([24, *(len(name) for name in self.names)])
+        low, high = self.interval
+        factors = [DISPLAY[unit][1] for unit in self.units]
         lines = [
             f"{self.model}: {self.rms_m * 1e3:.4f} mm rms, {self.max_m * 1e3:.4f} mm max, "
             f"leave-one-out {self.leave_one_out_rms_m * 1e3:.4f} mm rms",
             *(
-                f"  {name:<24s} {value:12.5f} +- {sigma:.5f} {unit}  (change {change:+.5f})"
-                for name, unit, value, change, sigma in self.displayed()
+                f"  {name:<{width}s} {value:12.5f} +- {sigma:.5f} {unit}  (change {change:+.5f}, "
+                f"95 % {a * f:.5f} to {b * f:.5f})"
+                for (name, unit, value, change, sigma), a, b, f in zip(
+                    self.displayed(), low, high, factors, strict=True
+                )
             ),
             f"  {self.message}",
+            *(f"  {note}" for note in self.notes),
         ]
         return "\n".join(lines)
+
+    def _lengths(self, rows: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.norm(np.where(self.angles, 0.0, rows), axis=1))
+
+    def _turns(self, rows: FloatArray) -> FloatArray:
+        """Turn left over at each measurement [rad]; NaN for those without angles."""
+        turns = np.linalg.norm(np.where(self.angles, rows, 0.0), axis=1)
+        return np.where(self.angles.any(axis=1), turns, np.nan)
 
 
 def chi2_is_too_large(chi2: float, degrees_of_freedom: int) -> bool:
     """Whether chance alone would hardly give a chi² as large as this one."""
-    if degrees_of_freedom == 0:
+    if degrees_of_freedom <= 0:
         return False
     return bool(chi2_distribution.sf(chi2, degrees_of_freedom) < MODEL_DOUBT)
 
 
-def _rms(rows: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.sum(rows**2, axis=1)))) if len(rows) else float("nan")
+def _rms(distances: FloatArray) -> float:
+    known = distances[np.isfinite(distances)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

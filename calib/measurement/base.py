@@ -103,6 +103,13 @@ class Measurement(ABC):
         """Readings ``(m, S)`` off by rows of noise, such that :meth:`difference` gives these."""
         return np.asarray(readings + noise)
 
+    def gap(self, vector: FloatArray, view: ArmView) -> FloatArray:
+        """What of vectors ``(..., 3, S)`` in base axes the arm has to bring to nothing.
+
+        All of it, for kinds that bring a point to a point; nothing for kinds that are read off.
+        """
+        return np.zeros_like(vector) if self.reads else vector
+
     def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
         """Displacement ``(3, S)`` [m] of the tool point, in base axes, that shows as these rows.
 

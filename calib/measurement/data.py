@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -94,12 +94,13 @@ class Measurements:
         postures = self.postures[..., rows, :]
         return Measurements(postures, self.setup[rows], self.targets, self.tools, observed, names)
 
-    def trial(self, t: int) -> Measurements:
-        """One trial of many."""
-        observed = None if self.observed is None else self.observed[t]
-        return Measurements(
-            self.postures[t], self.setup, self.targets, self.tools, observed, self.names
-        )
+    def trials(self, which: int | slice | None) -> Measurements:
+        """Some trials of many; None makes one trial of a single set."""
+        postures = self.postures[which]
+        observed = self.observed
+        if observed is not None and observed.ndim == self.postures.ndim:
+            observed = observed[which]
+        return replace(self, postures=postures, observed=observed)
 
 
 def touch_ups(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arm_view import Setup
 from calib.model import CalibrationModel
-from calib.se3 import FloatArray, IntArray, rotation_log
+from calib.se3 import FloatArray, rotation_log
 
 TOUCH_TOLERANCE_M = 1e-12
 """How near the simulated loop brings the tool point: the noise is added on purpose, and nothing
@@ -22,7 +23,7 @@ def touch(
     model: CalibrationModel,
     q: FloatArray,
     x: FloatArray,
-    target: IntArray | None = None,
+    setup: Setup | None = None,
     displacement: FloatArray | float = 0.0,
     *,
     hold_orientation: bool = True,
@@ -39,8 +40,8 @@ def touch(
         Postures to start from [rad].
     x : array (..., p)
         True parameters; a leading dimension holds trials.
-    target : array (N,), optional
-        Index of the target that each posture touches.
+    setup : Setup, optional
+        Tool and target of each posture. Those whose kind is read off an instrument stay.
     displacement : array (..., N, 3)
         Where the tool point stops, seen from the target, in base axes [m].
     hold_orientation : bool
@@ -58,7 +59,7 @@ def touch(
     q = np.broadcast_to(q, (*batch, *q.shape[-2:]))
     R_held = chain.forward(q).R_base_tip if hold_orientation else None
     for _ in range(_ITERATIONS):
-        J, right = _shift(model, q, x, target, displacement, R_held)
+        J, right = _shift(model, q, x, setup, displacement, R_held)
         if np.abs(right).max(initial=0.0) < TOUCH_TOLERANCE_M:
             break
         Jt = np.swapaxes(J, -1, -2)
@@ -67,7 +68,7 @@ def touch(
         largest = np.abs(step).max(axis=-1, keepdims=True)
         q = q + step * np.minimum(1.0, _LARGEST_STEP_RAD / np.maximum(largest, 1e-300))
     else:
-        right = _shift(model, q, x, target, displacement, R_held)[1]
+        right = _shift(model, q, x, setup, displacement, R_held)[1]
     return np.asarray(q), np.asarray(np.linalg.norm(right[..., :3], axis=-1))
 
 
@@ -75,14 +76,18 @@ def _shift(
     model: CalibrationModel,
     q: FloatArray,
     x: FloatArray,
-    target: IntArray | None,
+    setup: Setup | None,
     displacement: FloatArray | float,
     R_held: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Equations ``J dq = right`` of one step: the missing way [m], then the turn to undo [rad]."""
-    view, error = model.view(q, x, target)
-    missing = displacement - error
-    J = view.joint_motion[..., :3, :]
+    view = model.view(q, x, setup)
+    wanted = np.broadcast_to(displacement, (*q.shape[:-1], 3)).reshape(-1, 3).T
+    moved = np.empty((model.robot.n, 3, view.q.shape[1]))
+    for joint in range(model.robot.n):
+        view.turn_about(view.axis(joint), view.walk.origins[joint], moved[joint])
+    J = view.posture_first(model.gap(moved, view))
+    missing = view.posture_first(model.gap(wanted - view.error, view))
     if R_held is None:
         return J, missing
     nominal = model.robot.chain.forward(q)

@@ -107,3 +107,7 @@ class PlaneContact(Measurement):
     def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
         """See :meth:`Measurement.lift`: along the normal."""
         return np.asarray(view.target[2] * rows[0])
+
+    def gap(self, vector: FloatArray, view: ArmView) -> FloatArray:
+        """See :meth:`Measurement.gap`: along the normal."""
+        return np.asarray(view.target[2] * along(view.target[2], vector)[..., None, :])

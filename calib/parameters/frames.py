@@ -7,7 +7,6 @@ axes. Points are frames without a rotation.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +16,7 @@ from calib.errors import InputError
 from calib.parameters.base import ParameterBlock, prior_of
 from calib.parameters.links import AXES
 from calib.posture_last import columns_of, cross, product
-from calib.se3 import FloatArray, check_transforms, right_jacobian, rotation_exp, transform
+from calib.se3 import FloatArray, check_transforms, right_jacobian, rotation_exp, rotation_log, transform
 
 
 class Frames(ParameterBlock):
@@ -85,14 +84,13 @@ class Frames(ParameterBlock):
         R = self.T_nominal[:, :3, :3] @ rotation_exp(six[:, 3:])
         return transform(R, six[:, :3])
 
-    def centred_on(self, values: ArrayLike) -> Frames:
-        """The same block about the poses that the frames have at values ``(size,)``.
-
-        Rotation vectors are good for less than half a turn; a fit starts with none.
-        """
-        moved = copy(self)
-        moved.T_nominal = self.poses(values)
-        return moved
+    def values_at(self, T: FloatArray, k: int, values: FloatArray) -> FloatArray:
+        """Values ``(size,)`` with frame k at a pose ``(4, 4)``, as far as its axes are free."""
+        out = values.copy()
+        six = np.append(T[:3, 3], rotation_log(self.T_nominal[k, :3, :3].T @ T[:3, :3]))
+        each = len(self._axes)
+        out[k * each : (k + 1) * each] = six[self._axes]
+        return out
 
     def _six(self, values: FloatArray) -> FloatArray:
         """Place [m] in the parent's axes and rotation vector of each frame, ``(K, 6, S)``."""

@@ -1,0 +1,221 @@
+"""Weighted least squares for many trials at once: Gauss-Newton, damped where it has to be.
+
+The steps are solved for from the normal equations, their columns scaled to unit length: units do
+not matter, and what the squared condition number costs a step in digits, the next one makes up,
+because residuals and gradient are exact. Trials go in batches that stay in the cache of a core, so
+cost grows linearly with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.measurement.data import Measurements
+from calib.model import CalibrationModel, Linearisation
+from calib.se3 import BoolArray, FloatArray
+
+ITERATIONS = 50
+"""Steps after which a fit has failed; calibrations take three to six."""
+
+STEP_TOLERANCE = 1e-7
+"""Change of the predictions, in standard deviations of the noise, of the last step. No parameter
+then moves by more than this part of its own standard deviation, whatever its unit; and since the
+last step is taken too, what is left is far smaller still."""
+
+_AT_ONCE = 1500
+"""Measurements of all trials that are linearised at once."""
+
+_WORSE = 1.01
+"""Growth of the sum of squares beyond which a step is taken back and damped. Above one because the
+axes of the noise turn with the arm: at the minimum, for them held, the sum still wavers a little."""
+
+_FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-8
+"""Added to the unit diagonal of the scaled normal matrix; below the least one, none is."""
+
+_RIDGE = 1e-14
+"""Always added: keeps a matrix that is singular in double precision solvable."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where the iteration ended, for each of T trials.
+
+    Attributes
+    ----------
+    x : array (T, p)
+        [SI]
+    cost : array (T,)
+        Sum of the squared rows over their noise, of what is known besides included.
+    change : array (T,)
+        Of the predictions in the last step, in standard deviations of the noise.
+    converged : array (T,) of bool
+    iterations : int
+        The most that a trial took.
+    """
+
+    x: FloatArray
+    cost: FloatArray
+    change: FloatArray
+    converged: BoolArray
+    iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Normal equations of T trials: matrix (T, p, p), right side (T, p), sum of squares (T,)."""
+
+    matrix: FloatArray
+    right: FloatArray
+    cost: FloatArray
+
+    def chosen(self, new: BoolArray, other: _Normal) -> _Normal:
+        """Those of ``other`` where ``new``, else these."""
+        return _Normal(
+            np.where(new[:, None, None], other.matrix, self.matrix),
+            np.where(new[:, None], other.right, self.right),
+            np.where(new, other.cost, self.cost),
+        )
+
+
+def minimise(
+    model: CalibrationModel,
+    data: Measurements,
+    x: FloatArray,
+    *,
+    weights: FloatArray | None = None,
+    free: BoolArray | None = None,
+    weighted: bool = True,
+    iterations: int = ITERATIONS,
+) -> Fit:
+    """Least squares from parameters ``(T, p)`` for postures ``(T, N, n)``.
+
+    Parameters
+    ----------
+    model : CalibrationModel
+    data : Measurements
+        With a leading dimension of T trials.
+    x : array (T, p)
+    weights : array (T, N), optional
+        Of the squares of each measurement, besides its noise.
+    free : array (p,) of bool, optional
+        Parameters to move; all by default.
+    weighted : bool
+        Divide the rows by the noise, or all by the same number.
+    iterations : int
+    """
+    trials, p = x.shape
+    size = max(1, _AT_ONCE // max(data.count, 1))
+    x, cost, change = x.copy(), np.full(trials, np.inf), np.full(trials, np.inf)
+    most = 0
+    with np.errstate(all="ignore"):  # a trial that runs away is told by not converging
+        for start in range(0, trials, size):
+            part = slice(start, start + size)
+            own = data.trials(part)
+            w = None if weights is None else weights[part]
+            fit = _minimise(model, own, x[part], w, free, weighted, iterations)
+            x[part], cost[part], change[part] = fit.x, fit.cost, fit.change
+            most = max(most, fit.iterations)
+    return Fit(x, cost, change, change < STEP_TOLERANCE, most)
+
+
+def _minimise(
+    model: CalibrationModel,
+    data: Measurements,
+    x: FloatArray,
+    weights: FloatArray | None,
+    free: BoolArray | None,
+    weighted: bool,
+    iterations: int,
+) -> Fit:
+    here = _normal(model, data, x, weights, weighted)
+    damping = np.zeros(len(x))
+    change = np.full(len(x), np.inf)
+    count = 0
+    while count < iterations:
+        count += 1
+        step, change = _step(here, damping, free)
+        done = change < STEP_TOLERANCE
+        if done.all() or not np.isfinite(change).any():
+            x = x + step
+            break
+        there = _normal(model, data, x + step, weights, weighted)
+        good = done | (there.cost <= _WORSE * here.cost + STEP_TOLERANCE)
+        x = np.where(good[:, None], x + step, x)
+        here = here.chosen(good, there)
+        damping = np.where(good, damping / 10.0, np.maximum(10.0 * damping, _FIRST_DAMPING))
+        damping[damping < _LEAST_DAMPING] = 0.0
+    return Fit(x, here.cost, change, change < STEP_TOLERANCE, count)
+
+
+def _step(
+    normal: _Normal, damping: FloatArray, free: BoolArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Step ``(T, p)`` [SI], and by how much it moves the predictions ``(T,)``."""
+    H, g = normal.matrix, normal.right
+    if free is not None:
+        H, g = H[:, free][:, :, free], g[:, free]
+    length = np.sqrt(np.diagonal(H, axis1=1, axis2=2))
+    scale = np.where(length > 0, length, 1.0)
+    scaled = H / (scale[:, :, None] * scale[:, None, :])
+    p = scaled.shape[1]
+    scaled[:, np.arange(p), np.arange(p)] += (_RIDGE + damping)[:, None]
+    right = g / scale
+    try:
+        found = np.linalg.solve(scaled, right[..., None])[..., 0]
+    except np.linalg.LinAlgError:  # one trial that has run away would stop them all
+        found = np.full(right.shape, np.nan)
+        for t in range(len(scaled)):
+            if np.isfinite(scaled[t]).all() and np.linalg.matrix_rank(scaled[t]) == p:
+                found[t] = np.linalg.solve(scaled[t], right[t])
+    # |J step|² = stepᵀ H step; for an undamped step that is stepᵀ g, without the rounding of H
+    change = np.sqrt(np.maximum(np.einsum("tp,tp->t", found, right), 0.0))
+    step = -found / scale
+    if free is not None:
+        whole = np.zeros((len(step), len(free)))
+        whole[:, free] = step
+        step = whole
+    return step, np.where(damping > 0, np.maximum(change, 1.0), change)
+
+
+def white_rows(
+    linear: Linearisation, weighted: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Residuals ``(m, S)`` and blocks ``(p, m, S)`` over their noise, or all over the same."""
+    if weighted:
+        return linear.white_last
+    sigma = equal_sigma(linear.model)
+    return linear.rows_last / sigma, linear.jacobian_last / sigma
+
+
+def equal_sigma(model: CalibrationModel) -> float:
+    """The one number that all rows are divided by where they are not weighted [m]."""
+    return float(np.sqrt(np.mean([kind.mean_sigma_m**2 for kind in model.measurements])))
+
+
+def _normal(
+    model: CalibrationModel,
+    data: Measurements,
+    x: FloatArray,
+    weights: FloatArray | None,
+    weighted: bool,
+) -> _Normal:
+    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    rows, J = white_rows(linear, weighted)
+    trials, count = len(x), data.count
+    if weights is not None:
+        root = np.sqrt(weights).ravel()
+        rows, J = rows * root, J * root
+    p, m, _ = J.shape
+    A = J.reshape(p, m, trials, count).transpose(2, 0, 1, 3).reshape(trials, p, m * count)
+    r = rows.reshape(m, trials, count).transpose(1, 0, 2).reshape(trials, m * count)
+    matrix = A @ np.swapaxes(A, 1, 2)
+    right = (A @ r[..., None])[..., 0]
+    cost = np.einsum("tk,tk->t", r, r)
+    known, K = model.known(x)
+    if known.shape[1]:
+        matrix += np.swapaxes(K, 1, 2) @ K
+        right += np.einsum("tkp,tk->tp", K, known)
+        cost += np.einsum("tk,tk->t", known, known)
+    return _Normal(matrix, right, cost)

@@ -307,7 +307,7 @@ class CalibrationModel:
                 J = moved
             else:
                 J[:, : kind.rows, columns] = moved
-        return Linearisation(self, view, rows, J)
+        return Linearisation(self, view, rows, J, motion)
 
     def whiten(self, rows: FloatArray, view: ArmView) -> FloatArray:
         """Rows ``(..., m, S)`` divided by the noise of their kinds, posture last."""
@@ -384,12 +384,18 @@ class Linearisation:
     rows_last : array (m, S)
         Prediction less reading [m, rad], posture last.
     jacobian_last : array (p, m, S)
+    motion : array (p, 6, S)
+        Twists of the tool against its target, see :meth:`ParameterBlock.move`.
+    root : array (S,), optional
+        What whitened rows are multiplied by: square roots of the weights of measurements.
     """
 
     model: CalibrationModel
     view: ArmView
     rows_last: FloatArray
     jacobian_last: FloatArray
+    motion: FloatArray
+    root: FloatArray | None = None
 
     @property
     def rows(self) -> FloatArray:
@@ -404,8 +410,22 @@ class Linearisation:
     @cached_property
     def white_last(self) -> tuple[FloatArray, FloatArray]:
         """Residuals ``(m, S)`` and blocks ``(p, m, S)`` over the noise, posture last."""
-        whiten = self.model.whiten
-        return whiten(self.rows_last, self.view), whiten(self.jacobian_last, self.view)
+        rows, J = self.model.whiten(self.rows_last, self.view), self._white_jacobian()
+        if self.root is not None:
+            return rows * self.root, J * self.root
+        return rows, J
+
+    def _white_jacobian(self) -> FloatArray:
+        model, J = self.model, self.jacobian_last
+        out = np.zeros_like(J)
+        for kind, columns, part in model.by_kind(self.view):
+            k, motion = kind.rows, self.motion[:, :, columns]
+            rows = self.rows_last[:k, columns]
+            white = kind.whiten_derivative(J[:, :k, columns], motion, part, rows)
+            if len(model.measurements) == 1:
+                return white
+            out[:, :k, columns] = white
+        return out
 
     @property
     def white_rows(self) -> FloatArray:

@@ -1,6 +1,7 @@
 """Identification: what the data can tell, the fit, and its result."""
 
-from calib.identification.covariance import covariance_of, leave_one_out
+from calib.identification.checks import check_enough
+from calib.identification.covariance import covariance_of
 from calib.identification.identifiability import check_identifiable, is_identifiable
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import (
@@ -11,11 +12,11 @@ from calib.identification.solver import (
 
 __all__ = [
     "IdentificationResult",
+    "check_enough",
     "check_identifiable",
     "covariance_of",
     "finite_difference_jacobian",
     "identify",
     "identify_batch",
     "is_identifiable",
-    "leave_one_out",
 ]

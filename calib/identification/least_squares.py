@@ -16,20 +16,24 @@ from calib.measurement.data import Measurements
 from calib.model import CalibrationModel, Linearisation
 from calib.se3 import BoolArray, FloatArray
 
-ITERATIONS = 50
+ITERATIONS = 60
 """Steps after which a fit has failed; calibrations take three to six."""
 
 STEP_TOLERANCE = 1e-7
-"""Change of the predictions, in standard deviations of the noise, of the last step. No parameter
-then moves by more than this part of its own standard deviation, whatever its unit; and since the
-last step is taken too, what is left is far smaller still."""
+"""Change of the predictions, in standard deviations of the noise or of the residuals where these
+are larger, of the last step. No parameter then moves by more than this part of its own standard
+deviation, whatever its unit; and since the last step is taken too, what is left is smaller still.
+"""
 
 _AT_ONCE = 1500
 """Measurements of all trials that are linearised at once."""
 
-_WORSE = 1.01
-"""Growth of the sum of squares beyond which a step is taken back and damped. Above one because the
-axes of the noise turn with the arm: at the minimum, for them held, the sum still wavers a little."""
+MISFIT_TOLERANCE, MISFIT = 1e-2, 10.0
+"""The same where the residuals are so many times the noise: no model that is as wrong as that is
+worth more digits, and its minimum is approached slowly."""
+
+_WORSE = 1.0 + 1e-6
+"""Growth of the sum of squares beyond which a step is taken back and damped: not by rounding."""
 
 _FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-8
 """Added to the unit diagonal of the scaled normal matrix; below the least one, none is."""
@@ -49,7 +53,7 @@ class Fit:
     cost : array (T,)
         Sum of the squared rows over their noise, of what is known besides included.
     change : array (T,)
-        Of the predictions in the last step, in standard deviations of the noise.
+        Of the predictions in the last step, in standard deviations of noise or residuals.
     converged : array (T,) of bool
     iterations : int
         The most that a trial took.
@@ -108,6 +112,7 @@ def minimise(
     trials, p = x.shape
     size = max(1, _AT_ONCE // max(data.count, 1))
     x, cost, change = x.copy(), np.full(trials, np.inf), np.full(trials, np.inf)
+    converged = np.zeros(trials, dtype=bool)
     most = 0
     with np.errstate(all="ignore"):  # a trial that runs away is told by not converging
         for start in range(0, trials, size):
@@ -115,9 +120,10 @@ def minimise(
             own = data.trials(part)
             w = None if weights is None else weights[part]
             fit = _minimise(model, own, x[part], w, free, weighted, iterations)
-            x[part], cost[part], change[part] = fit.x, fit.cost, fit.change
+            x[part], cost[part] = fit.x, fit.cost
+            change[part], converged[part] = fit.change, fit.converged
             most = max(most, fit.iterations)
-    return Fit(x, cost, change, change < STEP_TOLERANCE, most)
+    return Fit(x, cost, change, converged, most)
 
 
 def _minimise(
@@ -130,13 +136,17 @@ def _minimise(
     iterations: int,
 ) -> Fit:
     here = _normal(model, data, x, weights, weighted)
+    equations = max(model.equations(data.setup), 1)
     damping = np.zeros(len(x))
     change = np.full(len(x), np.inf)
+    done = np.zeros(len(x), dtype=bool)
     count = 0
     while count < iterations:
         count += 1
         step, change = _step(here, damping, free)
-        done = change < STEP_TOLERANCE
+        misfit = np.sqrt(np.maximum(here.cost / equations, 1.0))
+        change /= misfit
+        done = change < np.where(misfit > MISFIT, MISFIT_TOLERANCE, STEP_TOLERANCE)
         if done.all() or not np.isfinite(change).any():
             x = x + step
             break
@@ -146,7 +156,7 @@ def _minimise(
         here = here.chosen(good, there)
         damping = np.where(good, damping / 10.0, np.maximum(10.0 * damping, _FIRST_DAMPING))
         damping[damping < _LEAST_DAMPING] = 0.0
-    return Fit(x, here.cost, change, change < STEP_TOLERANCE, count)
+    return Fit(x, here.cost, change, done, count)
 
 
 def _step(

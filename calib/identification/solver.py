@@ -10,7 +10,6 @@ the paper does not.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -19,10 +18,16 @@ from calib.errors import ConvergenceError, InputError
 from calib.identification.checks import check_enough, check_identifiable_at
 from calib.identification.covariance import check_unweighted
 from calib.identification.identifiability import check_believable
-from calib.identification.least_squares import ITERATIONS, STEP_TOLERANCE, minimise, white_rows
+from calib.identification.least_squares import (
+    ITERATIONS,
+    STEP_TOLERANCE,
+    equal_sigma,
+    minimise,
+    white_rows,
+)
 from calib.identification.report import make_result
 from calib.identification.result import IdentificationResult
-from calib.identification.robust import Loss, Solved, fit_robustly
+from calib.identification.robust import Loss, Solved, fit_robustly, not_converged
 from calib.identification.start import first_guess
 from calib.measurement.data import Measurements
 from calib.arm_view import Setup
@@ -123,7 +128,8 @@ def _newton_raphson(
     for iteration in range(1, ITERATIONS + 1):
         linear = model.linearise(data.postures, x, data.setup, data.observed)
         G = finite_difference_jacobian(model, data.postures, x, data.setup)
-        rows, J = white_rows(replace(linear, jacobian_last=G.T), weighted)
+        rows, _ = white_rows(linear, weighted)
+        J = model.whiten(G.T, linear.view) if weighted else G.T / equal_sigma(model)
         A, r = J.reshape(model.p, -1).T, rows.ravel()
         known, K = model.known(x[None])
         step = _least_squares(np.concatenate([A, K[0]]), -np.concatenate([r, known[0]]))
@@ -134,16 +140,6 @@ def _newton_raphson(
         if not np.isfinite(x).all():
             break
     raise not_converged(change)
-
-
-def not_converged(change: float) -> ConvergenceError:
-    """The error of a fit that has not come to rest."""
-    return ConvergenceError(
-        f"the identification has not converged after {ITERATIONS} iterations "
-        f"(the last one still moved the predictions by {change:.2g} times the noise)",
-        hint="check that the measurements belong to this robot and that the tool point and "
-        "the joint signs are about right",
-    )
 
 
 def finite_difference_jacobian(

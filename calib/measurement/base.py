@@ -95,6 +95,15 @@ class Measurement(ABC):
         """Rows ``(..., m, S)`` divided by the noise: unit variance, uncorrelated."""
         return np.asarray(rows / self.sigma[:, None])
 
+    def whiten_derivative(
+        self, J: FloatArray, motion: FloatArray, view: ArmView, rows: FloatArray
+    ) -> FloatArray:
+        """Derivative ``(p, m, S)`` of the whitened ``rows`` (m, S), from that of the rows.
+
+        Where the axes of the noise do not turn with the arm it is whitened as the rows are.
+        """
+        return self.whiten(J, view)
+
     def colour(self, rows: FloatArray, view: ArmView) -> FloatArray:
         """The inverse of :meth:`whiten`: draws of unit variance as noise of the rows."""
         return np.asarray(rows * self.sigma[:, None])

@@ -102,6 +102,16 @@ class Measurements:
             observed = observed[which]
         return replace(self, postures=postures, observed=observed)
 
+    def repeated(self, trials: int) -> Measurements:
+        """One set as so many trials, all the same."""
+        observed = self.observed
+        if observed is not None:
+            observed = np.broadcast_to(observed, (trials, *observed.shape))
+        return replace(
+            self, postures=np.broadcast_to(self.postures, (trials, *self.postures.shape)),
+            observed=observed,
+        )
+
 
 def touch_ups(
     postures: ArrayLike,

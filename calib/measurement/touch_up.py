@@ -26,6 +26,7 @@ class TouchUp(Measurement):
     name = "touch-up"
     rows = 3
     reads = False
+    sees_rotation = True
 
     def predict(self, view: ArmView) -> FloatArray:
         """See :meth:`Measurement.predict`: the error itself."""
@@ -38,6 +39,13 @@ class TouchUp(Measurement):
     def whiten(self, rows: FloatArray, view: ArmView) -> FloatArray:
         """See :meth:`Measurement.whiten`: turned into camera axes, then divided."""
         return turn_back(view.tool / self.sigma[:, None, None], view.out_of_target(rows))
+
+    def whiten_derivative(
+        self, J: FloatArray, motion: FloatArray, view: ArmView, rows: FloatArray
+    ) -> FloatArray:
+        """See :meth:`Measurement.whiten_derivative`: ``d(Rᵀe) = Rᵀ(de - w x e)``."""
+        moved = motion[:, :3] - cross(motion[:, 3:], view.error)
+        return turn_back(view.tool / self.sigma[:, None, None], moved)
 
     def colour(self, rows: FloatArray, view: ArmView) -> FloatArray:
         """See :meth:`Measurement.colour`."""

@@ -72,6 +72,13 @@ class ParameterBlock(ABC):
         are only rows 0 to 2 where no measurement looks at the tool's orientation.
         """
 
+    def scaling(self, values: FloatArray) -> FloatArray:
+        """Change ``(size,)`` of the parameters when all lengths grow by their own size.
+
+        Zero for angles, and for what is no length of arm or set-up.
+        """
+        return np.zeros(self.size)
+
 
 def joint_indices(robot: Robot, joints: Sequence[str]) -> list[int]:
     """Indices of joints by name.

@@ -99,6 +99,12 @@ class Frames(ParameterBlock):
         six[:, self._axes] = values.reshape(len(self.labels), -1, values.shape[1])
         return six
 
+    def scaling(self, values: FloatArray) -> FloatArray:
+        """See :meth:`ParameterBlock.scaling`: places grow, rotations do not."""
+        six = self._six(values[:, None])[..., 0]
+        six[:, 3:] = 0.0
+        return np.asarray(six[:, self._axes].ravel())
+
     def features(self, values: FloatArray) -> list[Feature]:
         """The frames at values ``(size, S)``."""
         six, found = self._six(values), []
@@ -360,6 +366,13 @@ class TargetPlane(AroundArm):
 
     def _shift(self, frame: int, axis: int) -> FloatArray:
         return np.asarray(self.T_nominal[0, :3, axis])
+
+    def scaling(self, values: FloatArray) -> FloatArray:
+        """See :meth:`ParameterBlock.scaling`: its distance from the base grows."""
+        out = np.zeros(self.size)
+        if self.size:
+            out[0] = self.T_nominal[0, :3, 2] @ self.T_nominal[0, :3, 3] + values[0]
+        return out
 
 
 class LengthOffsets(ParameterBlock):

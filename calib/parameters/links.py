@@ -58,6 +58,7 @@ class LinkGeometry(ParameterBlock):
             )
         self.names = tuple(name for name in known if name in set(wanted))  # from base to tip
         places = [divmod(known.index(name), len(AXES)) for name in self.names]
+        self._placements = robot.chain.placements
         self._joints = sorted({joint for joint, _ in places})
         self._rows = {
             joint: [(k, axis) for k, (j, axis) in enumerate(places) if j == joint]
@@ -104,3 +105,14 @@ class LinkGeometry(ParameterBlock):
                 else:
                     out[k, :3] = cross(about[axis - 3], lever)
                     out[k, 3:] = about[axis - 3][: out.shape[1] - 3]
+
+    def scaling(self, values: FloatArray) -> FloatArray:
+        """See :meth:`ParameterBlock.scaling`: what lies between one joint and the next."""
+        out = np.zeros(self.size)
+        for joint in self._joints:
+            T = self._placements[joint]
+            own = T[:3, :3].T @ T[:3, 3] + self.displacement(values[:, None], joint)[:3, 0]
+            for k, axis in self._rows[joint]:
+                if axis < 3:
+                    out[k] = own[axis]
+        return out

@@ -1,0 +1,162 @@
+"""From a fit to its result: covariance, leave-one-out, and what is to be said about it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calib.identification.covariance import (
+    best_chi2,
+    covariance_at,
+    information_root,
+    leave_one_out,
+)
+from calib.identification.result import IdentificationResult, KindNoise, chi2_is_too_large
+from calib.identification.robust import Solved, noise_scales
+from calib.measurement.data import Measurements
+from calib.model import CalibrationModel, Linearisation
+from calib.se3 import BoolArray, FloatArray
+
+ANOTHER_ROBOT_M = 0.05
+"""Residuals beyond which nothing is a calibration: no arm that is switched on is as far off."""
+
+UNSEEN_SCALE = 2e-3
+"""Standard deviation of the scale of all lengths, as a share, that says it is not seen: 2 mm in a
+metre is more than any arm is built off."""
+
+
+def make_result(
+    solved: Solved, data: Measurements, *, weighted: bool, name: str
+) -> IdentificationResult:
+    """The result of a fit to one set of measurements."""
+    model, x = solved.model, solved.x
+    every = model.linearise(data.postures, x, data.setup, data.observed)
+    good = np.flatnonzero(~solved.outliers)
+    root = np.sqrt(solved.weights[good])
+    linear = _weighed(model, data[good], x, root)
+    chi2 = best_chi2(linear, x)
+    known = int(np.isfinite(model.prior).sum()) + len(model.distances)
+    freedom = model.equations(data.setup[good]) + known - model.p
+    scale = float(np.sqrt(chi2 / freedom)) if freedom > 0 else float("nan")
+    covariance = covariance_at(linear, x, weighted=weighted)
+    if chi2_is_too_large(chi2, freedom):
+        covariance = covariance * scale**2
+    left = every.rows.copy()
+    left[good] = leave_one_out(linear, x, data[good].pose, weighted=weighted) / _shaped(
+        root, weighted
+    )
+    white = information_root(linear, x)
+    length = np.linalg.norm(white, axis=0)
+    return IdentificationResult(
+        model=name,
+        names=model.names,
+        units=model.units,
+        nuisance=model.nuisance,
+        values=x,
+        nominal=model.nominal,
+        prior=model.prior,
+        covariance=covariance,
+        singular_values=np.linalg.svd(white / np.where(length > 0, length, 1.0), compute_uv=False),
+        residuals=every.rows,
+        leave_one_out=left,
+        angles=_angles(every),
+        poses=data.names,
+        outliers=solved.outliers,
+        weights=solved.weights,
+        noise=_noise(solved, data),
+        chi2=chi2,
+        degrees_of_freedom=freedom,
+        noise_scale=scale,
+        iterations=solved.iterations,
+        status="converged",
+        message=_message(chi2, freedom, scale, every, solved),
+        notes=tuple(_notes(solved, linear, data)),
+    )
+
+
+def _weighed(
+    model: CalibrationModel, data: Measurements, x: FloatArray, root: FloatArray
+) -> Linearisation:
+    """Linearisation of measurements with weights: rows as much smaller as they count less."""
+    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    if (root == 1.0).all():
+        return linear
+    return replace(linear, root=root)
+
+
+def _shaped(root: FloatArray, weighted: bool) -> FloatArray:
+    return root[:, None] if weighted else np.ones((len(root), 1))
+
+
+def _angles(linear: Linearisation) -> BoolArray:
+    """Which rows ``(N, m)`` are angles."""
+    table = np.zeros((len(linear.model.measurements), linear.model.rows), dtype=bool)
+    for k, kind in enumerate(linear.model.measurements):
+        table[k, kind.rows - kind.turns : kind.rows] = True
+    return np.asarray(table[linear.view.setup.kind])
+
+
+def _noise(solved: Solved, data: Measurements) -> tuple[KindNoise, ...]:
+    scales = noise_scales(solved.model, data, solved.x, solved.weights)
+    return tuple(
+        KindNoise(kind.name, kind.sigma, kind.estimated, float(np.sqrt(np.mean(scale**2))))
+        for kind, scale in zip(solved.model.measurements, scales, strict=True)
+    )
+
+
+def _message(
+    chi2: float, freedom: int, scale: float, linear: Linearisation, solved: Solved
+) -> str:
+    rows = np.where(_angles(linear), 0.0, linear.rows)[~solved.outliers]
+    rms = float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
+    if rms > ANOTHER_ROBOT_M:
+        return (
+            f"the residuals are {rms * 1e3:.0f} mm: these measurements are not of this robot, this "
+            "tool or these joint signs"
+        )
+    if freedom <= 0:
+        return "there are as many equations as parameters: nothing is left to test the model by"
+    if all(kind.estimated for kind in solved.model.measurements):
+        return "the noise was not given: it is taken from the residuals, which then test nothing"
+    if chi2_is_too_large(chi2, freedom):
+        return (
+            f"the residuals are {scale:.1f} times the noise given: the model leaves something out "
+            "or the noise is larger; standard deviations are scaled up to the residuals, which "
+            "does not cover the bias of a model that leaves something out"
+        )
+    return f"the noise given explains the residuals (ratio {scale:.2f})"
+
+
+def _notes(solved: Solved, linear: Linearisation, data: Measurements) -> list[str]:
+    notes = []
+    if solved.outliers.any():
+        names = [data.names[i] for i in np.flatnonzero(solved.outliers)]
+        notes.append("left out because they contradict the others: " + ", ".join(names))
+    share = unseen_scale(linear, solved.x)
+    if share > UNSEEN_SCALE:
+        notes.append(
+            "the scale of arm and set-up together is not seen by these measurements (standard "
+            f"deviation {share * 1e3:.3g} mm per m without the priors): a known length, such as "
+            "the distance of two targets, would show it"
+        )
+    return notes
+
+
+def unseen_scale(linear: Linearisation, x: FloatArray) -> float:
+    """Standard deviation, as a share, that measurements leave to the scale of all lengths.
+
+    Zero where the model does not free all of them: the links that are held carry the scale. Touch-
+    ups leave it open altogether: an arm, a tool and targets twice as large touch alike.
+    """
+    model = linear.model
+    way = np.concatenate(
+        [b.scaling(x[part]) for b, part in zip(model.parameters, model.slices, strict=True)]
+    )
+    if not way.any():
+        return 0.0
+    # what is left over grows, too, but has seen nothing
+    seen = float(np.linalg.norm(linear.white_jacobian @ way - linear.white_rows))
+    known = (model.known(x[None])[1][0] @ way)[int(np.isfinite(model.prior).sum()) :]
+    seen = float(np.hypot(seen, np.linalg.norm(known)))
+    return 1.0 / seen if seen > 0 else np.inf

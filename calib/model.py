@@ -23,7 +23,6 @@ from calib.robots.robot import Robot
 from calib.se3 import FloatArray, IntArray
 
 
-
 @dataclass(frozen=True)
 class KnownDistance:
     """A distance between two targets that is known from elsewhere.

@@ -71,9 +71,7 @@ def check_identifiable_at(
     check_believable(sigma, model.names, model.units)
 
 
-def clean_root(
-    model: CalibrationModel, measurements: Measurements, x: FloatArray
-) -> FloatArray:
+def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArray) -> FloatArray:
     """Rows ``(M, p)`` over their noise of all that is known, with the residuals taken out.
 
     A residual lends a hidden parameter a false hold: turning the whole arm about its base turns

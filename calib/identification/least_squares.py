@@ -189,9 +189,7 @@ def _step(
     return step, np.where(damping > 0, np.maximum(change, 1.0), change)
 
 
-def white_rows(
-    linear: Linearisation, weighted: bool
-) -> tuple[FloatArray, FloatArray]:
+def white_rows(linear: Linearisation, weighted: bool) -> tuple[FloatArray, FloatArray]:
     """Residuals ``(m, S)`` and blocks ``(p, m, S)`` over their noise, or all over the same."""
     if weighted:
         return linear.white_last

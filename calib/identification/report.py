@@ -105,9 +105,7 @@ def _noise(solved: Solved, data: Measurements) -> tuple[KindNoise, ...]:
     )
 
 
-def _message(
-    chi2: float, freedom: int, scale: float, linear: Linearisation, solved: Solved
-) -> str:
+def _message(chi2: float, freedom: int, scale: float, linear: Linearisation, solved: Solved) -> str:
     rows = np.where(_angles(linear), 0.0, linear.rows)[~solved.outliers]
     rms = float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
     if rms > ANOTHER_ROBOT_M:

@@ -109,8 +109,8 @@ def _alternate(
     total = 0
     for _ in range(_ROUNDS):
         fit = minimise(model, data.trials(None), x[None], weights=weights[None], weighted=weighted)
-        if not fit.converged[0]:
-            raise not_converged(float(fit.change[0]))
+        if not np.isfinite(fit.x).all():
+            break
         x, total = fit.x[0], total + fit.iterations
         moved = 0.0
         if estimated:
@@ -126,6 +126,8 @@ def _alternate(
         weights = new
         if moved < _SETTLED:
             break
+    if not fit.converged[0]:  # on the way there weights and noise may make it slow
+        raise not_converged(float(fit.change[0]))
     return Solved(model, x, weights, weights == 0, total)
 
 
@@ -224,9 +226,9 @@ def _graduated(model: CalibrationModel, data: Measurements, x: FloatArray) -> So
         x = minimise(model, data.trials(None), x[None], weights=good[None].astype(float)).x[0]
         s2 = distances2(model, data, x)
         scales = noise_scales(model, data, x, good.astype(float))
-        limit = chance * _at_least_given(model, [float(np.mean(s**2)) for s in scales])[
-            data.setup.kind
-        ]
+        limit = (
+            chance * _at_least_given(model, [float(np.mean(s**2)) for s in scales])[data.setup.kind]
+        )
         before, good = good, s2 <= limit
         if (before == good).all():
             break
@@ -273,9 +275,7 @@ def _best_of_many(
     chosen[0] = 1.0  # and the fit to all
     fits = np.tile(x, (starts, 1))
     for kept, steps in ((starts, 6), (starts, 4), (_BEST, 12), (_BEST, 12), (_BEST, 12)):
-        fits = minimise(
-            model, data.repeated(len(fits)), fits, weights=chosen, iterations=steps
-        ).x
+        fits = minimise(model, data.repeated(len(fits)), fits, weights=chosen, iterations=steps).x
         s2 = np.nan_to_num(distances2(model, data.repeated(len(fits)), fits), nan=np.inf)
         value = np.sort(s2, axis=1)[:, :half].sum(axis=1)
         best = np.argsort(value)[:kept]

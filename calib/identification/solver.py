@@ -14,6 +14,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from calib.arm_view import Setup
 from calib.errors import ConvergenceError, InputError
 from calib.identification.checks import check_enough, check_identifiable_at
 from calib.identification.covariance import check_unweighted
@@ -30,7 +31,6 @@ from calib.identification.result import IdentificationResult
 from calib.identification.robust import Loss, Solved, fit_robustly, not_converged
 from calib.identification.start import first_guess
 from calib.measurement.data import Measurements
-from calib.arm_view import Setup
 from calib.model import CalibrationModel
 from calib.parameters.base import Unit
 from calib.se3 import FloatArray

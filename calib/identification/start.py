@@ -107,7 +107,11 @@ def _from_poses(
 
 
 def _from_points(
-    model: CalibrationModel, data: Measurements, x: FloatArray, block: ParameterBlock, rows: np.ndarray
+    model: CalibrationModel,
+    data: Measurements,
+    x: FloatArray,
+    block: ParameterBlock,
+    rows: np.ndarray,
 ) -> None:
     """The instrument's frame and the points on the tool, by linear least squares.
 

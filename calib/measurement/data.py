@@ -108,7 +108,8 @@ class Measurements:
         if observed is not None:
             observed = np.broadcast_to(observed, (trials, *observed.shape))
         return replace(
-            self, postures=np.broadcast_to(self.postures, (trials, *self.postures.shape)),
+            self,
+            postures=np.broadcast_to(self.postures, (trials, *self.postures.shape)),
             observed=observed,
         )
 

@@ -119,4 +119,3 @@ def _noise(
             else:
                 out[: kind.rows, columns] = rows
     return out
-

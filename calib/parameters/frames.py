@@ -16,7 +16,14 @@ from calib.errors import InputError
 from calib.parameters.base import ParameterBlock, prior_of
 from calib.parameters.links import AXES
 from calib.posture_last import columns_of, cross, product
-from calib.se3 import FloatArray, check_transforms, right_jacobian, rotation_exp, rotation_log, transform
+from calib.se3 import (
+    FloatArray,
+    check_transforms,
+    right_jacobian,
+    rotation_exp,
+    rotation_log,
+    transform,
+)
 
 
 class Frames(ParameterBlock):

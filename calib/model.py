@@ -7,6 +7,7 @@ and Monte Carlo all take ``(N, m, p)`` and see no robot.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -128,12 +129,12 @@ class CalibrationModel:
         """The first kind of measurement: the only one of most models."""
         return self.measurements[0]
 
-    @cached_property
+    @property
     def rows(self) -> int:
         """Rows m of a block: those of the kind that has most."""
         return max(kind.rows for kind in self.measurements)
 
-    @cached_property
+    @property
     def _twist_rows(self) -> int:
         return 6 if any(kind.sees_rotation for kind in self.measurements) else 3
 
@@ -145,9 +146,22 @@ class CalibrationModel:
         """The same robot, measured alike, with other parameters."""
         return CalibrationModel(self.robot, parameters, self.measurements, self.distances)
 
+    def with_prior(self, prior: ArrayLike) -> CalibrationModel:
+        """The same model with other standard deviations ``(p,)`` known before measuring [SI]."""
+        sigma = np.asarray(prior, dtype=float)
+        if sigma.shape != (self.p,) or not (sigma > 0).all():
+            raise InputError(
+                f"a prior needs {self.p} standard deviations above zero, or infinite", name="prior"
+            )
+        other = copy(self)
+        other.prior = sigma
+        return other
+
     def with_measurements(self, measurements: Sequence[Measurement]) -> CalibrationModel:
         """The same robot and parameters with other kinds, or another noise, of measurement."""
-        return CalibrationModel(self.robot, self.parameters, measurements, self.distances)
+        other = copy(self)
+        other.measurements = tuple(measurements)
+        return other
 
     def view(self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None) -> ArmView:
         """Arm and set-up at postures ``(..., N, n)`` [rad] with parameters ``(..., p)``."""
@@ -292,8 +306,8 @@ class CalibrationModel:
         readings = None if observed is None else _last(observed, view)
         rows = np.zeros((self.rows, view.q.shape[1]))
         J = np.zeros((self.p, self.rows, view.q.shape[1]))
-        for kind, columns, part in self.by_kind(view):
-            predicted = kind.predict(part)
+        for kind, columns, own in self.by_kind(view):
+            predicted = kind.predict(own)
             read = None if readings is None else readings[: kind.rows, columns]
             if read is not None:
                 difference = kind.difference(predicted, read)
@@ -301,7 +315,7 @@ class CalibrationModel:
                 difference = predicted.copy()
                 difference[kind.rows - kind.turns :] = 0.0
             rows[: kind.rows, columns] = difference
-            moved = kind.differentiate(motion[:, :, columns], part, difference)
+            moved = kind.differentiate(motion[:, :, columns], own, difference)
             if len(self.measurements) == 1:
                 J = moved
             else:

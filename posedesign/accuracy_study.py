@@ -273,8 +273,8 @@ class _SetStudy:
             self.notes.append(f"AX = ZB with the identified arm left out: {error.message}")
             return
         good = np.isfinite(values).all(axis=1)
-        identified, _ = model.view(touched.postures[good], values[good])
-        yield from self._solvers(IDENTIFIED_ARM, identified.state.T_base_tip, B[good])
+        identified = model.view(touched.postures[good], values[good]).T_base_tip
+        yield from self._solvers(IDENTIFIED_ARM, identified, B[good])
 
     def _solvers(self, suffix: str, A: FloatArray, B: FloatArray) -> Iterator[Finding]:
         X_shown = self.robot.T_shown_tip @ self.robot.T_tip_camera

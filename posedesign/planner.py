@@ -185,18 +185,19 @@ class _Loop:
             stop = StopReason.INFEASIBLE
         route, poses = self._connect(best), self.sets[best]
         postures = poses.kept
-        _, blocks, R = self.model.linearise(postures)
+        linear = self.model.linearise(postures)
+        blocks, white = linear.jacobian, linear.white_jacobian
         if stop is StopReason.INFEASIBLE and blocks[..., 0].size >= self.model.p:
             # enough poses, and still something is hidden: no angle will show it
-            white = self.model.measurement.whiten(blocks, R).reshape(-1, self.model.p)
-            check_identifiable(white, self.model.names, self.model.nuisance)
+            flat = white.reshape(-1, self.model.p)
+            check_identifiable(flat, self.model.names, self.model.nuisance)
         return PosePlan(
             poses=poses,
             route=route,
             best=best,
             rounds=tuple(self.rounds),
             history=tuple(self.sets),
-            indices=evaluate(blocks, self.model.measurement.whiten(blocks, R)),
+            indices=evaluate(blocks, white),
             model=self.model,
             threshold=self.cell.config.plan.condition_threshold,
             stop=stop,

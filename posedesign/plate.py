@@ -7,9 +7,9 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.errors import CalibError, UnreachableError
-from calib.measurement import TouchUp
-from calib.measurement.touch import TOUCH_TOLERANCE_M, touch
+from calib.errors import CalibError, ConvergenceError, UnreachableError
+from calib.measurement import Setup, TouchUp
+from calib.measurement.simulate import simulate
 from calib.model import CalibrationModel
 from calib.parameters import TargetPoints
 from calib.se3 import FloatArray
@@ -65,14 +65,11 @@ class PlateTest:
         )
         is_target = np.array([name.startswith("target.") for name in robot.model.names])
         values = np.concatenate([robot.values[~is_target], targets.nominal])
-        index = np.arange(len(points))
-        start, _ = touch(model, found.q, values, index)
-        R = model.view(start, values, index)[0].state.R_base_tip
-        off = model.measurement.sample(np.broadcast_to(R, (trials, *R.shape)), rng)
-        postures, missing = touch(model, start, values, index, off)
-        if missing.max() > 1e3 * TOUCH_TOLERANCE_M:
-            raise UnreachableError("the simulated arm does not meet a point of the test plate")
-        return cls(postures)
+        setup = Setup.of(len(points), target=np.arange(len(points)))
+        try:
+            return cls(simulate(model, values, found.q, rng, trials=trials, setup=setup).postures)
+        except ConvergenceError as error:
+            raise UnreachableError(f"the test plate cannot be touched: {error.message}") from error
 
     def worst_error(self, model: CalibrationModel, x: FloatArray) -> FloatArray:
         """Largest error of a distance between two points of one row or column.
@@ -89,8 +86,7 @@ class PlateTest:
         array (T, 4)
             [m], for distances of 1, 2, 3 and 4 pitches.
         """
-        view, _ = model.view(self.postures, x)
-        grid = view.point.reshape(-1, PLATE_POINTS, PLATE_POINTS, 3)
+        grid = model.view(self.postures, x).tool_points.reshape(-1, PLATE_POINTS, PLATE_POINTS, 3)
         worst = np.zeros((len(grid), PLATE_POINTS - 1))
         for a, b in combinations(range(PLATE_POINTS), 2):
             apart = b - a

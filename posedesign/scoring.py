@@ -45,8 +45,8 @@ class Score:
 def score_poses(cell: Cell, poses: PoseList) -> Score:
     """Indices and predicted standard deviations of any pose list."""
     model = cell.model()
-    _, blocks, R = model.linearise(poses.postures)
-    white = model.measurement.whiten(blocks, R)
+    linear = model.linearise(poses.postures)
+    white = linear.white_jacobian
     problem = _what_is_hidden(model, white)
     sigma: list[tuple[str, str, float]] = []
     if not problem:
@@ -58,7 +58,7 @@ def score_poses(cell: Cell, poses: PoseList) -> Score:
         f"{poses.names[i]}: {verdicts.says(i)}" for i in np.flatnonzero(~verdicts.feasible).tolist()
     ]
     off = off_target(cell, poses.names, poses.postures, ON_TARGET_M)
-    return Score(evaluate(blocks, white), sigma, problem, tuple(broken), tuple(off))
+    return Score(evaluate(linear.jacobian, white), sigma, problem, tuple(broken), tuple(off))
 
 
 def _what_is_hidden(model: CalibrationModel, white: FloatArray) -> str:

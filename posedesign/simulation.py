@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.measurement import Measurement, TouchUps
-from calib.measurement.simulate import simulate_touch_ups
+from calib.measurement import Measurement, Measurements
+from calib.measurement.simulate import simulate
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
 from posedesign.cell import Cell
@@ -92,14 +92,13 @@ class SimulatedRobot:
 
     def touch_up(
         self, q: FloatArray, rng: np.random.Generator | None, trials: int | None = None
-    ) -> TouchUps:
+    ) -> Measurements:
         """Touch up the target from planned postures ``(N, n)`` [rad]."""
-        return simulate_touch_ups(self.model, self.values, q, rng, trials=trials)
+        return simulate(self.model, self.values, q, rng, trials=trials)
 
     def joint_errors(self, q: FloatArray) -> FloatArray:
         """Offset plus deflection of each joint at postures ``(N, n)`` [rad], ``(N, n)`` [rad]."""
-        view, _ = self.model.view(q, self.values)
-        return np.broadcast_to(view.errors.joints, q.shape)
+        return self.model.view(q, self.values).joint_errors
 
     def camera_poses(
         self, q: FloatArray, rng: np.random.Generator | None
@@ -120,8 +119,7 @@ class SimulatedRobot:
         B : array (..., N, 4, 4)
             ``T_target_camera`` that the camera measures, with its noise in camera axes.
         """
-        view, _ = self.model.view(q, self.values)
-        T_base_camera = view.state.T_base_tip @ self.T_tip_camera
+        T_base_camera = self.model.view(q, self.values).T_base_tip @ self.T_tip_camera
         B = inverse(self.T_base_target) @ T_base_camera
         if rng is not None:
             section = self.cell.config.measurement

@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import FileFormatError, near_names
-from calib.measurement import TouchUps
+from calib.measurement import Measurements, touch_ups
 from calib.robots import Controller, Robot
 from calib.se3 import BoolArray, FloatArray, rotation_from_wpr, transform, wpr_from_rotation
 from posedesign.csv_tables import (
@@ -181,12 +181,12 @@ def _status(path: Path, row: Row) -> PoseStatus:
         ) from error
 
 
-def write_touch_ups(path: Path, touch_ups: TouchUps, names: Sequence[str] | None = None) -> Path:
+def write_touch_ups(path: Path, data: Measurements, names: Sequence[str] | None = None) -> Path:
     """Write ``touchups.csv``."""
-    n = touch_ups.postures.shape[-1]
+    n = data.postures.shape[-1]
     rows = []
-    for i, (q, target) in enumerate(zip(touch_ups.postures, touch_ups.target, strict=True)):
-        row: dict[str, object] = {"target": touch_ups.labels[target]}
+    for i, (q, target) in enumerate(zip(data.postures, data.target, strict=True)):
+        row: dict[str, object] = {"target": data.targets[target]}
         row |= dict(zip(joint_columns(n), np.rad2deg(q), strict=True))
         row["pose"] = names[i] if names is not None else f"P{i + 1:02d}"
         rows.append(row)
@@ -195,7 +195,7 @@ def write_touch_ups(path: Path, touch_ups: TouchUps, names: Sequence[str] | None
 
 def read_touch_ups(
     path: Path, n: int, *, controller: Controller | None = None, trust_units: bool = False
-) -> TouchUps:
+) -> Measurements:
     """Read a ``touchups.csv`` of a robot with n joints; targets in the order of appearance.
 
     Parameters
@@ -222,7 +222,7 @@ def read_touch_ups(
     index = {label: i for i, label in enumerate(labels)}
     target = np.array([index[row.cells["target"]] for row in rows], dtype=np.intp)
     postures = _postures(path, columns, rows, n, controller, trust_units)
-    return TouchUps(postures, target, tuple(labels))
+    return touch_ups(postures, target, labels)
 
 
 def write_pairs(path: Path, pairs: Pairs) -> Path:

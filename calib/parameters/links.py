@@ -45,6 +45,7 @@ class LinkGeometry(ParameterBlock):
         prior_m: float | None = None,
         prior_rad: float | None = None,
     ) -> None:
+        self._robot, self._prior_m, self._prior_rad = robot, prior_m, prior_rad
         known = [f"link.{joint}.{axis}" for joint in robot.joint_names for axis in AXES]
         wanted = known if freed is None else list(freed)
         strange = next((name for name in wanted if name not in known), None)
@@ -67,6 +68,10 @@ class LinkGeometry(ParameterBlock):
         self.units = tuple("m" if axis < 3 else "rad" for _, axis in places)
         lengths = np.array([unit == "m" for unit in self.units], dtype=bool)
         self.prior = np.where(lengths, prior_of(prior_m, self.size), prior_of(prior_rad, self.size))
+
+    def only(self, names: Sequence[str]) -> LinkGeometry:
+        """The same links with only some of their parameters free."""
+        return LinkGeometry(self._robot, names, self._prior_m, self._prior_rad)
 
     @property
     def nominal(self) -> FloatArray:

@@ -12,10 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.posture_last import along, cross, turn, turn_back
+from calib.posture_last import along, columns_of, cross, product, turn, turn_back
 from calib.robots.chain import Displacement, Walk
 from calib.robots.robot import Robot
-from calib.se3 import BoolArray, FloatArray, IntArray, transform
+from calib.se3 import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    right_jacobian,
+    rotation_exp,
+    transform,
+)
 
 NO_TURN = np.eye(3)[:, :, None]
 """Columns of the rotation of a point's frame, which is not turned: ``(3, 3, 1)``."""
@@ -78,7 +85,7 @@ class Setup:
         """Number of measurements N."""
         return len(self.kind)
 
-    def __getitem__(self, rows: object) -> Setup:
+    def __getitem__(self, rows: IntArray | BoolArray | slice) -> Setup:
         """Set-up of some of the measurements."""
         return Setup(self.kind[rows], self.tool[rows], self.target[rows], self.payload[rows])
 
@@ -107,8 +114,9 @@ class ArmErrors:
     ----------
     joints : array (n, S)
         Added to the joint values [rad].
-    displaced : dict of Displacement
-        Frames of joints that are not in their places, by joint.
+    displaced : dict of array (6, S) or (6, 1)
+        Frames of joints that are not in their places, by joint: shift [m] and rotation vector
+        [rad] in the axes of the description, summed over all that displaces them.
     tools : list of Feature
         What sits on the tip, in the order of the model's tool labels; in the tip frame.
     targets : list of Feature
@@ -118,10 +126,22 @@ class ArmErrors:
     """
 
     joints: FloatArray
-    displaced: dict[int, Displacement] = field(default_factory=dict)
+    displaced: dict[int, FloatArray] = field(default_factory=dict)
     tools: list[Feature] = field(default_factory=list)
     targets: list[Feature] = field(default_factory=list)
     lengths: dict[str, FloatArray] = field(default_factory=dict)
+
+    def displace(self, joint: int, six: FloatArray) -> None:
+        """Displace the frame of a joint by ``(6, S)``, besides what others displace it by."""
+        before = self.displaced.get(joint)
+        self.displaced[joint] = six if before is None else before + six
+
+    def displacements(self) -> dict[int, Displacement]:
+        """The same as the chain takes it."""
+        return {
+            joint: Displacement(six[:3], np.moveaxis(rotation_exp(six[3:].T), 0, -1))
+            for joint, six in self.displaced.items()
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +163,8 @@ class ArmView:
         Which of them are distances, to which alone an error of a reading's zero matters.
     errors : ArmErrors
         As applied.
+    displacements : dict of Displacement
+        Of the frames of joints.
     walk : Walk
         The arm with its errors.
     point : array (3, S)
@@ -163,6 +185,7 @@ class ArmView:
     targets: tuple[str, ...]
     is_distance: BoolArray
     errors: ArmErrors
+    displacements: dict[int, Displacement]
     walk: Walk
     point: FloatArray
     tool: FloatArray
@@ -206,6 +229,14 @@ class ArmView:
     def axis(self, joint: int) -> FloatArray:
         """Unit vector ``(3, S)`` along a joint."""
         return self.robot.chain.axes_of(self.walk, joint)
+
+    def frame_axes(self, joint: int) -> FloatArray:
+        """Axes ``(3, 3, S)`` about which a joint's frame turns as its rotation vector changes.
+
+        For joints whose frames are displaced.
+        """
+        turning = right_jacobian(self.errors.displaced[joint][3:].T)
+        return product(self.walk.placed[joint], columns_of(turning))
 
     def turn_about(self, axis: FloatArray, origin: FloatArray, out: FloatArray) -> None:
         """Write the tool's twist, ``(..., 3, S)`` or ``(..., 6, S)``, of a turn about an axis."""

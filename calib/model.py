@@ -195,7 +195,8 @@ class CalibrationModel:
         errors = ArmErrors(np.zeros((len(q), 1)))
         for block, part in zip(self.parameters, self.slices, strict=True):
             block.displace(values[part], errors, q, setup)
-        walk = self.robot.chain.walk(q + errors.joints, errors.displaced)
+        displacements = errors.displacements()
+        walk = self.robot.chain.walk(q + errors.joints, displacements)
         width = q.shape[1]
         on_tip = _picked(errors.tools, setup.tool, width)
         around = _picked(errors.targets, setup.target, width)
@@ -209,6 +210,7 @@ class CalibrationModel:
             targets=self.targets,
             is_distance=np.array([kind.is_distance for kind in self.measurements])[setup.kind],
             errors=errors,
+            displacements=displacements,
             walk=walk,
             point=walk.p_base_tip + turn(walk.tip, on_tip.position),
             tool=turned,

@@ -37,6 +37,11 @@ Size = Annotated[float, Field(strict=True, gt=0, le=1e6, allow_inf_nan=False)]
 """[mm]"""
 Pixels = Annotated[int, Field(strict=True, gt=0, le=100_000)]
 
+Word = Literal[
+    "zero_offsets", "geometry", "compliance", "bearings", "lost_motion", "scale", "harmonics"
+]
+"""What a model may free of the arm."""
+
 LARGEST_CELL_BYTES = 1_000_000
 
 _SHAPE_KEYS: dict[str, tuple[str, ...]] = {
@@ -241,11 +246,34 @@ class ConstraintSection(Section):
 
 
 class ParameterSection(Section):
-    """What is identified besides the target."""
+    """What is identified besides the set-up, and how: each list of ``models`` is one to try."""
 
     zero_offsets: tuple[str, ...] | None = None
     tool_axes: Annotated[str, Field(pattern=r"^x?y?z?$")] | None = None
+    models: Annotated[tuple[tuple[Word, ...], ...], Field(min_length=1, max_length=20)] = (
+        ("zero_offsets",),
+        ("zero_offsets", "compliance"),
+        ("geometry",),
+        ("geometry", "compliance"),
+    )
+    harmonics: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0)
+    lost_motion_nm: Positive = 10.0
+    prior_length_mm: Positive | None = None
+    prior_angle_deg: Positive | None = None
+    prior_harmonic_deg: Positive | None = None
+    prior_compliance_urad_nm: Positive | None = None
     method: Literal["gauss-newton", "newton-raphson"] = "gauss-newton"
+    loss: Literal["least-squares", "huber", "cauchy", "student-t", "graduated"] = "least-squares"
+
+    @model_validator(mode="after")
+    def _models_differ(self) -> ParameterSection:
+        sets = [frozenset(model) for model in self.models]
+        for model in self.models:
+            if not model or len(set(model)) != len(model):
+                raise ValueError("each of models lists what it frees, once")
+        if len(set(sets)) != len(sets):
+            raise ValueError("two of models free the same")
+        return self
 
 
 class MeasurementSection(Section):
@@ -254,8 +282,40 @@ class MeasurementSection(Section):
     kind: Literal["touch-up", "view-line"] = "touch-up"
     three_sigma_mm: NoiseVector = (0.02, 0.02, 0.12)
     weighted: StrictBool = True
+    estimate_noise: StrictBool = False
     camera_three_sigma_deg: Noise = 0.06
     camera_three_sigma_mm: Noise = 0.3
+
+
+class NoiseSection(Section):
+    """Noise of a further kind of measurement, in the axes of its instrument."""
+
+    kind: Literal["touch-up", "view-line", "plane", "point", "pose", "camera-pose", "distance"]
+    three_sigma_mm: Noise | NoiseVector
+    three_sigma_deg: Noise | NoiseVector | None = None
+
+    @model_validator(mode="after")
+    def _has_angles(self) -> NoiseSection:
+        if (self.three_sigma_deg is not None) != self.kind.endswith("pose"):
+            verb = "needs" if self.kind.endswith("pose") else "has no"
+            raise ValueError(f"a {self.kind} {verb} three_sigma_deg")
+        return self
+
+
+class PayloadSection(Section):
+    """Something else that the flange carries in some of the measurements."""
+
+    name: Name
+    mass_kg: NotNegative
+    com_mm: Vector
+
+
+class KnownDistanceSection(Section):
+    """A distance between two targets that is known from elsewhere."""
+
+    targets: tuple[Name, Name]
+    length_mm: Size
+    three_sigma_mm: Noise = 0.03
 
 
 class TruthSection(Section):
@@ -294,6 +354,9 @@ class CellConfig(Section):
     plan: PlanSection = PlanSection()
     parameters: ParameterSection = ParameterSection()
     measurement: MeasurementSection = MeasurementSection()
+    noise: tuple[NoiseSection, ...] = ()
+    payload: tuple[PayloadSection, ...] = ()
+    known_distance: tuple[KnownDistanceSection, ...] = ()
     truth: TruthSection = TruthSection()
     program: ProgramSection = ProgramSection()
 
@@ -303,6 +366,13 @@ class CellConfig(Section):
         double = next((name for name in names if names.count(name) > 1), None)
         if double is not None:
             raise ValueError(f"two solids have the name {double!r}")
+        for listed, what in (
+            ([p.name for p in self.payload], "payloads have the name"),
+            ([str(n.kind) for n in self.noise], "noises are of the kind"),
+        ):
+            double = next((name for name in listed if listed.count(name) > 1), None)
+            if double is not None:
+                raise ValueError(f"two {what} {double!r}")
         return self
 
 

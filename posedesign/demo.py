@@ -10,6 +10,7 @@ from calib.identification import IdentificationResult
 from calib.robot_world import PAPER_METHODS
 from calib.se3 import FloatArray
 from posedesign.accuracy_study import AccuracyStudy, accuracy_study, effective_truth
+from posedesign.before_after import Identified
 from posedesign.cell import Cell
 from posedesign.files import write_text_atomic
 from posedesign.pose_plan import PosePlan
@@ -43,10 +44,15 @@ class DemoResults:
 
     plan: PosePlan
     program: WrittenProgram
-    identification: tuple[IdentificationResult, ...]
+    identification: Identified
     truth: FloatArray
     robot_world: tuple[SolverOutcome, ...]
     study: AccuracyStudy
+
+    @property
+    def offsets(self) -> IdentificationResult:
+        """The model of the paper, which the truth is known for."""
+        return next(r for r in self.identification.comparison.results if r.model == "offsets")
 
 
 def run_demo(

@@ -10,7 +10,7 @@
 ``touchups.csv``        ``target, j1_deg .. jn_deg, pose``: one row a touch-up, joints as the
                         controller showed them, in URDF signs; ``pose`` may be left out. In place
                         of ``j1_deg ..`` there may be ``pendant_j1_deg ..``, as read off the
-                        pendant.
+                        pendant. See :mod:`posedesign.measurement_table` for other kinds.
 ``pairs.csv``           ``pose, a_x_mm .. a_r_deg, b_x_mm .. b_r_deg``: A = T_base_tip as the
                         controller shows it, B = T_target_camera, as x y z and W P R.
 ======================  =========================================================================
@@ -20,7 +20,6 @@ Files are hostile until read: size, encoding, header, every number, and degrees 
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import FileFormatError, near_names
-from calib.measurement import Measurements, touch_ups
+from calib.measurement import Measurements
 from calib.robots import Controller, Robot
 from calib.se3 import BoolArray, FloatArray, rotation_from_wpr, transform, wpr_from_rotation
 from posedesign.csv_tables import (
@@ -40,11 +39,10 @@ from posedesign.csv_tables import (
     read_rows,
     write_table,
 )
+from posedesign.measurement_table import read_measurements
 from posedesign.pose_plan import PoseSet, PoseStatus, named_stops
+from posedesign.postures_table import joint_columns, pendant_columns, postures_of
 from posedesign.route import Route
-
-PENDANT_AGREES_DEG = 0.01
-"""Joint values and pendant values of one row may differ by as much: pendants show few decimals."""
 
 POSE_AXES = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
 
@@ -88,16 +86,6 @@ class Pairs:
     names: tuple[str, ...]
     A: FloatArray
     B: FloatArray
-
-
-def joint_columns(n: int) -> list[str]:
-    """``j1_deg`` to ``jn_deg``."""
-    return [f"j{i + 1}_deg" for i in range(n)]
-
-
-def pendant_columns(n: int) -> list[str]:
-    """``pendant_j1_deg`` to ``pendant_jn_deg``."""
-    return [f"pendant_{column}" for column in joint_columns(n)]
 
 
 def write_poses(path: Path, robot: Robot, poses: PoseSet, route: Route, tool_m: FloatArray) -> Path:
@@ -153,7 +141,7 @@ def read_poses(
     status = [_status(path, row) for row in rows]
     via = np.array([s is PoseStatus.VIA for s in status if s is not PoseStatus.DROPPED], dtype=bool)
     rows = [row for row, s in zip(rows, status, strict=True) if s is not PoseStatus.DROPPED]
-    postures = _postures(path, columns, rows, count, controller, trust_units)
+    postures = postures_of(path, columns, rows, count, controller, trust_units)
     names = tuple(row.cells.get("name") or f"P{i + 1:02d}" for i, row in enumerate(rows))
     if via.all():
         raise FileFormatError(
@@ -207,22 +195,15 @@ def read_touch_ups(
     trust_units : bool
         Do not refuse values that look like radians.
     """
-    columns, rows = read_rows(path)
-    check_columns(path, columns, ["target"])
-    labels = list(dict.fromkeys(row.cells["target"] for row in rows))
-    for row in rows:
-        if not row.cells["target"]:
-            raise FileFormatError(
-                "the target has no name",
-                path=path,
-                row=row.line,
-                column="target",
-                hint="name the point that was touched",
-            )
-    index = {label: i for i, label in enumerate(labels)}
-    target = np.array([index[row.cells["target"]] for row in rows], dtype=np.intp)
-    postures = _postures(path, columns, rows, n, controller, trust_units)
-    return touch_ups(postures, target, labels)
+    table = read_measurements(path, n, controller=controller, trust_units=trust_units)
+    if table.kinds != ("touch-up",):
+        raise FileFormatError(
+            f"holds measurements of the kinds {', '.join(table.kinds)}",
+            path=path,
+            column="kind",
+            hint="read it with posedesign.measurement_table.read_measurements",
+        )
+    return table.data
 
 
 def write_pairs(path: Path, pairs: Pairs) -> Path:
@@ -260,60 +241,3 @@ def _count_joints(columns: Sequence[str], path: Path) -> int:
     if not count:
         check_columns(path, columns, ["j1_deg"])
     return count
-
-
-def _postures(
-    path: Path,
-    columns: Sequence[str],
-    rows: Sequence[Row],
-    n: int,
-    controller: Controller | None,
-    trust_units: bool,
-) -> FloatArray:
-    """Postures ``(rows, n)`` [rad] of the joint columns, or else of the pendant's."""
-    if not rows:
-        raise FileFormatError("has no pose that was not dropped", path=path)
-    own, shown = joint_columns(n), pendant_columns(n)
-    if shown[0] in columns and own[0] not in columns:
-        if controller is None:
-            raise FileFormatError(
-                "holds what a pendant shows, and the robot's controller is not known",
-                path=path,
-                column=shown[0],
-                hint="set robot.controller in the cell",
-            )
-        check_columns(path, columns, shown)
-        return controller.posture(_degrees(path, rows, shown, trust_units))
-    check_columns(path, columns, own, joints=True)
-    postures = np.deg2rad(_degrees(path, rows, own, trust_units))
-    there = [k for k, column in enumerate(shown) if column in columns]
-    if controller is not None and there:
-        shown = [shown[k] for k in there]
-        off = controller.pendant(postures)[:, there] - numbers_of(path, rows, shown)
-        worst = np.unravel_index(int(np.argmax(np.abs(off))), off.shape)
-        if abs(off[worst]) > PENDANT_AGREES_DEG:
-            raise FileFormatError(
-                f"is {abs(off[worst]):.3g} deg off what {own[0]} to {own[-1]} make it",
-                path=path,
-                row=rows[int(worst[0])].line,
-                column=shown[int(worst[1])],
-                hint="leave out the columns that are not what the arm did",
-            )
-    return postures
-
-
-def _degrees(
-    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool
-) -> FloatArray:
-    degrees = numbers_of(path, rows, columns)
-    largest = float(np.abs(degrees).max())
-    if not trust_units and len(rows) >= 3 and 0 < largest <= 2 * math.pi:
-        raise FileFormatError(
-            f"the joint values look like radians (the largest is {largest:.4g})",
-            path=path,
-            column=f"{columns[0]} to {columns[-1]}",
-            hint="multiply them by 57.29578, or pass --trust-units if they really are degrees",
-            value=largest,
-            bound=2 * math.pi,
-        )
-    return degrees

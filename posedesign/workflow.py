@@ -13,17 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import CalibError, InputError, NotIdentifiableError, OutputError
-from calib.identification import IdentificationResult
-from calib.identification.solver import check_enough
-from calib.parameters import TargetPoints
 from calib.robot_world import METHODS, PAPER_METHODS, PairNoise, RobotWorldResult, solve
 from calib.se3 import wpr_from_rotation
 from posedesign.accuracy_study import AccuracyStudy
-from posedesign.before_after import identify_models, results_as_dict
+from posedesign.before_after import Identified, identify_models, results_as_dict
 from posedesign.cell import Cell
 from posedesign.checks import outside_limits, refuse_unfit
 from posedesign.csv_tables import write_table
 from posedesign.files import write_json_atomic
+from posedesign.measurement_table import read_measurements
 from posedesign.planner import Progress, plan
 from posedesign.pose_plan import PosePlan, displayed, fingerprint
 from posedesign.programs import (
@@ -41,7 +39,6 @@ from posedesign.tables import (
     Pairs,
     PoseList,
     read_pairs,
-    read_touch_ups,
     write_pairs,
     write_poses,
     write_touch_ups,
@@ -156,29 +153,36 @@ def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) ->
 
 def identify_file(
     cell: Cell,
-    touch_ups: Path,
+    measurements: Path,
     out: Path,
     *,
     trust_units: bool = False,
     warn: Callable[[str], None] = lambda text: None,
-) -> tuple[IdentificationResult, ...]:
-    """Identify from a ``touchups.csv``; write ``identification.json``.
+) -> Identified:
+    """Identify from a ``touchups.csv`` or ``measurements.csv``; write ``identification.json``.
 
-    ``warn`` is told of touch-ups outside the joint limits: they may be another robot's.
+    ``warn`` is told of what is odd: measurements outside the joint limits, rows that are there
+    twice, poses that are not there.
     """
     robot = cell.robot
-    data = read_touch_ups(touch_ups, robot.n, controller=robot.controller, trust_units=trust_units)
-    rows = [f"touch-up {i + 1}" for i in range(data.count)]
-    for line in outside_limits(cell, rows, data.postures):
-        warn(f"{touch_ups}: {line}")
-    # before the baseline, which has fewer parameters and would be refused for another reason
-    targets = TargetPoints(np.zeros((len(data.labels), 3)), data.labels)
-    check_enough(cell.model(targets=targets), data)
-    results = identify_models(cell, data)
-    content = results_as_dict(cell, data, results)
+    table = read_measurements(
+        measurements,
+        robot.n,
+        kind=cell.config.measurement.kind,
+        payloads=[payload.name for payload in cell.config.payload],
+        controller=robot.controller,
+        trust_units=trust_units,
+    )
+    rows = [f"line {line}" for line in table.lines]
+    for line in outside_limits(cell, rows, table.data.postures):
+        warn(f"{measurements}: {line}")
+    identified = identify_models(cell, table)
+    for line in identified.warnings:
+        warn(f"{measurements}: {line}")
+    content = results_as_dict(cell, identified)
     make_folder(out)
     write_json_atomic(out / "identification.json", content)
-    return results
+    return identified
 
 
 def solve_file(

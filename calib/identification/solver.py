@@ -22,7 +22,6 @@ from calib.identification.identifiability import check_believable
 from calib.identification.least_squares import (
     ITERATIONS,
     STEP_TOLERANCE,
-    equal_sigma,
     minimise,
     white_rows,
 )
@@ -124,13 +123,15 @@ def _newton_raphson(
     model: CalibrationModel, data: Measurements, x: FloatArray, weighted: bool
 ) -> tuple[FloatArray, int]:
     """Full steps with Eq. 5's differences until the predictions stand still."""
+    sizes = np.array([FINITE_DIFFERENCE[unit] for unit in model.units])
     change = np.inf
     for iteration in range(1, ITERATIONS + 1):
-        linear = model.linearise(data.postures, x, data.setup, data.observed)
-        G = finite_difference_jacobian(model, data.postures, x, data.setup)
-        rows, _ = white_rows(linear, weighted)
-        J = model.whiten(G.T, linear.view) if weighted else G.T / equal_sigma(model)
-        A, r = J.reshape(model.p, -1).T, rows.ravel()
+        # of the rows as they are squared: the axes of their noise turn with the parameters, too
+        here = model.linearise(data.postures, x, data.setup, data.observed)
+        there = model.linearise(data.postures[None], x + np.diag(sizes), data.setup, data.observed)
+        (r, _), (ahead, _) = (white_rows(linear, weighted) for linear in (here, there))
+        moved = ahead.reshape(len(r), model.p, -1) - r[:, None]
+        A, r = np.moveaxis(moved / sizes[:, None], 1, -1).reshape(-1, model.p), r.ravel()
         known, K = model.known(x[None])
         step = _least_squares(np.concatenate([A, K[0]]), -np.concatenate([r, known[0]]))
         x = x + step

@@ -40,6 +40,9 @@ class ParameterBlock(ABC):
     prior : array (size,)
         Standard deviation, about the nominal value, that is known before measuring [SI]; infinite
         where nothing is.
+    beyond_chain : str
+        What no kinematic chain can hold of it, in words. Empty for blocks that displace the arm
+        alike in every posture, or not at all: see :func:`calib.corrected.corrected_robot`.
     """
 
     names: tuple[str, ...]
@@ -48,6 +51,7 @@ class ParameterBlock(ABC):
     tools: tuple[str, ...] = ()
     targets: tuple[str, ...] = ()
     prior: FloatArray
+    beyond_chain: str = "errors that change from posture to posture"
 
     @property
     def size(self) -> int:
@@ -61,7 +65,7 @@ class ParameterBlock(ABC):
 
     @abstractmethod
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        """Apply values ``(size, S)`` to arm and set-up; ``q`` ``(n, S)`` are the joints as shown."""
+        """Apply values ``(size, S)`` to arm and set-up; ``q`` (n, S) are the joints as shown."""
 
     @abstractmethod
     def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:

@@ -44,6 +44,7 @@ class Frames(ParameterBlock):
     """
 
     nuisance = True
+    beyond_chain = ""
 
     def __init__(
         self,
@@ -117,6 +118,7 @@ class Frames(ParameterBlock):
         six, found = self._six(values), []
         for k, T in enumerate(self.T_nominal):
             R = T[:3, :3]
+            columns: FloatArray | None
             if self._turns:
                 columns = columns_of(R @ rotation_exp(six[k, 3:].T))
             else:
@@ -202,231 +204,11 @@ class AroundArm(Frames):
         return np.asarray(np.eye(3)[axis])
 
 
-class ToolFrame(OnTool):
-    """A frame on the tip: where the tracker's target, the gripper or the camera is.
-
-    Parameters
-    ----------
-    T_tip_tool : array_like (4, 4)
-        Nominal pose in the tip frame [m].
-    label : str
-    free : sequence of str
-        Of x, y, z, rx, ry, rz; all by default.
-    prior_m, prior_rad : float, optional
-    """
-
-    def __init__(
-        self,
-        T_tip_tool: ArrayLike,
-        label: str = "tool",
-        free: Sequence[str] = AXES,
-        prior_m: float | None = None,
-        prior_rad: float | None = None,
-    ) -> None:
-        super().__init__([label], np.asarray(T_tip_tool)[None], free, prior_m, prior_rad)
-
-
-class ToolPoints(OnTool):
-    """Points on the tip: reflectors, or what a measuring arm probes.
-
-    Parameters
-    ----------
-    positions_m : array_like (K, 3)
-        Nominal places [m] in tip axes.
-    labels : sequence of str
-    free : str
-        Axes of the tip frame along which they are to be identified, a part of ``"xyz"``.
-    prior_m : float, optional
-    """
-
-    def __init__(
-        self,
-        positions_m: ArrayLike,
-        labels: Sequence[str],
-        free: str = "xyz",
-        prior_m: float | None = None,
-    ) -> None:
-        places = _points(positions_m, labels, "each tool point needs three finite numbers", "tool")
-        super().__init__(labels, places, _letters(free), prior_m)
-
-
-class ToolPoint(ToolPoints):
-    """The tool point in the tip frame: tip of the (virtual) pin, ball, or point on the view line.
-
-    The p_VT of [Watanabe2006]_.
-
-    Parameters
-    ----------
-    position_m : array_like (3,)
-        Nominal position [m] in tip axes.
-    free : str
-        Axes of the tip frame along which it is to be identified, a part of ``"xyz"``. A view line
-        says nothing of the position along itself: give ``"xy"`` there.
-    prior_m : float, optional
-        Standard deviation known before measuring.
-    """
-
-    def __init__(
-        self, position_m: ArrayLike, free: str = "xyz", prior_m: float | None = None
-    ) -> None:
-        position = np.asarray(position_m, dtype=float)
-        if position.shape != (3,) or not np.isfinite(position).all():
-            raise InputError("the tool point needs three finite numbers", name="tool")
-        super().__init__([position], ["tool"], free, prior_m)
-
-    @property
-    def position_m(self) -> FloatArray:
-        """Nominal position ``(3,)`` [m] in tip axes, free or not."""
-        return np.asarray(self.positions_m[0])
-
-
-class TargetPoints(AroundArm):
-    """The points touched, in the base frame: the p_M of [Watanabe2006]_, one or several.
-
-    Parameters
-    ----------
-    positions_m : array_like (K, 3)
-        Nominal positions [m] in the base frame.
-    labels : sequence of str
-        Name of each target, as in the data.
-    free : bool
-        Whether they are to be identified. Surveyed targets are not, and then even the offset of
-        the first joint can be.
-    prior_m : float, optional
-        Standard deviation known before measuring.
-    """
-
-    def __init__(
-        self,
-        positions_m: ArrayLike,
-        labels: Sequence[str] = ("T1",),
-        free: bool = True,
-        prior_m: float | None = None,
-    ) -> None:
-        places = _points(positions_m, labels, "each target needs three finite numbers", "target")
-        super().__init__(labels, places, "xyz" if free else "", prior_m)
-
-
-class TargetFrame(AroundArm):
-    """A frame that poses and points are measured in: of a tracker, a measuring arm, a camera.
-
-    Parameters
-    ----------
-    T_base_target : array_like (4, 4)
-        Nominal pose in the base frame [m].
-    label : str
-    free : sequence of str
-        Of x, y, z, rx, ry, rz; all by default.
-    prior_m, prior_rad : float, optional
-    """
-
-    def __init__(
-        self,
-        T_base_target: ArrayLike,
-        label: str = "tracker",
-        free: Sequence[str] = AXES,
-        prior_m: float | None = None,
-        prior_rad: float | None = None,
-    ) -> None:
-        super().__init__([label], np.asarray(T_base_target)[None], free, prior_m, prior_rad)
-
-
-class TargetPlane(AroundArm):
-    """A plane that the tool point touches: its height along its normal and its two tilts.
-
-    Parameters
-    ----------
-    point_m : array_like (3,)
-        A point of the nominal plane in the base frame [m].
-    normal : array_like (3,)
-        Normal in the base frame, of any length.
-    label : str
-    free : bool
-        Whether it is to be identified.
-    """
-
-    def __init__(
-        self, point_m: ArrayLike, normal: ArrayLike, label: str = "plane", free: bool = True
-    ) -> None:
-        z = np.asarray(normal, dtype=float)
-        length = float(np.linalg.norm(z)) if z.shape == (3,) else 0.0
-        if not (np.isfinite(length) and length > 0):
-            raise InputError("the normal of a plane needs a direction", name="target")
-        z = z / length
-        x = np.eye(3)[int(np.argmin(np.abs(z)))]
-        x = x - z * (z @ x)
-        x /= np.linalg.norm(x)
-        T = transform(np.column_stack([x, np.cross(z, x), z]), point_m)
-        super().__init__([label], T[None], ("z", "rx", "ry") if free else ())
-
-    @property
-    def nominal(self) -> FloatArray:
-        """Zero: the plane as described."""
-        return np.zeros(self.size)
-
-    def _six(self, values: FloatArray) -> FloatArray:
-        six = np.zeros((1, 6, values.shape[1]))
-        six[0, self._axes] = values
-        height = six[0, 2].copy()
-        six[0, :3] = self.T_nominal[0, :3, 3, None] + self.T_nominal[0, :3, 2, None] * height
-        return six
-
-    def _shift(self, frame: int, axis: int) -> FloatArray:
-        return np.asarray(self.T_nominal[0, :3, axis])
-
-    def scaling(self, values: FloatArray) -> FloatArray:
-        """See :meth:`ParameterBlock.scaling`: its distance from the base grows."""
-        out = np.zeros(self.size)
-        if self.size:
-            out[0] = self.T_nominal[0, :3, 2] @ self.T_nominal[0, :3, 3] + values[0]
-        return out
-
-
-class LengthOffsets(ParameterBlock):
-    """What a wire or a ball bar shows more than the distance: the zero of its reading.
-
-    Parameters
-    ----------
-    labels : sequence of str
-        Targets that it is measured from.
-    prior_m : float, optional
-        Standard deviation known before measuring.
-    """
-
-    nuisance = True
-
-    def __init__(self, labels: Sequence[str], prior_m: float | None = None) -> None:
-        self.labels = tuple(labels)
-        self.names = tuple(f"length.{label}" for label in labels)
-        self.units = ("m",) * len(self.names)
-        self.prior = prior_of(prior_m, len(self.names))
-
-    @property
-    def nominal(self) -> FloatArray:
-        """Zero: the length as shown."""
-        return np.zeros(self.size)
-
-    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        """See :meth:`ParameterBlock.displace`."""
-        errors.lengths |= dict(zip(self.labels, values, strict=True))
-
-    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
-        """See :meth:`ParameterBlock.move`: as if the tool point went outwards."""
-        _, away = view.distance()
-        for label, row in zip(self.labels, out, strict=True):
-            shown = view.is_distance & (view.setup.target == view.targets.index(label))
-            mask = view.tiled(shown.astype(np.intp), 1)
-            row[:3] = away if mask is None else mask * away
-
-
-def _points(places: ArrayLike, labels: Sequence[str], message: str, name: str) -> FloatArray:
+def points_as_frames(
+    places: ArrayLike, labels: Sequence[str], message: str, name: str
+) -> FloatArray:
+    """Poses ``(K, 4, 4)`` of points ``(K, 3)``; InputError with the message for anything else."""
     p = np.atleast_2d(np.asarray(places, dtype=float))
     if p.shape != (len(labels), 3) or not np.isfinite(p).all():
         raise InputError(message, name=name)
     return transform(np.eye(3), p)
-
-
-def _letters(free: str) -> str:
-    if sorted(set(free)) != sorted(free) or not set(free) <= set("xyz"):
-        raise InputError(f"free axes of the tool point {free!r} are no part of xyz", name="tool")
-    return free

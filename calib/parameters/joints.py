@@ -93,6 +93,8 @@ class ZeroOffsets(JointErrors):
         Standard deviation known before measuring [rad].
     """
 
+    beyond_chain = ""
+
     def __init__(self, robot: Robot, joints: Sequence[str], prior_rad: float | None = None) -> None:
         indices = joint_indices(robot, joints)
         super().__init__(indices, [f"zero_offset.{joint}" for joint in joints], "rad", prior_rad)
@@ -112,6 +114,8 @@ class JointScale(JointErrors):
     prior : float, optional
         Standard deviation known before measuring [rad/rad].
     """
+
+    beyond_chain = "scale of joint values"
 
     def __init__(self, robot: Robot, joints: Sequence[str], prior: float | None = None) -> None:
         self._indices = joint_indices(robot, joints)
@@ -140,6 +144,7 @@ class JointHarmonics(JointErrors):
         Standard deviation known before measuring [rad].
     """
 
+    beyond_chain = "harmonics of transmissions"
     phases: ClassVar[tuple[str, ...]] = ("sin", "cos")
 
     def __init__(
@@ -172,4 +177,4 @@ class JointHarmonics(JointErrors):
 
     def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
         """Sine or cosine of the joint times its harmonic."""
-        return np.sin(self._waves * q[self._joints] + self._phase[:, None])
+        return np.asarray(np.sin(self._waves * q[self._joints] + self._phase[:, None]))

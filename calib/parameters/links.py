@@ -9,10 +9,9 @@ import numpy as np
 from calib.arm_view import ArmErrors, ArmView, Setup
 from calib.errors import InputError
 from calib.parameters.base import ParameterBlock, joint_indices, prior_of
-from calib.posture_last import columns_of, cross, product
-from calib.robots.chain import Displacement
+from calib.posture_last import cross, product
 from calib.robots.robot import Robot
-from calib.se3 import FloatArray, right_jacobian, rotation_exp
+from calib.se3 import FloatArray
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 """Degrees of freedom of a frame: along its axes [m], then a rotation vector [rad]."""
@@ -37,6 +36,8 @@ class LinkGeometry(ParameterBlock):
     prior_m, prior_rad : float, optional
         Standard deviations of lengths and angles known before measuring.
     """
+
+    beyond_chain = ""
 
     def __init__(
         self,
@@ -88,21 +89,17 @@ class LinkGeometry(ParameterBlock):
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
         """See :meth:`ParameterBlock.displace`."""
         for joint in self._joints:
-            six = self.displacement(values, joint)
-            R = np.moveaxis(rotation_exp(six[3:].T), 0, -1)
-            errors.displaced[joint] = Displacement(six[:3], R)
+            errors.displace(joint, self.displacement(values, joint))
 
     def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
         """See :meth:`ParameterBlock.move`."""
         for joint in self._joints:
-            turned = view.walk.placed[joint]  # columns of the frame, turned
-            displaced = view.errors.displaced[joint]
             columns = [axis for _, axis in self._rows[joint]]
             if min(columns) < 3:  # along the axes of the frame before it is turned
-                before = product(turned, displaced.rotation)  # its rows are its inverse's columns
+                rotation = view.displacements[joint].rotation  # its rows: its inverse's columns
+                before = product(view.walk.placed[joint], rotation)
             if max(columns) >= 3:
-                six = self.displacement(values, joint)
-                about = product(turned, columns_of(right_jacobian(six[3:].T)))
+                about = view.frame_axes(joint)
                 lever = view.point - view.walk.origins[joint]
             for k, axis in self._rows[joint]:
                 if axis < 3:

@@ -37,6 +37,7 @@ class Part(ParameterBlock):
         self.units = tuple(whole.units[k] for k in self._kept)
         self.prior = whole.prior[self._kept]
         self.nuisance = whole.nuisance
+        self.beyond_chain = whole.beyond_chain
         self.tools, self.targets = whole.tools, whole.targets
 
     @property

@@ -35,6 +35,27 @@ LARGEST_URDF_BYTES = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
+class Description:
+    """A URDF as text and as a tree, nothing in it checked but that it is one.
+
+    Attributes
+    ----------
+    text : bytes
+        As it stands in the file; of a xacro, what it expands to.
+    root : Element
+        The outermost element, name spaces of its elements removed.
+    folders : tuple of Path
+        Where the files lie that it may name.
+    notices : tuple of str
+    """
+
+    text: bytes
+    root: Element
+    folders: tuple[Path, ...]
+    notices: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Urdf:
     """What a URDF holds.
 
@@ -67,29 +88,44 @@ def load_urdf(path: Path) -> Urdf:
     RobotModelError
         The file is missing, is no URDF, or something in it cannot be used.
     """
-    root = _parse(_read(path), path)
-    notices: list[str] = []
+    description = read_description(path)
+    root = description.root
+    kinematics = read_kinematics(root, path)
+    shapes, missing = read_collision_shapes(root, path, description.folders)
+    return Urdf(
+        model=_build(kinematics, path),
+        notices=(*description.notices, *missing),
+        joint_notices=MappingProxyType(kinematics.notices),
+        flaws=MappingProxyType(kinematics.flaws),
+        shapes=shapes,
+    )
+
+
+def read_description(path: Path) -> Description:
+    """Read a URDF file, or a xacro file that expands to one, without looking at what it says.
+
+    Raises
+    ------
+    RobotModelError
+        The file is missing, too large, no well-formed XML, or no URDF.
+    """
+    text = _read(path)
+    root = _parse(text, path)
+    notices: tuple[str, ...] = ()
     folders = [description_tree(path)]
     if path.suffix == ".xacro" or any("xacro" in str(element.tag) for element in root.iter()):
         expanded = expand_xacro(path, LARGEST_URDF_BYTES)
-        root = _parse(expanded.text.encode(), path)
+        text = expanded.text.encode()
+        root = _parse(text, path)
         folders += expanded.folders
-        notices.append("expanded from xacro, every argument at its default")
+        notices = ("expanded from xacro, every argument at its default",)
     if root.tag != "robot":
         raise RobotModelError(
             f"{path}: the outermost element is <{root.tag}>, not <robot>",
             hint="is it an SDF or a MuJoCo model? convert it to a URDF first",
             name=str(path),
         )
-    kinematics = read_kinematics(root, path)
-    shapes, missing = read_collision_shapes(root, path, folders)
-    return Urdf(
-        model=_build(kinematics, path),
-        notices=(*notices, *missing),
-        joint_notices=MappingProxyType(kinematics.notices),
-        flaws=MappingProxyType(kinematics.flaws),
-        shapes=shapes,
-    )
+    return Description(text, root, tuple(folders), notices)
 
 
 def _read(path: Path) -> bytes:

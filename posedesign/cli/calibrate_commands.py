@@ -12,7 +12,6 @@ from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_tab
 from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, TrustUnits
 
 if TYPE_CHECKING:
-    from calib.identification import IdentificationResult
     from posedesign.workflow import SolverOutcome
 
 ALL = "all"
@@ -55,21 +54,24 @@ def simulate(
 
 def identify(
     cell: CellFile,
-    touch_ups: Annotated[Path, typer.Argument(help="Columns target, j1_deg, j2_deg, ...")],
+    measurements: Annotated[
+        Path, typer.Argument(help="touchups.csv, or any kinds: target, j1_deg, .., kind, x_mm, ..")
+    ],
     out: OutFolder = Path(),
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
 ) -> int:
-    """Identify the robot from touch-ups.
+    """Identify the robot from measurements, by every model of the cell.
 
-    Beside the baseline that places tool and targets and leaves the robot as it is.
+    Beside the baselines that leave the robot as it is; each judged by what it did not see.
     """
     from posedesign.cell import Cell
+    from posedesign.cli.identification_output import print_identification
     from posedesign.workflow import identify_file
 
-    results = identify_file(
+    identified = identify_file(
         Cell.load(cell),
-        touch_ups,
+        measurements,
         out,
         trust_units=trust_units,
         warn=lambda text: note(f"warning: {text}"),
@@ -77,41 +79,9 @@ def identify(
     if as_json:
         print((out / "identification.json").read_text(encoding="utf-8"), end="")
     else:
-        print_identification(results)
+        print_identification(identified)
         print(f"wrote {out / 'identification.json'}")
-    return DONE
-
-
-def print_identification(results: Sequence[IdentificationResult]) -> None:
-    """Print before and after, and the parameters of the last model."""
-    print_table(
-        "Before and after [mm]",
-        [
-            {
-                "model": r.model,
-                "parameters": len(r.names),
-                "rms": r.rms_m * 1e3,
-                "max": r.max_m * 1e3,
-                "leave-one-out rms": r.leave_one_out_rms_m * 1e3,
-                "residual / noise": r.noise_scale,
-            }
-            for r in results
-        ],
-    )
-    last = results[-1]
-    print_table(
-        f"Identified: {last.model}",
-        [
-            {"parameter": name, "value": value, "change": change, "sigma": sigma, "unit": unit}
-            for name, unit, value, change, sigma in last.displayed()
-        ],
-    )
-    worst = sorted(last.distances_m, reverse=True)[:3]
-    where = ", ".join(
-        f"touch-up {last.distances_m.index(far) + 1} {far * 1e3:.3f} mm" for far in worst
-    )
-    print(f"largest residuals: {where}")
-    print(last.message)
+    return DONE if identified.is_of_this_robot else NOT_REACHED
 
 
 def robot_world(

@@ -72,7 +72,8 @@ def demo(
     as_json: AsJson = False,
 ) -> int:
     """Run the main job on the reference cell."""
-    from posedesign.cli.calibrate_commands import print_identification, print_solvers
+    from posedesign.cli.calibrate_commands import print_solvers
+    from posedesign.cli.identification_output import print_identification
     from posedesign.cli.plan_commands import print_plan
     from posedesign.demo import run_demo
 
@@ -112,8 +113,9 @@ def truth_rows(results: DemoResults) -> list[dict[str, object]]:
     """Identified parameters beside what the simulation used."""
     from posedesign.pose_plan import displayed
 
-    last = results.identification[-1]
-    shown = zip(last.displayed(), displayed(results.plan.model, results.truth), strict=True)
+    shown = zip(
+        results.offsets.displayed(), displayed(results.plan.model, results.truth), strict=True
+    )
     return [
         {"parameter": name, "truth": true, "identified": value, "sigma": sigma, "unit": unit}
         for (name, unit, value, _, sigma), (_, _, true) in shown

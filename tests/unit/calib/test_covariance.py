@@ -7,7 +7,7 @@ import pytest
 
 from calib.identification import covariance_of, identify_batch
 from calib.measurement import TouchUp, ViewLine
-from calib.measurement.simulate import simulate_touch_ups
+from calib.measurement.simulate import simulate
 
 TRIALS = 600
 
@@ -21,8 +21,8 @@ def test_covariance_is_the_scatter_of_the_estimates(make_model, touching, kind, 
     q = touching(20, tilt=0.8)
     x = model.nominal.copy()
     x[:4] = np.deg2rad([0.2, -0.3, 0.1, 0.2])
-    clean = simulate_touch_ups(model, x, q)
-    data = simulate_touch_ups(model, x, q, np.random.default_rng(0), trials=TRIALS)
+    clean = simulate(model, x, q)
+    data = simulate(model, x, q, np.random.default_rng(0), trials=TRIALS)
     estimates = identify_batch(model, data, weighted=weighted)
     predicted = covariance_of(model, clean.postures, x, weighted=weighted)
     # in axes in which the prediction is the unit matrix, every direction is tested alike

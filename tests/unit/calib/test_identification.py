@@ -14,8 +14,8 @@ from calib.identification import (
     identify_batch,
 )
 from calib.identification.identifiability import check_believable
-from calib.measurement import TouchUp, TouchUps, ViewLine
-from calib.measurement.simulate import simulate_touch_ups
+from calib.measurement import Measurements, Setup, TouchUp, ViewLine, touch_ups
+from calib.measurement.simulate import simulate
 from calib.parameters import JointCompliance, Payload, TargetPoints, ToolPoint, ZeroOffsets
 
 OFFSETS = np.deg2rad([0.2, -0.3, 0.15, -0.25])
@@ -31,16 +31,17 @@ def truth(model, seed: int = 0) -> np.ndarray:
     return x
 
 
-def simulated(model, q, *, seed: int | None = 1, target=None, x=None) -> TouchUps:
+def simulated(model, q, *, seed: int | None = 1, target=0, x=None) -> Measurements:
     rng = None if seed is None else np.random.default_rng(seed)
-    return simulate_touch_ups(model, truth(model) if x is None else x, q, rng, target=target)
+    setup = Setup.of(len(q), target=target)
+    return simulate(model, truth(model) if x is None else x, q, rng, setup=setup)
 
 
 @pytest.mark.parametrize("method", ["gauss-newton", "newton-raphson"])
 @pytest.mark.parametrize("weighted", [True, False])
 @pytest.mark.parametrize("kind", ["touch-up", "view line", "two targets"])
 def test_exact_without_noise(make_model, touching, method, weighted, kind):
-    q, target = touching(14), None
+    q, target = touching(14), 0
     if kind == "two targets":
         model, target = make_model(targets=2), np.arange(14) % 2
         q[target == 1] = touching(7, shift=(0, 0.3, 0.4))
@@ -59,7 +60,7 @@ def test_exact_without_noise(make_model, touching, method, weighted, kind):
 def test_a_set_up_far_from_its_place_is_still_found(make_model, touching):
     model, q = make_model(), touching(14)
     x = truth(model)
-    data = simulate_touch_ups(model, x, q)
+    data = simulate(model, x, q)
     lost = CalibrationModel(
         model.robot,
         [model.parameters[0], ToolPoint([0, 0, 0]), TargetPoints([0, 0, 0])],
@@ -79,11 +80,10 @@ def test_both_methods_reach_the_same_minimum(make_model, touching, weighted):
     # a minimum: no small step makes the sum of squares less
 
     def cost(x):
-        rows = model.predict(data.postures, x)
+        linear = model.linearise(data.postures, x, data.setup)
         if weighted:
-            # the noise is that of the identified arm: held, as the solver does
-            return np.sum(model.whiten(data.postures, rows[..., None], gauss.values) ** 2)
-        return np.sum(rows**2)
+            return np.sum(linear.white_rows**2)
+        return np.sum(linear.rows**2)
 
     least = cost(gauss.values)
     for step in np.random.default_rng(2).standard_normal((30, model.p)) * gauss.sigma:
@@ -103,10 +103,11 @@ def test_finite_differences_agree_with_the_analytic_jacobian(make_model, touchin
     model, q = make_model(targets=2), touching(6)
     target = np.array([0, 1, 0, 1, 0, 1])
     x = truth(model)
-    numeric = finite_difference_jacobian(model, q, x, target)
+    setup = Setup.of(6, target=target)
+    numeric = finite_difference_jacobian(model, q, x, setup)
     assert numeric.shape == (6, 3, model.p)
     # forward differences of 1e-6 rad on an arm of 3 m err by about 1.5e-6 m/rad
-    np.testing.assert_allclose(numeric, model.jacobian(q, x, target), atol=3e-6)
+    np.testing.assert_allclose(numeric, model.jacobian(q, x, setup), atol=3e-6)
 
 
 @pytest.mark.parametrize("weighted", [True, False])
@@ -120,7 +121,7 @@ def test_leave_one_out_is_what_fits_without_that_posture_give(
     refitted = np.empty((count, 3))
     for i in range(count):
         rest = np.arange(count) != i
-        fit = identify(model, TouchUps(data.postures[rest], data.target[rest]), weighted=weighted)
+        fit = identify(model, touch_ups(data.postures[rest], data.target[rest]), weighted=weighted)
         refitted[i] = model.predict(data.postures[i : i + 1], fit.values)[0]
     # the closed form is linear: what it leaves out is of second order in the noise
     size = np.sqrt(np.mean(refitted**2))
@@ -144,11 +145,11 @@ def test_leave_one_out_of_a_posture_that_alone_holds_a_parameter_is_not_a_number
 @pytest.mark.parametrize("weighted", [True, False])
 def test_batch_is_the_same_as_one_by_one(make_model, touching, weighted):
     model = make_model()
-    data = simulate_touch_ups(model, truth(model), touching(12), np.random.default_rng(3), trials=6)
+    data = simulate(model, truth(model), touching(12), np.random.default_rng(3), trials=6)
     together = identify_batch(model, data, weighted=weighted)
     assert together.shape == (6, model.p)
     for values, postures in zip(together, data.postures, strict=True):
-        alone = identify(model, TouchUps(postures, data.target), weighted=weighted)
+        alone = identify(model, touch_ups(postures, data.target), weighted=weighted)
         np.testing.assert_array_less(np.abs(values - alone.values), 1e-4 * alone.sigma)
 
 
@@ -157,7 +158,7 @@ def test_the_order_of_the_touch_ups_does_not_matter(make_model, touching):
     data = simulated(model, touching(15))
     order = np.random.default_rng(4).permutation(15)
     result = identify(model, data)
-    other = identify(model, TouchUps(data.postures[order], data.target[order]))
+    other = identify(model, touch_ups(data.postures[order], data.target[order]))
     np.testing.assert_allclose(other.values, result.values, atol=1e-10)
     np.testing.assert_allclose(other.leave_one_out, result.leave_one_out[order], atol=1e-10)
 
@@ -165,9 +166,13 @@ def test_the_order_of_the_touch_ups_does_not_matter(make_model, touching):
 @pytest.mark.parametrize(
     ("joints", "named", "partner"),
     [
-        ((1, 2, 3, 4, 5), ["zero_offset.joint_1"], "target.T1.x, target.T1.y"),
-        ((2, 3, 4, 5, 6), ["zero_offset.joint_6"], "tool.x, tool.y"),
-        ((6, 1, 2, 3), ["zero_offset.joint_6", "zero_offset.joint_1"], "tool.x, tool.y"),
+        ((1, 2, 3, 4, 5), ["zero_offset.joint_1"], "the targets (target.T1.x, target.T1.y)"),
+        ((2, 3, 4, 5, 6), ["zero_offset.joint_6"], "the tool point (tool.x, tool.y)"),
+        (
+            (6, 1, 2, 3),
+            ["zero_offset.joint_6", "zero_offset.joint_1"],
+            "the tool point (tool.x, tool.y)",
+        ),
     ],
 )
 def test_joints_that_the_set_up_absorbs_are_named(make_model, touching, joints, named, partner):
@@ -178,7 +183,7 @@ def test_joints_that_the_set_up_absorbs_are_named(make_model, touching, joints, 
     assert list(caught.value.parameters) == named
     assert caught.value.combinations[0] == f"{named[0]} is absorbed by {partner}"
     with pytest.raises(NotIdentifiableError, match=named[0]):
-        identify_batch(model, TouchUps(data.postures[None], data.target))
+        identify_batch(model, touch_ups(data.postures[None], data.target))
 
 
 def test_joint_1_hides_behind_several_targets_too(make_model, touching):
@@ -204,7 +209,7 @@ def test_postures_that_differ_in_one_joint_only_are_not_enough(make_model, touch
     q = np.repeat(touching(1), 20, axis=0)
     q[:, 5] += np.linspace(-1, 1, 20)
     with pytest.raises(NotIdentifiableError) as caught:
-        identify(make_model(), TouchUps(q, np.zeros(20, dtype=int)))
+        identify(make_model(), touch_ups(q))
     assert any(name.startswith("zero_offset") for name in caught.value.parameters)
 
 
@@ -212,8 +217,10 @@ def test_too_few_touch_ups_say_how_many_are_needed(make_model, touching):
     model = make_model()
     q = touching(3)
     for use, postures in ((identify, q), (identify_batch, q[None])):
-        with pytest.raises(InputError, match="3 touch-ups give 9 equations for 10 parameters") as e:
-            use(model, TouchUps(postures, np.zeros(3, dtype=int)))
+        with pytest.raises(
+            InputError, match="3 measurements give 9 equations for 10 parameters"
+        ) as e:
+            use(model, touch_ups(postures))
         assert "at least 4 poses" in e.value.hint
         assert (e.value.value, e.value.bound) == (9, 10)
 
@@ -222,20 +229,20 @@ def test_labels_must_be_those_of_the_model(make_model, touching):
     q = touching(8)
     for use, postures in ((identify, q), (identify_batch, q[None])):
         with pytest.raises(InputError, match="name the targets left, the model T1"):
-            use(make_model(), TouchUps(postures, np.zeros(8, dtype=int), ("left",)))
+            use(make_model(), touch_ups(postures, np.zeros(8, dtype=int), ("left",)))
 
 
 def test_one_set_or_many(make_model, touching):
     q = touching(8)
     with pytest.raises(InputError, match=r"shape \(1, 8, 6\): more than one set .*identify_batch"):
-        identify(make_model(), TouchUps(q[None], np.zeros(8, dtype=int)))
+        identify(make_model(), touch_ups(q[None]))
 
 
 def test_unknown_method(make_model, touching):
     with pytest.raises(
         InputError, match=r"unknown method 'newton' \(one of gauss-newton, newton-r"
     ):
-        identify(make_model(), TouchUps(touching(8), np.zeros(8, dtype=int)), method="newton")
+        identify(make_model(), touch_ups(touching(8), np.zeros(8, dtype=int)), method="newton")
 
 
 def test_what_belongs_to_another_robot_is_not_fitted(make_model, reference_robot):
@@ -243,7 +250,7 @@ def test_what_belongs_to_another_robot_is_not_fitted(make_model, reference_robot
     rng = np.random.default_rng(5)
     q = rng.uniform(reference_robot.lower, reference_robot.upper, (20, 6))
     try:
-        result = identify(make_model(), TouchUps(q, np.zeros(20, dtype=int)))
+        result = identify(make_model(), touch_ups(q))
     except (ConvergenceError, NotIdentifiableError):
         return
     assert not result.explains_data
@@ -344,7 +351,7 @@ def test_the_result_reads_well(make_model, touching):
     assert result.degrees_of_freedom == 60 - 10
     assert result.max_m == np.linalg.norm(result.residuals, axis=1).max()
     postures = simulated(model, touching(20)).postures
-    white = model.whiten(postures, result.residuals[..., None], result.values)
+    white = model.linearise(postures, result.values).white_rows
     assert result.chi2 == pytest.approx(np.sum(white**2))
 
 
@@ -360,7 +367,7 @@ def test_as_many_equations_as_parameters_leave_nothing_to_judge_by(
         ],
         TouchUp(SIGMA),
     )
-    result = identify(model, simulate_touch_ups(model, model.nominal, touching(3)))
+    result = identify(model, simulate(model, model.nominal, touching(3)))
     assert result.degrees_of_freedom == 0
     assert np.isnan(result.noise_scale)
     assert "nothing is left to test the model by" in result.message
@@ -380,17 +387,17 @@ def test_surveyed_targets_make_the_first_joint_identifiable(reference_robot, tar
         ],
         TouchUp(1e-5),
     )
-    assert model.labels == ("T1",)
+    assert model.targets == ("T1",)
     assert model.p == 8
     true = model.nominal + np.concatenate([np.full(5, 1e-3), [1e-3, -2e-3, 3e-3]])
-    found = identify(model, simulate_touch_ups(model, true, touching(20)))
+    found = identify(model, simulate(model, true, touching(20)))
     np.testing.assert_allclose(found.values, true, atol=1e-9)
 
 
 def test_what_the_noise_leaves_unknown_is_refused_before_it_wanders_off(make_model, touching):
     model = make_model(measurement=TouchUp(1e-4))
     with pytest.raises(NotIdentifiableError, match="stays uncertain by") as caught:
-        identify(model, simulate_touch_ups(model, model.nominal, touching(20, tilt=0.03)))
+        identify(model, simulate(model, model.nominal, touching(20, tilt=0.03)))
     # the offset of joint 2 and the height of the target are all but the same thing there
     assert set(caught.value.parameters) & {"zero_offset.joint_2", "target.T1.z"}
     assert "turn the tool farther" in caught.value.hint

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel
-from calib.measurement import TouchUp
+from calib.measurement import Setup, TouchUp
 from calib.measurement.touch import TOUCH_TOLERANCE_M, touch
 from calib.parameters import JointCompliance, TargetPoints, ToolPoint, ZeroOffsets
 
@@ -23,7 +23,7 @@ def errors(model, count: int, seed: int = 0) -> np.ndarray:
     return model.nominal + scale * rng.uniform(-1, 1, (count, model.p))
 
 
-TARGET = np.array([0, 1, 0, 0, 1])
+TARGET = Setup.of(5, target=[0, 1, 0, 0, 1])
 
 
 def test_the_tool_point_meets_the_target_and_the_controller_holds_its_angles(model, touching):
@@ -51,23 +51,24 @@ def test_where_the_arm_should_stop_beside_the_target(model, touching):
 
 def test_nothing_moves_where_there_is_no_error(model, touching):
     q = touching(5)
-    target = np.zeros(5, dtype=int)
-    found, missing = touch(model, q, model.nominal, target)
+    found, missing = touch(model, q, model.nominal)
     np.testing.assert_allclose(found, q, atol=1e-9)
     assert missing.max() < TOUCH_TOLERANCE_M
 
 
 def test_a_free_orientation_gives_the_smallest_motion(model, touching):
     q, x = touching(5), errors(model, 1)[0]
-    target = np.zeros(5, dtype=int)
-    held, _ = touch(model, q, x, target)
-    free, missing = touch(model, q, x, target, hold_orientation=False)
+    held, _ = touch(model, q, x)
+    free, missing = touch(model, q, x, hold_orientation=False)
     assert missing.max() < TOUCH_TOLERANCE_M
     motion = free - q
     assert (np.linalg.norm(motion, axis=1) < np.linalg.norm(held - q, axis=1)).all()
     # the motion of least norm has no part that leaves the tool point where it is
-    view, _ = model.view((free + q) / 2, x, target)
-    J = view.joint_motion[:, :3]
+    view = model.view((free + q) / 2, x)
+    moved = np.empty((6, 3, 5))
+    for joint in range(6):
+        view.turn_about(view.axis(joint), view.walk.origins[joint], moved[joint])
+    J = moved.transpose(2, 1, 0)
     idle = motion - (np.linalg.pinv(J) @ (J @ motion[..., None]))[..., 0]
     assert (np.linalg.norm(idle, axis=1) < 0.02 * np.linalg.norm(motion, axis=1)).all()
 

@@ -1,0 +1,163 @@
+"""The models that a cell asks for, in words, as calibration models."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.identification.comparison import Candidate
+from calib.identification.reduction import reduce
+from calib.measurement import KINDS, Measurement
+from calib.model import CalibrationModel, KnownDistance
+from calib.parameters import (
+    BearingCompliance,
+    JointCompliance,
+    JointHarmonics,
+    JointScale,
+    LinkGeometry,
+    LostMotion,
+    ParameterBlock,
+    Payload,
+    ZeroOffsets,
+)
+from calib.se3 import FloatArray
+from posedesign.cell import Cell
+from posedesign.config import NoiseSection
+from posedesign.measurement_table import MeasurementTable
+from posedesign.set_up import set_up_blocks
+
+FRAMES_ONLY = "frames only"
+"""The baseline: errors of the set-up are not the robot's."""
+
+_NAMES = {"zero_offsets": "offsets", "lost_motion": "lost motion"}
+_WEIGH = ("compliance", "bearings", "lost_motion")
+"""Words that need masses."""
+
+
+def name_of(words: Sequence[str]) -> str:
+    """Name of the model that frees these words."""
+    return " + ".join(_NAMES.get(word, word) for word in words)
+
+
+def kinds_of(cell: Cell, names: Sequence[str]) -> list[Measurement]:
+    """Kinds of measurement with the noise that the cell gives them, or with none."""
+    given = {noise.kind: noise for noise in cell.config.noise}
+    section = cell.config.measurement
+    found: list[Measurement] = []
+    for name in names:
+        if section.estimate_noise:
+            found.append(KINDS[name](None))
+        elif name in given:
+            found.append(KINDS[name](_sigma(given[name])))
+        elif name == section.kind:
+            found.append(cell.measurement)
+        else:
+            found.append(KINDS[name](None))
+    return found
+
+
+def _sigma(noise: NoiseSection) -> FloatArray:
+    """Standard deviations ``(m,)`` [m, rad] of a kind."""
+    kind = KINDS[noise.kind]
+    lengths = np.array(noise.three_sigma_mm) / 3e3
+    count = kind.rows - kind.turns
+    parts = [np.broadcast_to(lengths, (3,))[:count] if lengths.ndim else np.full(count, lengths)]
+    if noise.three_sigma_deg is not None:
+        parts.append(np.broadcast_to(np.deg2rad(noise.three_sigma_deg) / 3.0, (3,)))
+    return np.concatenate(parts)
+
+
+def payloads_of(cell: Cell) -> list[Payload]:
+    """The tool's own payload, and those listed besides."""
+    own = cell.payload or Payload(0.0, np.zeros(3))
+    others = [Payload(p.mass_kg, np.array(p.com_mm) / 1e3) for p in cell.config.payload]
+    return [own, *others]
+
+
+def robot_blocks(cell: Cell, words: Sequence[str]) -> list[ParameterBlock]:
+    """Blocks of the arm that words free; all joints unless the cell lists offsets."""
+    robot, section = cell.robot, cell.config.parameters
+    joints, payloads = robot.joint_names, payloads_of(cell)
+    blocks: list[ParameterBlock] = []
+    length, angle = _si(section.prior_length_mm, 1e-3), _si(section.prior_angle_deg, np.pi / 180.0)
+    wave = _si(section.prior_harmonic_deg, np.pi / 180.0)
+    give = _si(section.prior_compliance_urad_nm, 1e-6)
+    if "geometry" in words:
+        # offsets first: a turn about a joint's axis is then called by the name of its offset
+        blocks.append(ZeroOffsets(robot, joints, angle))
+        blocks.append(LinkGeometry(robot, None, length, angle))
+    elif "zero_offsets" in words:
+        blocks.append(ZeroOffsets(robot, cell.offset_joints))
+    if "scale" in words:
+        blocks.append(JointScale(robot, joints))
+    if "compliance" in words:
+        blocks.append(JointCompliance(robot, joints, payloads, prior=give))
+    if "bearings" in words:
+        blocks.append(BearingCompliance(robot, joints, payloads, prior=give))
+    if "lost_motion" in words:
+        blocks.append(LostMotion(robot, joints, section.lost_motion_nm, payloads, prior_rad=wave))
+    if "harmonics" in words:
+        blocks.append(JointHarmonics(robot, joints, section.harmonics, wave))
+    return blocks
+
+
+def _si(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
+
+
+def candidates(cell: Cell, table: MeasurementTable) -> list[Candidate]:
+    """The baseline and every model that the cell asks for, smallest first.
+
+    Models that free what these measurements cannot tell are reduced, and say so; zero offsets
+    that the cell lists by name are not left out in silence: their model is refused.
+    """
+    set_up, kinds = set_up_blocks(cell, table), kinds_of(cell, table.kinds)
+    distances = _distances(cell, table)
+
+    def model(words: Sequence[str]) -> CalibrationModel:
+        return CalibrationModel(cell.robot, [*robot_blocks(cell, words), *set_up], kinds, distances)
+
+    found = [Candidate(FRAMES_ONLY, model(()))]
+    for words in cell.config.parameters.models:
+        name = name_of(words)
+        if set(words) & set(_WEIGH) and not _has_weight(cell):
+            continue
+        whole = model(words)
+        if words == ("zero_offsets",):
+            found.append(Candidate(name, whole))
+            continue
+        reduced = reduce(whole, table.data)
+        found.append(Candidate(name, reduced.model, reduced.merged))
+    return sorted(found, key=lambda candidate: candidate.model.p)
+
+
+def left_out(cell: Cell) -> list[str]:
+    """Models that the cell asks for and cannot have, with the reason."""
+    return [
+        f"{name_of(words)}: neither the robot nor the tool has a mass"
+        for words in cell.config.parameters.models
+        if set(words) & set(_WEIGH) and not _has_weight(cell)
+    ]
+
+
+def _has_weight(cell: Cell) -> bool:
+    return bool(cell.robot.link_mass.any()) or any(p.mass_kg > 0 for p in payloads_of(cell))
+
+
+def _distances(cell: Cell, table: MeasurementTable) -> list[KnownDistance]:
+    known = []
+    for section in cell.config.known_distance:
+        missing = next((name for name in section.targets if name not in table.data.targets), None)
+        if missing is not None:
+            raise InputError(
+                f"a distance to the target {missing!r} is known, and it was not measured",
+                hint="name the targets as the measurements do",
+                name="known_distance",
+            )
+        first, second = section.targets
+        known.append(
+            KnownDistance(first, second, section.length_mm / 1e3, section.three_sigma_mm / 3e3)
+        )
+    return known

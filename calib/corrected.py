@@ -19,7 +19,7 @@ from calib.model import CalibrationModel
 from calib.parameters.base import ParameterBlock
 from calib.robots.replaced import with_placements
 from calib.robots.robot import Robot
-from calib.se3 import FloatArray, rotation_exp, transform
+from calib.se3 import FloatArray, inverse, rotation_exp, transform
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +46,8 @@ class CorrectedRobot:
 
         In its own axes at zero: ``T_described_corrected``.
         """
-        return np.asarray(
-            np.linalg.inv(self.nominal.chain.placements) @ self.robot.chain.placements
-        )
+        described = inverse(self.nominal.chain.placements)
+        return np.asarray(described @ self.robot.chain.placements)
 
     @property
     def moved(self) -> tuple[str, ...]:
@@ -90,9 +89,9 @@ def corrected_robot(model: CalibrationModel, x: ArrayLike) -> CorrectedRobot:
     placements = robot.chain.placements.copy()
     for joint, off in errors.displacements().items():
         placements[joint] @= transform(off.rotation[..., 0], off.translation[..., 0])
-    for joint in np.flatnonzero(errors.joints[:, 0]):
-        turn = rotation_exp(robot.chain.axes[joint] * errors.joints[joint, 0])
-        placements[joint] @= transform(turn, np.zeros(3))
+    for j in np.flatnonzero(errors.joints[:, 0]):
+        turn = rotation_exp(robot.chain.axes[j] * errors.joints[j, 0])
+        placements[j] @= transform(turn, np.zeros(3))
     corrected = with_placements(robot, placements)
     said = "joint frames as identified, not as described"
     corrected = replace(corrected, notices=(*robot.notices, said))

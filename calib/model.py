@@ -324,7 +324,26 @@ class CalibrationModel:
                 J[:, : kind.rows, columns] = moved
         return Linearisation(self, view, rows, J, motion)
 
-    def whiten(self, rows: FloatArray, view: ArmView) -> FloatArray:
+    def whiten(
+        self,
+        q: ArrayLike,
+        rows: FloatArray,
+        x: ArrayLike | None = None,
+        setup: Setup | None = None,
+    ) -> FloatArray:
+        """Blocks ``(..., N, m, k)`` divided by the noise of their kinds of measurement.
+
+        Rows ``(..., N, m)`` are blocks of one column: ``rows[..., None]``.
+        """
+        if rows.ndim < 3 or rows.shape[-2] != self.rows:
+            raise InputError(
+                f"blocks to whiten have shape (N, {self.rows}, k), not {rows.shape}", name="rows"
+            )
+        view = self.view(q, x, setup)
+        last = np.ascontiguousarray(rows.reshape(-1, *rows.shape[-2:]).T)
+        return view.posture_first(self.whiten_last(last, view))
+
+    def whiten_last(self, rows: FloatArray, view: ArmView) -> FloatArray:
         """Rows ``(..., m, S)`` divided by the noise of their kinds, posture last."""
         if len(self.measurements) == 1:
             return self.measurement.whiten(rows, view)
@@ -425,7 +444,7 @@ class Linearisation:
     @cached_property
     def white_last(self) -> tuple[FloatArray, FloatArray]:
         """Residuals ``(m, S)`` and blocks ``(p, m, S)`` over the noise, posture last."""
-        rows, J = self.model.whiten(self.rows_last, self.view), self._white_jacobian()
+        rows, J = self.model.whiten_last(self.rows_last, self.view), self._white_jacobian()
         if self.root is not None:
             return rows * self.root, J * self.root
         return rows, J

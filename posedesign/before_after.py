@@ -16,7 +16,7 @@ from calib.identification.result import DISPLAY
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.measurement_table import MeasurementTable
-from posedesign.models import candidates, left_out
+from posedesign.models import OFFSETS, candidates, left_out
 from posedesign.set_up import frames_of, nominal_distances, seen_once
 
 _PLANNED = re.compile(r"P(\d{2,4})", re.ASCII)
@@ -31,7 +31,6 @@ class Identified:
     ----------
     comparison : Comparison
     table : MeasurementTable
-        As used: without rows that repeat others.
     warnings : tuple of str
     """
 
@@ -74,12 +73,11 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     InputError, NotIdentifiableError, ConvergenceError
         As :func:`calib.identification.identify`, for the baseline or where all else is refused.
     """
-    table, repeated = without_repeats(table)
     section = cell.config.parameters
     tried = candidates(cell, table)
     # before the baseline, which has fewer parameters and would be refused for another reason
     for candidate in tried:
-        if candidate.model.p == min(c.model.p for c in tried[1:] or tried):
+        if not candidate.notes:  # a reduced one has as many as there are equations for
             check_enough(candidate.model, table.data)
     comparison = compare(
         tried,
@@ -89,12 +87,25 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
         method=section.method,
         loss=section.loss,
     )
-    said = [*repeated, *missing_poses(table.data.names)]
+    _refuse_if_asked_for(cell, comparison)
+    said = missing_poses(table.data.names)
     said += [
         f"the target {label} was measured once: it says nothing but its own place"
         for label in seen_once(table.data)
     ]
     return Identified(comparison, table, (*said, *left_out(cell)))
+
+
+def _refuse_if_asked_for(cell: Cell, comparison: Comparison) -> None:
+    """Raise what kept a model from being identified that the cell asks for joint by joint.
+
+    Or what kept the first one, where nothing beyond the baseline was left.
+    """
+    refused = [trial for trial in comparison.trials if trial.error is not None]
+    for trial in refused:
+        listed = trial.name == OFFSETS and cell.config.parameters.zero_offsets is not None
+        if trial.error and (listed or len(comparison.results) == 1):
+            raise trial.error
 
 
 def without_repeats(table: MeasurementTable) -> tuple[MeasurementTable, list[str]]:
@@ -165,7 +176,8 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
 def _trial_as_dict(trial: Trial, identified: Identified) -> dict[str, Any]:
     result = trial.result
     if result is None:
-        return {"name": trial.name, "status": "refused", "message": trial.problem, "parameters": []}
+        message = trial.error.message if trial.error else ""
+        return {"name": trial.name, "status": "refused", "message": message, "parameters": []}
     data = identified.table.data
     low, high = result.interval
     factors = [DISPLAY[unit][1] for unit in result.units]

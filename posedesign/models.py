@@ -31,7 +31,8 @@ from posedesign.set_up import set_up_blocks
 FRAMES_ONLY = "frames only"
 """The baseline: errors of the set-up are not the robot's."""
 
-_NAMES = {"zero_offsets": "offsets", "lost_motion": "lost motion"}
+OFFSETS = "offsets"
+_NAMES = {"zero_offsets": OFFSETS, "lost_motion": "lost motion"}
 _WEIGH = ("compliance", "bearings", "lost_motion")
 """Words that need masses."""
 
@@ -129,7 +130,8 @@ def candidates(cell: Cell, table: MeasurementTable) -> list[Candidate]:
             found.append(Candidate(name, whole))
             continue
         reduced = reduce(whole, table.data)
-        found.append(Candidate(name, reduced.model, reduced.merged))
+        if reduced.model.p > found[0].model.p:  # something of the arm is left
+            found.append(Candidate(name, reduced.model, reduced.merged))
     return sorted(found, key=lambda candidate: candidate.model.p)
 
 

@@ -86,14 +86,37 @@ repair_base_joint_deg = 90.0      # how far joint 1 may turn in a replacement
 # Identified besides the target. The first and the last joint are absorbed by target and tool.
 zero_offsets = {offsets}
 tool_axes = "xyz"                 # "xy" for a view line
+# Each list is one model to try; they are judged by what they say of poses that they have not seen.
+# Words: zero_offsets, geometry, compliance, bearings, lost_motion, scale, harmonics
+models = [["zero_offsets"], ["zero_offsets", "compliance"], ["geometry"], ["geometry", "compliance"]]
 method = "gauss-newton"           # or "newton-raphson": as in the paper, by finite differences
+loss = "least-squares"            # or graduated (leaves gross errors out), huber, cauchy, student-t
+# prior_length_mm = 0.5           # what geometry is known to beforehand; without priors a model
+# prior_angle_deg = 0.1           # is reduced to what the measurements can tell apart
+# prior_harmonic_deg = 0.02
+# prior_compliance_urad_nm = 2.0
+# harmonics = [1.0, 2.0]          # waves in a turn of a joint
+# lost_motion_nm = 10.0           # torque that takes up what a joint has lost
 
 [measurement]
 kind = "touch-up"                 # or "view-line": only across the line of sight
 three_sigma_mm = {three_sigma}    # of one touch-up, along x, y, z of the tip
 weighted = true                   # by this noise
+estimate_noise = false            # true: the noise is taken from the residuals
 camera_three_sigma_deg = 0.06     # of the camera's pose, for AX = ZB
 camera_three_sigma_mm = 0.3
+# [[noise]]                       # of further kinds that were measured; without it, from residuals
+# kind = "pose"                   # plane, point, pose, camera-pose, distance
+# three_sigma_mm = 0.1
+# three_sigma_deg = 0.05          # poses only
+# [[payload]]                     # carried in measurements that name it
+# name = "weight"
+# mass_kg = 50.0
+# com_mm = [0.0, 0.0, 150.0]
+# [[known_distance]]              # between two targets, known from elsewhere
+# targets = ["T1", "T2"]
+# length_mm = 500.0
+# three_sigma_mm = 0.03
 
 [truth]
 # The robot that is simulated; planning and identification never look here.

@@ -16,7 +16,12 @@ from calib.errors import CalibError, InputError, NotIdentifiableError, OutputErr
 from calib.robot_world import METHODS, PAPER_METHODS, PairNoise, RobotWorldResult, solve
 from calib.se3 import wpr_from_rotation
 from posedesign.accuracy_study import AccuracyStudy
-from posedesign.before_after import Identified, identify_models, results_as_dict
+from posedesign.before_after import (
+    Identified,
+    identify_models,
+    results_as_dict,
+    without_repeats,
+)
 from posedesign.cell import Cell
 from posedesign.checks import outside_limits, refuse_unfit
 from posedesign.csv_tables import write_table
@@ -175,6 +180,9 @@ def identify_file(
     )
     rows = [f"line {line}" for line in table.lines]
     for line in outside_limits(cell, rows, table.data.postures):
+        warn(f"{measurements}: {line}")
+    table, repeated = without_repeats(table)
+    for line in repeated:
         warn(f"{measurements}: {line}")
     identified = identify_models(cell, table)
     for line in identified.warnings:

@@ -59,7 +59,7 @@ def urdf_of(robot: Robot, comment: str) -> bytes:
             name = f"{frame.name}-fixed"
             _add_between(root, name, "fixed", links[frame.parentJoint], frame.name, frame.placement)
     indent(root)
-    return b'<?xml version="1.0" encoding="utf-8"?>\n' + tostring(root, encoding="utf-8") + b"\n"
+    return f'<?xml version="1.0"?>\n{tostring(root, encoding="unicode")}\n'.encode()
 
 
 def rpy_of(rotation: FloatArray) -> FloatArray:

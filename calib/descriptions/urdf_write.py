@@ -69,14 +69,14 @@ def _moved_origins(
     for name, T_described_corrected in pairs:
         if name not in corrected.moved:
             continue
-        xyz, rpy = (numbers(text) for text in origins.get(name, ("", "")))
-        if len(xyz) != 3 or len(rpy) != 3:
+        place, turn = (numbers(text) for text in origins.get(name, ("", "")))
+        if len(place) != 3 or len(turn) != 3:
             raise RobotModelError(
                 f"{path}: has no joint {shown(name)} with an origin that can be read",
                 hint="is it the file that the robot was read from?",
                 name=name,
             )
-        T_link_joint = transform(rotation_from_wpr(rpy), xyz) @ T_described_corrected
+        T_link_joint = transform(rotation_from_wpr(turn), place) @ T_described_corrected
         changes[name] = {
             "xyz": spread(T_link_joint[:3, 3].tolist()),
             "rpy": spread(rpy_of(T_link_joint[:3, :3]).tolist()),

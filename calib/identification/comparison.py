@@ -56,7 +56,7 @@ class Trial:
     candidate : Candidate
     result : IdentificationResult or None
         None where it could not be identified.
-    problem : str
+    error : CalibError or None
         Why not.
     target_out_m : array (N,)
         Distance at each measurement [m] with the arm identified from all targets but its own,
@@ -65,7 +65,7 @@ class Trial:
 
     candidate: Candidate
     result: IdentificationResult | None
-    problem: str
+    error: CalibError | None
     target_out_m: FloatArray
 
     @property
@@ -157,10 +157,10 @@ def compare(
         except CalibError as error:
             if not trials:
                 raise
-            trials.append(Trial(candidate, None, error.message, none))
+            trials.append(Trial(candidate, None, error, none))
             continue
         out = targets_left_out(candidate.model, data, result, weighted=weighted)
-        trials.append(Trial(candidate, result, "", out))
+        trials.append(Trial(candidate, result, None, out))
     before = none if nominal_m is None else nominal_m
     recommended, reason, criterion = _choose(trials, data)
     return Comparison(before, tuple(trials), recommended, reason, criterion)

@@ -32,10 +32,12 @@ MISFIT_TOLERANCE, MISFIT = 1e-2, 10.0
 """The same where the residuals are so many times the noise: no model that is as wrong as that is
 worth more digits, and its minimum is approached slowly."""
 
-_WORSE = 1.0 + 1e-6
-"""Growth of the sum of squares beyond which a step is taken back and damped: not by rounding."""
+_WORSE, _FREE_STEPS, _STRICT = 10.0, 15, 1.0 + 1e-6
+"""Growth of the sum of squares beyond which a step is taken back and damped. The first steps may
+make it somewhat worse: the valleys of poor measuring sets are narrow and bent, and a step along
+them climbs a side before the next one comes down."""
 
-_FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-8
+_FIRST_DAMPING, _LEAST_DAMPING = 1e-7, 1e-10
 """Added to the unit diagonal of the scaled normal matrix; below the least one, none is."""
 
 _RIDGE = 1e-14
@@ -109,7 +111,7 @@ def minimise(
         Divide the rows by the noise, or all by the same number.
     iterations : int
     """
-    trials, p = x.shape
+    trials = len(x)
     size = max(1, _AT_ONCE // max(data.count, 1))
     x, cost, change = x.copy(), np.full(trials, np.inf), np.full(trials, np.inf)
     converged = np.zeros(trials, dtype=bool)
@@ -151,7 +153,8 @@ def _minimise(
             x = x + step
             break
         there = _normal(model, data, x + step, weights, weighted)
-        good = done | (there.cost <= _WORSE * here.cost + STEP_TOLERANCE)
+        most = _WORSE if count <= _FREE_STEPS else _STRICT
+        good = done | (there.cost <= most * here.cost + STEP_TOLERANCE)
         x = np.where(good[:, None], x + step, x)
         here = here.chosen(good, there)
         damping = np.where(good, damping / 10.0, np.maximum(10.0 * damping, _FIRST_DAMPING))

@@ -151,10 +151,17 @@ def unseen_scale(linear: Linearisation, x: FloatArray) -> float:
     way = np.concatenate(
         [b.scaling(x[part]) for b, part in zip(model.parameters, model.slices, strict=True)]
     )
-    if not way.any():
+    if not way[~model.nuisance].any():
         return 0.0
+    held = int(np.isfinite(model.prior).sum())
+    J = np.concatenate(
+        [linear.white_jacobian.reshape(-1, model.p), model.known(x[None])[1][0, held:]]
+    )
+    seen = J @ np.where(model.nuisance, 0.0, way)
     # what is left over grows, too, but has seen nothing
-    seen = float(np.linalg.norm(linear.white_jacobian @ way - linear.white_rows))
-    known = (model.known(x[None])[1][0] @ way)[int(np.isfinite(model.prior).sum()) :]
-    seen = float(np.hypot(seen, np.linalg.norm(known)))
-    return 1.0 / seen if seen > 0 else np.inf
+    seen[: linear.white_rows.size] -= linear.white_rows.ravel()
+    # the set-up follows as it can: a tool also by what the flange that carries it is off the links
+    around = J[:, model.nuisance]
+    seen -= around @ np.linalg.lstsq(around, seen, rcond=None)[0]
+    size = float(np.linalg.norm(seen))
+    return 1.0 / size if size > 0 else np.inf

@@ -90,7 +90,7 @@ def fit_robustly(
     """
     if loss == "graduated":
         return _graduated(model, data, x)
-    weigh = _WEIGHTS[loss]
+    weigh = WEIGHTS[loss]
     return _alternate(model, data, x, np.ones(data.count), weigh, weighted=weighted)
 
 
@@ -196,7 +196,7 @@ def _student(s2: FloatArray, rows: IntArray) -> FloatArray:
     return np.asarray((STUDENT_FREEDOM + rows) / (STUDENT_FREEDOM + s2))
 
 
-_WEIGHTS: dict[str, Callable[[FloatArray, IntArray], FloatArray]] = {
+WEIGHTS: dict[str, Callable[[FloatArray, IntArray], FloatArray]] = {
     "least-squares": _least_squares,
     "huber": _huber,
     "cauchy": _cauchy,

@@ -44,8 +44,9 @@ POSITIVE_AXES: dict[str, tuple[FloatArray, ...]] = {
 ROS-Industrial's and the makers' own URDFs, whose joint values are those of the controllers (FANUC:
 but for J3)."""
 
-_SAME_DIRECTION = 1.0 - 1e-5
-"""Cosine from which two axes are one; URDFs round their angles to three decimals or more."""
+_SAME_DIRECTION = 1.0 - 1e-3
+"""Cosine from which two axes are one, 2.6 deg: URDFs round their angles to three decimals or more,
+and those of calibrated arms have zero offsets of half a degree in them, one joint upon another."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,8 +26,8 @@ def print_identification(identified: Identified) -> None:
     table = [{key: row.get(key) for key in rows[0] if key not in empty} for row in shown]
     print_table("Before and after [mm]", table)
     for trial in comparison.trials:
-        if trial.result is None:
-            note(f"{trial.name} left out: {trial.problem}")
+        if trial.error is not None:
+            note(f"{trial.name} left out: {trial.error.message}")
     if not identified.is_of_this_robot:
         note(f"warning: {comparison.results[-1].message}")
         return

@@ -110,14 +110,19 @@ def test_fewer_equations_than_parameters(refuse: Refuse, work: Path) -> None:
     for count in (1, 2, 3):
         path.write_text("\n".join(lines[: count + 1]) + "\n")
         line = refuse("identify", work / "cell.toml", path, "--out", work / "out")
-        said = f"{count} touch-ups give {3 * count} equations for 10 parameters"
+        said = f"{count} measurements give {3 * count} equations for 10 parameters"
         line.says(said, "measure at least 4")
 
 
 def test_the_same_posture_again_and_again(refuse: Refuse, work: Path) -> None:
     lines = (work / "touchups.csv").read_text().splitlines()
     path = work / "same.csv"
-    path.write_text("\n".join([lines[0], *[lines[1]] * 27]) + "\n")
+    target, *joints, pose = lines[1].split(",")
+    rows = []
+    for k in range(27):  # what the sixth joint does is the tool point's business
+        turned = [*joints[:5], str(float(joints[5]) + 0.01 * k)]
+        rows.append(",".join([target, *turned, f"{pose}{k}"]))
+    path.write_text("\n".join([lines[0], *rows]) + "\n")
     line = refuse("identify", work / "cell.toml", path, "--out", work / "out")
     line.says("cannot identify", "absorbed by")
 

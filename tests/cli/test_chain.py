@@ -132,7 +132,7 @@ def test_any_target_name_survives_the_files(
     cell = change_cell({"target.name": json.dumps(name)})
     answer = chain(cli, cell, work / "out")
     assert answer["targets"] == [name]
-    assert answer["touch_ups"] == 27
+    assert answer["measurements"] == 27
 
 
 def test_several_targets(cli: Cli, work: Path) -> None:

@@ -70,7 +70,8 @@ def test_demo_files_can_be_read_back(demo: tuple[Path, str]) -> None:
     assert read_touch_ups(out / "touchups.csv", cell.robot.n).count == 27
     assert len(read_pairs(out / "pairs.csv").names) == 27
     answer = json.loads((out / "identification.json").read_text())
-    assert [m["name"] for m in answer["models"]] == ["frames only", "offsets"]
+    assert [m["name"] for m in answer["models"]][:2] == ["frames only", "offsets"]
+    assert answer["recommended"] == "offsets + compliance"
     assert set(answer["models"][1]["parameters"][0]) >= {"name", "value", "unit", "sigma"}
     with (out / "robot_world.csv").open() as stream:
         assert [row["method"] for row in csv.DictReader(stream)] == list(PAPER_METHODS)

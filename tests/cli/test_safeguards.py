@@ -33,7 +33,7 @@ def test_an_arm_is_not_sent_beyond_its_limits(refuse: Callable[..., Any], work: 
 def test_touch_ups_beyond_the_limits_are_named(cli: Cli, work: Path) -> None:
     touch_ups = with_joint_2_at_90_deg(work / "touchups.csv")
     said = cli("identify", work / "cell.toml", touch_ups, "--out", work)
-    assert f"warning: {touch_ups}: touch-up 3: joint_2 90.0 deg is above 76.0 deg" in said.err
+    assert f"warning: {touch_ups}: line 4: joint_2 90.0 deg is above 76.0 deg" in said.err
 
 
 def test_a_target_far_from_the_base_posture_is_worth_a_word(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from calib.errors import CalibError, FileFormatError, OutputError
-from calib.measurement import TouchUps
+from calib.measurement import touch_ups
 from calib.se3 import rotation_from_wpr, transform
 from posedesign import csv_tables, files
 from posedesign.cell import Cell
@@ -59,10 +59,10 @@ def test_touch_ups_round_trip(tmp_path: Path, q: np.ndarray, data: st.DataObject
     target = np.array(
         data.draw(st.lists(st.integers(0, len(labels) - 1), min_size=len(q), max_size=len(q)))
     )
-    path = write_touch_ups(tmp_path / "t.csv", TouchUps(q, target, labels))
+    path = write_touch_ups(tmp_path / "t.csv", touch_ups(q, target, labels))
     found = read_touch_ups(path, 6)
     np.testing.assert_allclose(found.postures, q, rtol=0, atol=EXACT)
-    assert [found.labels[k] for k in found.target] == [labels[k] for k in target]
+    assert [found.targets[k] for k in found.target] == [labels[k] for k in target]
 
 
 @FILES_BETWEEN_EXAMPLES

@@ -1,0 +1,158 @@
+"""The marginal likelihood of a linearised problem: how likely measurements are, whatever x is.
+
+Gaussian throughout, so in closed form, and its gradient too. Parameters that nothing is known of
+are integrated out as well (restricted maximum likelihood: Patterson and Thompson, Biometrika 58,
+1971; Harville, J. Am. Stat. Assoc. 72, 1977): a parameter that fits noise makes it no smaller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from calib.measurement.data import Measurements
+from calib.model import CalibrationModel
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class LinearEvidence:
+    """Marginal likelihood of a linearised problem, as a function of its standard deviations.
+
+    Parameters are ``x = nominal + unit z``; rows of the class c over their noise, ``B_c z - y_c``,
+    have the variance ``exp(2 t_c)``. Those of the last class have the variance 1: what is measured
+    with noise that is given, and what is known besides.
+
+    Attributes
+    ----------
+    nominal, unit : array (p,)
+    grams : array (C + 1, p + 1, p + 1)
+        ``[B y]ᵀ[B y]`` of each class.
+    counts : array (C,)
+        Rows of each class but the last.
+    members : tuple of array
+        Columns of the parameters of each of G groups.
+    constant : float
+        What of the logarithm no standard deviation changes.
+    """
+
+    nominal: FloatArray
+    unit: FloatArray
+    grams: FloatArray
+    counts: FloatArray
+    members: tuple[IntArray, ...]
+    constant: float
+
+    def _solve(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """Best parameters z ``(p,)``, their covariance ``(p, p)``, and half log of its inverse."""
+        gram = np.einsum("c,cij->ij", self._precisions(theta), self.grams)
+        H = gram[:-1, :-1].copy()
+        for columns, log_sigma in zip(self.members, theta, strict=False):
+            H[columns, columns] += self.unit[columns] ** 2 * np.exp(-2.0 * log_sigma)
+        factor = cho_factor(H, lower=True)
+        covariance = cho_solve(factor, np.eye(len(H)))
+        half_log = float(np.log(np.diag(factor[0])).sum())
+        return np.asarray(covariance @ gram[:-1, -1]), np.asarray(covariance), half_log
+
+    def _precisions(self, theta: FloatArray) -> FloatArray:
+        return np.append(np.exp(-2.0 * theta[len(self.members) :]), 1.0)
+
+    def parameters(self, theta: FloatArray) -> FloatArray:
+        """Likeliest parameters ``(p,)`` [SI]."""
+        return np.asarray(self.nominal + self.unit * self._solve(theta)[0])
+
+    def log_evidence(self, theta: FloatArray) -> tuple[float, FloatArray]:
+        """Logarithm of the marginal likelihood, and its gradient ``(G + C,)``.
+
+        Parameters
+        ----------
+        theta : array (G + C,)
+            Logarithms of the standard deviations of the groups [SI], then of the noise of the
+            classes over what they start with.
+        """
+        z, covariance, half_log = self._solve(theta)
+        ends = np.append(z, -1.0)
+        squares = np.einsum("i,cij,j->c", ends, self.grams, ends)  # of the residuals of each class
+        precisions = self._precisions(theta)
+        value = self.constant - 0.5 * squares @ precisions - half_log
+        gradient = np.empty_like(theta)
+        for g, columns in enumerate(self.members):
+            share = (self.unit[columns] * np.exp(-theta[g])) ** 2
+            value -= 0.5 * share @ z[columns] ** 2 + len(columns) * theta[g]
+            spread = z[columns] ** 2 + covariance[columns, columns]
+            gradient[g] = share @ spread - len(columns)
+        taken = np.einsum("ij,cij->c", covariance, self.grams[:-1, :-1, :-1])
+        value -= self.counts @ theta[len(self.members) :]
+        gradient[len(self.members) :] = precisions[:-1] * (squares[:-1] + taken) - self.counts
+        return float(value), gradient
+
+
+def linear_evidence(
+    model: CalibrationModel,
+    data: Measurements,
+    x: FloatArray,
+    members: Sequence[IntArray],
+    weights: FloatArray,
+) -> LinearEvidence:
+    """Linearise at parameters ``(p,)``, with weights ``(N,)`` of the squares of measurements."""
+    tied = np.zeros(model.p, dtype=bool)
+    for columns in members:
+        tied[columns] = True
+    fixed = model.with_prior(np.where(tied, np.inf, model.prior))
+    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    root = np.sqrt(weights)[:, None]
+    rows, J = linear.white_rows * root, linear.white_jacobian * root[..., None]
+    known, K = fixed.known(x[None])
+    length = np.linalg.norm(np.concatenate([J.reshape(-1, model.p), K[0]]), axis=0)
+    unit = 1.0 / np.where(length > 0.0, length, 1.0)
+    classes, counts = noise_classes(model, data), []
+    there = _there(model, data)
+    grams = np.zeros((len(classes) + 1, model.p + 1, model.p + 1))
+    rest = there.copy()
+    for c, own in enumerate(classes):
+        grams[c] = _gram(rows[own], J[own], x - model.nominal, unit)
+        counts.append(float(own.sum()))
+        rest &= ~own
+    grams[-1] = _gram(rows[rest], J[rest], x - model.nominal, unit)
+    grams[-1] += _gram(known[0], K[0], x - model.nominal, unit)
+    # densities of the rows as they were, before noise and weights divided them, and of what is
+    # known besides
+    sigma = np.ones(there.shape)
+    for k, kind in enumerate(model.measurements):
+        sigma[data.setup.kind == k, : kind.rows] = kind.sigma
+    given = fixed.prior[np.isfinite(fixed.prior)]
+    constant = float(np.log(root / sigma)[there].sum() + np.log(unit).sum() - np.log(given).sum())
+    constant -= sum(np.log(known.sigma_m) for known in model.distances)
+    left = int(there.sum()) + known.shape[1] + int(tied.sum()) - model.p
+    constant -= 0.5 * left * np.log(2.0 * np.pi)
+    return LinearEvidence(
+        model.nominal, unit, grams, np.array(counts), tuple(members), float(constant)
+    )
+
+
+def _gram(rows: FloatArray, J: FloatArray, moved: FloatArray, unit: FloatArray) -> FloatArray:
+    """``[B y]ᵀ[B y]`` of rows (M,) with the derivative (M, p), off the nominal values by (p,)."""
+    both = np.column_stack([J * unit, J @ moved - rows])
+    return np.asarray(both.T @ both)
+
+
+def _there(model: CalibrationModel, data: Measurements) -> BoolArray:
+    """Rows ``(N, m)`` that measurements have, others fill the block."""
+    count = np.array([kind.rows for kind in model.measurements])[data.setup.kind]
+    return np.arange(model.rows) < count[:, None]
+
+
+def noise_classes(model: CalibrationModel, data: Measurements) -> list[BoolArray]:
+    """Rows ``(N, m)`` of each noise to be found: of a kind, its lengths and its angles apart."""
+    found = []
+    for k, kind in enumerate(model.measurements):
+        lengths = kind.rows - kind.turns
+        for start, end in ((0, lengths), (lengths, kind.rows)):
+            own = np.zeros((data.count, model.rows), dtype=bool)
+            own[data.setup.kind == k, start:end] = True
+            if kind.estimated and own.any():
+                found.append(own)
+    return found

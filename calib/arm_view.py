@@ -6,7 +6,7 @@ T trials, trial after trial.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -204,6 +204,25 @@ class ArmView:
     def out_of_target(self, vector: FloatArray) -> FloatArray:
         """Vectors ``(..., 3, S)`` in the axes of the target in those of the base."""
         return vector if self.target is NO_TURN else turn(self.target, vector)
+
+    def part(self, columns: IntArray, own: IntArray) -> ArmView:
+        """The view of some of the S postures: those of the measurements ``own``."""
+
+        def cut(array: FloatArray) -> FloatArray:
+            return array if array.shape[-1] == 1 else array[..., columns]
+
+        lengths = {label: cut(more) for label, more in self.errors.lengths.items()}
+        return replace(
+            self,
+            q=self.q[:, columns],
+            setup=self.setup[own],
+            is_distance=self.is_distance[own],
+            point=cut(self.point),
+            tool=cut(self.tool),
+            origin=cut(self.origin),
+            target=cut(self.target),
+            errors=replace(self.errors, lengths=lengths),
+        )
 
     def posture_first(self, array: FloatArray) -> FloatArray:
         """``(..., m, S)`` as ``(*batch, N, m, ...)``: posture first, and parameters last."""

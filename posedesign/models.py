@@ -2,30 +2,36 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
 
-from calib.errors import InputError
+from calib.errors import InputError, near_names
 from calib.identification.comparison import Candidate
 from calib.identification.reduction import reduce
+from calib.knowledge import KnownDistance
 from calib.measurement import KINDS, Measurement
-from calib.model import CalibrationModel, KnownDistance
+from calib.model import CalibrationModel
 from calib.parameters import (
     BearingCompliance,
     JointCompliance,
     JointHarmonics,
     JointScale,
+    LengthOffsets,
     LinkGeometry,
     LostMotion,
     ParameterBlock,
     Payload,
+    TargetFrame,
+    ToolFrame,
     ZeroOffsets,
 )
-from calib.se3 import FloatArray
+from calib.parameters.part import Part
+from calib.se3 import FloatArray, transform
 from posedesign.cell import Cell
 from posedesign.config import NoiseSection
-from posedesign.measurement_table import MeasurementTable
+from posedesign.measurement_table import TOOL, MeasurementTable
 from posedesign.set_up import set_up_blocks
 
 FRAMES_ONLY = "frames only"
@@ -35,6 +41,11 @@ OFFSETS = "offsets"
 _NAMES = {"zero_offsets": OFFSETS, "lost_motion": "lost motion"}
 _WEIGH = ("compliance", "bearings", "lost_motion")
 """Words that need masses."""
+
+
+_WAVE = re.compile(r"harmonic\..+\.(?:sin|cos)(\d+(?:\.\d+)?)", re.ASCII)
+_TOOL_AXIS = re.compile(r"tool(?:\.(.+))?\.r?[xyz]", re.ASCII)
+_TARGET_AXIS = re.compile(r"target\.(.+)\.r?[xyz]", re.ASCII)
 
 
 def name_of(words: Sequence[str]) -> str:
@@ -163,3 +174,55 @@ def _distances(cell: Cell, table: MeasurementTable) -> list[KnownDistance]:
             KnownDistance(first, second, section.length_mm / 1e3, section.three_sigma_mm / 3e3)
         )
     return known
+
+
+def model_of(cell: Cell, names: Sequence[str]) -> CalibrationModel:
+    """The model that has these parameters, by their names: of a result that is read from a file.
+
+    Parameters
+    ----------
+    cell : Cell
+    names : sequence of str
+        Such as ``zero_offset.joint_2``, ``link.joint_3.rx``, ``tool.x``, ``target.T1.z``.
+
+    Raises
+    ------
+    InputError
+        A name that is no parameter of this cell's robot; the hint lists near ones.
+    """
+    robot, payloads, wanted = cell.robot, payloads_of(cell), set(names)
+    joints, section = robot.joint_names, cell.config.parameters
+    waves = sorted({float(m[1]) for name in names if (m := _WAVE.fullmatch(name))})
+    whole: list[ParameterBlock] = [
+        ZeroOffsets(robot, joints),
+        LinkGeometry(robot),
+        JointScale(robot, joints),
+        JointCompliance(robot, joints, payloads),
+        BearingCompliance(robot, joints, payloads),
+        LostMotion(robot, joints, section.lost_motion_nm, payloads),
+        JointHarmonics(robot, joints, waves or [1.0]),
+        *_frames_named(cell, names),
+    ]
+    known = {name for block in whole for name in block.names}
+    strange = next((name for name in names if name not in known), None)
+    if strange is not None:
+        raise InputError(
+            f"{robot.name} has no parameter {strange[:60]!r}",
+            hint=near_names(strange, known),
+            name=strange,
+        )
+    blocks = [Part(block, [n for n in block.names if n in wanted]) for block in whole]
+    kept = [block for block in blocks if block.size or block.tools or block.targets]
+    return CalibrationModel(robot, kept, cell.measurement)
+
+
+def _frames_named(cell: Cell, names: Sequence[str]) -> list[ParameterBlock]:
+    """Frames of the tools and targets that names speak of, at the origin; one of each at least."""
+    tools = dict.fromkeys(m[1] or TOOL for name in names if (m := _TOOL_AXIS.fullmatch(name)))
+    targets = dict.fromkeys(m[1] for name in names if (m := _TARGET_AXIS.fullmatch(name)))
+    there, on_tip = np.eye(4), transform(np.eye(3), cell.tool_m)
+    return [
+        *(ToolFrame(on_tip, label) for label in tools or (TOOL,)),
+        *(TargetFrame(there, label) for label in targets or ("T1",)),
+        LengthOffsets([n.removeprefix("length.") for n in names if n.startswith("length.")]),
+    ]

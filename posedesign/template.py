@@ -86,9 +86,11 @@ repair_base_joint_deg = 90.0      # how far joint 1 may turn in a replacement
 # Identified besides the target. The first and the last joint are absorbed by target and tool.
 zero_offsets = {offsets}
 tool_axes = "xyz"                 # "xy" for a view line
-# Each list is one model to try; they are judged by what they say of poses that they have not seen.
+# Each list is a model to try; they are judged by what they say of poses that they have not seen.
 # Words: zero_offsets, geometry, compliance, bearings, lost_motion, scale, harmonics
-models = [["zero_offsets"], ["zero_offsets", "compliance"], ["geometry"], ["geometry", "compliance"]]
+models = [
+    ["zero_offsets"], ["zero_offsets", "compliance"], ["geometry"], ["geometry", "compliance"],
+]
 method = "gauss-newton"           # or "newton-raphson": as in the paper, by finite differences
 loss = "least-squares"            # or graduated (leaves gross errors out), huber, cauchy, student-t
 # prior_length_mm = 0.5           # what geometry is known to beforehand; without priors a model

@@ -321,4 +321,5 @@ def _against(
     taken: int,
 ) -> str:
     off, chance = _paired(squares[k], squares[taken])
-    return f"{able[k].name} {rms[k]:.3f} mm ({off * 1e6:+.3g} +- {chance * 1e6:.2g} mm² in the mean square)"
+    by = f"{off * 1e6:+.3g} +- {chance * 1e6:.2g} mm² in the mean square"
+    return f"{able[k].name} {rms[k]:.3f} mm ({by})"

@@ -8,7 +8,8 @@ from calib.arm_view import Setup
 from calib.errors import InputError
 from calib.identification.identifiability import is_identifiable
 from calib.identification.least_squares import equal_sigma, white_rows
-from calib.model import CalibrationModel, Linearisation
+from calib.linearisation import Linearisation
+from calib.model import CalibrationModel
 from calib.se3 import FloatArray, IntArray
 
 _NOTHING_LEFT = 1e-9

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.linearisation import Linearisation
 from calib.measurement.data import Measurements
-from calib.model import CalibrationModel, Linearisation
+from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray
 
 ITERATIONS = 60

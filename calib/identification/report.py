@@ -14,8 +14,9 @@ from calib.identification.covariance import (
 )
 from calib.identification.result import IdentificationResult, KindNoise, chi2_is_too_large
 from calib.identification.robust import Solved, noise_scales
+from calib.linearisation import Linearisation
 from calib.measurement.data import Measurements
-from calib.model import CalibrationModel, Linearisation
+from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray
 
 ANOTHER_ROBOT_M = 0.05
@@ -47,7 +48,6 @@ def make_result(
         root, weighted
     )
     white = information_root(linear, x)
-    length = np.linalg.norm(white, axis=0)
     return IdentificationResult(
         model=name,
         names=model.names,
@@ -57,7 +57,7 @@ def make_result(
         nominal=model.nominal,
         prior=model.prior,
         covariance=covariance,
-        singular_values=np.linalg.svd(white / np.where(length > 0, length, 1.0), compute_uv=False),
+        singular_values=_singular_values(white),
         residuals=every.rows,
         leave_one_out=left,
         angles=_angles(every),
@@ -73,6 +73,13 @@ def make_result(
         message=_message(chi2, freedom, scale, every, solved),
         notes=tuple(_notes(solved, linear, data)),
     )
+
+
+def _singular_values(columns: FloatArray) -> FloatArray:
+    """Singular values of columns brought to unit length: units do not matter."""
+    length = np.linalg.norm(columns, axis=0)
+    scaled = columns / np.where(length > 0, length, 1.0)
+    return np.asarray(np.linalg.svd(scaled, compute_uv=False))
 
 
 def _weighed(
@@ -151,16 +158,16 @@ def unseen_scale(linear: Linearisation, x: FloatArray) -> float:
     way = np.concatenate(
         [b.scaling(x[part]) for b, part in zip(model.parameters, model.slices, strict=True)]
     )
-    if not way[~model.nuisance].any():
+    if not way.any():
         return 0.0
     held = int(np.isfinite(model.prior).sum())
     J = np.concatenate(
         [linear.white_jacobian.reshape(-1, model.p), model.known(x[None])[1][0, held:]]
     )
-    seen = J @ np.where(model.nuisance, 0.0, way)
+    seen = J @ way
     # what is left over grows, too, but has seen nothing
     seen[: linear.white_rows.size] -= linear.white_rows.ravel()
-    # the set-up follows as it can: a tool also by what the flange that carries it is off the links
+    # the set-up follows as it can: the tool also for the flange, which is no link and stays
     around = J[:, model.nuisance]
     seen -= around @ np.linalg.lstsq(around, seen, rcond=None)[0]
     size = float(np.linalg.norm(seen))

@@ -143,7 +143,7 @@ class IdentificationResult:
         taken = any(kind.estimated for kind in self.noise) or not self.explains_data
         free = self.degrees_of_freedom
         reach = float(t.ppf(tail, free)) if taken and free > 0 else float(norm.ppf(tail))
-        return self.values + reach * self.sigma * np.array([[-1.0], [1.0]])
+        return np.asarray(self.values + reach * self.sigma * np.array([[-1.0], [1.0]]))
 
     @property
     def correlations(self) -> FloatArray:

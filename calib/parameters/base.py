@@ -77,9 +77,9 @@ class ParameterBlock(ABC):
         """
 
     def scaling(self, values: FloatArray) -> FloatArray:
-        """Change ``(size,)`` of the parameters when all lengths grow by their own size.
+        """Change ``(size,)`` of the parameters when all lengths of the arm grow by their own size.
 
-        Zero for angles, and for what is no length of arm or set-up.
+        Zero for what is no length of the arm. The set-up is not asked: it follows.
         """
         return np.zeros(self.size)
 

@@ -107,12 +107,6 @@ class Frames(ParameterBlock):
         six[:, self._axes] = values.reshape(len(self.labels), -1, values.shape[1])
         return six
 
-    def scaling(self, values: FloatArray) -> FloatArray:
-        """See :meth:`ParameterBlock.scaling`: places grow, rotations do not."""
-        six = self._six(values[:, None])[..., 0]
-        six[:, 3:] = 0.0
-        return np.asarray(six[:, self._axes].ravel())
-
     def features(self, values: FloatArray) -> list[Feature]:
         """The frames at values ``(size, S)``."""
         six, found = self._six(values), []

@@ -111,13 +111,6 @@ class TargetPlane(AroundArm):
     def _shift(self, frame: int, axis: int) -> FloatArray:
         return np.asarray(self.T_nominal[0, :3, axis])
 
-    def scaling(self, values: FloatArray) -> FloatArray:
-        """See :meth:`ParameterBlock.scaling`: its distance from the base grows."""
-        out = np.zeros(self.size)
-        if self.size:
-            out[0] = self.T_nominal[0, :3, 2] @ self.T_nominal[0, :3, 3] + values[0]
-        return out
-
 
 class LengthOffsets(ParameterBlock):
     """What a wire or a ball bar shows more than the distance: the zero of its reading.

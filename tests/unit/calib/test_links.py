@@ -131,5 +131,5 @@ def test_what_is_no_parameter_of_a_link(reference_robot, freed, message):
 
 @pytest.mark.parametrize("sigma", [0.0, -1e-3, np.nan])
 def test_a_prior_must_be_above_zero(reference_robot, sigma):
-    with pytest.raises(InputError, match="a prior of .* cannot be used: it must be above zero"):
+    with pytest.raises(InputError, match=r"a prior of .* cannot be used: it must be above zero"):
         LinkGeometry(reference_robot, prior_rad=sigma)

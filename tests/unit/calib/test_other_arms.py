@@ -151,10 +151,10 @@ def test_the_ideal_of_an_exact_arm_is_the_arm(reference_robot):
 
 
 def test_only_what_is_slight_is_idealised():
-    turned = se3.transform(se3.rotation_exp([[9e-4, 0, 0], [0.002, 0, 0]]), [[9e-4, 2e-3, -9e-4]])
+    turned = se3.transform(se3.rotation_exp([[9e-4, 0, 0], [0.04, 0, 0]]), [[9e-4, 8e-3, -3e-3]])
     chain = SerialChain(turned, np.array([[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]]), np.eye(4))
     ideal = idealised(chain)
     np.testing.assert_array_equal(ideal.placements[0, :3, :3], np.eye(3))
     np.testing.assert_array_equal(ideal.placements[1, :3, :3], turned[1, :3, :3])
-    np.testing.assert_array_equal(ideal.placements[0, :3, 3], [0.0, 2e-3, 0.0])
+    np.testing.assert_array_equal(ideal.placements[0, :3, 3], [0.0, 8e-3, 0.0])
     np.testing.assert_array_equal(ideal.axes, chain.axes)

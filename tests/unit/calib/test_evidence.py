@@ -1,0 +1,317 @@
+"""Priors from the measurements: the marginal likelihood, and the sizes that it finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, multivariate_normal
+
+from calib import CalibrationModel, Robot, identify
+from calib.arm_view import Setup
+from calib.errors import InputError, NotIdentifiableError
+from calib.identification.evidence import PriorGroup, TunedPriors, tune_priors
+from calib.identification.marginal import linear_evidence
+from calib.identification.robust import WEIGHTS, distances2
+from calib.measurement import Measurement, Measurements, Point, Pose
+from calib.measurement.simulate import simulate
+from calib.model import KnownDistance
+from calib.parameters import (
+    LinkGeometry,
+    ParameterBlock,
+    TargetFrame,
+    TargetPoints,
+    ToolPoint,
+    ZeroOffsets,
+)
+
+ROBOT = Robot.preset("ur5e")
+LENGTHS = tuple(f"link.{joint}.{axis}" for joint in ROBOT.joint_names for axis in "xyz")
+ANGLES = tuple(f"link.{joint}.{axis}" for joint in ROBOT.joint_names for axis in ("rx", "ry", "rz"))
+GROUPS = (
+    PriorGroup("lengths", LENGTHS, 1e-5, 1e-2),
+    PriorGroup("angles", ANGLES, 1e-5, 1e-2),
+)
+TRUE_SIZES = np.array([6e-4, 1e-3])
+NOISE_M = 8e-5
+
+
+def model_of(
+    kinds: Measurement | list[Measurement], *more: ParameterBlock, free: bool = True
+) -> CalibrationModel:
+    tool = ToolPoint([0.1, -0.05, 0.2], "xyz" if free else "")
+    frame = TargetFrame(np.eye(4), free=("x", "y", "z", "rx", "ry", "rz") if free else ())
+    return CalibrationModel(ROBOT, [LinkGeometry(ROBOT), *more, tool, frame], kinds)
+
+
+def draw(seed: int, count: int = 40, kind: Measurement | None = None) -> Measurements:
+    """Points or poses of an arm whose errors are of the true sizes."""
+    rng = np.random.default_rng(seed)
+    truth = model_of(Point(NOISE_M) if kind is None else kind)
+    x = truth.nominal.copy()
+    for group, size in zip(GROUPS, TRUE_SIZES, strict=True):
+        for name in group.parameters:
+            x[truth.names.index(name)] = rng.normal(0.0, size)
+    q = rng.uniform(-2.5, 2.5, (count, ROBOT.n))
+    return simulate(truth, x, q, rng)
+
+
+def problem_of(model: CalibrationModel, data: Measurements, groups=GROUPS, weights=None):
+    members = [np.array([model.names.index(n) for n in g.parameters]) for g in groups]
+    w = np.ones(data.count) if weights is None else weights
+    return linear_evidence(model, data, model.nominal, members, w)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_evidence_is_the_density_of_the_measurements(weighted: bool) -> None:
+    """With a prior on every parameter: that of a Gaussian vector, by another package."""
+    kinds: list[Measurement] = [Point([1e-4, 2e-4, 3e-4]), Pose(None)]
+    model = model_of(kinds, ZeroOffsets(ROBOT, ROBOT.joint_names[:2], 2e-3), free=False)
+    rng = np.random.default_rng(0)
+    setup = Setup.of(8, kind=[0, 1] * 4)
+    q = rng.uniform(-2.0, 2.0, (8, ROBOT.n))
+    data = simulate(model, model.nominal + 1e-3, q, rng, setup=setup)
+    weights = rng.uniform(0.2, 2.0, 8) if weighted else np.ones(8)
+    theta = np.log([6e-4, 1e-3, 1.7, 0.6])  # of the groups; of the lengths and angles of poses
+    found = problem_of(model, data, weights=weights).log_evidence(theta)[0]
+
+    linear = model.linearise(q, model.nominal, setup, data.observed)
+    there = np.arange(6) < np.where(setup.kind == 0, 3, 6)[:, None]
+    noise = np.where(setup.kind == 0, 0.0, 1.0)[:, None] * (1e-4 * np.repeat([1.7, 0.6], 3))
+    noise[setup.kind == 0, :3] = [1e-4, 2e-4, 3e-4]
+    noise = noise / np.sqrt(weights)[:, None]
+    sizes = np.concatenate([np.tile(np.repeat([6e-4, 1e-3], 3), ROBOT.n), [2e-3, 2e-3]])
+    J = linear.jacobian[there] * sizes
+    covariance = J @ J.T + np.diag(noise[there] ** 2)
+    mean = np.zeros(len(J))
+    expected = multivariate_normal(mean, covariance).logpdf(linear.rows[there])
+    assert found == pytest.approx(expected, abs=1e-6)
+
+
+def test_what_is_free_is_integrated_out() -> None:
+    """A flat prior is the limit of a wide one, but for the density that the wide one has."""
+    model, data = model_of(Point(None)), draw(1)
+    theta = np.append(np.log(TRUE_SIZES), 0.1)
+    free = model.nuisance
+    wide = 1e3
+    flat = problem_of(model, data).log_evidence(theta)[0]
+    held = problem_of(model.with_prior(np.where(free, wide, np.inf)), data).log_evidence(theta)[0]
+    added = free.sum() * (np.log(wide) + 0.5 * np.log(2.0 * np.pi))
+    assert flat == pytest.approx(held + added, abs=1e-3)
+
+
+def test_a_known_distance_is_a_measurement() -> None:
+    places = [[0.4, 0.2, 0.3], [0.4, -0.2, 0.3]]
+    blocks: list[ParameterBlock] = [
+        ZeroOffsets(ROBOT, ROBOT.joint_names[1:4], 1e-3),
+        ToolPoint([0.0, 0.0, 0.2], ""),
+        TargetPoints(places, ["a", "b"], prior_m=1e-3),
+    ]
+    known = KnownDistance("a", "b", 0.401, 2e-4)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-1.0, 1.0, (6, ROBOT.n))
+    setup = Setup.of(6, target=[0, 1] * 3)
+    without = CalibrationModel(ROBOT, blocks, Point(1e-3))
+    data = simulate(without, without.nominal, q, rng, setup=setup)
+    linear = without.linearise(q, without.nominal, setup, data.observed)
+    way = np.array([0.0, 1.0, 0.0, 0.0, -1.0, 0.0])
+    J = np.vstack([linear.jacobian.reshape(18, -1), np.append(np.zeros(3), way)]) * 1e-3
+    rows = np.append(linear.rows.ravel(), 0.4 - 0.401)
+    covariance = J @ J.T + np.diag(np.append(np.full(18, 1e-6), 4e-8))
+    expected = multivariate_normal(np.zeros(19), covariance).logpdf(rows)
+    model = CalibrationModel(ROBOT, blocks, Point(1e-3), [known])
+    found = problem_of(model, data, groups=()).log_evidence(np.zeros(0))[0]
+    assert found == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gradient_against_central_differences(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model, data = model_of(Pose(None)), draw(seed, 30, Pose(NOISE_M))
+    problem = problem_of(model, data, weights=rng.uniform(0.2, 2.0, data.count))
+    theta = np.append(np.log(TRUE_SIZES), [0.0, 0.0]) + rng.normal(0.0, 0.7, 4)
+    _, gradient = problem.log_evidence(theta)
+    for k in range(len(theta)):
+        step = np.zeros(len(theta))
+        step[k] = 1e-4
+        ends = [problem.log_evidence(theta + s * step)[0] for s in (1, -1)]
+        expected = (ends[0] - ends[1]) / 2e-4
+        assert gradient[k] == pytest.approx(expected, rel=1e-5, abs=1e-4)
+
+
+def curvature(problem, theta: np.ndarray) -> np.ndarray:
+    """Information of the logarithms, by differences of the gradient."""
+    rows = []
+    for k in range(len(theta)):
+        step = np.zeros(len(theta))
+        step[k] = 1e-3
+        ends = [problem.log_evidence(theta + s * step)[1] for s in (1, -1)]
+        rows.append(-(ends[0] - ends[1]) / 2e-3)
+    return (np.array(rows) + np.array(rows).T) / 2
+
+
+def test_sizes_of_simulated_errors_are_found_within_what_chance_allows() -> None:
+    """Ten arms: squared errors of the logarithms, by their own information, are chi²."""
+    model, total, freedom = model_of(Point(None)), 0.0, 0
+    worst = []
+    for seed in range(10):
+        data = draw(seed)
+        found = tune_priors(model, data, GROUPS)
+        noise = found.model.measurement.sigma[0]
+        members = [np.array([model.names.index(n) for n in g.parameters]) for g in GROUPS]
+        problem = linear_evidence(model, data, found.x, members, found.weights)
+        scale = noise / model.measurement.sigma[0]
+        information = curvature(problem, np.append(np.log(found.sigma), np.log(scale)))
+        off = np.append(np.log(found.sigma / TRUE_SIZES), np.log(noise / NOISE_M))
+        total += off @ information @ off
+        freedom += len(off)
+        worst.append(np.abs(off).max())
+        assert found.notes == ()
+    assert chi2.ppf(1e-4, freedom) < total < chi2.ppf(1 - 1e-4, freedom)
+    assert max(worst) < 0.8
+
+
+def test_the_maximum_is_one(subtests=None) -> None:
+    """No small change of a size or of the noise makes the measurements likelier."""
+    model, data = model_of(Point(None)), draw(3)
+    found = tune_priors(model, data, GROUPS)
+    members = [np.array([model.names.index(n) for n in g.parameters]) for g in GROUPS]
+    problem = linear_evidence(model, data, found.x, members, found.weights)
+    scale = found.model.measurement.sigma[0] / model.measurement.sigma[0]
+    theta = np.log([*found.sigma, scale])
+    best, gradient = problem.log_evidence(theta)
+    np.testing.assert_allclose(gradient, 0.0, atol=0.05)
+    assert best == pytest.approx(found.log_evidence, abs=1e-3)
+    for k in range(3):
+        for side in (-0.2, 0.2):
+            moved = theta.copy()
+            moved[k] += side
+            assert problem.log_evidence(moved)[0] < best
+
+
+@pytest.mark.parametrize("loss", ["least-squares", "student-t"])
+def test_the_identification_that_follows_finds_the_same(loss: str) -> None:
+    data = draw(4, 50)
+    found = tune_priors(model_of(Point(None)), data, GROUPS, loss=loss)
+    result = identify(found.model, data, loss=loss)
+    np.testing.assert_allclose((result.values - found.x) / result.sigma, 0.0, atol=0.02)
+    np.testing.assert_allclose(result.noise[0].sigma, found.model.measurement.sigma, rtol=5e-3)
+    np.testing.assert_allclose(result.weights, found.weights, atol=5e-3)
+    for group, size in zip(GROUPS, found.sigma, strict=True):
+        columns = [found.model.names.index(name) for name in group.parameters]
+        np.testing.assert_array_equal(result.prior[columns], size)
+    assert np.isinf(result.prior[found.model.nuisance]).all()
+
+
+def test_student_weights_are_those_of_the_robust_fit() -> None:
+    data = draw(5)
+    observed = data.observed.copy()
+    observed[[3, 17]] += 3e-3  # two gross errors, 40 times the noise
+    spoilt = replace(data, observed=observed)
+    model = model_of(Point(None))
+    robust = tune_priors(model, spoilt, GROUPS, loss="student-t")
+    plain = tune_priors(model, spoilt, GROUPS)
+    good = tune_priors(model, data, GROUPS)
+    np.testing.assert_array_equal(plain.weights, 1.0)
+    s2 = distances2(robust.model, spoilt, robust.x)
+    expected = WEIGHTS["student-t"](s2, np.full(data.count, 3))
+    np.testing.assert_allclose(robust.weights, expected, atol=3e-3)
+    assert robust.weights[[3, 17]].max() < 0.02
+
+    def off(tuned: TunedPriors) -> float:
+        return float(np.abs(np.log(tuned.sigma / good.sigma)).max())
+
+    assert off(robust) < 0.5 * off(plain)
+    assert plain.model.measurement.sigma[0] > 3 * robust.model.measurement.sigma[0]
+
+
+@pytest.mark.parametrize("factor", [0.1, 30.0])
+def test_where_the_noise_starts_does_not_matter(factor: float) -> None:
+    data, model = draw(6), model_of(Point(None))
+    one = tune_priors(model, data, GROUPS)
+    other = tune_priors(
+        model.with_measurements([model.measurement.with_noise(factor)]), data, GROUPS
+    )
+    np.testing.assert_allclose(other.sigma, one.sigma, rtol=1e-3)
+    np.testing.assert_allclose(
+        other.model.measurement.sigma, one.model.measurement.sigma, rtol=1e-3
+    )
+    assert other.log_evidence == pytest.approx(one.log_evidence, abs=1e-3)
+
+
+def test_noise_that_is_given_stays() -> None:
+    found = tune_priors(model_of(Point(NOISE_M)), draw(7), GROUPS)
+    np.testing.assert_array_equal(found.model.measurement.sigma, NOISE_M)
+    assert not found.model.measurement.estimated
+
+
+def test_priors_outside_the_groups_stay() -> None:
+    offsets = ZeroOffsets(ROBOT, ROBOT.joint_names[:1], 1e-5)
+    angles = tuple(n for n in ANGLES if not n.startswith(f"link.{ROBOT.joint_names[0]}"))
+    groups = (GROUPS[0], PriorGroup("angles", angles, 1e-5, 1e-2))
+    blocks = [LinkGeometry(ROBOT, [*LENGTHS, *angles]), offsets]
+    model = CalibrationModel(
+        ROBOT, [*blocks, ToolPoint([0.1, -0.05, 0.2]), TargetFrame(np.eye(4))], Point(None)
+    )
+    found = tune_priors(model, draw(8), groups)
+    assert found.model.prior[model.names.index(offsets.names[0])] == 1e-5
+
+
+def test_a_size_that_is_not_there_stands_at_its_bound() -> None:
+    """Bounds hold, and what stands at one is said."""
+    data = draw(9)
+    model = model_of(Point(None), ZeroOffsets(ROBOT, ROBOT.joint_names[:1], 1e-4))
+    groups = (
+        PriorGroup("lengths", LENGTHS, 1e-5, 1e-2),
+        PriorGroup("angles", ANGLES, 5e-3, 1e-2),  # larger than they are
+    )
+    found = tune_priors(model, data, groups)
+    assert found.sigma[1] == pytest.approx(5e-3, rel=1e-9)
+    assert found.notes == ("the prior of the group 'angles' stands at its lower bound",)
+    held = PriorGroup("angles", ANGLES, 2e-3, 2e-3)
+    found = tune_priors(model, data, (GROUPS[0], held))
+    assert found.sigma[1] == pytest.approx(2e-3, rel=1e-12)
+    assert found.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: PriorGroup("empty", (), 1e-5, 1e-3), "the group 'empty' has no parameters"),
+        (lambda: PriorGroup("g", ("a",), 0.0, 1e-3), "not two numbers above zero in order"),
+        (lambda: PriorGroup("g", ("a",), 2e-3, 1e-3), "not two numbers above zero in order"),
+        (lambda: PriorGroup("g", ("a",), 1e-3, np.inf), "not two numbers above zero in order"),
+        (lambda: PriorGroup("g", ("a",), np.nan, 1.0), "not two numbers above zero in order"),
+    ],
+)
+def test_groups_that_are_none(make: Callable[[], PriorGroup], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"groups": [PriorGroup("g", ("link.elbow.x",), 1e-5, 1e-3)]}, "is no parameter of the"),
+        ({"groups": [GROUPS[0], replace(GROUPS[0], name="g")]}, "is in two groups, 'lengths' and"),
+        (
+            {"groups": [PriorGroup("g", (LENGTHS[0], ANGLES[0]), 1e-5, 1e-3)]},
+            "the group 'g' mixes units: m, rad",
+        ),
+        ({"loss": "huber"}, "priors cannot be found under the loss 'huber'"),
+        ({"noise_bounds": (1.0, 0.5)}, "the bounds 1 and 0.5 of the noise"),
+        ({"data": draw(0, 4)[:2]}, "2 measurements give 6 equations"),
+    ],
+)
+def test_refusals(arguments: dict[str, object], message: str) -> None:
+    given = {"data": draw(0), "groups": GROUPS} | arguments
+    with pytest.raises(InputError, match=message):
+        tune_priors(model_of(Point(None)), **given)
+
+
+def test_what_no_prior_holds_must_be_seen() -> None:
+    """Angles in no group, about axes that no measurement tells apart."""
+    with pytest.raises(NotIdentifiableError):
+        tune_priors(model_of(Point(None)), draw(0), GROUPS[:1])

@@ -152,9 +152,9 @@ def compensate(
         q, solved = model.robot.check_posture(postures), None
         if q.ndim != 2:
             raise InputError("give a list of postures, (N, n)", name="postures")
-        wanted = _listed_poses(
-            _taken(model.view(q, None, setup), point) if poses is None else poses
-        )
+        if poses is None:
+            poses = _taken(model.view(q, None, setup), point) if len(q) else np.empty((0, 4, 4))
+        wanted = _listed_poses(poses)
         if len(wanted) != len(q):
             raise InputError(f"{len(wanted)} poses for {len(q)} postures", name="poses")
     known = np.isfinite(q).all(axis=1)

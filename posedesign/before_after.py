@@ -76,7 +76,7 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     section = cell.config.parameters
     tried = candidates(cell, table)
     # before the baseline, which has fewer parameters and would be refused for another reason
-    for candidate in tried:
+    for candidate in reversed(tried):
         if not candidate.notes:  # a reduced one has as many as there are equations for
             check_enough(candidate.model, table.data)
     comparison = compare(

@@ -17,7 +17,7 @@ from calib.identification.marginal import linear_evidence
 from calib.identification.robust import WEIGHTS, distances2
 from calib.measurement import Measurement, Measurements, Point, Pose
 from calib.measurement.simulate import simulate
-from calib.model import KnownDistance
+from calib.knowledge import KnownDistance
 from calib.parameters import (
     LinkGeometry,
     ParameterBlock,

@@ -188,3 +188,52 @@ def test_rounding_in_a_file_passes_but_a_shear_does_not():
     with pytest.raises(InputError, match=r"T\[7\]") as caught:
         se3.check_transforms(T, "T")
     assert caught.value.value > caught.value.bound
+
+
+ANGLES = [0.0, 1e-9, 1e-5, 1e-3, 0.9e-2, 1.1e-2, 0.3, 2.0, np.pi - 1e-6, np.pi]
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_right_jacobian_turns_a_change_of_the_vector_into_a_turn(angle):
+    rng = np.random.default_rng(9)
+    v = rng.standard_normal((20, 3))
+    v *= angle / np.linalg.norm(v, axis=1, keepdims=True)
+    numeric = np.empty((20, 3, 3))
+    h = 1e-5
+    for k in range(3):
+        ahead, behind = (se3.rotation_exp(v + s * h * np.eye(3)[k]) for s in (1, -1))
+        numeric[:, :, k] = se3.rotation_log(np.swapaxes(behind, 1, 2) @ ahead) / (2 * h)
+    # second order of the difference, and rounding of a difference of 1e-5
+    np.testing.assert_allclose(se3.right_jacobian(v), numeric, atol=1e-10)
+
+
+@pytest.mark.parametrize("angle", ANGLES[:-2])
+def test_inverse_left_jacobian_turns_a_turn_into_a_change_of_the_vector(angle):
+    rng = np.random.default_rng(10)
+    v = rng.standard_normal((20, 3))
+    v *= angle / np.linalg.norm(v, axis=1, keepdims=True)
+    numeric = np.empty((20, 3, 3))
+    h = 1e-5
+    for k in range(3):
+        ahead, behind = (
+            se3.rotation_log(se3.rotation_exp(s * h * np.eye(3)[k]) @ se3.rotation_exp(v))
+            for s in (1, -1)
+        )
+        numeric[:, :, k] = (ahead - behind) / (2 * h)
+    np.testing.assert_allclose(se3.inverse_left_jacobian(v), numeric, atol=1e-10)
+
+
+@pytest.mark.parametrize("angle", [*ANGLES, 5.0])
+def test_the_two_jacobians_are_inverses(angle):
+    """``J_l(v) = J_r(-v)``; at a half turn too, where differences of logarithms break."""
+    v = angle * np.array([2.0, -1.0, 2.0]) / 3.0
+    product = se3.inverse_left_jacobian(v) @ se3.right_jacobian(-v)
+    np.testing.assert_allclose(product, np.eye(3), atol=3e-12)
+
+
+def test_jacobians_take_batches():
+    v = np.random.default_rng(11).standard_normal((4, 5, 3))
+    for jacobian in (se3.right_jacobian, se3.inverse_left_jacobian):
+        many = jacobian(v)
+        assert many.shape == (4, 5, 3, 3)
+        np.testing.assert_array_equal(many[2, 3], jacobian(v[2, 3]))

@@ -1,0 +1,247 @@
+"""Run the study: python studies/02_panda_touch_ups/run.py [--out DIR].
+
+It needs measurements that the project does not contain: the folder that POSEDESIGN_DATA names, or
+``../shared/data`` beside the checkout.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib import CalibrationModel, IdentificationResult, Robot, identify
+from calib.identification.evidence import PriorGroup, tune_priors
+from calib.measurement import TouchUp, touch_ups
+from calib.parameters import (
+    BearingCompliance,
+    JointCompliance,
+    JointHarmonics,
+    LinkGeometry,
+    LostMotion,
+    ParameterBlock,
+    TargetPoints,
+    ToolPoint,
+    ZeroOffsets,
+)
+from calib.se3 import FloatArray, IntArray, apply
+
+HERE = Path(__file__).parent
+SETTINGS = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SITES: list[str] = SETTINGS["sites"]
+LABELS = [f"{site}_{socket}" for site in SITES for socket in SETTINGS["sockets"]]
+TOLERANCE_MM = 0.005
+"""Of the figures on another machine: fits end within a thousandth of what they are worth."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Postures (N, 7) [rad], the socket that the ball sat in (N,), and its site (N,)."""
+
+    q: FloatArray
+    socket: IntArray
+    site: IntArray
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model as fitted to some sites."""
+
+    model: CalibrationModel
+    result: IdentificationResult
+    sizes: dict[str, float]
+
+
+def measurements_folder() -> Path | None:
+    """Where the measurements are, if they are."""
+    named = os.environ.get("POSEDESIGN_DATA")
+    folder = Path(named) if named else HERE.parents[1].parent / "shared" / "data"
+    found = folder / "identification" / "panda_ball_in_socket"
+    return found if found.is_dir() else None
+
+
+def load(folder: Path) -> Recorded:
+    q, socket = [], []
+    for k, label in enumerate(LABELS):
+        site, _, hole = label.rpartition("_")
+        q.append(np.loadtxt(folder / site / f"hole_{hole}.csv", delimiter=","))
+        socket += [k] * len(q[-1])
+    index = np.array(socket)
+    return Recorded(np.vstack(q), index, index // len(SETTINGS["sockets"]))
+
+
+def blocks_of(robot: Robot, row: dict[str, Any]) -> tuple[list[ParameterBlock], list[PriorGroup]]:
+    """What a row of the table frees besides ball and sockets, and what of it is tuned."""
+    joints = list(robot.joint_names)
+    loaded = [joints[j - 1] for j in SETTINGS["loaded_joints"]]
+    make: dict[str, Callable[[], ParameterBlock]] = {
+        "harmonics": lambda: JointHarmonics(robot, joints, SETTINGS["harmonics"]),
+        "compliance": lambda: JointCompliance(robot, loaded),
+        "bearings": lambda: BearingCompliance(robot, joints),
+        "lost_motion": lambda: LostMotion(robot, loaded, SETTINGS["lost_motion_nm"]),
+    }
+    blocks: list[ParameterBlock] = []
+    groups: list[PriorGroup] = []
+
+    def tune(kind: str, names: tuple[str, ...], unit: str) -> None:
+        groups.append(PriorGroup(kind.replace("_", " "), names, *SETTINGS["bounds"][kind + unit]))
+
+    if "offsets" in row:
+        blocks.append(ZeroOffsets(robot, [joints[j - 1] for j in row["offsets"]]))
+    if "prior_m" in row:
+        blocks.append(LinkGeometry(robot, prior_m=row["prior_m"], prior_rad=row["prior_rad"]))
+    for kind in row.get("tuned", ()):
+        if kind == "geometry":  # a turn about the joint's axis is its offset, of another size
+            offsets = ZeroOffsets(robot, joints)
+            across = [f"link.{j}.{a}" for j in joints for a in ("x", "y", "z", "rx", "ry")]
+            geometry = LinkGeometry(robot, across)
+            blocks += [geometry, offsets]
+            tune("lengths", tuple(n for n in across if ".r" not in n), "_m")
+            tune("angles", tuple(n for n in across if ".r" in n), "_rad")
+            tune("offsets", offsets.names, "_rad")
+        else:
+            block = make[kind]()
+            blocks.append(block)
+            tune(kind, block.names, "_rad_per_nm" if block.units[0] == "rad/Nm" else "_rad")
+    return blocks, groups
+
+
+def fit(robot: Robot, recorded: Recorded, row: dict[str, Any], sites: list[int]) -> Fitted:
+    """Fit a row's model to the touch-ups of some sites, its priors included."""
+    own = np.isin(recorded.site, sites)
+    q = recorded.q[own]
+    present, target = np.unique(recorded.socket[own], return_inverse=True)
+    ball = np.array(SETTINGS["ball_mm"]) / 1e3
+    points = apply(robot.fk(q), ball)
+    places = [points[target == k].mean(axis=0) for k in range(len(present))]
+    blocks, groups = blocks_of(robot, row)
+    frames = [ToolPoint(ball), TargetPoints(places, [LABELS[k] for k in present])]
+    model = CalibrationModel(robot, [*blocks, *frames], TouchUp(None))
+    data = touch_ups(q, target, model.targets)
+    loss = row.get("loss", "least-squares")
+    sizes: dict[str, float] = {}
+    if groups:
+        tuned = tune_priors(model, data, groups, loss=loss)
+        model = tuned.model
+        sizes = {group.name: float(s) for group, s in zip(groups, tuned.sigma, strict=True)}
+    return Fitted(model, identify(model, data, loss=loss, name=row["name"]), sizes)
+
+
+def held_out_mm(fitted: Fitted, recorded: Recorded, site: int) -> float:
+    """Rms distance at a site that arm, ball and priors know nothing of; its sockets are fitted."""
+    own = recorded.site == site
+    points = fitted.model.view(recorded.q[own], fitted.result.values).tool_points
+    socket = recorded.socket[own]
+    off = np.concatenate([points[socket == k] - points[socket == k].mean(0) for k in set(socket)])
+    return float(1e3 * np.sqrt(np.mean(np.sum(off**2, axis=1))))
+
+
+def socket_distance_mm(result: IdentificationResult, site: str) -> float:
+    """Distance of the two sockets of a plate, as fitted."""
+    first, second = (
+        np.array([result.value(f"target.{site}_{k}.{axis}") for axis in "xyz"])
+        for k in SETTINGS["sockets"]
+    )
+    return float(1e3 * np.linalg.norm(second - first))
+
+
+def run(folder: Path, names: list[str] | None = None) -> list[dict[str, Any]]:
+    """A row of figures for each model of the study, or for those that are named."""
+    robot, recorded = Robot.preset(SETTINGS["robot"]), load(folder)
+    every = list(range(len(SITES)))
+    rows = []
+    for row in SETTINGS["model"]:
+        if names is not None and row["name"] not in names:
+            continue
+        full = fit(robot, recorded, row, every)
+        found: dict[str, Any] = {
+            "model": row["name"],
+            "parameters": full.model.p,
+            "rms_mm": full.result.rms_m * 1e3,
+        }
+        for site, name in enumerate(SITES):
+            others = fit(robot, recorded, row, [k for k in every if k != site])
+            found[f"held_out_{name}_mm"] = held_out_mm(others, recorded, site)
+        for name in SITES:
+            found[f"sockets_{name}_mm"] = socket_distance_mm(full.result, name)
+        found["noise_mm"] = float(full.result.noise[0].sigma[0] * 1e3)
+        found["scale_is_seen"] = not any("scale" in note for note in full.result.notes)
+        found["sizes"] = full.sizes
+        rows.append(found)
+    return rows
+
+
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """Held-out rms of each model, a row of dots each; one colour a site."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(8.0, 4.2), layout="constrained")
+    height = np.arange(len(rows))[::-1]
+    for site, marker in zip(SITES, "osD", strict=True):
+        off = [row[f"held_out_{site}_mm"] for row in rows]
+        axes.plot(off, height, marker, label=site, markersize=7, alpha=0.9)
+    axes.set_xscale("log")
+    ticks = [0.3, 0.5, 1.0, 2.0, 5.0, 10.0]
+    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    axes.minorticks_off()
+    axes.set_yticks(height, [row["model"] for row in rows])
+    axes.set_xlabel("rms distance at the site that took no part in the fit [mm]")
+    axes.grid(visible=True, axis="both", alpha=0.3)
+    axes.legend(title="site", frameon=False)
+    figure.savefig(path, dpi=120, metadata={"Software": None})
+    plt.close(figure)
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """The table of the README."""
+    lines = [
+        "| model | p | rms | held out: " + " | ".join(SITES) + " | sockets: " + " | ".join(SITES),
+        "|---" * 9,
+    ]
+    for row in rows:
+        cells = [row["model"], str(row["parameters"]), f"{row['rms_mm']:.3f}"]
+        cells += [f"{row[f'held_out_{site}_mm']:.3f}" for site in SITES]
+        cells += [f"{row[f'sockets_{site}_mm']:.2f}" for site in SITES]
+        lines.append("| " + " | ".join(cells))
+    return "\n".join(line + " |" for line in lines)
+
+
+def main() -> None:
+    """Run, print, and write table, figure and key figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
+    out: Path = parser.parse_args().out
+    folder = measurements_folder()
+    if folder is None:
+        print("skipped: there are no measurements; POSEDESIGN_DATA names their folder")
+        return
+    rows = run(folder)
+    print(table(rows))
+    for row in rows:
+        print(row["model"], {name: f"{size:.3g}" for name, size in row["sizes"].items()})
+    out.mkdir(parents=True, exist_ok=True)
+    expected = {"tolerance_mm": TOLERANCE_MM, "models": rows}
+    (out / "expected.json").write_text(json.dumps(expected, indent=1) + "\n", encoding="utf-8")
+    with (out / "panda_touch_ups.csv").open("w", newline="", encoding="utf-8") as file:
+        columns = [name for name in rows[0] if name != "sizes"]
+        writer = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(
+            {k: f"{v:.4f}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
+        )
+    draw(rows, out / "panda_touch_ups.png")
+
+
+if __name__ == "__main__":
+    main()

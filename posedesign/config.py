@@ -38,9 +38,16 @@ Size = Annotated[float, Field(strict=True, gt=0, le=1e6, allow_inf_nan=False)]
 Pixels = Annotated[int, Field(strict=True, gt=0, le=100_000)]
 
 Word = Literal[
-    "zero_offsets", "geometry", "compliance", "bearings", "lost_motion", "scale", "harmonics"
+    "zero_offsets",
+    "geometry",
+    "compliance",
+    "bearings",
+    "lost_motion",
+    "scale",
+    "harmonics",
+    "priors",
 ]
-"""What a model may free of the arm."""
+"""What a model may free of the arm; ``priors`` holds all of it to what is known beforehand."""
 
 LARGEST_CELL_BYTES = 1_000_000
 
@@ -255,13 +262,15 @@ class ParameterSection(Section):
         ("zero_offsets", "compliance"),
         ("geometry",),
         ("geometry", "compliance"),
+        ("geometry", "compliance", "priors"),
     )
     harmonics: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0)
     lost_motion_nm: Positive = 10.0
-    prior_length_mm: Positive | None = None
-    prior_angle_deg: Positive | None = None
-    prior_harmonic_deg: Positive | None = None
-    prior_compliance_urad_nm: Positive | None = None
+    prior_offset_deg: Positive = 1.0
+    prior_length_mm: Positive = 0.5
+    prior_angle_deg: Positive = 0.1
+    prior_harmonic_deg: Positive = 0.02
+    prior_compliance_urad_nm: Positive = 50.0
     method: Literal["gauss-newton", "newton-raphson"] = "gauss-newton"
     loss: Literal["least-squares", "huber", "cauchy", "student-t", "graduated"] = "least-squares"
 
@@ -269,7 +278,7 @@ class ParameterSection(Section):
     def _models_differ(self) -> ParameterSection:
         sets = [frozenset(model) for model in self.models]
         for model in self.models:
-            if not model or len(set(model)) != len(model):
+            if not set(model) - {"priors"} or len(set(model)) != len(model):
                 raise ValueError("each of models lists what it frees, once")
         if len(set(sets)) != len(sets):
             raise ValueError("two of models free the same")

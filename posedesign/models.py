@@ -27,7 +27,9 @@ from calib.parameters import (
     ToolFrame,
     ZeroOffsets,
 )
+from calib.parameters.links import AXES
 from calib.parameters.part import Part
+from calib.robots import Robot
 from calib.se3 import FloatArray, transform
 from posedesign.cell import Cell
 from posedesign.config import NoiseSection
@@ -39,6 +41,9 @@ FRAMES_ONLY = "frames only"
 
 OFFSETS = "offsets"
 _NAMES = {"zero_offsets": OFFSETS, "lost_motion": "lost motion"}
+PRIORS = "priors"
+"""Word that holds a model to what is known before measuring."""
+
 _WEIGH = ("compliance", "bearings", "lost_motion")
 """Words that need masses."""
 
@@ -50,7 +55,8 @@ _TARGET_AXIS = re.compile(r"target\.(.+)\.r?[xyz]", re.ASCII)
 
 def name_of(words: Sequence[str]) -> str:
     """Name of the model that frees these words."""
-    return " + ".join(_NAMES.get(word, word) for word in words)
+    name = " + ".join(_NAMES.get(word, word) for word in words if word != PRIORS)
+    return f"{name} with priors" if PRIORS in words else name
 
 
 def kinds_of(cell: Cell, names: Sequence[str]) -> list[Measurement]:
@@ -93,13 +99,16 @@ def robot_blocks(cell: Cell, words: Sequence[str]) -> list[ParameterBlock]:
     robot, section = cell.robot, cell.config.parameters
     joints, payloads = robot.joint_names, payloads_of(cell)
     blocks: list[ParameterBlock] = []
-    length, angle = _si(section.prior_length_mm, 1e-3), _si(section.prior_angle_deg, np.pi / 180.0)
-    wave = _si(section.prior_harmonic_deg, np.pi / 180.0)
-    give = _si(section.prior_compliance_urad_nm, 1e-6)
+    held, degree = PRIORS in words, np.pi / 180.0
+    length = section.prior_length_mm * 1e-3 if held else None
+    angle = section.prior_angle_deg * degree if held else None
+    wave = section.prior_harmonic_deg * degree if held else None
+    give = section.prior_compliance_urad_nm * 1e-6 if held else None
     if "geometry" in words:
         # offsets first: a turn about a joint's axis is then called by the name of its offset
-        blocks.append(ZeroOffsets(robot, joints, angle))
-        blocks.append(LinkGeometry(robot, None, length, angle))
+        offset = section.prior_offset_deg * degree if held else None
+        blocks.append(ZeroOffsets(robot, joints, offset))
+        blocks.append(LinkGeometry(robot, _across_axes(robot) if held else None, length, angle))
     elif "zero_offsets" in words:
         blocks.append(ZeroOffsets(robot, cell.offset_joints))
     if "scale" in words:
@@ -115,8 +124,14 @@ def robot_blocks(cell: Cell, words: Sequence[str]) -> list[ParameterBlock]:
     return blocks
 
 
-def _si(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
+def _across_axes(robot: Robot) -> list[str]:
+    """Parameters of all links but turns about the joints' own axes, which are zero offsets."""
+    own = {
+        f"link.{joint}.{AXES[3 + int(np.argmax(np.abs(axis)))]}"
+        for joint, axis in zip(robot.joint_names, robot.chain.axes, strict=True)
+        if np.abs(axis).max() > 1.0 - 1e-9
+    }
+    return [name for name in LinkGeometry(robot).names if name not in own]
 
 
 def candidates(cell: Cell, table: MeasurementTable) -> list[Candidate]:

@@ -140,10 +140,10 @@ def _notes(solved: Solved, linear: Linearisation, data: Measurements) -> list[st
         notes.append("left out because they contradict the others: " + ", ".join(names))
     share = unseen_scale(linear, solved.x)
     if share > UNSEEN_SCALE:
+        how = f"standard deviation {share * 1e3:.3g} mm per m" if share < 1.0 else "not at all"
         notes.append(
-            "the scale of arm and set-up together is not seen by these measurements (standard "
-            f"deviation {share * 1e3:.3g} mm per m without the priors): a known length, such as "
-            "the distance of two targets, would show it"
+            f"the scale of arm and set-up together is not seen by these measurements ({how} without "
+            "the priors): a known length, such as the distance of two targets, would show it"
         )
     return notes
 

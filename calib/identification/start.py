@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.errors import NotIdentifiableError
 from calib.identification.least_squares import white_rows
 from calib.measurement import CameraPose, Distance, Measurements, Point, Pose
 from calib.model import CalibrationModel
@@ -96,7 +97,10 @@ def _from_poses(
     X, tool_turns = _nominal(model, tool_label, "tools")
     Z, target_turns = _nominal(model, target_label, "targets")
     if tool_turns and target_turns:
-        found = solve(A, B, "li-kronecker")
+        try:
+            found = solve(A, B, "li-kronecker")
+        except NotIdentifiableError:
+            return  # from these alone; priors may know more, or the parameters be named
         X, Z = found.X, found.Z
     elif target_turns:
         Z = _mean(A @ X @ inverse(B))

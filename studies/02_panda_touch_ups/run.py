@@ -124,7 +124,7 @@ def fit(robot: Robot, recorded: Recorded, row: dict[str, Any], sites: list[int])
     places = [points[target == k].mean(axis=0) for k in range(len(present))]
     blocks, groups = blocks_of(robot, row)
     frames = [ToolPoint(ball), TargetPoints(places, [LABELS[k] for k in present])]
-    model = CalibrationModel(robot, [*blocks, *frames], TouchUp(None))
+    model = CalibrationModel(robot, [*blocks, *frames], TouchUp(row.get("noise_m")))
     data = touch_ups(q, target, model.targets)
     loss = row.get("loss", "least-squares")
     sizes: dict[str, float] = {}
@@ -173,7 +173,7 @@ def run(folder: Path, names: list[str] | None = None) -> list[dict[str, Any]]:
         for name in SITES:
             found[f"sockets_{name}_mm"] = socket_distance_mm(full.result, name)
         found["noise_mm"] = float(full.result.noise[0].sigma[0] * 1e3)
-        found["scale_is_seen"] = not any("scale" in note for note in full.result.notes)
+        found["scale_is_seen"] = not any("the scale of" in note for note in full.result.notes)
         found["sizes"] = full.sizes
         rows.append(found)
     return rows

@@ -1,0 +1,209 @@
+"""Accuracy to expect over the volume that an arm works in, before it is measured.
+
+Points of a box, the tool oriented as at the base pose: each is reached with the posture nearest to
+the base posture, and the covariance of the plan is carried there (:mod:`calib.prediction`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arm_view import Setup
+from calib.errors import InputError, UnreachableError
+from calib.model import CalibrationModel
+from calib.prediction import predict_accuracy, reference_frame
+from calib.se3 import BoolArray, FloatArray, transform
+from posedesign.cell import Cell
+from posedesign.feasibility.postures import nearest_postures
+
+MOST_POINTS = 20_000
+LARGEST_MM = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class TaskBox:
+    """A box along the axes of the base, and how many points of it are looked at.
+
+    Attributes
+    ----------
+    lowest_m, highest_m : array (3,)
+        Corners in the base frame [m].
+    steps : tuple of int
+        Points along x, y and z, the faces included; 1 is the middle.
+    """
+
+    lowest_m: FloatArray
+    highest_m: FloatArray
+    steps: tuple[int, int, int] = (3, 3, 3)
+
+    def __post_init__(self) -> None:
+        corners = np.array([self.lowest_m, self.highest_m], dtype=float)
+        if corners.shape != (2, 3) or not (np.abs(corners) <= LARGEST_MM / 1e3).all():
+            raise InputError(
+                "a task box needs two corners of three numbers", hint="in mm", name="task_box"
+            )
+        for axis, low, high in zip("xyz", *corners.tolist(), strict=True):
+            if low > high:
+                raise InputError(
+                    f"the task box is upside down along {axis}: {low * 1e3:g} is above "
+                    f"{high * 1e3:g}",
+                    hint="give the lowest corner first",
+                    name="task_box",
+                )
+        if min(self.steps) < 1 or np.prod(self.steps, dtype=float) > MOST_POINTS:
+            raise InputError(
+                f"a task box of {' x '.join(map(str, self.steps))} points: at least one along "
+                f"each axis, {MOST_POINTS} in all",
+                name="steps",
+            )
+        object.__setattr__(self, "lowest_m", corners[0])
+        object.__setattr__(self, "highest_m", corners[1])
+
+    @classmethod
+    def of_text(cls, text: str, steps: tuple[int, int, int] = (3, 3, 3)) -> TaskBox:
+        """The box of six numbers with commas between them: its lowest, then its highest corner.
+
+        Raises
+        ------
+        InputError
+        """
+        try:
+            numbers = np.array([float(word) for word in text.split(",")])
+        except ValueError:
+            numbers = np.empty(0)
+        if numbers.shape != (6,) or not np.isfinite(numbers).all():
+            raise InputError(
+                f"the box {text[:60]!r} is not six numbers",
+                hint='give the corners in mm: "x1,y1,z1,x2,y2,z2"',
+                name="box",
+            )
+        return cls(numbers[:3] / 1e3, numbers[3:] / 1e3, steps)
+
+    @property
+    def points_m(self) -> FloatArray:
+        """Its points ``(N, 3)`` [m] in the base frame; z goes fastest."""
+        pairs = zip(self.lowest_m, self.highest_m, self.steps, strict=True)
+        axes = [np.linspace(a, b, k) if k > 1 else np.array([(a + b) / 2]) for a, b, k in pairs]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class BoxAccuracy:
+    """Predicted accuracy of the tool point over a task box.
+
+    Attributes
+    ----------
+    points_m : array (N, 3)
+        [m], in the base frame.
+    postures : array (N, n)
+        [rad]; NaN where there is none.
+    covariance : array (N, 3, 3)
+        Of the position of the tool point [m²], base axes; NaN without a posture.
+    reasons : tuple of str
+        Why a point cannot be reached; empty where it can.
+    reference : str
+        What the accuracy is one against, in words.
+    """
+
+    points_m: FloatArray
+    postures: FloatArray
+    covariance: FloatArray
+    reasons: tuple[str, ...]
+    reference: str
+
+    @property
+    def reached(self) -> BoolArray:
+        """Whether each point can be reached, ``(N,)``."""
+        return np.isfinite(self.postures).all(axis=1)
+
+    @property
+    def sigma_m(self) -> FloatArray:
+        """Standard deviations ``(N, 3)`` [m] along x, y and z of the base."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+    @property
+    def worst_m(self) -> FloatArray:
+        """Standard deviation ``(N,)`` [m] along the axis in which it is largest."""
+        out = np.full(len(self.points_m), np.nan)
+        found = np.linalg.eigvalsh(self.covariance[self.reached])
+        out[self.reached] = np.sqrt(np.maximum(found[:, -1], 0.0))
+        return out
+
+    @property
+    def rms_m(self) -> FloatArray:
+        """Root mean square distance ``(N,)`` [m] from where the tool point should be."""
+        return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2))
+
+    def rows(self) -> list[dict[str, object]]:
+        """One row a point, in mm."""
+        columns = np.column_stack([self.points_m, self.sigma_m, self.worst_m, self.rms_m])
+        return [
+            {
+                **{key: _or_none(v) for key, v in zip(COLUMNS, row, strict=True)},
+                "reason": reason,
+            }
+            for row, reason in zip((1e3 * columns).tolist(), self.reasons, strict=True)
+        ]
+
+    def summary(self) -> str:
+        """Best, middle and worst of the box in one line."""
+        rms = 1e3 * self.rms_m[self.reached]
+        return (
+            f"{self.reached.sum()} of {len(self.points_m)} points reached: rms "
+            f"{rms.min():.4f} to {rms.max():.4f} mm, {np.median(rms):.4f} mm in the median"
+        )
+
+
+COLUMNS = (
+    *("x_mm", "y_mm", "z_mm"),
+    *("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"),
+    *("worst_sigma_mm", "rms_mm"),
+)
+
+
+def _or_none(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def predict_box(
+    cell: Cell, model: CalibrationModel, covariance: FloatArray, box: TaskBox
+) -> BoxAccuracy:
+    """Predict the accuracy of the tool point at the points of a box.
+
+    From the noise of the measurement alone, see :func:`calib.prediction.predict_accuracy`.
+
+    Parameters
+    ----------
+    cell : Cell
+        Whose limits and solids decide what can be reached.
+    model : CalibrationModel
+    covariance : array (p, p)
+        Of its parameters [SI].
+    box : TaskBox
+
+    Raises
+    ------
+    UnreachableError
+        No point of the box can be reached.
+    InputError
+        The covariance is none of the model.
+    """
+    points = box.points_m
+    R = cell.robot.fk(cell.base_posture)[:3, :3]
+    found = nearest_postures(
+        cell.passing, transform(R, points - R @ cell.tool_m), cell.base_posture
+    )
+    there = found.feasible
+    if not there.any():
+        raise UnreachableError(
+            f"no point of the task box can be reached: {found.reasons[0]}",
+            hint="give a box in mm, in the base frame, in front of the arm; the tool is oriented "
+            "as at the base pose",
+            name="task_box",
+        )
+    spread = np.full((len(points), 3, 3), np.nan)
+    at = Setup.of(int(there.sum()))
+    spread[there] = predict_accuracy(model, covariance, found.q[there], at)
+    return BoxAccuracy(points, found.q, spread, found.reasons, reference_frame(model))

@@ -1,0 +1,117 @@
+"""Accuracy predicted before measuring, against what many identifications scatter by."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib import CalibrationModel
+from calib.arm_view import Setup
+from calib.errors import InputError
+from calib.identification.covariance import covariance_of
+from calib.identification.solver import identify_batch
+from calib.measurement import TouchUp
+from calib.measurement.simulate import simulate
+from calib.parameters import JointCompliance, Payload, TargetPoints, ToolPoint, ZeroOffsets
+from calib.prediction import (
+    AGAINST_BASE,
+    AGAINST_TARGETS,
+    moves_the_tool,
+    predict_accuracy,
+    reference_frame,
+)
+
+TRIALS = 2000
+
+
+@pytest.fixture(scope="module")
+def elsewhere(reference_robot) -> np.ndarray:
+    rng = np.random.default_rng(9)
+    return rng.uniform(reference_robot.lower / 2, reference_robot.upper / 2, (12, 6))
+
+
+@pytest.mark.parametrize("with_compliance", [False, True], ids=["offsets", "compliance"])
+def test_monte_carlo_scatters_as_predicted(
+    reference_robot, make_model, touching, elsewhere, with_compliance
+):
+    extra = (JointCompliance(reference_robot, ["joint_2", "joint_3"]),) if with_compliance else ()
+    model = make_model(extra=extra)
+    q = touching(30)
+    x = model.nominal + np.where(np.array(model.units) == "rad/Nm", 3e-7, 1e-3)
+    data = simulate(model, x, q, np.random.default_rng(1), trials=TRIALS)
+    found = identify_batch(model, data)
+    touched = simulate(model, x, q).postures
+    predicted = predict_accuracy(model, covariance_of(model, touched, x), elsewhere, x=x)
+    points = model.view(elsewhere, found).tool_points
+    off = points - model.view(elsewhere, x).tool_points
+    # whitened by the prediction the scatter is of unit covariance, each element within 5 sigma
+    white = np.linalg.solve(np.linalg.cholesky(predicted), np.moveaxis(off, 0, -1))
+    scatter = white @ np.swapaxes(white, -1, -2) / TRIALS
+    five = 5.0 * np.sqrt((1.0 + np.eye(3)) / TRIALS)
+    assert (np.abs(scatter - np.eye(3)) < five).all()
+
+
+def test_targets_are_of_no_account(make_model, touching, elsewhere):
+    model = make_model()
+    C = covariance_of(model, touching(30))
+    assert moves_the_tool(model).tolist() == [True] * 7 + [False] * 3
+    larger = C.copy()
+    larger[7:, 7:] *= 100.0
+    found = predict_accuracy(model, C, elsewhere)
+    np.testing.assert_array_equal(found, predict_accuracy(model, larger, elsewhere))
+    assert (np.linalg.eigvalsh(found) > 0).all()
+    larger = C.copy()
+    larger[4:7, 4:7] *= 4.0  # the tool is
+    wider = predict_accuracy(model, larger, elsewhere)
+    assert (np.trace(wider - found, axis1=1, axis2=2) > 0).all()
+
+
+def test_what_is_surveyed_makes_the_base_the_reference(reference_robot, target_m, make_model):
+    assert reference_frame(make_model()) == AGAINST_TARGETS
+    blocks = [
+        ZeroOffsets(reference_robot, ["joint_1"]),
+        ToolPoint([0.2, 0.0, 0.3]),
+        TargetPoints([target_m], free=False),
+    ]
+    model = CalibrationModel(reference_robot, blocks, TouchUp(1e-5))
+    assert reference_frame(model) == AGAINST_BASE
+
+
+def test_the_zero_of_joint_1_counts_where_it_is_identified(
+    reference_robot, target_m, touching, elsewhere
+):
+    """As far as a point is from the axis of joint 1, so far its sigma is carried."""
+    blocks = [
+        ZeroOffsets(reference_robot, ["joint_1"]),
+        ToolPoint([0.2, -0.05, 0.35], ""),
+        TargetPoints([target_m], free=False),
+    ]
+    model = CalibrationModel(reference_robot, blocks, TouchUp(1e-5))
+    found = predict_accuracy(model, [[1e-8]], elsewhere)
+    p = model.view(elsewhere).tool_points
+    expected = np.hypot(p[:, 0], p[:, 1]) * 1e-4
+    np.testing.assert_allclose(np.sqrt(np.trace(found, axis1=1, axis2=2)), expected, rtol=1e-9)
+    np.testing.assert_allclose(found[:, 2], 0.0, atol=1e-20)
+
+
+def test_the_payload_counts(reference_robot, target_m, elsewhere):
+    loads = [Payload(0.0, [0, 0, 0]), Payload(165.0, [0, 0, 0.2])]
+    blocks = [
+        JointCompliance(reference_robot, ["joint_2"], loads),
+        ToolPoint([0.2, -0.05, 0.35], ""),
+        TargetPoints([target_m], free=False),
+    ]
+    model = CalibrationModel(reference_robot, blocks, TouchUp(1e-5))
+    light, heavy = (
+        predict_accuracy(model, [[1e-14]], elsewhere, Setup.of(12, payload=k)) for k in (0, 1)
+    )
+    assert np.abs(heavy - light).max() > 0.1 * light.max()
+
+
+@pytest.mark.parametrize(
+    ("covariance", "words"),
+    [(np.eye(3), "shape"), (np.full((10, 10), np.inf), "not finite"), (np.nan, "shape")],
+)
+def test_what_is_no_covariance_of_the_model_is_refused(make_model, elsewhere, covariance, words):
+    with pytest.raises(InputError, match=words):
+        predict_accuracy(make_model(), covariance, elsewhere)

@@ -1,0 +1,192 @@
+"""Measurements that contradict the others: found by name, or kept from doing harm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib import CalibrationModel, identify
+from calib.errors import CalibError, InputError
+from calib.identification.robust import OUTLIER_CHANCE
+from calib.measurement import Measurements, Pose, Setup, TouchUp
+from calib.measurement.simulate import simulate
+from calib.parameters import TargetFrame, ToolFrame, ZeroOffsets
+from calib.se3 import rotation_exp, transform
+
+OFFSETS = np.deg2rad([0.2, -0.3, 0.15, -0.25])
+SIX = [2e-5] * 3 + [1e-4] * 3
+SEEDS = range(5)
+
+
+def touched(make_model, touching, seed: int, bad: int = 5):
+    """27 touch-ups, some of them with the joints off by up to a degree; truth and culprits."""
+    model = make_model()
+    rng = np.random.default_rng(seed)
+    x = model.nominal.copy()
+    x[:4] = OFFSETS
+    data = simulate(model, x, touching(27), rng)
+    culprits = np.sort(rng.permutation(27)[:bad])
+    q = data.postures.copy()
+    q[culprits] += rng.uniform(-0.02, 0.02, (bad, 6))
+    return model, x, replace(data, postures=q), culprits
+
+
+def posed(robot, seed: int, bad: int = 5):
+    """23 poses of a tracker, some of them read wrongly by centimetres or by degrees."""
+    rng = np.random.default_rng(seed)
+    model = CalibrationModel(
+        robot,
+        [
+            ZeroOffsets(robot, [f"joint_{j}" for j in (2, 3, 4, 5)]),
+            ToolFrame(transform(rotation_exp([0.1, 0.2, -0.1]), [0.1, 0.0, 0.3])),
+            TargetFrame(transform(rotation_exp([0.2, -0.1, 2.0]), [2.0, -1.0, 0.5])),
+        ],
+        Pose(SIX),
+    )
+    x = model.nominal.copy()
+    x[:4] = OFFSETS
+    data = simulate(model, x, rng.uniform(-1, 1, (23, 6)), rng)
+    culprits = np.sort(rng.permutation(23)[:bad])
+    read = data.observed.copy()
+    for k, i in enumerate(culprits):
+        if k % 2:
+            read[i, :3] += rng.uniform(-0.05, 0.05, 3)
+        else:
+            read[i, 3:] += rng.uniform(-0.05, 0.05, 3)
+    return model, x, replace(data, observed=read), culprits
+
+
+CASES = ["touch-ups", "poses"]
+
+
+@pytest.fixture
+def spoilt(make_model, touching, reference_robot):
+    def make(case: str, seed: int, bad: int = 5):
+        if case == "poses":
+            return posed(reference_robot, seed, bad)
+        return touched(make_model, touching, seed, bad)
+
+    return make
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("case", CASES)
+def test_gross_errors_are_left_out_by_name(spoilt, case, seed):
+    model, x, data, culprits = spoilt(case, seed)
+    result = identify(model, data, loss="graduated")
+    np.testing.assert_array_equal(np.flatnonzero(result.outliers), culprits)
+    assert result.explains_data
+    np.testing.assert_array_less(np.abs(result.values - x), 4 * result.sigma)
+    named = ", ".join(data.names[i] for i in culprits)
+    assert f"left out because they contradict the others: {named}" in result.notes
+    np.testing.assert_array_equal(result.weights, ~result.outliers)
+    # exactly what the others give
+    good = ~result.outliers
+    clean = identify(model, data[np.flatnonzero(good)])
+    np.testing.assert_array_less(np.abs(clean.values - result.values), 1e-4 * clean.sigma)
+    np.testing.assert_allclose(result.sigma, clean.sigma, rtol=1e-5)
+    assert result.degrees_of_freedom == clean.degrees_of_freedom
+    assert result.chi2 == pytest.approx(clean.chi2, rel=1e-6)
+    assert result.rms_m == pytest.approx(clean.rms_m, rel=1e-4)
+    # what was left out is shown all the same
+    assert np.linalg.norm(result.residuals[culprits], axis=1).min() > 10 * result.rms_m
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("loss", ["huber", "cauchy", "student-t"])
+@pytest.mark.parametrize("case", CASES)
+def test_weighing_down_keeps_the_estimate_near(spoilt, case, loss, seed):
+    """Far nearer than least squares, and within what their own standard deviations say."""
+    model, x, data, culprits = spoilt(case, seed)
+    clean = identify(model, data[np.setdiff1d(np.arange(data.count), culprits)])
+    result = identify(model, data, loss=loss)
+    off = np.abs(result.values - x) / clean.sigma
+    bound = {"huber": 40.0, "cauchy": 6.0, "student-t": 6.0}[loss]
+    assert off.max() < bound
+    assert result.weights[culprits].max() < 0.2
+    assert np.median(result.weights) > 0.5
+    assert not result.outliers.any()
+
+
+@pytest.mark.parametrize("loss", ["huber", "cauchy", "student-t", "graduated"])
+@pytest.mark.parametrize("case", CASES)
+def test_good_measurements_are_hardly_touched(spoilt, case, loss):
+    model, x, data, _ = spoilt(case, 11, bad=0)
+    plain, robust = identify(model, data), identify(model, data, loss=loss)
+    np.testing.assert_array_less(np.abs(robust.values - plain.values), 0.7 * plain.sigma)
+    np.testing.assert_array_less(np.abs(robust.values - x), 4 * robust.sigma)
+    if loss == "graduated":
+        np.testing.assert_allclose(robust.values, plain.values, atol=1e-12)
+        assert robust.notes == ()
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_when_most_contradict_each_other_that_is_said_in_one_line(spoilt, case):
+    model, _, data, _ = spoilt(case, 12, bad=17)
+    with pytest.raises(InputError, match=r"of 2\d measurements contradict the others") as caught:
+        identify(model, data, loss="graduated")
+    assert "\n" not in str(caught.value)
+    assert caught.value.hint
+    assert caught.value.value > caught.value.bound
+
+
+def left_out(make_model, touching, seeds) -> int:
+    model, q = make_model(), touching(27)
+    x = model.nominal.copy()
+    x[:4] = OFFSETS
+    total = 0
+    for seed in seeds:
+        data = simulate(model, x, q, np.random.default_rng(1000 + seed))
+        total += int(identify(model, data, loss="graduated").outliers.sum())
+    return total
+
+
+def test_where_nothing_is_wrong_nothing_is_left_out(make_model, touching):
+    # 10 sets of 27: at the chance that is meant, 0.03 measurements
+    assert left_out(make_model, touching, range(10)) == 0
+
+
+@pytest.mark.slow
+def test_where_nothing_is_wrong_nothing_is_left_out_of_a_hundred_sets(make_model, touching):
+    expected = 100 * 27 * OUTLIER_CHANCE
+    assert left_out(make_model, touching, range(100)) <= expected + 4 * np.sqrt(expected)
+
+
+def test_gross_errors_of_a_noise_that_nobody_gave(spoilt):
+    model, x, data, culprits = spoilt("touch-ups", 13)
+    unknown = model.with_measurements([TouchUp(None)])
+    result = identify(unknown, data, loss="graduated")
+    np.testing.assert_array_equal(np.flatnonzero(result.outliers), culprits)
+    np.testing.assert_array_less(np.abs(result.values - x), 4 * result.sigma)
+
+
+def test_one_kind_does_not_hide_the_errors_of_another(make_model, reference_robot, touching):
+    """A gross error of a precise kind is small in the unit of a coarse one."""
+    base = make_model()
+    kinds = [TouchUp(2e-6), TouchUp(1e-3)]
+    model = base.with_measurements(kinds)
+    setup = Setup.of(30, kind=np.arange(30) % 2)
+    data = simulate(model, model.nominal, touching(30), np.random.default_rng(14), setup=setup)
+    q = data.postures.copy()
+    q[4] += 1e-4  # a few tenths of a millimetre
+    result = identify(model, replace(data, postures=q), loss="graduated")
+    assert np.flatnonzero(result.outliers).tolist() == [4]
+
+
+def test_unweighted_rows_have_no_robust_loss(make_model, touching):
+    with pytest.raises(InputError, match="the loss huber needs rows that are weighted"):
+        identify(make_model(), Measurements(touching(8), Setup.of(8)), weighted=False, loss="huber")
+
+
+def test_a_loss_that_is_not_known(make_model, touching):
+    with pytest.raises(CalibError, match=r"unknown loss 'tukey' \(one of least-squares, huber"):
+        identify(make_model(), Measurements(touching(8), Setup.of(8)), loss="tukey")
+
+
+@pytest.mark.parametrize("options", [{"loss": "cauchy"}, {}])
+def test_the_papers_method_knows_neither_loss_nor_unknown_noise(make_model, touching, options):
+    model = make_model(measurement=TouchUp(1e-5 if options else None))
+    with pytest.raises(InputError, match="newton-raphson knows no robust loss and no unknown"):
+        identify(model, Measurements(touching(8), Setup.of(8)), method="newton-raphson", **options)

@@ -159,7 +159,7 @@ class CalibrationModel:
             raise InputError(f"the model has {self.p} parameters, {values.shape[-1]} were given")
         count, n = posture.shape[-2:]
         how = Setup.of(count) if setup is None else setup
-        self._check_setup(how, count)
+        self.check_setup(how, count)
         batch = np.broadcast_shapes(posture.shape[:-2], values.shape[:-1])
         last = np.ascontiguousarray(np.broadcast_to(posture, (*batch, count, n)).reshape(-1, n).T)
         if values.ndim == 1:
@@ -198,7 +198,13 @@ class CalibrationModel:
             target=NO_TURN if around.columns is None else around.columns,
         )
 
-    def _check_setup(self, setup: Setup, count: int) -> None:
+    def check_setup(self, setup: Setup, count: int) -> None:
+        """Check that a set-up is one of ``count`` measurements, with what the model has.
+
+        Raises
+        ------
+        InputError
+        """
         if setup.count != count:
             raise InputError(
                 f"{count} postures need {count} targets, {setup.count} were given", name="target"

@@ -8,6 +8,8 @@ model does not describe comes on top.
 
 from __future__ import annotations
 
+from typing import Literal, get_args
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -16,11 +18,13 @@ from calib.errors import InputError
 from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray
 
-AGAINST_TARGETS = (
-    "accuracy against the targets, as one frame: where the base stands to them, and what turns "
-    "the whole arm (the zero of joint 1), is not part of it"
+TURNED_BASE = (
+    "accuracy in the base frame as the targets were found in it: the zero of joint 1, which they "
+    "take up, and where the base stands in the world are no part of it"
 )
-AGAINST_BASE = "accuracy in the frame that the known targets are given in"
+KNOWN_BASE = "accuracy in the frame that the known targets are given in"
+
+Against = Literal["base", "target"]
 
 
 def predict_accuracy(
@@ -30,14 +34,18 @@ def predict_accuracy(
     setup: Setup | None = None,
     *,
     x: ArrayLike | None = None,
+    against: Against = "base",
 ) -> FloatArray:
     """Covariance of the position of the tool point in base axes, ``(N, 3, 3)`` [m²].
 
-    Of the parameters of arm and tool; where the targets are is of no account to where the arm
-    goes. What targets take up is not free, and counts as known: where they are identified with
-    the arm, no measurement tells where the base is to the world, nor the zero of joint 1. The
-    base is then that of the arm itself, and the accuracy one against the frame in which all
-    targets are found, see :func:`reference_frame`.
+    Against the base: of the parameters of arm and tool; where the targets are is of no account.
+    What the targets take up is not free, and counts as known. Where they are identified with the
+    arm nothing tells where the base is in the world, nor the zero of joint 1: the base is then the
+    arm's own, turned about joint 1 as the targets were found, see :func:`reference_frame`.
+
+    Against a target: of where the tool point goes as seen from the target as identified. What
+    moves both alike does not count; points given by their distance from the target are reached as
+    accurately as this.
 
     Parameters
     ----------
@@ -50,6 +58,8 @@ def predict_accuracy(
         Tool and payload at each; the first of each by default.
     x : array_like (p,), optional
         Parameters to predict at; the nominal ones by default.
+    against : {"base", "target"}
+        The target is that of ``setup``.
 
     Raises
     ------
@@ -69,19 +79,25 @@ def predict_accuracy(
             hint="measure other or more poses, or leave parameters out",
             name="covariance",
         )
-    kept = moves_the_tool(model)
+    kept = _counts(model, against)
     motion = model.linearise(np.asarray(q, dtype=float), x, setup).motion[kept, :3]
     J = np.ascontiguousarray(motion.transpose(2, 1, 0))  # (N, 3, parameters)
     return np.asarray(J @ C[np.ix_(kept, kept)] @ np.swapaxes(J, -1, -2))
 
 
-def moves_the_tool(model: CalibrationModel) -> BoolArray:
-    """Which parameters ``(p,)`` are those of arm and tool, not of targets and instruments."""
-    blocks = [not b.nuisance or bool(b.tools) for b in model.parameters for _ in b.names]
-    return np.array(blocks, dtype=bool)
-
-
 def reference_frame(model: CalibrationModel) -> str:
-    """What a predicted accuracy is one against, in words: the targets as found, or the base."""
+    """What an accuracy against the base is one against, in words."""
     free = any(block.targets and block.size for block in model.parameters)
-    return AGAINST_TARGETS if free else AGAINST_BASE
+    return TURNED_BASE if free else KNOWN_BASE
+
+
+def _counts(model: CalibrationModel, against: Against) -> BoolArray:
+    """Which parameters ``(p,)`` move the tool; not those of targets, nor of instruments."""
+    if against not in get_args(Against):
+        raise InputError(f"unknown {against!r}", hint='one of "base", "target"', name="against")
+    counts = [
+        not b.nuisance or bool(b.tools) or (against == "target" and bool(b.targets))
+        for b in model.parameters
+        for _ in b.names
+    ]
+    return np.array(counts, dtype=bool)

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from calib.errors import CalibError
 from calib.identification import IdentificationResult, check_enough
 from calib.identification.comparison import Comparison, Trial, compare
 from calib.identification.report import ANOTHER_ROBOT_M
 from calib.identification.result import DISPLAY
+from calib.parameters import Unit
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.measurement_table import MeasurementTable
@@ -21,6 +23,21 @@ from posedesign.set_up import frames_of, nominal_distances, seen_once
 
 _PLANNED = re.compile(r"P(\d{2,4})", re.ASCII)
 """Names that plans give to poses."""
+
+BELIEVABLE: dict[Unit, float] = {
+    "m": ANOTHER_ROBOT_M,
+    "rad": 0.2,
+    "rad/Nm": 1e-3,
+    "rad/rad": 0.05,
+}
+"""How far parameters of an arm can be from its description. Freed links turn any arm into any
+other: touch-ups of a small arm, read for a large one, are explained to the noise by links that are
+a metre off."""
+
+FAR_M = 0.1
+"""Distance of the nominal tool point from its target that says that something is another one."""
+
+_MOST_LISTED = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,18 +58,43 @@ class Identified:
     @property
     def nominal_rms_m(self) -> float:
         """Root mean square distance with everything as described [m]; NaN where that says none."""
-        known = self.comparison.nominal_m[np.isfinite(self.comparison.nominal_m)]
-        return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+        return _rms(self.comparison.nominal_m)
 
     @property
     def best(self) -> IdentificationResult:
         """The result of the recommended model."""
-        return self.comparison.best
+        return self.shown[1]
+
+    @property
+    def shown(self) -> tuple[Trial, IdentificationResult]:
+        """The recommended model; where none is, the largest that leaves something to test it by."""
+        found = [(t, t.result) for t in self.comparison.trials if t.result is not None]
+        named = [pair for pair in found if pair[0].name == self.comparison.recommended]
+        tested = [pair for pair in found if pair[1].degrees_of_freedom > 0]
+        return (named or tested[-1:] or found[:1])[0]
 
     @property
     def is_of_this_robot(self) -> bool:
-        """Whether any model brings the residuals to what an arm that is switched on can be off."""
-        return any(result.rms_m <= ANOTHER_ROBOT_M for result in self.comparison.results)
+        """Whether what explains the measurements best is an arm as described, but for its errors.
+
+        Where no model is recommended, whether any is that.
+        """
+        if self.comparison.recommended is not None:
+            return is_believable(self.best)
+        return any(is_believable(result) for result in self.comparison.results)
+
+
+def is_believable(result: IdentificationResult) -> bool:
+    """Whether an arm that is switched on can be off by what was found, and by what is left over."""
+    return result.rms_m <= ANOTHER_ROBOT_M and beyond_belief(result) is None
+
+
+def beyond_belief(result: IdentificationResult) -> str | None:
+    """Name of the parameter of the arm that is farthest beyond what an arm can be off, if any is."""
+    bounds = np.array([BELIEVABLE[unit] for unit in result.units])
+    share = np.where(result.nuisance, 0.0, np.abs(result.values - result.nominal) / bounds)
+    worst = int(np.argmax(share)) if share.size else 0
+    return result.names[worst] if share.size and share[worst] > 1.0 else None
 
 
 def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
@@ -79,21 +121,44 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     for candidate in reversed(tried):
         if not candidate.notes:  # a reduced one has as many as there are equations for
             check_enough(candidate.model, table.data)
-    comparison = compare(
-        tried,
-        table.data,
-        nominal_m=nominal_distances(cell, table),
-        weighted=cell.config.measurement.weighted,
-        method=section.method,
-        loss=section.loss,
-    )
-    _refuse_if_asked_for(cell, comparison)
-    said = missing_poses(table.data.names)
-    said += [
-        f"the target {label} was measured once: it says nothing but its own place"
-        for label in seen_once(table.data)
-    ]
+    nominal = nominal_distances(cell, table)
+    try:
+        comparison = compare(
+            tried,
+            table.data,
+            nominal_m=nominal,
+            weighted=cell.config.measurement.weighted,
+            method=section.method,
+            loss=section.loss,
+        )
+        _refuse_if_asked_for(cell, comparison)
+    except CalibError as error:
+        far = _rms(nominal)
+        if far > FAR_M:
+            error.hint = (
+                f"as described, the tool point is {far * 1e3:.0f} mm off its target on average: are "
+                "these of this robot, this tool, in URDF joint signs?"
+            )
+        raise
+    said = [*table.notes, *missing_poses(table.data.names)]
+    once = seen_once(table.data)
+    if once:
+        said.append(
+            f"measured once, which says nothing but where they are: {listed(once, 'targets')}"
+        )
     return Identified(comparison, table, (*said, *left_out(cell)))
+
+
+def listed(names: Sequence[str], what: str) -> str:
+    """A few names, and how many more there are of what."""
+    more = len(names) - _MOST_LISTED
+    return ", ".join(names[:_MOST_LISTED]) + (f" and {more} more {what}" if more > 0 else "")
+
+
+def summed_up(lines: Sequence[str], what: str) -> list[str]:
+    """A few lines, and in another one how many more there are of what."""
+    more = len(lines) - _MOST_LISTED
+    return [*lines[:_MOST_LISTED], *([f"and {more} more {what}"] if more > 0 else [])]
 
 
 def _refuse_if_asked_for(cell: Cell, comparison: Comparison) -> None:
@@ -114,28 +179,22 @@ def without_repeats(table: MeasurementTable) -> tuple[MeasurementTable, list[str
     A measurement that was made twice differs in its last digits; a row that was pasted twice does
     not, and would count double.
     """
-    data = table.data
+    data, setup = table.data, table.data.setup
     first: dict[tuple[Any, ...], int] = {}
-    kept, said = [], []
-    setup = data.setup
+    kept, repeats = [], []
     for i in range(data.count):
         key: tuple[Any, ...] = (setup.kind[i], setup.tool[i], setup.target[i], setup.payload[i])
         key += (data.postures[i].tobytes(),)
         if data.observed is not None:
             key += (data.observed[i].tobytes(),)
-        if key in first:
-            j = first[key]
-            said.append(
-                f"line {table.lines[i]} repeats line {table.lines[j]} number by number: left out"
-            )
-        else:
-            first[key] = i
+        if first.setdefault(key, i) == i:
             kept.append(i)
-    if not said:
+        else:
+            repeats.append(f"line {table.lines[i]} as line {table.lines[first[key]]}")
+    if not repeats:
         return table, []
-    rows = np.array(kept, dtype=np.intp)
-    lines = tuple(table.lines[i] for i in kept)
-    return MeasurementTable(data[rows], table.kinds, lines), said
+    said = f"rows that repeat another number by number are left out: {listed(repeats, 'rows')}"
+    return table.some(np.array(kept, dtype=np.intp)), [said]
 
 
 def missing_poses(names: Sequence[str]) -> list[str]:
@@ -148,8 +207,24 @@ def missing_poses(names: Sequence[str]) -> list[str]:
     gaps = [k for k in range(1, max(numbers)) if k not in numbers]
     if not gaps:
         return []
-    listed = ", ".join(f"P{k:0{width}d}" for k in gaps[:10])
-    return [f"the poses {listed}{' and more' if len(gaps) > 10 else ''} were not measured"]
+    absent = listed([f"P{k:0{width}d}" for k in gaps], "poses")
+    return [f"of the poses up to P{max(numbers):0{width}d} there are no measurements of {absent}"]
+
+
+def why_another(identified: Identified) -> str:
+    """In a sentence, why these are not measurements of the robot of the cell."""
+    best = identified.best
+    name = beyond_belief(best)
+    if name is None:
+        return best.message
+    k = best.names.index(name)
+    unit, factor = DISPLAY[best.units[k]]
+    off = (best.values[k] - best.nominal[k]) * factor
+    return (
+        f"what explains these measurements best, {best.model}, has {name} off by {off:.4g} {unit}: "
+        "they are not of this robot, this tool or these joint signs, or the joints are mastered "
+        "by far wrong"
+    )
 
 
 def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
@@ -166,7 +241,7 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "loss": cell.config.parameters.loss,
         "nominal_rms_mm": _or_none(identified.nominal_rms_m * 1e3),
         "recommended": comparison.recommended if identified.is_of_this_robot else None,
-        "reason": comparison.reason,
+        "reason": comparison.reason if identified.is_of_this_robot else why_another(identified),
         "criterion": comparison.criterion,
         "warnings": list(identified.warnings),
         "models": [_trial_as_dict(trial, identified) for trial in comparison.trials],
@@ -263,3 +338,8 @@ def _pose(T: FloatArray) -> list[float]:
 
 def _or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def _rms(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

@@ -49,6 +49,9 @@ Word = Literal[
 ]
 """What a model may free of the arm; ``priors`` holds all of it to what is known beforehand."""
 
+BoxSteps = Annotated[int, Field(strict=True, ge=1, le=25)]
+"""Points along an axis of a box: 25 along each are fifteen thousand postures to find."""
+
 LARGEST_CELL_BYTES = 1_000_000
 
 _SHAPE_KEYS: dict[str, tuple[str, ...]] = {
@@ -349,6 +352,21 @@ class ProgramSection(Section):
     measure_call: str | None = "MEASURE"
 
 
+class TaskBoxSection(Section):
+    """Where the arm works: a box in base axes, over which its accuracy is predicted."""
+
+    lowest_mm: Vector
+    highest_mm: Vector
+    steps: tuple[BoxSteps, BoxSteps, BoxSteps] = (3, 3, 3)
+
+    @model_validator(mode="after")
+    def _right_way_up(self) -> TaskBoxSection:
+        for axis, low, high in zip("xyz", self.lowest_mm, self.highest_mm, strict=True):
+            if low > high:
+                raise ValueError(f"the box is upside down along {axis}: {low:g} is above {high:g}")
+        return self
+
+
 class CellConfig(Section):
     """A whole ``cell.toml``."""
 
@@ -368,6 +386,7 @@ class CellConfig(Section):
     known_distance: tuple[KnownDistanceSection, ...] = ()
     truth: TruthSection = TruthSection()
     program: ProgramSection = ProgramSection()
+    task_box: TaskBoxSection | None = None
 
     @model_validator(mode="after")
     def _names_differ(self) -> CellConfig:

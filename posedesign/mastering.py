@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.errors import InputError
 from calib.model import CalibrationModel
 from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray
@@ -51,11 +50,19 @@ class Mastering:
                 "pendant_joint": f"J{j + 1}",
                 "joint": name,
                 "correction_deg": float(np.rad2deg(self.correction[j])),
-                "sigma_deg": float(np.rad2deg(self.sigma[j])) if self.identified[j] else None,
+                "sigma_deg": self._sigma_deg(j),
                 "meaning": self._meaning(j),
             }
             for j, name in enumerate(self.robot.joint_names)
         ]
+
+    def _sigma_deg(self, j: int) -> float | None:
+        known = self._is_corrected(j) and np.isfinite(self.sigma[j])
+        return float(np.rad2deg(self.sigma[j])) if known else None
+
+    def _is_corrected(self, j: int) -> bool:
+        """Whether any offset that was identified has a part in a joint of the pendant."""
+        return bool(self.identified[pendant_from_joints(self.robot)[j] != 0].any())
 
     def _meaning(self, j: int) -> str:
         """In one sentence."""
@@ -64,7 +71,7 @@ class Mastering:
         shown = f"what the pendant shows as J{j + 1}"
         if self.robot.controller is None:
             shown = f"the value of {self.robot.joint_names[j]}, in the signs of the description"
-        if not self.identified[j] and not any(self.identified[k] for k in others):
+        if not self._is_corrected(j):
             return f"J{j + 1} was not identified: its zero is taken as it is"
         degrees = float(np.rad2deg(self.correction[j]))
         text = f"add {degrees:+.4f} deg to {shown} to get where the joint is"
@@ -98,21 +105,10 @@ def mastering(
         [SI]
     sigma : array (p,), optional
         Standard deviations [SI], where correlations are not known.
-
-    Raises
-    ------
-    InputError
-        No zero offset is among the parameters.
     """
     robot = model.robot
     names = [f"{_STEM}{joint}" for joint in robot.joint_names]
     places = [model.names.index(name) if name in model.names else -1 for name in names]
-    if max(places) < 0:
-        raise InputError(
-            "no zero offsets were identified: there is nothing to master",
-            hint="choose another model",
-            name="model",
-        )
     identified = np.array(places) >= 0
     at = np.array(places)[identified]
     matrix = pendant_from_joints(robot)

@@ -14,23 +14,40 @@
 ``w_deg, p_deg, r_deg`` the same, for poses
 ``distance_mm``         the same, for distances
 ======================  =========================================================================
+
+A camera-pose is the pose of the target in the axes of the camera, a pose that of the tool in the
+axes of the target; W, P and R turn about fixed x, then y, then z.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from calib.arm_view import Setup
-from calib.errors import FileFormatError, near_names
+from calib.errors import FileFormatError, InputError, near_names
 from calib.measurement import KINDS, Measurement, Measurements
 from calib.robots import Controller
-from calib.se3 import FloatArray, IntArray, rotation_from_wpr, rotation_log
-from posedesign.csv_tables import Row, check_columns, numbers_of, read_rows
-from posedesign.postures_table import postures_of
+from calib.se3 import (
+    FloatArray,
+    IntArray,
+    rotation_exp,
+    rotation_from_wpr,
+    rotation_log,
+    wpr_from_rotation,
+)
+from posedesign.csv_tables import (
+    LONGEST_SHOWN,
+    Row,
+    check_columns,
+    numbers_of,
+    read_rows,
+    write_table,
+)
+from posedesign.postures_table import joint_columns, postures_of
 
 TOOL = "tool"
 OWN_PAYLOAD = ""
@@ -45,6 +62,8 @@ _READ = {
 }
 """Columns that each kind is read from; the others are not read, they are met."""
 
+_EVERY_READ = tuple(dict.fromkeys(column for columns in _READ.values() for column in columns))
+
 
 @dataclass(frozen=True, eq=False)
 class MeasurementTable:
@@ -57,11 +76,86 @@ class MeasurementTable:
         Names that ``data.setup.kind`` has indices into.
     lines : tuple of int
         Line of the file that each stands on.
+    path : Path
+        The file.
+    notes : tuple of str
+        What is odd in it.
     """
 
     data: Measurements
     kinds: tuple[str, ...]
     lines: tuple[int, ...]
+    path: Path = field(default=Path("measurements.csv"))
+    notes: tuple[str, ...] = ()
+
+    def of_kind(self, *names: str) -> IntArray:
+        """Rows of the data that are of these kinds."""
+        wanted = [k for k, name in enumerate(self.kinds) if name in names]
+        return np.flatnonzero(np.isin(self.data.setup.kind, wanted))
+
+    def some(self, rows: IntArray) -> MeasurementTable:
+        """Some of the measurements, with the names of all."""
+        lines = tuple(self.lines[i] for i in rows)
+        return replace(self, data=self.data[rows], lines=lines)
+
+
+def write_measurements(
+    path: Path, data: Measurements, kinds: Sequence[str] = (), payloads: Sequence[str] = ()
+) -> Path:
+    """Write measurements so that :func:`read_measurements` reads them as they are.
+
+    Parameters
+    ----------
+    path : Path
+    data : Measurements
+        One set, postures ``(N, n)``.
+    kinds : sequence of str
+        Names that ``data.setup.kind`` has indices into. Without them there is no such column, and
+        all are of the kind of the cell that they are read for.
+    payloads : sequence of str
+        Names of payloads besides the tool's own, which is the first.
+
+    Raises
+    ------
+    InputError
+        Trials of a Monte Carlo run, or a kind or payload without a name.
+    """
+    setup = data.setup
+    if data.postures.ndim != 2:
+        raise InputError("a table holds one set of measurements", name="measurements")
+    every = [OWN_PAYLOAD, *payloads]
+    for index, names, what in ((setup.kind, kinds or [""], "kind"), (setup.payload, every, "payload")):
+        if index.max(initial=0) >= len(names):
+            raise InputError(f"a {what} of the measurements has no name", name=what)
+    joints, columns = joint_columns(data.postures.shape[1]), ["target"]
+    columns += [*joints, "pose"]
+    columns += ["kind"] if kinds else []
+    columns += ["tool"] if data.tools != (TOOL,) else []
+    columns += ["payload"] if setup.payload.any() else []
+    rows: list[dict[str, object]] = []
+    for i, q in enumerate(data.postures):
+        row: dict[str, object] = dict(zip(joints, np.rad2deg(q), strict=True))
+        row |= {"target": data.targets[setup.target[i]], "tool": data.tools[setup.tool[i]]}
+        row |= {"pose": data.names[i], "payload": every[setup.payload[i]]}
+        if kinds:
+            row |= {"kind": kinds[setup.kind[i]]}
+            row |= _as_read(data, i, kinds[setup.kind[i]])
+        rows.append(row)
+    columns += [column for column in _EVERY_READ if any(column in row for row in rows)]
+    return write_table(path, columns, rows)
+
+
+def _as_read(data: Measurements, i: int, kind: str) -> dict[str, float]:
+    """Readings of a measurement as they stand in the columns of its kind [mm, deg]."""
+    columns = _READ.get(kind)
+    if columns is None or data.observed is None:
+        return {}
+    read = data.observed[i]
+    numbers = 1e3 * read[: min(3, len(columns))]
+    if len(columns) == 6:
+        turned = np.rad2deg(wpr_from_rotation(rotation_exp(read[3:6])))
+        numbers = np.concatenate([numbers, turned])
+    return dict(zip(columns, numbers.tolist(), strict=True))
 
 
 def read_measurements(
@@ -95,37 +189,62 @@ def read_measurements(
     """
     columns, rows = read_rows(path)
     check_columns(path, columns, ["target"])
-    for row in rows:
-        if not row.cells["target"]:
-            raise FileFormatError(
-                "the target has no name",
-                path=path,
-                row=row.line,
-                column="target",
-                hint="name the point that was touched",
-            )
+    _check_targets_named(path, rows)
     kinds, of_kind = _labels(rows, "kind", kind)
-    strange = next((name for name in kinds if name not in KINDS), None)
-    if strange is not None:
-        row = next(row for row in rows if row.cells.get("kind", "") == strange)
-        raise FileFormatError(
-            f"there is no kind of measurement {strange[:40]!r}",
-            path=path,
-            row=row.line,
-            column="kind",
-            hint=near_names(strange, KINDS),
-            value=strange,
-        )
+    _check_kinds(path, columns, rows, kinds)
     targets, target = _labels(rows, "target", "")
     tools, tool = _labels(rows, "tool", TOOL)
     payload = _payloads(path, rows, payloads)
     postures = postures_of(path, columns, rows, n, controller, trust_units)
     setup = Setup.of(len(rows), kind=of_kind, tool=tool, target=target, payload=payload)
-    observed = _readings(path, columns, rows, [KINDS[name] for name in kinds], of_kind)
+    observed = _readings(path, rows, [KINDS[name] for name in kinds], of_kind)
     names = tuple(row.cells.get("pose") or f"P{i + 1:02d}" for i, row in enumerate(rows))
     data = Measurements(postures, setup, targets, tools, observed, names)
     _check_poses(path, rows, data)
-    return MeasurementTable(data, kinds, tuple(row.line for row in rows))
+    _check_planes(path, rows, kinds, data)
+    lines = tuple(row.line for row in rows)
+    return MeasurementTable(data, kinds, lines, path, tuple(_not_read(rows, kinds, of_kind)))
+
+
+def _check_targets_named(path: Path, rows: Sequence[Row]) -> None:
+    row = next((row for row in rows if not row.cells["target"]), None)
+    if row is not None:
+        raise FileFormatError(
+            "the target has no name",
+            path=path,
+            row=row.line,
+            column="target",
+            hint="name the point that was touched, or the instrument",
+        )
+
+
+def _check_kinds(
+    path: Path, columns: Sequence[str], rows: Sequence[Row], kinds: Sequence[str]
+) -> None:
+    """Kinds must be known, and what they are read from be there."""
+    for name in kinds:
+        row = next((row for row in rows if row.cells.get("kind", "") == name), rows[0])
+        if name not in KINDS:
+            raise FileFormatError(
+                f"there is no kind of measurement {name[:LONGEST_SHOWN]!r}",
+                path=path,
+                row=row.line,
+                column="kind",
+                hint=near_names(name, KINDS),
+                value=name,
+            )
+        wanted = _READ.get(name, ())
+        missing = [column for column in wanted if column not in columns]
+        fits = [k for k, read in _READ.items() if set(read) <= set(columns)]
+        if missing and fits:
+            raise FileFormatError(
+                f"a {name} is read from {', '.join(wanted)}, and there is no {', '.join(missing)}",
+                path=path,
+                row=row.line,
+                column="kind",
+                hint=f"add what was read, or call it a {' or a '.join(fits)}",
+            )
+        check_columns(path, columns, wanted)
 
 
 def _labels(rows: Sequence[Row], column: str, otherwise: str) -> tuple[tuple[str, ...], IntArray]:
@@ -143,7 +262,7 @@ def _payloads(path: Path, rows: Sequence[Row], known: Sequence[str]) -> IntArray
         name = row.cells.get("payload", OWN_PAYLOAD)
         if name not in every:
             raise FileFormatError(
-                f"the cell has no payload {name[:40]!r}",
+                f"the cell has no payload {name[:LONGEST_SHOWN]!r}",
                 path=path,
                 row=row.line,
                 column="payload",
@@ -155,11 +274,7 @@ def _payloads(path: Path, rows: Sequence[Row], known: Sequence[str]) -> IntArray
 
 
 def _readings(
-    path: Path,
-    columns: Sequence[str],
-    rows: Sequence[Row],
-    kinds: Sequence[type[Measurement]],
-    of_kind: IntArray,
+    path: Path, rows: Sequence[Row], kinds: Sequence[type[Measurement]], of_kind: IntArray
 ) -> FloatArray | None:
     """What was read ``(N, m)`` [m, rad]; None where every row is of a kind that is met."""
     width = max(kind.rows for kind in kinds)
@@ -168,13 +283,70 @@ def _readings(
         wanted = _READ.get(kind.name)
         if wanted is None:
             continue
-        check_columns(path, columns, wanted)
         own = np.flatnonzero(of_kind == k).tolist()
+        _check_read(path, [rows[i] for i in own], kind.name)
         numbers = numbers_of(path, [rows[i] for i in own], wanted)
         out[own, : min(3, len(wanted))] = numbers[:, :3] / 1e3
         if len(wanted) == 6:
             out[own, 3:6] = rotation_log(rotation_from_wpr(np.deg2rad(numbers[:, 3:])))
     return out if any(kind.reads for kind in kinds) else None
+
+
+def _check_read(path: Path, rows: Sequence[Row], kind: str) -> None:
+    """No cell that a kind is read from may be empty."""
+    for row in rows:
+        empty = next((column for column in _READ[kind] if not row.cells[column]), None)
+        if empty is not None:
+            others = [
+                k
+                for k, read in _READ.items()
+                if k != kind and all(row.cells.get(column) for column in read)
+            ]
+            also = f", or call it a {' or a '.join(others)}" if others else ""
+            raise FileFormatError(
+                f"a {kind} needs {', '.join(_READ[kind])}: the cell is empty",
+                path=path,
+                row=row.line,
+                column=empty,
+                hint=f"fill it, remove the row{also}",
+            )
+
+
+def _not_read(rows: Sequence[Row], kinds: Sequence[str], of_kind: IntArray) -> list[str]:
+    """Readings that stand in rows of kinds that they do not belong to."""
+    said = []
+    for k, name in enumerate(kinds):
+        foreign = [column for column in _EVERY_READ if column not in _READ.get(name, ())]
+        own = [rows[i] for i in np.flatnonzero(of_kind == k)]
+        filled = [column for column in foreign if any(row.cells.get(column) for row in own)]
+        if filled:
+            what = "has no readings" if name not in _READ else f"has {', '.join(_READ[name])}"
+            said.append(
+                f"{', '.join(filled)} of {len(own)} rows are not read, because a {name} {what}: "
+                "if they were measured, say so in the column kind"
+            )
+    return said
+
+
+def _check_planes(
+    path: Path, rows: Sequence[Row], kinds: Sequence[str], data: Measurements
+) -> None:
+    """What a plane contact meets is a plane, and nothing else."""
+    if "plane" not in kinds:
+        return
+    flat = data.setup.kind == kinds.index("plane")
+    for k, label in enumerate(data.targets):
+        own = data.setup.target == k
+        if (own & flat).any() and (own & ~flat).any():
+            i, j = int(np.flatnonzero(own & ~flat)[0]), int(np.flatnonzero(own & flat)[0])
+            raise FileFormatError(
+                f"{label[:LONGEST_SHOWN]} is the target of a {kinds[data.setup.kind[i]]} here, and "
+                f"a plane on line {rows[j].line}",
+                path=path,
+                row=rows[i].line,
+                column="target",
+                hint="give the plane a name of its own",
+            )
 
 
 def _check_poses(path: Path, rows: Sequence[Row], data: Measurements) -> None:

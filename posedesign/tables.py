@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +39,7 @@ from posedesign.csv_tables import (
     read_rows,
     write_table,
 )
-from posedesign.measurement_table import read_measurements
+from posedesign.measurement_table import read_measurements, write_measurements
 from posedesign.pose_plan import PoseSet, PoseStatus, named_stops
 from posedesign.postures_table import joint_columns, pendant_columns, postures_of
 from posedesign.route import Route
@@ -170,15 +170,8 @@ def _status(path: Path, row: Row) -> PoseStatus:
 
 
 def write_touch_ups(path: Path, data: Measurements, names: Sequence[str] | None = None) -> Path:
-    """Write ``touchups.csv``."""
-    n = data.postures.shape[-1]
-    rows = []
-    for i, (q, target) in enumerate(zip(data.postures, data.target, strict=True)):
-        row: dict[str, object] = {"target": data.targets[target]}
-        row |= dict(zip(joint_columns(n), np.rad2deg(q), strict=True))
-        row["pose"] = names[i] if names is not None else f"P{i + 1:02d}"
-        rows.append(row)
-    return write_table(path, ["target", *joint_columns(n), "pose"], rows)
+    """Write ``touchups.csv``: all of the kind of the cell that they are read for."""
+    return write_measurements(path, data if names is None else replace(data, names=tuple(names)))
 
 
 def read_touch_ups(

@@ -101,6 +101,9 @@ class BoxAccuracy:
         [rad]; NaN where there is none.
     covariance : array (N, 3, 3)
         Of the position of the tool point [m²], base axes; NaN without a posture.
+    to_target_m : array (N,)
+        Root mean square error [m] of the way from the target, as identified, to the tool point;
+        NaN without a posture.
     reasons : tuple of str
         Why a point cannot be reached; empty where it can.
     reference : str
@@ -110,13 +113,14 @@ class BoxAccuracy:
     points_m: FloatArray
     postures: FloatArray
     covariance: FloatArray
+    to_target_m: FloatArray
     reasons: tuple[str, ...]
     reference: str
 
     @property
     def reached(self) -> BoolArray:
         """Whether each point can be reached, ``(N,)``."""
-        return np.isfinite(self.postures).all(axis=1)
+        return np.array([not reason for reason in self.reasons], dtype=bool)
 
     @property
     def sigma_m(self) -> FloatArray:
@@ -134,11 +138,13 @@ class BoxAccuracy:
     @property
     def rms_m(self) -> FloatArray:
         """Root mean square distance ``(N,)`` [m] from where the tool point should be."""
-        return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2))
+        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2)))
 
     def rows(self) -> list[dict[str, object]]:
         """One row a point, in mm."""
-        columns = np.column_stack([self.points_m, self.sigma_m, self.worst_m, self.rms_m])
+        columns = np.column_stack(
+            [self.points_m, self.sigma_m, self.worst_m, self.rms_m, self.to_target_m]
+        )
         return [
             {
                 **{key: _or_none(v) for key, v in zip(COLUMNS, row, strict=True)},
@@ -159,7 +165,7 @@ class BoxAccuracy:
 COLUMNS = (
     *("x_mm", "y_mm", "z_mm"),
     *("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"),
-    *("worst_sigma_mm", "rms_mm"),
+    *("worst_sigma_mm", "rms_mm", "rms_to_target_mm"),
 )
 
 
@@ -206,4 +212,7 @@ def predict_box(
     spread = np.full((len(points), 3, 3), np.nan)
     at = Setup.of(int(there.sum()))
     spread[there] = predict_accuracy(model, covariance, found.q[there], at)
-    return BoxAccuracy(points, found.q, spread, found.reasons, reference_frame(model))
+    way = predict_accuracy(model, covariance, found.q[there], at, against="target")
+    to_target = np.full(len(points), np.nan)
+    to_target[there] = np.sqrt(np.trace(way, axis1=1, axis2=2))
+    return BoxAccuracy(points, found.q, spread, to_target, found.reasons, reference_frame(model))

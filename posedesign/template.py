@@ -139,6 +139,11 @@ tool_frame = 1
 speed_percent = 10
 settle_s = 1.0
 measure_call = "MEASURE"          # called at each pose with its number
+
+# [task_box]                      # where the arm works: posedesign predict tells its accuracy there
+# lowest_mm = [1000.0, -500.0, 300.0]   # corners, in the base frame
+# highest_mm = [2000.0, 500.0, 1300.0]
+# steps = [3, 3, 3]               # points along x, y and z
 """
 
 _BODIES = """

@@ -20,6 +20,7 @@ from posedesign.before_after import (
     Identified,
     identify_models,
     results_as_dict,
+    summed_up,
     without_repeats,
 )
 from posedesign.cell import Cell
@@ -29,6 +30,7 @@ from posedesign.files import write_json_atomic
 from posedesign.measurement_table import read_measurements
 from posedesign.planner import Progress, plan
 from posedesign.pose_plan import PosePlan, displayed, fingerprint
+from posedesign.reading_checks import check_readings
 from posedesign.programs import (
     PoseProgram,
     ProgramOptions,
@@ -178,8 +180,11 @@ def identify_file(
         controller=robot.controller,
         trust_units=trust_units,
     )
+    if not trust_units:
+        check_readings(cell, table)
     rows = [f"line {line}" for line in table.lines]
-    for line in outside_limits(cell, rows, table.data.postures):
+    outside = outside_limits(cell, rows, table.data.postures)
+    for line in summed_up(outside, "rows outside the joint limits"):
         warn(f"{measurements}: {line}")
     table, repeated = without_repeats(table)
     for line in repeated:

@@ -30,6 +30,7 @@ def check_enough(model: CalibrationModel, measurements: Measurements) -> None:
                 f"the model {', '.join(known)}",
                 name=what,
             )
+    model.check_setup(measurements.setup, measurements.count)
     kinds = [model.measurements[k] for k in sorted(set(measurements.setup.kind.tolist()))]
     read = [kind.name for kind in kinds if kind.reads]
     if read and measurements.observed is None:
@@ -66,6 +67,8 @@ def check_identifiable_at(
     """
     white = clean_root(model, measurements, x)
     check_identifiable(white, model.names, model.nuisance)
+    if any(kind.estimated for kind in model.measurements):
+        return  # nobody knows the noise yet: the result is judged by what it turns out to be
     # what the noise alone leaves unknown would wander off before it could be refused
     sigma = np.linalg.norm(np.linalg.pinv(white), axis=1)
     check_believable(sigma, model.names, model.units)

@@ -272,7 +272,10 @@ def _choose(trials: Sequence[Trial], data: Measurements) -> tuple[str | None, st
     sizes = [trial.candidate.model.p for trial in able]
     smallest_first = sorted(range(len(able)), key=lambda k: sizes[k])
     taken = next(k for k in smallest_first if k == best or _no_worse(squares[k], squares[best]))
-    return able[taken].name, _why(able, squares, sizes, taken, criterion), criterion
+    place = _Squares([trial.name for trial in able], squares, "mm", 1e3)
+    said = f"{place.of(taken)} {criterion}"
+    said += _in_position(place, sizes, taken, best) + _in_orientation(able, data, taken)
+    return able[taken].name, said, criterion
 
 
 def _per_pose(squares: FloatArray, pose: IntArray) -> FloatArray:
@@ -282,7 +285,7 @@ def _per_pose(squares: FloatArray, pose: IntArray) -> FloatArray:
 
 
 def _paired(a: FloatArray, b: FloatArray) -> tuple[float, float]:
-    """Mean of the differences of squares [m²], and its standard error."""
+    """Mean of the differences of squares, and its standard error; infinite for a single pose."""
     off = a - b
     return float(off.mean()), float(off.std(ddof=1) / np.sqrt(len(off))) if len(off) > 1 else np.inf
 
@@ -292,34 +295,65 @@ def _no_worse(a: FloatArray, b: FloatArray) -> bool:
     return more <= WORTH * chance
 
 
-def _why(
-    able: Sequence[Trial],
-    squares: Sequence[FloatArray],
-    sizes: Sequence[int],
-    taken: int,
-    criterion: str,
-) -> str:
-    """The choice in a sentence: what it is better than, and what gains nothing over it."""
-    rms = [1e3 * float(np.sqrt(square.mean())) for square in squares]
-    said = f"{able[taken].name} leaves {rms[taken]:.3f} mm {criterion}"
-    smaller = [k for k in range(len(able)) if sizes[k] < sizes[taken]]
+@dataclass(frozen=True, eq=False)
+class _Squares:
+    """Squares of errors of several models at the same poses, and how they are put in words."""
+
+    names: Sequence[str]
+    each: Sequence[FloatArray]
+    unit: str
+    factor: float
+
+    def rms(self, k: int) -> float:
+        return self.factor * float(np.sqrt(self.each[k].mean()))
+
+    def of(self, k: int) -> str:
+        return f"{self.names[k]} leaves {self.rms(k):.3f} {self.unit}"
+
+    def against(self, k: int, other: int) -> str:
+        off, chance = (self.factor**2 * value for value in _paired(self.each[k], self.each[other]))
+        by = f"{off:+.3g} +- {chance:.2g} {self.unit}² in the mean square"
+        return f"{self.names[k]} {self.rms(k):.3f} {self.unit} ({by})"
+
+
+def _in_position(place: _Squares, sizes: Sequence[int], taken: int, best: int) -> str:
+    """What the model taken is better than, and what gains nothing over it."""
+    said = ""
+    smaller = [k for k in range(len(sizes)) if sizes[k] < sizes[taken]]
     if smaller:
-        k = min(smaller, key=lambda k: rms[k])
-        said += f", better than {_against(able, squares, rms, k, taken)}, more than chance"
-    larger = [k for k in range(len(able)) if sizes[k] > sizes[taken]]
-    if larger:
-        listed = "; ".join(_against(able, squares, rms, k, taken) for k in larger)
+        k = min(smaller, key=place.rms)
+        if taken == best:
+            said += f", better than {place.against(k, taken)}, more than chance"
+        else:
+            said += "; smaller models are worse than the best by more than chance, as "
+            said += place.against(k, best)
+    idle = [
+        k
+        for k in range(len(sizes))
+        if sizes[k] > sizes[taken] and _no_worse(place.each[taken], place.each[k])
+    ]
+    if idle:
+        listed = "; ".join(place.against(k, taken) for k in idle)
         said += f"; larger models gain nothing in position beyond chance: {listed}"
     return said
 
 
-def _against(
-    able: Sequence[Trial],
-    squares: Sequence[FloatArray],
-    rms: Sequence[float],
-    k: int,
-    taken: int,
-) -> str:
-    off, chance = _paired(squares[k], squares[taken])
-    by = f"{off * 1e6:+.3g} +- {chance * 1e6:.2g} mm² in the mean square"
-    return f"{able[k].name} {rms[k]:.3f} mm ({by})"
+def _in_orientation(able: Sequence[Trial], data: Measurements, taken: int) -> str:
+    """Whether another model than the one taken is better in orientation; nothing without angles."""
+    results = [trial.result for trial in able if trial.result is not None]
+    turns = np.stack([result.leave_one_out_rad for result in results])
+    common = np.isfinite(turns).all(axis=0)
+    for result in results:
+        common &= result.used
+    if not common.any():
+        return ""
+    squares = [_per_pose(turn[common] ** 2, data.pose[common]) for turn in turns]
+    angle = _Squares([trial.name for trial in able], squares, "mrad", 1e3)
+    gains = [k for k in range(len(able)) if not _no_worse(squares[taken], squares[k])]
+    if not gains:
+        return f"; no other is better in orientation beyond chance: {angle.of(taken)} leave-one-out"
+    k = min(gains, key=angle.rms)
+    return (
+        f"; in orientation, which this choice does not weigh, {angle.against(k, taken)} gains "
+        f"beyond chance: {angle.of(taken)} leave-one-out"
+    )

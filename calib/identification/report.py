@@ -142,8 +142,9 @@ def _notes(solved: Solved, linear: Linearisation, data: Measurements) -> list[st
     if share > UNSEEN_SCALE:
         how = f"standard deviation {share * 1e3:.3g} mm per m" if share < 1.0 else "not at all"
         notes.append(
-            f"the scale of arm and set-up together is not seen by these measurements ({how} without "
-            "the priors): a known length, such as the distance of two targets, would show it"
+            f"the scale of arm and set-up together is not seen by these measurements ({how} "
+            "without the priors): a known length, such as the distance of two targets, would show "
+            "it"
         )
     return notes
 

@@ -204,9 +204,14 @@ class IdentificationResult:
         return _rms(self.leave_one_out_m[self.used])
 
     @property
+    def leave_one_out_rad(self) -> FloatArray:
+        """Turn at each measurement predicted from the other poses, ``(N,)`` [rad], or NaN."""
+        return self._turns(self.leave_one_out)
+
+    @property
     def leave_one_out_rms_rad(self) -> float:
         """The same of the turns [rad]; NaN where no angle was measured."""
-        return _rms(self._turns(self.leave_one_out)[self.used])
+        return _rms(self.leave_one_out_rad[self.used])
 
     @property
     def indispensable(self) -> int:

@@ -36,6 +36,11 @@ _EFFICIENCY = 0.95
 OUTLIER_CHANCE = 1e-4
 """Probability that noise alone takes a measurement as far off as one that is left out."""
 
+DISAGREEMENT = 30.0
+"""Residuals of what was not left out, over the noise given, beyond which nothing can be said to
+contradict it: what a model leaves out of a real arm is below that, what half of the measurements
+would have to agree upon if the other half were wrong as well."""
+
 _ROUNDS = 60
 _SETTLED = 1e-4
 """Change of weights and of the logarithm of the noise below which they have settled."""
@@ -232,6 +237,7 @@ def _graduated(model: CalibrationModel, data: Measurements, x: FloatArray) -> So
         before, good = good, s2 <= limit
         if (before == good).all():
             break
+    _refuse_disagreement(model, scales, good)
     return _alternate(model, data, x, good.astype(float), _least_squares)
 
 
@@ -300,6 +306,23 @@ def _refuse_most(good: BoolArray, data: Measurements) -> None:
             name="measurements",
             value=bad,
             bound=data.count // 2,
+        )
+
+
+def _refuse_disagreement(
+    model: CalibrationModel, scales: list[FloatArray], good: BoolArray
+) -> None:
+    given = zip(model.measurements, scales, strict=True)
+    worst = max((float(scale.max()) for kind, scale in given if not kind.estimated), default=0.0)
+    if worst > DISAGREEMENT and not good.all():
+        raise InputError(
+            f"the measurements contradict each other: even those that agree best are {worst:.0f} "
+            "times the noise given apart",
+            hint="more than half of them may be wrong, or the noise is far larger: without a noise "
+            "given it is estimated",
+            name="measurements",
+            value=worst,
+            bound=DISAGREEMENT,
         )
 
 

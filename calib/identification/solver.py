@@ -175,6 +175,13 @@ def identify_batch(
         No trial has converged.
     """
     check_enough(model, measurements)
+    if measurements.postures.ndim != 3:
+        raise InputError(
+            f"the postures have shape {measurements.postures.shape}: one set of measurements, or "
+            "more than a list of them",
+            hint="identify takes one set; trials are (T, N, n)",
+            name="measurements",
+        )
     if not weighted:
         check_unweighted(model)
     first = measurements.trials(0)

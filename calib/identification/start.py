@@ -77,7 +77,7 @@ def _nominal(model: CalibrationModel, label: str, side: str) -> tuple[FloatArray
     for block in model.parameters:
         if isinstance(block, Frames) and label in getattr(block, side):
             return block.T_nominal[block.labels.index(label)], "rad" in block.units
-    raise KeyError(label)
+    return np.eye(4), False  # a point of a body, which is placed as a whole: near the tip
 
 
 def _from_poses(

@@ -9,6 +9,7 @@ from calib.parameters.links import LinkGeometry
 from calib.parameters.lost_motion import LostMotion
 from calib.parameters.targets import LengthOffsets, TargetFrame, TargetPlane, TargetPoints
 from calib.parameters.tool import ToolFrame, ToolPoint, ToolPoints
+from calib.parameters.tool_body import ToolBody
 
 __all__ = [
     "BearingCompliance",
@@ -23,6 +24,7 @@ __all__ = [
     "TargetFrame",
     "TargetPlane",
     "TargetPoints",
+    "ToolBody",
     "ToolFrame",
     "ToolPoint",
     "ToolPoints",

@@ -9,7 +9,12 @@ from collections.abc import Sequence
 
 import typer
 
-from posedesign.cli import calibrate_commands, plan_commands, study_commands
+from posedesign.cli import (
+    calibrate_commands,
+    correct_commands,
+    plan_commands,
+    study_commands,
+)
 from posedesign.cli.output import BAD_INPUT, STOPPED
 
 app = typer.Typer(
@@ -22,6 +27,7 @@ app = typer.Typer(
 )
 plan_commands.register(app)
 calibrate_commands.register(app)
+correct_commands.register(app)
 study_commands.register(app)
 
 

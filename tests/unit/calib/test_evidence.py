@@ -15,9 +15,9 @@ from calib.errors import InputError, NotIdentifiableError
 from calib.identification.evidence import PriorGroup, TunedPriors, tune_priors
 from calib.identification.marginal import linear_evidence
 from calib.identification.robust import WEIGHTS, distances2
+from calib.knowledge import KnownDistance
 from calib.measurement import Measurement, Measurements, Point, Pose
 from calib.measurement.simulate import simulate
-from calib.knowledge import KnownDistance
 from calib.parameters import (
     LinkGeometry,
     ParameterBlock,
@@ -173,7 +173,7 @@ def test_sizes_of_simulated_errors_are_found_within_what_chance_allows() -> None
     assert max(worst) < 0.8
 
 
-def test_the_maximum_is_one(subtests=None) -> None:
+def test_the_maximum_is_one() -> None:
     """No small change of a size or of the noise makes the measurements likelier."""
     model, data = model_of(Point(None)), draw(3)
     found = tune_priors(model, data, GROUPS)

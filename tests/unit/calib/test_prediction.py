@@ -14,9 +14,8 @@ from calib.measurement import TouchUp
 from calib.measurement.simulate import simulate
 from calib.parameters import JointCompliance, Payload, TargetPoints, ToolPoint, ZeroOffsets
 from calib.prediction import (
-    AGAINST_BASE,
-    AGAINST_TARGETS,
-    moves_the_tool,
+    KNOWN_BASE,
+    TURNED_BASE,
     predict_accuracy,
     reference_frame,
 )
@@ -30,9 +29,10 @@ def elsewhere(reference_robot) -> np.ndarray:
     return rng.uniform(reference_robot.lower / 2, reference_robot.upper / 2, (12, 6))
 
 
+@pytest.mark.parametrize("against", ["base", "target"])
 @pytest.mark.parametrize("with_compliance", [False, True], ids=["offsets", "compliance"])
 def test_monte_carlo_scatters_as_predicted(
-    reference_robot, make_model, touching, elsewhere, with_compliance
+    reference_robot, make_model, touching, elsewhere, with_compliance, against
 ):
     extra = (JointCompliance(reference_robot, ["joint_2", "joint_3"]),) if with_compliance else ()
     model = make_model(extra=extra)
@@ -41,9 +41,12 @@ def test_monte_carlo_scatters_as_predicted(
     data = simulate(model, x, q, np.random.default_rng(1), trials=TRIALS)
     found = identify_batch(model, data)
     touched = simulate(model, x, q).postures
-    predicted = predict_accuracy(model, covariance_of(model, touched, x), elsewhere, x=x)
-    points = model.view(elsewhere, found).tool_points
-    off = points - model.view(elsewhere, x).tool_points
+    covariance = covariance_of(model, touched, x)
+    predicted = predict_accuracy(model, covariance, elsewhere, x=x, against=against)
+    seen, true = model.view(elsewhere, found), model.view(elsewhere, x)
+    off = seen.tool_points - true.tool_points
+    if against == "target":
+        off = seen.posture_first(seen.error) - true.posture_first(true.error)
     # whitened by the prediction the scatter is of unit covariance, each element within 5 sigma
     white = np.linalg.solve(np.linalg.cholesky(predicted), np.moveaxis(off, 0, -1))
     scatter = white @ np.swapaxes(white, -1, -2) / TRIALS
@@ -54,7 +57,6 @@ def test_monte_carlo_scatters_as_predicted(
 def test_targets_are_of_no_account(make_model, touching, elsewhere):
     model = make_model()
     C = covariance_of(model, touching(30))
-    assert moves_the_tool(model).tolist() == [True] * 7 + [False] * 3
     larger = C.copy()
     larger[7:, 7:] *= 100.0
     found = predict_accuracy(model, C, elsewhere)
@@ -66,15 +68,31 @@ def test_targets_are_of_no_account(make_model, touching, elsewhere):
     assert (np.trace(wider - found, axis1=1, axis2=2) > 0).all()
 
 
+def test_what_arm_and_target_do_together_does_not_count(make_model, touching):
+    """Where it was touched up, the tool point stands to the target as well as it was touched."""
+    model, q = make_model(), touching(30)
+    C = covariance_of(model, q)
+    near, far = (
+        np.sqrt(np.trace(predict_accuracy(model, C, q, against=against), axis1=1, axis2=2))
+        for against in ("target", "base")
+    )
+    assert near.max() < 0.2 * far.min()
+
+
+def test_an_unknown_reference_is_refused(make_model, elsewhere):
+    with pytest.raises(InputError, match="unknown 'world'"):
+        predict_accuracy(make_model(), np.eye(10), elsewhere, against="world")
+
+
 def test_what_is_surveyed_makes_the_base_the_reference(reference_robot, target_m, make_model):
-    assert reference_frame(make_model()) == AGAINST_TARGETS
+    assert reference_frame(make_model()) == TURNED_BASE
     blocks = [
         ZeroOffsets(reference_robot, ["joint_1"]),
         ToolPoint([0.2, 0.0, 0.3]),
         TargetPoints([target_m], free=False),
     ]
     model = CalibrationModel(reference_robot, blocks, TouchUp(1e-5))
-    assert reference_frame(model) == AGAINST_BASE
+    assert reference_frame(model) == KNOWN_BASE
 
 
 def test_the_zero_of_joint_1_counts_where_it_is_identified(

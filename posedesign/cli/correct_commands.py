@@ -1,0 +1,145 @@
+"""Commands with an identification, and with a plan: correct, predict."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table
+from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, TrustUnits
+
+if TYPE_CHECKING:
+    from posedesign.correction import Correction
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    app.command()(correct)
+    app.command()(predict)
+
+
+def correct(
+    cell: CellFile,
+    identification: Annotated[
+        Path, typer.Argument(help="identification.json, from: posedesign identify")
+    ],
+    poses: Annotated[
+        Path | None, typer.Argument(help="Poses to correct, with columns j1_deg, j2_deg, ...")
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="Which model; default: the recommended one.")
+    ] = None,
+    out: OutFolder = Path(),
+    as_json: AsJson = False,
+    trust_units: TrustUnits = False,
+) -> int:
+    """Write what corrects the robot: description, mastering, poses.
+
+    Each of them is enough by itself.
+    """
+    from posedesign.cell import Cell
+    from posedesign.correction import correct as run
+
+    done = run(
+        Cell.load(cell),
+        cell,
+        identification,
+        out,
+        poses=poses,
+        name=model,
+        trust_units=trust_units,
+    )
+    if as_json:
+        _print_as_json(done)
+    else:
+        for said in done.notes:
+            note(f"note: {said}")
+        print_table(
+            f"Mastering, from the model {done.identified.name!r}",
+            [{k: v for k, v in row.items() if k != "joint"} for row in done.mastering.rows()],
+        )
+        _print_poses(done)
+        print(f"wrote {', '.join(str(path) for path in done.files)}")
+    return DONE if done.ok else NOT_REACHED
+
+
+def _print_as_json(done: Correction) -> None:
+    found = done.compensated
+    print_json(
+        {
+            "model": done.identified.name,
+            "mastering": done.mastering.rows(),
+            "left_out": done.robot.left_out,
+            "poses": []
+            if found is None or done.poses is None
+            else [
+                {"name": n, "status": status, "reason": reason, "error_mm": far * 1e3}
+                for n, status, reason, far in zip(
+                    done.poses.names, found.status, found.reasons, found.error_m, strict=True
+                )
+            ],
+            "notes": done.notes,
+            "files": [str(path) for path in done.files],
+        }
+    )
+
+
+def _print_poses(done: Correction) -> None:
+    found, poses = done.compensated, done.poses
+    if found is None or poses is None:
+        return
+    failed = [
+        {"pose": name, "status": status, "reason": reason}
+        for name, status, reason in zip(poses.names, found.status, found.reasons, strict=True)
+        if reason
+    ]
+    print_table("Poses that cannot be corrected", failed)
+    print(f"{len(poses.names) - len(failed)} of {len(poses.names)} poses corrected")
+
+
+def predict(
+    cell: CellFile,
+    poses: Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")],
+    box: Annotated[
+        str | None,
+        typer.Option(help='Corners "x1,y1,z1,x2,y2,z2" [mm]; default: [task_box] of the cell.'),
+    ] = None,
+    steps: Annotated[
+        str | None, typer.Option(help='Points along x, y and z; default: the cell\'s, or "3,3,3".')
+    ] = None,
+    out: OutFolder = Path(),
+    as_json: AsJson = False,
+    trust_units: TrustUnits = False,
+) -> int:
+    """Predict the accuracy over a box, before anything is measured.
+
+    From the noise of the measurement alone.
+    """
+    from posedesign.cell import Cell
+    from posedesign.correction import box_of
+    from posedesign.correction import predict as run
+    from posedesign.tables import read_poses
+
+    loaded = Cell.load(cell)
+    asked = box_of(loaded, box, steps)
+    listed = read_poses(
+        poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
+    )
+    found = run(loaded, listed, asked, out)
+    if as_json:
+        print_json(
+            {
+                "reference": found.reference,
+                "points": found.rows(),
+                "files": [str(out / "predicted_accuracy.csv")],
+            }
+        )
+    else:
+        print_table("Predicted accuracy of the tool point [mm], one sigma", found.rows())
+        print(found.reference)
+        print(found.summary())
+        print("from the noise alone: what the model leaves out comes on top")
+        print(f"wrote {out / 'predicted_accuracy.csv'}")
+    return DONE

@@ -1,0 +1,262 @@
+"""What is done with an identification: corrected description, mastering, corrected poses.
+
+=======================  ========================================================================
+``corrected.urdf``       the robot with its identified joint frames
+``mastering.csv``        ``pendant_joint, joint, correction_deg, sigma_deg, meaning``
+``corrected_poses.csv``  as ``poses.csv``: the commands that bring the real tool point to where
+                         the poses have it; x, y, z, W, P, R are the Cartesian points to command.
+                         A pose that cannot be reached so is dropped, with the reason.
+=======================  ========================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.arm_view import Setup
+from calib.compensation import Compensated, Point, compensate
+from calib.corrected import CorrectedRobot, corrected_robot
+from calib.descriptions.urdf_write import corrected_urdf
+from calib.errors import InputError
+from calib.identification.checks import check_enough, check_identifiable_at
+from calib.identification.covariance import covariance_of
+from calib.measurement import touch_ups
+from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.cell import Cell
+from posedesign.csv_tables import read_rows, write_table
+from posedesign.files import write_bytes_atomic
+from posedesign.identification_file import IdentifiedModel, read_identification
+from posedesign.mastering import Mastering, mastering
+from posedesign.measurement_table import TOOL
+from posedesign.pose_plan import PoseStatus
+from posedesign.postures_table import joint_columns, pendant_columns
+from posedesign.tables import POSE_AXES, PoseList, read_poses
+from posedesign.task_box import COLUMNS, BoxAccuracy, TaskBox, predict_box
+from posedesign.workflow import make_folder
+
+OTHER_TOOL_M = 0.02
+"""Distance of the identified tool point from the cell's beyond which it is another point: of a
+reflector, say. No tool is known as badly as that."""
+
+ONLY_ONE = (
+    "use one of them: master the arm, or take the corrected poses, or plan with the corrected "
+    "description; two together correct twice"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What was made of an identification.
+
+    Attributes
+    ----------
+    identified : IdentifiedModel
+    robot : CorrectedRobot
+    mastering : Mastering
+    poses : PoseList or None
+    compensated : Compensated or None
+        Commands for the poses.
+    notes : tuple of str
+    files : tuple of Path
+    """
+
+    identified: IdentifiedModel
+    robot: CorrectedRobot
+    mastering: Mastering
+    poses: PoseList | None
+    compensated: Compensated | None
+    notes: tuple[str, ...]
+    files: tuple[Path, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every pose can be corrected."""
+        return self.compensated is None or bool(self.compensated.ok.all())
+
+
+def correct(
+    cell: Cell,
+    cell_file: Path,
+    identification: Path,
+    out: Path,
+    *,
+    poses: Path | None = None,
+    name: str | None = None,
+    trust_units: bool = False,
+) -> Correction:
+    """Write corrected description, mastering and, of a pose list, corrected poses into a folder.
+
+    Parameters
+    ----------
+    cell : Cell
+    cell_file : Path
+        Where it was read from: its robot's URDF is named relative to it.
+    identification : Path
+        An ``identification.json``.
+    out : Path
+    poses : Path, optional
+        A ``poses.csv``.
+    name : str, optional
+        Of the model; the recommended one by default.
+    trust_units : bool
+        See :func:`posedesign.tables.read_poses`.
+
+    Raises
+    ------
+    FileFormatError
+        A file that cannot be used.
+    InputError
+        A model that says nothing of the arm.
+    """
+    identified = read_identification(identification, cell, name)
+    model, x = identified.model, identified.x
+    if model.nuisance.all():
+        raise InputError(
+            f"the model {identified.name!r:.60} places the set-up only: there is nothing of the "
+            "arm to correct",
+            hint="choose another one with --model",
+            name="model",
+        )
+    robot = corrected_robot(model, x)
+    urdf = cell.config.robot.urdf
+    source = None if urdf is None else cell_file.parent / urdf
+    text = corrected_urdf(robot, source)
+    table = mastering(model, x, identified.covariance, identified.sigma)
+    listed, compensated, notes = None, None, _notes(identified, robot, table)
+    if poses is not None:
+        listed = read_poses(
+            poses, cell.robot.n, controller=cell.robot.controller, trust_units=trust_units
+        )
+        point, setup, said = _meant(cell, identified, len(listed.names))
+        notes += said
+        compensated = compensate(model, x, postures=listed.postures, point=point, setup=setup)
+    make_folder(out)
+    files = [write_bytes_atomic(out / "corrected.urdf", text)]
+    rows = table.rows()
+    files.append(write_table(out / "mastering.csv", list(rows[0]), rows))
+    if poses is not None and listed is not None and compensated is not None:
+        columns, corrected = _pose_rows(cell, poses, listed, compensated)
+        files.append(write_table(out / "corrected_poses.csv", columns, corrected))
+    return Correction(identified, robot, table, listed, compensated, tuple(notes), tuple(files))
+
+
+def _notes(identified: IdentifiedModel, robot: CorrectedRobot, table: Mastering) -> list[str]:
+    notes = [f"neither mastering nor a description can hold: {said}" for said in robot.left_out]
+    if any(name.startswith("link.") for name in identified.model.names):
+        notes.append("links were identified, too: mastering corrects the zeros of joints alone")
+    if table.bounded and table.identified.any():
+        notes.append("the file has no correlations: sigmas of coupled joints are upper bounds")
+    if any(block.targets and block.size for block in identified.model.parameters):
+        notes.append("positions are in the base frame as the targets were found in it")
+    return [*notes, ONLY_ONE]
+
+
+def _meant(
+    cell: Cell, identified: IdentifiedModel, count: int
+) -> tuple[Point, Setup | None, list[str]]:
+    """What of the arm is brought to the poses: the tool point as identified, or the tip."""
+    model = identified.model
+    if TOOL not in model.tools:
+        return "tip", None, ["the cell's tool was not measured: the tip is corrected"]
+    turned = [n for n in model.names if n in {f"{TOOL}.r{axis}" for axis in "xyz"}]
+    setup = Setup.of(count, tool=model.tools.index(TOOL))
+    view = model.view(cell.base_posture[None], identified.x, setup[:1])
+    off = view.T_base_tip[0, :3, :3].T @ (view.tool_points[0] - view.T_base_tip[0, :3, 3])
+    far = float(np.linalg.norm(off - cell.tool_m))
+    if turned or far > OTHER_TOOL_M:
+        why = "a frame was measured in its place" if turned else f"it is {far * 1e3:.0f} mm off"
+        return "tip", None, [f"the tool as identified is not the cell's ({why}): the tip is meant"]
+    return "tool", setup, []
+
+
+def _pose_rows(
+    cell: Cell, path: Path, listed: PoseList, found: Compensated
+) -> tuple[list[str], list[dict[str, object]]]:
+    """Columns and rows of ``corrected_poses.csv``."""
+    robot = cell.robot
+    shown = robot.controller if robot.controller and robot.controller.differs else None
+    joints, pendant = joint_columns(robot.n), pendant_columns(robot.n) if shown else []
+    kept = [
+        status
+        for row in read_rows(path)[1]
+        if (status := row.cells.get("status", "").casefold()) != PoseStatus.DROPPED
+    ]
+    turned = np.abs(np.rad2deg(found.change)).max(axis=1)
+    rows: list[dict[str, object]] = []
+    for i, name in enumerate(listed.names):
+        row: dict[str, object] = {"name": name, "status": kept[i] or str(PoseStatus.GRID)}
+        if not found.ok[i]:
+            reason = f"not corrected: {found.status[i]}: {found.reasons[i]}"
+            rows.append(row | {"status": str(PoseStatus.DROPPED), "reason": reason})
+            continue
+        q, T = found.postures[i], found.T_base_tip[i]
+        row["reason"] = f"corrected by up to {turned[i]:.4f} deg in a joint"
+        row |= dict(zip(joints, np.rad2deg(q), strict=True))
+        numbers = np.concatenate([1e3 * (T[:3, :3] @ cell.tool_m + T[:3, 3]), _wpr_deg(T)])
+        row |= dict(zip(POSE_AXES, numbers, strict=True))
+        if shown:
+            row |= dict(zip(pendant, shown.pendant(q), strict=True))
+        rows.append(row)
+    return ["name", "status", "reason", *joints, *POSE_AXES, *pendant], rows
+
+
+def _wpr_deg(T: FloatArray) -> FloatArray:
+    return np.rad2deg(wpr_from_rotation(T[:3, :3]))
+
+
+def predict(cell: Cell, poses: PoseList, box: TaskBox, out: Path) -> BoxAccuracy:
+    """Predict the accuracy over a box of what a pose list will identify.
+
+    Writes ``predicted_accuracy.csv``: ``x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm,
+    worst_sigma_mm, rms_mm, rms_to_target_mm, reason``.
+
+    Raises
+    ------
+    InputError, NotIdentifiableError
+        The poses do not identify the parameters of the cell.
+    UnreachableError
+        No point of the box can be reached.
+    """
+    model, q = cell.model(), poses.measured.postures
+    data = touch_ups(q, targets=model.targets)
+    check_enough(model, data)
+    check_identifiable_at(model, data, model.nominal)
+    covariance = covariance_of(model, q, weighted=cell.config.measurement.weighted)
+    found = predict_box(cell, model, covariance, box)
+    make_folder(out)
+    write_table(out / "predicted_accuracy.csv", [*COLUMNS, "reason"], found.rows())
+    return found
+
+
+def box_of(cell: Cell, text: str | None, steps: str | None) -> TaskBox:
+    """The box of a command line, or that of the cell.
+
+    Raises
+    ------
+    InputError
+        There is none, or it is no box.
+    """
+    section = cell.config.task_box
+    if text is None and section is None:
+        raise InputError(
+            "there is no task box",
+            hint='give --box "x1,y1,z1,x2,y2,z2" in mm, or a section [task_box] in the cell',
+            name="box",
+        )
+    counts = (3, 3, 3) if section is None else section.steps
+    if steps is not None:
+        words = steps.split(",")
+        if len(words) != 3 or not all(w.strip().isascii() and w.strip().isdigit() for w in words):
+            raise InputError(
+                f"the steps {steps[:60]!r} are not three whole numbers",
+                hint='give points along x, y and z: "3,3,3"',
+                name="steps",
+            )
+        counts = (int(words[0][:9]), int(words[1][:9]), int(words[2][:9]))
+    if text is not None or section is None:
+        return TaskBox.of_text(text or "", counts)
+    lowest, highest = np.array(section.lowest_mm) / 1e3, np.array(section.highest_mm) / 1e3
+    return TaskBox(lowest, highest, counts)

@@ -1,0 +1,454 @@
+"""correct and predict as a person types them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib import CalibrationModel, Robot, se3
+from calib.se3 import FloatArray
+from posedesign.cell import Cell
+from posedesign.cli.main import run
+from posedesign.models import model_of
+from posedesign.simulation import SimulatedRobot
+from posedesign.tables import read_poses
+
+Cli = Callable[..., Any]
+Refuse = Callable[..., Any]
+
+TEXTS = ("meaning", "joint", "pendant_joint", "name", "status", "reason")
+
+
+@pytest.fixture(scope="session")
+def _identified(tmp_path_factory: pytest.TempPathFactory, _work: Path) -> dict[str, Any]:
+    out = tmp_path_factory.mktemp("identified")
+    files = [str(_work / name) for name in ("cell.toml", "touchups.csv")]
+    assert run(["identify", *files, "--out", str(out)]) == 0
+    content: dict[str, Any] = json.loads((out / "identification.json").read_text())
+    return content
+
+
+@pytest.fixture
+def identified(work: Path, _identified: dict[str, Any]) -> Path:
+    """The file that identify makes, in the working folder."""
+    path = work / "identification.json"
+    path.write_text(json.dumps(_identified))
+    return path
+
+
+@pytest.fixture
+def changed(identified: Path) -> Callable[[Callable[[dict[str, Any]], object]], Path]:
+    """Change the content of the file in the working folder."""
+
+    def change(how: Callable[[dict[str, Any]], object]) -> Path:
+        content = json.loads(identified.read_text())
+        how(content)
+        identified.write_text(json.dumps(content))
+        return identified
+
+    return change
+
+
+def table(path: Path) -> list[dict[str, Any]]:
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return [
+        {k: v if k in TEXTS else (float(v) if v else None) for k, v in row.items()} for row in rows
+    ]
+
+
+def best(content: dict[str, Any]) -> dict[str, Any]:
+    name = content["recommended"]
+    found: dict[str, Any] = next(m for m in content["models"] if m["name"] == name)
+    return found
+
+
+def as_identified(cell: Cell, content: dict[str, Any]) -> tuple[CalibrationModel, FloatArray]:
+    """Model and values out of the file, put together by hand."""
+    factors = {"deg": np.pi / 180, "mm": 1e-3, "urad/Nm": 1e-6, "mrad/rad": 1e-3}
+    values = {p["name"]: p["value"] * factors[p["unit"]] for p in best(content)["parameters"]}
+    model = model_of(cell, list(values))
+    return model, np.array([values[name] for name in model.names])
+
+
+def test_correct_writes_description_mastering_and_poses(cli: Cli, work, identified) -> None:
+    out = work / "out"
+    said = cli("correct", work / "cell.toml", identified, work / "poses.csv", "--out", out)
+    assert said.code == 0, said
+    assert sorted(p.name for p in out.iterdir()) == [
+        "corrected.urdf",
+        "corrected_poses.csv",
+        "mastering.csv",
+    ]
+    assert "27 of 27 poses corrected" in said.out
+    assert "two together correct twice" in said.err
+    cell = Cell.load(work / "cell.toml")
+    model, x = as_identified(cell, json.loads(identified.read_text()))
+    # the real tool point stands where the plan has it
+    planned = read_poses(work / "poses.csv", 6).postures
+    commands = read_poses(out / "corrected_poses.csv", 6).postures
+    wanted = cell.robot.state(planned).point(cell.tool_m)
+    np.testing.assert_allclose(model.view(commands, x).tool_points, wanted, atol=1e-9)
+    # and so it does on the robot that was simulated, whose errors nobody told
+    truth = SimulatedRobot.of(cell)
+    off = truth.model.view(commands, truth.values).tool_points - wanted
+    before = truth.model.view(planned, truth.values).tool_points - wanted
+    spread = np.linalg.norm(off - off.mean(axis=0), axis=1)
+    assert np.linalg.norm(before - before.mean(axis=0), axis=1).max() > 1e-3
+    assert spread.max() < 1e-4
+    # what to type in as a Cartesian point is what the nominal arm makes of the command
+    for row, q in zip(table(out / "corrected_poses.csv"), commands, strict=True):
+        T = cell.robot.fk(q)
+        p = 1e3 * (T[:3, :3] @ cell.tool_m + T[:3, 3])
+        assert [row["x_mm"], row["y_mm"], row["z_mm"]] == pytest.approx(p.tolist(), abs=1e-6)
+        wpr = np.deg2rad([row["w_deg"], row["p_deg"], row["r_deg"]])
+        np.testing.assert_allclose(se3.rotation_from_wpr(wpr), T[:3, :3], atol=1e-9)
+
+
+def test_corrected_urdf_is_the_identified_arm(cli: Cli, work, identified) -> None:
+    assert cli("correct", work / "cell.toml", identified, "--out", work / "out").code == 0
+    assert not (work / "out" / "corrected_poses.csv").exists()
+    cell = Cell.load(work / "cell.toml")
+    content = json.loads(identified.read_text())
+    offsets = {
+        p["name"].removeprefix("zero_offset."): np.deg2rad(p["value"])
+        for p in best(content)["parameters"]
+        if p["name"].startswith("zero_offset.")
+    }
+    again = Robot.from_urdf(work / "out" / "corrected.urdf", tip=cell.robot.tip_frame)
+    q = np.random.default_rng(0).uniform(cell.robot.lower, cell.robot.upper, (50, 6))
+    moved = q + [offsets.get(joint, 0.0) for joint in cell.robot.joint_names]
+    np.testing.assert_allclose(again.fk(q), cell.robot.fk(moved), atol=1e-9)
+
+
+def test_mastering_is_in_the_signs_of_the_pendant(cli: Cli, work, identified) -> None:
+    assert cli("correct", work / "cell.toml", identified, "--out", work / "out").code == 0
+    rows = table(work / "out" / "mastering.csv")
+    values = {p["name"]: p["value"] for p in best(json.loads(identified.read_text()))["parameters"]}
+    q2, q3 = (values[f"zero_offset.joint_{j}"] for j in (2, 3))
+    assert rows[1]["correction_deg"] == pytest.approx(q2, abs=1e-8)
+    assert rows[2]["correction_deg"] == pytest.approx(q3 - q2, abs=1e-8)
+    assert rows[0]["sigma_deg"] is None
+    assert rows[2]["sigma_deg"] > 0
+
+
+def test_corrected_poses_become_a_program(cli: Cli, work, identified) -> None:
+    out, cell = work / "out", work / "cell.toml"
+    assert cli("correct", cell, identified, work / "poses.csv", "--out", out).code == 0
+    said = cli("program", out / "corrected_poses.csv", "--cell", cell, "--out", out)
+    assert said.code == 0, said
+    assert "27 poses" in said.out
+
+
+def test_a_model_can_be_named(cli: Cli, work, identified) -> None:
+    said = cli(
+        "correct", work / "cell.toml", identified, "--model", "offsets", "--out", work, "--json"
+    )
+    assert said.code == 0
+    answer = json.loads(said.out)
+    assert answer["model"] == "offsets"
+    assert answer["left_out"] == []
+    assert answer["poses"] == []
+    assert len(answer["mastering"]) == 6
+
+
+def test_what_a_description_cannot_hold_is_told(cli: Cli, work, identified) -> None:
+    said = cli("correct", work / "cell.toml", identified, "--out", work / "out")
+    assert "compliance" in json.loads(identified.read_text())["recommended"]
+    assert "neither mastering nor a description can hold: compliance of joints" in said.err
+    assert b"compliance of joints" in (work / "out" / "corrected.urdf").read_bytes()
+
+
+def test_a_pose_beyond_a_limit_is_dropped_with_its_reason(
+    cli: Cli, work, changed, change_csv
+) -> None:
+    def more(content: dict[str, Any]) -> None:
+        for p in best(content)["parameters"]:
+            if p["name"] == "zero_offset.joint_5":
+                p["value"] = 1.0
+
+    path, poses = changed(more), change_csv("poses.csv", 1, "j5_deg", "-124.9")
+    said = cli("correct", work / "cell.toml", path, poses, "--out", work / "out")
+    assert said.code == 1
+    assert "26 of 27 poses corrected" in said.out
+    assert "joint_5 -125." in said.out, said.out
+    first = table(work / "out" / "corrected_poses.csv")[0]
+    assert first["status"] == "dropped"
+    assert first["reason"].startswith("not corrected: outside limits: joint_5 -125.")
+    assert first["j1_deg"] is None
+
+
+def test_ways_between_poses_are_corrected_too(cli: Cli, work, identified, change_csv) -> None:
+    poses = change_csv("poses.csv", 2, "status", "via")
+    assert cli("correct", work / "cell.toml", identified, poses, "--out", work / "out").code == 0
+    rows = table(work / "out" / "corrected_poses.csv")
+    assert [row["status"] for row in rows[:2]] == [table(poses)[0]["status"], "via"]
+
+
+def test_another_tool_than_the_cells_is_not_brought_to_the_poses(cli: Cli, work, changed) -> None:
+    def farther(content: dict[str, Any]) -> None:
+        next(p for p in best(content)["parameters"] if p["name"] == "tool.x")["value"] += 50.0
+
+    path = changed(farther)
+    said = cli("correct", work / "cell.toml", path, work / "poses.csv", "--out", work / "out")
+    assert said.code == 0
+    assert "the tool as identified is not the cell's" in said.err
+    moved = [row["reason"] for row in table(work / "out" / "corrected_poses.csv")]
+    assert all(float(words.split("up to ")[1].split(" ")[0]) < 1.0 for words in moved)
+
+
+def test_a_urdf_keeps_its_own_text(cli: Cli, work, make_urdf) -> None:
+    source = make_urdf()
+    before = source.read_text()
+    cell = work / "small.toml"
+    cell.write_text(
+        '[robot]\nurdf = "small.urdf"\n[tool]\npoint_mm = [50.0, 0.0, 80.0]\n'
+        "[base_pose]\nposture_deg = [0.0, 30.0, 40.0, 10.0, 50.0, 0.0]\n"
+    )
+    content = {
+        "robot": "small",
+        "recommended": "offsets",
+        "models": [
+            {
+                "name": "offsets",
+                "parameters": [
+                    {"name": "zero_offset.a3", "value": 0.5, "unit": "deg", "sigma": 0.01},
+                ],
+            }
+        ],
+    }
+    (work / "small.json").write_text(json.dumps(content))
+    said = cli("correct", cell, work / "small.json", "--out", work / "out")
+    assert said.code == 0, said
+    old, new = before.splitlines(), (work / "out" / "corrected.urdf").read_text().splitlines()
+    assert new[0].startswith("<!-- Joint origins as identified")
+    assert sum(a != b for a, b in zip(old, new[1:], strict=True)) == 1
+    assert source.read_text() == before
+    q = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    again = Robot.from_urdf(work / "out" / "corrected.urdf")
+    moved = q + np.deg2rad([0.0, 0.0, 0.5, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(again.fk(q), Robot.from_urdf(source).fk(moved), atol=1e-12)
+
+
+# Bad input --------------------------------------------------------------------------------------
+
+
+def first(content: dict[str, Any]) -> dict[str, Any]:
+    parameter: dict[str, Any] = best(content)["parameters"][0]
+    return parameter
+
+
+BAD_CHANGES = {
+    "another robot": (lambda c: c.update(robot="m20ia"), ["'m20ia'", "r2000ic165f"]),
+    "other joints": (lambda c: c.update(joints=["a", "b"]), ["other joints"]),
+    "no robot": (lambda c: c.pop("robot"), ["robot", "no text"]),
+    "no models": (lambda c: c.pop("models"), ["no list of models"]),
+    "empty models": (lambda c: c.update(models=[]), ["no list of models"]),
+    "models of numbers": (lambda c: c.update(models=[1, 2]), ["a model is no table"]),
+    "unknown recommended": (lambda c: c.update(recommended="offset"), ["no model 'offset'"]),
+    "none recommended": (lambda c: c.update(recommended=None), ["--model", "frames only"]),
+    "no parameters": (lambda c: best(c).update(parameters=[]), ["has no parameters"]),
+    "parameters missing": (lambda c: best(c).pop("parameters"), ["no list"]),
+    "parameters no table": (lambda c: best(c).update(parameters=["x"]), ["a parameter is no"]),
+    "a name twice": (
+        lambda c: best(c)["parameters"].append(dict(first(c))),
+        ["appears twice"],
+    ),
+    "an unknown name": (lambda c: first(c).update(name="zero_offset.joint_9"), ["joint_9"]),
+    "a hostile name": (lambda c: first(c).update(name="\x1b[2J\n" * 500), ["no parameter"]),
+    "value as text": (lambda c: first(c).update(value="1"), ["value of", "not a finite number"]),
+    "value true": (lambda c: first(c).update(value=True), ["not a finite number"]),
+    "value missing": (lambda c: first(c).pop("value"), ["not a finite number"]),
+    "value null": (lambda c: first(c).update(value=None), ["not a finite number"]),
+    "value huge": (lambda c: first(c).update(value=10**400), ["not a finite number"]),
+    "sigma below zero": (lambda c: first(c).update(sigma=-1.0), ["below zero"]),
+    "another unit": (lambda c: first(c).update(unit="rad"), ["'rad'", "not in deg"]),
+    "covariance of another size": (
+        lambda c: best(c).update(covariance_si=[[1.0]]),
+        ["covariance_si", "table of"],
+    ),
+    "no covariance": (
+        lambda c: best(c).update(covariance_si=(-np.eye(len(best(c)["parameters"]))).tolist()),
+        ["is no covariance"],
+    ),
+}
+
+
+@pytest.mark.parametrize("how", BAD_CHANGES)
+def test_identifications_that_cannot_be_used_are_refused(
+    refuse: Refuse, work, changed, how: str
+) -> None:
+    change, words = BAD_CHANGES[how]
+    path = changed(change)
+    refuse("correct", work / "cell.toml", path, "--out", work / "out").says(*words)
+
+
+BAD_TEXTS = {
+    "empty": ("", ["no valid JSON"]),
+    "no JSON": ("robot: r2000ic165f", ["no valid JSON"]),
+    "a list": ("[1, 2]", ["the file is no table of keys"]),
+    "NaN": ('{"robot": NaN}', ["NaN is not a finite number"]),
+    "Infinity": ('{"robot": -Infinity}', ["-Infinity is not a finite number"]),
+    "too deep": ("[" * 200_000, ["no valid JSON"]),
+    "a number of many digits": ("1" * 10_000, ["no valid JSON"]),
+}
+
+
+@pytest.mark.parametrize("what", BAD_TEXTS)
+def test_files_that_are_no_identification_are_refused(
+    refuse: Refuse, work, identified, what: str
+) -> None:
+    text, words = BAD_TEXTS[what]
+    identified.write_text(text)
+    refuse("correct", work / "cell.toml", identified, "--out", work / "out").says(*words)
+
+
+def test_bytes_and_folders_are_refused(refuse: Refuse, work, identified) -> None:
+    identified.write_bytes(b"\xff\xfe\x00{")
+    refuse("correct", work / "cell.toml", identified, "--out", work / "out").says("not UTF-8")
+    refuse("correct", work / "cell.toml", work, "--out", work / "out").says("cannot be read")
+    refuse("correct", work / "cell.toml", work / "none.json").says("No such file")
+
+
+def test_a_file_too_large_is_refused(refuse: Refuse, work, identified, monkeypatch) -> None:
+    monkeypatch.setattr("posedesign.identification_file.LARGEST_JSON_BYTES", 1000)
+    refuse("correct", work / "cell.toml", identified, "--out", work / "out").says("larger than")
+
+
+def test_an_unknown_model_lists_near_ones(refuse: Refuse, work, identified) -> None:
+    said = refuse("correct", work / "cell.toml", identified, "--model", "ofsets", "--out", work)
+    said.says("no model 'ofsets'", "did you mean offsets")
+
+
+def test_a_model_of_the_set_up_alone_is_refused(refuse: Refuse, work, identified) -> None:
+    said = refuse(
+        "correct", work / "cell.toml", identified, "--model", "frames only", "--out", work / "out"
+    )
+    said.says("nothing of the arm to correct")
+
+
+def test_poses_of_another_robot_are_refused(refuse: Refuse, work, identified) -> None:
+    poses = work / "five.csv"
+    poses.write_text("j1_deg,j2_deg,j3_deg,j4_deg,j5_deg\n10,20,30,40,50\n")
+    refuse("correct", work / "cell.toml", identified, poses, "--out", work / "o").says("j6_deg")
+
+
+def test_an_output_folder_that_is_a_file_is_refused(refuse: Refuse, work, identified) -> None:
+    refuse("correct", work / "cell.toml", identified, "--out", identified).says("output folder")
+
+
+def test_nothing_outside_the_output_folder_is_written(cli: Cli, work, identified) -> None:
+    before = {path: path.read_bytes() for path in work.rglob("*")}
+    out = work / "out"
+    assert (
+        cli("correct", work / "cell.toml", identified, work / "poses.csv", "--out", out).code == 0
+    )
+    assert {path: path.read_bytes() for path in work.iterdir() if path != out} == before
+
+
+# predict ----------------------------------------------------------------------------------------
+
+
+def test_predict_prints_and_writes_a_table(cli: Cli, work) -> None:
+    said = cli(
+        "predict",
+        work / "cell.toml",
+        work / "poses.csv",
+        "--box=1400,-300,500,2000,300,1100",
+        "--steps=2,1,2",
+        "--out",
+        work / "out",
+    )
+    assert said.code == 0, said
+    rows = table(work / "out" / "predicted_accuracy.csv")
+    assert [(r["x_mm"], r["y_mm"], r["z_mm"]) for r in rows] == [
+        (1400, 0, 500),
+        (1400, 0, 1100),
+        (2000, 0, 500),
+        (2000, 0, 1100),
+    ]
+    assert all(0 < r["rms_to_target_mm"] < r["rms_mm"] < 1.0 for r in rows)
+    assert "4 of 4 points reached" in said.out
+    assert "as the targets were found in it" in said.out
+    assert "from the noise alone" in said.out
+
+
+def test_a_box_may_begin_with_a_minus(cli: Cli, work) -> None:
+    said = cli(
+        *("predict", work / "cell.toml", work / "poses.csv"),
+        *("--box", "-300,1300,500,300,1900,1100", "--out", work / "out", "--json"),
+    )
+    assert said.code == 0, said
+    answer = json.loads(said.out)
+    assert len(answer["points"]) == 27
+    assert "joint 1" in answer["reference"]
+
+
+def test_the_box_of_the_cell(cli: Cli, work) -> None:
+    path = work / "cell.toml"
+    section = "[task_box]\nlowest_mm = [1500.0, 0.0, 800.0]\nhighest_mm = [6000.0, 0.0, 800.0]\n"
+    path.write_text(path.read_text() + section + "steps = [2, 1, 1]\n")
+    said = cli("predict", path, work / "poses.csv", "--out", work / "out", "--json")
+    assert said.code == 0, said
+    points = json.loads(said.out)["points"]
+    assert [p["x_mm"] for p in points] == [1500.0, 6000.0]
+    assert points[1]["reason"].startswith("out of reach")
+    assert points[1]["rms_mm"] is None
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([], ["there is no task box", "--box"]),
+        (["--box", "1,2,3"], ["not six numbers"]),
+        (["--box", "2000,0,500,1000,0,600"], ["upside down along x"]),
+        (["--box", "1000,0,500,nan,0,600"], ["not six numbers"]),
+        (["--box", "9000,0,0,9100,1,1"], ["no point of the task box can be reached"]),
+        (["--box", "1000,0,500,1100,1,600", "--steps", "3,3"], ["three whole numbers"]),
+        (["--box", "1000,0,500,1100,1,600", "--steps", "3,3,0"], ["at least one"]),
+        (["--box", "1000,0,500,1100,1,600", "--steps", "9999999,9,9"], ["in all"]),
+    ],
+)
+def test_boxes_that_cannot_be_used_are_refused(
+    refuse: Refuse, work, options: list[str], words: list[str]
+) -> None:
+    said = refuse("predict", work / "cell.toml", work / "poses.csv", *options, "--out", work / "o")
+    said.says(*words)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("lowest_mm = [1.0, 0.0, 9.0]\nhighest_mm = [2.0, 1.0, 5.0]", ["upside down along z"]),
+        ("lowest_mm = [1.0, 0.0, 0.0]", ["highest_mm", "missing"]),
+        (
+            "lowest_mm = [1.0, 0.0, 0.0]\nhighest_mm = [2.0, 1.0, 5.0]\nsteps = [0, 1, 1]",
+            ["steps"],
+        ),
+        (
+            "lowest_mm = [1.0, 0.0, 0.0]\nhighest_mm = [2.0, 1.0, 5.0]\nstep = [1, 1, 1]",
+            ["step", "did you mean steps"],
+        ),
+    ],
+)
+def test_sections_that_are_no_box_are_refused(
+    refuse: Refuse, work, text: str, words: list[str]
+) -> None:
+    path = work / "cell.toml"
+    path.write_text(path.read_text() + f"[task_box]\n{text}\n")
+    refuse("predict", path, work / "poses.csv", "--out", work / "o").says("task_box", *words)
+
+
+def test_poses_that_identify_nothing_are_refused(refuse: Refuse, work) -> None:
+    few = (work / "poses.csv").read_text().splitlines()[:3]
+    (work / "poses.csv").write_text("\n".join(few) + "\n")
+    said = refuse(
+        "predict", work / "cell.toml", work / "poses.csv", "--box", "1400,0,500,2000,1,1100"
+    )
+    said.says("2 measurements give 6 equations")

@@ -1,0 +1,139 @@
+"""Leave-one-out in closed form, against the fits that it spares."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib import CalibrationModel, identify
+from calib.measurement import Distance, Measurements, Point, Pose, Setup, TouchUp
+from calib.measurement.simulate import simulate
+from calib.model import KnownDistance
+from calib.parameters import TargetFrame, TargetPoints, ToolFrame, ToolPoints, ZeroOffsets
+from calib.se3 import rotation_exp, transform
+
+T_TOOL = transform(rotation_exp([0.1, 0.2, -0.1]), [0.2, -0.05, 0.35])
+T_TRACKER = transform(rotation_exp([0.2, -0.1, 2.0]), [2.0, -1.0, 0.5])
+JOINTS = ["joint_2", "joint_3", "joint_4", "joint_5"]
+
+
+def refitted(model: CalibrationModel, data: Measurements) -> np.ndarray:
+    """Residuals of the measurements of each pose by the fit to those of all others."""
+    out = np.empty((data.count, model.rows))
+    for pose in range(data.pose.max() + 1):
+        own, rest = np.flatnonzero(data.pose == pose), np.flatnonzero(data.pose != pose)
+        fit = identify(model, data[rest])
+        part = data[own]
+        read = part.observed
+        out[own] = model.linearise(part.postures, fit.values, part.setup, read).rows
+    return out
+
+
+def assert_spared(model, data) -> None:
+    """What the closed form leaves out is of second order in the noise."""
+    result = identify(model, data)
+    expected = refitted(model, data)
+    for angles in (False, True):
+        rows = np.where(result.angles == angles, 1.0, 0.0)
+        if rows.any():
+            size = np.sqrt(np.sum(rows * expected**2) / rows.sum())
+            np.testing.assert_allclose(
+                rows * result.leave_one_out, rows * expected, atol=2e-3 * size
+            )
+    assert result.indispensable == 0
+
+
+def three_reflectors(robot, seed: int, poses: int = 9) -> tuple[CalibrationModel, Measurements]:
+    """Each pose measured at three reflectors, and one of them a second time."""
+    names = ["A", "B", "C"]
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-0.3, 0.4, (3, 3))
+    blocks = [ZeroOffsets(robot, JOINTS), ToolPoints(places, names), TargetFrame(T_TRACKER)]
+    model = CalibrationModel(robot, blocks, Point([1e-6, 2e-6, 4e-6]))
+    q = np.repeat(rng.uniform(-1, 1, (poses, 6)), 4, axis=0)
+    setup = Setup.of(4 * poses, tool=np.tile([0, 1, 2, 0], poses))
+    data = simulate(model, model.nominal, q, rng, setup=setup)
+    return model, replace(data, names=tuple(f"P{k // 4}" for k in range(4 * poses)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_measurements_of_one_pose_are_left_out_together(reference_robot, seed):
+    model, data = three_reflectors(reference_robot, seed)
+    assert_spared(model, data)
+    # one by one it would be too good to be true: the others of the pose tell it
+    alone = identify(model, replace(data, names=()))
+    together = identify(model, data)
+    assert alone.leave_one_out_rms_m < together.leave_one_out_rms_m
+
+
+def test_poses_of_different_size(reference_robot):
+    model, data = three_reflectors(reference_robot, 3)
+    kept = np.setdiff1d(np.arange(data.count), [1, 4, 5, 6, 11])
+    some = np.random.default_rng(0).permutation(kept)  # in any order, too
+    assert sorted(set(np.bincount(data[some].pose))) == [1, 3, 4]
+    assert_spared(model, data[some])
+
+
+def test_mixed_kinds_of_one_pose(reference_robot):
+    robot = reference_robot
+    kinds = [Pose([2e-6] * 3 + [1e-5] * 3), Distance(5e-6)]
+    blocks = [
+        ZeroOffsets(robot, JOINTS),
+        ToolFrame(T_TOOL),
+        TargetFrame(T_TRACKER),
+        TargetPoints([[1.2, -1.5, 0.3]], ["wire"]),
+    ]
+    model = CalibrationModel(robot, blocks, kinds)
+    rng = np.random.default_rng(1)
+    q = np.repeat(rng.uniform(-1, 1, (12, 6)), 2, axis=0)
+    setup = Setup.of(24, kind=np.arange(24) % 2, target=np.arange(24) % 2)
+    data = simulate(model, model.nominal, q, rng, setup=setup)
+    assert_spared(model, replace(data, names=tuple(f"P{k // 2}" for k in range(24))))
+
+
+def test_with_priors_and_a_known_distance(reference_robot, target_m, touching):
+    """These are known whichever pose is left out, and count as much each time."""
+    shifts = np.array([[0, 0, 0], [0, 0.3, 0.4]])
+    blocks = [
+        ZeroOffsets(reference_robot, ["joint_1", *JOINTS], prior_rad=2e-5),
+        ToolPoints([[0.2, -0.05, 0.35]], ["tool"], prior_m=1e-4),
+        TargetPoints(target_m + shifts, ["A", "B"]),
+    ]
+    model = CalibrationModel(
+        reference_robot,
+        blocks,
+        TouchUp([1e-6, 2e-6, 8e-6]),
+        [KnownDistance("A", "B", 0.5, 1e-6)],
+    )
+    q = np.concatenate([touching(5, seed=k, shift=s) for k, s in enumerate(shifts)])
+    setup = Setup.of(10, target=np.repeat([0, 1], 5))
+    data = simulate(model, model.nominal, q, np.random.default_rng(2), setup=setup)
+    assert_spared(model, data)
+
+
+def test_what_was_left_out_for_good_is_predicted_all_the_same(make_model, touching):
+    model = make_model()
+    data = simulate(model, model.nominal, touching(20), np.random.default_rng(3))
+    q = data.postures.copy()
+    q[7] += 0.01
+    result = identify(model, replace(data, postures=q), loss="graduated")
+    np.testing.assert_array_equal(result.leave_one_out[7], result.residuals[7])
+    clean = identify(model, data[np.delete(np.arange(20), 7)])
+    np.testing.assert_allclose(
+        np.delete(result.leave_one_out, 7, axis=0), clean.leave_one_out, atol=1e-10
+    )
+    assert result.leave_one_out_rms_m == pytest.approx(clean.leave_one_out_rms_m, rel=1e-6)
+
+
+def test_a_pose_that_alone_holds_a_parameter_is_not_a_number(reference_robot):
+    """The only pose at which one of the reflectors was measured."""
+    model, data = three_reflectors(reference_robot, 4)
+    own = np.flatnonzero((data.setup.tool != 2) | (data.pose == 5))
+    result = identify(model, data[own])
+    lost = data[own].pose == 5
+    assert np.isnan(result.leave_one_out[lost]).all()
+    assert np.isfinite(result.leave_one_out[~lost]).all()
+    assert result.indispensable == 1
+    assert np.isfinite(result.leave_one_out_rms_m)

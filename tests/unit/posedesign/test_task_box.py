@@ -1,0 +1,124 @@
+"""Accuracy over the volume that an arm works in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError, UnreachableError
+from calib.identification.covariance import covariance_of
+from calib.prediction import predict_accuracy
+from posedesign.planner import plan
+from posedesign.task_box import COLUMNS, BoxAccuracy, TaskBox, predict_box
+
+BOX = TaskBox(np.array([1.4, -0.4, 0.5]), np.array([2.0, 0.4, 1.1]), (2, 3, 2))
+
+
+@pytest.fixture(scope="module")
+def planned(reference_cell):
+    model = reference_cell.model()
+    return model, covariance_of(model, plan(reference_cell).postures)
+
+
+@pytest.fixture(scope="module")
+def found(reference_cell, planned) -> BoxAccuracy:
+    return predict_box(reference_cell, *planned, BOX)
+
+
+def test_points_of_a_box() -> None:
+    points = BOX.points_m
+    assert points.shape == (12, 3)
+    np.testing.assert_array_equal(points[0], BOX.lowest_m)
+    np.testing.assert_array_equal(points[-1], BOX.highest_m)
+    np.testing.assert_allclose(np.unique(points[:, 1]), [-0.4, 0.0, 0.4], atol=1e-15)
+    one = TaskBox(BOX.lowest_m, BOX.highest_m, (1, 1, 1))
+    np.testing.assert_allclose(one.points_m, [[1.7, 0.0, 0.8]])
+
+
+def test_the_tool_stands_on_each_point_as_at_the_base_pose(reference_cell, found) -> None:
+    assert found.reached.all()
+    state = reference_cell.robot.state(found.postures)
+    np.testing.assert_allclose(state.point(reference_cell.tool_m), BOX.points_m, atol=1e-8)
+    R = reference_cell.robot.fk(reference_cell.base_posture)[:3, :3]
+    np.testing.assert_allclose(state.R_base_tip, np.broadcast_to(R, (12, 3, 3)), atol=1e-8)
+    for q in found.postures:
+        reference_cell.robot.check_limits(q)
+
+
+def test_figures_are_those_of_the_covariance(planned, found) -> None:
+    model, C = planned
+    expected = predict_accuracy(model, C, found.postures)
+    np.testing.assert_allclose(found.covariance, expected)
+    rows = found.rows()
+    assert list(rows[0]) == [*COLUMNS, "reason"]
+    for row, point, spread in zip(rows, BOX.points_m, expected, strict=True):
+        assert [row["x_mm"], row["y_mm"], row["z_mm"]] == pytest.approx((1e3 * point).tolist())
+        sigma = 1e3 * np.sqrt(np.diag(spread))
+        assert [row[f"sigma_{a}_mm"] for a in "xyz"] == pytest.approx(sigma.tolist())
+        assert row["rms_mm"] == pytest.approx(np.linalg.norm(sigma))
+        largest = 1e3 * np.sqrt(np.linalg.eigvalsh(spread)[-1])
+        assert row["worst_sigma_mm"] == pytest.approx(largest)
+        assert sigma.max() <= row["worst_sigma_mm"] <= row["rms_mm"]
+        assert row["reason"] == ""
+    assert found.summary().startswith("12 of 12 points reached: rms ")
+    assert "joint 1" in found.reference
+
+
+def test_nearer_to_the_target_it_is_reached_better(reference_cell, planned) -> None:
+    at = reference_cell.target_m
+    near = predict_box(reference_cell, *planned, TaskBox(at, at, (1, 1, 1)))
+    away = predict_box(reference_cell, *planned, BOX)
+    assert near.to_target_m[0] < 0.5 * np.median(away.to_target_m)
+    assert near.to_target_m[0] < away.to_target_m.min()
+    assert near.to_target_m[0] < 2e-5  # better than a single touch-up
+
+
+def test_what_cannot_be_reached_has_a_reason(reference_cell, planned) -> None:
+    box = TaskBox(np.array([1.5, 0.0, 0.8]), np.array([5.5, 0.0, 0.8]), (3, 1, 1))
+    found = predict_box(reference_cell, *planned, box)
+    np.testing.assert_array_equal(found.reached, [True, False, False])
+    row = found.rows()[2]
+    assert str(row["reason"]).startswith("out of reach by ")
+    assert row["rms_mm"] is None
+    assert row["x_mm"] == pytest.approx(5500.0)
+    assert np.isnan(found.rms_m[1:]).all()
+    assert np.isnan(found.worst_m[1:]).all()
+    assert found.summary().startswith("1 of 3 points reached")
+
+
+def test_nothing_reachable_is_refused(reference_cell, planned) -> None:
+    far = np.array([9.0, 0.0, 0.0])
+    with pytest.raises(UnreachableError, match="no point of the task box can be reached: out of"):
+        predict_box(reference_cell, *planned, TaskBox(far, far, (1, 1, 1)))
+
+
+def test_obstacles_count(make_cell, planned) -> None:
+    block = {"name": "block", "size_mm": [300.0, 300.0, 300.0], "at_mm": [1400.0, -400.0, 1100.0]}
+    cell = make_cell(obstacle=[block], constraints={"collisions": True})
+    found = predict_box(cell, *planned, BOX)
+    assert 0 < found.reached.sum() < 12
+    assert any("block" in reason for reason in found.reasons)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1,2,3", "not six numbers"),
+        ("a,b,c,d,e,f", "not six numbers"),
+        ("1,2,3,4,5,nan", "not six numbers"),
+        ("1,2,3,4,5,inf", "not six numbers"),
+        ("", "not six numbers"),
+        ("1,2,3,4,5,6,7", "not six numbers"),
+        ("1,2,9,4,5,6", "upside down along z: 9 is above 6"),
+        ("0,0,0,1e12,1,1", "two corners"),
+    ],
+)
+def test_text_that_is_no_box_is_refused(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        TaskBox.of_text(text)
+
+
+@pytest.mark.parametrize("steps", [(0, 3, 3), (1000, 1000, 1000), (3, -1, 3)])
+def test_steps_out_of_bounds_are_refused(steps: tuple[int, int, int]) -> None:
+    with pytest.raises(InputError, match="points"):
+        TaskBox(BOX.lowest_m, BOX.highest_m, steps)

@@ -34,8 +34,9 @@ BELIEVABLE: dict[Unit, float] = {
 other: touch-ups of a small arm, read for a large one, are explained to the noise by links that are
 a metre off."""
 
-FAR_M = 0.1
-"""Distance of the nominal tool point from its target that says that something is another one."""
+FAR_M, FAR_FITTED_M = 0.1, 0.01
+"""Distances of the nominal tool point from its target, as described and with tool and targets
+placed, that say where to look when nothing can be identified: most likely it is another arm."""
 
 _MOST_LISTED = 5
 
@@ -135,10 +136,7 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     except CalibError as error:
         far = _rms(nominal)
         if far > FAR_M:
-            error.hint = (
-                f"as described, the tool point is {far * 1e3:.0f} mm off its target on average: are "
-                "these of this robot, this tool, in URDF joint signs?"
-            )
+            error.hint = _another(far, "as described")
         raise
     said = [*table.notes, *missing_poses(table.data.names)]
     once = seen_once(table.data)
@@ -166,11 +164,21 @@ def _refuse_if_asked_for(cell: Cell, comparison: Comparison) -> None:
 
     Or what kept the first one, where nothing beyond the baseline was left.
     """
-    refused = [trial for trial in comparison.trials if trial.error is not None]
-    for trial in refused:
-        listed = trial.name == OFFSETS and cell.config.parameters.zero_offsets is not None
-        if trial.error and (listed or len(comparison.results) == 1):
+    baseline, *others = comparison.trials
+    nothing = all(trial.result is None for trial in others)
+    for trial in others:
+        listed_by_name = trial.name == OFFSETS and cell.config.parameters.zero_offsets is not None
+        if trial.error and (listed_by_name or nothing):
+            if baseline.result is not None and baseline.result.rms_m > FAR_FITTED_M:
+                trial.error.hint = _another(baseline.result.rms_m, "with tool and targets placed")
             raise trial.error
+
+
+def _another(far_m: float, when: str) -> str:
+    return (
+        f"{when}, the tool point is {far_m * 1e3:.0f} mm off its target on average: are these of "
+        "this robot, this tool, in URDF joint signs?"
+    )
 
 
 def without_repeats(table: MeasurementTable) -> tuple[MeasurementTable, list[str]]:

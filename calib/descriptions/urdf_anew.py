@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
 import numpy as np
-import pinocchio as pin
 
 from calib.robots.robot import Robot
 from calib.robots.urdf_kinematics import spread
 from calib.se3 import FloatArray
+
+if TYPE_CHECKING:
+    from pinocchio import SE3, Frame
 
 WHAT_IT_IS = (
     "Joint origins as identified by a calibration, not as designed. Zero offsets are in them: "
@@ -43,7 +46,7 @@ def urdf_of(robot: Robot, comment: str) -> bytes:
     root = Element("robot", name=robot.name)
     root.append(Comment(f" {comment} "))
     root.append(Comment(f" not in this file: {_NOT_WRITTEN} "))
-    frames = [f for f in model.frames if f.type == pin.FrameType.BODY]
+    frames = [f for f in model.frames if f.type.name == "BODY"]
     used = {frame.name for frame in frames}
     links: dict[int, str] = {}
     for joint in range(model.njoints):
@@ -76,7 +79,7 @@ def rpy_of(rotation: FloatArray) -> FloatArray:
     return np.array([w, p, r]) + 0.0
 
 
-def _main_link(frames: Sequence[pin.Frame], joint: int, used: set[str], joint_name: str) -> str:
+def _main_link(frames: Sequence[Frame], joint: int, used: set[str], joint_name: str) -> str:
     """The link that sits where a joint puts it; named after the joint where there is none."""
     for frame in frames:
         if frame.parentJoint == joint and frame.placement.isIdentity(0.0):
@@ -116,7 +119,7 @@ def _add_joint(root: Element, robot: Robot, index: int, links: dict[int, str]) -
 
 
 def _add_between(
-    root: Element, name: str, kind: str, parent: str, child: str, placement: pin.SE3
+    root: Element, name: str, kind: str, parent: str, child: str, placement: SE3
 ) -> Element:
     element = SubElement(root, "joint", name=name, type=kind)
     SubElement(element, "parent", link=parent)

@@ -129,7 +129,8 @@ def compare(
     Parameters
     ----------
     candidates : sequence of Candidate
-        The smallest first; the first is the baseline, and its errors are raised.
+        The smallest first; the first is the baseline. It may be refused where a larger one is
+        not: with gross errors among them, measurements of an arm that is off agree upon nothing.
     data : Measurements
         One set.
     nominal_m : array (N,), optional
@@ -140,7 +141,7 @@ def compare(
     Raises
     ------
     CalibError
-        As :func:`identify`, for the first candidate.
+        As :func:`identify` for the first candidate, where none can be identified.
     """
     trials: list[Trial] = []
     none = np.full(data.count, np.nan)
@@ -155,12 +156,13 @@ def compare(
                 name=candidate.name,
             )
         except CalibError as error:
-            if not trials:
-                raise
             trials.append(Trial(candidate, None, error, none))
             continue
         out = targets_left_out(candidate.model, data, result, weighted=weighted)
         trials.append(Trial(candidate, result, None, out))
+    refused = next((trial.error for trial in trials if trial.error is not None), None)
+    if refused is not None and all(trial.result is None for trial in trials):
+        raise refused
     before = none if nominal_m is None else nominal_m
     recommended, reason, criterion = _choose(trials, data)
     return Comparison(before, tuple(trials), recommended, reason, criterion)
@@ -349,10 +351,15 @@ def _in_orientation(able: Sequence[Trial], data: Measurements, taken: int) -> st
         return ""
     squares = [_per_pose(turn[common] ** 2, data.pose[common]) for turn in turns]
     angle = _Squares([trial.name for trial in able], squares, "mrad", 1e3)
-    gains = [k for k in range(len(able)) if not _no_worse(squares[taken], squares[k])]
-    if not gains:
+    best = int(np.argmin([square.mean() for square in squares]))
+    if _no_worse(squares[taken], squares[best]):
         return f"; no other is better in orientation beyond chance: {angle.of(taken)} leave-one-out"
-    k = min(gains, key=angle.rms)
+    gains = [
+        k
+        for k in range(len(able))
+        if not _no_worse(squares[taken], squares[k]) and _no_worse(squares[k], squares[best])
+    ]
+    k = min(gains, key=lambda k: able[k].candidate.model.p)
     return (
         f"; in orientation, which this choice does not weigh, {angle.against(k, taken)} gains "
         f"beyond chance: {angle.of(taken)} leave-one-out"

@@ -177,10 +177,10 @@ def test_a_pose_beyond_a_limit_is_dropped_with_its_reason(
     said = cli("correct", work / "cell.toml", path, poses, "--out", work / "out")
     assert said.code == 1
     assert "26 of 27 poses corrected" in said.out
-    assert "joint_5 -125." in said.out, said.out
+    assert "joint_5 -126." in said.out
     first = table(work / "out" / "corrected_poses.csv")[0]
     assert first["status"] == "dropped"
-    assert first["reason"].startswith("not corrected: outside limits: joint_5 -125.")
+    assert first["reason"].startswith("not corrected: outside limits: joint_5 -126.")
     assert first["j1_deg"] is None
 
 

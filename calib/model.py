@@ -6,6 +6,7 @@ and Monte Carlo all take ``(N, m, p)`` and see no robot.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 
@@ -165,7 +166,7 @@ class CalibrationModel:
         if values.ndim == 1:
             values = values[:, None]
         else:
-            spread = np.broadcast_to(values, (*batch, self.p)).reshape(-1, self.p)
+            spread = np.broadcast_to(values, (*batch, self.p)).reshape(math.prod(batch), self.p)
             values = np.repeat(spread.T, count, axis=1)
         return self._arm(last, values, batch, how), values
 

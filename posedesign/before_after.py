@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.errors import CalibError
+from calib.errors import CalibError, NotIdentifiableError
 from calib.identification import IdentificationResult, check_enough
 from calib.identification.comparison import Comparison, Trial, compare
 from calib.identification.report import ANOTHER_ROBOT_M
@@ -91,7 +91,7 @@ def is_believable(result: IdentificationResult) -> bool:
 
 
 def beyond_belief(result: IdentificationResult) -> str | None:
-    """Name of the parameter of the arm that is farthest beyond what an arm can be off, if any is."""
+    """Name of the parameter that is farthest beyond what an arm can be off, if any is."""
     bounds = np.array([BELIEVABLE[unit] for unit in result.units])
     share = np.where(result.nuisance, 0.0, np.abs(result.values - result.nominal) / bounds)
     worst = int(np.argmax(share)) if share.size else 0
@@ -167,8 +167,9 @@ def _refuse_if_asked_for(cell: Cell, comparison: Comparison) -> None:
     baseline, *others = comparison.trials
     nothing = all(trial.result is None for trial in others)
     for trial in others:
-        listed_by_name = trial.name == OFFSETS and cell.config.parameters.zero_offsets is not None
-        if trial.error and (listed_by_name or nothing):
+        by_name = trial.name == OFFSETS and cell.config.parameters.zero_offsets is not None
+        hidden = isinstance(trial.error, NotIdentifiableError)
+        if trial.error and ((by_name and hidden) or nothing):
             if baseline.result is not None and baseline.result.rms_m > FAR_FITTED_M:
                 trial.error.hint = _another(baseline.result.rms_m, "with tool and targets placed")
             raise trial.error
@@ -230,8 +231,7 @@ def why_another(identified: Identified) -> str:
     off = (best.values[k] - best.nominal[k]) * factor
     return (
         f"what explains these measurements best, {best.model}, has {name} off by {off:.4g} {unit}: "
-        "they are not of this robot, this tool or these joint signs, or the joints are mastered "
-        "by far wrong"
+        "they are not of this robot, this tool or these joint signs, or its joints are far off zero"
     )
 
 

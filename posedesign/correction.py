@@ -20,17 +20,19 @@ from calib.arm_view import Setup
 from calib.compensation import Compensated, Point, compensate
 from calib.corrected import CorrectedRobot, corrected_robot
 from calib.descriptions.urdf_write import corrected_urdf
-from calib.errors import InputError
+from calib.errors import InputError, near_names
 from calib.identification.checks import check_enough, check_identifiable_at
 from calib.identification.covariance import covariance_of
-from calib.measurement import touch_ups
+from calib.measurement import Measurements, touch_ups
+from calib.model import CalibrationModel
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.csv_tables import read_rows, write_table
 from posedesign.files import write_bytes_atomic
 from posedesign.identification_file import IdentifiedModel, read_identification
 from posedesign.mastering import Mastering, mastering
-from posedesign.measurement_table import TOOL
+from posedesign.measurement_table import TOOL, MeasurementTable
+from posedesign.models import candidates
 from posedesign.pose_plan import PoseStatus
 from posedesign.postures_table import joint_columns, pendant_columns
 from posedesign.tables import POSE_AXES, PoseList, read_poses
@@ -207,8 +209,13 @@ def _wpr_deg(T: FloatArray) -> FloatArray:
     return np.rad2deg(wpr_from_rotation(T[:3, :3]))
 
 
-def predict(cell: Cell, poses: PoseList, box: TaskBox, out: Path) -> BoxAccuracy:
+def predict(
+    cell: Cell, poses: PoseList, box: TaskBox, out: Path, name: str | None = None
+) -> BoxAccuracy:
     """Predict the accuracy over a box of what a pose list will identify.
+
+    Of the zero offsets that the cell lists, or of one of its ``parameters.models`` by name: what
+    the poses do not tell of it is left out, as in the identification.
 
     Writes ``predicted_accuracy.csv``: ``x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm,
     worst_sigma_mm, rms_mm, rms_to_target_mm, reason``.
@@ -216,12 +223,14 @@ def predict(cell: Cell, poses: PoseList, box: TaskBox, out: Path) -> BoxAccuracy
     Raises
     ------
     InputError, NotIdentifiableError
-        The poses do not identify the parameters of the cell.
+        The poses do not identify the parameters, or the cell asks for no such model.
     UnreachableError
         No point of the box can be reached.
     """
     model, q = cell.model(), poses.measured.postures
     data = touch_ups(q, targets=model.targets)
+    if name is not None:
+        model = _listed_model(cell, data, name)
     check_enough(model, data)
     check_identifiable_at(model, data, model.nominal)
     covariance = covariance_of(model, q, weighted=cell.config.measurement.weighted)
@@ -229,6 +238,19 @@ def predict(cell: Cell, poses: PoseList, box: TaskBox, out: Path) -> BoxAccuracy
     make_folder(out)
     write_table(out / "predicted_accuracy.csv", [*COLUMNS, "reason"], found.rows())
     return found
+
+
+def _listed_model(cell: Cell, data: Measurements, name: str) -> CalibrationModel:
+    """A model of ``parameters.models``, less what touch-ups do not tell."""
+    table = MeasurementTable(data, (cell.config.measurement.kind,), tuple(range(data.count)))
+    known = {candidate.name: candidate.model for candidate in candidates(cell, table)}
+    if name not in known:
+        raise InputError(
+            f"the cell asks for no model {name[:60]!r}",
+            hint=near_names(name, known),
+            name="model",
+        )
+    return known[name]
 
 
 def box_of(cell: Cell, text: str | None, steps: str | None) -> TaskBox:

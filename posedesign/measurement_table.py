@@ -21,6 +21,7 @@ axes of the target; W, P and R turn about fixed x, then y, then z.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -48,6 +49,8 @@ from posedesign.csv_tables import (
     write_table,
 )
 from posedesign.postures_table import joint_columns, postures_of
+
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
 TOOL = "tool"
 OWN_PAYLOAD = ""
@@ -124,7 +127,10 @@ def write_measurements(
     if data.postures.ndim != 2:
         raise InputError("a table holds one set of measurements", name="measurements")
     every = [OWN_PAYLOAD, *payloads]
-    for index, names, what in ((setup.kind, kinds or [""], "kind"), (setup.payload, every, "payload")):
+    for index, names, what in (
+        (setup.kind, kinds or [""], "kind"),
+        (setup.payload, every, "payload"),
+    ):
         if index.max(initial=0) >= len(names):
             raise InputError(f"a {what} of the measurements has no name", name=what)
     joints, columns = joint_columns(data.postures.shape[1]), ["target"]
@@ -189,7 +195,7 @@ def read_measurements(
     """
     columns, rows = read_rows(path)
     check_columns(path, columns, ["target"])
-    _check_targets_named(path, rows)
+    _check_names(path, rows)
     kinds, of_kind = _labels(rows, "kind", kind)
     _check_kinds(path, columns, rows, kinds)
     targets, target = _labels(rows, "target", "")
@@ -206,16 +212,27 @@ def read_measurements(
     return MeasurementTable(data, kinds, lines, path, tuple(_not_read(rows, kinds, of_kind)))
 
 
-def _check_targets_named(path: Path, rows: Sequence[Row]) -> None:
-    row = next((row for row in rows if not row.cells["target"]), None)
-    if row is not None:
-        raise FileFormatError(
-            "the target has no name",
-            path=path,
-            row=row.line,
-            column="target",
-            hint="name the point that was touched, or the instrument",
-        )
+def _check_names(path: Path, rows: Sequence[Row]) -> None:
+    """Targets need a name, and no name may steer the terminal that it is shown on."""
+    for row in rows:
+        if not row.cells["target"]:
+            raise FileFormatError(
+                "the target has no name",
+                path=path,
+                row=row.line,
+                column="target",
+                hint="name the point that was touched, or the instrument",
+            )
+        for column in ("target", "pose", "kind", "tool", "payload"):
+            name = row.cells.get(column, "")
+            if _CONTROL.search(name):
+                raise FileFormatError(
+                    f"{name[:LONGEST_SHOWN]!r} has a character that cannot be shown",
+                    path=path,
+                    row=row.line,
+                    column=column,
+                    hint="name it with letters and digits",
+                )
 
 
 def _check_kinds(
@@ -317,7 +334,7 @@ def _not_read(rows: Sequence[Row], kinds: Sequence[str], of_kind: IntArray) -> l
     said = []
     for k, name in enumerate(kinds):
         foreign = [column for column in _EVERY_READ if column not in _READ.get(name, ())]
-        own = [rows[i] for i in np.flatnonzero(of_kind == k)]
+        own = [rows[i] for i in np.flatnonzero(of_kind == k).tolist()]
         filled = [column for column in foreign if any(row.cells.get(column) for row in own)]
         if filled:
             what = "has no readings" if name not in _READ else f"has {', '.join(_READ[name])}"

@@ -181,7 +181,7 @@ def _distances(cell: Cell, table: MeasurementTable) -> list[KnownDistance]:
         if missing is not None:
             raise InputError(
                 f"a distance to the target {missing!r} is known, and it was not measured",
-                hint="name the targets as the measurements do",
+                hint=f"in the cell's [[known_distance]], {near_names(missing, table.data.targets)}",
                 name="known_distance",
             )
         first, second = section.targets

@@ -127,13 +127,15 @@ def _check_turns(cell: Cell, table: MeasurementTable, rows: IntArray) -> None:
     if _miss(arm, read) < LARGEST_MISS_RAD:
         return
     largest = float(np.abs(np.rad2deg(wpr_from_rotation(R_read))).max())
-    looks = "they look like radians: multiply them by 57.29578" if largest <= 2.0 * np.pi else ""
+    looks = "W, P, R turn about fixed x, y, z in this order"
+    if largest <= 2.0 * np.pi:
+        looks = "they look like radians: multiply them by 57.29578"
     raise FileFormatError(
         f"what was read turns by up to {np.rad2deg(read.max()):.3g} deg, and otherwise than the "
         f"arm, which turns by up to {np.rad2deg(arm.max()):.3g} deg",
         path=table.path,
         column=_TURN,
-        hint=f"{looks or 'W, P, R turn about fixed x, y, z in this order'}; else pass --trust-units",
+        hint=f"{looks}; else pass --trust-units",
         value=float(read.max()),
         bound=float(arm.max()),
     )

@@ -30,7 +30,6 @@ from posedesign.files import write_json_atomic
 from posedesign.measurement_table import read_measurements
 from posedesign.planner import Progress, plan
 from posedesign.pose_plan import PosePlan, displayed, fingerprint
-from posedesign.reading_checks import check_readings
 from posedesign.programs import (
     PoseProgram,
     ProgramOptions,
@@ -40,6 +39,7 @@ from posedesign.programs import (
     validate,
     write,
 )
+from posedesign.reading_checks import check_readings
 from posedesign.simulation import SimulatedRobot
 from posedesign.tables import (
     POSE_AXES,

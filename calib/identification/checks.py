@@ -82,6 +82,7 @@ def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArra
     seen. Postures of a touch-up are therefore first moved, by as little as the residuals, onto
     the target; readings do not enter the Jacobian to begin with.
     """
-    setup = measurements.setup
-    q, _ = touch(model, measurements.postures, x, setup, hold_orientation=False)
+    setup, q = measurements.setup, measurements.postures
+    if not all(kind.reads for kind in model.measurements):
+        q, _ = touch(model, q, x, setup, hold_orientation=False)
     return information_root(model.linearise(q, x, setup), x)

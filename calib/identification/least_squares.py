@@ -26,7 +26,7 @@ are larger, of the last step. No parameter then moves by more than this part of 
 deviation, whatever its unit; and since the last step is taken too, what is left is smaller still.
 """
 
-_AT_ONCE = 1500
+_AT_ONCE = 3000
 """Measurements of all trials that are linearised at once."""
 
 MISFIT_TOLERANCE, MISFIT = 1e-2, 10.0

@@ -21,6 +21,7 @@ from scipy.stats import chi2
 
 from calib.errors import ConvergenceError, InputError
 from calib.identification.least_squares import ITERATIONS, minimise
+from calib.linearisation import Linearisation
 from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -117,6 +118,8 @@ def _alternate(
         if not np.isfinite(fit.x).all():
             break
         x, total = fit.x[0], total + fit.iterations
+        if weigh is _least_squares and not estimated:
+            break
         moved = 0.0
         if estimated:
             scales = noise_scales(model, data, x, weights)
@@ -144,13 +147,19 @@ def distances2(model: CalibrationModel, data: Measurements, x: FloatArray) -> Fl
 
 
 def noise_scales(
-    model: CalibrationModel, data: Measurements, x: FloatArray, weights: FloatArray
+    model: CalibrationModel,
+    data: Measurements,
+    x: FloatArray,
+    weights: FloatArray,
+    linear: Linearisation | None = None,
 ) -> list[FloatArray]:
     """What the residuals of each kind are over its noise, ``(m,)`` each; redundancy considered.
 
-    1 for a kind that nothing is measured with, or whose every measurement is needed.
+    1 for a kind that nothing is measured with, or whose every measurement is needed. ``linear`` is
+    the linearisation at x where it is there already.
     """
-    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    if linear is None:
+        linear = model.linearise(data.postures, x, data.setup, data.observed)
     root = np.sqrt(weights)[:, None]
     rows, J = linear.white_rows * root, linear.white_jacobian * root[..., None]
     known = model.known(x[None])[1][0]

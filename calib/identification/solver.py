@@ -187,8 +187,10 @@ def identify_batch(
     first = measurements.trials(0)
     x = first_guess(model, first, weighted=weighted)
     check_identifiable_at(model, first, x)
+    near = minimise(model, first.trials(None), x[None], weighted=weighted)
+    start = near.x[0] if near.converged[0] else x  # the others differ from it by noise only
     trials = len(measurements.postures)
-    fit = minimise(model, measurements, np.tile(x, (trials, 1)), weighted=weighted)
+    fit = minimise(model, measurements, np.tile(start, (trials, 1)), weighted=weighted)
     if not fit.converged.any():
         raise ConvergenceError(
             f"none of {trials} trials has converged after {ITERATIONS} iterations",

@@ -109,6 +109,10 @@ def predict(
     steps: Annotated[
         str | None, typer.Option(help='Points along x, y and z; default: the cell\'s, or "3,3,3".')
     ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(help="One of the cell's models, by name; default: its zero offsets."),
+    ] = None,
     out: OutFolder = Path(),
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
@@ -127,7 +131,7 @@ def predict(
     listed = read_poses(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
-    found = run(loaded, listed, asked, out)
+    found = run(loaded, listed, asked, out, model)
     if as_json:
         print_json(
             {

@@ -10,119 +10,160 @@ from posedesign.cli.output import note, print_table
 if TYPE_CHECKING:
     from calib.identification import IdentificationResult
     from calib.identification.comparison import Trial
+    from calib.identification.result import KindNoise
     from posedesign.before_after import Identified
 
-_MOST_PAIRS = 5
+_MOST_LISTED = 5
+_DECIMALS = 4
+"""Of mm and mrad in the table of models: a tenth of a micrometre."""
+
+_COLUMNS = (
+    "model",
+    "parameters",
+    "equations left",
+    "rms",
+    "max",
+    "leave-one-out",
+    "leave-one-target-out",
+    "rms mrad",
+    "leave-one-out mrad",
+    "residual / noise",
+)
+"""Of the table of models; those that are empty throughout are not shown."""
 
 
 def print_identification(identified: Identified) -> None:
     """Print all models side by side, then the one to take."""
+    from posedesign.before_after import why_another
+
     comparison = identified.comparison
-    before = {"model": "nominal", "parameters": 0, "rms": identified.nominal_rms_m * 1e3}
-    rows = [_row(trial) for trial in comparison.trials]
-    first = {**dict.fromkeys(rows[0]), **before}
-    shown = [first, *rows] if math.isfinite(identified.nominal_rms_m) else rows
-    empty = [key for key in rows[0] if all(_is_empty(row.get(key)) for row in shown)]
-    table = [{key: row.get(key) for key in rows[0] if key not in empty} for row in shown]
-    print_table("Before and after [mm]", table)
+    _print_models(identified)
     for trial in comparison.trials:
         if trial.error is not None:
             note(f"{trial.name} left out: {trial.error.message}")
     if not identified.is_of_this_robot:
-        note(f"warning: {comparison.results[-1].message}")
+        note(f"warning: {why_another(identified)}")
         return
     if comparison.recommended:
-        print(f"recommended: {comparison.recommended}; {comparison.reason}")
+        print(f"recommended: {comparison.recommended}")
     else:
-        print(comparison.reason)
-    print_parameters(comparison.best)
-    for trial in comparison.trials:
-        if trial.result is comparison.best:
-            _print_merged(trial)
+        print("recommended: none")
+    print(f"  {comparison.reason}")
+    trial, result = identified.shown
+    print_parameters(result)
+    _print_merged(trial)
+
+
+def _print_models(identified: Identified) -> None:
+    """The table of models; columns that are empty throughout are left out."""
+    rows = [_row(trial) for trial in identified.comparison.trials]
+    if math.isfinite(identified.nominal_rms_m):
+        far = _rounded(identified.nominal_rms_m * 1e3)
+        rows.insert(0, {"model": "nominal", "parameters": 0, "rms": far})
+    kept = [key for key in _COLUMNS if any(row.get(key) is not None for row in rows)]
+    table = [{key: row.get(key) for key in kept} for row in rows]
+    print_table("Before and after: distance left over at a measurement [mm]", table)
 
 
 def _row(trial: Trial) -> dict[str, object]:
     result = trial.result
-    row: dict[str, object] = dict.fromkeys(
-        (
-            "model",
-            "parameters",
-            "rms",
-            "max",
-            "leave-one-out rms",
-            "leave-one-target-out rms",
-            "rms deg",
-            "leave-one-out rms deg",
-            "residual / noise",
-        )
-    )
-    row["model"] = trial.name
-    row["parameters"] = trial.candidate.model.p
+    row: dict[str, object] = {"model": trial.name, "parameters": trial.candidate.model.p}
     if result is not None:
         row |= {
-            "rms": result.rms_m * 1e3,
-            "max": result.max_m * 1e3,
-            "leave-one-out rms": result.leave_one_out_rms_m * 1e3,
-            "leave-one-target-out rms": trial.target_out_rms_m * 1e3,
-            "rms deg": math.degrees(result.rms_rad),
-            "leave-one-out rms deg": math.degrees(result.leave_one_out_rms_rad),
-            "residual / noise": result.noise_scale,
+            "equations left": result.degrees_of_freedom,
+            "rms": _rounded(result.rms_m * 1e3),
+            "max": _rounded(result.max_m * 1e3),
+            "leave-one-out": _rounded(result.leave_one_out_rms_m * 1e3),
+            "leave-one-target-out": _rounded(trial.target_out_rms_m * 1e3),
+            "rms mrad": _rounded(result.rms_rad * 1e3),
+            "leave-one-out mrad": _rounded(result.leave_one_out_rms_rad * 1e3),
+            "residual / noise": _rounded(result.noise_scale, 2),
         }
     return row
 
 
-def _is_empty(value: object) -> bool:
-    return value is None or (isinstance(value, float) and math.isnan(value))
+def _rounded(value: float, decimals: int = _DECIMALS) -> str | None:
+    return f"{value:.{decimals}f}" if math.isfinite(value) else None
 
 
 def print_parameters(result: IdentificationResult) -> None:
     """Print parameters with their uncertainty, and what has to be known of the fit."""
-    from calib.identification.result import DISPLAY
-
-    low, high = result.interval
-    factors = [DISPLAY[unit][1] for unit in result.units]
-    print_table(
-        f"Identified: {result.model}",
-        [
-            {
-                "parameter": name,
-                "value": value,
-                "change": change,
-                "sigma": sigma,
-                "95 % from": a * factor,
-                "to": b * factor,
-                "unit": unit,
-            }
-            for (name, unit, value, change, sigma), a, b, factor in zip(
-                result.displayed(), low, high, factors, strict=True
-            )
-        ],
-    )
-    distances = result.distances_m
-    worst = sorted(range(len(distances)), key=lambda i: -distances[i])[:3]
-    where = ", ".join(f"{result.poses[i]} {distances[i] * 1e3:.3f} mm" for i in worst)
-    print(f"largest residuals: {where}")
+    print_table(f"Identified: {result.model}", _parameter_rows(result))
+    _print_residuals(result)
     for noise in result.noise:
         if noise.estimated:
-            lengths = ", ".join(f"{s * 1e3:.3g}" for s in noise.sigma)
-            print(f"noise of {noise.kind}, from the residuals: {lengths} mm or mrad")
+            print(f"noise of {noise.kind}, from the residuals: {_noise_in_words(noise)}")
     pairs = result.strong_correlations
     if pairs:
-        listed = "; ".join(f"{a} with {b} {value:+.3f}" for a, b, value in pairs[:_MOST_PAIRS])
-        more = f" and {len(pairs) - _MOST_PAIRS} more" if len(pairs) > _MOST_PAIRS else ""
-        print(f"correlated beyond 0.9: {listed}{more}")
-    if result.held_by_prior:
-        print(f"held by their priors alone: {', '.join(result.held_by_prior)}")
+        shown = "; ".join(f"{a} with {b} {value:+.3f}" for a, b, value in pairs[:_MOST_LISTED])
+        print(f"correlated beyond 0.9: {shown}{_more(len(pairs))}")
+    held = result.held_by_prior
+    if held:
+        print(f"held by their priors alone: {', '.join(held[:_MOST_LISTED])}{_more(len(held))}")
     print(result.message)
     for text in result.notes:
         note(f"note: {text}")
 
 
+def _parameter_rows(result: IdentificationResult) -> list[dict[str, object]]:
+    """Parameters with as many decimals as their standard deviations have two digits."""
+    from calib.identification.result import DISPLAY
+
+    rows: list[dict[str, object]] = []
+    bounds = zip(*result.interval, strict=True)
+    for (name, unit, value, change, sigma), (low, high), si in zip(
+        result.displayed(), bounds, result.units, strict=True
+    ):
+        factor, decimals = DISPLAY[si][1], _decimals(sigma)
+        numbers = {"value": value, "change": change, "sigma": sigma}
+        numbers |= {"95 % from": low * factor, "to": high * factor}
+        row: dict[str, object] = {"parameter": name}
+        row |= {key: f"{number:.{decimals}f}" for key, number in numbers.items()}
+        rows.append(row | {"unit": unit})
+    return rows
+
+
+def _decimals(sigma: float) -> int:
+    if not 0 < sigma < math.inf:
+        return 6
+    return min(max(1 - math.floor(math.log10(sigma)), 0), 9)
+
+
+def _print_residuals(result: IdentificationResult) -> None:
+    """The largest residuals of what took part, as they are and as predicted from the others."""
+    distances, out = result.distances_m, result.leave_one_out_m
+    used = [i for i in range(len(distances)) if result.used[i]]
+    worst = sorted(used, key=lambda i: -distances[i])[:3]
+    where = ", ".join(
+        f"{result.poses[i]} {distances[i] * 1e3:.3f} mm"
+        + (f" ({out[i] * 1e3:.3f} when left out)" if math.isfinite(out[i]) else "")
+        for i in worst
+    )
+    print(f"largest residuals: {where}")
+
+
+def _noise_in_words(noise: KindNoise) -> str:
+    from calib.measurement import KINDS
+
+    lengths = len(noise.sigma) - KINDS[noise.kind].turns
+    said = [", ".join(f"{s * 1e3:.3g}" for s in noise.sigma[:lengths]) + " mm"]
+    if lengths < len(noise.sigma):
+        said.append(", ".join(f"{s * 1e3:.3g}" for s in noise.sigma[lengths:]) + " mrad")
+    return "; ".join(said)
+
+
+def _more(count: int) -> str:
+    return f" and {count - _MOST_LISTED} more" if count > _MOST_LISTED else ""
+
+
 def _print_merged(trial: Trial) -> None:
-    if trial.candidate.notes:
-        notes = trial.candidate.notes
-        print(f"{len(notes)} parameters are not told apart by these measurements:")
-        for text in notes[:_MOST_PAIRS]:
-            print(f"  {text}")
-        if len(notes) > _MOST_PAIRS:
-            print(f"  and {len(notes) - _MOST_PAIRS} more, see identification.json")
+    """What of the arm was left out of the model, and what it shows up in."""
+    notes = trial.candidate.notes
+    if not notes:
+        return
+    verb = "parameter of the arm is" if len(notes) == 1 else "parameters of the arm are"
+    print(f"{len(notes)} {verb} not in this model, because these measurements do not tell:")
+    for text in notes[:_MOST_LISTED]:
+        print(f"  {text}")
+    if len(notes) > _MOST_LISTED:
+        print(f"  and {len(notes) - _MOST_LISTED} more, see identification.json")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,6 +11,8 @@ from typing import Protocol
 
 PIPE_WIDTH = 200
 """Columns of a table that goes into a pipe: wide enough not to be cut."""
+
+_ROUNDED = re.compile(r"-?\d+(\.\d+)?", re.ASCII)
 
 DONE, NOT_REACHED, BAD_INPUT, STOPPED = 0, 1, 2, 130
 """Exit codes; the last as shells have it for a command ended by Ctrl-C."""
@@ -36,7 +39,7 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]]) -> None:
     console = Console(width=None if sys.stdout.isatty() else PIPE_WIDTH, highlight=False)
     table = Table(title=Text(title), title_justify="left", title_style="bold")
     for column in rows[0]:
-        number = all(isinstance(row.get(column), (int, float, type(None))) for row in rows)
+        number = all(_is_number(row.get(column)) for row in rows)
         widest = max(len(_shown(row.get(column))) for row in rows) if number else None
         table.add_column(
             Text(str(column)),
@@ -78,6 +81,13 @@ def progress(title: str) -> Iterator[Advance]:
             bar.update(task, description=f"{title}: {what}", completed=part)
 
         yield advance
+
+
+def _is_number(value: object) -> bool:
+    """Whether a cell is a number, or one that was rounded to the decimals that it deserves."""
+    if isinstance(value, str):
+        return _ROUNDED.fullmatch(value) is not None
+    return value is None or isinstance(value, (int, float))
 
 
 def _shown(value: object) -> str:

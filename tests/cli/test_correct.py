@@ -390,6 +390,19 @@ def test_a_box_may_begin_with_a_minus(cli: Cli, work) -> None:
     assert "joint 1" in answer["reference"]
 
 
+def test_a_model_of_the_cell_can_be_predicted(cli: Cli, refuse: Refuse, work) -> None:
+    typed = ["predict", work / "cell.toml", work / "poses.csv", "--box", "1400,0,500,2000,1,1100"]
+    plain, same, more = (
+        json.loads(cli(*typed, *options, "--out", work / "out", "--json").out)["points"]
+        for options in ([], ["--model", "offsets"], ["--model", "offsets + compliance"])
+    )
+    for a, b, c in zip(plain, same, more, strict=True):
+        assert a["rms_mm"] == pytest.approx(b["rms_mm"], rel=1e-6)
+        assert c["rms_mm"] > a["rms_mm"]  # more is to be told by the same touch-ups
+    (work / "out" / "predicted_accuracy.csv").unlink()
+    refuse(*typed, "--model", "offset", "--out", work / "o").says("no model 'offset'", "offsets")
+
+
 def test_the_box_of_the_cell(cli: Cli, work) -> None:
     path = work / "cell.toml"
     section = "[task_box]\nlowest_mm = [1500.0, 0.0, 800.0]\nhighest_mm = [6000.0, 0.0, 800.0]\n"

@@ -366,3 +366,25 @@ def test_a_nominal_robot_writes_a_file_of_itself(tmp_path, reference_robot):
     again = read_back(source, tmp_path, reference_robot)
     q = postures_of(again)
     np.testing.assert_allclose(again.fk(q), reference_robot.fk(q), atol=1e-13)
+
+
+def test_a_xacro_is_written_as_the_urdf_that_it_expands_to(tmp_path):
+    pytest.importorskip("xacro")
+    text = FILE.decode("latin-1").replace("ISO-8859-1", "utf-8")
+    text = text.replace('xyz="0 0 1"', 'xyz="${h} 0 1"')
+    text = text.replace(
+        '<robot name="small">',
+        '<robot name="small" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:property name="h" value="${0.5 / 2}"/>',
+    )
+    source = tmp_path / "small.urdf.xacro"
+    source.write_text(text, encoding="utf-8")
+    robot = Robot.from_urdf(source)
+    assert robot.chain.T_link_tip[0, 3] == 0.25
+    model = geometry_of(robot)
+    x = random_values(model, np.random.default_rng(0))
+    content = corrected_urdf(corrected_robot(model, x), source)
+    assert b"xacro:property" not in content
+    again = read_back(content, tmp_path, robot)
+    q = postures_of(robot)
+    np.testing.assert_allclose(again.fk(q), model.view(q, x).T_base_tip, atol=1e-12)

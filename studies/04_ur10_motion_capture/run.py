@@ -1,0 +1,263 @@
+"""Run the study: python studies/04_ur10_motion_capture/run.py [--out DIR] [--tables DIR].
+
+It needs measurements that the project does not contain: the folder that POSEDESIGN_DATA names, or
+``../shared/data`` beside the checkout.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib import IdentificationResult
+from calib.identification.comparison import Trial
+from calib.identification.least_squares import minimise
+from calib.measurement import Measurements
+from calib.se3 import FloatArray, rotation_exp, rotation_from_wpr, rotation_log, wpr_from_rotation
+from posedesign.before_after import identify_models
+from posedesign.cell import Cell
+from posedesign.csv_tables import write_table
+from posedesign.measurement_table import read_measurements
+
+HERE = Path(__file__).parent
+SETTINGS = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+NOMINAL, FRAMES_ONLY, GEOMETRY = "nothing fitted", "frames only", "geometry"
+TOLERANCE_MM = 0.005
+"""Of the figures on another machine, in mm and mrad: fits end within a thousandth of what they
+are worth, the noise that is estimated with them included."""
+
+CELL = """# The cell of the UR10, as far as an identification needs one.
+[robot]
+urdf = {urdf}
+tip = {tip}
+[tool]
+point_mm = [0.0, 0.0, 0.0] # the markers' frame on the tool is found by every fit
+[base_pose]
+posture_deg = [0.0, -90.0, 90.0, 0.0, 90.0, 0.0]
+[parameters]
+models = {models}
+"""
+
+NOISE = """[[noise]]
+kind = "pose"
+three_sigma_mm = {mm}
+three_sigma_deg = {deg}
+"""
+
+
+def data_folder() -> Path:
+    """Where real measurements are looked for."""
+    named = os.environ.get("POSEDESIGN_DATA")
+    return Path(named) if named else HERE.parents[1].parent / "shared" / "data"
+
+
+def write_tables(data: Path, out: Path) -> tuple[list[Path], Path]:
+    """Write what ``posedesign identify`` takes: two cells, and ``measurements.csv``.
+
+    ``cell.toml`` leaves the noise to the residuals, ``cell_given_noise.toml`` gives it.
+    """
+    folder = data / "identification" / "ur10"
+    with (folder / "calibration.csv").open(encoding="utf-8") as file:
+        columns = next(csv.reader(file))
+    numbers = np.loadtxt(folder / "calibration.csv", delimiter=",", skiprows=1)
+    raw = dict(zip(columns, numbers.T, strict=True))
+    turned = rotation_from_wpr(np.column_stack([raw["phix1"], raw["phiy1"], raw["phiz1"]]))
+    wpr = np.rad2deg(wpr_from_rotation(turned))
+    table = {
+        "x_mm": 1e3 * raw["x1"],
+        "y_mm": 1e3 * raw["y1"],
+        "z_mm": 1e3 * raw["z1"],
+        **dict(zip(("w_deg", "p_deg", "r_deg"), wpr.T, strict=True)),
+    }
+    joints = [name for name in columns if name.endswith("_joint")]  # from base to tip
+    table |= {f"j{k + 1}_deg": np.rad2deg(raw[name]) for k, name in enumerate(joints)}
+    rows = [
+        {"target": "cameras", "kind": "pose", **dict(zip(table, values, strict=True))}
+        for values in zip(*table.values(), strict=True)
+    ]
+    text = CELL.format(
+        urdf=json.dumps(str((folder / "ur10_nomesh.urdf").resolve())),
+        tip=json.dumps(SETTINGS["tip"]),
+        models=json.dumps(SETTINGS["models"]),
+    )
+    given = SETTINGS["given_noise"]
+    noise = NOISE.format(mm=3.0 * given["mm"], deg=float(3.0 * np.rad2deg(1e-3 * given["mrad"])))
+    out.mkdir(parents=True, exist_ok=True)
+    cells = [out / "cell.toml", out / "cell_given_noise.toml"]
+    for path, content in zip(cells, (text, text + noise), strict=True):
+        path.write_text(content, encoding="utf-8")
+    return cells, write_table(out / "measurements.csv", list(rows[0]), rows)
+
+
+def refitted_mm(trial: Trial, result: IdentificationResult, data: Measurements) -> float:
+    """Leave-one-out [mm] by a refit without each pose, in place of the closed form."""
+    model, count = trial.candidate.model, data.count
+    kinds = [
+        kind.with_noise(noise.sigma / kind.sigma)
+        for kind, noise in zip(model.measurements, result.noise, strict=True)
+    ]
+    start = np.tile(result.values, (count, 1))
+    noisy = model.with_measurements(kinds)
+    fit = minimise(noisy, data.repeated(count), start, weights=1.0 - np.eye(count))
+    if not fit.converged.all():
+        raise RuntimeError("a fit without one pose has not converged")
+    rows = model.linearise(data.postures, fit.x, data.setup, data.observed).rows
+    return _rms_mm(np.linalg.norm(rows[np.arange(count), np.arange(count), :3], axis=-1))
+
+
+def _rms_mm(far: FloatArray) -> float:
+    return float(1e3 * np.sqrt(np.mean(far**2)))
+
+
+def nominal_row(cell: Cell, data: Measurements) -> dict[str, Any]:
+    """What is left where the cameras are taken to stand in the base, and the tip to be seen."""
+    T = cell.robot.fk(data.postures)
+    read = data.observed
+    turns = np.swapaxes(rotation_exp(read[:, 3:6]), -1, -2) @ T[:, :3, :3]
+    far = np.linalg.norm(T[:, :3, 3] - read[:, :3], axis=1)
+    angle = np.linalg.norm(rotation_log(turns), axis=1)
+    return {
+        "model": NOMINAL,
+        "parameters": 0,
+        "rms_mm": _rms_mm(far),
+        "leave_one_out_mm": _rms_mm(far),
+        "refitted_mm": _rms_mm(far),
+        "rms_mrad": _rms_mm(angle),
+        "leave_one_out_mrad": _rms_mm(angle),
+        "sigma_mm": None,
+        "sigma_mrad": None,
+    }
+
+
+def row_of(trial: Trial, data: Measurements) -> dict[str, Any]:
+    """The figures of a model."""
+    result = trial.result
+    if result is None:
+        raise RuntimeError(f"{trial.name} was refused: {trial.error}")
+    return {
+        "model": trial.name,
+        "parameters": trial.candidate.model.p,
+        "rms_mm": 1e3 * result.rms_m,
+        "leave_one_out_mm": 1e3 * result.leave_one_out_rms_m,
+        "refitted_mm": refitted_mm(trial, result, data),
+        "rms_mrad": 1e3 * result.rms_rad,
+        "leave_one_out_mrad": 1e3 * result.leave_one_out_rms_rad,
+        "sigma_mm": float(1e3 * result.noise[0].sigma[0]),
+        "sigma_mrad": float(1e3 * result.noise[0].sigma[3]),
+    }
+
+
+def paired(a: FloatArray, b: FloatArray) -> dict[str, float]:
+    """Mean gain in the square from a to b [mm², mrad²], and its standard error."""
+    gain = 1e6 * (a**2 - b**2)
+    chance = float(gain.std(ddof=1) / np.sqrt(len(gain)))
+    return {"gain": float(gain.mean()), "chance": chance}
+
+
+def run(data: Path, tables: Path) -> dict[str, Any]:
+    """All figures of the study; the tables are written to a folder, and read from there."""
+    cells, measured = write_tables(data, tables)
+    found: dict[str, Any] = {"tolerance_mm": TOLERANCE_MM}
+    for name, path in zip(("estimated", "given"), cells, strict=True):
+        cell = Cell.load(path)
+        table = read_measurements(measured, cell.robot.n)
+        comparison = identify_models(cell, table).comparison
+        rows = [nominal_row(cell, table.data)]
+        rows += [row_of(trial, table.data) for trial in comparison.trials]
+        of = {result.model: result for result in comparison.results}
+        few, many = of[FRAMES_ONLY], of[GEOMETRY]
+        found[name] = {
+            "recommended": comparison.recommended,
+            "reason": comparison.reason,
+            "geometry_gains_mm2": paired(few.leave_one_out_m, many.leave_one_out_m),
+            "geometry_gains_mrad2": paired(few.leave_one_out_rad, many.leave_one_out_rad),
+            "models": rows,
+        }
+    return found
+
+
+def draw(found: dict[str, Any], path: Path) -> None:
+    """Leave-one-out and in-sample rms of each model that was fitted: position, and orientation."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    rows = found["estimated"]["models"][1:]
+    figure, panels = plt.subplots(1, 2, figsize=(9.0, 3.2), sharey=True, layout="constrained")
+    height = np.arange(len(rows))[::-1]
+    for axes, unit in zip(panels, ("mm", "mrad"), strict=True):
+        inside = [row[f"rms_{unit}"] for row in rows]
+        axes.plot(inside, height, "D", markersize=6, mfc="none", label="in the fit")
+        out = [row[f"leave_one_out_{unit}"] for row in rows]
+        axes.plot(out, height, "o", markersize=8, label="left out of it")
+        axes.set_xlim(0.0, 1.15 * max(out))
+        axes.set_yticks(height, [f"{row['model']} ({row['parameters']})" for row in rows])
+        what = "distance" if unit == "mm" else "turn"
+        axes.set_xlabel(f"rms {what} left at the tool [{unit}]")
+        axes.grid(visible=True, axis="both", alpha=0.3)
+    panels[0].legend(frameon=False, loc="lower left")
+    figure.savefig(path, dpi=120, metadata={"Software": None})
+    plt.close(figure)
+
+
+FIGURES = ("rms_mm", "leave_one_out_mm", "rms_mrad", "leave_one_out_mrad")
+
+
+def table(found: dict[str, Any]) -> str:
+    """The table of the README: in each cell with noise from the residuals, and with noise given."""
+    lines = [
+        "| model | p | rms [mm] | leave-one-out | rms [mrad] | leave-one-out",
+        "|---" * (2 + len(FIGURES)),
+    ]
+    pairs = zip(found["estimated"]["models"], found["given"]["models"], strict=True)
+    for row, other in pairs:
+        both = [row["parameters"], other["parameters"]]
+        cells = [row["model"], " / ".join(str(p) for p in dict.fromkeys(both))]
+        for name in FIGURES:
+            digits = 1 if row["model"] == NOMINAL else 3
+            shown = [f"{r[name]:.{digits}f}" for r in (row, other)]
+            cells.append(" / ".join(dict.fromkeys(shown)))
+        lines.append("| " + " | ".join(cells))
+    return "\n".join(line + " |" for line in lines)
+
+
+def main() -> None:
+    """Run, print, and write table, figure and key figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
+    parser.add_argument("--tables", type=Path, help="folder for cells and measurements.csv")
+    arguments = parser.parse_args()
+    out: Path = arguments.out
+    data = data_folder()
+    if not (data / "identification" / "ur10").is_dir():
+        print(f"skipped: no measurements of the UR10 in {data}; POSEDESIGN_DATA names another")
+        return
+    with tempfile.TemporaryDirectory() as scratch:
+        found = run(data, arguments.tables or Path(scratch))
+    print(table(found))
+    for name in ("estimated", "given"):
+        print(f"noise {name}: recommended {found[name]['recommended']}; {found[name]['reason']}")
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "expected.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    with (out / "ur10_motion_capture.csv").open("w", newline="", encoding="utf-8") as file:
+        columns = ["noise", *found["given"]["models"][0]]
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        for name in ("estimated", "given"):
+            for row in found[name]["models"]:
+                cells = {k: f"{v:.4f}" if isinstance(v, float) else v for k, v in row.items()}
+                writer.writerow({"noise": name, **cells})
+    draw(found, out / "ur10_motion_capture.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -25,13 +25,20 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def turn(columns: FloatArray, vector: FloatArray) -> FloatArray:
     """``R v``: vectors ``(..., 3, S)`` in the axes of a frame, seen from outside."""
-    x, y, z = (vector[..., k : k + 1, :] for k in range(3))
-    return np.asarray(columns[0] * x + columns[1] * y + columns[2] * z)
+    out = columns[0] * vector[..., 0:1, :]
+    out += columns[1] * vector[..., 1:2, :]
+    out += columns[2] * vector[..., 2:3, :]
+    return np.asarray(out)
 
 
 def turn_back(columns: FloatArray, vector: FloatArray) -> FloatArray:
     """``Rᵀ v``: vectors ``(..., 3, S)`` in the axes of the frame."""
-    return np.stack([np.asarray(along(columns[k], vector)) for k in range(3)], axis=-2)
+    out = np.empty(np.broadcast_shapes(columns.shape[1:], vector.shape))
+    for k in range(3):
+        np.multiply(columns[k, 0], vector[..., 0, :], out=out[..., k, :])
+        out[..., k, :] += columns[k, 1] * vector[..., 1, :]
+        out[..., k, :] += columns[k, 2] * vector[..., 2, :]
+    return out
 
 
 def along(direction: FloatArray, vector: FloatArray) -> FloatArray:
@@ -44,7 +51,7 @@ def along(direction: FloatArray, vector: FloatArray) -> FloatArray:
 
 def product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Columns of the product of two rotations, both as columns ``(3, 3, S)``."""
-    return np.stack([turn(a, b[k]) for k in range(3)])
+    return turn(a, b)
 
 
 def columns_of(R: FloatArray) -> FloatArray:

@@ -162,9 +162,12 @@ def summed_up(lines: Sequence[str], what: str) -> list[str]:
 def _refuse_if_asked_for(cell: Cell, comparison: Comparison) -> None:
     """Raise what kept a model from being identified that the cell asks for joint by joint.
 
-    Or what kept the first one, where nothing beyond the baseline was left.
+    Or what kept the first one, where nothing beyond the baseline was left. Not where the baseline
+    says that it is another arm: that is the answer then.
     """
     baseline, *others = comparison.trials
+    if baseline.result is not None and baseline.result.rms_m > ANOTHER_ROBOT_M:
+        return
     nothing = all(trial.result is None for trial in others)
     for trial in others:
         by_name = trial.name == OFFSETS and cell.config.parameters.zero_offsets is not None

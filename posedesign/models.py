@@ -100,17 +100,17 @@ def robot_blocks(cell: Cell, words: Sequence[str]) -> list[ParameterBlock]:
     joints, payloads = robot.joint_names, payloads_of(cell)
     blocks: list[ParameterBlock] = []
     held, degree = PRIORS in words, np.pi / 180.0
+    offset = section.prior_offset_deg * degree if held else None
     length = section.prior_length_mm * 1e-3 if held else None
     angle = section.prior_angle_deg * degree if held else None
     wave = section.prior_harmonic_deg * degree if held else None
     give = section.prior_compliance_urad_nm * 1e-6 if held else None
     if "geometry" in words:
         # offsets first: a turn about a joint's axis is then called by the name of its offset
-        offset = section.prior_offset_deg * degree if held else None
         blocks.append(ZeroOffsets(robot, joints, offset))
         blocks.append(LinkGeometry(robot, _across_axes(robot) if held else None, length, angle))
     elif "zero_offsets" in words:
-        blocks.append(ZeroOffsets(robot, cell.offset_joints))
+        blocks.append(ZeroOffsets(robot, cell.offset_joints, offset))
     if "scale" in words:
         blocks.append(JointScale(robot, joints))
     if "compliance" in words:

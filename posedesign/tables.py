@@ -30,7 +30,14 @@ import numpy as np
 from calib.errors import FileFormatError, near_names
 from calib.measurement import Measurements
 from calib.robots import Controller, Robot
-from calib.se3 import BoolArray, FloatArray, rotation_from_wpr, transform, wpr_from_rotation
+from calib.se3 import (
+    BoolArray,
+    FloatArray,
+    check_transforms,
+    rotation_from_wpr,
+    transform,
+    wpr_from_rotation,
+)
 from posedesign.csv_tables import (
     LONGEST_SHOWN,
     Row,
@@ -200,9 +207,10 @@ def read_touch_ups(
 
 
 def write_pairs(path: Path, pairs: Pairs) -> Path:
-    """Write ``pairs.csv``."""
+    """Write ``pairs.csv``; InputError for what is no rigid transform: W, P, R would not show it."""
     rows = []
-    for name, A, B in zip(pairs.names, pairs.A, pairs.B, strict=True):
+    checked = check_transforms(pairs.A, "A"), check_transforms(pairs.B, "B")
+    for name, A, B in zip(pairs.names, *checked, strict=True):
         row: dict[str, object] = {"pose": name}
         for letter, T in (("a", A), ("b", B)):
             numbers = [*(1e3 * T[:3, 3]), *np.rad2deg(wpr_from_rotation(T[:3, :3]))]

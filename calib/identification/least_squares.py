@@ -26,6 +26,9 @@ are larger, of the last step. No parameter then moves by more than this part of 
 deviation, whatever its unit; and since the last step is taken too, what is left is smaller still.
 """
 
+_SMALL = 1e-2
+"""Change of the predictions from which on a step tells how large the next one will be."""
+
 _AT_ONCE = 3000
 """Measurements of all trials that are linearised at once."""
 
@@ -141,7 +144,7 @@ def _minimise(
     here = _normal(model, data, x, weights, weighted)
     equations = max(model.equations(data.setup), 1)
     damping = np.zeros(len(x))
-    change = np.full(len(x), np.inf)
+    before = change = np.full(len(x), np.inf)
     done = np.zeros(len(x), dtype=bool)
     count = 0
     while count < iterations:
@@ -150,6 +153,10 @@ def _minimise(
         misfit = np.sqrt(np.maximum(here.cost / equations, 1.0))
         change /= misfit
         done = change < np.where(misfit > MISFIT, MISFIT_TOLERANCE, STEP_TOLERANCE)
+        # steps shrink at a rate that only gets better: what would follow this one is known
+        following = change * np.minimum(change / before, 1.0)
+        done |= (change < _SMALL) & (following < STEP_TOLERANCE / 10.0)
+        before = change
         if done.all() or not np.isfinite(change).any():
             x = x + step
             break

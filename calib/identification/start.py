@@ -19,6 +19,9 @@ from calib.se3 import FloatArray, inverse, project_to_rotation, rotation_exp, tr
 
 _STEPS = 5
 _FEWEST_POSES = 3
+_LITTLE = 0.5
+"""Share of the residuals below which a set-up that was placed is near enough: the rest is for the
+arm."""
 
 
 def first_guess(
@@ -29,6 +32,7 @@ def first_guess(
     if not model.nuisance.any():
         return x
     _place_frames(model, data, x)
+    placed = bool((x != model.nominal).any())
     free = model.nuisance
     for _ in range(_STEPS):
         linear = model.linearise(data.postures, x, data.setup, data.observed)
@@ -41,7 +45,8 @@ def first_guess(
         if not np.isfinite(step).all():
             break
         x[free] += step
-        if np.linalg.norm(J[:, free] @ step) < 1.0:
+        moved = np.linalg.norm(J[:, free] @ step)
+        if moved < 1.0 or (placed and moved < _LITTLE * np.linalg.norm(r)):
             break
     return x
 
@@ -56,12 +61,17 @@ def _place_frames(model: CalibrationModel, data: Measurements, x: FloatArray) ->
         for k, label in enumerate(block.targets):
             rows = np.flatnonzero(data.setup.target == model.targets.index(label))
             of = {kind: rows[kinds[rows] == kind] for kind in (Pose, CameraPose, Point, Distance)}
-            if turns and len(of[Pose]) + len(of[CameraPose]) >= _FEWEST_POSES:
-                _from_poses(model, data, x, np.concatenate([of[Pose], of[CameraPose]]), kinds)
+            poses = np.concatenate([of[Pose], of[CameraPose]])
+            if len(poses) >= _FEWEST_POSES and (turns or _tool_turns(model, data, poses)):
+                _from_poses(model, data, x, poses, kinds)
             elif turns and len(of[Point]) >= 2 * _FEWEST_POSES:
                 _from_points(model, data, x, block, of[Point])
             elif not turns and block.size and len(of[Distance]) > _FEWEST_POSES:
                 _from_distances(model, data, x, block, k, of[Distance])
+
+
+def _tool_turns(model: CalibrationModel, data: Measurements, rows: np.ndarray) -> bool:
+    return _nominal(model, model.tools[data.setup.tool[rows[0]]], "tools")[1]
 
 
 def _set(model: CalibrationModel, x: FloatArray, label: str, T: FloatArray, side: str) -> None:

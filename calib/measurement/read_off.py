@@ -50,8 +50,7 @@ class Pose(Measurement):
 
     def predict(self, view: ArmView) -> FloatArray:
         """See :meth:`Measurement.predict`."""
-        turned = [view.in_target(view.tool[k]) for k in range(3)]
-        vector = rotation_log(matrices_of(np.stack(turned))).T
+        vector = rotation_log(matrices_of(view.in_target(view.tool))).T
         return np.concatenate([view.in_target(view.error), vector])
 
     def difference(self, predicted: FloatArray, observed: FloatArray) -> FloatArray:
@@ -85,8 +84,7 @@ class CameraPose(Measurement):
     def predict(self, view: ArmView) -> FloatArray:
         """See :meth:`Measurement.predict`."""
         target = np.broadcast_to(view.target, view.tool.shape)
-        turned = [turn_back(view.tool, target[k]) for k in range(3)]
-        vector = rotation_log(matrices_of(np.stack(turned))).T
+        vector = rotation_log(matrices_of(turn_back(view.tool, target))).T
         return np.concatenate([turn_back(view.tool, -view.error), vector])
 
     def difference(self, predicted: FloatArray, observed: FloatArray) -> FloatArray:

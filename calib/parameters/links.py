@@ -100,12 +100,12 @@ class LinkGeometry(ParameterBlock):
                 before = product(view.walk.placed[joint], rotation)
             if max(columns) >= 3:
                 about = view.frame_axes(joint)
-                lever = view.point - view.walk.origins[joint]
+                swept = cross(about, view.point - view.walk.origins[joint])
             for k, axis in self._rows[joint]:
                 if axis < 3:
                     out[k, :3] = before[axis]
                 else:
-                    out[k, :3] = cross(about[axis - 3], lever)
+                    out[k, :3] = swept[axis - 3]
                     out[k, 3:] = about[axis - 3][: out.shape[1] - 3]
 
     def scaling(self, values: FloatArray) -> FloatArray:

@@ -234,8 +234,17 @@ def test_a_candidate_that_cannot_be_identified_is_kept_with_its_error() -> None:
     assert found.recommended == "frames only"
     assert [result.model for result in found.results] == ["frames only"]
     assert np.isnan(found.nominal_m).all()
-    with pytest.raises(NotIdentifiableError):
-        compare([Candidate("blind", blind), Candidate("frames only", model())], data)
+    first = compare([Candidate("blind", blind), Candidate("frames only", model())], data)
+    assert isinstance(first.trials[0].error, NotIdentifiableError)
+    assert first.recommended == "frames only"
+
+
+def test_where_every_candidate_is_refused_the_first_error_is_raised() -> None:
+    truth = model(offsets())
+    data = points(truth, truth.nominal, seed=1)
+    pan, last = (model(ZeroOffsets(ROBOT, [JOINTS[k]])) for k in (0, -1))
+    with pytest.raises(NotIdentifiableError, match=f"zero_offset.{JOINTS[0]} is absorbed"):
+        compare([Candidate("pan", pan), Candidate("last", last)], data)
 
 
 def test_nothing_is_recommended_where_every_pose_is_needed(touching, make_model) -> None:

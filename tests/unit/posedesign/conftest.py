@@ -79,7 +79,7 @@ class Lab:
             placed.append(ToolFrame(T, label) if turns else ToolPoints([tool], [label]))
         postures, kind_of, target_of, labels = [], [], [], []
         for k, kind in enumerate(kinds):
-            q = self.postures(count, rng, 8.0 if kind in (*_MET, "plane") else 25.0)
+            q = self.postures(count, rng, 15.0 if kind in (*_MET, "plane") else 25.0)
             points = robot.state(q).point(cell.tool_m)
             for t in range(targets_each):
                 label = f"{'ABCDEFG'[k]}{t}"

@@ -246,7 +246,6 @@ TURNS = ("w_deg", "p_deg", "r_deg")
         ("distance", {"distance_mm": 1e3}, "distance_mm", "micrometres"),
         ("pose", dict.fromkeys(TURNS, np.pi / 180.0), "w_deg to r_deg", "57.29578"),
         ("camera-pose", dict.fromkeys(TURNS, np.pi / 180.0), "w_deg to r_deg", "57.29578"),
-        ("pose", {"w_deg": -1.0}, "w_deg to r_deg", "fixed x, y, z in this order"),
     ],
 )
 def test_units_of_readings(
@@ -260,6 +259,19 @@ def test_units_of_readings(
     assert e.value.column == column
     assert e.value.message.startswith(str(path))
     assert hint in e.value.hint
+
+
+def test_turns_that_are_written_otherwise(tmp_path: Path, lab: Any) -> None:
+    """Rotation vectors in the columns of W, P and R."""
+    measured = lab.measure(["pose"], 30)
+    path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
+    columns, rows = rows_of(path)
+    vectors = np.rad2deg(measured.data.observed[:, 3:6]).tolist()
+    rows = [row | dict(zip(TURNS, v, strict=True)) for row, v in zip(rows, vectors, strict=True)]
+    write_table(path, columns, rows)
+    with pytest.raises(FileFormatError, match="otherwise than the arm") as e:
+        check_readings(lab.cell, read_measurements(path, 6))
+    assert "W, P, R turn about fixed x, y, z in this order" in e.value.hint
 
 
 def test_a_point_that_the_arm_turns_about_may_stand_still(tmp_path: Path, lab: Any) -> None:

@@ -1,0 +1,378 @@
+"""``posedesign identify`` on files that are wrong, odd, poor, or of something else."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.measurement import Measurements, Setup, touch_ups
+from calib.se3 import FloatArray, inverse, rotation_from_wpr, rotation_log, transform
+from posedesign.cell import Cell
+from posedesign.measurement_table import write_measurements
+
+Cli = Callable[..., Any]
+Refuse = Callable[..., Any]
+ChangeCell = Callable[[Mapping[str, str]], Path]
+
+PLACES, TURNS = ("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg")
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file."""
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def save(path: Path, rows: list[dict[str, Any]]) -> Path:
+    """Write rows as CSV; columns as in the first."""
+    with path.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def tracked(work: Path, kind: str, count: int = 30) -> Path:
+    """A file of readings as an instrument makes them of an arm without errors."""
+    cell = Cell.load(work / "cell.toml")
+    rng = np.random.default_rng(4)
+    q = cell.base_posture + np.deg2rad(25.0) * rng.uniform(-1, 1, (count, 6))
+    q = np.clip(q, cell.robot.lower, cell.robot.upper)
+    T_base_tool = cell.robot.fk(q) @ transform(np.eye(3), cell.tool_m)
+    T_base_tracker = transform(rotation_from_wpr(np.array([0.1, -0.2, 2.0])), [1.0, -3.0, 0.5])
+    read = inverse(T_base_tracker) @ T_base_tool
+    if kind == "camera-pose":
+        read = inverse(read)
+    observed: FloatArray = np.concatenate([read[:, :3, 3], rotation_log(read[:, :3, :3])], axis=1)
+    if kind == "point":
+        observed = observed[:, :3]
+    if kind == "distance":
+        observed = np.linalg.norm(observed[:, :3], axis=1, keepdims=True)
+    data = Measurements(q, Setup.of(count), ("tracker",), observed=observed)
+    return write_measurements(work / f"{kind}.csv", data, [kind])
+
+
+def in_other_units(path: Path, columns: tuple[str, ...], factor: float) -> Path:
+    """The same file with some columns times a factor."""
+    rows = table(path)
+    return save(path, [row | {c: str(float(row[c]) * factor) for c in columns} for row in rows])
+
+
+@pytest.mark.parametrize(
+    ("kind", "columns", "factor", "words"),
+    [
+        ("point", PLACES, 1e-3, ("column x_mm to z_mm", "moves by", "metres", "by 1000")),
+        ("pose", PLACES, 1e-3, ("column x_mm to z_mm", "metres", "by 1000")),
+        ("camera-pose", PLACES, 1e-3, ("column x_mm to z_mm", "mm from the instrument", "metres")),
+        ("distance", ("distance_mm",), 1e-3, ("column distance_mm", "metres")),
+        ("point", PLACES, 1e3, ("column x_mm to z_mm", "spans", "micrometres")),
+        ("pose", TURNS, np.pi / 180.0, ("column w_deg to r_deg", "look like radians", "57.29578")),
+        ("camera-pose", TURNS, np.pi / 180.0, ("w_deg to r_deg", "look like radians")),
+    ],
+)
+def test_units_that_are_mixed_up(
+    refuse: Refuse, work: Path, kind: str, columns: tuple[str, ...], factor: float, words: Any
+) -> None:
+    path = in_other_units(tracked(work, kind), columns, factor)
+    line = refuse("identify", work / "cell.toml", path, "--out", work / "out")
+    line.says(f"error: {path}", "--trust-units", *words)
+
+
+def test_units_are_trusted_when_asked(cli: Cli, work: Path) -> None:
+    path = in_other_units(tracked(work, "point"), PLACES, 1e-3)
+    said = cli("identify", work / "cell.toml", path, "--out", work, "--trust-units")
+    assert "multiply" not in said.err
+    assert said.code != 0  # a tracker in which the arm shrinks by a thousand is believed by no fit
+
+
+@pytest.mark.parametrize("kind", ["point", "pose", "camera-pose", "distance"])
+def test_readings_in_order_are_identified(cli: Cli, work: Path, kind: str) -> None:
+    path = tracked(work, kind, 60)
+    said = cli("identify", work / "cell.toml", path, "--out", work)
+    assert said.code == 0, said.err
+    assert f"noise of {kind}, from the residuals: " in said.out
+    assert (" mrad" in said.out) == kind.endswith("pose")
+
+
+WRONG: dict[str, tuple[str, Callable[[list[dict[str, Any]]], object], tuple[str, ...]]] = {
+    "an empty reading": (
+        "point",
+        lambda rows: rows[3].update(y_mm=""),
+        ("line 5, column y_mm: a point needs x_mm, y_mm, z_mm", "fill it, remove the row"),
+    ),
+    "a reading that is no number": (
+        "pose",
+        lambda rows: rows[1].update(p_deg="1,5"),
+        ("line 3, column p_deg: '1,5' is not a finite number",),
+    ),
+    "an infinite reading": (
+        "distance",
+        lambda rows: rows[0].update(distance_mm="1e999"),
+        ("line 2, column distance_mm: '1e999' is not a finite number",),
+    ),
+    "a kind that is mistyped": (
+        "point",
+        lambda rows: rows[2].update(kind="ponit"),
+        ("line 4, column kind: there is no kind of measurement 'ponit'", "did you mean point"),
+    ),
+    "a kind without its columns": (
+        "point",
+        lambda rows: rows[2].update(kind="pose"),
+        ("line 4, column kind: a pose is read from", "there is no w_deg", "or call it a point"),
+    ),
+    "an unknown payload": (
+        "point",
+        lambda rows: [row.update(payload="gun") for row in rows],
+        ("line 2, column payload: the cell has no payload 'gun'", "[[payload]]"),
+    ),
+    "a plane that is touched up": (
+        "point",
+        lambda rows: [row.update(kind=k) for row, k in zip(rows, ["plane"] + 29 * ["touch-up"])],
+        ("line 3, column target: tracker is the target of a touch-up here, and a plane on line 2",),
+    ),
+    "a name that steers the terminal": (
+        "point",
+        lambda rows: rows[5].update(target="\x1b[2J"),
+        ("line 7, column target: '\\x1b[2J' has a character that cannot be shown",),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_one_line_says_what_is_wrong_and_where(refuse: Refuse, work: Path, case: str) -> None:
+    kind, change, words = WRONG[case]
+    path = tracked(work, kind)
+    rows = table(path)
+    change(rows)
+    save(path, rows)
+    refuse("identify", work / "cell.toml", path, "--out", work / "out").says(f"{path}, ", *words)
+
+
+def test_readings_without_the_word_for_them(cli: Cli, work: Path) -> None:
+    """Without the column kind they would be touch-ups whose readings are thrown away."""
+    path = tracked(work, "point")
+    rows = [{k: v for k, v in row.items() if k != "kind"} for row in table(path)]
+    said = cli("identify", work / "cell.toml", save(path, rows), "--out", work)
+    assert said.code != 0
+    rows[0]["target"] = rows[0]["target"]
+    touched = table(work / "touchups.csv")
+    path = save(work / "both.csv", [row | dict.fromkeys(PLACES, "1") for row in touched])
+    said = cli("identify", work / "cell.toml", path, "--out", work)
+    assert said.code == 0
+    assert "x_mm, y_mm, z_mm of 27 rows are not read, because a touch-up has no readings" in said.err
+
+
+def test_a_known_distance_to_a_target_that_is_not_there(refuse: Refuse, work: Path) -> None:
+    cell = work / "cell.toml"
+    with cell.open("a") as stream:
+        stream.write('[[known_distance]]\ntargets = ["T1", "T9"]\nlength_mm = 500.0\n')
+    line = refuse("identify", cell, work / "touchups.csv", "--out", work / "out")
+    line.says("a distance to the target 'T9' is known, and it was not measured", "T1")
+
+
+def test_rows_that_are_there_twice(cli: Cli, work: Path) -> None:
+    lines = (work / "touchups.csv").read_text().splitlines()
+    path = work / "twice.csv"
+    path.write_text("\n".join([*lines, lines[4]]) + "\n")
+    said = cli("identify", work / "cell.toml", path, "--out", work / "one", "--json")
+    assert said.err == (
+        f"warning: {path}: rows that repeat another number by number are left out: line 29 as "
+        "line 5\n"
+    )
+    assert json.loads(said.out)["measurements"] == 27
+    path.write_text("\n".join([*lines, *lines[1:]]) + "\n")
+    said = cli("identify", work / "cell.toml", path, "--out", work / "two", "--json")
+    assert said.err.count("\n") == 1
+    assert "line 33 as line 6 and 22 more rows" in said.err
+
+
+def test_poses_that_are_missing(cli: Cli, work: Path) -> None:
+    rows = table(work / "touchups.csv")
+    kept = [row for row in rows if row["pose"] not in ("P03", "P11")]
+    path = save(work / "few.csv", kept)
+    said = cli("identify", work / "cell.toml", path, "--out", work)
+    assert said.code == 0
+    assert "of the poses up to P27 there are no measurements of P03, P11" in said.err
+
+
+def test_a_target_that_is_seen_once(cli: Cli, work: Path) -> None:
+    rows = table(work / "touchups.csv")
+    rows[6]["target"] = "S9"
+    said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
+    assert said.code == 0
+    assert "measured once, which says nothing but where they are: S9" in said.err
+
+
+def test_many_rows_outside_the_limits(cli: Cli, work: Path) -> None:
+    rows = [row | {"j4_deg": "380"} for row in table(work / "touchups.csv")]
+    said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
+    lines = [line for line in said.err.splitlines() if "joint limits" in line or "is above" in line]
+    assert len(lines) == 6
+    assert "line 2: joint_4 380.0 deg is above" in lines[0]
+    assert lines[-1].endswith("and 22 more rows outside the joint limits")
+
+
+def test_joints_that_nothing_shows(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
+    joints = ", ".join(f'"joint_{i}"' for i in range(1, 7))
+    cell = change_cell({"parameters.zero_offsets": f"[{joints}]"})
+    line = refuse("identify", cell, work / "touchups.csv", "--out", work / "out")
+    line.says(
+        "cannot identify zero_offset.joint_1, zero_offset.joint_6",
+        "zero_offset.joint_6 is absorbed by the tool point",
+        "leave them out",
+    )
+
+
+def knocked(work: Path, share: float, size_deg: float = 0.5) -> tuple[Path, list[str]]:
+    """Touch-ups of which a share is wrong, and the names of these poses."""
+    rng = np.random.default_rng(8)
+    rows = table(work / "touchups.csv")
+    wrong = rng.choice(len(rows), round(share * len(rows)), replace=False).tolist()
+    for i in wrong:
+        for j in (2, 3, 5):
+            off = size_deg * rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.0)
+            rows[i][f"j{j}_deg"] = str(float(rows[i][f"j{j}_deg"]) + off)
+    return save(work / "knocked.csv", rows), [rows[i]["pose"] for i in wrong]
+
+
+def poses_in(text: str) -> set[str]:
+    """Names of planned poses in a text."""
+    return set(re.findall(r"P\d\d", text))
+
+
+def test_gross_errors_are_left_out_by_name(
+    cli: Cli, change_cell: ChangeCell, work: Path
+) -> None:
+    """A fifth of the touch-ups are wrong."""
+    path, wrong = knocked(work, 0.2)
+    said = cli("identify", work / "cell.toml", path, "--out", work)
+    (note,) = [line for line in said.err.splitlines() if "far beyond the others" in line]
+    assert 'parameters.loss = "graduated" leaves them out' in note
+    named = poses_in(note)
+    assert named
+    assert named <= set(wrong)
+
+    cell = change_cell({"parameters.loss": '"graduated"'})
+    said = cli("identify", cell, path, "--out", work)
+    assert said.code == 0
+    (note,) = [line for line in said.err.splitlines() if "contradict the others" in line]
+    assert poses_in(note) == set(wrong)
+    (largest,) = [line for line in said.out.splitlines() if line.startswith("largest residuals")]
+    assert not poses_in(largest) & set(wrong)
+    models = json.loads((work / "identification.json").read_text())["models"]
+    best = next(m for m in models if m["name"] == "offsets + compliance")
+    assert {r["pose"] for r in best["residuals"] if r["weight"] == 0} == set(wrong)
+
+
+def test_good_touch_ups_are_not_suspected(cli: Cli, work: Path) -> None:
+    said = cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work)
+    assert said.err == ""
+
+
+def test_more_wrong_than_right(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
+    path, _ = knocked(work, 0.7, 5.0)
+    cell = change_cell({"parameters.loss": '"graduated"'})
+    refuse("identify", cell, path, "--out", work / "out").says("contradict", "measurements")
+
+
+def other_arm(work: Path, preset: str) -> Path:
+    """Touch-ups of another arm than the cell's."""
+    from posedesign.planner import plan
+    from posedesign.template import cell_template
+
+    cell = Cell.from_text(cell_template(preset, surroundings=False))
+    q = plan(cell).poses.postures
+    q = q[np.isfinite(q).all(axis=1)]
+    return write_measurements(work / "other.csv", touch_ups(q))
+
+
+@pytest.mark.parametrize("preset", ["lrmate200id", "hp3"])
+def test_touch_ups_of_another_arm(cli: Cli, work: Path, preset: str) -> None:
+    """Links freed to be a metre off would explain them; nobody should believe that."""
+    path = other_arm(work, preset)
+    said = cli("identify", work / "cell.toml", path, "--out", work)
+    assert said.code == 1
+    assert "not of this robot" in said.err
+    assert "recommended" not in said.out
+    assert "Identified" not in said.out
+    content = json.loads((work / "identification.json").read_text())
+    assert content["recommended"] is None
+    assert "not of this robot" in content["reason"]
+
+
+def test_residuals_of_decimetres(cli: Cli, work: Path) -> None:
+    rng = np.random.default_rng(1)
+    rows = table(work / "touchups.csv")
+    for row in rows:
+        for j in range(1, 7):
+            row[f"j{j}_deg"] = str(float(row[f"j{j}_deg"]) + rng.normal(0.0, 10.0))
+    said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
+    assert said.code == 1
+    assert "these measurements are not of this robot" in said.err
+    assert "Identified" not in said.out
+
+
+def strict(text: str) -> Any:
+    """JSON as the standard has it: without NaN."""
+
+    def refused(constant: str) -> None:
+        raise AssertionError(f"{constant} is no JSON")
+
+    return json.loads(text, parse_constant=refused)
+
+
+def test_four_touch_ups(cli: Cli, work: Path) -> None:
+    """As many as are needed, and hardly more: said, and no NaN in the file."""
+    rows = table(work / "touchups.csv")[:4]
+    said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
+    assert said.code == 0
+    assert "only 2 equations are left over to test the model by" in said.err
+    assert "Identified: offsets" in said.out
+    assert "recommended: none" in said.out
+    assert "nan" not in said.out
+    said = cli("identify", work / "cell.toml", work / "m.csv", "--out", work, "--json")
+    content = strict(said.out)
+    assert content["recommended"] is None
+    assert content["models"][0]["name"] == "frames only"
+
+
+def test_json_is_all_that_is_printed(cli: Cli, work: Path) -> None:
+    said = cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work, "--json")
+    content = strict(said.out)
+    assert content["recommended"] == "offsets + compliance"
+    for model in content["models"]:
+        for parameter in model["parameters"]:
+            assert parameter["low"] < parameter["value"] < parameter["high"]
+
+
+def test_numbers_have_the_decimals_that_they_deserve(cli: Cli, work: Path) -> None:
+    said = cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work)
+    content = json.loads((work / "identification.json").read_text())
+    best = next(m for m in content["models"] if m["name"] == content["recommended"])
+    for parameter in best["parameters"]:
+        (line,) = [
+            line
+            for line in said.out.splitlines()
+            if line.startswith(f"│ {parameter['name']} ") and "│" in line
+        ]
+        value, change, sigma, low, high = (cell.strip() for cell in line.split("│")[2:7])
+        decimals = {len(text.partition(".")[2]) for text in (value, change, sigma, low, high)}
+        assert len(decimals) == 1
+        assert float(sigma) == pytest.approx(parameter["sigma"], rel=0.06)
+        assert abs(float(value) - parameter["value"]) < 0.06 * parameter["sigma"]
+        assert float(low) <= float(value) <= float(high)
+
+
+def test_parameters_that_are_not_told_are_listed(cli: Cli, change_cell: ChangeCell, work: Path) -> None:
+    cell = change_cell({"parameters.models": '[["geometry"]]'})
+    said = cli("identify", cell, work / "touchups.csv", "--out", work)
+    assert "parameters of the arm are not in this model, because these measurements do not" in said.out
+    assert "zero_offset.joint_1 is absorbed by the targets" in said.out
+    assert re.search(r"and \d+ more, see identification.json", said.out)

@@ -1,0 +1,253 @@
+"""Models in words: what each frees, with which priors and noise; and models by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.identification import identify
+from calib.measurement import KINDS
+from calib.model import CalibrationModel
+from posedesign.before_after import identify_models
+from posedesign.cell import Cell
+from posedesign.config import Word
+from posedesign.measurement_table import MeasurementTable, read_measurements, write_measurements
+from posedesign.models import (
+    FRAMES_ONLY,
+    candidates,
+    kinds_of,
+    left_out,
+    model_of,
+    name_of,
+    robot_blocks,
+)
+
+MakeCell = Callable[..., Cell]
+WORDS = [word for word in get_args(Word) if word != "priors"]
+
+STEMS = {
+    "zero_offsets": {"zero_offset"},
+    "geometry": {"zero_offset", "link"},
+    "compliance": {"compliance"},
+    "bearings": {"bearing"},
+    "lost_motion": {"lost_motion"},
+    "scale": {"scale"},
+    "harmonics": {"harmonic"},
+}
+"""First parts of the names of what each word frees."""
+
+
+def table_of(tmp_path: Path, lab: Any, kinds: list[str], count: int = 40, **more: Any) -> Any:
+    """What is measured, and the table of it."""
+    measured = lab.measure(kinds, count, **more)
+    path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
+    return measured, read_measurements(path, 6)
+
+
+def stems(names: Any) -> set[str]:
+    """First parts of names."""
+    return {name.partition(".")[0] for name in names}
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_each_word_frees_what_it_says(reference_cell: Cell, word: str) -> None:
+    names = [name for block in robot_blocks(reference_cell, [word]) for name in block.names]
+    assert stems(names) == STEMS[word]
+
+
+def test_names_of_models() -> None:
+    assert name_of(["zero_offsets"]) == "offsets"
+    assert name_of(["zero_offsets", "lost_motion"]) == "offsets + lost motion"
+    assert name_of(["geometry", "priors", "compliance"]) == "geometry + compliance with priors"
+
+
+PRIORS = {
+    "prior_offset_deg": 0.7,
+    "prior_length_mm": 0.3,
+    "prior_angle_deg": 0.2,
+    "prior_harmonic_deg": 0.01,
+    "prior_compliance_urad_nm": 4.0,
+}
+HELD = {
+    "zero_offset": np.deg2rad(0.7),
+    "link m": 0.3e-3,
+    "link rad": np.deg2rad(0.2),
+    "harmonic": np.deg2rad(0.01),
+    "lost_motion": np.deg2rad(0.01),
+    "compliance": 4e-6,
+    "bearing": 4e-6,
+}
+
+
+@pytest.mark.parametrize("words", [["zero_offsets"], ["geometry"], *[[w] for w in WORDS[2:]]])
+def test_priors_of_joints_and_links(make_cell: MakeCell, words: list[str]) -> None:
+    cell = make_cell(parameters=PRIORS)
+    for block in robot_blocks(cell, words):
+        assert np.isinf(block.prior).all()
+    if words == ["scale"]:
+        return
+    for block in robot_blocks(cell, [*words, "priors"]):
+        for name, unit, sigma in zip(block.names, block.units, block.prior, strict=True):
+            stem = name.partition(".")[0]
+            assert sigma == pytest.approx(HELD[f"link {unit}" if stem == "link" else stem]), name
+
+
+def test_models_are_tried_from_small_to_large(
+    tmp_path: Path, lab: Any, make_cell: MakeCell
+) -> None:
+    models = [["geometry", "compliance"], ["zero_offsets"], ["zero_offsets", "bearings", "scale"]]
+    cell = make_cell(parameters={"models": models})
+    _, table = table_of(tmp_path, lab, ["touch-up"])
+    found = candidates(cell, table)
+    assert found[0].name == FRAMES_ONLY
+    assert found[0].model.nuisance.all()
+    assert found[1].name == "offsets"
+    assert found[1].model.p == found[0].model.p + len(cell.offset_joints)
+    assert {c.name for c in found} == {FRAMES_ONLY, *(name_of(words) for words in models)}
+    sizes = [candidate.model.p for candidate in found]
+    assert sizes == sorted(sizes)
+    reduced = next(c for c in found if c.name == "geometry + compliance")
+    assert any("zero_offset.joint_1 is absorbed by" in note for note in reduced.notes)
+    assert not found[1].notes
+
+
+def test_what_needs_masses_is_left_out_without_them(
+    tmp_path: Path, lab: Any, make_cell: MakeCell
+) -> None:
+    _, table = table_of(tmp_path, lab, ["touch-up"])
+    light = make_cell(
+        robot={"preset": "ur5e"},
+        tool={"mass_kg": 0.0},
+        base_pose={"posture_deg": [0.0, -90.0, 90.0, -90.0, -90.0, 0.0]},
+        parameters={"zero_offsets": None, "models": [["zero_offsets"], ["compliance"]]},
+        truth=None,
+    )
+    if light.robot.link_mass.any():
+        pytest.skip("the preset has masses")
+    assert [c.name for c in candidates(light, table)] == [FRAMES_ONLY, "offsets"]
+    assert left_out(light) == ["compliance: neither the robot nor the tool has a mass"]
+
+
+def test_noise_given_and_unknown(make_cell: MakeCell) -> None:
+    cell = make_cell(
+        noise=[
+            {"kind": "pose", "three_sigma_mm": [0.3, 0.6, 0.9], "three_sigma_deg": 0.03},
+            {"kind": "plane", "three_sigma_mm": 0.06},
+        ]
+    )
+    pose, plane, touch, point = kinds_of(cell, ["pose", "plane", "touch-up", "point"])
+    np.testing.assert_allclose(
+        pose.sigma, [1e-4, 2e-4, 3e-4, *[np.deg2rad(0.01)] * 3], rtol=1e-12
+    )
+    np.testing.assert_allclose(plane.sigma, [2e-5])
+    np.testing.assert_allclose(touch.sigma, np.array([0.02, 0.02, 0.12]) / 3e3)
+    assert [kind.estimated for kind in (pose, plane, touch, point)] == [False] * 3 + [True]
+    unknown = make_cell(measurement={"estimate_noise": True})
+    assert all(kind.estimated for kind in kinds_of(unknown, ["touch-up", "pose"]))
+
+
+@pytest.mark.parametrize("kind", ["touch-up", "point", "distance"])
+def test_noise_from_the_residuals(
+    tmp_path: Path, lab: Any, make_cell: MakeCell, kind: str
+) -> None:
+    """150 measurements: the standard deviation is known to about 1 / sqrt(2 x 150)."""
+    noise = 5e-5
+    measured, table = table_of(
+        tmp_path, lab, [kind], 150, noise=noise, targets_each=3 if kind == "distance" else 1
+    )
+    cell = make_cell(
+        parameters={"models": [["zero_offsets"]]}, measurement={"estimate_noise": True}
+    )
+    result = identify_models(cell, table).comparison.results[1]
+    (found,) = result.noise
+    assert found.estimated
+    np.testing.assert_allclose(found.sigma, noise, rtol=4.0 / np.sqrt(2.0 * 150.0))
+    for joint in lab.joints:
+        name = f"zero_offset.{joint}"
+        sigma = result.sigma[result.names.index(name)]
+        assert abs(result.value(name) - measured.value(name)) < 5.0 * sigma
+
+
+def test_known_distances_take_part(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+    """Of two targets, in any order of their names; a wrong one shows."""
+    measured, table = table_of(tmp_path, lab, ["touch-up"], 60, targets_each=2)
+    ends = [
+        np.array([measured.value(f"target.A{k}.{axis}") for axis in "xyz"]) for k in (0, 1)
+    ]
+    known = {
+        "targets": ["A1", "A0"],
+        "length_mm": 1e3 * float(np.linalg.norm(ends[1] - ends[0])),
+        "three_sigma_mm": 0.003,
+    }
+    cell = make_cell(known_distance=[known], parameters={"models": [["zero_offsets"]]})
+    offsets = candidates(cell, table)[1]
+    assert len(offsets.model.distances) == 1
+    result = identify(offsets.model, table.data)
+    for joint in lab.joints:
+        name = f"zero_offset.{joint}"
+        assert result.value(name) == pytest.approx(measured.value(name), abs=1e-8)
+    assert result.rms_m < 1e-9
+    wrong = make_cell(known_distance=[known | {"length_mm": known["length_mm"] + 0.1}])
+    found = identify(candidates(wrong, table)[1].model, table.data)
+    assert not found.explains_data
+    assert found.rms_m > 1e-6
+
+
+def test_a_known_distance_to_nowhere(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+    _, table = table_of(tmp_path, lab, ["touch-up"], 6)
+    cell = make_cell(known_distance=[{"targets": ["A0", "A7"], "length_mm": 100.0}])
+    with pytest.raises(InputError, match="distance to the target 'A7' is known") as caught:
+        candidates(cell, table)
+    assert "did you mean A0" in caught.value.hint
+
+
+def rebuilt(cell: Cell, table: MeasurementTable) -> list[tuple[CalibrationModel, CalibrationModel]]:
+    """Every candidate with the model that its names give."""
+    return [(c.model, model_of(cell, c.model.names)) for c in candidates(cell, table)]
+
+
+@pytest.mark.parametrize("kinds", [["touch-up"], ["pose"], ["point", "touch-up"]], ids="+".join)
+def test_models_from_names(
+    tmp_path: Path, lab: Any, make_cell: MakeCell, kinds: list[str]
+) -> None:
+    """The arm that a file of results speaks of moves as the one that was identified."""
+    words = [[word] for word in WORDS] + [["geometry", "compliance", "priors"]]
+    cell = make_cell(parameters={"models": words})
+    _, table = table_of(tmp_path, lab, kinds, 60, tools=("tool", "ball"), targets_each=2)
+    rng = np.random.default_rng(5)
+    pairs = rebuilt(cell, table)
+    assert len(pairs) == 1 + len(words)
+    q = table.data.postures[:7]
+    for model, again in pairs:
+        assert sorted(again.names) == sorted(model.names)
+        x = model.nominal + rng.normal(0.0, 1e-4, model.p) * np.where(
+            np.array(model.units) == "rad/Nm", 1e-3, 1.0
+        )
+        order = [model.names.index(name) for name in again.names]
+        assert [model.units[k] for k in order] == list(again.units)
+        here, there = (
+            m.view(q, values).T_base_tip for m, values in ((model, x), (again, x[order]))
+        )
+        np.testing.assert_allclose(there, here, rtol=0, atol=1e-12)
+
+
+def test_names_that_no_arm_has(reference_cell: Cell) -> None:
+    with pytest.raises(InputError, match=r"no parameter 'link\.joint_7\.x'") as caught:
+        model_of(reference_cell, ["zero_offset.joint_2", "link.joint_7.x"])
+    assert "link.joint_" in caught.value.hint
+    with pytest.raises(InputError, match="no parameter 'nonsense'"):
+        model_of(reference_cell, ["nonsense"])
+
+
+def test_every_kind_has_its_place_in_the_table() -> None:
+    """A kind that is added has to be given its columns, or be one that is met."""
+    from posedesign.measurement_table import _READ
+
+    assert {kind for kind in KINDS if KINDS[kind].reads} == set(_READ)
+    for kind, columns in _READ.items():
+        assert len(columns) == KINDS[kind].rows

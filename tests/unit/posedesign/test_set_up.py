@@ -1,0 +1,145 @@
+"""From a table to an identified arm: every kind, several tools and targets, exact without noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.measurement import KINDS
+from calib.parameters import TargetFrame, TargetPlane, TargetPoints, ToolFrame, ToolPoints
+from calib.se3 import rotation_angle
+from posedesign.before_after import Identified, identify_models
+from posedesign.cell import Cell
+from posedesign.measurement_table import read_measurements, write_measurements
+from posedesign.set_up import frames_of, nominal_distances, seen_once, set_up_blocks
+
+MakeCell = Callable[..., Cell]
+
+EXACT = 2e-9
+"""[rad, m]: rounding of the file, 2e-11 rad, times what the measurements are worth."""
+
+MIXTURES = {
+    "touch-up": ["touch-up"],
+    "view-line": ["view-line"],
+    "point": ["point"],
+    "pose": ["pose"],
+    "camera-pose": ["camera-pose"],
+    "distance": ["distance"],
+    "three planes": ["plane"],
+    "touch-up and plane": ["touch-up", "plane"],
+    "tracker and touch-up": ["point", "touch-up"],
+    "pose and wire": ["pose", "distance"],
+    "all": list(KINDS),
+}
+TARGETS = {"three planes": 3, "distance": 3}
+
+
+def identified(
+    tmp_path: Path, lab: Any, make_cell: MakeCell, kinds: list[str], **more: Any
+) -> tuple[Any, Identified]:
+    """Measured, written, read, and identified by the model with zero offsets."""
+    measured = lab.measure(kinds, **more)
+    cell = make_cell(
+        parameters={"models": [["zero_offsets"]], "tool_axes": None},
+        measurement={"kind": "view-line" if kinds == ["view-line"] else "touch-up"},
+        noise=[
+            {"kind": kind, "three_sigma_mm": 0.03}
+            | ({"three_sigma_deg": 0.01} if KINDS[kind].turns else {})
+            for kind in kinds
+        ],
+    )
+    path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
+    return measured, identify_models(cell, read_measurements(path, 6))
+
+
+@pytest.mark.parametrize("name", MIXTURES)
+def test_exact_without_noise(
+    tmp_path: Path, lab: Any, make_cell: MakeCell, name: str
+) -> None:
+    each = TARGETS.get(name, 1)
+    measured, found = identified(
+        tmp_path, lab, make_cell, MIXTURES[name], count=60, targets_each=each
+    )
+    result = next(r for r in found.comparison.results if r.model == "offsets")
+    for joint in lab.joints:
+        parameter = f"zero_offset.{joint}"
+        assert result.value(parameter) == pytest.approx(measured.value(parameter), abs=EXACT)
+    assert result.rms_m < 1e-9
+    before = found.comparison.results[0]
+    assert before.model == "frames only"
+    assert before.rms_m > 1e-5
+
+
+def test_places_of_tools_and_targets(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+    """Two tools and two trackers: each is found where it is."""
+    measured, found = identified(
+        tmp_path, lab, make_cell, ["pose"], tools=("near", "far"), targets_each=2, count=60
+    )
+    trial = found.comparison.trials[1]
+    assert trial.result is not None
+    blocks = list(trial.candidate.model.parameters)
+    frames = frames_of(blocks, trial.result.values, trial.result.names)
+    assert set(frames["tools"]) == {"near", "far"}
+    assert set(frames["targets"]) == {"A0", "A1"}
+    for block, part in zip(measured.truth.parameters, measured.truth.slices, strict=True):
+        for side, labels in (("tools", block.tools), ("targets", block.targets)):
+            for label, T in zip(labels, block.poses(measured.x[part]) if labels else (), strict=True):
+                off = np.linalg.inv(T) @ frames[side][label]
+                assert np.linalg.norm(off[:3, 3]) < 10 * EXACT
+                assert rotation_angle(off[:3, :3]) < 10 * EXACT
+
+
+def test_what_there_must_be(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+    measured = lab.measure(list(KINDS), 8)
+    path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
+    blocks = set_up_blocks(make_cell(), read_measurements(path, 6))
+    kinds = {label: type(block) for block in blocks for label in (*block.tools, *block.targets)}
+    assert kinds["tool"] is ToolFrame  # poses are among them
+    for k, kind in enumerate(KINDS):
+        expected = {"plane": TargetPlane, "point": TargetFrame}.get(kind, TargetPoints)
+        if kind.endswith("pose"):
+            expected = TargetFrame
+        assert kinds[f"{'ABCDEFG'[k]}0"] is expected, kind
+
+
+def test_axes_of_the_tool(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+    """A view line does not show the tool point along itself; the cell may hold more axes."""
+
+    def axes(cell: Cell, *kinds: str) -> list[tuple[str, ...]]:
+        measured = lab.measure(kinds, 4, tools=("tool", "ball"))
+        path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
+        blocks = set_up_blocks(cell, read_measurements(path, 6))
+        return [block.names for block in blocks if isinstance(block, ToolPoints)]
+
+    every, across = ("tool.x", "tool.y", "tool.z"), ("tool.x", "tool.y")
+    free = make_cell(parameters={"tool_axes": None})
+    assert axes(free, "touch-up")[0] == every
+    assert axes(free, "view-line") == [across, ("tool.ball.x", "tool.ball.y")]
+    assert axes(free, "view-line", "touch-up")[0] == every
+    held = make_cell(parameters={"tool_axes": "x"})
+    assert axes(held, "touch-up") == [("tool.x",), ("tool.ball.x", "tool.ball.y", "tool.ball.z")]
+
+
+def test_how_far_off_it_was_before(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+    measured = lab.measure(["touch-up", "point"], 12)
+    path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
+    table = read_measurements(path, 6)
+    cell = make_cell(target={"name": "A0", "position_mm": [1000.0, 0.0, 500.0]})
+    points = cell.robot.state(table.data.postures[:12]).point(cell.tool_m)
+    off = nominal_distances(cell, table)
+    known = np.linalg.norm(points - [1.0, 0.0, 0.5], axis=1)
+    np.testing.assert_allclose(off[:12], known, atol=1e-12)
+    assert np.isnan(off[12:]).all()  # what a tracker reads is nothing that the cell could know
+    elsewhere = nominal_distances(make_cell(), table)
+    around = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    np.testing.assert_allclose(elsewhere[:12], around, atol=1e-12)
+
+
+def test_targets_seen_once(lab: Any) -> None:
+    data = lab.measure(["touch-up"], 7, targets_each=2).data
+    assert seen_once(data) == []
+    assert seen_once(data[np.array([0, 2, 3])]) == ["A1"]

@@ -41,6 +41,9 @@ _GIMBAL_COSINE = 1e-9
 """|cos P| below which W and R cannot be told apart in double precision."""
 
 
+_IDENTITY = np.eye(3)
+
+
 def skew(vector: ArrayLike) -> FloatArray:
     """Cross-product matrix: ``skew(a) @ b == np.cross(a, b)``; ``(..., 3)`` to ``(..., 3, 3)``."""
     v = np.asarray(vector, dtype=float)
@@ -151,13 +154,15 @@ def right_jacobian(rotation_vector: ArrayLike) -> FloatArray:
     to. Eq. 143 of Solà et al., "A micro Lie theory for state estimation in robotics" (2018).
     """
     v = np.asarray(rotation_vector, dtype=float)
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    small = angle < _SMALL_ANGLE
-    a = np.where(small, 1.0, angle)
-    first = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(a)) / a**2)
-    second = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (a - np.sin(a)) / a**3)
+    square = (v * v).sum(axis=-1)[..., None, None]
+    first, second = 0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0
+    large = square >= _SMALL_ANGLE**2
+    if large.any():
+        a = np.sqrt(np.where(large, square, 1.0))
+        first = np.where(large, (1.0 - np.cos(a)) / a**2, first)
+        second = np.where(large, (a - np.sin(a)) / a**3, second)
     K = skew(v)
-    return np.asarray(np.eye(3) - first * K + second * (K @ K))
+    return np.asarray(_IDENTITY - first * K + second * (K @ K))
 
 
 def inverse_left_jacobian(rotation_vector: ArrayLike) -> FloatArray:

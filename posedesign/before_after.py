@@ -38,6 +38,9 @@ FAR_M, FAR_FITTED_M = 0.1, 0.01
 """Distances of the nominal tool point from its target, as described and with tool and targets
 placed, that say where to look when nothing can be identified: most likely it is another arm."""
 
+PLANNED_M = 1e-7
+"""Distance of the nominal tool point from its target that no measured arm comes down to."""
+
 _MOST_LISTED = 5
 
 
@@ -68,11 +71,14 @@ class Identified:
 
     @property
     def shown(self) -> tuple[Trial, IdentificationResult]:
-        """The recommended model; where none is, the largest that leaves something to test it by."""
+        """The recommended model; where none is, the smallest of an arm that has errors of its own.
+
+        The baseline where that has nothing left over to test it by.
+        """
         found = [(t, t.result) for t in self.comparison.trials if t.result is not None]
         named = [pair for pair in found if pair[0].name == self.comparison.recommended]
         tested = [pair for pair in found if pair[1].degrees_of_freedom > 0]
-        return (named or tested[-1:] or found[:1])[0]
+        return (named or tested[1:2] or found[:1])[0]
 
     @property
     def is_of_this_robot(self) -> bool:
@@ -139,6 +145,11 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
             error.hint = _another(far, "as described")
         raise
     said = [*table.notes, *missing_poses(table.data.names)]
+    if _rms(nominal) < PLANNED_M:
+        said.append(
+            "the tool point of the arm as described is exactly on its target: these postures were "
+            "planned, not measured"
+        )
     once = seen_once(table.data)
     if once:
         said.append(

@@ -194,6 +194,13 @@ def read_measurements(
         Naming file, line and column.
     """
     columns, rows = read_rows(path)
+    if "target" not in columns and "status" in columns:
+        raise FileFormatError(
+            "holds planned poses, not measurements",
+            path=path,
+            row=1,
+            hint="measure them, or rehearse that with: posedesign simulate",
+        )
     check_columns(path, columns, ["target"])
     _check_names(path, rows)
     kinds, of_kind = _labels(rows, "kind", kind)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.errors import NotIdentifiableError
 from calib.identification.least_squares import white_rows
 from calib.measurement import CameraPose, Distance, Measurements, Point, Pose
 from calib.model import CalibrationModel
 from calib.parameters.base import ParameterBlock
 from calib.parameters.frames import Frames
-from calib.robot_world import solve
+from calib.robot_world import li_kronecker
+from calib.robot_world.identifiability import examine
 from calib.se3 import FloatArray, inverse, project_to_rotation, rotation_exp, transform
 
 _STEPS = 5
@@ -107,11 +107,10 @@ def _from_poses(
     X, tool_turns = _nominal(model, tool_label, "tools")
     Z, target_turns = _nominal(model, target_label, "targets")
     if tool_turns and target_turns:
-        try:
-            found = solve(A, B, "li-kronecker")
-        except NotIdentifiableError:
+        if examine(A[None], B[None]).degenerate[0]:
             return  # from these alone; priors may know more, or the parameters be named
-        X, Z = found.X, found.Z
+        found = li_kronecker.estimate(A[None], B[None])
+        X, Z = found.X[0], found.Z[0]
     elif target_turns:
         Z = _mean(A @ X @ inverse(B))
     elif tool_turns:

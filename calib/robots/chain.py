@@ -328,12 +328,10 @@ def _moved_along(
 
 def _product(columns: FloatArray, R: FloatArray) -> FloatArray:
     """Columns ``(3, 3, S)`` of the product with rotations ``(3, 3, S)``, rows then columns."""
-    out = np.empty(columns.shape)
-    for k in range(3):
-        np.multiply(columns[0], R[0, k], out=out[k])
-        out[k] += columns[1] * R[1, k]
-        out[k] += columns[2] * R[2, k]
-    return out
+    out = columns[0] * R[0, :, None]
+    out += columns[1] * R[1, :, None]
+    out += columns[2] * R[2, :, None]
+    return np.asarray(out)
 
 
 _IDENTITY = np.eye(3).tolist()

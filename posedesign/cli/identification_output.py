@@ -48,7 +48,7 @@ def print_identification(identified: Identified) -> None:
         print(f"recommended: {comparison.recommended}")
     else:
         print("recommended: none")
-    print(f"  {comparison.reason}")
+    print("  " + comparison.reason.replace("; ", "\n  "))
     trial, result = identified.shown
     print_parameters(result)
     _print_merged(trial)
@@ -118,7 +118,8 @@ def _parameter_rows(result: IdentificationResult) -> list[dict[str, object]]:
         numbers = {"value": value, "change": change, "sigma": sigma}
         numbers |= {"95 % from": low * factor, "to": high * factor}
         row: dict[str, object] = {"parameter": name}
-        row |= {key: f"{number:.{decimals}f}" for key, number in numbers.items()}
+        # adding zero makes minus zero plus zero
+        row |= {key: f"{round(n, decimals) + 0.0:.{decimals}f}" for key, n in numbers.items()}
         rows.append(row | {"unit": unit})
     return rows
 

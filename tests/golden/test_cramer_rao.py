@@ -213,7 +213,11 @@ CASES: dict[str, tuple[Callable[[], Case], int]] = {
 """Each with its number of parameters."""
 
 
-@pytest.fixture(params=CASES)
+LONG = ("two payloads", "geometry by touch-ups", "plane", "mixed kinds")
+"""Seconds each: their arms are moved until they touch, draw by draw."""
+
+
+@pytest.fixture(params=[pytest.param(k, marks=pytest.mark.slow) if k in LONG else k for k in CASES])
 def case(request: pytest.FixtureRequest) -> Case:
     make, parameters = CASES[request.param]
     found = make()

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from calib.identification import covariance_of, identify, identify_batch
-from calib.measurement import TouchUps
+from calib.measurement import touch_ups
 from calib.robot_world import METHODS, solve
 from calib.se3 import inverse, rotation_angle
 from posedesign.accuracy_study import effective_truth
@@ -83,7 +83,7 @@ def test_noise_free_study_of_a_rigid_arm_has_no_errors(make_cell: Callable[..., 
     real = np.array([robot.value(name) for name in model.names])
     assert np.abs(real - truth).max() > 5e-3  # the turned frames do matter
     _, B = robot.camera_poses(touched.postures, None)
-    A = model.view(touched.postures, found.values)[0].state.T_base_tip
+    A = model.view(touched.postures, found.values).T_base_tip
     solved = solve(A, B, "hirsh")
     for estimate, shown, true in (
         (solved.X, robot.T_shown_tip, robot.T_tip_camera),
@@ -100,7 +100,7 @@ def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell: Callable[.
     robot, model = SimulatedRobot.of(cell), cell.model()
     touched = robot.touch_up(plan(cell).postures, np.random.default_rng(2), trials=200)
     results = [
-        identify(model, TouchUps(q, touched.target, touched.labels), weighted=False)
+        identify(model, touch_ups(q, touched.target, touched.targets), weighted=False)
         for q in touched.postures
     ]
     assert all(r.explains_data for r in results)

@@ -52,9 +52,7 @@ WRONG = {
 
 @pytest.mark.parametrize("entrance", ENTRANCES)
 @pytest.mark.parametrize("kind", WRONG)
-def test_what_is_no_rigid_transform_is_refused(
-    tmp_path: Path, entrance: str, kind: str
-) -> None:
+def test_what_is_no_rigid_transform_is_refused(tmp_path: Path, entrance: str, kind: str) -> None:
     T, message = WRONG[kind]
     with pytest.raises(InputError, match=message):
         ENTRANCES[entrance](T, tmp_path)

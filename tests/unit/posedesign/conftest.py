@@ -73,7 +73,7 @@ class Lab:
         turns = any(kind.endswith("pose") for kind in kinds)
         placed: list[ParameterBlock] = [ZeroOffsets(robot, self.joints), *blocks]
         for k, label in enumerate(tools):
-            tool = cell.tool_m + [0.002, -0.001, 0.003 - 0.02 * k]
+            tool = cell.tool_m + np.array([0.002, -0.001, 0.003 - 0.02 * k])
             tilt = rotation_from_wpr(np.deg2rad([4.0, -3.0, 2.0]) * turns)
             T = transform(tilt, tool)
             placed.append(ToolFrame(T, label) if turns else ToolPoints([tool], [label]))
@@ -114,7 +114,7 @@ class Lab:
         if kind == "plane":
             return TargetPlane(place, [0.02 + 0.5 * t, -0.4 * t, 1.0], label)
         if kind == "distance":
-            place = place + [0.6, -0.4, -0.5]
+            place = place + np.array([0.6, -0.4, -0.5])
         return TargetPoints([place], [label])
 
 

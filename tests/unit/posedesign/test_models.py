@@ -141,9 +141,7 @@ def test_noise_given_and_unknown(make_cell: MakeCell) -> None:
         ]
     )
     pose, plane, touch, point = kinds_of(cell, ["pose", "plane", "touch-up", "point"])
-    np.testing.assert_allclose(
-        pose.sigma, [1e-4, 2e-4, 3e-4, *[np.deg2rad(0.01)] * 3], rtol=1e-12
-    )
+    np.testing.assert_allclose(pose.sigma, [1e-4, 2e-4, 3e-4, *[np.deg2rad(0.01)] * 3], rtol=1e-12)
     np.testing.assert_allclose(plane.sigma, [2e-5])
     np.testing.assert_allclose(touch.sigma, np.array([0.02, 0.02, 0.12]) / 3e3)
     assert [kind.estimated for kind in (pose, plane, touch, point)] == [False] * 3 + [True]
@@ -152,9 +150,7 @@ def test_noise_given_and_unknown(make_cell: MakeCell) -> None:
 
 
 @pytest.mark.parametrize("kind", ["touch-up", "point", "distance"])
-def test_noise_from_the_residuals(
-    tmp_path: Path, lab: Any, make_cell: MakeCell, kind: str
-) -> None:
+def test_noise_from_the_residuals(tmp_path: Path, lab: Any, make_cell: MakeCell, kind: str) -> None:
     """150 measurements: the standard deviation is known to about 1 / sqrt(2 x 150)."""
     noise = 5e-5
     measured, table = table_of(
@@ -176,9 +172,7 @@ def test_noise_from_the_residuals(
 def test_known_distances_take_part(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
     """Of two targets, in any order of their names; a wrong one shows."""
     measured, table = table_of(tmp_path, lab, ["touch-up"], 60, targets_each=2)
-    ends = [
-        np.array([measured.value(f"target.A{k}.{axis}") for axis in "xyz"]) for k in (0, 1)
-    ]
+    ends = [np.array([measured.value(f"target.A{k}.{axis}") for axis in "xyz"]) for k in (0, 1)]
     known = {
         "targets": ["A1", "A0"],
         "length_mm": 1e3 * float(np.linalg.norm(ends[1] - ends[0])),
@@ -212,9 +206,7 @@ def rebuilt(cell: Cell, table: MeasurementTable) -> list[tuple[CalibrationModel,
 
 
 @pytest.mark.parametrize("kinds", [["touch-up"], ["pose"], ["point", "touch-up"]], ids="+".join)
-def test_models_from_names(
-    tmp_path: Path, lab: Any, make_cell: MakeCell, kinds: list[str]
-) -> None:
+def test_models_from_names(tmp_path: Path, lab: Any, make_cell: MakeCell, kinds: list[str]) -> None:
     """The arm that a file of results speaks of moves as the one that was identified."""
     words = [[word] for word in WORDS] + [["geometry", "compliance", "priors"]]
     cell = make_cell(parameters={"models": words})

@@ -57,9 +57,7 @@ def identified(
 
 
 @pytest.mark.parametrize("name", MIXTURES)
-def test_exact_without_noise(
-    tmp_path: Path, lab: Any, make_cell: MakeCell, name: str
-) -> None:
+def test_exact_without_noise(tmp_path: Path, lab: Any, make_cell: MakeCell, name: str) -> None:
     each = TARGETS.get(name, 1)
     measured, found = identified(
         tmp_path, lab, make_cell, MIXTURES[name], count=60, targets_each=each
@@ -87,7 +85,9 @@ def test_places_of_tools_and_targets(tmp_path: Path, lab: Any, make_cell: MakeCe
     assert set(frames["targets"]) == {"A0", "A1"}
     for block, part in zip(measured.truth.parameters, measured.truth.slices, strict=True):
         for side, labels in (("tools", block.tools), ("targets", block.targets)):
-            for label, T in zip(labels, block.poses(measured.x[part]) if labels else (), strict=True):
+            for label, T in zip(
+                labels, block.poses(measured.x[part]) if labels else (), strict=True
+            ):
                 off = np.linalg.inv(T) @ frames[side][label]
                 assert np.linalg.norm(off[:3, 3]) < 10 * EXACT
                 assert rotation_angle(off[:3, :3]) < 10 * EXACT

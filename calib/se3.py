@@ -172,13 +172,15 @@ def inverse_left_jacobian(rotation_vector: ArrayLike) -> FloatArray:
     Solà et al. (2018).
     """
     v = np.asarray(rotation_vector, dtype=float)
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    small = angle < _SMALL_ANGLE
-    a = np.where(small, 1.0, angle)
-    # (1 + cos a) / sin a is 1 / tan(a / 2), which is finite at pi
-    factor = np.where(small, 1.0 / 12.0 + angle**2 / 720.0, 1.0 / a**2 - 0.5 / (a * np.tan(a / 2)))
+    square = (v * v).sum(axis=-1)[..., None, None]
+    factor = 1.0 / 12.0 + square / 720.0
+    large = square >= _SMALL_ANGLE**2
+    if large.any():
+        a = np.sqrt(np.where(large, square, 1.0))
+        # (1 + cos a) / sin a is 1 / tan(a / 2), which is finite at pi
+        factor = np.where(large, 1.0 / a**2 - 0.5 / (a * np.tan(a / 2)), factor)
     K = skew(v)
-    return np.asarray(np.eye(3) - 0.5 * K + factor * (K @ K))
+    return np.asarray(_IDENTITY - 0.5 * K + factor * (K @ K))
 
 
 def rotation_angle(rotation: ArrayLike) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.errors import InputError
-from calib.identification.covariance import information_root
+from calib.identification.covariance import information_root, triangle
 from calib.identification.identifiability import check_believable, check_identifiable
 from calib.measurement.data import Measurements
 from calib.measurement.touch import touch
@@ -65,12 +65,12 @@ def check_identifiable_at(
     NotIdentifiableError
         Parameters that they cannot tell apart, or whose standard deviation says nothing.
     """
-    white = clean_root(model, measurements, x)
+    white = triangle(clean_root(model, measurements, x))
     check_identifiable(white, model.names, model.nuisance)
     if any(kind.estimated for kind in model.measurements):
         return  # nobody knows the noise yet: the result is judged by what it turns out to be
     # what the noise alone leaves unknown would wander off before it could be refused
-    sigma = np.linalg.norm(np.linalg.pinv(white), axis=1)
+    sigma = np.linalg.norm(np.linalg.inv(white), axis=1)
     check_believable(sigma, model.names, model.units)
 
 

@@ -44,11 +44,11 @@ def covariance_of(
 def covariance_at(linear: Linearisation, x: FloatArray, *, weighted: bool = True) -> FloatArray:
     """The same from a linearisation that is there already, of one set at parameters ``(p,)``."""
     model = linear.model
-    white = information_root(linear, x)
+    white = triangle(information_root(linear, x))
     if not is_identifiable(white):
         return np.full((model.p, model.p), np.inf)
     if weighted:
-        root = np.linalg.pinv(white, rcond=1e-15)
+        root = np.linalg.inv(white)
         return np.asarray(root @ root.T)
     check_unweighted(model)
     J = linear.jacobian
@@ -77,6 +77,11 @@ def information_root(linear: Linearisation, x: FloatArray) -> FloatArray:
     measured = linear.white_jacobian.reshape(-1, linear.model.p)
     _, known = linear.model.known(np.atleast_2d(x))
     return np.concatenate([measured, known[0]])
+
+
+def triangle(rows: FloatArray) -> FloatArray:
+    """Rows ``(p, p)`` that say the same as ``(M, p)``: fewer where there are more than columns."""
+    return np.linalg.qr(rows, mode="r") if rows.shape[0] > rows.shape[1] else rows
 
 
 def best_chi2(linear: Linearisation, x: FloatArray) -> float:

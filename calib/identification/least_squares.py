@@ -24,6 +24,8 @@ STEP_TOLERANCE = 1e-7
 """Change of the predictions, in standard deviations of the noise or of the residuals where these
 are larger, of the last step. No parameter then moves by more than this part of its own standard
 deviation, whatever its unit; and since the last step is taken too, what is left is smaller still.
+A step after which the next one would be below it, at the rate at which they shrink, is the last one
+as well.
 """
 
 _SMALL = 1e-2
@@ -155,7 +157,7 @@ def _minimise(
         done = change < np.where(misfit > MISFIT, MISFIT_TOLERANCE, STEP_TOLERANCE)
         # steps shrink at a rate that only gets better: what would follow this one is known
         following = change * np.minimum(change / before, 1.0)
-        done |= (change < _SMALL) & (following < STEP_TOLERANCE / 10.0)
+        done |= (change < _SMALL) & (following < STEP_TOLERANCE)
         before = change
         if done.all() or not np.isfinite(change).any():
             x = x + step

@@ -26,9 +26,9 @@ UNSEEN_SCALE = 2e-3
 """Standard deviation of the scale of all lengths, as a share, that says it is not seen: 2 mm in a
 metre is more than any arm is built off."""
 
-STANDS_OUT = 4.5
-"""Leave-one-out residual over its noise, against the median of its kind, from which a measurement
-is named as one that stands out. Noise alone takes one single row in four hundred as far, and three
+STANDS_OUT = 4.0
+"""Residual over its own standard deviation, against the median of its kind, from which a measurement
+is named as one that stands out. Noise alone takes one single row in a hundred as far, and three
 rows never. What a model leaves out of an arm stays below; gross errors that hide each other come up
 to it."""
 
@@ -192,7 +192,8 @@ def stand_out(linear: Linearisation, left: FloatArray) -> IntArray:
         Rows of each when predicted from the other poses [m, rad].
     """
     white = np.linalg.pinv(linear.noise_root) @ np.nan_to_num(left)[..., None]
-    size = np.linalg.norm(white[..., 0], axis=1)
+    # rᵀ(I - H)⁻¹r: a pose that the fit hangs on is not suspected for what it alone tells
+    size = np.sqrt(np.maximum(np.sum(white[..., 0] * linear.white_rows, axis=1), 0.0))
     kinds = linear.view.setup.kind
     for k in np.unique(kinds):
         middle = float(np.median(size[kinds == k]))

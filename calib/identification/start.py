@@ -32,8 +32,10 @@ def first_guess(
     if not model.nuisance.any():
         return x
     _place_frames(model, data, x)
-    placed = bool((x != model.nominal).any())
     free = model.nuisance
+    placed = x != model.nominal
+    if placed[free].all():
+        return x
     for _ in range(_STEPS):
         linear = model.linearise(data.postures, x, data.setup, data.observed)
         rows, J = white_rows(linear, weighted)
@@ -46,7 +48,7 @@ def first_guess(
             break
         x[free] += step
         moved = np.linalg.norm(J[:, free] @ step)
-        if moved < 1.0 or (placed and moved < _LITTLE * np.linalg.norm(r)):
+        if moved < 1.0 or (placed.any() and moved < _LITTLE * np.linalg.norm(r)):
             break
     return x
 

@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 from calib import CalibrationModel, Robot, identify
 from calib.identification import identify_batch
 from calib.identification.identifiability import sort_out
+from calib.linearisation import Linearisation
 from calib.measurement import Measurements, Pose, TouchUp
 from calib.measurement.simulate import simulate
 from calib.parameters import (
@@ -104,14 +105,18 @@ def test_monte_carlo_against_scipy_one_by_one(
     def by_scipy(trial: int) -> np.ndarray:
         q = data.postures[trial]
 
-        def rows(x: np.ndarray) -> np.ndarray:
-            return model.linearise(q, x).white_rows.ravel()
-
-        def jacobian(x: np.ndarray) -> np.ndarray:
-            return model.linearise(q, x).white_jacobian.reshape(-1, model.p)
+        @lru_cache(maxsize=2)  # rows and Jacobian of the same parameters are asked for in turn
+        def linear(x: tuple[float, ...]) -> Linearisation:
+            return model.linearise(q, np.array(x))
 
         solved = least_squares(
-            rows, model.nominal, jacobian, method="lm", x_scale="jac", xtol=1e-10, ftol=1e-10
+            lambda x: linear(tuple(x)).white_rows.ravel(),
+            model.nominal,
+            lambda x: linear(tuple(x)).white_jacobian.reshape(-1, model.p),
+            method="lm",
+            x_scale="jac",
+            xtol=1e-10,
+            ftol=1e-10,
         )
         return np.asarray(solved.x)
 

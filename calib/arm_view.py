@@ -139,7 +139,7 @@ class ArmErrors:
     def displacements(self) -> dict[int, Displacement]:
         """The same as the chain takes it."""
         return {
-            joint: Displacement(six[:3], np.moveaxis(rotation_exp(six[3:].T), 0, -1))
+            joint: Displacement(six[:3], rotation_exp(six[3:].T).transpose(1, 2, 0))
             for joint, six in self.displaced.items()
         }
 

@@ -56,9 +56,9 @@ def product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def columns_of(R: FloatArray) -> FloatArray:
     """Columns ``(3, 3, S)`` of rotations ``(S, 3, 3)``."""
-    return np.ascontiguousarray(np.moveaxis(R, 0, -1).swapaxes(0, 1))
+    return np.ascontiguousarray(R.transpose(2, 1, 0))
 
 
 def matrices_of(columns: FloatArray) -> FloatArray:
     """Rotations ``(S, 3, 3)`` of columns ``(3, 3, S)``."""
-    return np.ascontiguousarray(np.moveaxis(columns.swapaxes(0, 1), -1, 0))
+    return np.ascontiguousarray(columns.transpose(2, 1, 0))

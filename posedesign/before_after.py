@@ -192,7 +192,7 @@ def _refuse_if_asked_for(cell: Cell, comparison: Comparison) -> None:
 def _another(far_m: float, when: str) -> str:
     return (
         f"{when}, the tool point is {far_m * 1e3:.0f} mm off its target on average: are these of "
-        "this robot, this tool, in URDF joint signs?"
+        "this robot, this tool, in URDF joint signs? FANUC pendants show J3 less J2"
     )
 
 
@@ -245,7 +245,8 @@ def why_another(identified: Identified) -> str:
     off = (best.values[k] - best.nominal[k]) * factor
     return (
         f"what explains these measurements best, {best.model}, has {name} off by {off:.4g} {unit}: "
-        "they are not of this robot, this tool or these joint signs, or its joints are far off zero"
+        "they are not of this robot, this tool or these joint signs (FANUC pendants show J3 less "
+        "J2), or its joints are far off zero"
     )
 
 

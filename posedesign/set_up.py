@@ -24,6 +24,10 @@ from calib.se3 import FloatArray, transform
 from posedesign.cell import Cell
 from posedesign.measurement_table import TOOL, MeasurementTable
 
+FAR_M, MUCH_FARTHER = 0.1, 10.0
+"""Distance of a nominal tool point from the middle of those of its target, and the same over the
+median of all of them, beyond which a row is another thing than the others."""
+
 _FRAMES = ("point", "pose", "camera-pose")
 _POSES = ("pose", "camera-pose")
 
@@ -81,6 +85,30 @@ def nominal_distances(cell: Cell, table: MeasurementTable) -> FloatArray:
             place = cell.target_m if known else points[own].mean(axis=0)
             out[own] = np.linalg.norm(points[own] - place, axis=1)
     return out
+
+
+def far_rows(cell: Cell, table: MeasurementTable) -> list[str]:
+    """Touch-ups that the nominal arm sees far from all others of their target, with their lines.
+
+    Rows in another unit, or of another target. They can be told before anything is identified, and
+    keep the rest from being identified at all.
+    """
+    data, touched = table.data, table.of_kind("touch-up", "view-line")
+    points = cell.robot.state(data.postures).point(cell.tool_m)
+    said = []
+    for k in range(len(data.targets)):
+        own = touched[data.setup.target[touched] == k]
+        if not own.size:
+            continue
+        off = np.linalg.norm(points[own] - np.median(points[own], axis=0), axis=1)
+        usual = float(np.median(off))
+        said += [
+            f"line {table.lines[i]}: the tool point as described is {far * 1e3:.0f} mm from where "
+            f"the others of {data.targets[k]} have it, which lie within {usual * 1e3:.0f} mm"
+            for i, far in zip(own.tolist(), off.tolist(), strict=True)
+            if far > FAR_M and far > MUCH_FARTHER * usual
+        ]
+    return said
 
 
 def frames_of(

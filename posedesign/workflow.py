@@ -40,6 +40,7 @@ from posedesign.programs import (
     write,
 )
 from posedesign.reading_checks import check_readings
+from posedesign.set_up import far_rows
 from posedesign.simulation import SimulatedRobot
 from posedesign.tables import (
     POSE_AXES,
@@ -185,6 +186,8 @@ def identify_file(
     rows = [f"line {line}" for line in table.lines]
     outside = outside_limits(cell, rows, table.data.postures)
     for line in summed_up(outside, "rows outside the joint limits"):
+        warn(f"{measurements}: {line}")
+    for line in summed_up(far_rows(cell, table), "rows far from the others"):
         warn(f"{measurements}: {line}")
     table, repeated = without_repeats(table)
     for line in repeated:

@@ -261,6 +261,10 @@ def _choose(trials: Sequence[Trial], data: Measurements) -> tuple[str | None, st
     if not np.isfinite(errors[0]).any():
         criterion = "leave-one-out"
         errors = [trial.result.leave_one_out_m for trial in able if trial.result is not None]
+    # a large model that hangs on every measurement has nothing to be judged by, and must not keep
+    # the others from being
+    judged = [k for k, error in enumerate(errors) if k < 2 or np.isfinite(error).any()]
+    able, errors = [able[k] for k in judged], [errors[k] for k in judged]
     # errors at different measurements cannot be compared
     common = np.isfinite(errors).all(axis=0)
     for trial in able:

@@ -81,7 +81,7 @@ def information_root(linear: Linearisation, x: FloatArray) -> FloatArray:
 
 def triangle(rows: FloatArray) -> FloatArray:
     """Rows ``(p, p)`` that say the same as ``(M, p)``: fewer where there are more than columns."""
-    return np.linalg.qr(rows, mode="r") if rows.shape[0] > rows.shape[1] else rows
+    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
 
 
 def best_chi2(linear: Linearisation, x: FloatArray) -> float:

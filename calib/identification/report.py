@@ -27,10 +27,9 @@ UNSEEN_SCALE = 2e-3
 metre is more than any arm is built off."""
 
 STANDS_OUT = 4.0
-"""Residual over its own standard deviation, against the median of its kind, from which a measurement
-is named as one that stands out. Noise alone takes one single row in a hundred as far, and three
-rows never. What a model leaves out of an arm stays below; gross errors that hide each other come up
-to it."""
+"""Residual over its own standard deviation, against the median of its kind, from which it is said
+to stand out. Noise alone takes one single row in a hundred as far, and three rows never. What a
+model leaves out of an arm stays below; gross errors that hide each other come up to it."""
 
 FEW_LEFT = 10
 """Equations beyond the parameters below which it is said that they are few: the standard deviation

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtrc
 from scipy.stats import norm, t
 
 from calib.parameters.base import Unit
@@ -271,7 +271,7 @@ def chi2_is_too_large(chi2: float, degrees_of_freedom: int) -> bool:
     """Whether chance alone would hardly give a chi² as large as this one."""
     if degrees_of_freedom <= 0:
         return False
-    return bool(chi2_distribution.sf(chi2, degrees_of_freedom) < MODEL_DOUBT)
+    return bool(chdtrc(degrees_of_freedom, chi2) < MODEL_DOUBT)  # the survival function of chi²
 
 
 def _rms(distances: FloatArray) -> float:

@@ -145,7 +145,7 @@ def _log_derivative(turning: FloatArray, rows: FloatArray) -> FloatArray:
 
     Both in the axes of the instrument.
     """
-    J = np.moveaxis(inverse_left_jacobian(rows[3:].T), 0, -1)  # rows, columns, S
+    J = inverse_left_jacobian(rows[3:].T).transpose(1, 2, 0)  # rows, columns, S
     out = np.empty(turning.shape)
     for k in range(3):
         out[:, k] = along(J[k], turning)

@@ -38,12 +38,12 @@ def print_identification(identified: Identified) -> None:
 
     comparison = identified.comparison
     _print_models(identified)
-    for trial in comparison.trials:
-        if trial.error is not None:
-            note(f"{trial.name} left out: {trial.error.message}")
     if not identified.is_of_this_robot:
         note(f"warning: {why_another(identified)}")
         return
+    for trial in comparison.trials:
+        if trial.error is not None:
+            note(f"{trial.name} left out: {trial.error.message}")
     if comparison.recommended:
         print(f"recommended: {comparison.recommended}")
     else:

@@ -279,6 +279,24 @@ def test_planned_poses_are_no_measurements(cli: Cli, refuse: Refuse, work: Path)
     assert "these postures were planned, not measured" in said.err
 
 
+def test_one_row_in_radians(cli: Cli, work: Path) -> None:
+    rows = table(work / "touchups.csv")
+    rows[3] |= {f"j{k}_deg": str(np.deg2rad(float(rows[3][f"j{k}_deg"]))) for k in range(1, 7)}
+    said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
+    assert said.code != 0
+    assert "m.csv: line 5: the tool point as described is " in said.err
+
+
+def test_eight_touch_ups_are_enough_to_choose_by(cli: Cli, work: Path) -> None:
+    """Of the larger models nothing can be left out; that does not keep the others from it."""
+    rows = table(work / "touchups.csv")[:8]
+    words = ("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work, "--json")
+    content = strict(cli(*words).out)
+    lost = [m["name"] for m in content["models"] if m["leave_one_out_rms_mm"] is None]
+    assert lost
+    assert content["recommended"] not in (None, *lost)
+
+
 def test_good_touch_ups_are_not_suspected(cli: Cli, work: Path) -> None:
     said = cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work)
     assert said.err == ""

@@ -7,8 +7,8 @@ import pytest
 
 from calib import CalibrationModel
 from calib.errors import InputError
-from calib.measurement import Distance, Point, Pose, Setup, TouchUp, ViewLine
 from calib.knowledge import KnownDistance
+from calib.measurement import Distance, Point, Pose, Setup, TouchUp, ViewLine
 from calib.parameters import TargetFrame, TargetPoints, ToolFrame, ToolPoint, ZeroOffsets
 from calib.se3 import rotation_exp, transform
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from calib.se3 import rotation_angle
 from posedesign.before_after import Identified, identify_models
 from posedesign.cell import Cell
 from posedesign.measurement_table import read_measurements, write_measurements
-from posedesign.set_up import frames_of, nominal_distances, seen_once, set_up_blocks
+from posedesign.set_up import far_rows, frames_of, nominal_distances, seen_once, set_up_blocks
 
 MakeCell = Callable[..., Cell]
 
@@ -137,6 +138,19 @@ def test_how_far_off_it_was_before(tmp_path: Path, lab: Any, make_cell: MakeCell
     elsewhere = nominal_distances(make_cell(), table)
     around = np.linalg.norm(points - points.mean(axis=0), axis=1)
     np.testing.assert_allclose(elsewhere[:12], around, atol=1e-12)
+
+
+def test_rows_that_are_something_else(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+    measured = lab.measure(["touch-up", "point"], 12, targets_each=2)
+    q = measured.data.postures.copy()
+    path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
+    assert far_rows(make_cell(), read_measurements(path, 6)) == []
+    q[[3, 20]] /= 57.29578  # a touch-up in radians; of what a tracker reads nothing is expected
+    data = replace(measured.data, postures=q)
+    path = write_measurements(tmp_path / "m.csv", data, measured.kinds)
+    (said,) = far_rows(make_cell(), read_measurements(path, 6))
+    assert said.startswith("line 5: the tool point as described is ")
+    assert "the others of A1" in said
 
 
 def test_targets_seen_once(lab: Any) -> None:

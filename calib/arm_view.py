@@ -69,7 +69,10 @@ class Setup:
         named = {"kind": kind, "tool": tool, "target": target, "payload": payload}
         arrays = {}
         for name, given in named.items():
-            index = np.asarray(given, dtype=np.intp)
+            index = np.asarray(given)
+            if not np.array_equal(index, index.astype(np.intp)):
+                raise InputError(f"indices of the {name} are whole numbers", name=name)
+            index = index.astype(np.intp)
             if index.ndim == 0:
                 index = np.full(count, index)
             if index.shape != (count,) or (index < 0).any():

@@ -33,6 +33,21 @@ class KnownDistance:
     length_m: float
     sigma_m: float = 1e-5
 
+    def __post_init__(self) -> None:
+        if self.first == self.second:
+            raise InputError(
+                f"the target {self.first!r} has no distance from itself", name=self.first
+            )
+        for number, what in ((self.length_m, "length"), (self.sigma_m, "standard deviation")):
+            if not (np.isfinite(number) and number > 0):
+                raise InputError(
+                    f"a distance of targets with a {what} of {number:g} m cannot be known",
+                    hint="give metres above zero",
+                    name=what,
+                    value=number,
+                    bound=0.0,
+                )
+
 
 def known_rows(model: CalibrationModel, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """What is known besides the measurements, whitened: priors, then distances.

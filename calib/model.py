@@ -91,14 +91,15 @@ class CalibrationModel:
         ends = np.cumsum([block.size for block in parameters])
         self.slices = [slice(e - b.size, e) for e, b in zip(ends, parameters, strict=True)]
         self.distances = tuple(distances)
-        for known in distances:
-            for label in (known.first, known.second):
-                if label not in self.targets:
-                    raise InputError(
-                        f"there is no target {label!r} that a distance could be known to",
-                        hint=near_names(label, self.targets),
-                        name=label,
-                    )
+        needed = [label for known in distances for label in (known.first, known.second)]
+        needed += [label for block in parameters for label in block.measured_from]
+        for label in needed:
+            if label not in self.targets:
+                raise InputError(
+                    f"there is no target {label!r} that a distance could be known to",
+                    hint=near_names(label, self.targets),
+                    name=label,
+                )
 
     @property
     def p(self) -> int:
@@ -123,9 +124,27 @@ class CalibrationModel:
         """Equations that measurements give: rows that are not there to fill a block."""
         return int(np.array([kind.rows for kind in self.measurements])[setup.kind].sum())
 
+    @property
+    def knows_besides(self) -> bool:
+        """Whether anything is known besides measurements: priors, or distances."""
+        return bool(self.distances) or bool(np.isfinite(self.prior).any())
+
     def with_parameters(self, parameters: Sequence[ParameterBlock]) -> CalibrationModel:
-        """The same robot, measured alike, with other parameters."""
-        return CalibrationModel(self.robot, parameters, self.measurements, self.distances)
+        """The same robot, measured alike, with other parameters.
+
+        Priors set by :meth:`with_prior` go with the names of the parameters.
+        """
+        other = CalibrationModel(self.robot, parameters, self.measurements, self.distances)
+        own = np.concatenate([np.zeros(0), *(block.prior for block in self.parameters)])
+        changed = {
+            name: sigma
+            for name, sigma, was in zip(self.names, self.prior, own, strict=True)
+            if sigma != was
+        }
+        other.prior = np.array(
+            [changed.get(n, s) for n, s in zip(other.names, other.prior, strict=True)]
+        )
+        return other
 
     def with_prior(self, prior: ArrayLike) -> CalibrationModel:
         """The same model with other standard deviations ``(p,)`` known before measuring [SI]."""
@@ -140,6 +159,8 @@ class CalibrationModel:
 
     def with_measurements(self, measurements: Sequence[Measurement]) -> CalibrationModel:
         """The same robot and parameters with other kinds, or another noise, of measurement."""
+        if not measurements:
+            raise InputError("a model needs a kind of measurement", name="measurement")
         other = copy(self)
         other.measurements = tuple(measurements)
         return other
@@ -296,13 +317,7 @@ class CalibrationModel:
         rows = np.zeros((self.rows, view.q.shape[1]))
         J = np.zeros((self.p, self.rows, view.q.shape[1]))
         for kind, columns, own in self.by_kind(view):
-            predicted = kind.predict(own)
-            read = None if readings is None else readings[: kind.rows, columns]
-            if read is not None:
-                difference = kind.difference(predicted, read)
-            else:
-                difference = predicted.copy()
-                difference[kind.rows - kind.turns :] = 0.0
+            difference = _difference(kind, own, readings, columns)
             rows[: kind.rows, columns] = difference
             moved = kind.differentiate(motion[:, :, columns], own, difference)
             if len(self.measurements) == 1:
@@ -310,6 +325,21 @@ class CalibrationModel:
             else:
                 J[:, : kind.rows, columns] = moved
         return Linearisation(self, view, rows, J, motion)
+
+    def white_residuals(
+        self,
+        q: ArrayLike,
+        x: ArrayLike | None = None,
+        setup: Setup | None = None,
+        observed: FloatArray | None = None,
+    ) -> FloatArray:
+        """Rows ``(..., N, m)`` of :attr:`Linearisation.white_rows`, without their derivative."""
+        view = self._view(q, x, setup)[0]
+        readings = None if observed is None else _last(observed, view)
+        rows = np.zeros((self.rows, view.q.shape[1]))
+        for kind, columns, own in self.by_kind(view):
+            rows[: kind.rows, columns] = _difference(kind, own, readings, columns)
+        return view.posture_first(self.whiten_last(rows, view))
 
     def whiten(
         self,
@@ -351,6 +381,18 @@ class CalibrationModel:
     def known(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What is known besides the measurements, whitened: see :func:`known_rows`."""
         return known_rows(self, x)
+
+
+def _difference(
+    kind: Measurement, view: ArmView, readings: FloatArray | None, columns: slice | IntArray
+) -> FloatArray:
+    """Residuals ``(m, S)`` of one kind, of readings ``(M, S)`` of all; predictions without them."""
+    predicted = kind.predict(view)
+    if readings is not None:
+        return kind.difference(predicted, readings[: kind.rows, columns])
+    rows = predicted.copy()
+    rows[kind.rows - kind.turns :] = 0.0
+    return rows
 
 
 def _joined(parts: Sequence[FloatArray]) -> FloatArray:

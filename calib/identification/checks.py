@@ -40,6 +40,13 @@ def check_enough(model: CalibrationModel, measurements: Measurements) -> None:
             f"readings have {measurements.observed.shape[-1]} columns, the model {model.rows} rows",
             name="observed",
         )
+    met = np.array([not kind.reads for kind in model.measurements])[measurements.setup.kind]
+    if measurements.observed is not None and measurements.observed[..., met, :].any():
+        raise InputError(
+            "a touch-up has a reading: what the arm is moved for is met, not read",
+            hint="leave the readings of touch-ups, view lines and planes zero",
+            name="observed",
+        )
     equations = model.equations(measurements.setup)
     known_besides = int(np.isfinite(model.prior).sum()) + len(model.distances)
     if equations + known_besides < model.p:

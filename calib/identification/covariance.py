@@ -41,19 +41,44 @@ def covariance_of(
     return covariance_at(linear, values, weighted=weighted)
 
 
-def covariance_at(linear: Linearisation, x: FloatArray, *, weighted: bool = True) -> FloatArray:
-    """The same from a linearisation that is there already, of one set at parameters ``(p,)``."""
+def covariance_at(
+    linear: Linearisation,
+    x: FloatArray,
+    *,
+    weighted: bool = True,
+    noise: FloatArray | None = None,
+) -> FloatArray:
+    """The same from a linearisation that is there already, of one set at parameters ``(p,)``.
+
+    Parameters
+    ----------
+    linear : Linearisation
+    x : array (p,)
+    weighted : bool
+    noise : array (K,), optional
+        What the noise of each kind really is, over the one that the estimate is weighed by.
+    """
     model = linear.model
     white = triangle(information_root(linear, x))
     if not is_identifiable(white):
         return np.full((model.p, model.p), np.inf)
+    each = np.ones(linear.view.setup.count)
+    if noise is not None:
+        each = noise[linear.view.setup.kind]
     if weighted:
         root = np.linalg.inv(white)
-        return np.asarray(root @ root.T)
+        best = root @ root.T
+        if noise is None:
+            return np.asarray(best)
+        known = model.known(np.atleast_2d(x))[1][0]
+        rows = (linear.white_jacobian * each[:, None, None]).reshape(linear.rows_last.size, model.p)
+        spread = best @ np.concatenate([rows, known]).T
+        return np.asarray(spread @ spread.T)
     check_unweighted(model)
     J = linear.jacobian
-    gain = np.linalg.pinv(J.reshape(-1, model.p)).reshape(model.p, *J.shape[:2])
-    spread = np.einsum("pim,imk->pik", gain, linear.noise_root).reshape(model.p, -1)
+    gain = np.linalg.pinv(J.reshape(linear.rows_last.size, model.p)).reshape(model.p, *J.shape[:2])
+    root = linear.noise_root * each[:, None, None]
+    spread = np.einsum("pim,imk->pik", gain, root).reshape(model.p, gain.shape[1] * gain.shape[2])
     return np.asarray(spread @ spread.T)
 
 
@@ -64,7 +89,7 @@ def check_unweighted(model: CalibrationModel) -> None:
     ------
     InputError
     """
-    if model.distances or np.isfinite(model.prior).any():
+    if model.knows_besides:
         raise InputError(
             "priors and known distances need rows that are weighted by their noise",
             hint="weight them, or leave these out",
@@ -74,7 +99,7 @@ def check_unweighted(model: CalibrationModel) -> None:
 
 def information_root(linear: Linearisation, x: FloatArray) -> FloatArray:
     """Rows ``(M, p)`` over their noise of all that is known: its square is the information."""
-    measured = linear.white_jacobian.reshape(-1, linear.model.p)
+    measured = linear.white_jacobian.reshape(linear.rows_last.size, linear.model.p)
     _, known = linear.model.known(np.atleast_2d(x))
     return np.concatenate([measured, known[0]])
 
@@ -82,21 +107,6 @@ def information_root(linear: Linearisation, x: FloatArray) -> FloatArray:
 def triangle(rows: FloatArray) -> FloatArray:
     """Rows ``(p, p)`` that say the same as ``(M, p)``: fewer where there are more than columns."""
     return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
-
-
-def best_chi2(linear: Linearisation, x: FloatArray) -> float:
-    """Sum of squares of the whitened residuals, where the weighted fit has them.
-
-    After an unweighted fit the residuals are larger than that, by what it gives away, and would
-    not have the distribution of chi²: what the parameters could still explain is taken out.
-    """
-    root = information_root(linear, x)
-    known, _ = linear.model.known(np.atleast_2d(x))
-    rows = np.concatenate([linear.white_rows.ravel(), known[0]])
-    if root.shape[1]:
-        Q = np.linalg.qr(root / _lengths(root))[0]
-        rows = rows - Q @ (Q.T @ rows)
-    return float(rows @ rows)
 
 
 def leave_one_out(
@@ -124,8 +134,8 @@ def leave_one_out(
     rows, J = linear.view.posture_first(rows_last), linear.view.posture_first(J_last)
     count, m, p = J.shape
     known = linear.model.known(np.atleast_2d(x))[1][0] if weighted else np.zeros((0, p))
-    stacked = np.concatenate([J.reshape(-1, p), known])
-    Q = np.linalg.qr(stacked / _lengths(stacked))[0] if p else stacked
+    stacked = np.concatenate([J.reshape(count * m, p), known])
+    Q = np.linalg.qr(stacked / column_lengths(stacked))[0] if p else stacked
     Q = Q[: count * m].reshape(count, m, p)
     out = np.full((count, m), np.nan)
     sizes = np.bincount(groups)
@@ -144,6 +154,7 @@ def leave_one_out(
     return out * equal_sigma(linear.model)
 
 
-def _lengths(columns: FloatArray) -> FloatArray:
+def column_lengths(columns: FloatArray) -> FloatArray:
+    """Lengths ``(p,)`` of columns ``(M, p)``, 1 for columns of noughts."""
     length = np.linalg.norm(columns, axis=0)
     return np.where(length > 0, length, 1.0)

@@ -9,7 +9,7 @@ same way. The problem is linearised, solved and weighted again until nothing mov
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from scipy.optimize import minimize
 from calib.errors import ConvergenceError, InputError, near_names
 from calib.identification.checks import check_enough, check_identifiable_at
 from calib.identification.marginal import LinearEvidence, linear_evidence, noise_classes
+from calib.identification.noise import costs_of
 from calib.identification.robust import WEIGHTS, Loss, distances2
 from calib.identification.start import first_guess
 from calib.measurement.data import Measurements
@@ -157,10 +158,12 @@ def tune_priors(
     check_enough(tuned, data)
     x = first_guess(tuned, data)
     check_identifiable_at(tuned, data, x)
-    theta, x, weights, passes = _alternate(model, data, members, bounds, theta, x, WEIGHTS[loss])
-    problem = linear_evidence(model, data, x, members, weights)
+    theta, x, weights, passes = _alternate(model, data, members, bounds, theta, x, loss)
+    tuned = _applied(model, data, members, theta)
+    shares = weights / costs_of(tuned, data, x, weights, loss)[0]
+    problem = linear_evidence(model, data, x, members, shares)
     return TunedPriors(
-        model=_applied(model, data, members, theta),
+        model=tuned,
         groups=groups,
         sigma=np.exp(theta[: len(groups)]),
         log_evidence=problem.log_evidence(theta)[0],
@@ -178,19 +181,21 @@ def _alternate(
     bounds: FloatArray,
     theta: FloatArray,
     x: FloatArray,
-    weigh: Callable[[FloatArray, IntArray], FloatArray],
+    loss: Loss,
 ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
     """Linearise, maximise, solve and weigh: standard deviations, parameters, weights, passes."""
     rows = np.array([kind.rows for kind in model.measurements])[data.setup.kind]
     weights = np.ones(data.count)
     moved = np.inf
     for passes in range(_PASSES):
-        problem = linear_evidence(model, data, x, members, weights)
+        tuned = _applied(model, data, members, theta)
+        shares = weights / costs_of(tuned, data, x, weights, loss)[0]  # as the fit has them
+        problem = linear_evidence(model, data, x, members, shares)
         # at first the arm is linearised as described, too far off to tell sizes by
         best = _maximise(problem, theta, bounds) if passes else theta
         x = problem.parameters(best)
         tuned = _applied(model, data, members, best)
-        heavier = weigh(distances2(tuned, data, x), rows)
+        heavier = WEIGHTS[loss](distances2(tuned, data, x), rows)
         moved = float(max(np.abs(best - theta).max(initial=0.0), np.abs(heavier - weights).max()))
         theta, weights = best, heavier
         if moved < _SETTLED and passes > 1:

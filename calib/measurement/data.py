@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.arm_view import Setup
 from calib.errors import InputError
+from calib.measurement.repeats import repeated_together
 from calib.se3 import FloatArray, IntArray
 
 
@@ -43,6 +45,10 @@ class Measurements:
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        for name in ("postures", "observed"):
+            given = getattr(self, name)
+            if given is not None:
+                object.__setattr__(self, name, np.asarray(given, dtype=float))
         count = self.setup.count
         if self.postures.ndim < 2 or self.postures.shape[-2] != count:
             raise InputError(
@@ -86,6 +92,17 @@ class Measurements:
         """Index of the pose that each measurement belongs to, ``(N,)``."""
         index = {name: i for i, name in enumerate(dict.fromkeys(self.names))}
         return np.array([index[name] for name in self.names], dtype=np.intp)
+
+    @cached_property
+    def groups(self) -> IntArray:
+        """Group ``(N,)`` of each measurement: those of one pose, and those at one posture.
+
+        They share what a model leaves out of the arm, whatever they are called, and have to be left
+        out together. Of many trials the postures of the first one count.
+        """
+        n = self.postures.shape[-1]
+        first = self.postures.reshape(-1, self.count, n)[:1].reshape(self.count, n)
+        return repeated_together(self.pose, first)
 
     def __getitem__(self, rows: IntArray | slice) -> Measurements:
         """Some of the measurements, with the labels of all."""

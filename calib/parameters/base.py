@@ -37,6 +37,8 @@ class ParameterBlock(ABC):
         Whether they place the measuring set-up (tool, target) rather than the robot.
     tools, targets : tuple of str
         Labels of what this block puts on the tool, and around the arm.
+    measured_from : tuple of str
+        Labels of targets that another block has to put up.
     prior : array (size,)
         Standard deviation, about the nominal value, that is known before measuring [SI]; infinite
         where nothing is.
@@ -50,6 +52,7 @@ class ParameterBlock(ABC):
     nuisance: bool = False
     tools: tuple[str, ...] = ()
     targets: tuple[str, ...] = ()
+    measured_from: tuple[str, ...] = ()
     prior: FloatArray
     beyond_chain: str = "errors that change from posture to posture"
 

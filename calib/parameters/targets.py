@@ -127,7 +127,7 @@ class LengthOffsets(ParameterBlock):
     beyond_chain = ""
 
     def __init__(self, labels: Sequence[str], prior_m: float | None = None) -> None:
-        self.labels = tuple(labels)
+        self.labels = self.measured_from = tuple(labels)
         self.names = tuple(f"length.{label}" for label in labels)
         self.units = tuple("m" for _ in self.names)
         self.prior = prior_of(prior_m, len(self.names))

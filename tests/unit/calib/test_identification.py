@@ -232,12 +232,6 @@ def test_labels_must_be_those_of_the_model(make_model, touching):
             use(make_model(), touch_ups(postures, np.zeros(8, dtype=int), ("left",)))
 
 
-def test_one_set_or_many(make_model, touching):
-    q = touching(8)
-    with pytest.raises(InputError, match=r"shape \(1, 8, 6\): more than one set .*identify_batch"):
-        identify(make_model(), touch_ups(q[None]))
-
-
 def test_unknown_method(make_model, touching):
     with pytest.raises(
         InputError, match=r"unknown method 'newton' \(one of gauss-newton, newton-r"

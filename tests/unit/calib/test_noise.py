@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, identify
-from calib.errors import NotIdentifiableError
+from calib.errors import InputError, NotIdentifiableError
 from calib.measurement import Distance, Point, Pose, Setup, TouchUp
 from calib.measurement.simulate import simulate
 from calib.parameters import (
@@ -161,17 +161,22 @@ def test_covariance_comes_from_the_residuals(make_model, touching):
     assert scale == pytest.approx(given.noise_scale, rel=1e-3)
 
 
-@pytest.mark.parametrize("point", [True, False])
-def test_with_nothing_left_over_the_first_guess_stays(reference_robot, point, target_m, touching):
-    robot = reference_robot
+@pytest.mark.parametrize("count", [3, 6])
+def test_with_nothing_left_over_there_is_no_noise_to_find(
+    reference_robot, count, target_m, touching
+):
+    """Nine equations for nine parameters say nothing of a noise; twice as many do."""
     blocks = [
-        ZeroOffsets(robot, JOINTS[:3]),
+        ZeroOffsets(reference_robot, JOINTS[:3]),
         ToolPoint([0.2, -0.05, 0.35]),
         TargetPoints(target_m),
     ]
-    model = CalibrationModel(robot, blocks, TouchUp(None))
-    q = touching(3 if point else 6)
-    result = identify(model, simulate(model, model.nominal, q, np.random.default_rng(8)))
-    assert result.degrees_of_freedom == (0 if point else 9)
-    # one equation or fewer too many says nothing of a noise
-    assert (result.noise[0].sigma[0] == 1e-4) == point
+    model = CalibrationModel(reference_robot, blocks, TouchUp(None))
+    data = simulate(model, model.nominal, touching(count), np.random.default_rng(8))
+    if count == 3:
+        with pytest.raises(InputError, match="noise of the kind touch-up cannot be estimated from"):
+            identify(model, data)
+        return
+    result = identify(model, data)
+    assert result.degrees_of_freedom == 9
+    assert 0.3e-4 < result.noise[0].sigma[0] < 2e-4

@@ -166,7 +166,7 @@ def test_poses_and_contacts_together(reference_robot, rng):
     robot = reference_robot
     T_tool, T_target = on_tip(rng), anywhere(rng)
     touched = np.arange(30) >= 20
-    setup = Setup.of(30, kind=touched, target=touched)
+    setup = Setup.of(30, kind=touched.astype(int), target=touched.astype(int))
     plane = [robot.fk(postures(rng, 1))[0, :3, 3], [0.05, 0.02, 1.0]]
 
     def model(tool: ToolFrame, target: TargetFrame, surface: TargetPlane) -> CalibrationModel:

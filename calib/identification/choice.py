@@ -1,0 +1,366 @@
+"""Which of several models to take: by what each says of measurements that it has not seen.
+
+Squares of the lengths that a model leaves where it has not seen them are compared in units of one
+noise, the same for all models: in metres the coarsest kind or axis would drown the others. The
+smallest model is taken that is not worse than the best by more than chance. What chance does is
+seen in the differences from pose to pose, of squares of two models at the same poses. Where
+targets are left out, those of one target have its absence in common: the standard error is then
+also taken from target to target, and the larger reach of both counts, since three targets may
+agree by luck.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t
+
+from calib.identification.least_squares import equal_sigma
+from calib.identification.left_out import FEWEST_TARGETS, free_points, with_noise_of
+from calib.identification.result import IdentificationResult
+from calib.measurement.data import Measurements
+from calib.model import CalibrationModel
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+CHANCE = 0.05
+"""Probability that a larger model that is no better is taken for better (one-sided, by Student's
+distribution over the poses): a standard error, which is often used, takes it in one of six."""
+
+JUDGED = 0.8
+"""Share of the measurements that has to be judged: by leaving targets out, to judge models so; or
+of what another model can be judged by, for a model to be compared at all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """A model that could be identified.
+
+    Attributes
+    ----------
+    name : str
+    model : CalibrationModel
+    result : IdentificationResult
+    target_out : array (N, m)
+        Rows with targets left out [m, rad], see :func:`targets_left_out`.
+    """
+
+    name: str
+    model: CalibrationModel
+    result: IdentificationResult
+    target_out: FloatArray
+
+    @property
+    def size(self) -> float:
+        """How many parameters the measurements have to tell."""
+        return self.result.effective_parameters
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The model to take.
+
+    Attributes
+    ----------
+    name : str or None
+    reason : str
+    criterion : str
+        ``leave-one-out`` or ``leave-one-target-out``; empty where no model is taken.
+    """
+
+    name: str | None
+    reason: str
+    criterion: str = ""
+
+
+def choose(able: Sequence[Contender], data: Measurements, *, weighted: bool = True) -> Choice:
+    """The smallest model that is not worse than the best by more than chance.
+
+    Weights, noise and what counts as a gross error are those of the largest model: it leaves least
+    of the arm out, and what is compared has to be the same for all.
+
+    Parameters
+    ----------
+    able : sequence of Contender
+    data : Measurements
+        One set.
+    weighted : bool
+        As in the fits: in units of the noise, or all lengths alike.
+    """
+    able = _judgeable(able)
+    if not able:
+        return Choice(None, "no measurement can be left out of any model, so they cannot be judged")
+    largest = max(able, key=lambda one: one.size)
+    used = largest.result.used
+    left = [one.result.leave_one_out for one in able]
+    common = _everywhere(left) & used
+    if not common.any():
+        said = "no measurement can be left out of every model, so they cannot be judged"
+        return Choice(None, said)
+    criterion, target, aside = "leave-one-out", None, ""
+    apart = _everywhere([one.target_out for one in able]) & used
+    if apart.sum() >= JUDGED * used.sum():
+        criterion, target = "leave-one-target-out", data.target
+        left, common = [one.target_out for one in able], apart
+    elif len(free_points(largest.model, data)) >= FEWEST_TARGETS:
+        aside = (
+            f"; only {apart.sum()} of {used.sum()} measurements can be predicted with their target "
+            "left out of every model, too few to judge by"
+        )
+    scale = _Scale.of(largest, data, weighted)
+    units = _Units.of(data, common, target, largest.result.weights)
+    place = _Errors.of_lengths([one.name for one in able], left, scale, units)
+    sizes = [one.size for one in able]
+    order = sorted(range(len(able)), key=lambda k: sizes[k])
+    best = min(range(len(able)), key=lambda k: float(place.squares[k].mean()))
+    taken = next(k for k in order if k == best or place.no_worse(k, best))
+    said = f"{place.of(taken)} {criterion}{_in_position(place, sizes, taken, best)}"
+    return Choice(able[taken].name, said + aside + _in_orientation(able, data, taken), criterion)
+
+
+def _judgeable(able: Sequence[Contender]) -> list[Contender]:
+    """Without models that hang on most measurements: they must not keep the others from it."""
+    counts = [int((_everywhere([one.result.leave_one_out])).sum()) for one in able]
+    enough = max(1.0, JUDGED * max(counts, default=0))
+    return [one for one, count in zip(able, counts, strict=True) if count >= enough]
+
+
+def _everywhere(rows: Sequence[FloatArray]) -> BoolArray:
+    """Measurements ``(N,)`` that every model says something of."""
+    return np.all([np.isfinite(each).all(axis=1) for each in rows], axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scale:
+    """The one noise that errors of all models are divided by."""
+
+    model: CalibrationModel
+    x: FloatArray
+    data: Measurements
+    angles: BoolArray
+    weighted: bool
+
+    @classmethod
+    def of(cls, largest: Contender, data: Measurements, weighted: bool) -> _Scale:
+        result = largest.result
+        model = with_noise_of(largest.model, result)
+        return cls(model, result.values, data, result.angles, weighted)
+
+    def squares(self, rows: FloatArray) -> FloatArray:
+        """Squares ``(N,)`` of the lengths among rows ``(N, m)`` [m, rad] over the noise."""
+        lengths = np.nan_to_num(np.where(self.angles, 0.0, rows))
+        if not self.weighted:
+            return np.asarray(np.sum(lengths**2, axis=1) / equal_sigma(self.model) ** 2)
+        view = self.model.view(self.data.postures, self.x, self.data.setup)
+        return np.asarray(np.sum(self.model.whiten_last(lengths.T, view) ** 2, axis=0))
+
+    def squares_m2(self, rows: FloatArray) -> FloatArray:
+        """The same [m²]."""
+        return np.asarray(np.sum(np.nan_to_num(np.where(self.angles, 0.0, rows)) ** 2, axis=1))
+
+    @property
+    def alike_m(self) -> float | None:
+        """The noise [m] where it is the same for all lengths that were measured."""
+        if not self.weighted:
+            return equal_sigma(self.model)
+        kinds = [self.model.measurements[k] for k in np.unique(self.data.setup.kind)]
+        sigma = np.concatenate([kind.sigma[: kind.rows - kind.turns] for kind in kinds])
+        return float(sigma[0]) if np.allclose(sigma, sigma[0], rtol=1e-9, atol=0.0) else None
+
+    @property
+    def kinds(self) -> dict[str, BoolArray]:
+        """Which measurements ``(N,)`` are of each kind with lengths."""
+        return {
+            kind.name: self.data.setup.kind == k
+            for k, kind in enumerate(self.model.measurements)
+            if kind.rows > kind.turns and (self.data.setup.kind == k).any()
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Units:
+    """What is compared as one: measurements that were left out together, of one target each.
+
+    Attributes
+    ----------
+    rows : array (N,) of bool
+        Measurements compared.
+    index : array (K,)
+        Unit of each of the K that are.
+    weights : array (K,)
+        Share of each in the fit, on average one: gross errors count as little as in the fit.
+    cluster : array (G,) or None
+        Target of each unit, where targets were left out.
+    """
+
+    rows: BoolArray
+    index: IntArray
+    weights: FloatArray
+    cluster: IntArray | None
+
+    @classmethod
+    def of(
+        cls, data: Measurements, rows: BoolArray, target: IntArray | None, weights: FloatArray
+    ) -> _Units:
+        apart = np.zeros(data.count, dtype=int) if target is None else target
+        pairs = np.stack([data.groups[rows], apart[rows]], axis=1)
+        found, index = np.unique(pairs, axis=0, return_inverse=True)
+        shares = np.minimum(weights[rows], 1.0)
+        return cls(
+            rows,
+            index.ravel(),
+            shares / shares.mean(),
+            None if target is None else np.unique(found[:, 1], return_inverse=True)[1].ravel(),
+        )
+
+    def mean(self, squares: FloatArray, own: BoolArray | None = None) -> FloatArray:
+        """Mean ``(G,)`` of squares ``(N,)`` in each unit, of some of the measurements or all."""
+        counted = squares[self.rows] * self.weights
+        part = np.ones(len(counted), dtype=bool) if own is None else own[self.rows]
+        count = np.bincount(self.index[part])
+        total = np.bincount(self.index[part], counted[part])
+        return np.asarray(total[count > 0] / count[count > 0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Errors:
+    """Squares of errors of several models at the same units, and how they are put in words.
+
+    Attributes
+    ----------
+    names : sequence of str
+    squares : list of array (G,)
+        What is compared.
+    rms : list of float
+        What is shown [mm, mrad].
+    by_kind : dict
+        Of each kind of measurement, where there are several: part of the squares of each model,
+        and its rms [mm].
+    unit : str
+    square : str
+        Unit of ``squares``.
+    cluster : array (G,) or None
+    """
+
+    names: Sequence[str]
+    squares: list[FloatArray]
+    rms: list[float]
+    by_kind: dict[str, tuple[list[float], list[float]]]
+    unit: str
+    square: str
+    cluster: IntArray | None
+
+    @classmethod
+    def of_lengths(
+        cls, names: Sequence[str], rows: Sequence[FloatArray], scale: _Scale, units: _Units
+    ) -> _Errors:
+        white = [scale.squares(each) for each in rows]
+        plain = [scale.squares_m2(each) for each in rows]
+        alike, kinds = scale.alike_m, {}
+        if alike is None and len(scale.kinds) > 1:
+            for name, own in scale.kinds.items():
+                if (own & units.rows).any():
+                    parts = [float(np.sum(each[own & units.rows])) for each in white]
+                    kinds[name] = parts, [_rms_milli(units.mean(each, own)) for each in plain]
+        factor = 1.0 if alike is None else (1e3 * alike) ** 2
+        return cls(
+            names,
+            [factor * units.mean(each) for each in white],
+            [_rms_milli(units.mean(each)) for each in plain],
+            kinds,
+            "mm",
+            "mm² in the mean square" if alike is not None else "noise² in the mean square",
+            units.cluster,
+        )
+
+    def paired(self, k: int, other: int) -> tuple[float, float, float]:
+        """Mean of the differences of squares, its standard error, and how far chance reaches.
+
+        Infinite for a single unit.
+        """
+        off = self.squares[k] - self.squares[other]
+        count, more = len(off), float(off.mean())
+        if count < 2:
+            return more, np.inf, np.inf
+        errors = [(float(off.std(ddof=1) / np.sqrt(count)), count)]
+        if self.cluster is not None:
+            sums = np.bincount(self.cluster, off - more)
+            few = len(sums)
+            error = np.sqrt(few / max(few - 1, 1) * float(sums @ sums)) / count
+            errors.append((float(error) if few > 1 else np.inf, max(few, 2)))
+        reaches = [error * float(t.ppf(1.0 - CHANCE, n - 1)) for error, n in errors]
+        widest = int(np.argmax(reaches))
+        return more, errors[widest][0], reaches[widest]
+
+    def no_worse(self, k: int, other: int) -> bool:
+        more, _, reach = self.paired(k, other)
+        return more <= reach
+
+    def of(self, k: int) -> str:
+        return f"{self.names[k]} leaves {self.rms[k]:.3f} {self.unit}"
+
+    def against(self, k: int, other: int) -> str:
+        off, error, _ = self.paired(k, other)
+        by = f"{off:+.3g} +- {error:.2g} {self.square}"
+        return f"{self.names[k]} {self.rms[k]:.3f} {self.unit} ({by})"
+
+    def decided_by(self, k: int, better: int) -> str:
+        """The kind of measurement that tells two models apart, where another has larger errors."""
+        if not self.by_kind:
+            return ""
+        gain = {name: parts[k] - parts[better] for name, (parts, _) in self.by_kind.items()}
+        name = max(gain, key=lambda each: gain[each])
+        rms = self.by_kind[name][1]
+        return (
+            f"; in units of the noise {name} decides: {rms[k]:.3f} mm with {self.names[k]}, "
+            f"{rms[better]:.3f} mm with {self.names[better]}"
+        )
+
+
+def _rms_milli(squares: FloatArray) -> float:
+    return 1e3 * float(np.sqrt(squares.mean()))
+
+
+def _in_position(place: _Errors, sizes: Sequence[float], taken: int, best: int) -> str:
+    """What the model taken is better than, and what gains nothing over it."""
+    said = ""
+    smaller = [k for k in range(len(sizes)) if sizes[k] < sizes[taken]]
+    if smaller:
+        k = min(smaller, key=lambda k: float(place.squares[k].mean()))
+        if taken == best:
+            said += f", better than {place.against(k, taken)}, more than chance"
+        else:
+            said += "; smaller models are worse than the best by more than chance, as "
+            said += place.against(k, best)
+        said += place.decided_by(k, taken)
+    idle = [k for k in range(len(sizes)) if sizes[k] > sizes[taken] and place.no_worse(taken, k)]
+    if idle:
+        listed = "; ".join(place.against(k, taken) for k in idle)
+        said += f"; larger models gain nothing in position beyond chance: {listed}"
+    return said
+
+
+def _in_orientation(able: Sequence[Contender], data: Measurements, taken: int) -> str:
+    """Whether another model than the one taken is better in orientation; nothing without angles."""
+    largest = max(able, key=lambda one: one.size)
+    turns = [one.result.leave_one_out_rad for one in able]
+    common = np.isfinite(turns).all(axis=0) & largest.result.used
+    if not common.any():
+        return ""
+    units = _Units.of(data, common, None, largest.result.weights)
+    squares = [units.mean(np.nan_to_num(1e3 * turn) ** 2) for turn in turns]
+    rms = [float(np.sqrt(each.mean())) for each in squares]
+    square = "mrad² in the mean square"
+    angle = _Errors([one.name for one in able], squares, rms, {}, "mrad", square, None)
+    best = int(np.argmin(rms))
+    if angle.no_worse(taken, best):
+        return f"; no other is better in orientation beyond chance: {angle.of(taken)} leave-one-out"
+    gains = [
+        k for k in range(len(able)) if not angle.no_worse(taken, k) and angle.no_worse(k, best)
+    ]
+    k = min(gains, key=lambda k: able[k].size)
+    return (
+        f"; in orientation, which this choice does not weigh, {angle.against(k, taken)} gains "
+        f"beyond chance: {angle.of(taken)} leave-one-out"
+    )

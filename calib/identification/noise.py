@@ -1,0 +1,200 @@
+"""Noise as the residuals show it, and who is beyond it.
+
+The noise of a kind that has none is estimated: what the squares of its residuals are over their
+redundancy (variance components: Förstner, Z. Vermessungswesen 104, 1979), lengths and angles apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from calib.errors import InputError
+from calib.identification.losses import Loss, consistency, variance_factor
+from calib.linearisation import Linearisation
+from calib.measurement.data import Measurements
+from calib.model import CalibrationModel
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+OUTLIER_CHANCE = 1e-4
+"""Probability that noise alone takes a measurement as far off as one that is left out."""
+
+_AT_ONCE = 3000
+"""Measurements of all trials that are predicted at once."""
+
+_ROUNDS = 20
+_TINY = np.finfo(float).tiny
+
+
+def rows_of(model: CalibrationModel, data: Measurements) -> IntArray:
+    """Rows of each measurement ``(N,)``."""
+    return np.array([kind.rows for kind in model.measurements])[data.setup.kind]
+
+
+def distances2(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
+    """Squares of the residuals over their noise, summed over a measurement: ``(..., N)``.
+
+    Without a Jacobian, and of many trials ``(T, N, n)`` with ``(T, p)`` not all at once.
+    """
+    if x.ndim == 1:
+        return _squares(model, data, x)
+    step = max(_AT_ONCE // max(data.count, 1), 1)
+    parts = [slice(start, start + step) for start in range(0, len(x), step)]
+    return np.concatenate([_squares(model, data.trials(part), x[part]) for part in parts])
+
+
+def _squares(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
+    white = model.white_residuals(data.postures, x, data.setup, data.observed)
+    return np.asarray(np.sum(white**2, axis=-1))
+
+
+def redundancy(
+    model: CalibrationModel,
+    data: Measurements,
+    x: FloatArray,
+    weights: FloatArray,
+    linear: Linearisation | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Weighted residuals over their noise ``(N, m)``, and the redundancy of each ``(N, m)``."""
+    if linear is None:
+        linear = model.linearise(data.postures, x, data.setup, data.observed)
+    root = np.sqrt(weights)[:, None]
+    rows, J = linear.white_rows * root, linear.white_jacobian * root[..., None]
+    known = model.known(x[None])[1][0]
+    stacked = np.concatenate([J.reshape(-1, model.p), known])
+    length = np.linalg.norm(stacked, axis=0)
+    Q = np.linalg.qr(stacked / np.where(length > 0, length, 1.0))[0][: rows.size]
+    return rows, 1.0 - np.sum(Q**2, axis=1).reshape(rows.shape)
+
+
+def noise_scales(
+    model: CalibrationModel,
+    data: Measurements,
+    x: FloatArray,
+    weights: FloatArray,
+    linear: Linearisation | None = None,
+    *,
+    needed: bool = False,
+) -> list[FloatArray]:
+    """What the residuals of each kind are over its noise, ``(m,)`` each; redundancy considered.
+
+    1 for a kind that nothing is measured with, or whose every measurement is needed.
+
+    Parameters
+    ----------
+    model, data
+    x : array (p,)
+    weights : array (N,)
+        Such that the weighted squares of Gaussian residuals are as large as the squares.
+    linear : Linearisation, optional
+        At x, where it is there already.
+    needed : bool
+        Refuse kinds of unknown noise that do not show it.
+
+    Raises
+    ------
+    InputError
+    """
+    rows, free = redundancy(model, data, x, weights, linear)
+    scales = []
+    for k, kind in enumerate(model.measurements):
+        own = (data.setup.kind == k) & (weights > 0)
+        scale = np.ones(kind.rows)
+        for part in (slice(0, kind.rows - kind.turns), slice(kind.rows - kind.turns, kind.rows)):
+            spare = float(free[own][:, part].sum())
+            squares = float(np.sum(rows[own][:, part] ** 2))
+            if spare > 1.0 and squares > 0.0:
+                scale[part] = np.sqrt(squares / spare)
+            elif needed and spare <= 1.0 and kind.estimated and own.any() and scale[part].size:
+                raise _not_estimated(kind.name, int(own.sum()))
+        scales.append(scale)
+    return scales
+
+
+def _not_estimated(kind: str, count: int) -> InputError:
+    several = "" if count == 1 else "s"
+    return InputError(
+        f"the noise of the kind {kind} cannot be estimated from {count} measurement{several}: "
+        "give it",
+        hint="name the sigma of the kind under [[noise]], or measure more poses",
+        name="noise",
+        value=count,
+    )
+
+
+def _share(free: FloatArray) -> float:
+    """Mean redundancy of rows; 1 of none."""
+    return float(np.clip(free.mean(), 0.0, 1.0)) if free.size else 1.0
+
+
+def costs_of(
+    model: CalibrationModel,
+    data: Measurements,
+    x: FloatArray,
+    weights: FloatArray,
+    loss: Loss,
+) -> tuple[FloatArray, FloatArray]:
+    """Consistency and variance factor of a loss for each measurement: ``(N,)`` and ``(N,)``."""
+    usual, factor = np.ones(data.count), np.ones(data.count)
+    if loss in ("least-squares", "graduated"):
+        return usual, factor
+    _, free = redundancy(model, data, x, weights)
+    for k, kind in enumerate(model.measurements):
+        own = data.setup.kind == k
+        share = _share(free[own][:, : kind.rows])
+        usual[own] = consistency(loss, kind.rows, share)
+        factor[own] = variance_factor(loss, kind.rows, share)
+    return usual, factor
+
+
+def rescaled(model: CalibrationModel, scales: list[FloatArray]) -> CalibrationModel:
+    """The model with the noise of kinds that are estimated times a factor."""
+    kinds = [
+        kind.with_noise(scale) if kind.estimated else kind
+        for kind, scale in zip(model.measurements, scales, strict=True)
+    ]
+    return model.with_measurements(kinds)
+
+
+def spread(model: CalibrationModel, data: Measurements, s2: FloatArray) -> FloatArray:
+    """Variance over the noise given, by the median of a kind, of each measurement ``(N,)``."""
+    found = []
+    for k, kind in enumerate(model.measurements):
+        own = s2[data.setup.kind == k]
+        found.append(float(np.median(own) / chi2.median(kind.rows)) if own.size else 1.0)
+    return _at_least_given(model, found)[data.setup.kind]
+
+
+def limits(
+    model: CalibrationModel, data: Measurements, x: FloatArray, good: BoolArray
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Squares ``(N,)`` beyond which a measurement is not noise, by the noise of the good ones.
+
+    And what that noise is over the one given, see :func:`noise_scales`.
+    """
+    scales = noise_scales(model, data, x, good.astype(float))
+    variances = _at_least_given(model, [float(np.mean(scale**2)) for scale in scales])
+    chance = chi2.ppf(1.0 - OUTLIER_CHANCE, rows_of(model, data))
+    return chance * variances[data.setup.kind], scales
+
+
+def suspects(model: CalibrationModel, data: Measurements, x: FloatArray) -> BoolArray:
+    """Measurements ``(N,)`` that are farther off than noise takes one, at parameters ``(p,)``.
+
+    By the noise given, or that of the residuals of the others where this is larger.
+    """
+    s2 = distances2(model, data, x)
+    chance = chi2.ppf(1.0 - OUTLIER_CHANCE, rows_of(model, data))
+    good = s2 <= chance * spread(model, data, s2)
+    for _ in range(_ROUNDS):
+        limit, _ = limits(model, data, x, good)
+        before, good = good, s2 <= limit
+        if (before == good).all():
+            break
+    return ~good
+
+
+def _at_least_given(model: CalibrationModel, variances: list[float]) -> FloatArray:
+    """Variances of the kinds, not below the noise given: good luck makes nothing an outlier."""
+    floors = [0.0 if kind.estimated else 1.0 for kind in model.measurements]
+    return np.maximum(variances, np.maximum(floors, _TINY))

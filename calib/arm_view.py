@@ -214,17 +214,27 @@ class ArmView:
         def cut(array: FloatArray) -> FloatArray:
             return array if array.shape[-1] == 1 else array[..., columns]
 
-        lengths = {label: cut(more) for label, more in self.errors.lengths.items()}
+        errors = replace(
+            self.errors,
+            joints=cut(self.errors.joints),
+            displaced={joint: cut(six) for joint, six in self.errors.displaced.items()},
+            lengths={label: cut(more) for label, more in self.errors.lengths.items()},
+        )
+        walk = Walk(
+            *(cut(array) for array in self.walk[:4]),
+            {joint: cut(placed) for joint, placed in self.walk.placed.items()},
+        )
         return replace(
             self,
             q=self.q[:, columns],
             setup=self.setup[own],
             is_distance=self.is_distance[own],
+            walk=walk,
             point=cut(self.point),
             tool=cut(self.tool),
             origin=cut(self.origin),
             target=cut(self.target),
-            errors=replace(self.errors, lengths=lengths),
+            errors=errors,
         )
 
     def posture_first(self, array: FloatArray) -> FloatArray:

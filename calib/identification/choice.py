@@ -5,8 +5,9 @@ noise, the same for all models: in metres the coarsest kind or axis would drown 
 smallest model is taken that is not worse than the best by more than chance. What chance does is
 seen in the differences from pose to pose, of squares of two models at the same poses. Where
 targets are left out, those of one target have its absence in common: the standard error is then
-also taken from target to target, and the larger reach of both counts, since three targets may
-agree by luck.
+also taken from target to target, and the larger of both counts, since three targets may agree by
+luck. The quantile is that of the poses: that of three targets, 2.9, would refuse one in three of
+gains of ten standard deviations, and as it is less than one in twenty of no gains are taken.
 """
 
 from __future__ import annotations
@@ -89,8 +90,6 @@ def choose(able: Sequence[Contender], data: Measurements, *, weighted: bool = Tr
         As in the fits: in units of the noise, or all lengths alike.
     """
     able = _judgeable(able)
-    if not able:
-        return Choice(None, "no measurement can be left out of any model, so they cannot be judged")
     largest = max(able, key=lambda one: one.size)
     used = largest.result.used
     left = [one.result.leave_one_out for one in able]
@@ -120,10 +119,13 @@ def choose(able: Sequence[Contender], data: Measurements, *, weighted: bool = Tr
 
 
 def _judgeable(able: Sequence[Contender]) -> list[Contender]:
-    """Without models that hang on most measurements: they must not keep the others from it."""
-    counts = [int((_everywhere([one.result.leave_one_out])).sum()) for one in able]
+    """Without large models that hang on most measurements: they keep the others from nothing.
+
+    The baseline and the smallest of an arm with errors stay: without either nothing is compared.
+    """
+    counts = [int(_everywhere([one.result.leave_one_out]).sum()) for one in able]
     enough = max(1.0, JUDGED * max(counts, default=0))
-    return [one for one, count in zip(able, counts, strict=True) if count >= enough]
+    return [one for k, one in enumerate(able) if k < 2 or counts[k] >= enough]
 
 
 def _everywhere(rows: Sequence[FloatArray]) -> BoolArray:
@@ -283,15 +285,12 @@ class _Errors:
         count, more = len(off), float(off.mean())
         if count < 2:
             return more, np.inf, np.inf
-        errors = [(float(off.std(ddof=1) / np.sqrt(count)), count)]
+        error = float(off.std(ddof=1) / np.sqrt(count))
         if self.cluster is not None:
             sums = np.bincount(self.cluster, off - more)
-            few = len(sums)
-            error = np.sqrt(few / max(few - 1, 1) * float(sums @ sums)) / count
-            errors.append((float(error) if few > 1 else np.inf, max(few, 2)))
-        reaches = [error * float(t.ppf(1.0 - CHANCE, n - 1)) for error, n in errors]
-        widest = int(np.argmax(reaches))
-        return more, errors[widest][0], reaches[widest]
+            share = len(sums) / max(len(sums) - 1, 1)
+            error = max(error, float(np.sqrt(share * float(sums @ sums))) / count)
+        return more, error, error * float(t.ppf(1.0 - CHANCE, count - 1))
 
     def no_worse(self, k: int, other: int) -> bool:
         more, _, reach = self.paired(k, other)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtrc
 
 from calib.identification.covariance import column_lengths, information_root
 from calib.linearisation import Linearisation
@@ -34,46 +35,46 @@ class NoiseTest:
     squares: FloatArray
     redundancy: FloatArray
 
-    @property
+    @cached_property
     def chi2(self) -> float:
         """Of all kinds."""
         return float(self.squares.sum())
 
-    @property
+    @cached_property
     def freedom(self) -> int:
         """Equations left over, of all kinds."""
         return round(float(self.redundancy.sum()))
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """Residuals over noise, of all kinds; NaN where no equation is left over."""
         return float(np.sqrt(self.chi2 / self.freedom)) if self.freedom > 0 else float("nan")
 
-    @property
+    @cached_property
     def chance(self) -> float:
         """Probability of residuals as large by the noise alone."""
         if self.freedom <= 0:
             return 1.0
-        return float(chi2_distribution.sf(self.chi2, self.redundancy.sum()))
+        return float(chdtrc(self.redundancy.sum(), self.chi2))
 
-    @property
+    @cached_property
     def scales(self) -> FloatArray:
         """Residuals over noise of each kind ``(K,)``; 1 where nothing can be said."""
         free = np.maximum(self.redundancy, 1e-9)
         return np.where(self.redundancy > 1.0, np.sqrt(self.squares / free), 1.0)
 
-    @property
+    @cached_property
     def found(self) -> FloatArray:
         """What the noise of each kind ``(K,)`` has to be multiplied by: that of doubted ones."""
         out = np.ones(len(self.squares))
         out[self.doubted] = self.scales[self.doubted]
         return out
 
-    @property
+    @cached_property
     def doubted(self) -> list[int]:
         """Kinds whose residuals are larger than their noise explains."""
         tested = np.flatnonzero(self.redundancy > 1.0).tolist()
-        chances = np.asarray(chi2_distribution.sf(self.squares, np.maximum(self.redundancy, 1.0)))
+        chances = chdtrc(np.maximum(self.redundancy, 1.0), self.squares)
         found = [k for k in tested if chances[k] < MODEL_DOUBT]
         if self.chance < MODEL_DOUBT and not found:  # a little in each of several kinds
             return tested

@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import binom, chi2
 
 from calib.identification import covariance_of, identify, identify_batch
+from calib.identification.noise_test import MODEL_DOUBT
 from calib.measurement import touch_ups
 from calib.robot_world import METHODS, solve
 from calib.se3 import inverse, rotation_angle
@@ -103,7 +104,8 @@ def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell: Callable[.
         identify(model, touch_ups(q, touched.target, touched.targets), weighted=False)
         for q in touched.postures
     ]
-    assert all(r.explains_data for r in results)
+    doubted = sum(not r.explains_data for r in results)
+    assert doubted <= binom.ppf(1 - CHANCE, len(results), MODEL_DOUBT)
     freedom = results[0].degrees_of_freedom
     mean = np.mean([r.chi2 for r in results])
     # the mean of 200 draws of chi2 with 71 degrees of freedom

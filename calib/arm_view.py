@@ -221,8 +221,11 @@ class ArmView:
             lengths={label: cut(more) for label, more in self.errors.lengths.items()},
         )
         walk = Walk(
-            *(cut(array) for array in self.walk[:4]),
-            {joint: cut(placed) for joint, placed in self.walk.placed.items()},
+            columns=cut(self.walk.columns),
+            origins=cut(self.walk.origins),
+            tip=cut(self.walk.tip),
+            p_base_tip=cut(self.walk.p_base_tip),
+            placed={joint: cut(placed) for joint, placed in self.walk.placed.items()},
         )
         return replace(
             self,

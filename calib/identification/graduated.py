@@ -28,7 +28,7 @@ _ROUNDS = 60
 _GRADUATION = 1.4
 """Growth of the shape of the loss from step to step (Yang et al.)."""
 
-_STARTS, _BETTER, _BEST = 400, 20, 5
+_STARTS, _BETTER, _BEST = 400, 10, 5
 _PREDICTED_AT_MOST = 100_000
 """Measurements that are predicted to judge all starts by."""
 

@@ -120,6 +120,8 @@ def _placed_by_others(
     placed = minimise(
         model, some.trials(None), x[None], weights=weights, free=place, weighted=weighted
     ).x[0]
+    if not np.isfinite(placed).all():
+        return np.full((len(own), model.rows), np.nan)
     linear = model.linearise(some.postures, placed, some.setup, some.observed)
     rows_last, J_last = white_rows(linear, weighted)
     rows, J = linear.view.posture_first(rows_last), linear.view.posture_first(J_last[place])
@@ -138,4 +140,4 @@ def _placed_by_others(
     predicted = rows + np.einsum("kmi,ki->km", J, step[group])
     if weighted:
         return np.asarray((linear.noise_root @ predicted[..., None])[..., 0])
-    return predicted * equal_sigma(model)
+    return np.asarray(predicted * equal_sigma(model))

@@ -67,7 +67,10 @@ def make_result(
         nominal=model.nominal,
         prior=model.prior,
         covariance=covariance,
-        prior_share=np.diag(known) / model.prior**2,
+        # covariance and prior may both be infinite, of parameters that nothing holds
+        prior_share=np.divide(
+            np.diag(known), model.prior**2, out=np.zeros(model.p), where=np.isfinite(model.prior)
+        ),
         singular_values=_singular_values(white),
         residuals=every.rows,
         leave_one_out=left,

@@ -45,8 +45,8 @@ def same_posture(postures: FloatArray) -> IntArray:
     if len(distinct) > 1:
         tree = KDTree(distinct)
         bound = SAME_POSTURE_RAD
-        gap = tree.query(distinct, k=2, p=np.inf, distance_upper_bound=bound)[0][:, 1]
-        free = np.isfinite(gap)
+        gap = tree.query(distinct, k=[2], p=np.inf, distance_upper_bound=bound)[0]
+        free = np.isfinite(np.reshape(gap, -1))
         for i in np.flatnonzero(free).tolist():
             if free[i]:
                 near = np.array(tree.query_ball_point(distinct[i], bound, p=np.inf))

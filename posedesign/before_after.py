@@ -15,11 +15,11 @@ from calib.identification.comparison import Comparison, Trial, compare
 from calib.identification.report import ANOTHER_ROBOT_M
 from calib.identification.result import DISPLAY
 from calib.parameters import Unit
-from calib.se3 import FloatArray, wpr_from_rotation
+from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.measurement_table import MeasurementTable
 from posedesign.models import OFFSETS, candidates, left_out
-from posedesign.set_up import frames_of, nominal_distances, seen_once
+from posedesign.set_up import nominal_distances, seen_once
 
 _PLANNED = re.compile(r"P(\d{2,4})", re.ASCII)
 """Names that plans give to poses."""
@@ -248,119 +248,6 @@ def why_another(identified: Identified) -> str:
         "they are not of this robot, this tool or these joint signs (FANUC pendants show J3 less "
         "J2), or its joints are far off zero"
     )
-
-
-def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
-    """The content of ``identification.json``: degrees and millimetres."""
-    comparison, data = identified.comparison, identified.table.data
-    return {
-        "robot": cell.robot.name,
-        "joints": list(cell.robot.joint_names),
-        "measurements": data.count,
-        "kinds": list(identified.table.kinds),
-        "targets": list(data.targets),
-        "tools": list(data.tools),
-        "weighted": cell.config.measurement.weighted,
-        "loss": cell.config.parameters.loss,
-        "nominal_rms_mm": _or_none(identified.nominal_rms_m * 1e3),
-        "recommended": comparison.recommended if identified.is_of_this_robot else None,
-        "reason": comparison.reason if identified.is_of_this_robot else why_another(identified),
-        "criterion": comparison.criterion,
-        "warnings": list(identified.warnings),
-        "models": [_trial_as_dict(trial, identified) for trial in comparison.trials],
-    }
-
-
-def _trial_as_dict(trial: Trial, identified: Identified) -> dict[str, Any]:
-    result = trial.result
-    if result is None:
-        message = trial.error.message if trial.error else ""
-        return {"name": trial.name, "status": "refused", "message": message, "parameters": []}
-    data = identified.table.data
-    low, high = result.interval
-    factors = [DISPLAY[unit][1] for unit in result.units]
-    return {
-        "name": result.model,
-        "status": result.status,
-        "message": result.message,
-        "notes": [*trial.candidate.notes, *result.notes],
-        "iterations": result.iterations,
-        "rms_mm": result.rms_m * 1e3,
-        "max_mm": result.max_m * 1e3,
-        "leave_one_out_rms_mm": _or_none(result.leave_one_out_rms_m * 1e3),
-        "leave_one_target_out_rms_mm": _or_none(trial.target_out_rms_m * 1e3),
-        "rms_deg": _or_none(np.rad2deg(result.rms_rad)),
-        "leave_one_out_rms_deg": _or_none(np.rad2deg(result.leave_one_out_rms_rad)),
-        "not_left_out": result.indispensable,
-        "chi2": result.chi2,
-        "degrees_of_freedom": result.degrees_of_freedom,
-        "noise_scale": _or_none(result.noise_scale),
-        "noise": [_noise_as_dict(noise) for noise in result.noise],
-        "residuals": [
-            {
-                "pose": name,
-                "target": data.targets[target],
-                "mm": 1e3 * far,
-                "leave_one_out_mm": _or_none(1e3 * out),
-                "weight": float(weight),
-            }
-            for name, target, far, out, weight in zip(
-                data.names,
-                data.target,
-                result.distances_m,
-                result.leave_one_out_m,
-                result.weights,
-                strict=True,
-            )
-        ],
-        "parameters": [
-            {
-                "name": name,
-                "value": value,
-                "unit": unit,
-                "sigma": sigma,
-                "change": change,
-                "low": a * factor,
-                "high": b * factor,
-            }
-            for (name, unit, value, change, sigma), a, b, factor in zip(
-                result.displayed(), low, high, factors, strict=True
-            )
-        ],
-        "strong_correlations": [
-            {"first": a, "second": b, "value": value} for a, b, value in result.strong_correlations
-        ],
-        "held_by_prior": result.held_by_prior,
-        "singular_values": result.singular_values.tolist(),
-        "covariance_si": result.covariance.tolist(),
-        "frames": _frames_as_dict(trial, result),
-    }
-
-
-def _noise_as_dict(noise: Any) -> dict[str, Any]:
-    return {
-        "kind": noise.kind,
-        "sigma_si": noise.sigma.tolist(),
-        "estimated": noise.estimated,
-        "residuals_over_noise": noise.scale,
-    }
-
-
-def _frames_as_dict(trial: Trial, result: IdentificationResult) -> dict[str, Any]:
-    """Where tools and targets are: x, y, z [mm] and W, P, R [deg]."""
-    blocks = list(trial.candidate.model.parameters)
-    return {
-        side: {label: _pose(T) for label, T in poses.items()}
-        for side, poses in frames_of(blocks, result.values, result.names).items()
-    }
-
-
-def _pose(T: FloatArray) -> list[float]:
-    return [*(1e3 * T[:3, 3]), *np.rad2deg(wpr_from_rotation(T[:3, :3]))]
-
-
-def _or_none(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _rms(values: FloatArray) -> float:

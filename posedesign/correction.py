@@ -243,7 +243,8 @@ def predict(
 def _listed_model(cell: Cell, data: Measurements, name: str) -> CalibrationModel:
     """A model of ``parameters.models``, less what touch-ups do not tell."""
     table = MeasurementTable(data, (cell.config.measurement.kind,), tuple(range(data.count)))
-    known = {candidate.name: candidate.model for candidate in candidates(cell, table)}
+    tried = candidates(cell, table, before_measuring=True)
+    known = {candidate.name: candidate.model for candidate in tried}
     if name not in known:
         raise InputError(
             f"the cell asks for no model {name[:60]!r}",

@@ -19,7 +19,7 @@ from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.files import read_bytes_bounded
-from posedesign.models import model_of
+from posedesign.models import arm_as_dict, model_of
 
 LARGEST_JSON_BYTES = 20_000_000
 """Ten models of a hundred parameters and a thousand measurements are three megabytes."""
@@ -84,6 +84,7 @@ def read_identification(path: Path, cell: Cell, name: str | None = None) -> Iden
             key="robot",
             hint="give the cell that was identified",
         )
+    _check_arm(content, path, cell)
     picked, entry = _picked(content, path, name)
     names, values, units, sigma = _parameters(entry, path, picked)
     try:
@@ -111,6 +112,21 @@ def read_identification(path: Path, cell: Cell, name: str | None = None) -> Iden
     return IdentifiedModel(
         picked, robot, model, values[order] / factors, sigma[order] / factors, covariance
     )
+
+
+def _check_arm(content: dict[str, Any], path: Path, cell: Cell) -> None:
+    """Refuse a cell that has changed in what gives the parameters their meaning."""
+    written, own = content.get("arm"), arm_as_dict(cell)
+    if not isinstance(written, dict):
+        return
+    for key, value in own.items():
+        if key in written and written[key] != value:
+            raise FileFormatError(
+                f"was identified with another {key}",
+                path=path,
+                key=key,
+                hint="identify again with the cell as it is now, or give the cell as it was",
+            )
 
 
 def _parsed(path: Path) -> Any:

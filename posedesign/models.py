@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -59,13 +60,18 @@ def name_of(words: Sequence[str]) -> str:
     return f"{name} with priors" if PRIORS in words else name
 
 
-def kinds_of(cell: Cell, names: Sequence[str]) -> list[Measurement]:
-    """Kinds of measurement with the noise that the cell gives them, or with none."""
+def kinds_of(
+    cell: Cell, names: Sequence[str], *, before_measuring: bool = False
+) -> list[Measurement]:
+    """Kinds of measurement with the noise that the cell gives them, or with none.
+
+    Before measuring there are no residuals to take the noise from: it is the one given.
+    """
     given = {noise.kind: noise for noise in cell.config.noise}
     section = cell.config.measurement
     found: list[Measurement] = []
     for name in names:
-        if section.estimate_noise:
+        if section.estimate_noise and not before_measuring:
             found.append(KINDS[name](None))
         elif name in given:
             found.append(KINDS[name](_sigma(given[name])))
@@ -94,6 +100,15 @@ def payloads_of(cell: Cell) -> list[Payload]:
     return [own, *others]
 
 
+def arm_as_dict(cell: Cell) -> dict[str, Any]:
+    """What of the cell gives parameters their meaning, besides the robot."""
+    return {
+        "lost_motion_nm": cell.config.parameters.lost_motion_nm,
+        "payloads": [[load.mass_kg, *(1e3 * load.com_m)] for load in payloads_of(cell)],
+        "link_masses_kg": cell.robot.link_mass.tolist(),
+    }
+
+
 def robot_blocks(cell: Cell, words: Sequence[str]) -> list[ParameterBlock]:
     """Blocks of the arm that words free; all joints unless the cell lists offsets."""
     robot, section = cell.robot, cell.config.parameters
@@ -112,7 +127,7 @@ def robot_blocks(cell: Cell, words: Sequence[str]) -> list[ParameterBlock]:
     elif "zero_offsets" in words:
         blocks.append(ZeroOffsets(robot, cell.offset_joints, offset))
     if "scale" in words:
-        blocks.append(JointScale(robot, joints))
+        blocks.append(JointScale(robot, joints, wave))  # as much in a radian as a wave
     if "compliance" in words:
         blocks.append(JointCompliance(robot, joints, payloads, prior=give))
     if "bearings" in words:
@@ -134,13 +149,16 @@ def _across_axes(robot: Robot) -> list[str]:
     return [name for name in LinkGeometry(robot).names if name not in own]
 
 
-def candidates(cell: Cell, table: MeasurementTable) -> list[Candidate]:
+def candidates(
+    cell: Cell, table: MeasurementTable, *, before_measuring: bool = False
+) -> list[Candidate]:
     """The baseline and every model that the cell asks for, smallest first.
 
     Models that free what these measurements cannot tell are reduced, and say so; zero offsets
     that the cell lists by name are not left out in silence: their model is refused.
     """
-    set_up, kinds = set_up_blocks(cell, table), kinds_of(cell, table.kinds)
+    set_up = set_up_blocks(cell, table)
+    kinds = kinds_of(cell, table.kinds, before_measuring=before_measuring)
     distances = _distances(cell, table)
 
     def model(words: Sequence[str]) -> CalibrationModel:

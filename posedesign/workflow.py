@@ -19,7 +19,6 @@ from posedesign.accuracy_study import AccuracyStudy
 from posedesign.before_after import (
     Identified,
     identify_models,
-    results_as_dict,
     summed_up,
     without_repeats,
 )
@@ -27,6 +26,7 @@ from posedesign.cell import Cell
 from posedesign.checks import outside_limits, refuse_unfit
 from posedesign.csv_tables import write_table
 from posedesign.files import write_json_atomic
+from posedesign.identification_content import results_as_dict
 from posedesign.measurement_table import read_measurements
 from posedesign.planner import Progress, plan
 from posedesign.pose_plan import PosePlan, displayed, fingerprint

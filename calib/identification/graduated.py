@@ -115,7 +115,7 @@ def _needed(model: CalibrationModel, data: Measurements, x: FloatArray) -> int:
     of so many in that of the posterior.
     """
     linear = model.linearise(data.postures, x, data.setup, data.observed)
-    J = linear.white_jacobian.reshape(-1, model.p)
+    J = linear.white_jacobian.reshape(linear.rows_last.size, model.p)
     known = model.known(x[None])[1][0]
     stacked = np.concatenate([J, known])
     length = np.linalg.norm(stacked, axis=0)

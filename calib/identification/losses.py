@@ -20,6 +20,9 @@ from calib.se3 import FloatArray, IntArray
 
 Loss = Literal["least-squares", "huber", "cauchy", "student-t", "graduated"]
 
+WEIGHED_DOWN: tuple[Loss, ...] = ("huber", "cauchy", "student-t")
+"""Losses that leave nothing out: what contradicts the others counts little."""
+
 Weigh = Callable[[FloatArray, IntArray], FloatArray]
 """Weights ``(N,)`` of squared residuals ``(N,)`` over their noise, of so many rows ``(N,)``."""
 

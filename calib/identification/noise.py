@@ -61,7 +61,7 @@ def redundancy(
     root = np.sqrt(weights)[:, None]
     rows, J = linear.white_rows * root, linear.white_jacobian * root[..., None]
     known = model.known(x[None])[1][0]
-    stacked = np.concatenate([J.reshape(-1, model.p), known])
+    stacked = np.concatenate([J.reshape(rows.size, model.p), known])
     length = np.linalg.norm(stacked, axis=0)
     Q = np.linalg.qr(stacked / np.where(length > 0, length, 1.0))[0][: rows.size]
     return rows, 1.0 - np.sum(Q**2, axis=1).reshape(rows.shape)

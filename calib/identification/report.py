@@ -46,18 +46,20 @@ def make_result(
     model, x = solved.model, solved.x
     every = model.linearise(data.postures, x, data.setup, data.observed)
     good = np.flatnonzero(~solved.outliers)
-    root = np.sqrt(solved.weights[good])
+    root = np.sqrt(solved.weights / solved.consistency)[good]
     linear = _weighed(every, x, data, good, root)
-    test = noise_test(linear, x)
-    known = covariance_at(linear, x, weighted=weighted)
+    test = _test(solved, every, linear, data)
+    # a loss that weighs down takes something from the good ones, too
+    sure = _weighed(every, x, data, good, np.sqrt(solved.weights / solved.inflation)[good])
+    known = covariance_at(sure, x, weighted=weighted)
     covariance = known
     if test.doubted:
-        covariance = covariance_at(linear, x, weighted=weighted, noise=test.found)
+        covariance = covariance_at(sure, x, weighted=weighted, noise=test.found)
     left = every.rows.copy()
     left[good] = leave_one_out(linear, x, data[good].pose, weighted=weighted) / _shaped(
         root, weighted
     )
-    white = information_root(linear, x)
+    white = information_root(sure, x)
     return IdentificationResult(
         model=name,
         names=model.names,
@@ -92,6 +94,23 @@ def make_result(
             *_unseen(linear, x),
         ),
     )
+
+
+def _trusted(solved: Solved) -> BoolArray:
+    """Measurements that residuals are judged by: all, where most would have to be distrusted."""
+    trusted = ~(solved.outliers | solved.suspects)
+    return trusted if 2 * trusted.sum() >= len(trusted) else ~solved.outliers
+
+
+def _test(
+    solved: Solved, every: Linearisation, linear: Linearisation, data: Measurements
+) -> NoiseTest:
+    """Test the noise by the measurements that no loss distrusts."""
+    if not solved.suspects.any():
+        return noise_test(linear, solved.x)
+    good = np.flatnonzero(_trusted(solved))
+    root = np.sqrt(solved.weights / solved.consistency)[good]
+    return noise_test(_weighed(every, solved.x, data, good, root), solved.x)
 
 
 def _singular_values(columns: FloatArray) -> FloatArray:
@@ -134,7 +153,7 @@ def _noise(model: CalibrationModel, test: NoiseTest) -> tuple[KindNoise, ...]:
 
 
 def _message(test: NoiseTest, linear: Linearisation, solved: Solved) -> str:
-    rows = np.where(_angles(linear), 0.0, linear.rows)[~solved.outliers]
+    rows = np.where(_angles(linear), 0.0, linear.rows)[_trusted(solved)]
     rms = float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
     if rms > ANOTHER_ROBOT_M:
         return (
@@ -180,6 +199,9 @@ def _contradicting(
     if solved.outliers.any():
         names = [poses[i] for i in np.flatnonzero(solved.outliers).tolist()]
         return ["left out because they contradict the others: " + ", ".join(names)]
+    if solved.suspects.any():
+        names = [poses[i] for i in np.flatnonzero(solved.suspects).tolist()]
+        return ["weighed down because they contradict the others: " + ", ".join(names)]
     untested = any(kind.estimated for kind in solved.model.measurements)
     if (solved.weights != 1.0).any() or not (doubted or untested):
         return []
@@ -241,7 +263,10 @@ def unseen_scale(linear: Linearisation, x: FloatArray) -> float:
         return 0.0
     held = int(np.isfinite(model.prior).sum())
     J = np.concatenate(
-        [linear.white_jacobian.reshape(-1, model.p), model.known(x[None])[1][0, held:]]
+        [
+            linear.white_jacobian.reshape(linear.rows_last.size, model.p),
+            model.known(x[None])[1][0, held:],
+        ]
     )
     seen = J @ way
     # what is left over grows, too, but has seen nothing

@@ -15,7 +15,13 @@ import numpy as np
 from calib.errors import ConvergenceError
 from calib.identification.graduated import DISAGREEMENT, choose
 from calib.identification.least_squares import ITERATIONS, minimise
-from calib.identification.losses import STUDENT_FREEDOM, WEIGHTS, Loss, variance_factor
+from calib.identification.losses import (
+    STUDENT_FREEDOM,
+    WEIGHED_DOWN,
+    WEIGHTS,
+    Loss,
+    variance_factor,
+)
 from calib.identification.noise import (
     OUTLIER_CHANCE,
     costs_of,
@@ -124,7 +130,7 @@ def fit_robustly(
         outliers=~good,
         iterations=iterations,
         loss=loss,
-        suspects=suspects(model, data, x) & good,
+        suspects=suspects(model, data, x) & good if loss in WEIGHED_DOWN else _nobody(),
         consistency=consistency,
         inflation=inflation,
     )

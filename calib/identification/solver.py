@@ -132,7 +132,7 @@ def _newton_raphson(
         there = model.linearise(data.postures[None], x + np.diag(sizes), data.setup, data.observed)
         (r, _), (ahead, _) = (white_rows(linear, weighted) for linear in (here, there))
         moved = ahead.reshape(len(r), model.p, -1) - r[:, None]
-        A, r = np.moveaxis(moved / sizes[:, None], 1, -1).reshape(-1, model.p), r.ravel()
+        A, r = np.moveaxis(moved / sizes[:, None], 1, -1).reshape(r.size, model.p), r.ravel()
         known, K = model.known(x[None])
         step = _least_squares(np.concatenate([A, K[0]]), -np.concatenate([r, known[0]]))
         x = x + step

@@ -22,13 +22,13 @@ from posedesign.before_after import (
     is_believable,
     listed,
     missing_poses,
-    results_as_dict,
     summed_up,
     why_another,
     without_repeats,
 )
 from posedesign.cell import Cell
 from posedesign.files import json_text
+from posedesign.identification_content import results_as_dict
 from posedesign.measurement_table import MeasurementTable, read_measurements, write_measurements
 
 MakeCell = Callable[..., Cell]

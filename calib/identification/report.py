@@ -46,17 +46,20 @@ def make_result(
     model, x = solved.model, solved.x
     every = model.linearise(data.postures, x, data.setup, data.observed)
     good = np.flatnonzero(~solved.outliers)
+    kept = every
+    if len(good) < data.count:
+        kept = model.linearise(data.postures[good], x, data.setup[good], _some(data, good))
     root = np.sqrt(solved.weights / solved.consistency)[good]
-    linear = _weighed(every, x, data, good, root)
-    test = _test(solved, every, linear, data)
+    linear = _weighed(kept, root)
+    test = _test(solved, linear, data)
     # a loss that weighs down takes something from the good ones, too
-    sure = _weighed(every, x, data, good, np.sqrt(solved.weights / solved.inflation)[good])
+    sure = _weighed(kept, np.sqrt(solved.weights / solved.inflation)[good])
     known = covariance_at(sure, x, weighted=weighted)
     covariance = known
     if test.doubted:
         covariance = covariance_at(sure, x, weighted=weighted, noise=test.found)
     left = every.rows.copy()
-    left[good] = leave_one_out(linear, x, data[good].pose, weighted=weighted) / _shaped(
+    left[good] = leave_one_out(linear, x, data.groups[good], weighted=weighted) / _shaped(
         root, weighted
     )
     white = information_root(sure, x)
@@ -102,15 +105,20 @@ def _trusted(solved: Solved) -> BoolArray:
     return trusted if 2 * trusted.sum() >= len(trusted) else ~solved.outliers
 
 
-def _test(
-    solved: Solved, every: Linearisation, linear: Linearisation, data: Measurements
-) -> NoiseTest:
+def _test(solved: Solved, linear: Linearisation, data: Measurements) -> NoiseTest:
     """Test the noise by the measurements that no loss distrusts."""
     if not solved.suspects.any():
         return noise_test(linear, solved.x)
     good = np.flatnonzero(_trusted(solved))
+    some = linear.model.linearise(
+        data.postures[good], solved.x, data.setup[good], _some(data, good)
+    )
     root = np.sqrt(solved.weights / solved.consistency)[good]
-    return noise_test(_weighed(every, solved.x, data, good, root), solved.x)
+    return noise_test(_weighed(some, root), solved.x)
+
+
+def _some(data: Measurements, rows: IntArray) -> FloatArray | None:
+    return None if data.observed is None else data.observed[rows]
 
 
 def _singular_values(columns: FloatArray) -> FloatArray:
@@ -120,14 +128,8 @@ def _singular_values(columns: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.svd(scaled, compute_uv=False))
 
 
-def _weighed(
-    every: Linearisation, x: FloatArray, data: Measurements, good: IntArray, root: FloatArray
-) -> Linearisation:
-    """Linearisation of the good ones with weights: rows as much smaller as they count less."""
-    linear = every
-    if len(good) < data.count:
-        some = data[good]
-        linear = every.model.linearise(some.postures, x, some.setup, some.observed)
+def _weighed(linear: Linearisation, root: FloatArray) -> Linearisation:
+    """The same with weights: whitened rows are as much smaller as they count less."""
     return linear if (root == 1.0).all() else replace(linear, root=root)
 
 
@@ -145,10 +147,8 @@ def _angles(linear: Linearisation) -> BoolArray:
 
 def _noise(model: CalibrationModel, test: NoiseTest) -> tuple[KindNoise, ...]:
     return tuple(
-        KindNoise(kind.name, kind.sigma * found, kind.estimated, float(scale), k in test.doubted)
-        for k, (kind, scale, found) in enumerate(
-            zip(model.measurements, test.scales, test.found, strict=True)
-        )
+        KindNoise(kind.name, kind.sigma, kind.estimated, float(scale), k in test.doubted)
+        for k, (kind, scale) in enumerate(zip(model.measurements, test.scales, strict=True))
     )
 
 

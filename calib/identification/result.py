@@ -31,19 +31,20 @@ Status = Literal["converged", "not converged"]
 
 @dataclass(frozen=True)
 class KindNoise:
-    """Noise of one kind of measurement, as used.
+    """Noise of one kind of measurement.
 
     Attributes
     ----------
     kind : str
     sigma : array (m,)
-        Standard deviation of each row [m, rad].
+        Standard deviation of each row that the estimate is weighed by [m, rad].
     estimated : bool
         From the residuals, because none was given.
     scale : float
         Residuals over the noise given, redundancy taken into account; 1 where it fits.
     doubted : bool
-        Whether the noise given does not explain them: ``sigma`` is then from the residuals, too.
+        Whether the noise given does not explain them: the covariance then takes it ``scale``
+        times as large.
     """
 
     kind: str

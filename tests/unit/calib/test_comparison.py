@@ -269,50 +269,6 @@ def test_nothing_is_recommended_where_every_pose_is_needed(touching, make_model)
     assert found.nominal_m is far
 
 
-def test_places_are_fitted_to_other_poses_by_the_noise(touching, make_model) -> None:
-    """Axes of unlike noise, weights, a pose touched twice: as refits of the place without it."""
-    kind = TouchUp([1e-4, 2e-4, 5e-4])
-    truth = make_model((2, 3, 4, 5), kind, targets=3)
-    shifts = [np.array([0.0, 0.3, 0.4]) * k for k in range(3)]
-    q = np.vstack([touching(7, seed=k, shift=shift) for k, shift in enumerate(shifts)])
-    setup = Setup.of(21, target=np.repeat(np.arange(3), 7))
-    data = simulate(truth, truth.nominal, q, np.random.default_rng(0), setup=setup)
-    data = replace(data, names=tuple(f"P{max(i, 1)}" for i in range(21)))
-    fitted = identify(truth, data)
-    result = replace(fitted, weights=np.random.default_rng(1).uniform(0.1, 1.0, 21))
-    found = targets_left_out(truth, data, result)
-    place = np.char.startswith(np.array(truth.names), "target.A")
-    assert place.sum() == 3
-    start = fitted.values[None]
-    others = minimise(
-        truth, data.trials(None), start, weights=(result.weights * (data.target != 0))[None]
-    ).x
-    for pose in (0, 3):
-        own = np.flatnonzero(data.pose == pose)
-        rest = result.weights * (data.target == 0) * (data.pose != pose)
-        x = minimise(truth, data.trials(None), others, weights=rest[None], free=place).x[0]
-        rows = truth.linearise(data.postures[own], x, data.setup[own]).rows
-        np.testing.assert_allclose(found[own], rows, rtol=1e-4, atol=1e-9)
-
-
-def test_a_target_touched_once_says_nothing(touching, make_model) -> None:
-    """Fourteen touches at one target and one at each of five: once all errors came out as zero."""
-    truth = make_model((2, 3, 4, 5), TouchUp(NOISE_M), targets=6)
-    x = truth.nominal.copy()
-    x[:4] = [10e-3, -10e-3, 8e-3, 15e-3]
-    each = (14, 1, 1, 1, 1, 1)
-    shifts = [np.array([0.0, 0.3, 0.4]) * k for k in range(6)]
-    q = np.vstack([touching(n, seed=k, shift=shifts[k]) for k, n in enumerate(each)])
-    setup = Setup.of(19, target=np.repeat(np.arange(6), each))
-    data = simulate(truth, x, q, np.random.default_rng(0), setup=setup)
-    frames = make_model((), TouchUp(NOISE_M), targets=6)
-    found = compare([Candidate("frames only", frames), Candidate("offsets", truth)], data)
-    assert np.isnan(found.trials[0].target_out_m[14:]).all()
-    assert found.criterion == "leave-one-out"
-    assert found.recommended == "offsets"
-    assert "of 19 measurements can be predicted with their target left out" in found.reason
-
-
 def test_repeats_of_a_posture_are_one_witness() -> None:
     """Six readings of each posture, all with names of their own: as if they were named alike."""
     truth = model(JointHarmonics(ROBOT, JOINTS[1:5], [7.0]))

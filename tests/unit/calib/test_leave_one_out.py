@@ -65,7 +65,8 @@ def test_measurements_of_one_pose_are_left_out_together(reference_robot, seed):
     # one by one it would be too good to be true: the others of the pose tell it
     alone = identify(model, replace(data, names=()))
     together = identify(model, data)
-    assert alone.leave_one_out_rms_m < together.leave_one_out_rms_m
+    # whatever they are called: a posture that is taken again is no other witness
+    assert alone.leave_one_out_rms_m == together.leave_one_out_rms_m
 
 
 def test_poses_of_different_size(reference_robot):

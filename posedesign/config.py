@@ -10,47 +10,32 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, model_validator
+from pydantic import Field, StrictBool, ValidationError, model_validator
 
 from calib.errors import FileFormatError, near_names
+from posedesign.config_identification import (
+    KnownDistanceSection,
+    NoiseSection,
+    ParameterSection,
+    PayloadSection,
+)
+from posedesign.config_types import (
+    BoxSteps,
+    Finite,
+    Line,
+    Name,
+    Noise,
+    NoiseVector,
+    NotNegative,
+    Pixels,
+    Positive,
+    Section,
+    Size,
+    Step,
+    VariationVector,
+    Vector,
+)
 from posedesign.files import read_bytes_bounded
-
-Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(strict=True, ge=0, le=1e6, allow_inf_nan=False)]
-Length = Annotated[float, Field(strict=True, ge=-1e6, le=1e6, allow_inf_nan=False)]
-"""[mm]; a kilometre is no robot cell."""
-Vector = tuple[Length, Length, Length]
-Variation = Annotated[float, Field(strict=True, ge=0, lt=180, allow_inf_nan=False)]
-"""[deg]; zero holds an angle."""
-Step = Annotated[float, Field(strict=True, ge=0.1, lt=180, allow_inf_nan=False)]
-"""[deg]; finer steps would be rounds without end."""
-VariationVector = tuple[Variation, Variation, Variation]
-Noise = Annotated[float, Field(strict=True, gt=0, le=1e3, allow_inf_nan=False)]
-"""[mm, deg]"""
-NoiseVector = tuple[Noise, Noise, Noise]
-Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]*$")]
-"""Text that stays on one line and does not steer a terminal."""
-
-Name = Annotated[Line, Field(min_length=1, max_length=40)]
-Size = Annotated[float, Field(strict=True, gt=0, le=1e6, allow_inf_nan=False)]
-"""[mm]"""
-Pixels = Annotated[int, Field(strict=True, gt=0, le=100_000)]
-
-Word = Literal[
-    "zero_offsets",
-    "geometry",
-    "compliance",
-    "bearings",
-    "lost_motion",
-    "scale",
-    "harmonics",
-    "priors",
-]
-"""What a model may free of the arm; ``priors`` holds all of it to what is known beforehand."""
-
-BoxSteps = Annotated[int, Field(strict=True, ge=1, le=25)]
-"""Points along an axis of a box: 25 along each are fifteen thousand postures to find."""
 
 LARGEST_CELL_BYTES = 1_000_000
 
@@ -70,12 +55,6 @@ _IN_WORDS = {
     "string_pattern_mismatch": "has characters that are not allowed here, or in another order",
 }
 """Pydantic's words for programmers, in words for people who write the file."""
-
-
-class Section(BaseModel):
-    """A table of the file; unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
 
 
 class CoupledLimitSection(Section):
@@ -255,39 +234,6 @@ class ConstraintSection(Section):
         return self
 
 
-class ParameterSection(Section):
-    """What is identified besides the set-up, and how: each list of ``models`` is one to try."""
-
-    zero_offsets: tuple[str, ...] | None = None
-    tool_axes: Annotated[str, Field(pattern=r"^x?y?z?$")] | None = None
-    models: Annotated[tuple[tuple[Word, ...], ...], Field(min_length=1, max_length=20)] = (
-        ("zero_offsets",),
-        ("zero_offsets", "compliance"),
-        ("geometry",),
-        ("geometry", "compliance"),
-        ("geometry", "compliance", "priors"),
-    )
-    harmonics: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0)
-    lost_motion_nm: Positive = 10.0
-    prior_offset_deg: Positive = 1.0
-    prior_length_mm: Positive = 0.5
-    prior_angle_deg: Positive = 0.1
-    prior_harmonic_deg: Positive = 0.02
-    prior_compliance_urad_nm: Positive = 50.0
-    method: Literal["gauss-newton", "newton-raphson"] = "gauss-newton"
-    loss: Literal["least-squares", "huber", "cauchy", "student-t", "graduated"] = "least-squares"
-
-    @model_validator(mode="after")
-    def _models_differ(self) -> ParameterSection:
-        sets = [frozenset(model) for model in self.models]
-        for model in self.models:
-            if not set(model) - {"priors"} or len(set(model)) != len(model):
-                raise ValueError("each of models lists what it frees, once")
-        if len(set(sets)) != len(sets):
-            raise ValueError("two of models free the same")
-        return self
-
-
 class MeasurementSection(Section):
     """How touch-ups are done, and how well."""
 
@@ -297,37 +243,6 @@ class MeasurementSection(Section):
     estimate_noise: StrictBool = False
     camera_three_sigma_deg: Noise = 0.06
     camera_three_sigma_mm: Noise = 0.3
-
-
-class NoiseSection(Section):
-    """Noise of a further kind of measurement, in the axes of its instrument."""
-
-    kind: Literal["touch-up", "view-line", "plane", "point", "pose", "camera-pose", "distance"]
-    three_sigma_mm: Noise | NoiseVector
-    three_sigma_deg: Noise | NoiseVector | None = None
-
-    @model_validator(mode="after")
-    def _has_angles(self) -> NoiseSection:
-        if (self.three_sigma_deg is not None) != self.kind.endswith("pose"):
-            verb = "needs" if self.kind.endswith("pose") else "has no"
-            raise ValueError(f"a {self.kind} {verb} three_sigma_deg")
-        return self
-
-
-class PayloadSection(Section):
-    """Something else that the flange carries in some of the measurements."""
-
-    name: Name
-    mass_kg: NotNegative
-    com_mm: Vector
-
-
-class KnownDistanceSection(Section):
-    """A distance between two targets that is known from elsewhere."""
-
-    targets: tuple[Name, Name]
-    length_mm: Size
-    three_sigma_mm: Noise = 0.03
 
 
 class TruthSection(Section):

@@ -33,7 +33,7 @@ from calib.parameters.part import Part
 from calib.robots import Robot
 from calib.se3 import FloatArray, transform
 from posedesign.cell import Cell
-from posedesign.config import NoiseSection
+from posedesign.config_identification import NoiseSection
 from posedesign.measurement_table import TOOL, MeasurementTable
 from posedesign.set_up import set_up_blocks
 

@@ -15,7 +15,7 @@ from calib.measurement import KINDS
 from calib.model import CalibrationModel
 from posedesign.before_after import identify_models
 from posedesign.cell import Cell
-from posedesign.config import Word
+from posedesign.config_identification import Word
 from posedesign.measurement_table import MeasurementTable, read_measurements, write_measurements
 from posedesign.models import (
     FRAMES_ONLY,

@@ -1,0 +1,38 @@
+"""Types of the values of a ``cell.toml``: units, bounds, and what a table of keys is."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(strict=True, ge=0, le=1e6, allow_inf_nan=False)]
+Length = Annotated[float, Field(strict=True, ge=-1e6, le=1e6, allow_inf_nan=False)]
+"""[mm]; a kilometre is no robot cell."""
+Vector = tuple[Length, Length, Length]
+Variation = Annotated[float, Field(strict=True, ge=0, lt=180, allow_inf_nan=False)]
+"""[deg]; zero holds an angle."""
+Step = Annotated[float, Field(strict=True, ge=0.1, lt=180, allow_inf_nan=False)]
+"""[deg]; finer steps would be rounds without end."""
+VariationVector = tuple[Variation, Variation, Variation]
+Noise = Annotated[float, Field(strict=True, gt=0, le=1e3, allow_inf_nan=False)]
+"""[mm, deg]"""
+NoiseVector = tuple[Noise, Noise, Noise]
+Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]*$")]
+"""Text that stays on one line and does not steer a terminal."""
+
+Name = Annotated[Line, Field(min_length=1, max_length=40)]
+Size = Annotated[float, Field(strict=True, gt=0, le=1e6, allow_inf_nan=False)]
+"""[mm]"""
+Pixels = Annotated[int, Field(strict=True, gt=0, le=100_000)]
+
+BoxSteps = Annotated[int, Field(strict=True, ge=1, le=25)]
+"""Points along an axis of a box: 25 along each are fifteen thousand postures to find."""
+
+
+class Section(BaseModel):
+    """A table of the file; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False)

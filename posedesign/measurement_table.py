@@ -55,12 +55,12 @@ _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 TOOL = "tool"
 OWN_PAYLOAD = ""
 
-_PLACE = ("x_mm", "y_mm", "z_mm")
-_TURN = ("w_deg", "p_deg", "r_deg")
+PLACE = ("x_mm", "y_mm", "z_mm")
+TURN = ("w_deg", "p_deg", "r_deg")
 _READ = {
-    "point": _PLACE,
-    "pose": (*_PLACE, *_TURN),
-    "camera-pose": (*_PLACE, *_TURN),
+    "point": PLACE,
+    "pose": (*PLACE, *TURN),
+    "camera-pose": (*PLACE, *TURN),
     "distance": ("distance_mm",),
 }
 """Columns that each kind is read from; the others are not read, they are met."""

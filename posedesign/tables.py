@@ -46,12 +46,12 @@ from posedesign.csv_tables import (
     read_rows,
     write_table,
 )
-from posedesign.measurement_table import read_measurements, write_measurements
+from posedesign.measurement_table import PLACE, TURN, read_measurements, write_measurements
 from posedesign.pose_plan import PoseSet, PoseStatus, named_stops
 from posedesign.postures_table import joint_columns, pendant_columns, postures_of
 from posedesign.route import Route
 
-POSE_AXES = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
+POSE_AXES = (*PLACE, *TURN)
 
 
 @dataclass(frozen=True, eq=False)

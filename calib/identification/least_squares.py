@@ -59,7 +59,8 @@ class Fit:
     x : array (T, p)
         [SI]
     cost : array (T,)
-        Sum of the squared rows over their noise, of what is known besides included.
+        Sum of the squared rows over their noise, of what is known besides included; before the
+        last step, which changes no digit of it.
     change : array (T,)
         Of the predictions in the last step, in standard deviations of noise or residuals.
     converged : array (T,) of bool

@@ -115,16 +115,23 @@ class Measurement(ABC):
     def gap(self, vector: FloatArray, view: ArmView) -> FloatArray:
         """What of vectors ``(..., 3, S)`` in base axes the arm has to bring to nothing.
 
-        All of it, for kinds that bring a point to a point; nothing for kinds that are read off.
+        Nothing, for kinds that are read off.
         """
-        return np.zeros_like(vector) if self.reads else vector
+        return np.zeros_like(vector)
 
+
+class Contact(Measurement):
+    """A kind that moves the arm until tool and target meet: what is read is zero."""
+
+    reads = False
+
+    def gap(self, vector: FloatArray, view: ArmView) -> FloatArray:
+        """See :meth:`Measurement.gap`: all of it, where a point is brought to a point."""
+        return vector
+
+    @abstractmethod
     def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
-        """Displacement ``(3, S)`` [m] of the tool point, in base axes, that shows as these rows.
-
-        For kinds that move the arm until it meets the target.
-        """
-        raise NotImplementedError(f"{self.name} is read off: the arm is not moved for it")
+        """Displacement ``(3, S)`` [m] of the tool point, in base axes, that shows as these rows."""
 
 
 def check_sigma(sigma: ArrayLike, count: int) -> FloatArray:

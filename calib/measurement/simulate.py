@@ -6,6 +6,7 @@ import numpy as np
 
 from calib.arm_view import ArmView, Setup
 from calib.errors import ConvergenceError
+from calib.measurement.base import Contact
 from calib.measurement.data import Measurements
 from calib.measurement.touch import TOUCH_TOLERANCE_M, touch
 from calib.model import CalibrationModel
@@ -111,11 +112,11 @@ def _noise(
     """
     out = np.zeros((3 if lift else truth.rows, view.q.shape[1]))
     for kind, columns, part in truth.by_kind(view):
-        if kind.reads != lift:
-            drawn = rng.standard_normal((part.q.shape[1], kind.rows)).T
-            rows = kind.colour(drawn, part)
-            if lift:
-                out[:, columns] = kind.lift(rows, part)
-            else:
-                out[: kind.rows, columns] = rows
+        if isinstance(kind, Contact) != lift:
+            continue
+        rows = kind.colour(rng.standard_normal((part.q.shape[1], kind.rows)).T, part)
+        if isinstance(kind, Contact):
+            out[:, columns] = kind.lift(rows, part)
+        else:
+            out[: kind.rows, columns] = rows
     return out

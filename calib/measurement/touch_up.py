@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from calib.arm_view import ArmView
-from calib.measurement.base import Measurement
+from calib.measurement.base import Contact
 from calib.posture_last import along, cross, turn, turn_back
 from calib.se3 import FloatArray
 
 
-class TouchUp(Measurement):
+class TouchUp(Contact):
     """All three coordinates of the tool point meet the target (visual or with a pin).
 
     What is measured is zero: the rows are Eq. 4 of [Watanabe2006]_, ``e_i = p_i - p_M``, in the
@@ -25,7 +25,6 @@ class TouchUp(Measurement):
 
     name = "touch-up"
     rows = 3
-    reads = False
     sees_rotation = True
 
     def predict(self, view: ArmView) -> FloatArray:
@@ -52,11 +51,11 @@ class TouchUp(Measurement):
         return view.in_target(turn(view.tool, rows * self.sigma[:, None]))
 
     def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
-        """See :meth:`Measurement.lift`."""
+        """See :meth:`Contact.lift`."""
         return view.out_of_target(rows)
 
 
-class ViewLine(Measurement):
+class ViewLine(Contact):
     """Only that the target lies on the view line is measured: two coordinates across it.
 
     Section 2.1 and Fig. 10 of [Watanabe2006]_. The view line runs along the tool's z through the
@@ -70,7 +69,6 @@ class ViewLine(Measurement):
 
     name = "view-line"
     rows = 2
-    reads = False
     sees_rotation = True
 
     def predict(self, view: ArmView) -> FloatArray:
@@ -87,11 +85,11 @@ class ViewLine(Measurement):
         return np.stack([along(view.tool[k], moved) for k in range(2)], axis=1)
 
     def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
-        """See :meth:`Measurement.lift`: across the line; the arm is taken to hold its depth."""
+        """See :meth:`Contact.lift`: across the line; the arm is taken to hold its depth."""
         return np.asarray(view.tool[0] * rows[0] + view.tool[1] * rows[1])
 
 
-class PlaneContact(Measurement):
+class PlaneContact(Contact):
     """The tool point is brought into contact with a plane: the target's z = 0.
 
     Parameters
@@ -102,7 +100,6 @@ class PlaneContact(Measurement):
 
     name = "plane"
     rows = 1
-    reads = False
 
     def predict(self, view: ArmView) -> FloatArray:
         """See :meth:`Measurement.predict`: the height over the plane."""
@@ -113,9 +110,9 @@ class PlaneContact(Measurement):
         return along(view.target[2], motion[:, :3])[:, None]
 
     def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
-        """See :meth:`Measurement.lift`: along the normal."""
+        """See :meth:`Contact.lift`: along the normal."""
         return np.asarray(view.target[2] * rows[0])
 
     def gap(self, vector: FloatArray, view: ArmView) -> FloatArray:
-        """See :meth:`Measurement.gap`: along the normal."""
+        """See :meth:`Contact.gap`: along the normal."""
         return np.asarray(view.target[2] * along(view.target[2], vector)[..., None, :])

@@ -25,7 +25,6 @@ class JointErrors(ParameterBlock):
 
     Parameters
     ----------
-    robot : Robot
     joints : sequence of int
         Index of the joint that each parameter turns.
     names : sequence of str

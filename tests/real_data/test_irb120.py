@@ -6,9 +6,8 @@ Figures to compare with are those of an independent plain least-squares fit.
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -32,14 +31,8 @@ Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def study() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("study_03_irb120", FOLDER / "run.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where dataclasses look up their annotations
-    spec.loader.exec_module(module)
-    return module
+def study(load_study: Callable[[Path], ModuleType]) -> ModuleType:
+    return load_study(FOLDER)
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ independent plain least-squares fit, its priors weighed against a noise of 0.15 
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -34,14 +34,8 @@ Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def study() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("study_02_panda_touch_ups", FOLDER / "run.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where dataclasses look up their annotations
-    spec.loader.exec_module(module)
-    return module
+def study(load_study: Callable[[Path], ModuleType]) -> ModuleType:
+    return load_study(FOLDER)
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ independent plain least-squares fit, refitted without each pose.
 
 from __future__ import annotations
 
-import importlib.util
 import json
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -26,13 +26,8 @@ Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def study() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("study_04_ur10", FOLDER / "run.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def study(load_study: Callable[[Path], ModuleType]) -> ModuleType:
+    return load_study(FOLDER)
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,9 @@ from calib.measurement import CameraPose, Distance, Measurements, Point, Pose
 from calib.model import CalibrationModel
 from calib.parameters.base import ParameterBlock
 from calib.parameters.frames import Frames
-from calib.robot_world import li_kronecker
+from calib.robot_world import PairSets
 from calib.robot_world.identifiability import examine
+from calib.robot_world.methods import li_kronecker
 from calib.se3 import FloatArray, inverse, project_to_rotation, rotation_exp, transform
 
 _STEPS = 5
@@ -109,9 +110,10 @@ def _from_poses(
     X, tool_turns = _nominal(model, tool_label, "tools")
     Z, target_turns = _nominal(model, target_label, "targets")
     if tool_turns and target_turns:
-        if examine(A[None], B[None]).degenerate[0]:
+        pairs = PairSets(A[None], B[None])
+        if examine(pairs).degenerate[0]:
             return  # from these alone; priors may know more, or the parameters be named
-        found = li_kronecker.estimate(A[None], B[None])
+        found = li_kronecker.estimate(pairs)
         X, Z = found.X[0], found.Z[0]
     elif target_turns:
         Z = _mean(A @ X @ inverse(B))

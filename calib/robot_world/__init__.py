@@ -3,9 +3,10 @@
 One file for each method, one result type for all; :data:`METHODS` lists them.
 """
 
+from calib.robot_world.methods import METHODS, PAPER_METHODS, Method
 from calib.robot_world.noise import PairNoise
 from calib.robot_world.opencv import pairs_from_opencv, result_to_opencv
-from calib.robot_world.registry import METHODS, PAPER_METHODS, Method
+from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import RobotWorldBatch, RobotWorldResult
 from calib.robot_world.simulation import Problems, add_noise, random_problems
 from calib.robot_world.solver import solve, solve_batch
@@ -15,6 +16,7 @@ __all__ = [
     "PAPER_METHODS",
     "Method",
     "PairNoise",
+    "PairSets",
     "Problems",
     "RobotWorldBatch",
     "RobotWorldResult",

@@ -103,38 +103,14 @@ def kronecker_mean(A: FloatArray, B: FloatArray) -> FloatArray:
     return blocks.transpose(0, 1, 3, 2, 4).reshape(T, 9, 9)
 
 
-def closed_form_rotations(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotations of X and Z ``(T, 3, 3)`` from the rotations alone.
-
-    They are the leading singular vectors of :func:`kronecker_mean`, made orthonormal: the
-    minimum of ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm. No sign and no half turn
-    troubles it, which is why signs and frames are chosen by it.
-    """
-    U, _, Vt = np.linalg.svd(kronecker_mean(A, B))
+def leading_rotations(mean: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations X and Z ``(T, 3, 3)`` nearest to the leading singular vectors of ``(T, 9, 9)``."""
+    U, _, Vt = np.linalg.svd(mean)
     Z = np.asarray(U)[:, :, 0].reshape(-1, 3, 3)
     X = np.asarray(Vt)[:, 0].reshape(-1, 3, 3)
     # A pair of singular vectors is defined up to one common sign: that of a rotation.
     sign = np.where(np.linalg.det(Z) < 0.0, -1.0, 1.0)[:, None, None]
     return se3.project_to_rotation(sign * X), se3.project_to_rotation(sign * Z)
-
-
-def consistent_quaternions(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Quaternions a and b ``(T, N, 4)`` of the pairs, with signs for which all ``a x = z b`` agree.
-
-    q and -q are the same rotation, so every pair has a free sign, and equations linear in the
-    quaternions hold only if it is the same one over the whole set (both papers leave this out).
-    The usual remedy takes the leading eigenvector of the matrix of ``<a_i, a_j> <b_i, b_j>``, which
-    says nothing of a pose half a turn away from all others: Rz(180°) beside rotations about x and
-    y. The signs of ``<a_i x, z b_i>`` at the sign-free solution are the same where that matrix
-    decides, and defined wherever the rotations identify X and Z.
-    """
-    a = se3.quaternion_from_rotation(A[..., :3, :3])
-    b = se3.quaternion_from_rotation(B[..., :3, :3])
-    X, Z = closed_form_rotations(A, B)
-    x = se3.quaternion_from_rotation(X)[:, None]
-    z = se3.quaternion_from_rotation(Z)[:, None]
-    agreement = (apply_matrix(left_matrix(a), x) * apply_matrix(right_matrix(b), z)).sum(axis=-1)
-    return a, np.where(agreement < 0.0, -1.0, 1.0)[..., None] * b
 
 
 def assemble(

@@ -24,11 +24,11 @@ from calib.errors import NotIdentifiableError
 from calib.robot_world.algebra import (
     apply_matrix,
     assemble,
-    closed_form_rotations,
     conjugate,
     kronecker_mean,
     left_matrix,
 )
+from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import residuals
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -101,9 +101,10 @@ class Motion:
         return np.asarray((angle_rms > largest_rad) | (distance_rms > largest_m + floor_m))
 
 
-def examine(A: FloatArray, B: FloatArray) -> Motion:
-    """Measure the motion of T sets of pose pairs ``(T, N, 4, 4)``."""
-    R_X, R_Z = closed_form_rotations(A, B)
+def examine(pairs: PairSets) -> Motion:
+    """Measure the motion of T sets of pose pairs."""
+    A, B = pairs.A, pairs.B
+    R_X, R_Z = pairs.rotations
     error = residuals(A, B, *assemble(A, B, R_X, R_Z))
     residual = np.sqrt((error[..., :3] ** 2).sum(axis=-1).mean(axis=-1))
     residual_m = np.sqrt((error[..., 3:] ** 2).sum(axis=-1).mean(axis=-1))

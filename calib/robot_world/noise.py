@@ -11,11 +11,12 @@ from scipy.stats import chi2 as chi2_distribution
 
 from calib import se3
 from calib.errors import InputError, near_names
+from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 Side = Literal["A", "B", "both"]
-Estimator = Callable[[FloatArray, FloatArray], Estimate]
+Estimator = Callable[[PairSets], Estimate]
 
 NOISE_DOUBT = 1e-4
 """Probability of residuals as large as those found below which the noise does not explain them."""
@@ -145,8 +146,10 @@ def _jacobian(estimate: Estimator, A: FloatArray, B: FloatArray, side: Side) -> 
         step[np.arange(len(column)), column // 6, column % 6] = _STEP
         steps = np.concatenate([step, -step])
         ends = estimate(
-            perturb(A, steps if side == "A" else np.zeros_like(steps)),
-            perturb(B, steps if side == "B" else np.zeros_like(steps)),
+            PairSets(
+                perturb(A, steps if side == "A" else np.zeros_like(steps)),
+                perturb(B, steps if side == "B" else np.zeros_like(steps)),
+            )
         )
         moved = [difference(T[: len(column)], T[len(column) :]) for T in (ends.X, ends.Z)]
         blocks.append(np.concatenate(moved, axis=-1) / (2.0 * _STEP))

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from calib import se3
 from calib.robot_world.noise import PairNoise, perturb
+from calib.robot_world.pairs import PairSets
 from calib.se3 import FloatArray
 
 _REACH_M = 0.5
@@ -35,6 +36,11 @@ class Problems:
     B: FloatArray
     X: FloatArray
     Z: FloatArray
+
+    @property
+    def pairs(self) -> PairSets:
+        """A and B as the methods take them."""
+        return PairSets(self.A, self.B)
 
 
 def random_problems(

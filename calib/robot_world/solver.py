@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike
 from calib import se3
 from calib.errors import InputError
 from calib.robot_world.identifiability import Motion, examine, not_identifiable
+from calib.robot_world.methods import find_method
 from calib.robot_world.noise import PairNoise, propagate
-from calib.robot_world.registry import find_method
+from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate, RobotWorldBatch, RobotWorldResult, residuals
 from calib.se3 import FloatArray
 
@@ -55,10 +56,11 @@ def solve(
     """
     chosen = find_method(method)
     A, B = _checked(A, B, dimensions=3)
-    motion = examine(A[None], B[None])
+    pairs = PairSets(A[None], B[None])
+    motion = examine(pairs)
     if motion.degenerate[0]:
         raise not_identifiable(motion, A, B)
-    found = chosen.estimate(A[None], B[None])
+    found = chosen.estimate(pairs)
     X, Z = found.X[0], found.Z[0]
     error = residuals(A, B, X, Z)
     status, message = _verdict(found, motion, error)
@@ -100,7 +102,7 @@ def solve_batch(A: ArrayLike, B: ArrayLike, method: str = "hirsh") -> RobotWorld
     """
     chosen = find_method(method)
     A, B = _checked(A, B, dimensions=4)
-    motion = examine(A, B)
+    motion = examine(PairSets(A, B))
     T = len(A)
     X, Z = np.full((T, 4, 4), np.nan), np.full((T, 4, 4), np.nan)
     iterations = np.zeros(T, dtype=np.intp) if chosen.iterative else None
@@ -109,7 +111,7 @@ def solve_batch(A: ArrayLike, B: ArrayLike, method: str = "hirsh") -> RobotWorld
     at_once = max(1, _PAIRS_AT_ONCE // A.shape[1])
     for first in range(0, len(usable), at_once):
         rows = usable[first : first + at_once]
-        found = chosen.estimate(A[rows], B[rows])
+        found = chosen.estimate(PairSets(A[rows], B[rows]))
         X[rows], Z[rows] = found.X, found.Z
         if iterations is not None and found.iterations is not None:
             iterations[rows] = found.iterations

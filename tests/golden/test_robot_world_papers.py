@@ -8,8 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib import se3
-from calib.robot_world import METHODS, hirsh, random_problems
+from calib.robot_world import METHODS, PairSets, random_problems
 from calib.robot_world.algebra import assemble
+from calib.robot_world.methods import hirsh
 
 GIVEN_TOLERANCE_RAD = 1e-4
 """The paper's "within 0.0001 of the correct answer", in its measure: half the rotation angle."""
@@ -37,7 +38,7 @@ class TestHirsh:
         """Fig. 3. The reference medians are of a few hundred runs; 31, 15, 11, 6 over 20,000."""
         trials, reference_trials = 2000, 300
         problems = random_problems(np.random.default_rng(views), trials, views)
-        cycles = hirsh.cycles(problems.A, problems.B, GIVEN_TOLERANCE_RAD)
+        cycles = hirsh.cycles(problems.pairs, GIVEN_TOLERANCE_RAD)
         band = np.hypot(quantile_band(trials), quantile_band(reference_trials))
         # Both sides, since cycles are whole numbers and many runs share the median.
         assert (cycles < reference).mean() < 0.5 + band
@@ -47,7 +48,7 @@ class TestHirsh:
     def test_median_cycles_of_this_code(self, views, median):
         trials = 2000
         problems = random_problems(np.random.default_rng(10 + views), trials, views)
-        cycles = hirsh.cycles(problems.A, problems.B, GIVEN_TOLERANCE_RAD)
+        cycles = hirsh.cycles(problems.pairs, GIVEN_TOLERANCE_RAD)
         assert (cycles < median).mean() < 0.5 + quantile_band(trials)
         assert (cycles <= median).mean() > 0.5 - quantile_band(trials)
 
@@ -57,7 +58,7 @@ class TestHirsh:
         medians = []
         for views in (3, 4, 5, 10):
             problems = random_problems(rng, 1000, views)
-            medians.append(np.median(hirsh.cycles(problems.A, problems.B, GIVEN_TOLERANCE_RAD)))
+            medians.append(np.median(hirsh.cycles(problems.pairs, GIVEN_TOLERANCE_RAD)))
         assert (np.diff(medians) < 0).all()
 
     @pytest.mark.parametrize("views", [3, 4, 5, 10])
@@ -68,7 +69,7 @@ class TestHirsh:
         """
         trials = 400
         problems = random_problems(np.random.default_rng(20 + views), trials, views)
-        _, z, _, _ = hirsh.iterate_literal(problems.A, problems.B, 400)
+        _, z, _, _ = hirsh.iterate_literal(problems.pairs, 400)
         error = half_angle(se3.rotation_from_quaternion(z), problems.Z)
         failed = (error > GIVEN_TOLERANCE_RAD).mean()
         chance = 4.0 * np.sqrt(0.25 / trials)
@@ -77,7 +78,7 @@ class TestHirsh:
     def test_as_printed_it_is_often_stuck_at_right_angles(self):
         trials = 400
         problems = random_problems(np.random.default_rng(30), trials, 5)
-        _, z, _, _ = hirsh.iterate_literal(problems.A, problems.B, 400)
+        _, z, _, _ = hirsh.iterate_literal(problems.pairs, 400)
         error = half_angle(se3.rotation_from_quaternion(z), problems.Z)
         stuck = (np.abs(error - np.pi / 2.0) < 1e-3).mean()
         assert stuck > 0.64 - 4.0 * np.sqrt(0.25 / trials)
@@ -92,7 +93,7 @@ class TestHirsh:
         axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
         B = problems.B.copy()
         B[..., :3, :3] = B[..., :3, :3] @ se3.rotation_exp(np.radians(1.0) * axis)
-        error = half_angle(METHODS["hirsh"].estimate(problems.A, B).Z, problems.Z)
+        error = half_angle(METHODS["hirsh"].estimate(PairSets(problems.A, B)).Z, problems.Z)
         line = np.radians(1.0) / 2.0
         assert np.median(error) < line
         band = np.hypot(quantile_band(trials), quantile_band(reference_trials))
@@ -106,7 +107,7 @@ class TestHirsh:
         axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
         B = problems.B.copy()
         B[..., :3, :3] = B[..., :3, :3] @ se3.rotation_exp(np.radians(1.0) * axis)
-        error = half_angle(METHODS["hirsh"].estimate(problems.A, B).Z, problems.Z)
+        error = half_angle(METHODS["hirsh"].estimate(PairSets(problems.A, B)).Z, problems.Z)
         assert (error > np.radians(1.0) / 2.0).mean() > 0.5 + quantile_band(500)
 
 
@@ -142,7 +143,7 @@ class TestLi:
         rng = np.random.default_rng(pairs)
         A, B, X, Z = li_measurements(rng, trials, pairs, cone_deg, noisy)
         found = {
-            name: METHODS[name].estimate(A, B)
+            name: METHODS[name].estimate(PairSets(A, B))
             for name in ("li-kronecker-literal", "li-dual-quaternion", "zhuang-literal")
         }
         rotations = [rotation_error(f, X, Z) for f in found.values()]
@@ -176,12 +177,12 @@ class TestLi:
         medians = []
         for pairs in (3, 5, 7):
             A, B, X, Z = li_measurements(rng, 400, pairs, None, "A")
-            found = METHODS["li-kronecker-literal"].estimate(A, B)
+            found = METHODS["li-kronecker-literal"].estimate(PairSets(A, B))
             medians.append(np.median(total_error(found.X, found.Z, X, Z)))
         assert medians[1] > 1.5 * max(medians[0], medians[2])
         A, B, X, Z = li_measurements(rng, 400, 5, None, "A")
-        kronecker = METHODS["li-kronecker-literal"].estimate(A, B)
-        quaternion = METHODS["zhuang-literal"].estimate(A, B)
+        kronecker = METHODS["li-kronecker-literal"].estimate(PairSets(A, B))
+        quaternion = METHODS["zhuang-literal"].estimate(PairSets(A, B))
         assert np.median(rotation_error(kronecker, X, Z)) > np.median(
             rotation_error(quaternion, X, Z)
         )
@@ -197,7 +198,7 @@ class TestLi:
         A, B, X, Z = li_measurements(rng, 400, pairs, cone_deg, "AB")
         error = {}
         for name in ("li-kronecker", "li-dual-quaternion", "zhuang", "zhuang-literal", "hirsh"):
-            found = METHODS[name].estimate(A, B)
+            found = METHODS[name].estimate(PairSets(A, B))
             error[name] = total_error(found.X, found.Z, X, Z)
         best = error.pop("li-kronecker")
         for others in error.values():
@@ -208,6 +209,6 @@ class TestLi:
         """Over all orientations the quaternion method loses to its half turns, not by nature."""
         rng = np.random.default_rng(70)
         A, B, X, Z = li_measurements(rng, 400, 20, None, noisy)
-        literal = rotation_error(METHODS["zhuang-literal"].estimate(A, B), X, Z)
-        safe = rotation_error(METHODS["zhuang"].estimate(A, B), X, Z)
+        literal = rotation_error(METHODS["zhuang-literal"].estimate(PairSets(A, B)), X, Z)
+        safe = rotation_error(METHODS["zhuang"].estimate(PairSets(A, B)), X, Z)
         assert np.median(safe) < 0.7 * np.median(literal)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib import se3
-from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve_batch
+from calib.robot_world import METHODS, PairNoise, PairSets, add_noise, random_problems, solve_batch
 
 SOUND = [name for name in METHODS if name != "hirsh-literal"]
 ANY_ROTATION = ["li-kronecker", "li-kronecker-literal", "li-dual-quaternion", "zhuang", "hirsh"]
@@ -85,7 +85,7 @@ def test_unit_of_length_changes_nothing(method, seed, pairs, per_metre):
     scaled = [T.copy() for T in (A, B)]
     for T in scaled:
         T[..., :3, 3] *= per_metre
-    found = METHODS[method].estimate(*scaled)
+    found = METHODS[method].estimate(PairSets(*scaled))
     for estimate, expected in ((found.X, reference.X), (found.Z, reference.Z)):
         estimate[..., :3, 3] /= per_metre
         use = reference.ok

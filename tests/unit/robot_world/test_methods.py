@@ -6,23 +6,21 @@ import pytest
 from calib import se3
 from calib.robot_world import (
     PairNoise,
+    PairSets,
     add_noise,
-    hirsh,
-    li_kronecker,
     random_problems,
     solve_batch,
 )
 from calib.robot_world.algebra import (
     assemble,
-    closed_form_rotations,
     conjugate,
-    consistent_quaternions,
     kronecker,
     kronecker_mean,
     least_squares,
     left_matrix,
     right_matrix,
 )
+from calib.robot_world.methods import hirsh, li_kronecker
 
 NOISE = PairNoise(np.radians(0.5), 1e-3, "both")
 
@@ -80,7 +78,7 @@ def test_least_squares_takes_the_shortest_solution_of_a_rank_deficient_problem()
 @pytest.mark.parametrize("cone_deg", [None, 40.0])
 def test_signs_agree_with_the_leading_eigenvector_of_the_sign_matrix(cone_deg):
     A, B, _ = noisy(3, 50, 8, cone_deg)
-    a, b = consistent_quaternions(A, B)
+    a, b = PairSets(A, B).quaternions
     raw = se3.quaternion_from_rotation(B[..., :3, :3])
     sign = (b * raw).sum(axis=-1).round()
     weights = (a @ np.swapaxes(a, -1, -2)) * (raw @ np.swapaxes(raw, -1, -2))
@@ -91,7 +89,7 @@ def test_signs_agree_with_the_leading_eigenvector_of_the_sign_matrix(cone_deg):
 
 def test_translations_are_the_least_squares_of_eq_16():
     A, B, _ = noisy(4, 3, 5)
-    R_X, R_Z = closed_form_rotations(A, B)
+    R_X, R_Z = PairSets(A, B).rotations
     X, Z = assemble(A, B, R_X, R_Z)
     for trial in range(3):
         rows = np.concatenate([np.hstack([a[:3, :3], -np.eye(3)]) for a in A[trial]])
@@ -143,16 +141,16 @@ def test_literal_kronecker_is_eq_19():
 @pytest.mark.parametrize("per_metre", [1e3, 39.37, 1e-3])
 def test_scaled_kronecker_does_not_depend_on_the_unit(per_metre):
     A, B, _ = noisy(7, 50, 6)
-    metres = li_kronecker.estimate(A, B)
-    other = li_kronecker.estimate(in_unit(A, per_metre), in_unit(B, per_metre))
+    metres = li_kronecker.estimate(PairSets(A, B))
+    other = li_kronecker.estimate(PairSets(in_unit(A, per_metre), in_unit(B, per_metre)))
     np.testing.assert_allclose(in_unit(other.X, 1.0 / per_metre), metres.X, atol=1e-9)
     np.testing.assert_allclose(in_unit(other.Z, 1.0 / per_metre), metres.Z, atol=1e-9)
 
 
 def test_literal_kronecker_changes_with_the_unit():
     A, B, problems = noisy(8, 200, 20, noise=PairNoise(np.radians(0.5), 1e-3, "B"))
-    metres = li_kronecker.estimate_literal(A, B)
-    millimetres = li_kronecker.estimate_literal(in_unit(A, 1e3), in_unit(B, 1e3))
+    metres = li_kronecker.estimate_literal(PairSets(A, B))
+    millimetres = li_kronecker.estimate_literal(PairSets(in_unit(A, 1e3), in_unit(B, 1e3)))
     true_t = np.swapaxes(problems.Z[:, :3, :3], 1, 2)
     error_m = np.median(se3.rotation_angle(metres.Z[:, :3, :3] @ true_t))
     error_mm = np.median(se3.rotation_angle(millimetres.Z[:, :3, :3] @ true_t))
@@ -162,9 +160,9 @@ def test_literal_kronecker_changes_with_the_unit():
 
 def test_scaled_kronecker_beats_the_literal_form_in_either_unit():
     A, B, problems = noisy(9, 300, 5)
-    scaled = li_kronecker.estimate(A, B)
-    metres = li_kronecker.estimate_literal(A, B)
-    millimetres = li_kronecker.estimate_literal(in_unit(A, 1e3), in_unit(B, 1e3))
+    scaled = li_kronecker.estimate(PairSets(A, B))
+    metres = li_kronecker.estimate_literal(PairSets(A, B))
+    millimetres = li_kronecker.estimate_literal(PairSets(in_unit(A, 1e3), in_unit(B, 1e3)))
     for literal in (metres.Z, in_unit(millimetres.Z, 1e-3)):
         closer = np.linalg.norm(scaled.Z - problems.Z, axis=(1, 2)) < np.linalg.norm(
             literal - problems.Z, axis=(1, 2)
@@ -185,7 +183,7 @@ def plain_power_iteration(a, b, cycles):
 
 def test_iterates_in_closed_form_are_those_of_the_loop():
     A, B, _ = noisy(10, 3, 5)
-    a, b = consistent_quaternions(A, B)
+    a, b = PairSets(A, B).quaternions
     found = solve_batch(A, B, "hirsh")
     for trial in range(3):
         limit = plain_power_iteration(a[trial], b[trial], 1000)
@@ -193,7 +191,7 @@ def test_iterates_in_closed_form_are_those_of_the_loop():
             se3.rotation_from_quaternion(limit), found.Z[trial, :3, :3], atol=1e-10
         )
         for tolerance_rad in (1e-2, 1e-4):
-            count = hirsh.cycles(A[trial, None], B[trial, None], tolerance_rad)[0]
+            count = hirsh.cycles(PairSets(A[trial, None], B[trial, None]), tolerance_rad)[0]
             after = plain_power_iteration(a[trial], b[trial], count)
             before = plain_power_iteration(a[trial], b[trial], count - 1)
             assert half_angle(after, limit) <= tolerance_rad < half_angle(before, limit)
@@ -205,7 +203,7 @@ def half_angle(p, q):
 
 def test_hirsh_is_the_leading_pair_of_singular_vectors():
     A, B, _ = noisy(11, 20, 7)
-    a, b = consistent_quaternions(A, B)
+    a, b = PairSets(A, B).quaternions
     M = (left_matrix(a) @ right_matrix(conjugate(b))).mean(axis=1)
     U, _, Vt = np.linalg.svd(M)
     found = solve_batch(A, B, "hirsh")
@@ -216,8 +214,8 @@ def test_hirsh_is_the_leading_pair_of_singular_vectors():
 @pytest.mark.parametrize("cone_deg", [None, 40.0])
 def test_cycles_are_predicted_by_the_ratio_of_singular_values(cone_deg):
     problems = random_problems(np.random.default_rng(12), 300, 10, cone_deg)
-    counted = hirsh.cycles(problems.A, problems.B, 1e-10)
-    predicted = hirsh.predicted_cycles(problems.A, problems.B, 1e-10)
+    counted = hirsh.cycles(problems.pairs, 1e-10)
+    predicted = hirsh.predicted_cycles(problems.pairs, 1e-10)
     assert (counted <= np.ceil(predicted)).all()
     # The other singular vectors only speed up the start.
     assert np.median(counted / predicted) > 0.9

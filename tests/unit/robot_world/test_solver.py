@@ -9,13 +9,13 @@ from calib.robot_world import (
     METHODS,
     PairNoise,
     add_noise,
-    hirsh,
     pairs_from_opencv,
     random_problems,
     result_to_opencv,
     solve,
     solve_batch,
 )
+from calib.robot_world.methods import hirsh
 from calib.robot_world.noise import difference, perturb
 
 

@@ -20,22 +20,22 @@ from calib import se3
 from calib.robot_world.algebra import (
     apply_matrix,
     conjugate,
-    consistent_quaternions,
     left_matrix,
     right_matrix,
     triangle,
 )
+from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 
-def estimate(A: FloatArray, B: FloatArray) -> Estimate:
+def estimate(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, rotations and translations together.
 
     Parameters
     ----------
-    A, B : ndarray (T, N, 4, 4)
-        Measured transforms, N >= 3. Eq. 12 adds rows with and without a length, unweighted: the
+    pairs : PairSets
+        Measured pairs, N >= 3. Eq. 12 adds rows with and without a length, unweighted: the
         answer depends on the unit of length.
 
     Returns
@@ -50,8 +50,8 @@ def estimate(A: FloatArray, B: FloatArray) -> Estimate:
     :func:`_unit_combination` for the choice. Where noise makes Eq. 14 unsolvable the method fails:
     its residuals show it.
     """
-    T, N = A.shape[:2]
-    a, b = consistent_quaternions(A, B)
+    A, B, T, N = pairs.A, pairs.B, pairs.T, pairs.N
+    a, b = pairs.quaternions
     rows = np.zeros((T, N, 8, 16))
     L, R = left_matrix(a), right_matrix(b)
     rows[..., :4, 0:4] = rows[..., 4:, 4:8] = L

@@ -31,11 +31,11 @@ from calib.robot_world.algebra import (
     apply_matrix,
     assemble,
     conjugate,
-    consistent_quaternions,
     left_matrix,
     right_matrix,
     triangle,
 )
+from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -57,13 +57,13 @@ _WHOLE = 1.0 - 1e-15
 """Largest loss of a share in one cycle: stands for all of it, whose logarithm is infinite."""
 
 
-def estimate(A: FloatArray, B: FloatArray) -> Estimate:
+def estimate(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, by the iteration with consistent signs.
 
     Parameters
     ----------
-    A, B : ndarray (T, N, 4, 4)
-        Measured transforms, N >= 3, in any unit of length.
+    pairs : PairSets
+        Measured pairs, N >= 3, in any unit of length.
 
     Returns
     -------
@@ -71,19 +71,19 @@ def estimate(A: FloatArray, B: FloatArray) -> Estimate:
         X and Z ``(T, 4, 4)``, and the cycles that bring the half-angle error of z from its start,
         the identity, below :data:`TOLERANCE_RAD`.
     """
-    iteration = _prepare(A, B)
+    iteration = _prepare(pairs)
     count = _count_cycles(iteration, TOLERANCE_RAD)
     z = apply_matrix(iteration.basis, iteration.after(count))
     x = apply_matrix(np.swapaxes(iteration.mean, -1, -2), z)
     R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)
     return Estimate(
-        *assemble(A, B, R_X, R_Z),
+        *assemble(pairs.A, pairs.B, R_X, R_Z),
         iterations=count,
         converged=iteration.has_arrived(count, TOLERANCE_RAD),
     )
 
 
-def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
+def estimate_literal(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, by the iteration as printed.
 
     Section 2.2 takes every quaternion with a scalar part >= 0 and averages these. The proof of
@@ -92,8 +92,8 @@ def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
 
     Parameters
     ----------
-    A, B : ndarray (T, N, 4, 4)
-        Measured transforms, N >= 3, in any unit of length.
+    pairs : PairSets
+        Measured pairs, N >= 3, in any unit of length.
 
     Returns
     -------
@@ -101,18 +101,18 @@ def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
         X and Z ``(T, 4, 4)``, and the cycles until z stands still within :data:`TOLERANCE_RAD`,
         :data:`LITERAL_CYCLE_LIMIT` at most. To stand still is not to have arrived.
     """
-    x, z, count, converged = iterate_literal(A, B, LITERAL_CYCLE_LIMIT)
+    x, z, count, converged = iterate_literal(pairs, LITERAL_CYCLE_LIMIT)
     R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)
-    return Estimate(*assemble(A, B, R_X, R_Z), iterations=count, converged=converged)
+    return Estimate(*assemble(pairs.A, pairs.B, R_X, R_Z), iterations=count, converged=converged)
 
 
-def cycles(A: FloatArray, B: FloatArray, tolerance_rad: float) -> IntArray:
+def cycles(pairs: PairSets, tolerance_rad: float) -> IntArray:
     """Cycles from the identity until z is within a tolerance of where the iteration ends.
 
     Parameters
     ----------
-    A, B : ndarray (T, N, 4, 4)
-        Measured transforms.
+    pairs : PairSets
+        Measured pairs.
     tolerance_rad : float
         The paper's measure of error: the angle between quaternions as vectors of four numbers,
         which is half the rotation angle.
@@ -122,16 +122,16 @@ def cycles(A: FloatArray, B: FloatArray, tolerance_rad: float) -> IntArray:
     ndarray of int (T,)
         At most :data:`CYCLE_LIMIT`.
     """
-    return _count_cycles(_prepare(A, B), tolerance_rad)
+    return _count_cycles(_prepare(pairs), tolerance_rad)
 
 
-def predicted_cycles(A: FloatArray, B: FloatArray, tolerance_rad: float) -> FloatArray:
+def predicted_cycles(pairs: PairSets, tolerance_rad: float) -> FloatArray:
     """Cycles ``(T,)`` after which a rate of (σ2/σ1)² a cycle brings the error below a tolerance.
 
     Never fewer than :func:`cycles` counts (before rounding up), since no part of the error shrinks
     more slowly. Parameters as there.
     """
-    iteration = _prepare(A, B)
+    iteration = _prepare(pairs)
     start = np.linalg.norm(iteration.shares[:, 1:], axis=-1) / np.abs(iteration.shares[:, 0])
     with np.errstate(divide="ignore"):  # a start at the answer, or a rate of 1
         needed = np.log(np.tan(tolerance_rad) / start) / iteration.log_rates[:, 1]
@@ -162,13 +162,13 @@ class _Iteration:
         return np.asarray(error <= np.tan(tolerance_rad) * np.abs(z[:, 0]))
 
 
-def _prepare(A: FloatArray, B: FloatArray) -> _Iteration:
+def _prepare(pairs: PairSets) -> _Iteration:
     """Singular vectors and rates of M, and the start of z.
 
     Stacked, the (M_i - M)ᵀ have the same right singular vectors as Mᵀ in reversed order, with
     values d_i² = N (1 - σ_i²): in a narrow cone they keep the digits that 1 - σ_i² would lose.
     """
-    a, b = consistent_quaternions(A, B)
+    a, b = pairs.quaternions
     M_pairs = left_matrix(a) @ right_matrix(conjugate(b))
     M = M_pairs.mean(axis=1)
     T, N = a.shape[:2]
@@ -199,25 +199,25 @@ def _count_cycles(iteration: _Iteration, tolerance_rad: float) -> IntArray:
 
 
 def iterate_literal(
-    A: FloatArray, B: FloatArray, limit: int
+    pairs: PairSets, limit: int
 ) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
     """Rotation part of :func:`estimate_literal`: x, z ``(T, 4)``, cycles and convergence ``(T,)``.
 
     Parameters
     ----------
-    A, B : ndarray (T, N, 4, 4)
-        Measured transforms.
+    pairs : PairSets
+        Measured pairs.
     limit : int
         Cycles after which to stop.
     """
-    a = se3.quaternion_from_rotation(A[..., :3, :3])
-    b = se3.quaternion_from_rotation(B[..., :3, :3])
+    a = se3.quaternion_from_rotation(pairs.A[..., :3, :3])
+    b = se3.quaternion_from_rotation(pairs.B[..., :3, :3])
     forward = left_matrix(a) @ right_matrix(conjugate(b))  # z_i = a_i x b_i*
     backward = np.swapaxes(forward, -1, -2)  # x_i = a_i* z b_i
-    z = np.tile([1.0, 0.0, 0.0, 0.0], (len(A), 1))
+    z = np.tile([1.0, 0.0, 0.0, 0.0], (pairs.T, 1))
     x = z.copy()
-    count = np.zeros(len(A), dtype=np.intp)
-    moving = np.arange(len(A))
+    count = np.zeros(pairs.T, dtype=np.intp)
+    moving = np.arange(pairs.T)
     for _ in range(limit):
         x[moving] = _printed_average(apply_matrix(backward[moving], z[moving, None]))
         new = _printed_average(apply_matrix(forward[moving], x[moving, None]))
@@ -227,7 +227,7 @@ def iterate_literal(
         moving = moving[step > TOLERANCE_RAD]
         if not len(moving):
             break
-    converged = np.ones(len(A), dtype=bool)
+    converged = np.ones(pairs.T, dtype=bool)
     converged[moving] = False
     return x, z, count, converged
 

@@ -19,10 +19,9 @@ import numpy as np
 from calib import se3
 from calib.robot_world.algebra import (
     assemble,
-    closed_form_rotations,
-    consistent_quaternions,
     least_squares,
 )
+from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
@@ -35,13 +34,13 @@ _SMALLEST_SCALAR = 1e-12
 of the result shows it."""
 
 
-def estimate(A: FloatArray, B: FloatArray) -> Estimate:
+def estimate(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, the rotations first, then the translations.
 
     Parameters
     ----------
-    A, B : ndarray (T, N, 4, 4)
-        Measured transforms, N >= 3, in any unit of length.
+    pairs : PairSets
+        Measured pairs, N >= 3, in any unit of length.
 
     Returns
     -------
@@ -57,20 +56,21 @@ def estimate(A: FloatArray, B: FloatArray) -> Estimate:
     that no reference avoids then loses weight, where the literal form would let it outweigh all
     others. Without noise none of this changes the answer.
     """
+    A, B = pairs.A, pairs.B
     R_base = se3.rotation_from_quaternion(_reference(A))
-    R_X, R_Z = closed_form_rotations(A, B)
+    R_X, R_Z = pairs.rotations
     # A X = Z B becomes (PᵀA)(X Yᵀ) = (PᵀZ G)(GᵀB Yᵀ) with P the reference, Y = X and G = ZᵀP.
     R_target = np.swapaxes(R_Z, -1, -2) @ R_base
     to_base, to_target = np.swapaxes(R_base, -1, -2), np.swapaxes(R_target, -1, -2)
     A_turned = _turn(A, to_base, np.eye(3)[None])
     B_turned = _turn(B, to_target, np.swapaxes(R_X, -1, -2))
-    x, z = _solve_quaternions(*consistent_quaternions(A_turned, B_turned), divide=False)
+    x, z = _solve_quaternions(*PairSets(A_turned, B_turned).quaternions, divide=False)
     R_X = se3.rotation_from_quaternion(x) @ R_X
     R_Z = R_base @ se3.rotation_from_quaternion(z) @ to_target
-    return Estimate(*assemble(A, B, R_X, R_Z))
+    return Estimate(*assemble(pairs.A, pairs.B, R_X, R_Z))
 
 
-def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
+def estimate_literal(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, in the frames as given and with the division by a_0.
 
     Only the signs of the quaternions are made consistent. Fails where some A or Z is close to half
@@ -78,17 +78,17 @@ def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
 
     Parameters
     ----------
-    A, B : ndarray (T, N, 4, 4)
-        Measured transforms, N >= 3, in any unit of length.
+    pairs : PairSets
+        Measured pairs, N >= 3, in any unit of length.
 
     Returns
     -------
     Estimate
         X and Z ``(T, 4, 4)``.
     """
-    x, z = _solve_quaternions(*consistent_quaternions(A, B), divide=True)
+    x, z = _solve_quaternions(*pairs.quaternions, divide=True)
     R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)
-    return Estimate(*assemble(A, B, R_X, R_Z))
+    return Estimate(*assemble(pairs.A, pairs.B, R_X, R_Z))
 
 
 def _turn(T: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:

@@ -22,15 +22,15 @@ from calib.robot_world.algebra import (
     apply_matrix,
     assemble,
     kronecker,
-    kronecker_mean,
     least_squares,
     triangle,
 )
+from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 
-def estimate(A: FloatArray, B: FloatArray) -> Estimate:
+def estimate(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once, the same in every unit of length.
 
     The translation rows are divided by the root mean square distance of the camera's positions
@@ -40,26 +40,26 @@ def estimate(A: FloatArray, B: FloatArray) -> Estimate:
 
     Parameters
     ----------
-    A, B : ndarray (T, N, 4, 4)
-        Measured transforms, N >= 3, in any unit of length.
+    pairs : PairSets
+        Measured pairs, N >= 3, in any unit of length.
 
     Returns
     -------
     Estimate
         X and Z ``(T, 4, 4)``.
     """
-    p_B = B[..., :3, 3]
+    p_B = pairs.B[..., :3, 3]
     from_centre = p_B - p_B.mean(axis=1, keepdims=True)
     length = np.sqrt((from_centre**2).sum(axis=-1).mean(axis=-1))
     # A camera that stays in one place gives no length; then Eq. 19 does not fix the scale of R_Z
     # either, whatever the weight, and the misfit of the result says so.
-    vec_X, vec_Z, _ = _solve_rows(A, B, np.where(length > 0.0, length, 1.0))
+    vec_X, vec_Z, _ = _solve_rows(pairs, np.where(length > 0.0, length, 1.0))
     R_X = se3.project_to_rotation(vec_X.reshape(-1, 3, 3))
     R_Z = se3.project_to_rotation(vec_Z.reshape(-1, 3, 3))
-    return Estimate(*assemble(A, B, R_X, R_Z))
+    return Estimate(*assemble(pairs.A, pairs.B, R_X, R_Z))
 
 
-def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
+def estimate_literal(pairs: PairSets) -> Estimate:
     """X and Z of T problems at once as printed: lengths as given, translations as they come.
 
     The rotations are made orthonormal by singular value decomposition; the "Rodrigues' formula"
@@ -67,15 +67,16 @@ def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
 
     Parameters
     ----------
-    A, B : ndarray (T, N, 4, 4)
-        Measured transforms, N >= 3. The answer depends on their unit of length.
+    pairs : PairSets
+        Measured pairs, N >= 3. The answer depends on their unit of length.
 
     Returns
     -------
     Estimate
         X and Z ``(T, 4, 4)``.
     """
-    vec_X, vec_Z, p_X = _solve_rows(A, B, np.ones(len(A)))
+    A, B = pairs.A, pairs.B
+    vec_X, vec_Z, p_X = _solve_rows(pairs, np.ones(pairs.T))
     Z_linear = vec_Z.reshape(-1, 3, 3)
     # p_Z of Eq. 19 belongs to the matrix R_Z before it is made orthonormal.
     p_Z = (
@@ -87,18 +88,16 @@ def estimate_literal(A: FloatArray, B: FloatArray) -> Estimate:
     return Estimate(se3.transform(R_X, p_X), se3.transform(se3.project_to_rotation(Z_linear), p_Z))
 
 
-def _solve_rows(
-    A: FloatArray, B: FloatArray, length: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _solve_rows(pairs: PairSets, length: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Least-squares vec R_X, vec R_Z ``(T, 9)`` and p_X ``(T, 3)`` of Eq. 19, lengths divided.
 
     p_Z and vec R_X enter with orthonormal columns and are eliminated exactly. With
     ``k_i = R_A ⊗ R_B`` and its mean K, the rotation rows become ``vec R_X = Kᵀ vec R_Z`` and
     ``(k_i - K)ᵀ vec R_Z = 0``: 12 unknowns in place of 24.
     """
-    T, N = A.shape[:2]
+    A, B, T, N = pairs.A, pairs.B, pairs.T, pairs.N
     R_A, p_A, p_B = A[..., :3, :3], A[..., :3, 3], B[..., :3, 3]
-    K = kronecker_mean(A, B)
+    K = pairs.kronecker_mean
     deviation = kronecker(A, B) - K[:, None]
     rows = np.zeros((T, 9 + 3 * N, 12))
     rows[:, :9, :9] = triangle(np.swapaxes(deviation, -1, -2).reshape(T, 9 * N, 9))

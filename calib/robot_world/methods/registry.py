@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from calib.errors import InputError, near_names
-from calib.robot_world import hirsh, li_dual_quaternion, li_kronecker, zhuang
+from calib.robot_world.methods import hirsh, li_dual_quaternion, li_kronecker, zhuang
+from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
-from calib.se3 import FloatArray
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class Method:
     source : str
         The publication.
     estimate : callable
-        ``estimate(A, B)`` takes arrays ``(T, N, 4, 4)`` and returns an
-        :class:`~calib.robot_world.results.Estimate` of T problems.
+        Takes :class:`~calib.robot_world.pairs.PairSets` and returns an
+        :class:`~calib.robot_world.results.Estimate` of the T problems.
     iterative : bool
         Whether the estimate has iterations.
     """
@@ -34,7 +34,7 @@ class Method:
     name: str
     description: str
     source: str
-    estimate: Callable[[FloatArray, FloatArray], Estimate]
+    estimate: Callable[[PairSets], Estimate]
     iterative: bool = False
 
 

@@ -1,0 +1,62 @@
+"""T sets of N pose pairs A, B, and what the methods derive from them, each thing once."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from calib import se3
+from calib.robot_world import algebra
+from calib.se3 import FloatArray
+
+
+class PairSets:
+    """Pairs of T problems ``A_i X = Z B_i``, all with N pairs.
+
+    Parameters
+    ----------
+    A, B : ndarray (T, N, 4, 4)
+        Rigid transforms with rotations orthonormal to rounding, in any unit of length.
+    """
+
+    def __init__(self, A: FloatArray, B: FloatArray) -> None:
+        self.A, self.B = A, B
+        self.T, self.N = A.shape[:2]
+
+    @cached_property
+    def kronecker_mean(self) -> FloatArray:
+        """See :func:`calib.robot_world.algebra.kronecker_mean`."""
+        return algebra.kronecker_mean(self.A, self.B)
+
+    @cached_property
+    def rotations(self) -> tuple[FloatArray, FloatArray]:
+        """Rotations of X and Z ``(T, 3, 3)`` from those of the pairs alone, in closed form.
+
+        The leading singular vectors of :attr:`kronecker_mean`, made orthonormal: the minimum of
+        ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm. No sign and no half turn troubles
+        it, which is why signs and frames are chosen by it.
+        """
+        return algebra.leading_rotations(self.kronecker_mean)
+
+    @cached_property
+    def quaternions(self) -> tuple[FloatArray, FloatArray]:
+        """Quaternions a and b ``(T, N, 4)``, with signs for which all ``a x = z b`` agree.
+
+        q and -q are the same rotation, so every pair has a free sign, and equations linear in the
+        quaternions hold only if it is the same one over the whole set (both papers leave this
+        out). The usual remedy takes the leading eigenvector of the matrix of
+        ``<a_i, a_j> <b_i, b_j>``, which says nothing of a pose half a turn away from all others:
+        Rz(180°) beside rotations about x and y. The signs of ``<a_i x, z b_i>`` at the sign-free
+        solution are the same where that matrix decides, and defined wherever the rotations
+        identify X and Z.
+        """
+        a = se3.quaternion_from_rotation(self.A[..., :3, :3])
+        b = se3.quaternion_from_rotation(self.B[..., :3, :3])
+        R_X, R_Z = self.rotations
+        x = se3.quaternion_from_rotation(R_X)[:, None]
+        z = se3.quaternion_from_rotation(R_Z)[:, None]
+        left = algebra.apply_matrix(algebra.left_matrix(a), x)
+        right = algebra.apply_matrix(algebra.right_matrix(b), z)
+        agreement = (left * right).sum(axis=-1)
+        return a, np.where(agreement < 0.0, -1.0, 1.0)[..., None] * b

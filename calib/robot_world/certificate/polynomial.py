@@ -59,8 +59,10 @@ class QuadraticForm:
         ``constant + 2 linear·u + uᵀ quadratic u`` is the least cost over the translations.
     translation_map : ndarray (T, 6, 19)
         By it, (u, 1) gives the offsets of the translations from the reference that go with u.
-    translation_condition : ndarray (T,)
-        Condition of the equations that gave p_X; infinite where the rotations of A are all alike.
+    rounding : ndarray (T,)
+        By how much rounding may have changed the numbers of ``quadratic`` (spectral norm) and
+        ``linear`` (Euclidean norm); that of ``constant`` is :meth:`constant_rounding`. Infinite
+        where the motion leaves a translation free: all rotations about one axis, or none.
     """
 
     X: FloatArray
@@ -69,7 +71,7 @@ class QuadraticForm:
     linear: FloatArray
     constant: FloatArray
     translation_map: FloatArray
-    translation_condition: FloatArray
+    rounding: FloatArray
 
     def offset(self, R_X: FloatArray, R_Z: FloatArray) -> FloatArray:
         """Offsets u ``(..., T, 18)`` of rotations ``(..., T, 3, 3)`` from the reference."""
@@ -125,74 +127,81 @@ def quadratic_form(
     QuadraticForm
         For T problems.
     """
-    T, N = A.shape[:2]
     moved = se3.inverse(Z)[:, None] @ A @ X[:, None]  # what B would be without noise
+    quadratic, linear, constant = _rotation_terms(moved, B, weights.rotation)
+    add, least = _translation_terms(moved, B, weights.translation)
+    quadratic, linear, constant = quadratic + add[0], linear + add[1], constant + add[2]
+    return QuadraticForm(
+        X, Z, quadratic, linear, constant, least, _rounding(A, B, X, Z, weights, least)
+    )
+
+
+def _rotation_terms(
+    moved: FloatArray, B: FloatArray, weight: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Form ``(T, 18, 18), (T, 18), (T,)`` of ``|E + R U - V P|²``, summed; E = R - P."""
+    T, N = B.shape[:2]
     R, P = moved[..., :3, :3], B[..., :3, :3]
-    quadratic = np.zeros((T, 18, 18))
-    linear = np.zeros((T, 18))
-
-    # Rotations: |E + R U - V P|² with E = R - P
     E = R - P
-    w = weights.rotation
-    products = np.swapaxes(R.reshape(T, N, 9), 1, 2) @ P.reshape(T, N, 9)  # Σ R_ab P_dc
+    products = np.swapaxes(R.reshape(T, N, 9), 1, 2) @ P.reshape(T, N, 9)
     cross = products.reshape(T, 3, 3, 3, 3).transpose(0, 2, 4, 1, 3).reshape(T, 9, 9)
-    quadratic[:, :9, 9:] = -w * cross  # bc, ad
-    quadratic[:, 9:, :9] = np.swapaxes(quadratic[:, :9, 9:], 1, 2)
-    diagonal = np.arange(18)
-    quadratic[:, diagonal, diagonal] = w * N
-    linear[:, :9] = w * np.einsum("tnab,tnac->tbc", R, E).reshape(T, 9)
-    linear[:, 9:] = -w * np.einsum("tnac,tndc->tad", E, P).reshape(T, 9)
-    constant = w * np.einsum("tnab,tnab->t", E, E)
-    return _with_translations(moved, B, X, Z, weights, quadratic, linear, constant)
+    quadratic = np.zeros((T, 18, 18))
+    quadratic[:, :9, 9:] = -cross  # <R U, V P> is the sum of R_ab P_dc U_bc V_ad
+    quadratic[:, 9:, :9] = -np.swapaxes(cross, 1, 2)
+    quadratic += N * np.eye(18)
+    by_U = (np.swapaxes(R, -1, -2) @ E).sum(axis=1)
+    by_V = -(E @ np.swapaxes(P, -1, -2)).sum(axis=1)
+    return weight * quadratic, weight * join(by_U, by_V), weight * (E * E).sum(axis=(1, 2, 3))
 
 
-def _with_translations(
-    moved: FloatArray,
-    B: FloatArray,
-    X: FloatArray,
-    Z: FloatArray,
-    weights: Weights,
-    quadratic: FloatArray,
-    linear: FloatArray,
-    constant: FloatArray,
-) -> QuadraticForm:
-    """Add the terms ``|e + R p_x - V p - p_z|²`` of the translations, least over p_x and p_z.
+def _translation_terms(
+    moved: FloatArray, B: FloatArray, weight: float
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray]:
+    """Form of ``|e + R p_x - V p - p_z|²``, summed, least over p_x and p_z; and their map.
 
-    p_z takes the mean off everything; the 3 x 3 normal equations of p_x then give the rest.
+    p_z takes the mean off everything; the 3 x 3 normal equations of p_x give the rest.
     """
-    T = len(X)
+    T, N = B.shape[:2]
     R, p = moved[..., :3, :3], B[..., :3, 3]
     e = moved[..., :3, 3] - p
     R_mean, p_mean, e_mean = R.mean(axis=1), p.mean(axis=1), e.mean(axis=1)
     R, p, e = R - R_mean[:, None], p - p_mean[:, None], e - e_mean[:, None]
-    w = weights.translation
-    normal = w * np.einsum("tnab,tnac->tbc", R, R)
-    to_u = np.zeros((T, 3, 19))  # products of the columns of p_x with those of (u, 1)
-    to_u[..., 9:18] = -w * np.einsum("tnac,tnb->tcab", R, p).reshape(T, 3, 9)
-    to_u[..., 18] = w * np.einsum("tnab,tna->tb", R, e)
-    values, axes = np.linalg.eigh(normal)
-    smallest, largest = values[:, 0], values[:, 2]
-    usable = values > np.finfo(float).eps * largest[:, None]
-    inverse = np.where(usable, 1.0 / np.where(usable, values, 1.0), 0.0)
-    solved = (axes * inverse[:, None, :]) @ (np.swapaxes(axes, 1, 2) @ to_u)
+    columns = np.zeros((T, N, 3, 13))  # of p_x, of one row of V (the others alike), of 1
+    columns[..., :3] = R
+    to_u = np.zeros((T, 3, 19))
+    R_p = np.swapaxes(R.reshape(T, N, 9), 1, 2) @ p  # R_ac p_b, in the order ac, b
+    to_u[..., 9:18] = -R_p.reshape(T, 3, 3, 3).transpose(0, 2, 1, 3).reshape(T, 3, 9)
+    stacked = R.reshape(T, 3 * N, 3)
+    to_u[..., 18] = (np.swapaxes(stacked, 1, 2) @ e.reshape(T, 3 * N, 1))[..., 0]
+    solved = _solve_normal(np.swapaxes(stacked, 1, 2) @ stacked, to_u)
 
-    second = w * np.einsum("tnb,tnc->tbc", p, p)
+    p_t = np.swapaxes(p, 1, 2)
+    whole = np.zeros((T, 19, 19))
     for row in range(3):
         block = slice(9 + 3 * row, 12 + 3 * row)
-        quadratic[:, block, block] += second
-    linear[:, 9:] -= w * np.einsum("tna,tnb->tab", e, p).reshape(T, 9)
-    constant = constant + w * np.einsum("tna,tna->t", e, e)
-    taken = np.swapaxes(to_u, 1, 2) @ solved
-    quadratic = quadratic - 0.5 * (taken + np.swapaxes(taken, 1, 2))[:, :18, :18]
-    linear = linear - taken[:, :18, 18]
-    constant = constant - taken[:, 18, 18]
+        whole[:, block, block] = p_t @ p
+    whole[:, 18, 9:18] = -(np.swapaxes(e, 1, 2) @ p).reshape(T, 9)
+    whole[:, 18, 18] = (e * e).sum(axis=(1, 2))
+    whole -= np.swapaxes(to_u, 1, 2) @ solved
+    quadratic = 0.5 * (whole[:, :18, :18] + np.swapaxes(whole[:, :18, :18], 1, 2))
 
-    translation_map = np.zeros((T, 6, 19))
-    translation_map[:, :3] = -solved
-    translation_map[:, 3:] = -R_mean @ solved
-    translation_map[:, 3:, 18] += e_mean
+    least = np.zeros((T, 6, 19))
+    least[:, :3] = -solved
+    least[:, 3:] = -R_mean @ solved
+    least[:, 3:, 18] += e_mean
     for row in range(3):
-        translation_map[:, 3 + row, 9 + 3 * row : 12 + 3 * row] -= p_mean
-    singular = smallest <= np.finfo(float).eps * largest
-    condition = np.where(singular, np.inf, largest / np.where(singular, 1.0, smallest))
-    return QuadraticForm(X, Z, quadratic, linear, constant, translation_map, condition)
+        least[:, 3 + row, 9 + 3 * row : 12 + 3 * row] -= p_mean
+    return (weight * quadratic, weight * whole[:, 18, :18], weight * whole[:, 18, 18]), least
+
+
+def _solve_normal(normal: FloatArray, right_side: FloatArray) -> FloatArray:
+    """Solutions ``(T, 3, 19)`` of the normal equations ``(T, 3, 3)``; NaN-free where singular.
+
+    A direction in which the rotations do not differ gets no component: the cost is the same all
+    along it. :func:`_rounding` then makes the form worthless for a proof.
+    """
+    values, axes = np.linalg.eigh(normal)
+    floor = _SINGULAR * values[:, 2:]
+    inverse = np.where(values > floor, 1.0 / np.where(values > floor, values, 1.0), 0.0)
+    along = np.swapaxes(axes, 1, 2) @ right_side
+    return np.asarray((axes * inverse[:, None, :]) @ along)

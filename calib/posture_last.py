@@ -11,7 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib import se3
 from calib.se3 import FloatArray
+
+_NEAR_HALF_TURN = -0.9
+"""Cosine of the angle from which on its sine no longer tells the axis well."""
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -62,3 +66,40 @@ def columns_of(R: FloatArray) -> FloatArray:
 def matrices_of(columns: FloatArray) -> FloatArray:
     """Rotations ``(S, 3, 3)`` of columns ``(3, 3, S)``."""
     return np.ascontiguousarray(columns.transpose(2, 1, 0))
+
+
+def rotation_log(columns: FloatArray) -> FloatArray:
+    """Rotation vectors ``(3, S)`` [rad] of rotations, angle in [0, pi]."""
+    twice = np.empty(columns.shape[1:])
+    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        np.subtract(columns[i, j], columns[j, i], out=twice[k])
+    sine = 0.5 * np.sqrt((twice * twice).sum(axis=0))
+    cosine = 0.5 * (columns[0, 0] + columns[1, 1] + columns[2, 2] - 1.0)
+    angle = np.arctan2(sine, cosine)
+    vector = twice * (0.5 * angle / np.where(sine > 0.0, sine, 1.0))
+    turned = np.flatnonzero(cosine < _NEAR_HALF_TURN)
+    if turned.size:
+        # the axis is lost in the sine
+        vector[:, turned] = se3.rotation_log(matrices_of(columns[..., turned])).T
+    return np.asarray(vector)
+
+
+def rotation_exp(vector: FloatArray) -> FloatArray:
+    """Rotations ``(3, 3, S)`` of rotation vectors ``(3, S)`` [rad]."""
+    angle = np.sqrt((vector * vector).sum(axis=0))
+    safe = np.where(angle > 0.0, angle, 1.0)
+    sine = np.where(angle > 0.0, np.sin(angle) / safe, 1.0)
+    half = np.where(angle > 0.0, np.sin(0.5 * angle) / safe, 0.5)
+    scaled = 2.0 * half * half * vector
+    out = np.empty((3, *vector.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[i, i] = 1.0 - scaled[j] * vector[j] - scaled[k] * vector[k]
+        product, lever = scaled[i] * vector[j], sine * vector[k]
+        np.add(product, lever, out=out[i, j])
+        np.subtract(product, lever, out=out[j, i])
+    return out
+
+
+def transposed(columns: FloatArray) -> FloatArray:
+    """Columns of the inverse rotations."""
+    return columns.transpose(1, 0, 2)

@@ -11,26 +11,23 @@ import numpy as np
 from calib.errors import FileFormatError, InputError, JointLimitError
 from calib.geometry import Body
 from calib.geometry.scene import Scene
-from calib.measurement import Measurement, TouchUp, ViewLine
+from calib.measurement import CameraPose, Measurement, ViewLine
 from calib.model import CalibrationModel
 from calib.parameters import (
     JointCompliance,
     ParameterBlock,
     Payload,
+    TargetFrame,
     TargetPoints,
+    ToolFrame,
     ToolPoint,
     ZeroOffsets,
 )
 from calib.robots import CoupledLimit, Robot
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.cell_checks import check_cell, naming
-from posedesign.config import (
-    CellConfig,
-    MeasurementSection,
-    RobotSection,
-    parse_text,
-    read_config,
-)
+from posedesign.cell_measurement import make_measurement
+from posedesign.config import CellConfig, RobotSection, parse_text, read_config
 from posedesign.feasibility import Checker
 from posedesign.feasibility.space import Collision
 from posedesign.feasibility.ways import WayChecker
@@ -42,6 +39,9 @@ from posedesign.surroundings import (
     tool_bodies,
     what_is_left_out,
 )
+
+_FACING = np.diag([1.0, -1.0, -1.0])
+"""The target's z points at the camera: turned by 180 deg about x against the tool."""
 
 MOST_RADIANS = np.pi
 """A base posture whose values all lie within this, most of them with a fraction, was written in
@@ -146,7 +146,12 @@ class Cell:
     @property
     def measurement(self) -> Measurement:
         """The measurement with its noise."""
-        return make_measurement(self.config.measurement)
+        return make_measurement(self.config)
+
+    @property
+    def is_hand_eye(self) -> bool:
+        """Whether camera and target are what is identified, and the robot is taken as it is."""
+        return self.config.measurement.kind == "camera-pose"
 
     @property
     def tool_axes(self) -> str:
@@ -214,6 +219,11 @@ class Cell:
         return transform(rotation_from_wpr(np.deg2rad(section.wpr_deg)), lens)
 
     @property
+    def T_base_target(self) -> FloatArray:
+        """Target in the base frame, facing the camera of the base pose."""
+        return transform(self.robot.fk(self.base_posture)[:3, :3] @ _FACING, self.target_m)
+
+    @property
     def target_normal(self) -> FloatArray:
         """Unit vector ``(3,)`` out of the face of the target, in base axes.
 
@@ -276,10 +286,13 @@ class Cell:
     ) -> CalibrationModel:
         """The model that is identified: zero offsets, tool point, target.
 
+        Where a camera sees the pose of the target: camera on the tip (X of A X = Z B) and target
+        in the base (Z), six numbers each.
+
         Parameters
         ----------
         offsets : tuple of str, optional
-            Joints with an unknown offset; those of the cell by default.
+            Joints with an unknown offset; those of the cell by default, none for a camera.
         measurement : Measurement, optional
             Another measurement than the cell's; the tool point is then free along the axes that
             it shows, see :meth:`tool_axes_of`.
@@ -287,6 +300,11 @@ class Cell:
             Other targets than the cell's one.
         """
         measured = self.measurement if measurement is None else measurement
+        if isinstance(measured, CameraPose):
+            name = self.config.target.name
+            frames = [ToolFrame(self.T_tip_camera), TargetFrame(self.T_base_target, name)]
+            freed = [] if offsets is None else [ZeroOffsets(self.robot, offsets)]
+            return CalibrationModel(self.robot, [*freed, *frames], measured)
         axes = self.tool_axes if measurement is None else self.tool_axes_of(measurement)
         return CalibrationModel(
             self.robot,
@@ -320,12 +338,6 @@ class Cell:
             self.measurement if measurement is None else measurement,
         )
         return model, np.concatenate(values)
-
-
-def make_measurement(section: MeasurementSection) -> Measurement:
-    """The measurement that a section of the file describes."""
-    sigma = np.array(section.three_sigma_mm) / 3e3
-    return TouchUp(sigma) if section.kind == "touch-up" else ViewLine(sigma[:2])
 
 
 def _with_coupled_limits(robot: Robot, section: RobotSection, path: Path) -> Robot:

@@ -34,8 +34,8 @@ def outside_limits(cell: Cell, names: Sequence[str], postures: FloatArray) -> li
 
 def off_target(cell: Cell, names: Sequence[str], postures: FloatArray, far_m: float) -> list[str]:
     """Name and distance [mm] of each posture ``(N, n)`` [rad] off the target by more than that."""
-    view = cell.model().view(postures)
-    distance = np.linalg.norm(view.posture_first(view.error), axis=-1)
+    points = cell.robot.state(postures).point(cell.tool_m)
+    distance = np.linalg.norm(points - cell.target_m, axis=-1)
     return [
         f"{name}: the tool point is {far * 1e3:.4g} mm from the target"
         for name, far in zip(names, distance, strict=True)

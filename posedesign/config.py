@@ -235,14 +235,22 @@ class ConstraintSection(Section):
 
 
 class MeasurementSection(Section):
-    """How touch-ups are done, and how well."""
+    """How it is measured, and how well: touch-ups, or poses of a target that a camera sees."""
 
-    kind: Literal["touch-up", "view-line"] = "touch-up"
+    kind: Literal["touch-up", "view-line", "camera-pose"] = "touch-up"
     three_sigma_mm: NoiseVector = (0.02, 0.02, 0.12)
     weighted: StrictBool = True
     estimate_noise: StrictBool = False
     camera_three_sigma_deg: Noise = 0.06
     camera_three_sigma_mm: Noise = 0.3
+
+    @model_validator(mode="after")
+    def _has_a_common_unit(self) -> MeasurementSection:
+        if self.kind == "camera-pose" and not self.weighted:
+            raise ValueError(
+                "a camera-pose is weighted by its noise: mm and deg have no common unit"
+            )
+        return self
 
 
 class TruthSection(Section):

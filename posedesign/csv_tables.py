@@ -49,8 +49,14 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, 
     return write_text_atomic(path, text.getvalue())
 
 
-def read_rows(path: Path) -> tuple[list[str], list[Row]]:
-    """Header and rows of a CSV file with a header line; lines with # before it are passed over.
+def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[Row]]:
+    """Header and rows of a CSV file; lines with # before them are passed over.
+
+    Parameters
+    ----------
+    path : Path
+    header : sequence of str
+        Names of the columns, for a file without a header line.
 
     Raises
     ------
@@ -66,11 +72,12 @@ def read_rows(path: Path) -> tuple[list[str], list[Row]]:
             "is not UTF-8 text", path=path, hint="save it as CSV (UTF-8)"
         ) from error
     reader = csv.reader(io.StringIO(text), strict=True)
-    columns: list[str] = []
+    columns = list(header)
     rows: list[Row] = []
     try:
         for cells in reader:
-            if not any(cells) or (not columns and cells[0].startswith("#")):
+            at_start = not rows if header else not columns
+            if not any(cells) or (at_start and cells[0].startswith("#")):
                 continue
             stripped = [_unescaped(cell.strip()) for cell in cells]
             if not columns:
@@ -79,7 +86,8 @@ def read_rows(path: Path) -> tuple[list[str], list[Row]]:
                 continue
             if len(stripped) != len(columns):
                 raise FileFormatError(
-                    f"has {len(stripped)} cells, the header has {len(columns)}",
+                    f"has {len(stripped)} cells, "
+                    + (f"{len(columns)} are named" if header else f"the header has {len(columns)}"),
                     path=path,
                     row=reader.line_num,
                     hint="use commas between cells and a point in numbers",

@@ -216,6 +216,13 @@ SCALING = {
 }
 """In words, the scaling of each index of :class:`Indices`."""
 
+SCALING_OF_POSES = SCALING | {
+    "c_g": "rows over noise, columns over their largest entry",
+    "cond_2_g": "rows over noise, columns of unit length",
+    "cond_2_gtg": "rows over noise, columns of unit length",
+}
+"""The same where rows are lengths and angles, which have only the noise to be compared by."""
+
 
 def evaluate(blocks: FloatArray, white: FloatArray) -> Indices:
     """All indices of a set of poses.

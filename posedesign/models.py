@@ -31,9 +31,9 @@ from calib.parameters import (
 from calib.parameters.links import AXES
 from calib.parameters.part import Part
 from calib.robots import Robot
-from calib.se3 import FloatArray, transform
+from calib.se3 import transform
 from posedesign.cell import Cell
-from posedesign.config_identification import NoiseSection
+from posedesign.cell_measurement import noise_sigma
 from posedesign.measurement_table import TOOL, MeasurementTable
 from posedesign.set_up import set_up_blocks
 
@@ -74,23 +74,12 @@ def kinds_of(
         if section.estimate_noise and not before_measuring:
             found.append(KINDS[name](None))
         elif name in given:
-            found.append(KINDS[name](_sigma(given[name])))
+            found.append(KINDS[name](noise_sigma(given[name])))
         elif name == section.kind:
             found.append(cell.measurement)
         else:
             found.append(KINDS[name](None))
     return found
-
-
-def _sigma(noise: NoiseSection) -> FloatArray:
-    """Standard deviations ``(m,)`` [m, rad] of a kind."""
-    kind = KINDS[noise.kind]
-    lengths = np.array(noise.three_sigma_mm) / 3e3
-    count = kind.rows - kind.turns
-    parts = [np.broadcast_to(lengths, (3,))[:count] if lengths.ndim else np.full(count, lengths)]
-    if noise.three_sigma_deg is not None:
-        parts.append(np.broadcast_to(np.deg2rad(noise.three_sigma_deg) / 3.0, (3,)))
-    return np.concatenate(parts)
 
 
 def payloads_of(cell: Cell) -> list[Payload]:

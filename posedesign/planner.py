@@ -11,12 +11,13 @@ import numpy as np
 
 from calib.errors import InputError, UnreachableError
 from calib.identification import check_identifiable, covariance_of
+from calib.linearisation import Linearisation
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.feasibility import nearest_postures
 from posedesign.generation import touching_poses, wpr_rotations
-from posedesign.indices import condition_2, condition_inf, evaluate
+from posedesign.indices import SCALING, SCALING_OF_POSES, condition_2, condition_inf, evaluate
 from posedesign.pose_plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
 from posedesign.repair import RepairPool, repair
 from posedesign.route import Route, Router
@@ -160,7 +161,8 @@ class _Loop:
             if variation[k] < largest[k]
         ]
         scores = [
-            condition_inf(self.model.jacobian(self._generate(option).kept)) for option in options
+            condition_inf(regressor(self.model.linearise(self._generate(option).kept)))
+            for option in options
         ]
         return np.asarray(options[int(np.argmin(scores))])
 
@@ -186,7 +188,7 @@ class _Loop:
         route, poses = self._connect(best), self.sets[best]
         postures = poses.kept
         linear = self.model.linearise(postures)
-        blocks, white = linear.jacobian, linear.white_jacobian
+        blocks, white = regressor(linear), linear.white_jacobian
         if stop is StopReason.INFEASIBLE and blocks[..., 0].size >= self.model.p:
             # enough poses, and still something is hidden: no angle will show it
             flat = white.reshape(-1, self.model.p)
@@ -259,6 +261,25 @@ def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
     return PoseSet.of_grid(found.q, found.reasons, rotations)
 
 
+def regressor(linear: Linearisation) -> FloatArray:
+    """Blocks ``(N, m, p)`` that condition numbers are those of.
+
+    Not weighted, as in the paper, where all rows are lengths. Rows that are lengths and rows that
+    are angles have nothing but the noise to be compared by.
+    """
+    return linear.white_jacobian if _is_mixed(linear.model) else linear.jacobian
+
+
+def scaling_of(model: CalibrationModel) -> dict[str, str]:
+    """In words, the scaling of each index of plans for a model."""
+    return SCALING_OF_POSES if _is_mixed(model) else SCALING
+
+
+def _is_mixed(model: CalibrationModel) -> bool:
+    """Whether some rows are lengths and others angles."""
+    return any(kind.turns for kind in model.measurements)
+
+
 def evaluate_round(
     model: CalibrationModel,
     poses: PoseSet,
@@ -268,7 +289,7 @@ def evaluate_round(
 ) -> Round:
     """What a set of poses is worth to the loop."""
     kept = poses.kept
-    blocks = model.jacobian(kept)
+    blocks = regressor(model.linearise(kept))
     c_g = condition_inf(blocks) if len(kept) else float("inf")
     if np.isfinite(c_g) and len(kept) * model.measurement.rows >= model.p:
         sigma = np.sqrt(np.diag(covariance_of(model, kept, weighted=weighted)))

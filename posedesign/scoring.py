@@ -13,6 +13,7 @@ from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.checks import ON_TARGET_M, off_target
 from posedesign.indices import Indices, evaluate
+from posedesign.planner import regressor
 from posedesign.pose_plan import displayed
 from posedesign.tables import PoseList
 
@@ -58,7 +59,7 @@ def score_poses(cell: Cell, poses: PoseList) -> Score:
         f"{poses.names[i]}: {verdicts.says(i)}" for i in np.flatnonzero(~verdicts.feasible).tolist()
     ]
     off = off_target(cell, poses.names, poses.postures, ON_TARGET_M)
-    return Score(evaluate(linear.jacobian, white), sigma, problem, tuple(broken), tuple(off))
+    return Score(evaluate(regressor(linear), white), sigma, problem, tuple(broken), tuple(off))
 
 
 def _what_is_hidden(model: CalibrationModel, white: FloatArray) -> str:

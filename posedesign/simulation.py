@@ -12,9 +12,6 @@ from calib.model import CalibrationModel
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
 from posedesign.cell import Cell
 
-_FACING = np.diag([1.0, -1.0, -1.0])
-"""The target's z points at the camera: turned by 180 deg about x against the tool."""
-
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRobot:
@@ -58,8 +55,7 @@ class SimulatedRobot:
     @property
     def T_base_target(self) -> FloatArray:
         """Z: where the target really is, facing the camera of the base pose."""
-        rotation = self.cell.robot.fk(self.cell.base_posture)[:3, :3] @ _FACING
-        return transform(rotation, self.target_m)
+        return transform(self.cell.T_base_target[:3, :3], self.target_m)
 
     @property
     def T_shown_base(self) -> FloatArray:
@@ -117,11 +113,18 @@ class SimulatedRobot:
         A : array (..., N, 4, 4)
             ``T_base_tip`` that the controller computes, without the arm's errors.
         B : array (..., N, 4, 4)
-            ``T_target_camera`` that the camera measures, with its noise in camera axes.
+            ``T_target_camera`` that the camera measures, with its noise in camera axes. In a cell
+            of hand-eye calibration it is that of the measurement: of the target as it is seen.
         """
         T_base_camera = self.model.view(q, self.values).T_base_tip @ self.T_tip_camera
         B = inverse(self.T_base_target) @ T_base_camera
-        if rng is not None:
+        if rng is not None and self.cell.is_hand_eye:
+            sigma = self.cell.measurement.sigma
+            shift, turn = np.split(rng.standard_normal((*q.shape[:-1], 6)) * sigma, 2, axis=-1)
+            seen = inverse(B)
+            rotation = rotation_exp(turn) @ seen[..., :3, :3]
+            B = inverse(transform(rotation, seen[..., :3, 3] + shift))
+        elif rng is not None:
             section = self.cell.config.measurement
             turn, shift = rng.standard_normal((2, *q.shape[:-1], 3))
             noise = transform(

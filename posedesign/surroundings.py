@@ -98,6 +98,11 @@ def what_is_left_out(cell: Cell) -> list[str]:
     """What planning and checking of a cell do not look at, in words."""
     section, name = cell.config.constraints, cell.robot.name
     said = []
+    if cell.is_hand_eye:
+        said.append(
+            "camera and target are calibrated and the robot is taken as it is: [parameters] plays "
+            "no part"
+        )
     if not section.collisions:
         said.append("collisions are not checked: constraints.collisions is false")
     elif not cell.robot.bodies:

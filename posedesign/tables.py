@@ -12,7 +12,8 @@
                         of ``j1_deg ..`` there may be ``pendant_j1_deg ..``, as read off the
                         pendant. See :mod:`posedesign.measurement_table` for other kinds.
 ``pairs.csv``           ``pose, a_x_mm .. a_r_deg, b_x_mm .. b_r_deg``: A = T_base_tip as the
-                        controller shows it, B = T_target_camera, as x y z and W P R.
+                        controller shows it, B = T_target_camera, as x y z and W P R. See
+                        :mod:`posedesign.pairs_file` for other forms.
 ======================  =========================================================================
 
 Files are hostile until read: size, encoding, header, every number, and degrees that are radians.
@@ -30,26 +31,26 @@ import numpy as np
 from calib.errors import FileFormatError, near_names
 from calib.measurement import Measurements
 from calib.robots import Controller, Robot
-from calib.se3 import (
-    BoolArray,
-    FloatArray,
-    check_transforms,
-    rotation_from_wpr,
-    transform,
-    wpr_from_rotation,
-)
-from posedesign.csv_tables import (
-    LONGEST_SHOWN,
-    Row,
-    check_columns,
-    numbers_of,
-    read_rows,
-    write_table,
-)
+from calib.se3 import BoolArray, FloatArray, wpr_from_rotation
+from posedesign.csv_tables import LONGEST_SHOWN, Row, check_columns, read_rows, write_table
 from posedesign.measurement_table import PLACE, TURN, read_measurements, write_measurements
+from posedesign.pairs_file import Pairs, pair_columns, read_pairs, write_pairs
 from posedesign.pose_plan import PoseSet, PoseStatus, named_stops
 from posedesign.postures_table import joint_columns, pendant_columns, postures_of
 from posedesign.route import Route
+
+__all__ = [
+    "POSE_AXES",
+    "Pairs",
+    "PoseList",
+    "pair_columns",
+    "read_pairs",
+    "read_poses",
+    "read_touch_ups",
+    "write_pairs",
+    "write_poses",
+    "write_touch_ups",
+]
 
 POSE_AXES = (*PLACE, *TURN)
 
@@ -77,22 +78,6 @@ class PoseList:
         kept = ~self.via
         names = tuple(name for name, ok in zip(self.names, kept, strict=True) if ok)
         return PoseList(names, self.postures[kept], self.via[kept])
-
-
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Poses of the arm and of the camera, pair by pair: A X = Z B.
-
-    Attributes
-    ----------
-    names : tuple of str
-    A, B : array (N, 4, 4)
-        ``T_base_tip`` and ``T_target_camera`` [m].
-    """
-
-    names: tuple[str, ...]
-    A: FloatArray
-    B: FloatArray
 
 
 def write_poses(path: Path, robot: Robot, poses: PoseSet, route: Route, tool_m: FloatArray) -> Path:
@@ -204,37 +189,6 @@ def read_touch_ups(
             hint="read it with posedesign.measurement_table.read_measurements",
         )
     return table.data
-
-
-def write_pairs(path: Path, pairs: Pairs) -> Path:
-    """Write ``pairs.csv``; InputError for what is no rigid transform: W, P, R would not show it."""
-    rows = []
-    checked = check_transforms(pairs.A, "A"), check_transforms(pairs.B, "B")
-    for name, A, B in zip(pairs.names, *checked, strict=True):
-        row: dict[str, object] = {"pose": name}
-        for letter, T in (("a", A), ("b", B)):
-            numbers = [*(1e3 * T[:3, 3]), *np.rad2deg(wpr_from_rotation(T[:3, :3]))]
-            row |= dict(zip(pair_columns(letter), numbers, strict=True))
-        rows.append(row)
-    return write_table(path, ["pose", *pair_columns("a"), *pair_columns("b")], rows)
-
-
-def read_pairs(path: Path) -> Pairs:
-    """Read a ``pairs.csv``."""
-    columns, rows = read_rows(path)
-    check_columns(path, columns, [*pair_columns("a"), *pair_columns("b")])
-    matrices = []
-    for letter in "ab":
-        numbers = numbers_of(path, rows, pair_columns(letter))
-        rotation = rotation_from_wpr(np.deg2rad(numbers[:, 3:]))
-        matrices.append(transform(rotation, numbers[:, :3] / 1e3))
-    names = tuple(row.cells.get("pose") or f"P{i + 1:02d}" for i, row in enumerate(rows))
-    return Pairs(names, *matrices)
-
-
-def pair_columns(letter: str) -> list[str]:
-    """``a_x_mm`` to ``a_r_deg``."""
-    return [f"{letter}_{axis}" for axis in POSE_AXES]
 
 
 def _count_joints(columns: Sequence[str], path: Path) -> int:

@@ -75,7 +75,7 @@ largest_deg = [60.0, 60.0, 60.0]
 raise = "together"                # or "best": only the angle that lowers the condition most
 
 [plan]
-condition_threshold = {threshold} # C_G = cond(G'G); the loop stops below it
+condition_threshold = {threshold} # C_G = cond(G'G); the loop stops below it. camera-pose: 50
 limit_margin_deg = {margin}            # kept from every joint limit: no zero is exact yet
 repair = true                     # replace poses that cannot be taken
 repair_margin_deg = 2.0           # kept by the replacements
@@ -104,11 +104,12 @@ loss = "least-squares"            # or graduated (leaves gross errors out), hube
 # lost_motion_nm = 10.0           # torque that takes up what a joint has lost
 
 [measurement]
-kind = "touch-up"                 # or "view-line": only across the line of sight
+kind = "touch-up"                 # or "view-line": only across the line of sight; "camera-pose":
+                                  # hand-eye calibration, a camera sees the target's pose
 three_sigma_mm = {three_sigma}    # of one touch-up, along x, y, z of the tip
 weighted = true                   # by this noise
 estimate_noise = false            # true: the noise is taken from the residuals
-camera_three_sigma_deg = 0.06     # of the camera's pose, for AX = ZB
+camera_three_sigma_deg = 0.06     # of the camera's pose, for AX = ZB and camera-pose
 camera_three_sigma_mm = 0.3
 # [[noise]]                       # of further kinds that were measured; without it, from residuals
 # kind = "pose"                   # plane, point, pose, camera-pose, distance

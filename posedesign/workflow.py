@@ -25,6 +25,7 @@ from posedesign.before_after import (
 from posedesign.cell import Cell
 from posedesign.checks import outside_limits, refuse_unfit
 from posedesign.csv_tables import write_table
+from posedesign.fewest import Advance, FewestPoses, plan_fewest
 from posedesign.files import write_json_atomic
 from posedesign.identification_content import results_as_dict
 from posedesign.measurement_table import read_measurements
@@ -123,6 +124,36 @@ def plan_poses(cell: Cell, out: Path, progress: Progress | None = None) -> PoseP
     return result
 
 
+def plan_fewest_poses(
+    cell: Cell,
+    out: Path,
+    sigma_mm: float | None,
+    sigma_deg: float | None,
+    advance: Advance = lambda what, part: None,
+) -> FewestPoses:
+    """Choose the fewest poses for an accuracy; write ``poses.csv`` where they reach it.
+
+    Parameters
+    ----------
+    cell : Cell
+    out : Path
+    sigma_mm, sigma_deg : float, optional
+        Largest standard deviation of every length, and of every angle, that is identified.
+    advance : callable, optional
+        Called with what is being done and the part of all work that is done.
+    """
+    result = plan_fewest(
+        cell,
+        None if sigma_mm is None else sigma_mm / 1e3,
+        None if sigma_deg is None else float(np.deg2rad(sigma_deg)),
+        advance,
+    )
+    if result.route is not None:
+        make_folder(out)
+        write_poses(out / "poses.csv", cell.robot, result.poses, result.route, cell.tool_m)
+    return result
+
+
 def round_rows(result: PosePlan) -> list[dict[str, object]]:
     """The rounds of a plan as table rows."""
     rows = []
@@ -145,16 +176,21 @@ def round_rows(result: PosePlan) -> list[dict[str, object]]:
 def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) -> SimulatedRobot:
     """Touch up a pose list with the robot of ``[truth]``; write ``touchups.csv``, ``pairs.csv``.
 
-    The noise depends on the seed alone: the one of the cell, unless another is given.
+    In a cell of hand-eye calibration nothing is touched, and there are pairs only. The noise
+    depends on the seed alone: the one of the cell, unless another is given.
     """
     refuse_unfit(cell, poses)
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
     poses = poses.measured
-    touched = robot.touch_up(poses.postures, rng)
-    A, B = robot.camera_poses(touched.postures, rng)
+    postures = poses.postures
+    if not cell.is_hand_eye:
+        touched = robot.touch_up(postures, rng)
+        make_folder(out)
+        write_touch_ups(out / "touchups.csv", touched, poses.names)
+        postures = touched.postures
+    A, B = robot.camera_poses(postures, rng)
     make_folder(out)
-    write_touch_ups(out / "touchups.csv", touched, poses.names)
     write_pairs(out / "pairs.csv", Pairs(poses.names, A, B))
     return robot
 

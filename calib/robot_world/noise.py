@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+from numpy.typing import ArrayLike
 
 from calib import se3
 from calib.errors import InputError, near_names
+from calib.robot_world.errors_of_pairs import ErrorModel, General, Isotropic
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
 
 Side = Literal["A", "B", "both"]
+Axes = Literal["to", "from"]
 Estimator = Callable[[PairSets], Estimate]
-
-NOISE_DOUBT = 1e-4
-"""Probability of residuals as large as those found below which the noise does not explain them."""
 
 _STEP = 1e-5
 """Step of the central differences [rad, m]: its square, the share that the next order takes, and
@@ -72,23 +71,127 @@ class PairNoise:
         """Standard deviations ``(6,)`` of (w, v)."""
         return np.repeat([self.rotation_rad, self.translation_m], 3).astype(float)
 
-    def excess(self, residuals: FloatArray, X: FloatArray) -> float:
-        """How many times larger than this noise the residuals ``(N, 6)`` of a solution are.
+    def model(self, pairs: PairSets) -> ErrorModel:
+        """Errors of the pairs.
 
-        1 where chance may have made them as large as they are. Exact for methods that weigh the
-        pairs alike; others leave somewhat larger residuals.
+        Raises
+        ------
+        InputError
+            A standard deviation of zero: there is no likelihood where something is exact.
         """
-        sides = 2.0 if self.on == "both" else 1.0
-        lever = 0.0 if self.on == "B" else 2.0 / 3.0 * float(X[:3, 3] @ X[:3, 3])
-        turn, shift = self.rotation_rad**2, self.translation_m**2
-        # noise in the rotation of A moves the origin of X as well
-        variance = np.repeat([sides * turn, sides * shift + lever * turn], 3)
-        seen = variance > 0
-        freedom = (len(residuals) - 2) * int(seen.sum())  # X and Z take two poses
-        chi2 = float(np.sum(residuals[:, seen] ** 2 / variance[seen]))
-        if freedom <= 0 or chi2_distribution.sf(chi2, freedom) > NOISE_DOUBT:
-            return 1.0
-        return float(np.sqrt(chi2 / freedom))
+        for name in ("rotation_rad", "translation_m"):
+            if getattr(self, name) <= 0.0:
+                raise InputError(
+                    f"{name} of the noise is 0",
+                    hint="the likeliest X and Z need some noise, however small, on rotation and "
+                    "translation",
+                    name=name,
+                    value=0.0,
+                )
+        one = np.array([self.rotation_rad, self.translation_m])
+        sides = np.concatenate([one * (self.on != "B"), one * (self.on != "A")])
+        return Isotropic(sides[:, None])
+
+    def roots(self, A: FloatArray, B: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
+        """Matrices ``(1, 6, 6)`` that turn white numbers into errors of A and of B, or None."""
+        root = np.diag(self.sigma)[None]
+        return (None if self.on == "B" else root), (None if self.on == "A" else root)
+
+
+@dataclass(frozen=True, eq=False)
+class PairCovariances:
+    """Independent noise of the measured transforms with any covariance.
+
+    Attributes
+    ----------
+    A, B : array_like (6, 6) or (N, 6, 6), or None
+        Covariance of the errors (w, v) [rad, m] of every A or B, or of each; None where that side
+        has none. What a camera sees is often far less certain along its axis than across it.
+    axes : {"to", "from"}
+        The axes that w and v are given in: those of the frame that the transform maps to (the base
+        for A = T_base_flange), or those that it maps from (the flange; the camera for
+        B = T_target_camera).
+    """
+
+    A: ArrayLike | None = None
+    B: ArrayLike | None = None
+    axes: Axes = "to"
+
+    def __post_init__(self) -> None:
+        if self.A is None and self.B is None:
+            raise InputError("no covariance is given", hint="give that of A, of B or of both")
+        if self.axes not in get_args(Axes):
+            raise InputError(
+                f"there are no axes {self.axes!r}",
+                hint=near_names(self.axes, get_args(Axes)),
+                name="axes",
+                value=self.axes,
+            )
+        for name in ("A", "B"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _checked_covariance(getattr(self, name), name))
+
+    @property
+    def on(self) -> Side:
+        """The transforms that carry noise."""
+        return "both" if self.A is not None and self.B is not None else "AB"[self.A is None]
+
+    def model(self, pairs: PairSets) -> ErrorModel:
+        """Errors of the pairs; see :meth:`PairNoise.model`."""
+        sides = (
+            self._covariance(name, T.reshape(-1, 4, 4)) for name, T in zip("AB", (pairs.A, pairs.B), strict=True)
+        )
+        return General(*sides)
+
+    def roots(self, A: FloatArray, B: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
+        """Matrices ``(N, 6, 6)`` that turn white numbers into errors of A and of B, or None."""
+        found = [self._covariance(name, T) for name, T in zip("AB", (A, B), strict=True)]
+        first, second = (None if C is None else np.linalg.cholesky(C) for C in found)
+        return first, second
+
+    def _covariance(self, name: str, T: FloatArray) -> FloatArray | None:
+        """Covariances ``(S, 6, 6)`` in the axes that transforms ``(S, 4, 4)`` map to."""
+        given = getattr(self, name)
+        if given is None:
+            return None
+        count = len(given)
+        if count > 1 and len(T) % count:
+            raise InputError(
+                f"{count} covariances of {name} for {len(T)} pairs",
+                hint="give one, or one for each pair",
+                name=name,
+                value=count,
+                bound=len(T),
+            )
+        every = np.tile(given, (len(T) // count, 1, 1))
+        if self.axes == "to":
+            return every
+        R = np.zeros((len(T), 6, 6))
+        R[:, :3, :3] = R[:, 3:, 3:] = T[:, :3, :3]
+        return np.asarray(R @ every @ np.swapaxes(R, -1, -2))
+
+
+Noise: TypeAlias = PairNoise | PairCovariances
+
+
+def _checked_covariance(value: ArrayLike, name: str) -> FloatArray:
+    """Covariances ``(1 or N, 6, 6)``, finite, symmetric and positive definite."""
+    C = np.asarray(value, dtype=float)
+    if C.ndim not in (2, 3) or C.shape[-2:] != (6, 6) or not C.size:
+        raise InputError(
+            f"the covariance of {name} has shape {C.shape}, not (6, 6) or (N, 6, 6)", name=name
+        )
+    size = np.sqrt(np.abs(np.diagonal(C, axis1=-2, axis2=-1)))
+    lengths = size[..., :, None] * size[..., None, :]
+    if not np.isfinite(C).all() or (np.abs(C - np.swapaxes(C, -1, -2)) > 1e-9 * lengths).any():
+        raise InputError(f"the covariance of {name} is not finite and symmetric", name=name)
+    if not (size > 0).all() or np.linalg.eigvalsh(C / lengths).min() < 1e-12:
+        raise InputError(
+            f"the covariance of {name} is not positive definite",
+            hint="rotation (rad) comes first, then translation (m); no direction is exact",
+            name=name,
+        )
+    return C.reshape(-1, 6, 6)
 
 
 def perturb(T: FloatArray, error: FloatArray) -> FloatArray:
@@ -105,7 +208,7 @@ def difference(T: FloatArray, reference: FloatArray) -> FloatArray:
     return np.concatenate([se3.rotation_log(turn), shift], axis=-1)
 
 
-def propagate(estimate: Estimator, A: FloatArray, B: FloatArray, noise: PairNoise) -> FloatArray:
+def propagate(estimate: Estimator, A: FloatArray, B: FloatArray, noise: Noise) -> FloatArray:
     """Covariance ``(12, 12)`` of X and Z by the first order of the method itself.
 
     Parameters
@@ -114,7 +217,7 @@ def propagate(estimate: Estimator, A: FloatArray, B: FloatArray, noise: PairNois
         The method, for arrays ``(T, N, 4, 4)``.
     A, B : ndarray (N, 4, 4)
         Measured transforms.
-    noise : PairNoise
+    noise : PairNoise or PairCovariances
         Their noise.
 
     Returns
@@ -128,14 +231,14 @@ def propagate(estimate: Estimator, A: FloatArray, B: FloatArray, noise: PairNois
     of the method: 12 N problems for each noisy side, solved in batches.
     """
     covariance = np.zeros((12, 12))
-    sides: tuple[Side, ...] = ("A", "B") if noise.on == "both" else (noise.on,)
-    for side in sides:
-        J = _jacobian(estimate, A, B, side) * np.tile(noise.sigma, len(A))
-        covariance += J @ J.T
+    for side, root in zip(("A", "B"), noise.roots(A, B), strict=True):
+        if root is not None:
+            J = _jacobian(estimate, A, B, side).reshape(12, len(A), 6).transpose(1, 0, 2) @ root
+            covariance += np.einsum("nij,nkj->ik", J, J)
     return covariance
 
 
-def _jacobian(estimate: Estimator, A: FloatArray, B: FloatArray, side: Side) -> FloatArray:
+def _jacobian(estimate: Estimator, A: FloatArray, B: FloatArray, side: str) -> FloatArray:
     """Derivatives ``(12, 6N)`` of the errors of X and Z by those of one side's transforms."""
     N = len(A)
     at_once = max(1, _PAIRS_AT_ONCE // (2 * N))

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from calib import se3
+from calib.posture_last import columns_of
 from calib.robot_world import algebra
 from calib.se3 import FloatArray
 
@@ -18,11 +19,50 @@ class PairSets:
     ----------
     A, B : ndarray (T, N, 4, 4)
         Rigid transforms with rotations orthonormal to rounding, in any unit of length.
+
+    Notes
+    -----
+    What is done for each pair stands with the pair as the last index, S = T N of them, set after
+    set: see :mod:`calib.posture_last`.
     """
 
     def __init__(self, A: FloatArray, B: FloatArray) -> None:
         self.A, self.B = A, B
         self.T, self.N = A.shape[:2]
+
+    @cached_property
+    def R_A(self) -> FloatArray:
+        """Columns ``(3, 3, S)`` of the rotations of A."""
+        return columns_of(self.A.reshape(-1, 4, 4)[:, :3, :3])
+
+    @cached_property
+    def R_B(self) -> FloatArray:
+        """Columns ``(3, 3, S)`` of the rotations of B."""
+        return columns_of(self.B.reshape(-1, 4, 4)[:, :3, :3])
+
+    @cached_property
+    def p_A(self) -> FloatArray:
+        """Translations ``(3, S)`` of A."""
+        return np.ascontiguousarray(self.A[..., :3, 3].reshape(-1, 3).T)
+
+    @cached_property
+    def p_B(self) -> FloatArray:
+        """Translations ``(3, S)`` of B."""
+        return np.ascontiguousarray(self.B[..., :3, 3].reshape(-1, 3).T)
+
+    def spread(self, values: FloatArray) -> FloatArray:
+        """Values of the sets ``(..., T)`` for each of their pairs, ``(..., S)``."""
+        return np.repeat(values, self.N, axis=-1)
+
+    def mean(self, values: FloatArray) -> FloatArray:
+        """Means over the pairs of each set ``(..., T)`` of values ``(..., S)``."""
+        return np.asarray(values.reshape(*values.shape[:-1], self.T, self.N).mean(axis=-1))
+
+    @cached_property
+    def size(self) -> FloatArray:
+        """Root mean square of the translations of A and B together ``(T,)``; 1 if all are zero."""
+        square = self.mean((self.p_A**2).sum(axis=0) + (self.p_B**2).sum(axis=0))
+        return np.where(square > 0.0, np.sqrt(square), 1.0)
 
     @cached_property
     def kronecker_mean(self) -> FloatArray:

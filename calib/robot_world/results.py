@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib import se3
+from calib.robot_world.adjustment import Fit
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 
@@ -22,12 +23,21 @@ class Estimate:
         Where the method iterates, the cycles it took.
     converged : ndarray of bool (T,) or None
         Where the method iterates, whether it arrived within its limit.
+    fit : Fit or None
+        Where the method is an adjustment, its rows and information.
+    sigma : ndarray (2, T) or None
+        Where the method estimates the noise, the standard deviations of rotation and translation.
+    weights : ndarray (T, N) or None
+        Where the method leaves pairs out, 0 for these and 1 for the others.
     """
 
     X: FloatArray
     Z: FloatArray
     iterations: IntArray | None = None
     converged: BoolArray | None = None
+    fit: Fit | None = None
+    sigma: FloatArray | None = None
+    weights: FloatArray | None = None
 
 
 def residuals(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray) -> FloatArray:

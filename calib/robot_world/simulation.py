@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib import se3
-from calib.robot_world.noise import PairNoise, perturb
+from calib.robot_world.noise import Noise, perturb
 from calib.robot_world.pairs import PairSets
 from calib.se3 import FloatArray
 
@@ -78,14 +78,18 @@ def random_problems(
 
 
 def add_noise(
-    rng: np.random.Generator, A: FloatArray, B: FloatArray, noise: PairNoise
+    rng: np.random.Generator, A: FloatArray, B: FloatArray, noise: Noise
 ) -> tuple[FloatArray, FloatArray]:
     """A and B ``(..., N, 4, 4)`` as measured, with independent noise on the sides that have it."""
-    if noise.on in ("A", "both"):
-        A = perturb(A, rng.normal(size=(*A.shape[:-2], 6)) * noise.sigma)
-    if noise.on in ("B", "both"):
-        B = perturb(B, rng.normal(size=(*B.shape[:-2], 6)) * noise.sigma)
-    return A, B
+    found = []
+    flat = (T.reshape(-1, 4, 4) for T in (A, B))
+    for T, root in zip((A, B), noise.roots(*flat), strict=True):
+        if root is None:
+            found.append(T)
+        else:
+            white = rng.normal(size=(*T.shape[:-2], 6)).reshape(-1, 6, 1)
+            found.append(perturb(T, (root @ white).reshape(*T.shape[:-2], 6)))
+    return found[0], found[1]
 
 
 def _any_rotation(rng: np.random.Generator, count: int) -> FloatArray:

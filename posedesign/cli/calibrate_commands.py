@@ -44,11 +44,14 @@ def simulate(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
     workflow.simulate(loaded, listed, out, seed)
-    files = [str(out / "touchups.csv"), str(out / "pairs.csv")]
+    count = len(listed.measured.names)
+    touched = [] if loaded.is_hand_eye else [str(out / "touchups.csv")]
+    files = [*touched, str(out / "pairs.csv")]
     if as_json:
-        print_json({"touch_ups": len(listed.measured.names), "files": files})
+        print_json({"touch_ups": count if touched else 0, "files": files})
     else:
-        print(f"wrote {' and '.join(files)}: {len(listed.measured.names)} touch-ups")
+        what = "touch-ups" if touched else "pairs of A X = Z B"
+        print(f"wrote {' and '.join(files)}: {count} {what}")
     return DONE
 
 

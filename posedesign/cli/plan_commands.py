@@ -10,11 +10,17 @@ import typer
 from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress
 
 if TYPE_CHECKING:
+    from posedesign.cell import Cell
+    from posedesign.fewest import FewestPoses
     from posedesign.pose_check import PoseVerdict
     from posedesign.pose_plan import PosePlan
 
 NOTEWORTHY_M = 0.05
 """Distance of the target from the tool point at the base posture that is worth a word."""
+
+LOOSE_HAND_EYE = 1e3
+"""C_G that the first round of a hand-eye calibration hardly ever exceeds: the usual threshold of
+touch-ups would end the loop at the narrowest angles."""
 
 CellFile = Annotated[Path, typer.Argument(help="The cell, made with: posedesign new > cell.toml")]
 OutFolder = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
@@ -70,15 +76,29 @@ def plan(
     cell: CellFile,
     out: OutFolder = Path(),
     as_json: AsJson = False,
+    wanted_sigma_mm: Annotated[
+        float | None,
+        typer.Option(help="Choose the fewest poses that know every length this well."),
+    ] = None,
+    wanted_sigma_deg: Annotated[
+        float | None, typer.Option(help="The same for every angle; may be given together.")
+    ] = None,
 ) -> int:
     """Plan measuring poses.
 
-    Angles are raised until the condition number falls below the threshold.
+    Angles are raised until the condition number falls below the threshold; or the fewest poses are
+    chosen whose predicted standard deviations are as small as wanted.
     """
     from posedesign.cell import Cell
-    from posedesign.workflow import plan_poses
+    from posedesign.workflow import plan_fewest_poses, plan_poses
 
     loaded = Cell.load(cell)
+    if wanted_sigma_mm is not None or wanted_sigma_deg is not None:
+        with progress("planning") as advance:
+            fewest = plan_fewest_poses(loaded, out, wanted_sigma_mm, wanted_sigma_deg, advance)
+        _print_notices(loaded)
+        print_fewest(fewest, out, as_json=as_json)
+        return DONE if fewest.reached else NOT_REACHED
     largest = max(loaded.config.variations.largest_deg)
     with progress("planning") as advance:
         result = plan_poses(
@@ -88,20 +108,57 @@ def plan(
                 f"round {turn.number}, C_G {turn.c_g:.3g}", max(turn.variation_deg) / largest
             ),
         )
-    for said in loaded.notices:
-        note(f"note: {said}")
-    if loaded.target_offset_m > NOTEWORTHY_M:
+    _print_notices(loaded)
+    if loaded.is_hand_eye and result.threshold >= LOOSE_HAND_EYE:
         note(
-            f"note: the target is {loaded.target_offset_m * 1e3:.0f} mm from where the base "
-            "posture puts the tool point"
+            f"note: hardly any poses of a hand-eye calibration have a C_G above "
+            f"{result.threshold:.4g}: set plan.condition_threshold to 100 or less, or say what is "
+            "wanted with --wanted-sigma-mm and --wanted-sigma-deg"
         )
     print_plan(result, out, as_json=as_json)
     return DONE if result.reached else NOT_REACHED
 
 
+def _print_notices(cell: Cell) -> None:
+    for said in cell.notices:
+        note(f"note: {said}")
+    if cell.target_offset_m > NOTEWORTHY_M:
+        note(
+            f"note: the target is {cell.target_offset_m * 1e3:.0f} mm from where the base "
+            "posture puts the tool point"
+        )
+
+
+def print_fewest(result: FewestPoses, out: Path, *, as_json: bool) -> None:
+    """Print what accuracy to expect of the poses chosen, beside the one wanted."""
+    from posedesign.planner import scaling_of
+
+    for said in result.model.robot.notices:
+        note(f"note: {said}")
+    files = [str(out / "poses.csv")] if result.reached else []
+    if as_json:
+        print_json(
+            {
+                "reached": result.reached,
+                "poses": result.selection.count,
+                "pool": result.pool_size,
+                "message": result.message,
+                "fingerprint": result.fingerprint,
+                "indices": result.indices.as_dict(),
+                "scaling": scaling_of(result.model),
+                "predicted": result.rows(),
+                "files": files,
+            }
+        )
+        return
+    print_table("Predicted before measuring, from the noise alone", result.rows())
+    print(result.message)
+    print(f"wrote {files[0]}" if files else "wrote nothing")
+
+
 def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
     """Print the rounds, the outcome and what accuracy to expect."""
-    from posedesign.indices import SCALING
+    from posedesign.planner import scaling_of
     from posedesign.workflow import round_rows
 
     for said in result.model.robot.notices:
@@ -120,7 +177,7 @@ def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
                 "fingerprint": result.fingerprint,
                 "rounds": round_rows(result),
                 "indices": result.indices.as_dict(),
-                "scaling": SCALING,
+                "scaling": scaling_of(result.model),
                 "predicted": sigma,
                 "files": [str(out / "poses.csv"), str(out / "rounds.csv")],
             }
@@ -218,7 +275,7 @@ def score(
     Condition numbers, indices, and the accuracy to expect.
     """
     from posedesign.cell import Cell
-    from posedesign.indices import SCALING
+    from posedesign.planner import scaling_of
     from posedesign.scoring import score_poses
     from posedesign.tables import read_poses
 
@@ -227,6 +284,7 @@ def score(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
     scored = score_poses(loaded, listed.measured)
+    scaling = scaling_of(loaded.model())
     threshold = loaded.config.plan.condition_threshold
     below = scored.indices.c_g < threshold
     good = below and not (scored.problem or scored.not_feasible or scored.off_target)
@@ -238,7 +296,7 @@ def score(
         print_json(
             {
                 "indices": scored.indices.as_dict(),
-                "scaling": SCALING,
+                "scaling": scaling,
                 "predicted": sigma,
                 "problem": scored.problem,
                 "not_feasible": scored.not_feasible,
@@ -251,7 +309,7 @@ def score(
         print_table(
             "Indices",
             [
-                {"index": key, "value": value, "scaling": SCALING.get(key, "")}
+                {"index": key, "value": value, "scaling": scaling.get(key, "")}
                 for key, value in scored.indices.as_dict().items()
             ],
         )

@@ -72,7 +72,8 @@ def apply_to_identity(quadratic: FloatArray) -> FloatArray:
 
 def _equations() -> tuple[FloatArray, FloatArray]:
     """Matrices M ``(21, 9, 9)`` and vectors m ``(21, 9)``: ``rᵀ M r + 2 m·r`` is the same number
-    for the vec r, row by row, of all rotations."""
+    for the vec r, row by row, of all rotations.
+    """
     quadratic, linear = [], []
     for j in range(3):
         for k in range(j, 3):

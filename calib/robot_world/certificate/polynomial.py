@@ -27,8 +27,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib import se3
+from calib.errors import InputError
 from calib.robot_world.algebra import apply_matrix
-from calib.se3 import FloatArray
+from calib.robot_world.noise import PairNoise
+from calib.se3 import BoolArray, FloatArray
+
+_OPERATIONS = 64
+"""Roundings in a residual, generously: two products of transforms and a difference. A sum over N
+pairs adds N at most."""
+
+_SINGULAR = 1e-12
+"""Part of the largest eigenvalue of the normal equations of p_X below which rounding may have
+made it: a spread of the axes of 1e-6."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +57,34 @@ class Weights:
     translation: float
 
 
+def cost_weights(noise: PairNoise) -> Weights:
+    """Weights for which the cost is chi² of a noise on one side.
+
+    Raises
+    ------
+    InputError
+        Noise on both sides, or a standard deviation of zero.
+    """
+    if noise.on == "both":
+        raise InputError(
+            "noise on A and B at once makes the cost no polynomial in the rotations: "
+            "the rotation of A's noise moves the origin of X",
+            hint="take the noise of the side that has more of it",
+            name="on",
+            value=noise.on,
+        )
+    for name in ("rotation_rad", "translation_m"):
+        if getattr(noise, name) == 0.0:
+            raise InputError(
+                f"{name} of the noise is 0, which gives its residuals no finite weight",
+                hint="give a standard deviation above 0",
+                name=name,
+                value=0.0,
+                bound=0.0,
+            )
+    return Weights(0.5 / noise.rotation_rad**2, 1.0 / noise.translation_m**2)
+
+
 @dataclass(frozen=True, eq=False)
 class QuadraticForm:
     """Cost of T problems over the offsets of both rotations from a reference.
@@ -59,10 +97,10 @@ class QuadraticForm:
         ``constant + 2 linear·u + uᵀ quadratic u`` is the least cost over the translations.
     translation_map : ndarray (T, 6, 19)
         By it, (u, 1) gives the offsets of the translations from the reference that go with u.
-    rounding : ndarray (T,)
-        By how much rounding may have changed the numbers of ``quadratic`` (spectral norm) and
-        ``linear`` (Euclidean norm); that of ``constant`` is :meth:`constant_rounding`. Infinite
-        where the motion leaves a translation free: all rotations about one axis, or none.
+    rounding, constant_rounding : ndarray (T,)
+        By how much rounding may have changed ``quadratic`` (spectral norm) or ``linear``
+        (Euclidean norm), and ``constant``. Infinite where the motion leaves a translation free:
+        all rotations of A about one axis, or none.
     """
 
     X: FloatArray
@@ -72,6 +110,7 @@ class QuadraticForm:
     constant: FloatArray
     translation_map: FloatArray
     rounding: FloatArray
+    constant_rounding: FloatArray
 
     def offset(self, R_X: FloatArray, R_Z: FloatArray) -> FloatArray:
         """Offsets u ``(..., T, 18)`` of rotations ``(..., T, 3, 3)`` from the reference."""
@@ -101,7 +140,7 @@ class QuadraticForm:
 
 
 def join(U: FloatArray, V: FloatArray) -> FloatArray:
-    """u = (vec U, vec V) ``(..., 18)``, row by row, of matrices ``(..., 3, 3)``."""
+    """The vector (vec U, vec V) ``(..., 18)``, row by row, of matrices ``(..., 3, 3)``."""
     return np.concatenate(
         [U.reshape(*U.shape[:-2], 9), V.reshape(*V.shape[:-2], 9)],
         axis=-1,
@@ -128,80 +167,102 @@ def quadratic_form(
         For T problems.
     """
     moved = se3.inverse(Z)[:, None] @ A @ X[:, None]  # what B would be without noise
-    quadratic, linear, constant = _rotation_terms(moved, B, weights.rotation)
-    add, least = _translation_terms(moved, B, weights.translation)
-    quadratic, linear, constant = quadratic + add[0], linear + add[1], constant + add[2]
+    turns = weights.rotation * _rotation_terms(moved, B)
+    shifts, least, free = _translation_terms(moved, B)
+    whole = turns + weights.translation * shifts
+    constant = whole[:, 18, 18]
+
+    N = A.shape[1]
+    unit = (N + _OPERATIONS) * np.finfo(float).eps
+    size = _size(A, B, X, Z, weights) + np.sqrt(3.0 * N * weights.translation) * np.linalg.norm(
+        least[:, :3], axis=(1, 2)
+    )
+    size = np.where(free, np.inf, size)
     return QuadraticForm(
-        X, Z, quadratic, linear, constant, least, _rounding(A, B, X, Z, weights, least)
+        X=X,
+        Z=Z,
+        quadratic=whole[:, :18, :18],
+        linear=whole[:, 18, :18],
+        constant=constant,
+        translation_map=least,
+        rounding=unit * size**2,
+        # of the residuals |r|² themselves, whose length is off by up to unit * size
+        constant_rounding=unit * (constant + 2.0 * size * np.sqrt(np.abs(constant)))
+        + (unit * size) ** 2,
     )
 
 
-def _rotation_terms(
-    moved: FloatArray, B: FloatArray, weight: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Form ``(T, 18, 18), (T, 18), (T,)`` of ``|E + R U - V P|²``, summed; E = R - P."""
+def _size(
+    A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray, weights: Weights
+) -> FloatArray:
+    """Length ``(T,)`` of all that is subtracted in the residuals, weighted: what rounding is of."""
+    reach = sum(np.square(T[..., :3, 3]).sum(axis=-1) for T in (A, B, X[:, None], Z[:, None]))
+    turns = 6.0 * A.shape[1] * weights.rotation
+    return np.asarray(np.sqrt(turns + weights.translation * np.sum(reach, axis=1)))
+
+
+def _rotation_terms(moved: FloatArray, B: FloatArray) -> FloatArray:
+    """Form ``(T, 19, 19)`` in (u, 1) of ``|E + R U - V P|²``, summed; E = R - P."""
     T, N = B.shape[:2]
     R, P = moved[..., :3, :3], B[..., :3, :3]
     E = R - P
     products = np.swapaxes(R.reshape(T, N, 9), 1, 2) @ P.reshape(T, N, 9)
+    whole: FloatArray = np.tile(N * np.eye(19), (T, 1, 1))
+    # <R U, V P> is the sum of R_ab P_dc U_bc V_ad
     cross = products.reshape(T, 3, 3, 3, 3).transpose(0, 2, 4, 1, 3).reshape(T, 9, 9)
-    quadratic = np.zeros((T, 18, 18))
-    quadratic[:, :9, 9:] = -cross  # <R U, V P> is the sum of R_ab P_dc U_bc V_ad
-    quadratic[:, 9:, :9] = -np.swapaxes(cross, 1, 2)
-    quadratic += N * np.eye(18)
+    whole[:, :9, 9:18] = -cross
+    whole[:, 9:18, :9] = -np.swapaxes(cross, 1, 2)
     by_U = (np.swapaxes(R, -1, -2) @ E).sum(axis=1)
     by_V = -(E @ np.swapaxes(P, -1, -2)).sum(axis=1)
-    return weight * quadratic, weight * join(by_U, by_V), weight * (E * E).sum(axis=(1, 2, 3))
+    whole[:, 18, :18] = whole[:, :18, 18] = join(by_U, by_V)
+    whole[:, 18, 18] = (E * E).sum(axis=(1, 2, 3))
+    return whole
 
 
 def _translation_terms(
-    moved: FloatArray, B: FloatArray, weight: float
-) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray]:
-    """Form of ``|e + R p_x - V p - p_z|²``, summed, least over p_x and p_z; and their map.
+    moved: FloatArray, B: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Form ``(T, 19, 19)`` in (u, 1) of ``|e + R p_x - V p - p_z|²``, least over p_x and p_z.
 
-    p_z takes the mean off everything; the 3 x 3 normal equations of p_x give the rest.
+    p_z takes the mean off everything; the normal equations of p_x give the rest. Also their map
+    ``(T, 6, 19)``, and where p_x is not unique ``(T,)``.
     """
     T, N = B.shape[:2]
     R, p = moved[..., :3, :3], B[..., :3, 3]
     e = moved[..., :3, 3] - p
     R_mean, p_mean, e_mean = R.mean(axis=1), p.mean(axis=1), e.mean(axis=1)
     R, p, e = R - R_mean[:, None], p - p_mean[:, None], e - e_mean[:, None]
-    columns = np.zeros((T, N, 3, 13))  # of p_x, of one row of V (the others alike), of 1
-    columns[..., :3] = R
-    to_u = np.zeros((T, 3, 19))
-    R_p = np.swapaxes(R.reshape(T, N, 9), 1, 2) @ p  # R_ac p_b, in the order ac, b
+    p_t, stacked = np.swapaxes(p, 1, 2), R.reshape(T, 3 * N, 3)
+
+    to_u = np.zeros((T, 3, 19))  # products of the columns of p_x with those of (u, 1)
+    R_p = np.swapaxes(R.reshape(T, N, 9), 1, 2) @ p  # sums of R_ac p_b
     to_u[..., 9:18] = -R_p.reshape(T, 3, 3, 3).transpose(0, 2, 1, 3).reshape(T, 3, 9)
-    stacked = R.reshape(T, 3 * N, 3)
     to_u[..., 18] = (np.swapaxes(stacked, 1, 2) @ e.reshape(T, 3 * N, 1))[..., 0]
-    solved = _solve_normal(np.swapaxes(stacked, 1, 2) @ stacked, to_u)
+    solved, free = _solve_normal(np.swapaxes(stacked, 1, 2) @ stacked, to_u)
 
-    p_t = np.swapaxes(p, 1, 2)
     whole = np.zeros((T, 19, 19))
-    for row in range(3):
-        block = slice(9 + 3 * row, 12 + 3 * row)
-        whole[:, block, block] = p_t @ p
-    whole[:, 18, 9:18] = -(np.swapaxes(e, 1, 2) @ p).reshape(T, 9)
-    whole[:, 18, 18] = (e * e).sum(axis=(1, 2))
-    whole -= np.swapaxes(to_u, 1, 2) @ solved
-    quadratic = 0.5 * (whole[:, :18, :18] + np.swapaxes(whole[:, :18, :18], 1, 2))
-
     least = np.zeros((T, 6, 19))
     least[:, :3] = -solved
     least[:, 3:] = -R_mean @ solved
     least[:, 3:, 18] += e_mean
     for row in range(3):
-        least[:, 3 + row, 9 + 3 * row : 12 + 3 * row] -= p_mean
-    return (weight * quadratic, weight * whole[:, 18, :18], weight * whole[:, 18, 18]), least
+        block = slice(9 + 3 * row, 12 + 3 * row)
+        whole[:, block, block] = p_t @ p
+        least[:, 3 + row, block] -= p_mean
+    whole[:, 18, 9:18] = whole[:, 9:18, 18] = -(np.swapaxes(e, 1, 2) @ p).reshape(T, 9)
+    whole[:, 18, 18] = (e * e).sum(axis=(1, 2))
+    taken = np.swapaxes(to_u, 1, 2) @ solved
+    return np.asarray(whole - 0.5 * (taken + np.swapaxes(taken, 1, 2))), least, free
 
 
-def _solve_normal(normal: FloatArray, right_side: FloatArray) -> FloatArray:
-    """Solutions ``(T, 3, 19)`` of the normal equations ``(T, 3, 3)``; NaN-free where singular.
+def _solve_normal(normal: FloatArray, right_side: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Solutions ``(T, 3, 19)`` of normal equations ``(T, 3, 3)``, and where they are not unique.
 
-    A direction in which the rotations do not differ gets no component: the cost is the same all
-    along it. :func:`_rounding` then makes the form worthless for a proof.
+    A direction along which the rotations do not differ gets no component: the cost is the same
+    all along it.
     """
     values, axes = np.linalg.eigh(normal)
-    floor = _SINGULAR * values[:, 2:]
-    inverse = np.where(values > floor, 1.0 / np.where(values > floor, values, 1.0), 0.0)
+    live = values > _SINGULAR * values[:, 2:]
+    inverse = np.where(live, 1.0 / np.where(live, values, 1.0), 0.0)
     along = np.swapaxes(axes, 1, 2) @ right_side
-    return np.asarray((axes * inverse[:, None, :]) @ along)
+    return np.asarray((axes * inverse[:, None, :]) @ along), np.asarray(~live.all(axis=-1))

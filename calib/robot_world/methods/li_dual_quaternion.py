@@ -16,14 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib import se3
-from calib.robot_world.algebra import (
-    apply_matrix,
-    conjugate,
-    left_matrix,
-    right_matrix,
-    triangle,
-)
+from calib.robot_world.algebra import left_matrix, right_matrix, triangle
+from calib.robot_world.dual_quaternions import dual_part, transform_in_plane, transforms
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
@@ -56,18 +50,13 @@ def estimate(pairs: PairSets) -> Estimate:
     L, R = left_matrix(a), right_matrix(b)
     rows[..., :4, 0:4] = rows[..., 4:, 4:8] = L
     rows[..., :4, 8:12] = rows[..., 4:, 12:16] = -R
-    rows[..., 4:, 0:4] = left_matrix(_dual_part(A[..., :3, 3], a))
-    rows[..., 4:, 8:12] = -right_matrix(_dual_part(B[..., :3, 3], b))
+    rows[..., 4:, 0:4] = left_matrix(dual_part(A[..., :3, 3], a))
+    rows[..., 4:, 8:12] = -right_matrix(dual_part(B[..., :3, 3], b))
     plane = np.linalg.svd(triangle(rows.reshape(T, 8 * N, 16)))[2][..., 14:, :]  # (T, 2, 16)
     solution = _unit_combination(plane).reshape(T, 4, 4)
     return Estimate(
-        _transform(solution[:, 0], solution[:, 1]), _transform(solution[:, 2], solution[:, 3])
+        transforms(solution[:, 0], solution[:, 1]), transforms(solution[:, 2], solution[:, 3])
     )
-
-
-def _dual_part(translation: FloatArray, quaternion: FloatArray) -> FloatArray:
-    """Dual parts ½ p q ``(..., 4)`` of translations ``(..., 3)`` and quaternions ``(..., 4)``."""
-    return 0.5 * apply_matrix(right_matrix(quaternion)[..., 1:], translation)
 
 
 def _unit_combination(plane: FloatArray) -> FloatArray:
@@ -75,26 +64,9 @@ def _unit_combination(plane: FloatArray) -> FloatArray:
 
     Eq. 14a-d are four equations in two unknowns. The sum of 14b and 14d (right side 0 in both),
     ``x·x' + z·z' = 0``, gives the ratio of the two unknowns; the scale follows when x and z are
-    normalised. Of the two ratios the one with the larger ``|x|² + |z|²`` is meant: the other
-    belongs to (0, x, 0, z), which has no rotation.
+    normalised.
     """
     v = plane.reshape(-1, 2, 4, 4)  # vector, one of x x' z z', component
     real, dual = v[:, :, 0::2].reshape(-1, 2, 8), v[:, :, 1::2].reshape(-1, 2, 8)
-    product = real @ np.swapaxes(dual, -1, -2)
-    form = product + np.swapaxes(product, -1, -2)
-    values, axes = np.linalg.eigh(form)  # ascending: -, + wherever there is a solution
-    # values[0] c0² + values[1] c1² = 0; clipped where noise leaves no real solution.
-    c0, c1 = np.sqrt(np.maximum(values[:, 1], 0.0)), np.sqrt(np.maximum(-values[:, 0], 0.0))
-    choices = np.stack([np.stack([c0, c1], axis=-1), np.stack([c0, -c1], axis=-1)], axis=1)
-    weights = choices @ np.swapaxes(axes, -1, -2)  # (T, 2 choices, 2)
-    size = ((weights @ real) ** 2).sum(axis=-1)
-    best = np.take_along_axis(weights, size.argmax(axis=-1)[:, None, None], axis=1)
-    return np.asarray((best @ plane)[:, 0])
-
-
-def _transform(real: FloatArray, dual: FloatArray) -> FloatArray:
-    """Transforms ``(T, 4, 4)`` of dual quaternions of any scale: p = vec(2 q' q*) / |q|²."""
-    norm = np.linalg.norm(real, axis=-1, keepdims=True)
-    q = real / norm
-    p = 2.0 * apply_matrix(right_matrix(conjugate(q)), dual / norm)[..., 1:]
-    return se3.transform(se3.rotation_from_quaternion(q), p)
+    weights = transform_in_plane(real, dual)
+    return np.asarray((weights[:, None] @ plane)[:, 0])

@@ -5,11 +5,48 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Literal
 
 from calib.errors import InputError, near_names
-from calib.robot_world.methods import hirsh, li_dual_quaternion, li_kronecker, zhuang
+from calib.robot_world.methods import (
+    andreff,
+    daniilidis,
+    dornaika_horaud,
+    hirsh,
+    horaud_dornaika,
+    li_dual_quaternion,
+    li_kronecker,
+    park_martin,
+    shah,
+    tsai_lenz,
+    zhuang,
+)
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
+
+CHANGES = (
+    "unit",
+    "base axes",
+    "base origin",
+    "flange axes",
+    "flange origin",
+    "target axes",
+    "target origin",
+    "camera axes",
+    "camera origin",
+)
+"""Ways to write the same measurements: in another unit of length, or seen from a frame that is
+turned (axes) or shifted (origin). The truth does not change by any of them, and without noise no
+answer does; with noise, the answers of many methods do."""
+
+_TURNS = frozenset({"base axes", "flange axes", "target axes", "camera axes"})
+
+_SHIFTS = frozenset({"base origin", "flange origin", "target origin"})
+"""The origin of the camera is no choice: residual translations are those of this very point. What
+a method minimises changes with it, whatever the method."""
+
+_ROTATIONS_FIRST = frozenset({"unit"}) | _TURNS | _SHIFTS
+"""Of a method whose rotations know no axes, and no translations either."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +64,11 @@ class Method:
     estimate : callable
         Takes :class:`~calib.robot_world.pairs.PairSets` and returns an
         :class:`~calib.robot_world.results.Estimate` of the T problems.
+    equation : {"AX=ZB", "AX=XB"}
+        What it solves: the pairs as they are, for X and Z, or the motions between them, for X
+        alone, Z being the mean of what the pairs then say.
+    invariant_to : frozenset of str
+        The :data:`CHANGES` that leave its answer the same when the data are noisy.
     iterative : bool
         Whether the estimate has iterations.
     """
@@ -35,6 +77,8 @@ class Method:
     description: str
     source: str
     estimate: Callable[[PairSets], Estimate]
+    equation: Literal["AX=ZB", "AX=XB"]
+    invariant_to: frozenset[str]
     iterative: bool = False
 
 
@@ -44,12 +88,16 @@ _ALL = (
         "rotations and translations together by the Kronecker product, lengths scaled by the data",
         "Li 2010, Eq. 19, scaled",
         li_kronecker.estimate,
+        equation="AX=ZB",
+        invariant_to=_ROTATIONS_FIRST,
     ),
     Method(
         "li-kronecker-literal",
         "the same as printed: the answer depends on the unit of length",
         "Li 2010, Eq. 19",
         li_kronecker.estimate_literal,
+        equation="AX=ZB",
+        invariant_to=_TURNS | {"base origin", "flange origin"},
     ),
     Method(
         "li-dual-quaternion",
@@ -57,24 +105,32 @@ _ALL = (
         "and can fail under noise",
         "Li 2010, Eq. 12-14, corrected",
         li_dual_quaternion.estimate,
+        equation="AX=ZB",
+        invariant_to=_TURNS,
     ),
     Method(
         "zhuang",
         "linear in the quaternions, rotations first; safe at half turns",
         "Zhuang 1994, in safe frames",
         zhuang.estimate,
+        equation="AX=ZB",
+        invariant_to=_ROTATIONS_FIRST,
     ),
     Method(
         "zhuang-literal",
         "the same in the frames as given: fails near half turns of A or Z",
         "Zhuang 1994",
         zhuang.estimate_literal,
+        equation="AX=ZB",
+        invariant_to=_SHIFTS | {"unit"},
     ),
     Method(
         "hirsh",
         "alternating averages of quaternions with consistent signs, rotations first",
         "Hirsh 2001, corrected",
         hirsh.estimate,
+        equation="AX=ZB",
+        invariant_to=_ROTATIONS_FIRST,
         iterative=True,
     ),
     Method(
@@ -82,7 +138,85 @@ _ALL = (
         "the same as printed: often settles far from the answer",
         "Hirsh 2001",
         hirsh.estimate_literal,
+        equation="AX=ZB",
+        invariant_to=_SHIFTS | {"unit"},
         iterative=True,
+    ),
+    Method(
+        "dornaika-horaud",
+        "closed form by quaternions, rotations first: where hirsh ends",
+        "Dornaika and Horaud 1998, closed form",
+        dornaika_horaud.estimate,
+        equation="AX=ZB",
+        invariant_to=_ROTATIONS_FIRST,
+    ),
+    Method(
+        "dornaika-horaud-nonlinear",
+        "rotations and translations together by iteration, both weighted by 1: depends on the "
+        "unit of length",
+        "Dornaika and Horaud 1998, non-linear",
+        dornaika_horaud.estimate_nonlinear,
+        equation="AX=ZB",
+        invariant_to=_TURNS | _SHIFTS,
+        iterative=True,
+    ),
+    Method(
+        "shah",
+        "closed form by the Kronecker product, rotations first",
+        "Shah 2013",
+        shah.estimate,
+        equation="AX=ZB",
+        invariant_to=_ROTATIONS_FIRST,
+    ),
+    Method(
+        "tsai-lenz",
+        "motions, by modified Rodrigues vectors, rotation first: fails where X is near half a turn",
+        "Tsai and Lenz 1989",
+        tsai_lenz.estimate,
+        equation="AX=XB",
+        invariant_to=_SHIFTS | {"unit", "base axes", "target axes"},
+    ),
+    Method(
+        "park-martin",
+        "motions, by rotation vectors, rotation first: time grows with the square of N",
+        "Park and Martin 1994",
+        park_martin.estimate,
+        equation="AX=XB",
+        invariant_to=_ROTATIONS_FIRST,
+    ),
+    Method(
+        "horaud-dornaika",
+        "motions, by their quaternions, rotation first: X turned as by dornaika-horaud",
+        "Horaud and Dornaika 1995, by quaternions of the motions",
+        horaud_dornaika.estimate,
+        equation="AX=XB",
+        invariant_to=_ROTATIONS_FIRST,
+    ),
+    Method(
+        "horaud-dornaika-literal",
+        "motions, by unit axes as printed: small motions weigh as much as large ones",
+        "Horaud and Dornaika 1995",
+        horaud_dornaika.estimate_literal,
+        equation="AX=XB",
+        invariant_to=_ROTATIONS_FIRST,
+    ),
+    Method(
+        "andreff",
+        "motions, by the Kronecker product, all at once: depends on the unit of length, and fails "
+        "where the target stays in one place of the view",
+        "Andreff, Horaud and Espiau 1999",
+        andreff.estimate,
+        equation="AX=XB",
+        invariant_to=_TURNS | _SHIFTS,
+    ),
+    Method(
+        "daniilidis",
+        "motions, by dual quaternions, all at once: depends on the unit of length and on the "
+        "frames of flange and camera",
+        "Daniilidis 1999, Eq. 31-35",
+        daniilidis.estimate,
+        equation="AX=XB",
+        invariant_to=frozenset({"base axes", "base origin", "target axes", "target origin"}),
     ),
 )
 

@@ -1,0 +1,261 @@
+"""Least squares with errors in A, in B or in both: the maximum of the likelihood on SE(3).
+
+The true poses are unknown, too, but held together by ``A X = Z B``: each pair has six unknowns of
+its own besides the twelve of X and Z. At any X, Z and true A the true B follows, so that the
+equation always holds exactly; its errors at the measured poses are linear in the errors of A and B
+there, and eliminating what belongs to a pair alone leaves the white rows of
+:mod:`calib.robot_world.errors_of_pairs`. This is Gauss and Helmert's adjustment with
+condition equations and unknowns; with errors on one side only it is plain nonlinear least squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib import se3
+from calib.posture_last import (
+    columns_of,
+    product,
+    rotation_exp,
+    rotation_log,
+    transposed,
+    turn,
+    turn_back,
+)
+from calib.robot_world.errors_of_pairs import ErrorModel, Errors, derivatives, left_over
+from calib.robot_world.pairs import PairSets
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+ITERATION_LIMIT = 100
+"""Far beyond what converges: four or five steps from the closed form at usual noise."""
+
+STEP_TOLERANCE = 1e-10
+"""Length of a step, in standard deviations of X and Z, that counts as none."""
+
+ROUNDING = 1e-13
+"""Step, in rad and in parts of the translations, that counts as none whatever the noise is."""
+
+_STALLED = 1e-13
+"""Part of the cost that counts as none: rounding of the sum."""
+
+_DAMPING, _DAMPING_FACTOR, _LARGEST_DAMPING = 1e-3, 10.0, 1e12
+"""First damping after a step that made things worse, its growth, and where there is no way on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where the adjustment of T sets of N pairs ended.
+
+    Attributes
+    ----------
+    X, Z : ndarray (T, 4, 4)
+    cost : ndarray (T,)
+        Sum of the squares of the white rows: χ² of 6 N - 12 degrees of freedom.
+    white : ndarray (6, T, N)
+        White rows of each pair.
+    jacobian : ndarray (12, 6, T, N)
+        Their derivatives by the errors of X (rotation, translation) and Z.
+    information : ndarray (T, 12, 12)
+        Inverse of the covariance of X and Z.
+    iterations : ndarray of int (T,)
+    converged : ndarray of bool (T,)
+    """
+
+    X: FloatArray
+    Z: FloatArray
+    cost: FloatArray
+    white: FloatArray
+    jacobian: FloatArray
+    information: FloatArray
+    iterations: IntArray
+    converged: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """X, Z and the true poses of A as far as they are unknown, as columns and rows of pairs."""
+
+    X: FloatArray
+    Z: FloatArray
+    R_A: FloatArray
+    p_A: FloatArray
+
+    def where(self, better: BoolArray, other: _State, N: int) -> _State:
+        """This state in the sets that are better, another elsewhere."""
+        wide = np.repeat(better, N)
+        return _State(
+            np.where(better[:, None, None], self.X, other.X),
+            np.where(better[:, None, None], self.Z, other.Z),
+            np.where(wide, self.R_A, other.R_A),
+            np.where(wide, self.p_A, other.p_A),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """White rows and derivatives at a state, weighted, and the cost."""
+
+    white: FloatArray
+    jacobian: FloatArray
+    errors: Errors
+    cost: FloatArray
+
+
+def adjust(
+    pairs: PairSets,
+    model: ErrorModel,
+    X: FloatArray,
+    Z: FloatArray,
+    *,
+    weights: FloatArray | None = None,
+    iterations: int = ITERATION_LIMIT,
+) -> Fit:
+    """Find the likeliest X and Z of T sets from a start ``(T, 4, 4)``.
+
+    Parameters
+    ----------
+    pairs : PairSets
+    model : ErrorModel
+        Errors of A and B; of the two rotations one at least has some, of the translations, too.
+    X, Z : ndarray (T, 4, 4)
+        Where to start.
+    weights : ndarray (T, N), optional
+        How much each pair counts in the sum of squares.
+    iterations : int
+        Steps at most.
+    """
+    T, N = pairs.T, pairs.N
+    root = None if weights is None else np.sqrt(weights).reshape(-1)
+    state = _State(X, Z, pairs.R_A, pairs.p_A)
+    linear = _linearise(pairs, model, state, root)
+    damping, count = np.zeros(T), np.zeros(T, dtype=np.intp)
+    moving = np.ones(T, dtype=bool)
+    unit = np.ones((T, 12))
+    unit[:, 3:6] = unit[:, 9:] = pairs.size[:, None]
+    for _ in range(iterations):
+        step, length = _step(linear, damping, T, N)
+        moving &= (length > STEP_TOLERANCE) & (np.abs(step / unit).max(axis=-1) > ROUNDING)
+        if not moving.any():
+            break
+        step[~moving] = 0.0
+        count += moving
+        tried = _moved(pairs, model, state, linear, step, root)
+        new = _linearise(pairs, model, tried, root)
+        worse = ~(new.cost <= linear.cost * (1.0 + _STALLED))
+        moving &= ~(worse & (length**2 <= _STALLED * linear.cost))
+        if worse.any():
+            state = tried.where(~worse, state, N)
+            linear = _linearise(pairs, model, state, root)
+        else:
+            state, linear = tried, new
+        grown = np.maximum(damping * _DAMPING_FACTOR, _DAMPING)
+        damping = np.where(worse, grown, np.where(damping > _DAMPING, damping / 10.0, 0.0))
+        moving &= damping < _LARGEST_DAMPING
+    rows = linear.jacobian.reshape(12, 6, T, N).transpose(2, 0, 1, 3).reshape(T, 12, 6 * N)
+    return Fit(
+        state.X,
+        state.Z,
+        linear.cost,
+        linear.white.reshape(6, T, N),
+        linear.jacobian.reshape(12, 6, T, N),
+        rows @ np.swapaxes(rows, -1, -2),
+        count,
+        ~moving & (damping < _LARGEST_DAMPING),
+    )
+
+
+def linear_rows(
+    pairs: PairSets, model: ErrorModel, X: FloatArray, Z: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """White rows ``(6, T, N)`` and their derivatives ``(12, 6, T, N)`` at X, Z and measured A."""
+    linear = _linearise(pairs, model, _State(X, Z, pairs.R_A, pairs.p_A), None)
+    shape = (pairs.T, pairs.N)
+    return linear.white.reshape(6, *shape), linear.jacobian.reshape(12, 6, *shape)
+
+
+def _linearise(
+    pairs: PairSets, model: ErrorModel, state: _State, root: FloatArray | None
+) -> _Linear:
+    """Rows at the true poses that a state implies."""
+    R_X, p_X, R_Z, p_Z = _frames(pairs, state)
+    a = np.zeros((6, pairs.R_A.shape[-1]))
+    if model.on_B:
+        R_A, p_A = state.R_A, state.p_A
+        m = turn(R_A, p_X)
+        R_B = turn_back(R_Z, product(R_A, R_X))
+        p_B = turn_back(R_Z, m + p_A - p_Z)
+        b = _difference(pairs.R_B, pairs.p_B, R_B, p_B)
+        if model.on_A:
+            a = _difference(pairs.R_A, pairs.p_A, R_A, p_A)
+        q = turn(R_Z, p_B)
+    else:
+        R_A = product(product(R_Z, pairs.R_B), transposed(R_X))
+        m, q = turn(R_A, p_X), turn(R_Z, pairs.p_B)
+        a = _difference(pairs.R_A, pairs.p_A, R_A, q + p_Z - m)
+        b = np.zeros_like(a)
+    errors = model.at(m, R_Z)
+    white = errors.whiten(left_over(a, b, m, R_Z))
+    jacobian = errors.whiten(derivatives(R_A, q))
+    if root is not None:
+        white, jacobian = root * white, root * jacobian
+    cost = (white * white).sum(axis=0).reshape(pairs.T, pairs.N).sum(axis=-1)
+    return _Linear(white, jacobian, errors, cost)
+
+
+def _frames(pairs: PairSets, state: _State) -> tuple[FloatArray, ...]:
+    """Columns and origins of X and of Z for each pair."""
+    return tuple(
+        pairs.spread(part)
+        for T in (state.X, state.Z)
+        for part in (columns_of(T[:, :3, :3]), T[:, :3, 3].T)
+    )
+
+
+def _difference(R: FloatArray, p: FloatArray, R_true: FloatArray, p_true: FloatArray) -> FloatArray:
+    """Errors (w, v) ``(6, S)`` of rotations (columns) and translations."""
+    return np.concatenate([rotation_log(product(R, transposed(R_true))), p - p_true])
+
+
+def _step(linear: _Linear, damping: FloatArray, T: int, N: int) -> tuple[FloatArray, FloatArray]:
+    """Change ``(T, 12)`` of X and Z, and its length ``(T,)`` in standard deviations."""
+    rows = linear.jacobian.reshape(12, 6, T, N).transpose(2, 0, 1, 3).reshape(T, 12, 6 * N)
+    right = linear.white.reshape(6, T, N).transpose(1, 0, 2).reshape(T, 6 * N, 1)
+    information = rows @ np.swapaxes(rows, -1, -2)
+    diagonal = np.diagonal(information, axis1=1, axis2=2)
+    # in units of each parameter: radians and metres differ by the unit of length
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = information * scale[:, :, None] * scale[:, None, :]
+    scaled += damping[:, None, None] * np.eye(12)
+    gradient = (rows @ right)[..., 0] * scale
+    try:
+        step = -np.linalg.solve(scaled, gradient[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        step = -(np.linalg.pinv(scaled) @ gradient[..., None])[..., 0]
+    length = np.sqrt(np.clip(-(step * gradient).sum(axis=-1), 0.0, None))
+    return step * scale, length
+
+
+def _moved(
+    pairs: PairSets,
+    model: ErrorModel,
+    state: _State,
+    linear: _Linear,
+    step: FloatArray,
+    root: FloatArray | None,
+) -> _State:
+    """State after a step: X and Z, and the true A that are the likeliest with them."""
+    X = se3.transform(
+        se3.rotation_exp(step[:, :3]) @ state.X[:, :3, :3], state.X[:, :3, 3] + step[:, 3:6]
+    )
+    Z = se3.transform(
+        se3.rotation_exp(step[:, 6:9]) @ state.Z[:, :3, :3], state.Z[:, :3, 3] + step[:, 9:]
+    )
+    if not (model.on_A and model.on_B):
+        return _State(X, Z, state.R_A, state.p_A)
+    white = linear.white + (linear.jacobian * pairs.spread(step.T)[:, None]).sum(axis=0)
+    if root is not None:
+        white = white / np.where(root > 0.0, root, np.inf)
+    a = linear.errors.errors_of_A(white)
+    return _State(X, Z, product(rotation_exp(-a[:3]), pairs.R_A), pairs.p_A - a[3:])

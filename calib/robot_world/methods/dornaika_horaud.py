@@ -1,0 +1,86 @@
+"""Two solutions of A X = Z B by Dornaika and Horaud 1998: closed form, and all at once.
+
+Closed form: ``Σ |a x - z b|²`` over unit quaternions x and z. With M the mean of the matrices M_i
+of ``a_i x b_i*``, this is ``2N - 2N zᵀ M x``, so z and x are the leading singular vectors of M. The
+translations are linear after that. The iteration of Hirsh et al. 2001 ends in the same place.
+
+All at once: ``Σ |R_A R_X - R_Z R_B|² + |R_A p_X + p_A - R_Z p_B - p_Z|²``, by iteration from the
+closed form. The paper weighs both sums by 1 and iterates over matrices, which it keeps near
+rotations by two penalties of weight 1e6. Here the unknowns are rotations, so there is nothing to
+penalise: this is the limit of large penalties. The sum adds numbers and squares of lengths, so the
+answer depends on the unit of length: metres make the translations count for little, millimetres
+for nearly all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib import se3
+from calib.robot_world.algebra import (
+    apply_matrix,
+    assemble,
+    conjugate,
+    left_matrix,
+    right_matrix,
+    triangle,
+)
+from calib.robot_world.certificate.local import minimise
+from calib.robot_world.certificate.polynomial import Weights
+from calib.robot_world.methods.relative_motions import centred
+from calib.robot_world.pairs import PairSets
+from calib.robot_world.results import Estimate
+from calib.se3 import FloatArray
+
+PAPER_WEIGHTS = Weights(rotation=1.0, translation=1.0)
+"""Weights of the paper, translations in the unit of length of the data."""
+
+
+def estimate(pairs: PairSets) -> Estimate:
+    """X and Z of T problems at once in closed form, the rotations first, then the translations.
+
+    Parameters
+    ----------
+    pairs : PairSets
+        Measured pairs, N >= 3, in any unit of length.
+
+    Returns
+    -------
+    Estimate
+        X and Z ``(T, 4, 4)``.
+    """
+    return Estimate(*assemble(pairs.A, pairs.B, *rotations(pairs)))
+
+
+def estimate_nonlinear(pairs: PairSets) -> Estimate:
+    """X and Z of T problems at once, rotations and translations together, by iteration.
+
+    Parameters
+    ----------
+    pairs : PairSets
+        Measured pairs, N >= 3. The answer depends on their unit of length.
+
+    Returns
+    -------
+    Estimate
+        X and Z ``(T, 4, 4)``, and the steps of Newton's method to a minimum near the closed form.
+    """
+    found = minimise(pairs.A, pairs.B, *rotations(pairs), PAPER_WEIGHTS)
+    return Estimate(found.X, found.Z, found.iterations, found.converged)
+
+
+def rotations(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
+    """Rotations of X and Z ``(T, 3, 3)`` that minimise ``Σ |a x - z b|²``.
+
+    Notes
+    -----
+    x is the last right singular vector of all ``M_i - M`` stacked, since the M_i are orthogonal
+    matrices: ``Σ |(M_i - M) x|² = N (1 - |M x|²)``. In a narrow cone this keeps the digits that
+    the singular values of M, all near 1, have lost.
+    """
+    a, b = pairs.quaternions
+    M_i = left_matrix(a) @ right_matrix(conjugate(b))
+    stacked = centred(M_i).reshape(pairs.T, 4 * pairs.N, 4)
+    x = np.asarray(np.linalg.svd(triangle(stacked))[2])[:, 3]
+    z = apply_matrix(M_i.mean(axis=1), x)
+    return se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)

@@ -1,0 +1,127 @@
+"""The likeliest X and Z of A X = Z B, by an adjustment of A, of B or of both.
+
+From the rotations in closed form and the translations that go with them, a few steps of
+:mod:`calib.robot_world.adjustment`. Where the noise is not known, its two sizes, that of rotation
+and that of translation, are estimated with X and Z, as if B alone had errors: each is what the
+residuals of its own rows show, over the share of them that X and Z have not taken up (variance
+components, Förstner 1979).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calib.robot_world.adjustment import Fit, adjust
+from calib.robot_world.algebra import assemble
+from calib.robot_world.errors_of_pairs import Isotropic
+from calib.robot_world.noise import Noise
+from calib.robot_world.pairs import PairSets
+from calib.robot_world.results import Estimate, residuals
+from calib.se3 import FloatArray
+
+_ROUNDS = 40
+"""Rounds of estimating the noise: the change shrinks by a tenth or more in each."""
+
+_SETTLED = 1e-9
+"""Relative change of the noise from round to round that counts as none."""
+
+_STEPS_A_ROUND = 2
+
+_LEAST = 1e-9
+"""Least noise that is estimated: of rotation [rad], and of translation as part of the translations.
+Data without noise have rounding left, which is not independent from pair to pair."""
+
+
+def estimate(pairs: PairSets, noise: Noise | None = None) -> Estimate:
+    """X and Z of T problems at once.
+
+    Parameters
+    ----------
+    pairs : PairSets
+        Measured pairs, N >= 3.
+    noise : PairNoise or PairCovariances, optional
+        Without it the noise of each set is estimated, on B.
+
+    Returns
+    -------
+    Estimate
+        X and Z ``(T, 4, 4)``, the information on them, and the estimated noise.
+    """
+    X, Z = assemble(pairs.A, pairs.B, *pairs.rotations)
+    if noise is None:
+        fit, sigma = with_estimated_noise(pairs, X, Z)
+        return as_estimate(fit, sigma)
+    return as_estimate(adjust(pairs, noise.model(pairs), X, Z), None)
+
+
+def as_estimate(fit: Fit, sigma: FloatArray | None, used: FloatArray | None = None) -> Estimate:
+    """What an adjustment has found; sigma ``(2, T)`` is the noise where it was estimated."""
+    return Estimate(
+        fit.X, fit.Z, fit.iterations, fit.converged, fit=fit, sigma=sigma, weights=used
+    )
+
+
+def with_estimated_noise(
+    pairs: PairSets,
+    X: FloatArray,
+    Z: FloatArray,
+    weights: FloatArray | None = None,
+    widening: float = 1.0,
+) -> tuple[Fit, FloatArray]:
+    """Adjust X and Z ``(T, 4, 4)`` and the noise of B together.
+
+    Parameters
+    ----------
+    pairs : PairSets
+    X, Z : ndarray (T, 4, 4)
+        Where to start.
+    weights : ndarray (T, N), optional
+        1 for the pairs that count, 0 for the others.
+    widening : float
+        By how much the standard deviations are larger than what the pairs that count show, where
+        those were chosen by their residuals.
+
+    Returns
+    -------
+    Fit
+    ndarray (2, T)
+        Standard deviations of rotation [rad] and translation [m].
+    """
+    counted = np.ones((pairs.T, pairs.N)) if weights is None else weights
+    least = np.stack([np.full(pairs.T, _LEAST), _LEAST * pairs.size])
+    square = residuals(pairs.A, pairs.B, X, Z) ** 2
+    sums = np.stack([square[..., :3].sum(axis=-1), square[..., 3:].sum(axis=-1)])
+    sigma = np.sqrt((counted * sums).sum(axis=-1) / _freedom(counted, np.array([[6.0], [6.0]])))
+    sigma = np.maximum(sigma, least)
+    count = np.zeros(pairs.T, dtype=np.intp)
+    for _ in range(_ROUNDS):
+        fit = adjust(pairs, _on_B(pairs, sigma), X, Z, weights=weights, iterations=_STEPS_A_ROUND)
+        X, Z, count = fit.X, fit.Z, count + fit.iterations
+        rows = (fit.white**2).reshape(2, 3, pairs.T, pairs.N).sum(axis=(1, 3))
+        grown = widening * np.sqrt(rows / _freedom(counted, _taken_up(fit)))
+        new = np.maximum(sigma * grown, least)
+        change = np.abs(new / sigma - 1.0).max()
+        sigma = new
+        if change < _SETTLED:
+            break
+    fit = adjust(pairs, _on_B(pairs, sigma), X, Z, weights=weights)
+    return replace(fit, iterations=count + fit.iterations), sigma
+
+
+def _on_B(pairs: PairSets, sigma: FloatArray) -> Isotropic:
+    return Isotropic(pairs.spread(np.concatenate([np.zeros_like(sigma), sigma])))
+
+
+def _taken_up(fit: Fit) -> FloatArray:
+    """Of the 12 of X and Z, how many the rows of rotation and of translation decide ``(2, T)``."""
+    _, _, T, N = fit.jacobian.shape
+    rows = fit.jacobian.reshape(12, 2, 3, T, N).transpose(1, 3, 0, 2, 4).reshape(2, T, 12, 3 * N)
+    share = np.linalg.pinv(fit.information) @ (rows @ np.swapaxes(rows, -1, -2))
+    return np.asarray(np.trace(share, axis1=-2, axis2=-1))
+
+
+def _freedom(counted: FloatArray, taken: FloatArray) -> FloatArray:
+    """Degrees of freedom ``(2, T)`` of the rows of rotation and of translation."""
+    return np.asarray(np.maximum(3.0 * counted.sum(axis=-1) - taken, 1.0))

@@ -1,0 +1,283 @@
+"""Rigid transforms out of numbers that came from a file, and what looks wrong about them.
+
+A file holds rotations as exactly as it has decimals. Up to what four decimals leave they are
+taken, as the nearest rotation and with a note; what is farther off is no rotation, and is refused
+with the place where it stands.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib import se3
+from calib.errors import FileFormatError
+from calib.se3 import BoolArray, FloatArray
+
+LARGEST_DEVIATION = 5e-4
+"""Largest |RᵀR - I| of a rotation in a file: rounding to four decimals passes (1.7e-4), to three
+(1.7e-3, a tenth of a degree) does not, as it would be the largest error of the whole calibration
+without anybody seeing it."""
+
+LARGEST_NORM_DEVIATION = 2.1e-3
+"""Largest | |q|² - 1 | of a quaternion in a file: rounding to three decimals, as ``tf_echo``
+prints them, passes (2e-3). Unlike with a matrix, nothing but rounding comes so close to 1."""
+
+FEWEST_TO_JUDGE = 3
+"""Rows from which the unit of a column can be doubted."""
+
+FARTHEST_M = 100.0
+"""Distance [m] that no flange has from its base, and no camera from its target."""
+
+NEAREST_M = 0.01
+"""Distance [m] that every camera has from its target, and every flange from its base."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the poses of one side stand, for messages.
+
+    Attributes
+    ----------
+    path : Path
+    lines : tuple of int
+        Lines of a table.
+    variable : str
+        Name of a variable, in a file that is no table.
+    """
+
+    path: Path
+    lines: tuple[int, ...] = ()
+    variable: str = ""
+
+    def name(self, i: int) -> str:
+        """``line 7``, or ``T_cam(:,:,6)`` as MATLAB counts."""
+        return f"{self.variable}(:,:,{i + 1})" if self.variable else f"line {self.lines[i]}"
+
+    def error(
+        self,
+        i: int,
+        message: str,
+        *,
+        hint: str,
+        column: str | None = None,
+        value: float | None = None,
+        bound: float | None = None,
+    ) -> FileFormatError:
+        """The error of one pose."""
+        return FileFormatError(
+            message,
+            path=self.path,
+            row=None if self.variable else self.lines[i],
+            column=None if self.variable else column,
+            key=self.name(i) if self.variable else None,
+            hint=hint,
+            value=value,
+            bound=bound,
+        )
+
+
+def transforms_from_matrices(
+    T: FloatArray, place: Place, column: str | None = None
+) -> tuple[FloatArray, str]:
+    """Rigid transforms ``(N, 4, 4)`` from matrices of a file, and a note where they are rounded.
+
+    Raises
+    ------
+    FileFormatError
+        A number that is not finite, a last row other than 0 0 0 1, a scaled, sheared or
+        left-handed rotation.
+    """
+    bad = np.asarray(~np.isfinite(T).all(axis=(-2, -1)))
+    if bad.any():
+        raise place.error(
+            int(bad.argmax()),
+            "has a number that is not finite" + _as_others(bad),
+            hint="leave this pose out on both sides",
+            column=column,
+        )
+    _check_last_rows(T, place, column)
+    R, note = _rotations_from_matrices(T[:, :3, :3], place, column)
+    return se3.transform(R, T[:, :3, 3]), note
+
+
+def rotations_from_quaternions(q: FloatArray, place: Place, column: str) -> tuple[FloatArray, str]:
+    """Rotations ``(N, 3, 3)`` from quaternions (w, x, y, z), and a note where they are rounded.
+
+    Raises
+    ------
+    FileFormatError
+        A norm that is not 1.
+    """
+    square = (q**2).sum(axis=-1)
+    off = np.abs(square - 1.0)
+    bad = ~(off <= LARGEST_NORM_DEVIATION)  # also where the square is too large for a float
+    if bad.any():
+        i = int(bad.argmax())
+        raise place.error(
+            i,
+            f"the quaternion has the norm {math.sqrt(square[i]):.6g}, not 1" + _as_others(bad),
+            hint="are these four columns one quaternion, and all of it?",
+            column=column,
+            value=float(math.sqrt(square[i])),
+            bound=1.0,
+        )
+    return se3.rotation_from_quaternion(q), _rounding_note(off, place)
+
+
+def _rotations_from_matrices(
+    M: FloatArray, place: Place, column: str | None
+) -> tuple[FloatArray, str]:
+    with np.errstate(over="ignore", invalid="ignore"):
+        gram = np.swapaxes(M, -1, -2) @ M
+        off = np.abs(gram - np.eye(3)).max(axis=(-2, -1))
+    bad = ~(off <= LARGEST_DEVIATION)
+    if bad.any():
+        i = int(bad.argmax())
+        raise place.error(
+            i,
+            f"{_what_is_wrong(gram[i], off[i])}" + _as_others(bad),
+            hint=_scale_hint(gram[i]) or "write rotations with six decimals or more",
+            column=column,
+            value=float(off[i]),
+            bound=LARGEST_DEVIATION,
+        )
+    left = np.linalg.det(M) < 0.0
+    if left.any():
+        raise place.error(
+            int(left.argmax()),
+            "the rotation is left-handed (determinant -1)" + _as_others(left),
+            hint="an axis is mirrored where the matrix was made",
+            column=column,
+        )
+    return se3.project_to_rotation(M), _rounding_note(off, place)
+
+
+def _check_last_rows(T: FloatArray, place: Place, column: str | None) -> None:
+    off = np.abs(T[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=-1)
+    bad = off > se3.RIGID_TOLERANCE
+    if not bad.any():
+        return
+    i = int(bad.argmax())
+    shown = " ".join(f"{number:.4g}" for number in T[i, 3])
+    transposed = not T[i, :3, 3].any() and T[i, 3, 3] == 1.0
+    raise place.error(
+        i,
+        f"the last row of the matrix is {shown}, not 0 0 0 1" + _as_others(bad),
+        hint="it is transposed: give it row by row"
+        if transposed
+        else "is this a 4x4 matrix [R t; 0 0 0 1]?",
+        column=column,
+    )
+
+
+def _what_is_wrong(gram: FloatArray, off: float) -> str:
+    if _scale_hint(gram):
+        scale = math.sqrt(np.trace(gram) / 3.0)
+        return f"the rotation is scaled by {scale:.4g}"
+    return f"the rotation is not orthonormal (off by {off:.2g})"
+
+
+def _scale_hint(gram: FloatArray) -> str:
+    square = np.trace(gram) / 3.0
+    if not (np.isfinite(square) and square > 0.0):
+        return ""
+    pure = np.abs(gram / square - np.eye(3)).max() <= LARGEST_DEVIATION
+    return "divide it by this factor, and look where it comes from" if pure else ""
+
+
+def _as_others(bad: BoolArray) -> str:
+    count = int(bad.sum()) - 1
+    return f", and so on in {count} more" if count else ""
+
+
+def _rounding_note(off: FloatArray, place: Place) -> str:
+    worst = int(off.argmax())
+    if off[worst] <= se3.RIGID_TOLERANCE:
+        return ""
+    return (
+        f"rotations are rounded, off by up to {off[worst]:.1g} ({place.name(worst)}): the nearest "
+        f"ones are taken, good to about {math.degrees(off[worst]):.1g} deg"
+    )
+
+
+def check_angles(path: Path, columns: tuple[str, ...], angles: FloatArray, unit: str) -> None:
+    """Refuse angles ``(N, 3)`` in deg that look like rad, and the other way round."""
+    largest = float(np.abs(angles).max())
+    if unit == "deg":
+        doubtful = len(angles) >= FEWEST_TO_JUDGE and 0.0 < largest <= 2.0 * math.pi
+        other = "rad"
+    else:
+        doubtful, other = largest > 2.0 * math.pi * 1.001, "deg"
+    if doubtful:
+        names = ", ".join(column.replace(f"_{unit}", f"_{other}") for column in columns)
+        long = {"deg": "degrees", "rad": "radians"}
+        raise FileFormatError(
+            f"the angles look like {long[other]} (the largest is {largest:.4g})",
+            path=path,
+            column=f"{columns[0]} to {columns[-1]}",
+            hint=f"call the columns {names}, or pass --trust-units if they are {long[unit]}",
+            value=largest,
+            bound=2.0 * math.pi,
+        )
+
+
+def check_lengths(
+    place: Place, p: FloatArray, unit: str, remedy: str, column: str | None = None
+) -> None:
+    """Refuse translations ``(N, 3)`` [m] read in mm that look like m, and the other way round.
+
+    Parameters
+    ----------
+    place : Place
+        Where they stand.
+    p : array (N, 3)
+        Translations as read [m].
+    unit : {"mm", "m"}
+        Unit that they were read in.
+    remedy : str
+        How to say the other unit.
+    column : str, optional
+        The columns of a table.
+    """
+    longest = float(np.linalg.norm(p, axis=-1).max())
+    short = unit == "mm" and 0.0 < longest < NEAREST_M and len(p) >= FEWEST_TO_JUDGE
+    if short or longest > FARTHEST_M:
+        other = "m" if unit == "mm" else "mm"
+        known = short or unit == "m"
+        raise FileFormatError(
+            f"no translation is longer than {1e3 * longest:.3g} mm"
+            if short
+            else f"a translation is {longest:.4g} m long",
+            path=place.path,
+            column=column,
+            key=place.variable or None,
+            hint=(f"if these are {other}, {remedy}; " if known else "")
+            + "pass --trust-units if it is so",
+            value=longest,
+            bound=NEAREST_M if short else FARTHEST_M,
+        )
+
+
+def repeats(A: FloatArray, B: FloatArray) -> tuple[BoolArray, list[tuple[int, int]]]:
+    """Pairs that repeat an earlier one number by number.
+
+    A measurement that was made twice differs in its last digits; a row that was pasted twice does
+    not, and would count double.
+
+    Returns
+    -------
+    kept : array (N,) of bool
+        False where a pair repeats another.
+    found : list of (int, int)
+        Each repetition, and what it repeats.
+    """
+    first: dict[bytes, int] = {}
+    keys = [T_a.tobytes() + T_b.tobytes() for T_a, T_b in zip(A, B, strict=True)]
+    found = [(i, first[key]) for i, key in enumerate(keys) if first.setdefault(key, i) != i]
+    kept = np.ones(len(A), dtype=bool)
+    kept[[i for i, _ in found]] = False
+    return kept, found

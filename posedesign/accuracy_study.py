@@ -23,6 +23,7 @@ from calib.model import CalibrationModel
 from calib.robot_world import PAPER_METHODS, solve_batch
 from calib.se3 import FloatArray, apply, inverse, rotation_angle
 from posedesign.cell import Cell
+from posedesign.checks import refuse_hand_eye
 from posedesign.planner import plan
 from posedesign.plate import PlateTest, try_plate
 from posedesign.pose_plan import PosePlan, Round
@@ -155,6 +156,7 @@ def accuracy_study(
             value=draws,
             bound=FEWEST_DRAWS,
         )
+    refuse_hand_eye(cell, "the study")
     history = plan(_to_the_widest(cell))
     sets = improving_rounds(history)
     if not sets:

@@ -58,6 +58,22 @@ def refuse_unfit(cell: Cell, poses: PoseList) -> None:
     _refuse(far, "are these poses of this cell, its tool and its target, in URDF signs?")
 
 
+def refuse_hand_eye(cell: Cell, what: str) -> None:
+    """Refuse to do with a cell of hand-eye calibration what needs a robot to be identified.
+
+    Raises
+    ------
+    InputError
+    """
+    if cell.is_hand_eye:
+        raise InputError(
+            f"{what} needs a robot that is identified; this cell calibrates a camera",
+            hint='set measurement.kind = "touch-up"',
+            name="measurement.kind",
+            value=cell.config.measurement.kind,
+        )
+
+
 def refuse_dialect(cell: Cell, dialect: str) -> None:
     """Refuse to write a program for a controller that the robot is not known to have.
 

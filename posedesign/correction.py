@@ -27,6 +27,7 @@ from calib.measurement import Measurements, touch_ups
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
+from posedesign.checks import refuse_hand_eye
 from posedesign.csv_tables import read_rows, write_table
 from posedesign.files import write_bytes_atomic
 from posedesign.identification_file import IdentifiedModel, read_identification
@@ -227,6 +228,7 @@ def predict(
     UnreachableError
         No point of the box can be reached.
     """
+    refuse_hand_eye(cell, "a prediction over a box")
     model, q = cell.model(), poses.measured.postures
     data = touch_ups(q, targets=model.targets)
     if name is not None:

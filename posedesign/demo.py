@@ -13,11 +13,11 @@ from posedesign.accuracy_study import AccuracyStudy, accuracy_study, effective_t
 from posedesign.before_after import Identified
 from posedesign.cell import Cell
 from posedesign.files import write_text_atomic
+from posedesign.pairs_results import SolverOutcome
 from posedesign.pose_plan import PosePlan
 from posedesign.tables import read_poses
 from posedesign.template import cell_template
 from posedesign.workflow import (
-    SolverOutcome,
     WrittenProgram,
     camera_noise,
     identify_file,

@@ -112,7 +112,8 @@ def rotations_from_quaternions(q: FloatArray, place: Place, column: str) -> tupl
     FileFormatError
         A norm that is not 1.
     """
-    square = (q**2).sum(axis=-1)
+    with np.errstate(over="ignore"):
+        square = (q**2).sum(axis=-1)
     off = np.abs(square - 1.0)
     bad = ~(off <= LARGEST_NORM_DEVIATION)  # also where the square is too large for a float
     if bad.any():
@@ -243,7 +244,8 @@ def check_lengths(
     column : str, optional
         The columns of a table.
     """
-    longest = float(np.linalg.norm(p, axis=-1).max())
+    with np.errstate(over="ignore"):
+        longest = float(np.linalg.norm(p, axis=-1).max())
     short = unit == "mm" and 0.0 < longest < NEAREST_M and len(p) >= FEWEST_TO_JUDGE
     if short or longest > FARTHEST_M:
         other = "m" if unit == "mm" else "mm"

@@ -18,7 +18,6 @@ from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, check_transforms
 from posedesign.csv_tables import Row, read_rows, write_table
 from posedesign.pairs_forms import METRES, PoseForm, Poses, read_poses_of
-from posedesign.pairs_turns import turn_notes
 
 DEFAULT_FORM = PoseForm()
 """W, P, R in degrees and mm, as a FANUC pendant shows a pose."""
@@ -105,11 +104,16 @@ def read_pairs(path: Path, columns: Sequence[str] = (), *, trust_units: bool = F
     FileFormatError
         Naming line and column.
     """
+    return joined(*read_sides(path, columns, trust_units=trust_units))
+
+
+def read_sides(
+    path: Path, columns: Sequence[str] = (), *, trust_units: bool = False
+) -> tuple[Poses, Poses]:
+    """Read both sides of a ``pairs.csv``; see :func:`read_pairs`."""
     named, rows = _rows(path, expanded(columns))
-    sides = [
-        read_poses_of(path, named, rows, f"{letter}_", trust_units=trust_units) for letter in "ab"
-    ]
-    return joined(*sides)
+    a, b = (read_poses_of(path, named, rows, f"{s}_", trust_units=trust_units) for s in "ab")
+    return a, b
 
 
 def read_side(
@@ -165,7 +169,7 @@ def joined(a: Poses, b: Poses) -> Pairs:
     given = a.names or b.names or ("",) * len(a.T)
     names = tuple(name or f"P{i + 1:02d}" for i, name in enumerate(given))
     places = tuple(a.place.name(i) for i in range(len(names)))
-    return Pairs(names, a.T, b.T, places, (*a.notes, *b.notes, *turn_notes(a, b)))
+    return Pairs(names, a.T, b.T, places, (*a.notes, *b.notes))
 
 
 def expanded(columns: Sequence[str]) -> list[str]:

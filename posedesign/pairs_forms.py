@@ -127,13 +127,16 @@ class Poses:
         What is odd about them.
     turn : str
         Form that the orientation had, one of :data:`TURNS`.
+    numbers : array (N, 3), (N, 4) or (N, 9)
+        The orientation in that form; angles in rad.
     """
 
     T: FloatArray
     place: Place
-    names: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    turn: str = "matrix"
+    names: tuple[str, ...]
+    notes: tuple[str, ...]
+    turn: str
+    numbers: FloatArray
 
 
 def find_form(path: Path, columns: Sequence[str], prefix: str) -> PoseForm:
@@ -163,7 +166,8 @@ def read_poses_of(
     place = Place(path, tuple(row.line for row in rows))
     place_columns = [prefix + name for name in form.place_columns]
     p = numbers_of(path, rows, place_columns) * METRES[form.unit]
-    R, note = _rotations(path, columns, rows, prefix, form, place, trust_units)
+    numbers = _turn_numbers(path, rows, prefix, form, trust_units)
+    R, note = _rotations(path, columns, rows, prefix, form, place, numbers)
     if not trust_units:
         other = "m" if form.unit == "mm" else "mm"
         named = ", ".join(prefix + name for name in _PLACES[other])
@@ -171,7 +175,19 @@ def read_poses_of(
         check_lengths(place, p, form.unit, f"call the columns {named}", what)
     names = tuple(row.cells["pose"] for row in rows) if "pose" in columns else ()
     notes = (f"{path}, {prefix + form.turn_columns[0]} ..: {note}",) if note else ()
-    return Poses(se3.transform(R, p), place, names, notes, form.turn)
+    return Poses(se3.transform(R, p), place, names, notes, form.turn, numbers)
+
+
+def _turn_numbers(
+    path: Path, rows: Sequence[Row], prefix: str, form: PoseForm, trust_units: bool
+) -> FloatArray:
+    """The orientation in its own form, angles in rad."""
+    names = tuple(prefix + name for name in form.turn_columns)
+    numbers = numbers_of(path, rows, names)
+    _, _, unit = form.turn.partition("-")
+    if unit and not trust_units:
+        check_angles(path, names, numbers, unit)
+    return numbers * _DEGREE if unit == "deg" else numbers
 
 
 def _rotations(
@@ -181,25 +197,22 @@ def _rotations(
     prefix: str,
     form: PoseForm,
     place: Place,
-    trust_units: bool,
+    numbers: FloatArray,
 ) -> tuple[FloatArray, str]:
-    names = tuple(prefix + name for name in form.turn_columns)
-    numbers = numbers_of(path, rows, names)
-    what = f"{names[0]} to {names[-1]}"
+    """Rotations ``(N, 3, 3)``, and a note where they are rounded."""
+    what = f"{prefix}{form.turn_columns[0]} to {prefix}{form.turn_columns[-1]}"
     if form.turn == "quaternion":
         return rotations_from_quaternions(numbers, place, what)
     if form.turn == "matrix":
         T = se3.transform(numbers.reshape(-1, 3, 3), np.zeros(3))
         last = [prefix + name for name in _LAST_ROW]
         if any(name in columns for name in last):
-            check_columns(path, columns, last)
+            _check_there(path, columns, last)
             T[:, 3] = numbers_of(path, rows, last)
         T, note = transforms_from_matrices(T, place, what)
         return T[:, :3, :3], note
-    kind, _, unit = form.turn.partition("-")
-    if not trust_units:
-        check_angles(path, names, numbers, unit)
-    return _FROM_ANGLES[kind](numbers * (_DEGREE if unit == "deg" else 1.0)), ""
+    kind, _, _ = form.turn.partition("-")
+    return _FROM_ANGLES[kind](numbers), ""
 
 
 def _find(
@@ -227,7 +240,7 @@ def _find(
         return whole[0]
     most = max(there, key=lambda name: there[name])
     if there[most]:
-        check_columns(path, columns, [prefix + column for column in forms[most]])
+        _check_there(path, columns, [prefix + column for column in forms[most]])
     choices = " or ".join(f"{prefix}{needed[0]} .." for needed in forms.values())
     without = [c for c in columns if c.removeprefix(prefix) in tuple("xyzwpr")]
     raise FileFormatError(
@@ -238,3 +251,15 @@ def _find(
         if without
         else f"call the columns {choices}",
     )
+
+
+def _check_there(path: Path, columns: Sequence[str], needed: Sequence[str]) -> None:
+    """Check that columns are there, those with a unit in their names in that unit."""
+    if needed[0].endswith(("_mm", "_m", "_deg", "_rad")):
+        check_columns(path, columns, needed)
+        return
+    for column in needed:
+        if column not in columns:
+            raise FileFormatError(
+                f"there is no column {column}", path=path, row=1, hint=near_names(column, columns)
+            )

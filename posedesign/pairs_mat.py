@@ -86,7 +86,8 @@ class MatFile:
         if not trust_units:
             other = "m" if unit == "mm" else "mm"
             check_lengths(place, T[:, :3, 3], unit, f"say --unit {other}")
-        return Poses(T, place, (), (f"{self.path}, {name}: {note}",) if note else ())
+        notes = (f"{self.path}, {name}: {note}",) if note else ()
+        return Poses(T, place, (), notes, "matrix", T[:, :3, :3].reshape(-1, 9))
 
     def _array(self, name: str) -> FloatArray:
         if name not in self.shapes:

@@ -9,11 +9,12 @@ from typing import Literal, get_args
 
 from calib.errors import InputError, near_names
 from calib.robot_world import pairs_from_opencv
-from calib.se3 import inverse
+from calib.se3 import FloatArray, inverse
 from posedesign.pairs_checks import repeats
-from posedesign.pairs_file import Pairs, joined, read_pairs, read_side
+from posedesign.pairs_file import Pairs, joined, read_side, read_sides
 from posedesign.pairs_forms import METRES, Poses
 from posedesign.pairs_mat import open_mat, pick_one, pick_two
+from posedesign.pairs_readings import reading_notes
 
 Invert = Literal["none", "a", "b", "both"]
 Convention = Literal["axzb", "opencv"]
@@ -114,25 +115,31 @@ class PairSource:
         FileFormatError
             Naming file, line and column, or file, variable and pose.
         """
-        pairs = self._as_in_the_files()
-        A, B = pairs.A, pairs.B
+        a, b = self._sides()
+        pairs = joined(a, b)
+        A, B = self._arranged(a.T, b.T)
+        notes = (*pairs.notes, *reading_notes(a, b, self._arranged))
+        return without_repeats(replace(pairs, A=A, B=B, notes=notes))
+
+    def _arranged(self, A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A and B as the solver takes them from transforms ``(..., 4, 4)`` as the files have."""
         if self.invert in ("a", "both"):
             A = inverse(A)
         if self.invert in ("b", "both"):
             B = inverse(B)
         if self.convention == "opencv":
-            A, B = pairs_from_opencv(world2cam=A, base2gripper=B)
-        return without_repeats(replace(pairs, A=A, B=B))
+            return pairs_from_opencv(world2cam=A, base2gripper=B)
+        return A, B
 
-    def _as_in_the_files(self) -> Pairs:
+    def _sides(self) -> tuple[Poses, Poses]:
         if self.pairs is None:
-            return joined(*(self._side(k) for k in range(2)))
+            return self._side(0), self._side(1)
         if not _is_mat(self.pairs):
-            return read_pairs(self.pairs, self.columns, trust_units=self.trust_units)
+            return read_sides(self.pairs, self.columns, trust_units=self.trust_units)
         file = open_mat(self.pairs)
-        names = pick_two(file, self.variables)
         unit, trust = self.unit or "", self.trust_units
-        return joined(*(file.poses(name, unit, trust_units=trust) for name in names))
+        a, b = (file.poses(n, unit, trust_units=trust) for n in pick_two(file, self.variables))
+        return a, b
 
     def _side(self, k: int) -> Poses:
         path = (self.a, self.b)[k]

@@ -100,8 +100,8 @@ def what_is_left_out(cell: Cell) -> list[str]:
     said = []
     if cell.is_hand_eye:
         said.append(
-            "camera and target are calibrated and the robot is taken as it is: [parameters] plays "
-            "no part"
+            "camera and target are calibrated, and the robot is taken to be exact: [parameters] "
+            "plays no part, and the robot's errors come on top of what is predicted"
         )
     if not section.collisions:
         said.append("collisions are not checked: constraints.collisions is false")

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import CalibError, InputError, NotIdentifiableError, OutputError
-from calib.robot_world import METHODS, PAPER_METHODS, PairNoise, RobotWorldResult, solve
-from calib.se3 import wpr_from_rotation
+from calib.errors import InputError, OutputError
+from calib.robot_world import PAPER_METHODS, PairNoise
 from posedesign.accuracy_study import AccuracyStudy
 from posedesign.before_after import (
     Identified,
@@ -29,6 +28,9 @@ from posedesign.fewest import Advance, FewestPoses, plan_fewest
 from posedesign.files import write_json_atomic
 from posedesign.identification_content import results_as_dict
 from posedesign.measurement_table import read_measurements
+from posedesign.pairs_file import Pairs, read_pairs, write_pairs
+from posedesign.pairs_results import SolverOutcome, solve_pairs
+from posedesign.pairs_tables import write_outcomes
 from posedesign.planner import Progress, plan
 from posedesign.pose_plan import PosePlan, displayed, fingerprint
 from posedesign.programs import (
@@ -43,15 +45,7 @@ from posedesign.programs import (
 from posedesign.reading_checks import check_readings
 from posedesign.set_up import far_rows
 from posedesign.simulation import SimulatedRobot
-from posedesign.tables import (
-    POSE_AXES,
-    Pairs,
-    PoseList,
-    read_pairs,
-    write_pairs,
-    write_poses,
-    write_touch_ups,
-)
+from posedesign.tables import PoseList, write_poses, write_touch_ups
 
 
 @dataclass(frozen=True)
@@ -72,27 +66,6 @@ class WrittenProgram:
     poses: int
     problems: tuple[str, ...]
     largest_rounding_deg: float
-
-
-@dataclass(frozen=True)
-class SolverOutcome:
-    """What one AX=ZB solver made of the pairs, or why it could not.
-
-    Attributes
-    ----------
-    method : str
-    result : RobotWorldResult or None
-    problem : str
-    """
-
-    method: str
-    result: RobotWorldResult | None
-    problem: str = ""
-
-    @property
-    def ok(self) -> bool:
-        """Whether there is an answer to be trusted."""
-        return self.result is not None and self.result.status == "ok"
 
 
 def make_folder(path: Path) -> Path:
@@ -240,7 +213,14 @@ def identify_file(
 def solve_file(
     pairs: Path, out: Path, methods: Sequence[str] = PAPER_METHODS, noise: PairNoise | None = None
 ) -> tuple[SolverOutcome, ...]:
-    """Solve AX=ZB from a ``pairs.csv`` by several methods; write ``robot_world.csv``.
+    """Solve AX=ZB from a ``pairs.csv``; see :func:`solve_and_write`."""
+    return solve_and_write(read_pairs(pairs), out, methods, noise)
+
+
+def solve_and_write(
+    pairs: Pairs, out: Path, methods: Sequence[str] = PAPER_METHODS, noise: PairNoise | None = None
+) -> tuple[SolverOutcome, ...]:
+    """Solve AX=ZB by several methods; write ``robot_world.csv`` and ``robot_world_pairs.csv``.
 
     Raises
     ------
@@ -249,49 +229,10 @@ def solve_file(
     NotIdentifiableError
         No method has an answer because the motions do not allow one.
     """
-    data = read_pairs(pairs)
-    outcomes = []
-    refused: CalibError | None = None
-    for method in methods:
-        if method not in METHODS:
-            solve(data.A, data.B, method)  # raises, with near names
-        try:
-            outcomes.append(SolverOutcome(method, solve(data.A, data.B, method, noise)))
-        except NotIdentifiableError as error:
-            refused = error
-            outcomes.append(SolverOutcome(method, None, error.message))
-    if refused is not None and all(outcome.result is None for outcome in outcomes):
-        raise refused
-    rows = [solver_row(outcome) for outcome in outcomes]
+    outcomes = solve_pairs(pairs, methods, noise)
     make_folder(out)
-    write_table(out / "robot_world.csv", list(rows[0]), rows)
-    return tuple(outcomes)
-
-
-def solver_row(outcome: SolverOutcome) -> dict[str, object]:
-    """One solver's answer as a table row."""
-    result = outcome.result
-    row: dict[str, object] = {
-        "method": outcome.method,
-        "status": result.status if result else "refused",
-        "iterations": result.iterations if result else None,
-        "residual_rotation_deg": np.rad2deg(result.rotation_rms_rad) if result else None,
-        "residual_translation_mm": 1e3 * result.translation_rms_m if result else None,
-    }
-    for letter in "xz":
-        for k, axis in enumerate(POSE_AXES):
-            row[f"{letter}_{axis}"] = _pose_numbers(result, letter)[k] if result else None
-        sigma = None if result is None else (result.sigma_X if letter == "x" else result.sigma_Z)
-        for k, axis in enumerate(("rx_deg", "ry_deg", "rz_deg", "x_mm", "y_mm", "z_mm")):
-            scale = 180.0 / np.pi if k < 3 else 1e3
-            row[f"sigma_{letter}_{axis}"] = None if sigma is None else scale * sigma[k]
-    row["message"] = result.message if result else outcome.problem
-    return row
-
-
-def _pose_numbers(result: RobotWorldResult, letter: str) -> list[float]:
-    T = result.X if letter == "x" else result.Z
-    return [*(1e3 * T[:3, 3]), *np.rad2deg(wpr_from_rotation(T[:3, :3]))]
+    write_outcomes(out, pairs, outcomes)
+    return outcomes
 
 
 def write_program(

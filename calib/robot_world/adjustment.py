@@ -72,6 +72,14 @@ class Fit:
     iterations: IntArray
     converged: BoolArray
 
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariances ``(T, 12, 12)`` of X and Z, to first order."""
+        diagonal = np.diagonal(self.information, axis1=1, axis2=2)
+        size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        scale = size[:, :, None] * size[:, None, :]
+        return np.asarray(np.linalg.pinv(self.information / scale, hermitian=True) / scale)
+
 
 @dataclass(frozen=True, eq=False)
 class _State:
@@ -83,7 +91,7 @@ class _State:
     p_A: FloatArray
 
     def where(self, better: BoolArray, other: _State, N: int) -> _State:
-        """This state in the sets that are better, another elsewhere."""
+        """Return this state in the sets that are better, another elsewhere."""
         wide = np.repeat(better, N)
         return _State(
             np.where(better[:, None, None], self.X, other.X),

@@ -60,8 +60,13 @@ class Errors(Protocol):
 class ErrorModel(Protocol):
     """What is known of the errors of A and B."""
 
-    on_A: bool
-    on_B: bool
+    @property
+    def on_A(self) -> bool:
+        """Whether A has errors."""
+
+    @property
+    def on_B(self) -> bool:
+        """Whether B has errors."""
 
     def at(self, m: FloatArray, R_Z: FloatArray) -> Errors:
         """Errors where ``R_A p_X`` is m ``(3, S)`` and the rotation of Z is R_Z ``(3, 3, S)``."""

@@ -29,7 +29,7 @@ from calib.robot_world.algebra import (
     left_matrix,
 )
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import residuals
+from calib.robot_world.results import direction, residuals
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 TILT_TOLERANCE_RAD = 1e-5
@@ -101,6 +101,19 @@ class Motion:
         return np.asarray((angle_rms > largest_rad) | (distance_rms > largest_m + floor_m))
 
 
+def rotation_rms(pairs: PairSets) -> FloatArray:
+    """Root mean square rotation angle ``(T,)`` that the closed form of the rotations leaves."""
+    R_X, R_Z = pairs.rotations
+    zero = np.zeros(3)
+    error = residuals(
+        se3.transform(pairs.A[..., :3, :3], zero),
+        se3.transform(pairs.B[..., :3, :3], zero),
+        se3.transform(R_X, zero),
+        se3.transform(R_Z, zero),
+    )
+    return np.asarray(np.sqrt((error[..., :3] ** 2).sum(axis=-1).mean(axis=-1)))
+
+
 def examine(pairs: PairSets) -> Motion:
     """Measure the motion of T sets of pose pairs."""
     A, B = pairs.A, pairs.B
@@ -127,11 +140,10 @@ def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentif
     A, B : ndarray (N, 4, 4)
         The set.
     """
-    least_rad = max(TILT_TOLERANCE_RAD, _ABOVE_TILT * float(motion.tilt_rad[0]))
-    main_rad, next_rad = motion.turn_rad[0]
-    if main_rad < least_rad:
+    kind = _class_of(motion)
+    if kind == "no rotation":
         parameters, combinations = _without_rotation(A, B)
-    elif next_rad < least_rad:
+    elif kind == "one axis":
         axis = _common_axis(A)
         parameters = [
             f"translation of X along the common axis {axis}",
@@ -153,6 +165,54 @@ def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentif
             f"stand out of the residuals ({np.degrees(motion.residual_rad[0]):.2g} deg)"
         )
     return NotIdentifiableError(parameters, combinations)
+
+
+def half_turns(pairs: PairSets, motion: Motion) -> tuple[tuple[str, FloatArray, FloatArray], ...]:
+    """Other X and Z that fit one degenerate set as well, where they are a finite number.
+
+    Returns
+    -------
+    tuple of (str, ndarray (4, 4), ndarray (4, 4))
+        In words how X is turned, then X and Z. Empty where X is free in a continuum.
+
+    Notes
+    -----
+    If R_X fits, so does ``C R_X`` with any rotation C that commutes with all rotations between the
+    poses. Matrices that do are a linear space, spanned by the singular vectors of
+    :func:`~calib.robot_world.algebra.kronecker_mean` next to the first. Besides the identity it
+    holds symmetric ones where there is a choice of half turns, about their eigenvectors.
+    """
+    if _class_of(motion) != "half turns":
+        return ()
+    R_X, _ = pairs.rotations
+    _, values, Vt = np.linalg.svd(pairs.kronecker_mean[0])
+    limit = max(_ABOVE_TILT * float(motion.tilt_rad[0]), TILT_TOLERANCE_RAD)
+    near = np.flatnonzero(np.sqrt(np.clip(2.0 * (values[0] - values), 0.0, None)) < limit)
+    commuting = Vt[near].reshape(-1, 3, 3) @ R_X[0].T
+    # unequal weights, so that no two eigenvalues of the sum agree by chance
+    weights = 1.0 / (1.0 + np.arange(len(near)))
+    mixed = np.einsum("k,kij->ij", weights, commuting + np.swapaxes(commuting, -1, -2))
+    found = []
+    largest_rad = MISFIT_FACTOR * float(motion.residual_rad[0]) + MISFIT_FLOOR_RAD
+    for axis in np.linalg.eigh(mixed)[1].T:
+        turned = (2.0 * np.outer(axis, axis) - np.eye(3)) @ R_X
+        R_A, R_B = pairs.A[..., :3, :3], pairs.B[..., :3, :3]
+        mean = (R_A @ turned[:, None] @ np.swapaxes(R_B, -1, -2)).mean(axis=1)
+        X, Z = assemble(pairs.A, pairs.B, turned, se3.project_to_rotation(mean))
+        error = residuals(pairs.A, pairs.B, X, Z)[0, :, :3]
+        if np.sqrt((error**2).sum(axis=-1).mean()) <= largest_rad:
+            text = f"X turned by half a turn about the axis {direction(axis)} of the flange"
+            found.append((text, X[0], Z[0]))
+    return tuple(found)
+
+
+def _class_of(motion: Motion) -> str:
+    """What is the matter with the first set, found degenerate."""
+    least_rad = max(TILT_TOLERANCE_RAD, _ABOVE_TILT * float(motion.tilt_rad[0]))
+    main_rad, next_rad = motion.turn_rad[0]
+    if main_rad < least_rad:
+        return "no rotation"
+    return "one axis" if next_rad < least_rad else "half turns"
 
 
 def _without_rotation(A: FloatArray, B: FloatArray) -> tuple[list[str], list[str]]:
@@ -189,5 +249,4 @@ def _common_axis(A: FloatArray) -> str:
     q = se3.quaternion_from_rotation(A[:, :3, :3])
     _, vectors = np.linalg.eigh(q.T @ q)
     axis = apply_matrix(left_matrix(conjugate(vectors[:, 3])), vectors[:, 2])[1:]
-    axis *= np.sign(axis[np.abs(axis).argmax()]) / np.linalg.norm(axis)
-    return "(" + ", ".join(f"{value:.3g}" for value in axis.round(3) + 0.0) + ")"
+    return direction(axis)

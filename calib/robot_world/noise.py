@@ -134,20 +134,24 @@ class PairCovariances:
     @property
     def on(self) -> Side:
         """The transforms that carry noise."""
-        return "both" if self.A is not None and self.B is not None else "AB"[self.A is None]
+        if self.A is not None:
+            return "A" if self.B is None else "both"
+        return "B"
 
     def model(self, pairs: PairSets) -> ErrorModel:
         """Errors of the pairs; see :meth:`PairNoise.model`."""
-        sides = (
-            self._covariance(name, T.reshape(-1, 4, 4)) for name, T in zip("AB", (pairs.A, pairs.B), strict=True)
+        return General(
+            self._covariance("A", pairs.A.reshape(-1, 4, 4)),
+            self._covariance("B", pairs.B.reshape(-1, 4, 4)),
         )
-        return General(*sides)
 
     def roots(self, A: FloatArray, B: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
         """Matrices ``(N, 6, 6)`` that turn white numbers into errors of A and of B, or None."""
-        found = [self._covariance(name, T) for name, T in zip("AB", (A, B), strict=True)]
-        first, second = (None if C is None else np.linalg.cholesky(C) for C in found)
-        return first, second
+        first, second = self._covariance("A", A), self._covariance("B", B)
+        return (
+            None if first is None else np.asarray(np.linalg.cholesky(first)),
+            None if second is None else np.asarray(np.linalg.cholesky(second)),
+        )
 
     def _covariance(self, name: str, T: FloatArray) -> FloatArray | None:
         """Covariances ``(S, 6, 6)`` in the axes that transforms ``(S, 4, 4)`` map to."""

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calib import se3
 from calib.robot_world.adjustment import Fit
 from calib.se3 import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from calib.robot_world.noise import Noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +87,9 @@ class RobotWorldBatch:
         numbers there, since statistics over random problems need them, but ``ok`` is False.
     misfit : ndarray of bool (T,)
         The residuals are several times those of the closed form: the method has failed.
+    covariance : ndarray (T, 12, 12) or None
+        Of X and Z, by the methods of maximum likelihood; see
+        :attr:`RobotWorldResult.covariance`.
     """
 
     X: FloatArray
@@ -91,6 +100,16 @@ class RobotWorldBatch:
     rank_deficient: BoolArray
     degenerate: BoolArray
     misfit: BoolArray
+    covariance: FloatArray | None = None
+
+    @classmethod
+    def joined(cls, parts: Sequence[RobotWorldBatch]) -> RobotWorldBatch:
+        """Batches of the same method as one."""
+        values: dict[str, Any] = {}
+        for part in fields(cls):
+            each = [getattr(batch, part.name) for batch in parts]
+            values[part.name] = np.concatenate(each) if isinstance(each[0], np.ndarray) else each[0]
+        return cls(**values)
 
     @property
     def ok(self) -> BoolArray:
@@ -110,20 +129,36 @@ class RobotWorldResult:
         Name of the method.
     status : str
         ``"ok"``; ``"not converged"`` where an iteration did not arrive; ``"misfit"`` where the
-        residuals are several times those of the closed form.
+        residuals are several times those of the closed form; ``"ambiguous"`` where other X and Z
+        fit as well.
     message : str
         The status in a sentence.
+    warnings : tuple of str
+        What is wrong with the pairs, or with the noise given, each in a sentence.
     iterations : int or None
         Cycles of an iterative method.
     residuals : ndarray (N, 6)
         Rotation vector [rad] and translation [m] by which ``A X`` differs from ``Z B``, in the
         axes of the base.
-    covariance : ndarray (12, 12) or None
-        Of the errors of X (rotation, translation) and Z (rotation, translation) [rad, m], where a
-        noise was given and the status is ``"ok"``; scaled up where the residuals are larger than
-        the noise explains, which the message then says. An error (w, v) is meant as
-        ``R_estimated = exp([w]) R_true`` and ``p_estimated = p_true + v``: rotation and translation
-        in the axes of the frame that the transform maps to, the flange for X and the base for Z.
+    used : ndarray of bool (N,)
+        False for the pairs that a robust method left out.
+    noise : PairNoise or PairCovariances or None
+        Noise of the pairs: that given, or else as the residuals show it, on B. None where the
+        status is not ``"ok"``.
+    noise_estimated : bool
+        Whether the noise was not given.
+    chi2, freedom, chi2_probability : float, int, float or None
+        Sum of the squares of the residuals in units of the noise given, its degrees of freedom,
+        and the probability of one as large. None where no noise was given.
+    ambiguities : tuple of str
+        In words, the other X that fit as well.
+    alternatives : tuple of (X, Z)
+        These, ``(4, 4)`` each.
+
+    Notes
+    -----
+    The covariance and what each pair's residual is when it is left out take many solutions by most
+    methods. They are worked out when they are first asked for.
     """
 
     X: FloatArray
@@ -131,9 +166,41 @@ class RobotWorldResult:
     method: str
     status: str
     message: str
+    warnings: tuple[str, ...]
     iterations: int | None
     residuals: FloatArray
-    covariance: FloatArray | None = None
+    used: BoolArray
+    noise: Noise | None
+    noise_estimated: bool
+    chi2: float | None
+    freedom: int
+    chi2_probability: float | None
+    ambiguities: tuple[str, ...]
+    alternatives: tuple[tuple[FloatArray, FloatArray], ...]
+    _rank: Callable[[], int] = field(repr=False)
+    _spread: Callable[[], FloatArray | None] = field(repr=False)
+    _leave_out: Callable[[], FloatArray] = field(repr=False)
+
+    @cached_property
+    def rank(self) -> int:
+        """Directions of X and Z, of 12, that the pairs see."""
+        return self._rank()
+
+    @cached_property
+    def covariance(self) -> FloatArray | None:
+        """Covariance ``(12, 12)`` of X and Z [rad, m]; None where the status is not ``"ok"``.
+
+        Of the errors of X (rotation, translation) and Z (rotation, translation). An error (w, v)
+        is meant as ``R_estimated = exp([w]) R_true`` and ``p_estimated = p_true + v``: rotation
+        and translation in the axes of the frame that the transform maps to, the flange for X and
+        the base for Z. Scaled up where the residuals are larger than the noise given explains.
+        """
+        return self._spread()
+
+    @cached_property
+    def left_out_residuals(self) -> FloatArray:
+        """Residuals ``(N, 6)`` of each pair with X and Z from all others: how well they predict."""
+        return self._leave_out()
 
     @property
     def residual_rotation_rad(self) -> FloatArray:
@@ -147,13 +214,23 @@ class RobotWorldResult:
 
     @property
     def rotation_rms_rad(self) -> float:
-        """Root mean square of the residual rotation angles [rad]."""
-        return float(np.sqrt((self.residuals[:, :3] ** 2).sum(axis=-1).mean()))
+        """Root mean square of the residual rotation angles [rad] of the pairs used."""
+        return _rms(self.residuals[self.used, :3])
 
     @property
     def translation_rms_m(self) -> float:
-        """Root mean square of the residual distances [m]."""
-        return float(np.sqrt((self.residuals[:, 3:] ** 2).sum(axis=-1).mean()))
+        """Root mean square of the residual distances [m] of the pairs used."""
+        return _rms(self.residuals[self.used, 3:])
+
+    @property
+    def left_out_rotation_rms_rad(self) -> float:
+        """Root mean square of the rotation angles [rad] that are left with a pair left out."""
+        return _rms(self.left_out_residuals[self.used, :3])
+
+    @property
+    def left_out_translation_rms_m(self) -> float:
+        """Root mean square of the distances [m] that are left with a pair left out."""
+        return _rms(self.left_out_residuals[self.used, 3:])
 
     @property
     def sigma_X(self) -> FloatArray | None:
@@ -164,6 +241,11 @@ class RobotWorldResult:
     def sigma_Z(self) -> FloatArray | None:
         """Standard deviations ``(6,)`` of Z: rotation [rad], translation [m]; as covariance."""
         return None if self.covariance is None else np.sqrt(np.diag(self.covariance)[6:])
+
+    @property
+    def weak_directions(self) -> tuple[str, ...]:
+        """What the poses tell least about: the shift and the turn with the largest deviation."""
+        return () if self.covariance is None else weakest(self.covariance)
 
     def summary(self) -> str:
         """Text for people: X and Z in mm and W, P, R in degrees, residuals, deviations."""
@@ -176,10 +258,52 @@ class RobotWorldResult:
                 lines.append(f"   sigma {_three(sigma[3:] * 1e3)} mm")
                 lines.append(f"   sigma {_three(np.degrees(sigma[:3]))} deg about x y z")
         lines.append(
-            f"residuals of {len(self.residuals)} pairs, rms: "
+            f"residuals of {int(self.used.sum())} pairs, rms: "
             f"{np.degrees(self.rotation_rms_rad):.4f} deg, {self.translation_rms_m * 1e3:.4f} mm"
         )
+        lines.append(
+            "each pair left out, rms: "
+            f"{np.degrees(self.left_out_rotation_rms_rad):.4f} deg, "
+            f"{self.left_out_translation_rms_m * 1e3:.4f} mm"
+        )
+        if self.chi2 is not None:
+            lines.append(
+                f"chi² {self.chi2:.1f} of {self.freedom} degrees of freedom: probability "
+                f"{self.chi2_probability:.2g} with the noise given"
+            )
+        lines += [f"known least: {text}" for text in self.weak_directions]
+        lines += [f"ambiguous: {text}" for text in self.ambiguities]
+        lines += [f"warning: {text}" for text in self.warnings]
         return "\n".join(lines)
+
+
+def weakest(covariance: FloatArray) -> tuple[str, ...]:
+    """In words, the turn and the shift of X or Z with the largest standard deviations."""
+    said = []
+    for what, first, unit, scale in (
+        ("rotation", 0, "deg", 180.0 / np.pi),
+        ("translation", 3, "mm", 1e3),
+    ):
+        most: tuple[float, str] = (0.0, "")
+        for name, frame, at in (("X", "flange", 0), ("Z", "base", 6)):
+            own = slice(at + first, at + first + 3)
+            values, vectors = np.linalg.eigh(covariance[own, own])
+            sigma = scale * float(np.sqrt(max(values[-1], 0.0)))
+            way = "about" if unit == "deg" else "along"
+            text = f"{what} of {name} {way} {direction(vectors[:, -1])} of the {frame}"
+            most = max(most, (sigma, f"{text}: {sigma:.3g} {unit}"))
+        said.append(most[1])
+    return tuple(said)
+
+
+def direction(axis: FloatArray) -> str:
+    """A unit vector ``(3,)`` as text, with its largest component positive."""
+    axis = axis * np.sign(axis[np.abs(axis).argmax()]) / np.linalg.norm(axis)
+    return "(" + ", ".join(f"{value:.3g}" for value in axis.round(3) + 0.0) + ")"
+
+
+def _rms(vectors: FloatArray) -> float:
+    return float(np.sqrt((vectors**2).sum(axis=-1).mean())) if len(vectors) else float("nan")
 
 
 def _three(values: FloatArray) -> str:

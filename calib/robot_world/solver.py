@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calib import se3
 from calib.errors import InputError
-from calib.robot_world.identifiability import Motion, examine, not_identifiable
-from calib.robot_world.methods import find_method
-from calib.robot_world.noise import PairNoise, propagate
+from calib.robot_world.accuracy import GoodnessOfFit, covariance_of, goodness, noise_shown, rank_of
+from calib.robot_world.diagnosis import outstanding, suspicions
+from calib.robot_world.identifiability import Motion, examine, half_turns, not_identifiable
+from calib.robot_world.leave_one_out import left_out_residuals
+from calib.robot_world.methods import Method, find_method
+from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate, RobotWorldBatch, RobotWorldResult, residuals
-from calib.se3 import FloatArray
+from calib.se3 import BoolArray, FloatArray
 
 FEWEST_PAIRS = 3
 """Two rotations between poses are the fewest that can have two different axes."""
@@ -22,7 +27,7 @@ _PAIRS_AT_ONCE = 20_000
 
 
 def solve(
-    A: ArrayLike, B: ArrayLike, method: str = "hirsh", noise: PairNoise | None = None
+    A: ArrayLike, B: ArrayLike, method: str = "ml", noise: Noise | None = None
 ) -> RobotWorldResult:
     """Solve ``A_i X = Z B_i`` for X and Z.
 
@@ -36,49 +41,52 @@ def solve(
         Measured transforms [m], N >= 3, pair by pair.
     method : str
         One of :data:`~calib.robot_world.METHODS`.
-    noise : PairNoise, optional
-        Noise of the transforms; with it the result has a covariance, to first order.
+    noise : PairNoise or PairCovariances, optional
+        Noise of the transforms. Without it the residuals say how large it is, and it counts as
+        that of B.
 
     Returns
     -------
     RobotWorldResult
         X, Z, residuals and covariance. Look at its ``status``: an iteration may not have
-        converged, and a method may have failed on data that another one solves.
+        converged, and a method may have failed on data that another one solves. Look at its
+        ``warnings``: they say what is wrong with the pairs.
 
     Raises
     ------
     InputError
-        Unknown method, shapes that differ, fewer than three pairs, or matrices that are not rigid
-        transforms.
+        Unknown method, shapes that differ, fewer than three pairs, matrices that are not rigid
+        transforms, or pairs that do not fit together.
     NotIdentifiableError
-        The rotations between the poses are all about one axis, or there are none, or they are
-        half turns that leave a choice, or the noise hides what there is besides.
+        The rotations between the poses are all about one axis, or there are none, or the noise
+        hides what there is besides. Half turns that leave a choice are no error: the status is
+        ``"ambiguous"``.
     """
     chosen = find_method(method)
     A, B = _checked(A, B, dimensions=3)
     pairs = PairSets(A[None], B[None])
-    motion = examine(pairs)
+    if chosen.robust:
+        found, used = _robust(chosen, pairs, noise)
+        kept = PairSets(A[None, used], B[None, used])
+    else:
+        found, used, kept = None, np.ones(len(A), dtype=bool), pairs
+    motion = examine(kept)
+    doubts = suspicions(kept.A[0], kept.B[0], motion)
+    others: tuple[tuple[str, FloatArray, FloatArray], ...] = ()
     if motion.degenerate[0]:
-        raise not_identifiable(motion, A, B)
-    found = chosen.estimate(pairs)
-    X, Z = found.X[0], found.Z[0]
-    error = residuals(A, B, X, Z)
-    status, message = _verdict(found, motion, error)
-    covariance = None
-    if noise is not None and status == "ok":
-        covariance = propagate(chosen.estimate, A, B, noise)
-        ratio = noise.excess(error, X)
-        if ratio > 1.0:
-            covariance = covariance * ratio**2
-            message += (
-                f"; the residuals are {ratio:.1f} times the noise given: standard deviations are "
-                "scaled up to them, which does not cover a bias of A or B"
-            )
-    iterations = None if found.iterations is None else int(found.iterations[0])
-    return RobotWorldResult(X, Z, method, status, message, iterations, error, covariance)
+        if doubts and not motion.rank_deficient[0]:
+            raise InputError("the pairs do not fit together: " + "; ".join(doubts), name="pairs")
+        others = half_turns(kept, motion)
+        if not others:
+            raise not_identifiable(motion, kept.A[0], kept.B[0])
+    if found is None:
+        found = chosen.run(pairs, noise)
+    return _result(chosen, pairs, found, used, motion, noise, doubts, others)
 
 
-def solve_batch(A: ArrayLike, B: ArrayLike, method: str = "hirsh") -> RobotWorldBatch:
+def solve_batch(
+    A: ArrayLike, B: ArrayLike, method: str = "ml", noise: Noise | None = None
+) -> RobotWorldBatch:
     """Solve T problems ``A_i X = Z B_i`` at once, as Monte Carlo studies need it.
 
     Parameters
@@ -87,6 +95,8 @@ def solve_batch(A: ArrayLike, B: ArrayLike, method: str = "hirsh") -> RobotWorld
         Measured transforms of T problems with N >= 3 pairs each.
     method : str
         One of :data:`~calib.robot_world.METHODS`.
+    noise : PairNoise or PairCovariances, optional
+        Noise of the transforms, for the methods that weigh by it.
 
     Returns
     -------
@@ -102,25 +112,145 @@ def solve_batch(A: ArrayLike, B: ArrayLike, method: str = "hirsh") -> RobotWorld
     """
     chosen = find_method(method)
     A, B = _checked(A, B, dimensions=4)
-    motion = examine(PairSets(A, B))
-    T = len(A)
-    X, Z = np.full((T, 4, 4), np.nan), np.full((T, 4, 4), np.nan)
-    iterations = np.zeros(T, dtype=np.intp) if chosen.iterative else None
-    converged, misfit = np.ones(T, dtype=bool), np.zeros(T, dtype=bool)
-    usable = np.flatnonzero(~motion.rank_deficient)
-    at_once = max(1, _PAIRS_AT_ONCE // A.shape[1])
-    for first in range(0, len(usable), at_once):
-        rows = usable[first : first + at_once]
-        found = chosen.estimate(PairSets(A[rows], B[rows]))
-        X[rows], Z[rows] = found.X, found.Z
+    T, N = A.shape[:2]
+    at_once = max(1, _PAIRS_AT_ONCE // N)
+    parts = [
+        _batch(chosen, PairSets(A[first : first + at_once], B[first : first + at_once]), noise)
+        for first in range(0, T, at_once)
+    ]
+    return parts[0] if len(parts) == 1 else RobotWorldBatch.joined(parts)
+
+
+def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBatch:
+    """Solve some problems, whatever their motion."""
+    motion = examine(pairs)
+    every = np.arange(pairs.T)
+    usable = every if chosen.robust else np.flatnonzero(~motion.rank_deficient)
+    X, Z = np.full((2, pairs.T, 4, 4), np.nan)
+    converged, misfit = np.ones((2, pairs.T), dtype=bool)
+    iterations = np.zeros(pairs.T, dtype=np.intp) if chosen.iterative else None
+    covariance = np.full((pairs.T, 12, 12), np.nan) if chosen.likelihood else None
+    degenerate, rank_deficient = motion.degenerate, motion.rank_deficient
+    if usable.size:
+        kept = pairs if usable.size == pairs.T else PairSets(pairs.A[usable], pairs.B[usable])
+        found = chosen.run(kept, noise)
+        X[usable], Z[usable] = found.X, found.Z
         if iterations is not None and found.iterations is not None:
-            iterations[rows] = found.iterations
+            iterations[usable] = found.iterations
         if found.converged is not None:
-            converged[rows] = found.converged
-        error = residuals(A[rows], B[rows], found.X, found.Z)
-        misfit[rows] = motion.is_misfit(error, rows)
+            converged[usable] = found.converged
+        if covariance is not None and found.fit is not None:
+            covariance[usable] = found.fit.covariance
+        if found.weights is not None:
+            rank_deficient, degenerate, misfit = _judged_by_used(pairs, found)
+        else:
+            error = residuals(kept.A, kept.B, found.X, found.Z)
+            misfit[usable] = motion.is_misfit(error, usable)
+    misfit &= ~rank_deficient
     return RobotWorldBatch(
-        X, Z, method, iterations, converged, motion.rank_deficient, motion.degenerate, misfit
+        X,
+        Z,
+        chosen.name,
+        iterations,
+        converged,
+        rank_deficient,
+        degenerate,
+        misfit,
+        covariance,
+    )
+
+
+def _judged_by_used(pairs: PairSets, found: Estimate) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Rank deficient, degenerate and misfit ``(T,)`` by the pairs that a robust method kept."""
+    out = np.zeros((3, pairs.T), dtype=bool)
+    for trial, weights in enumerate(found.weights if found.weights is not None else ()):
+        used = weights > 0
+        if used.sum() < FEWEST_PAIRS:
+            out[:, trial] = True
+            continue
+        kept = PairSets(pairs.A[trial][used][None], pairs.B[trial][used][None])
+        motion = examine(kept)
+        error = residuals(kept.A, kept.B, found.X[trial, None], found.Z[trial, None])
+        judged = (motion.rank_deficient, motion.degenerate, motion.is_misfit(error, np.array([0])))
+        out[:, trial] = [values[0] for values in judged]
+    return out[0], out[1], out[2]
+
+
+def _robust(chosen: Method, pairs: PairSets, noise: Noise | None) -> tuple[Estimate, BoolArray]:
+    """What a robust method finds, and which pairs ``(N,)`` it used."""
+    found = chosen.run(pairs, noise)
+    used = np.ones(pairs.N, dtype=bool) if found.weights is None else found.weights[0] > 0
+    left_out = int((~used).sum())
+    if 2 * left_out > pairs.N or pairs.N - left_out < FEWEST_PAIRS:
+        raise InputError(
+            f"{left_out} of {pairs.N} pairs contradict the others: which of them are right cannot "
+            "be told",
+            hint="are the pairs in the same order, and is B given from the right side?",
+            name="pairs",
+            value=left_out,
+            bound=pairs.N // 2,
+        )
+    return found, np.asarray(used)
+
+
+def _result(
+    chosen: Method,
+    pairs: PairSets,
+    found: Estimate,
+    used: BoolArray,
+    motion: Motion,
+    noise: Noise | None,
+    doubts: tuple[str, ...],
+    others: tuple[tuple[str, FloatArray, FloatArray], ...],
+) -> RobotWorldResult:
+    """All that is said of one solution."""
+    error = residuals(pairs.A, pairs.B, found.X, found.Z)[0]
+    status, message = _verdict(found, motion, error[used])
+    estimated = noise is None
+    fit: GoodnessOfFit | None = None
+    if status == "ok" and noise is None:
+        noise = noise_shown(found, error, used)
+    elif status == "ok" and noise is not None:
+        fit = goodness(pairs, found, used, noise)
+        if fit.excess > 1.0:
+            message += (
+                f"; the residuals are {fit.excess:.1f} times the noise given: standard deviations "
+                "are scaled up to them, which does not cover a bias of A or B"
+            )
+    else:
+        noise = None
+    if chosen.robust and not used.all():
+        rows = ", ".join(str(i + 1) for i in np.flatnonzero(~used))
+        message += f"; left out as contradicting the others: {rows} (counted from 1)"
+    elif not chosen.robust and status == "ok":
+        doubts += outstanding(error, used)
+    if others and status == "ok":
+        status = "ambiguous"
+        message += (
+            "; all rotations between the poses are about one axis or half turns, which leave a "
+            "choice: add a pose that turns otherwise, or pick X by where the camera looks"
+        )
+    spread = partial(covariance_of, chosen, pairs, found, used, noise, fit.excess if fit else 1.0)
+    return RobotWorldResult(
+        found.X[0],
+        found.Z[0],
+        chosen.name,
+        status,
+        message,
+        doubts,
+        None if found.iterations is None else int(found.iterations[0]),
+        error,
+        used,
+        noise,
+        estimated,
+        fit.chi2 if fit else None,
+        6 * int(used.sum()) - 12,
+        fit.probability if fit else None,
+        tuple(text for text, _, _ in others),
+        tuple((X, Z) for _, X, Z in others),
+        partial(rank_of, pairs, found.X, found.Z, used),
+        spread,
+        partial(left_out_residuals, chosen, pairs, found, used, noise if not estimated else None),
     )
 
 
@@ -154,19 +284,7 @@ def _checked(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray
             value=A.shape[-3],
             bound=FEWEST_PAIRS,
         )
-    return _orthonormal(A), _orthonormal(B)
-
-
-def _orthonormal(T: FloatArray) -> FloatArray:
-    """Transforms with their rotations orthonormal to rounding, from as good as a file holds.
-
-    A step of Newton's iteration for the nearest rotation squares the deviation: two are enough,
-    and far cheaper than the singular values of every pair.
-    """
-    R = T[..., :3, :3]
-    for _ in range(2):
-        R = 1.5 * R - 0.5 * R @ np.swapaxes(R, -1, -2) @ R
-    return se3.transform(R, T[..., :3, 3])
+    return se3.orthonormal(A), se3.orthonormal(B)
 
 
 def _verdict(found: Estimate, motion: Motion, error: FloatArray) -> tuple[str, str]:

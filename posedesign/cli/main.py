@@ -13,6 +13,7 @@ from posedesign.cli import (
     calibrate_commands,
     correct_commands,
     plan_commands,
+    robot_world_command,
     study_commands,
 )
 from posedesign.cli.output import BAD_INPUT, STOPPED
@@ -28,6 +29,7 @@ app = typer.Typer(
 plan_commands.register(app)
 calibrate_commands.register(app)
 correct_commands.register(app)
+robot_world_command.register(app)
 study_commands.register(app)
 
 

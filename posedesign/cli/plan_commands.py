@@ -10,6 +10,7 @@ import typer
 from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress
 
 if TYPE_CHECKING:
+    from calib.model import CalibrationModel
     from posedesign.cell import Cell
     from posedesign.fewest import FewestPoses
     from posedesign.pose_check import PoseVerdict
@@ -152,8 +153,16 @@ def print_fewest(result: FewestPoses, out: Path, *, as_json: bool) -> None:
         )
         return
     print_table("Predicted before measuring, from the noise alone", result.rows())
+    _explain_frames(result.model)
     print(result.message)
     print(f"wrote {files[0]}" if files else "wrote nothing")
+
+
+def _explain_frames(model: CalibrationModel) -> None:
+    """Say which of the parameters are X and Z of A X = Z B, where these are what is planned for."""
+    if model.measurement.name == "camera-pose":
+        print("tool: X = T_flange_camera, along and about the axes of the flange and of the camera")
+        print("target: Z = T_base_target, along and about the axes of the base and of the target")
 
 
 def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
@@ -190,6 +199,7 @@ def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
     short = [{k.replace("zero_offset.", ""): v for k, v in row.items()} for row in rounds]
     print_table("Rounds of the loop", [_without_tool(row) for row in short])
     print_table("Predicted before measuring, from the noise alone", sigma)
+    _explain_frames(result.model)
     changed = zip(result.poses.names, result.poses.status, result.poses.reasons, strict=True)
     print_table(
         "Poses that are not those of the grid",

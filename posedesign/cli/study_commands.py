@@ -72,9 +72,9 @@ def demo(
     as_json: AsJson = False,
 ) -> int:
     """Run the main job on the reference cell."""
-    from posedesign.cli.calibrate_commands import print_solvers
     from posedesign.cli.identification_output import print_identification
     from posedesign.cli.plan_commands import print_plan
+    from posedesign.cli.robot_world_command import print_solvers
     from posedesign.demo import run_demo
 
     with progress("demo") as advance:

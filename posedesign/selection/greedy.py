@@ -14,6 +14,8 @@ fewest that there are.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -21,7 +23,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.selection import OUT_OF_REACH, REACHED, Selection, largest_share
 
-SHARPNESS = (2, 4, 16)
+SHARPNESS = (2, 8, 32)
 """Powers of the variances that are summed up, each over the one wanted, one exchange after the
 other. The larger, the nearer is the sum to the largest of them alone, which counts in the end, and
 the less does it say of how to lower the others on the way there."""
@@ -35,6 +37,9 @@ determined is then known a thousand times worse than by the whole pool, not infi
 
 RANK_TOLERANCE = 1e-9
 """Smallest singular value, relative to the largest, of columns of unit length that still counts."""
+
+RESTARTS = 4
+"""Choices at random that are exchanged, too, before one pose fewer is taken not to do."""
 
 _NO_GAIN = 1e-9
 """Relative gains below are rounding: exchanging for them could go on for ever."""
@@ -127,18 +132,32 @@ class _Search:
 
     def fewest(self) -> tuple[IntArray, IntArray]:
         """The smallest choice found that will do, and the best of one pose fewer."""
-        order = self._forward()
-        chosen = np.array(order)
+        order = np.array(self._forward())
+        chosen = order
         while len(chosen) > 1:
-            starts = [self._exchanged(np.delete(chosen, self._least(chosen)))]
-            if not self._will_do(starts[0]):
-                starts.append(self._exchanged(np.array(order[: len(chosen) - 1])))
-            values = [self._share(start) for start in starts]
-            fewer = starts[int(np.argmin(values))]
-            if min(values) > 1.0:
+            fewer = self._best_of(self._starts(chosen, order))
+            if not self._will_do(fewer):
                 return np.sort(chosen), np.sort(fewer)
             chosen = fewer
         return chosen, chosen[:0]
+
+    def _starts(self, chosen: IntArray, order: IntArray) -> Iterator[IntArray]:
+        """Choices of one pose fewer to be exchanged: without the least, the first, any."""
+        count = len(chosen) - 1
+        yield np.delete(chosen, self._least(chosen))
+        yield order[:count]
+        rng = np.random.default_rng(count)  # fixed: the same pool gives the same choice
+        for _ in range(RESTARTS):
+            yield rng.choice(len(self._J), count, replace=False)
+
+    def _best_of(self, starts: Iterator[IntArray]) -> IntArray:
+        """The best choice that exchange makes of these, or the first that will do."""
+        found = []
+        for start in starts:
+            found.append(self._exchanged(start))
+            if self._will_do(found[-1]):
+                return found[-1]
+        return found[int(np.argmin([self._share(choice) for choice in found]))]
 
     def _forward(self) -> list[int]:
         """Poses in the order in which they are taken in, until they will do."""

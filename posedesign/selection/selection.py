@@ -61,7 +61,8 @@ class Selection:
     @property
     def tightest(self) -> int:
         """Index of the parameter that decides."""
-        return int(np.argmax(self.sigma / self.wanted))
+        limited = np.flatnonzero(np.isfinite(self.wanted))
+        return int(limited[np.argmax(self.sigma[limited] / self.wanted[limited])])
 
     @property
     def message(self) -> str:
@@ -84,5 +85,6 @@ class Selection:
 
 
 def largest_share(sigma: FloatArray, wanted: FloatArray) -> float:
-    """Largest of the standard deviations ``(p,)`` over those wanted."""
-    return float(np.max(sigma / wanted))
+    """Largest of the standard deviations ``(p,)`` over those wanted, where any are."""
+    limited = np.isfinite(wanted)
+    return float(np.max(sigma[limited] / wanted[limited]))

@@ -7,13 +7,12 @@ from hypothesis import strategies as st
 
 from calib import se3
 from calib.robot_world import METHODS, PairNoise, PairSets, add_noise, random_problems, solve_batch
+from calib.robot_world.methods.registry import CHANGES
 
 SOUND = [name for name in METHODS if name != "hirsh-literal"]
-ANY_ROTATION = ["li-kronecker", "li-kronecker-literal", "li-dual-quaternion", "zhuang", "hirsh"]
-"""Methods whose answer turns with the axes of any frame."""
-ANY_ORIGIN = ["li-kronecker", "zhuang", "hirsh"]
-"""Methods whose answer moves with the origins of base, flange and target."""
 ROUNDING = 1e-9
+SEEN = 1e-6
+"""What an answer changes by where it does change, in the fixed example."""
 
 seeds = st.integers(0, 2**32 - 1)
 pair_counts = st.integers(4, 12)
@@ -45,51 +44,78 @@ def test_order_of_the_pairs_changes_nothing(method, seed, pairs, data):
     assert_same(found, (reference.X, reference.Z), reference.ok)
 
 
-def change_frames(A, B, base, flange, target, camera):
-    """A and B seen from other frames: new_old for base and target, old_new for flange, camera."""
-    return base @ A @ flange, target @ B @ camera
+FRAMES = ("base", "flange", "target", "camera")
 
 
-def expected_after(found, base, flange, target, camera):
-    return se3.inverse(flange) @ found.X @ camera, base @ found.Z @ se3.inverse(target)
+def written_otherwise(A, B, changes, turns, shifts, per_metre):
+    """A and B after some of the changes, and how X and Z are read back from the answer.
+
+    The frames, new_old for base and target and old_new for flange and camera, are turned by
+    ``turns`` and shifted by ``shifts`` as far as the changes say.
+    """
+    base, flange, target, camera = (
+        se3.transform(
+            se3.rotation_exp(turn) if f"{frame} axes" in changes else np.eye(3),
+            shift if f"{frame} origin" in changes else np.zeros(3),
+        )
+        for frame, turn, shift in zip(FRAMES, turns, shifts, strict=True)
+    )
+    unit = per_metre if "unit" in changes else 1.0
+
+    def back(X, Z):
+        X, Z = in_unit(X, 1.0 / unit), in_unit(Z, 1.0 / unit)
+        return flange @ X @ se3.inverse(camera), se3.inverse(base) @ Z @ target
+
+    return in_unit(base @ A @ flange, unit), in_unit(target @ B @ camera, unit), back
 
 
-@pytest.mark.parametrize("method", ANY_ROTATION)
+def in_unit(T, per_metre):
+    scaled = T.copy()
+    scaled[..., :3, 3] *= per_metre
+    return scaled
+
+
+@pytest.mark.parametrize("method", METHODS)
 @quick
-@given(seed=seeds, pairs=pair_counts, turns=st.tuples(vectors, vectors, vectors, vectors))
-def test_axes_of_the_frames_change_nothing(method, seed, pairs, turns):
+@given(
+    seed=seeds,
+    pairs=pair_counts,
+    turns=st.tuples(vectors, vectors, vectors, vectors),
+    shifts=st.tuples(vectors, vectors, vectors, vectors),
+    per_metre=st.sampled_from([1e3, 39.37, 0.01]),
+)
+def test_changes_that_a_method_is_invariant_to_change_nothing(
+    method, seed, pairs, turns, shifts, per_metre
+):
     A, B = noisy(seed, pairs)
     reference = solve_batch(A, B, method)
-    frames = [se3.transform(se3.rotation_exp(3.0 * np.array(turn)), np.zeros(3)) for turn in turns]
-    found = solve_batch(*change_frames(A, B, *frames), method)
-    assert_same(found, expected_after(reference, *frames), reference.ok)
+    changes = METHODS[method].invariant_to
+    A, B, back = written_otherwise(A, B, changes, 3.0 * np.array(turns), shifts, per_metre)
+    found = METHODS[method].estimate(PairSets(A, B))
+    X, Z = back(found.X, found.Z)
+    use = reference.ok
+    np.testing.assert_allclose(X[use], reference.X[use], atol=ROUNDING)
+    np.testing.assert_allclose(Z[use], reference.Z[use], atol=ROUNDING)
 
 
-@pytest.mark.parametrize("method", ANY_ORIGIN)
-@quick
-@given(seed=seeds, pairs=pair_counts, shifts=st.tuples(vectors, vectors, vectors))
-def test_origins_of_base_flange_and_target_change_nothing(method, seed, pairs, shifts):
-    A, B = noisy(seed, pairs)
-    reference = solve_batch(A, B, method)
-    frames = [se3.transform(np.eye(3), shift) for shift in (*shifts, (0.0, 0.0, 0.0))]
-    found = solve_batch(*change_frames(A, B, *frames), method)
-    assert_same(found, expected_after(reference, *frames), reference.ok)
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("method", METHODS)
+def test_each_change_is_seen_by_the_methods_that_are_not_invariant_to_it(method, change):
+    A, B = noisy(1, 8)
+    reference = METHODS[method].estimate(PairSets(A, B))
+    turns, shifts = [[1.2, -0.7, 0.9]] * 4, [[0.5, -0.3, 0.8]] * 4
+    A, B, back = written_otherwise(A, B, {change}, turns, shifts, 1e3)
+    found = METHODS[method].estimate(PairSets(A, B))
+    X, Z = back(found.X, found.Z)
+    moved = max(np.abs(X - reference.X).max(), np.abs(Z - reference.Z).max())
+    if change in METHODS[method].invariant_to:
+        assert moved < ROUNDING
+    else:
+        assert moved > SEEN
 
 
-@pytest.mark.parametrize("method", ANY_ORIGIN)
-@quick
-@given(seed=seeds, pairs=pair_counts, per_metre=st.sampled_from([1e3, 39.37, 0.01]))
-def test_unit_of_length_changes_nothing(method, seed, pairs, per_metre):
-    A, B = noisy(seed, pairs)
-    reference = solve_batch(A, B, method)
-    scaled = [T.copy() for T in (A, B)]
-    for T in scaled:
-        T[..., :3, 3] *= per_metre
-    found = METHODS[method].estimate(PairSets(*scaled))
-    for estimate, expected in ((found.X, reference.X), (found.Z, reference.Z)):
-        estimate[..., :3, 3] /= per_metre
-        use = reference.ok
-        np.testing.assert_allclose(estimate[use], expected[use], atol=ROUNDING)
+def test_no_method_is_invariant_to_a_change_that_does_not_exist():
+    assert set().union(*(method.invariant_to for method in METHODS.values())) <= set(CHANGES)
 
 
 @pytest.mark.parametrize("method", SOUND)

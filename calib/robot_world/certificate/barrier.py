@@ -35,7 +35,8 @@ def minimise_first(
     constant, moves : ndarray (m, m), (n, m, m)
         Symmetric matrices; the first move increases the matrix.
     start : ndarray (n,)
-        Where the matrix is positive definite.
+        Where the matrix is positive definite; where it is not, there is nothing to follow and the
+        start comes back.
     accuracy : float
         Of x_0.
     enough : callable, optional
@@ -48,6 +49,8 @@ def minimise_first(
     """
     size, n = len(constant), len(moves)
     x = start
+    if not _is_inside(constant + np.tensordot(x, moves, axes=1)):
+        return x
     weight = 0.0
     for _ in range(_STEP_LIMIT):
         matrix = constant + np.tensordot(x, moves, axes=1)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calib import se3
 from calib.errors import InputError
-from calib.robot_world.certificate.dual import LowerBound, least_multipliers, lower_bound
-from calib.robot_world.certificate.local import LocalMinimum, minimise
+from calib.robot_world.certificate.dual import (
+    least_multipliers,
+    lower_bound,
+    relaxed_minimum,
+)
+from calib.robot_world.certificate.local import minimise
 from calib.robot_world.certificate.multipliers import balanced_multipliers, best_multipliers
 from calib.robot_world.certificate.polynomial import (
     QuadraticForm,
@@ -19,7 +23,6 @@ from calib.robot_world.certificate.polynomial import (
     quadratic_form,
 )
 from calib.robot_world.noise import PairNoise
-from calib.robot_world.pairs import PairSets
 from calib.se3 import FloatArray
 
 GAP_TOLERANCE = 1e-6
@@ -64,6 +67,8 @@ class Certificate:
         The status in a sentence.
     rotation_moved_rad, translation_moved_m : ndarray (2,)
         From the candidate's X, and Z, to the ones above: angle [rad] and distance [m].
+    better : Certificate or None
+        Where the status is ``"not optimal"``, that of the solution of lower cost.
     """
 
     X: FloatArray
@@ -78,6 +83,7 @@ class Certificate:
     message: str
     rotation_moved_rad: FloatArray
     translation_moved_m: FloatArray
+    better: Certificate | None = None
 
 
 def certify(
@@ -98,8 +104,10 @@ def certify(
     -------
     Certificate
         ``certified`` is sound: it follows from a bound that holds whatever has been found. Where
-        it is False, the optimum may still be the global one. Motion that leaves a translation
-        free (all rotations about one axis) is never certified.
+        the status is ``"not proven"``, the optimum may still be the global one. An optimum that is
+        not the only one, as after rotations about one axis, is proven at best where the data are
+        free of noise, and ``unique`` is False then. Whether noisy data identify X and Z well
+        enough is no question of optimality: :func:`calib.robot_world.solve` asks it.
 
     Raises
     ------
@@ -117,97 +125,132 @@ def certify(
     A, B = _pairs(A, B)
     X, Z = (_rigid(T, name, dimensions=2) for T, name in ((X, "X"), (Z, "Z")))
     exchanged = noise.on == "A"
-    if exchanged:
-        A, B = B, A
+    problem = _Problem(*((B, A) if exchanged else (A, B)), weights)
     start = [se3.inverse(T) if exchanged else T for T in (X, Z)]
-    found = minimise(A[None], B[None], start[0][None, :3, :3], start[1][None, :3, :3], weights)
-    form = quadratic_form(A[None], B[None], found.X, found.Z, weights)
-    proof = _prove(form)
-    other = None
-    if _gap(found, proof) >= GAP_TOLERANCE and np.isfinite(form.rounding[0]):
-        other, elsewhere = _from_closed_form(A, B, weights)
-        proof = _with_bound(proof, elsewhere)
-        if _gap(found, proof) >= GAP_TOLERANCE and not _is_better(other, found):
-            proof = _with_bound(proof, lower_bound(form, best_multipliers(form)))
-    best_X, best_Z = (se3.inverse(T[0]) if exchanged else T[0] for T in (found.X, found.Z))
-    return _certificate(form, found, other, proof, (X, Z), (best_X, best_Z))
+    found = problem.descend(start[0][None, :3, :3], start[1][None, :3, :3])
+    better = None
+    if not found.proven and found.determined:
+        other, bound = problem.relax(found)
+        found = replace(found, bound=max(found.bound, bound, other.bound))
+        if other.cost < found.cost - GAP_TOLERANCE * max(found.cost, COST_FLOOR):
+            other = replace(other, bound=max(bound, other.bound))
+            better = _certificate(other, None, (X, Z), exchanged)
+    return _certificate(found, better, (X, Z), exchanged)
 
 
-def _prove(form: QuadraticForm) -> LowerBound:
-    """Bound of the cost by multipliers that balance the form: first the cheap ones."""
-    proof = lower_bound(form, least_multipliers(form))
-    if proof.unique[0] or not np.isfinite(form.rounding[0]):
-        return proof
-    return _with_bound(lower_bound(form, balanced_multipliers(form)), proof)
+@dataclass(frozen=True, eq=False)
+class _Optimum:
+    """A stationary point X, Z ``(4, 4)``, the form about it, and what is known of it."""
+
+    X: FloatArray
+    Z: FloatArray
+    cost: float
+    form: QuadraticForm
+    bound: float
+    smallest_eigenvalue: float
+    convex: bool
+
+    @property
+    def gap(self) -> float:
+        return (self.cost - self.bound) / max(self.cost, COST_FLOOR)
+
+    @property
+    def proven(self) -> bool:
+        return self.gap < GAP_TOLERANCE
+
+    @property
+    def determined(self) -> bool:
+        """Whether the motion fixes the translations."""
+        return bool(np.isfinite(self.form.rounding[0]))
 
 
-def _from_closed_form(
-    A: FloatArray, B: FloatArray, weights: Weights
-) -> tuple[LocalMinimum, LowerBound]:
-    """Optimum that the closed form of the rotations leads to, and the bound proven there."""
-    R_X, R_Z = PairSets(A[None], B[None]).rotations
-    found = minimise(A[None], B[None], R_X, R_Z, weights)
-    return found, _prove(quadratic_form(A[None], B[None], found.X, found.Z, weights))
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Pairs ``(N, 4, 4)`` with noise on B alone."""
 
+    A: FloatArray
+    B: FloatArray
+    weights: Weights
 
-def _with_bound(proof: LowerBound, other: LowerBound) -> LowerBound:
-    """A proof with the better of two bounds of the same cost."""
-    return LowerBound(np.maximum(proof.value, other.value), proof.smallest_eigenvalue, proof.unique)
+    def descend(self, R_X: FloatArray, R_Z: FloatArray) -> _Optimum:
+        """Stationary point that rotations ``(1, 3, 3)`` lead to, and the proof there."""
+        A, B = self.A[None], self.B[None]
+        minimum = minimise(A, B, R_X, R_Z, self.weights)
+        form = quadratic_form(A, B, minimum.X, minimum.Z, self.weights)
+        proof = lower_bound(form, least_multipliers(form))
+        bound = float(proof.value[0])
+        if not proof.convex[0] and np.isfinite(form.rounding[0]):
+            proof = lower_bound(form, balanced_multipliers(form))
+            bound = max(bound, float(proof.value[0]))
+        return _Optimum(
+            X=minimum.X[0],
+            Z=minimum.Z[0],
+            cost=float(minimum.cost[0]),
+            form=form,
+            bound=bound,
+            smallest_eigenvalue=float(proof.smallest_eigenvalue[0]),
+            convex=bool(proof.convex[0]),
+        )
 
-
-def _gap(found: LocalMinimum, proof: LowerBound) -> float:
-    cost = float(found.cost[0])
-    return (cost - float(proof.value[0])) / max(cost, COST_FLOOR)
-
-
-def _is_better(other: LocalMinimum, found: LocalMinimum) -> bool:
-    cost = float(found.cost[0])
-    return float(other.cost[0]) < cost - GAP_TOLERANCE * max(cost, COST_FLOOR)
+    def relax(self, found: _Optimum) -> tuple[_Optimum, float]:
+        """What the solution of the relaxed problem leads to, and the bound that it is."""
+        multipliers = best_multipliers(found.form)
+        bound = float(lower_bound(found.form, multipliers).value[0])
+        turns = se3.project_to_rotation(relaxed_minimum(found.form, multipliers))
+        return self.descend(found.X[:3, :3] @ turns[:, 0], found.Z[:3, :3] @ turns[:, 1]), bound
 
 
 def _certificate(
-    form: QuadraticForm,
-    found: LocalMinimum,
-    other: LocalMinimum | None,
-    proof: LowerBound,
+    found: _Optimum,
+    better: Certificate | None,
     candidate: tuple[FloatArray, FloatArray],
-    optimum: tuple[FloatArray, FloatArray],
+    exchanged: bool,
 ) -> Certificate:
-    cost, bound, gap = float(found.cost[0]), float(proof.value[0]), _gap(found, proof)
-    certified = gap < GAP_TOLERANCE
-    unique = certified and bool(proof.unique[0])
-    if certified:
-        status = "optimal"
-        message = f"proven: no X and Z have a cost below {cost:.6g} by more than {gap:.1g} of it"
-        if not unique:
-            message += ", but others may have the same"
-    elif other is not None and _is_better(other, found):
-        status = "not optimal"
-        message = (
-            f"the candidate leads to a cost of {cost:.4g}, but one of "
-            f"{float(other.cost[0]):.4g} is known: start from another method"
-        )
-    elif not np.isfinite(form.rounding[0]):
-        status = "not proven"
-        message = "not proven: all rotations are about one axis, which leaves a translation free"
-    else:
-        status = "not proven"
-        message = f"not proven: the cost is {cost:.4g}, the best bound {bound:.4g} (gap {gap:.2g})"
+    unique = found.proven and found.convex
+    status, message = _verdict(found, better, unique)
+    optimum = [se3.inverse(T) if exchanged else T for T in (found.X, found.Z)]
     pairs = list(zip(candidate, optimum, strict=True))
-    turns = [a[:3, :3] @ b[:3, :3].T for a, b in pairs]
+    turns = np.array([a[:3, :3] @ b[:3, :3].T for a, b in pairs])
     return Certificate(
         X=optimum[0],
         Z=optimum[1],
-        cost=cost,
-        bound=bound,
-        relative_gap=gap,
-        smallest_eigenvalue=float(proof.smallest_eigenvalue[0]),
-        certified=certified,
+        cost=found.cost,
+        bound=found.bound,
+        relative_gap=found.gap,
+        smallest_eigenvalue=found.smallest_eigenvalue,
+        certified=found.proven,
         unique=unique,
         status=status,
         message=message,
-        rotation_moved_rad=se3.rotation_angle(np.array(turns)),
+        rotation_moved_rad=se3.rotation_angle(turns),
         translation_moved_m=np.array([np.linalg.norm(a[:3, 3] - b[:3, 3]) for a, b in pairs]),
+        better=better,
+    )
+
+
+def _verdict(found: _Optimum, better: Certificate | None, unique: bool) -> tuple[str, str]:
+    """Status and message."""
+    cost = f"{found.cost:.5g}"
+    if found.proven:
+        others = "" if unique else ", though others may have the same"
+        return "optimal", (
+            f"proven: no X and Z have a chi² below {cost} by more than "
+            f"{found.cost - found.bound:.0e}{others}"
+        )
+    if better is not None:
+        proof = "which is proven optimal" if better.certified else "itself not proven optimal"
+        return "not optimal", (
+            f"the candidate leads to a chi² of {cost}, another start to one of {better.cost:.5g}, "
+            f"{proof}"
+        )
+    if not found.determined:
+        return "not proven", (
+            "not proven: the rotations of the poses are about one axis, which leaves a "
+            "translation free"
+        )
+    return "not proven", (
+        f"not proven: chi² is {cost} and the best lower bound {found.bound:.5g}, a gap of "
+        f"{found.gap:.2g}"
     )
 
 

@@ -47,14 +47,14 @@ class LowerBound:
     value : ndarray (T,)
         No rotations have a lower cost: the allowance for rounding is taken off. Not below zero.
     smallest_eigenvalue : ndarray (T,)
-        Of S, as computed [cost]. Above the allowance for rounding, the minimum is unique.
-    unique : ndarray of bool (T,)
-        S is positive definite beyond rounding: the bound is reached by one pair (X, Z) at most.
+        Of S, as computed [cost].
+    convex : ndarray of bool (T,)
+        S is positive definite beyond rounding: one pair of rotations at most reaches the bound.
     """
 
     value: FloatArray
     smallest_eigenvalue: FloatArray
-    unique: BoolArray
+    convex: BoolArray
 
 
 def least_multipliers(form: QuadraticForm) -> FloatArray:
@@ -105,3 +105,14 @@ def lower_bound(form: QuadraticForm, multipliers: FloatArray) -> LowerBound:
     coarse = 2.0 * LONGEST_OFFSET * force - LONGEST_OFFSET**2 * np.minimum(least, 0.0)
     value = form.constant - form.constant_rounding - np.minimum(loss, coarse)
     return LowerBound(np.maximum(value, 0.0), m[:, 0], convex)
+
+
+def relaxed_minimum(form: QuadraticForm, multipliers: FloatArray) -> FloatArray:
+    """Matrices ``(T, 2, 3, 3)`` in place of the turns of X and Z where the Lagrangian is least.
+
+    With the best multipliers of a tight relaxation these are the rotations of the optimum, to
+    within the accuracy of the multipliers.
+    """
+    S, rho = lagrangian(form, multipliers)
+    u = -(np.linalg.pinv(S, hermitian=True) @ rho[..., None])
+    return np.asarray(np.eye(3) + u.reshape(-1, 2, 3, 3))

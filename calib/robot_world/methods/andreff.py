@@ -10,7 +10,7 @@ projection alone does both), p_X is kept as it comes. Nine rows without unit and
 added unweighted, so the answer depends on the unit of length.
 
 The rotation rows leave the scale of V free; only the translation rows fix it. They do not where
-the target stays in one place of the camera's view, as in every touch-up: then ``p_Q = (1 - R_Q) c``,
+the target stays in one place c of the camera's view, as in every touch-up: ``p_Q = (1 - R_Q) c``,
 and p_X is wrong along R_X c by as much as the scale is, which the misfit of the result shows.
 """
 

@@ -1,8 +1,8 @@
 """Hand-eye calibration by dual quaternions (Daniilidis 1999).
 
 With the dual quaternions ``p + ε p'`` and ``q + ε q'`` of the motions of flange and camera, whose
-scalar parts are equal (the angle and the pitch of the screw), the vector parts of p̂ x̂ = x̂ q̂ give six
-rows in the eight numbers of ``x + ε x'``::
+scalar parts are equal (the angle and the pitch of the screw), the vector parts of one motion give
+six rows in the eight numbers of ``x + ε x'``::
 
     [ P - Q    [P + Q]ₓ      0       0     ]
     [ P' - Q'  [P' + Q']ₓ  P - Q  [P + Q]ₓ ]  (x, x') = 0               Eq. 31

@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.robot_world.adjustment import Fit, adjust
 from calib.robot_world.algebra import assemble
-from calib.robot_world.errors_of_pairs import Isotropic
+from calib.robot_world.errors_of_pairs import ErrorModel, Isotropic
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate, residuals
@@ -58,9 +58,7 @@ def estimate(pairs: PairSets, noise: Noise | None = None) -> Estimate:
 
 def as_estimate(fit: Fit, sigma: FloatArray | None, used: FloatArray | None = None) -> Estimate:
     """What an adjustment has found; sigma ``(2, T)`` is the noise where it was estimated."""
-    return Estimate(
-        fit.X, fit.Z, fit.iterations, fit.converged, fit=fit, sigma=sigma, weights=used
-    )
+    return Estimate(fit.X, fit.Z, fit.iterations, fit.converged, fit=fit, sigma=sigma, weights=used)
 
 
 def with_estimated_noise(
@@ -97,7 +95,8 @@ def with_estimated_noise(
     sigma = np.maximum(sigma, least)
     count = np.zeros(pairs.T, dtype=np.intp)
     for _ in range(_ROUNDS):
-        fit = adjust(pairs, _on_B(pairs, sigma), X, Z, weights=weights, iterations=_STEPS_A_ROUND)
+        model = estimated_model(pairs, sigma)
+        fit = adjust(pairs, model, X, Z, weights=weights, iterations=_STEPS_A_ROUND)
         X, Z, count = fit.X, fit.Z, count + fit.iterations
         rows = (fit.white**2).reshape(2, 3, pairs.T, pairs.N).sum(axis=(1, 3))
         grown = widening * np.sqrt(rows / _freedom(counted, _taken_up(fit)))
@@ -106,11 +105,14 @@ def with_estimated_noise(
         sigma = new
         if change < _SETTLED:
             break
-    fit = adjust(pairs, _on_B(pairs, sigma), X, Z, weights=weights)
+    fit = adjust(pairs, estimated_model(pairs, sigma), X, Z, weights=weights)
     return replace(fit, iterations=count + fit.iterations), sigma
 
 
-def _on_B(pairs: PairSets, sigma: FloatArray) -> Isotropic:
+def estimated_model(pairs: PairSets, sigma: FloatArray) -> ErrorModel:
+    """Errors of B alone, of rotation and translation ``(2, T)``, no smaller than rounding."""
+    least = np.stack([np.full(pairs.T, _LEAST), _LEAST * pairs.size])
+    sigma = np.maximum(sigma, least)
     return Isotropic(pairs.spread(np.concatenate([np.zeros_like(sigma), sigma])))
 
 

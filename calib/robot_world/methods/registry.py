@@ -16,11 +16,14 @@ from calib.robot_world.methods import (
     horaud_dornaika,
     li_dual_quaternion,
     li_kronecker,
+    maximum_likelihood,
     park_martin,
+    robust,
     shah,
     tsai_lenz,
     zhuang,
 )
+from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 
@@ -62,7 +65,8 @@ class Method:
     source : str
         The publication.
     estimate : callable
-        Takes :class:`~calib.robot_world.pairs.PairSets` and returns an
+        Takes :class:`~calib.robot_world.pairs.PairSets` and, where it weighs by it, the noise;
+        returns an
         :class:`~calib.robot_world.results.Estimate` of the T problems.
     equation : {"AX=ZB", "AX=XB"}
         What it solves: the pairs as they are, for X and Z, or the motions between them, for X
@@ -71,18 +75,49 @@ class Method:
         The :data:`CHANGES` that leave its answer the same when the data are noisy.
     iterative : bool
         Whether the estimate has iterations.
+    likelihood : bool
+        Whether it weighs the pairs by their noise: the estimate then takes that, too.
+    robust : bool
+        Whether it leaves out pairs that contradict the others.
     """
 
     name: str
     description: str
     source: str
-    estimate: Callable[[PairSets], Estimate]
+    estimate: Callable[..., Estimate]
     equation: Literal["AX=ZB", "AX=XB"]
     invariant_to: frozenset[str]
     iterative: bool = False
+    likelihood: bool = False
+    robust: bool = False
+
+    def run(self, pairs: PairSets, noise: Noise | None) -> Estimate:
+        """Estimate X and Z of T problems, by their noise where the method weighs by it."""
+        return self.estimate(pairs, noise) if self.likelihood else self.estimate(pairs)
 
 
 _ALL = (
+    Method(
+        "ml",
+        "the likeliest X and Z with errors on A, on B or on both, which are estimated if unknown",
+        "Maximum likelihood on SE(3), by Gauss-Helmert adjustment",
+        maximum_likelihood.estimate,
+        equation="AX=ZB",
+        invariant_to=_ROTATIONS_FIRST,
+        iterative=True,
+        likelihood=True,
+    ),
+    Method(
+        "ml-robust",
+        "the same from the pairs that agree: leaves out, and names, those that contradict them",
+        "Maximum likelihood, after least median of squares (Rousseeuw 1984)",
+        robust.estimate,
+        equation="AX=ZB",
+        invariant_to=_ROTATIONS_FIRST,
+        iterative=True,
+        likelihood=True,
+        robust=True,
+    ),
     Method(
         "li-kronecker",
         "rotations and translations together by the Kronecker product, lengths scaled by the data",

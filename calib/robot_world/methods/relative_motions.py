@@ -114,8 +114,8 @@ def few_motions(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
     products, so the same sums of squares of what is linear in one pose, twice over. Nothing is
     squared, and 1,000 poses cost little more than 10.
     """
-    T, N, m = poses.shape
-    if N > m:
+    N, m = poses.shape[1:]
+    if m < N:
         poses = triangle(poses)
     i, j = np.triu_indices(poses.shape[1], 1)
     by_number = _components_first(poses)

@@ -74,7 +74,7 @@ def test_pairs_round_trip(tmp_path: Path, x: np.ndarray, labels: list[str]) -> N
     wpr = x[..., 3:] * [math.pi, 0.49 * math.pi, math.pi]
     T = transform(rotation_from_wpr(wpr), 10.0 * x[..., :3])
     path = write_pairs(tmp_path / "p.csv", Pairs(tuple(labels), T[:, 0], T[:, 1]))
-    found = read_pairs(path)
+    found = read_pairs(path, trust_units=True)
     assert found.names == tuple(labels)
     np.testing.assert_allclose(found.A, T[:, 0], rtol=0, atol=3 * EXACT)
     np.testing.assert_allclose(found.B, T[:, 1], rtol=0, atol=3 * EXACT)

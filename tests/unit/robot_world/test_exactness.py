@@ -11,6 +11,7 @@ EXACT = 1e-9
 
 SOUND = [name for name in METHODS if name != "hirsh-literal"]
 GUARDED = [name for name in SOUND if name != "zhuang-literal"]
+"""Methods that half turns of A or Z do not trouble; those of X trouble tsai-lenz."""
 TURNS = {
     "identity": [1.0, 0.0, 0.0, 0.0],
     "x": [0.0, 1.0, 0.0, 0.0],
@@ -96,7 +97,7 @@ def test_exact_where_one_pose_is_half_a_turn_from_all_others(method):
     assert_exact(found, problems.X, problems.Z)
 
 
-@pytest.mark.parametrize("method", GUARDED)
+@pytest.mark.parametrize("method", [name for name in GUARDED if name != "tsai-lenz"])
 def test_exact_where_everything_is_half_a_turn(method):
     rng = np.random.default_rng(5)
     axes = rng.normal(size=(8, 3))

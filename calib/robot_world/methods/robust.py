@@ -1,0 +1,176 @@
+"""The likeliest X and Z of the pairs that agree, and which pairs those are.
+
+Many sets of a few pairs each are solved in closed form, so that no gross error has a say in where
+the search starts; the one whose better half of residuals is the smallest wins (least median of
+squares, Rousseeuw 1984). From there the pairs that the noise explains are taken, X and Z are
+adjusted to them, and both again, until the choice stands still. Where the noise is unknown it is
+what the chosen pairs show, made up for what choosing by size cuts off.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from calib.robot_world.adjustment import adjust, linear_rows
+from calib.robot_world.algebra import assemble
+from calib.robot_world.errors_of_pairs import ErrorModel
+from calib.robot_world.methods.maximum_likelihood import (
+    as_estimate,
+    estimated_model,
+    with_estimated_noise,
+)
+from calib.robot_world.noise import Noise
+from calib.robot_world.pairs import PairSets
+from calib.robot_world.results import Estimate, residuals
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+CHANCE = 1e-3
+"""Probability that a good pair is left out: three numbers of rotation, three of translation."""
+
+DRAWS = 200
+"""Sets of pairs that are tried: with two of five pairs wrong, all of them have a wrong one with a
+probability of 1e-12."""
+
+_DRAWN = 4
+"""Pairs in each: one more than the fewest, since three often turn about nearly one axis."""
+
+_BEST = 8
+"""Candidates that are refined on their better halves before one is chosen."""
+
+_ROUNDS = 30
+_SETS_AT_ONCE = 4000
+
+_KEPT = 1.0 - CHANCE
+_WIDENING = float(np.sqrt(_KEPT / chi2.cdf(chi2.ppf(_KEPT, 6), 8)))
+"""Standard deviation over what those of six normal numbers show that are left when the sum of their
+squares may not exceed its quantile: E[s | s < c] / 6 = F_8(c) / F_6(c)."""
+
+_MEDIAN = float(np.sqrt(chi2.ppf(0.5, 3)))
+"""Median length of three normal numbers."""
+
+_MEDIAN_SQUARE = float(chi2.ppf(0.5, 6))
+"""Median sum of the squares of six."""
+
+
+_TINY = 1e-300
+"""What stands for zero where data without noise leave nothing."""
+
+
+def estimate(pairs: PairSets, noise: Noise | None = None) -> Estimate:
+    """X and Z of T problems at once, from the pairs that agree.
+
+    Parameters
+    ----------
+    pairs : PairSets
+        Measured pairs, N >= 3; with fewer than five none can be told to be wrong.
+    noise : PairNoise or PairCovariances, optional
+        Without it the noise is estimated, on B.
+
+    Returns
+    -------
+    Estimate
+        X and Z ``(T, 4, 4)``, and weights ``(T, N)``: 0 for the pairs left out. The draws are
+        always the same ones, so that a result can be had again.
+    """
+    X, Z = _consensus(pairs)
+    used = np.ones((pairs.T, pairs.N), dtype=bool)
+    sigma = None
+    for turn in range(_ROUNDS):
+        before = used
+        if noise is not None:
+            used = _explained(pairs, noise.model(pairs), X, Z)
+        else:
+            model = estimated_model(pairs, _shown(pairs, X, Z) if sigma is None else sigma)
+            used = _explained(pairs, model, X, Z)
+        weights = used.astype(float)
+        if turn and (used == before).all():
+            break
+        if noise is not None:
+            fit = adjust(pairs, noise.model(pairs), X, Z, weights=weights)
+        else:
+            fit, sigma = with_estimated_noise(pairs, X, Z, weights, _WIDENING)
+        X, Z = fit.X, fit.Z
+    return as_estimate(fit, sigma, weights)
+
+
+def _consensus(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
+    """Starts X and Z ``(T, 4, 4)`` in which gross errors have no say."""
+    T, N = pairs.T, pairs.N
+    rng = np.random.default_rng(0)
+    few = min(_DRAWN, N)
+    draws = np.argsort(rng.random((DRAWS, N)), axis=1)[:, :few]
+    at_once = max(1, _SETS_AT_ONCE // DRAWS)
+    X, Z = np.empty((2, T, 4, 4))
+    for first in range(0, T, at_once):
+        rows = slice(first, min(first + at_once, T))
+        A, B = pairs.A[rows], pairs.B[rows]
+        candidates = _solved(A, B, np.tile(draws, (len(A), 1, 1)))
+        for kept in (_BEST, _BEST, 1):
+            best = _best(A, B, *candidates, kept)
+            candidates = (
+                np.take_along_axis(candidates[0], best[..., None, None], axis=1),
+                np.take_along_axis(candidates[1], best[..., None, None], axis=1),
+            )
+            if kept > 1:
+                candidates = _solved(A, B, _better_half(A, B, *candidates))
+        X[rows], Z[rows] = candidates[0][:, 0], candidates[1][:, 0]
+    return X, Z
+
+
+def _solved(A: FloatArray, B: FloatArray, index: IntArray) -> tuple[FloatArray, FloatArray]:
+    """X and Z ``(T, K, 4, 4)`` of the pairs ``(T, K, few)`` of sets ``(T, N, 4, 4)``."""
+    T, K, few = index.shape
+    trial = np.arange(T)[:, None, None]
+    sets = PairSets(*(M[trial, index].reshape(T * K, few, 4, 4) for M in (A, B)))
+    X, Z = assemble(sets.A, sets.B, *sets.rotations)
+    return X.reshape(T, K, 4, 4), Z.reshape(T, K, 4, 4)
+
+
+def _sizes(
+    A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Residual angles and distances ``(T, K, N)`` of candidates ``(T, K, 4, 4)``."""
+    error = residuals(A[:, None], B[:, None], X, Z)
+    return np.linalg.norm(error[..., :3], axis=-1), np.linalg.norm(error[..., 3:], axis=-1)
+
+
+def _half(count: int) -> int:
+    """Pairs that are taken to be good: more than half, by half of the fewest."""
+    return min((count + 4) // 2, count)
+
+
+def _best(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray, kept: int) -> IntArray:
+    """The candidates ``(T, kept)`` whose better halves are smallest, in rotation times distance."""
+    half = _half(A.shape[1])
+    value = np.zeros(X.shape[:2])
+    for size in _sizes(A, B, X, Z):
+        value += np.log(np.partition(size, half - 1, axis=-1)[..., half - 1] + _TINY)
+    return np.asarray(np.argsort(value, axis=1)[:, :kept])
+
+
+def _better_half(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray) -> IntArray:
+    """Indices ``(T, K, half)`` of the pairs that candidates fit best."""
+    half = _half(A.shape[1])
+    worse = np.zeros((*X.shape[:2], A.shape[1]))
+    for size in _sizes(A, B, X, Z):
+        median = np.partition(size, half - 1, axis=-1)[..., half - 1 : half]
+        worse = np.maximum(worse, size / (median + _TINY))
+    return np.asarray(np.argsort(worse, axis=-1)[..., :half])
+
+
+def _shown(pairs: PairSets, X: FloatArray, Z: FloatArray) -> FloatArray:
+    """Noise of rotation and translation ``(2, T)`` by the median residual of candidates."""
+    error = residuals(pairs.A, pairs.B, X, Z)
+    sizes = [np.linalg.norm(error[..., part], axis=-1) for part in (slice(0, 3), slice(3, 6))]
+    return np.stack([np.median(size, axis=1) / _MEDIAN for size in sizes])
+
+
+def _explained(pairs: PairSets, model: ErrorModel, X: FloatArray, Z: FloatArray) -> BoolArray:
+    """Pairs ``(T, N)`` whose residuals the noise explains, or as much more as the median shows.
+
+    On the way the candidates are worse than the noise, and a noise given may be too small for all.
+    """
+    square = (linear_rows(pairs, model, X, Z)[0] ** 2).sum(axis=0)
+    more = np.maximum(np.median(square, axis=-1, keepdims=True) / _MEDIAN_SQUARE, 1.0)
+    return np.asarray(square <= more * chi2.ppf(_KEPT, 6))

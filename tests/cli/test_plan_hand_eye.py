@@ -1,0 +1,171 @@
+"""``posedesign plan`` for a camera on the tool, and for an accuracy that is wanted."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.robot_world import PairNoise, design
+from calib.se3 import inverse
+from posedesign.cell import Cell
+from posedesign.tables import read_pairs, read_poses
+
+ChangeCell = Callable[[Mapping[str, str]], Path]
+Cli = Callable[..., Any]
+Refuse = Callable[..., Any]
+
+CAMERA = {"measurement.kind": '"camera-pose"'}
+ONE_AXIS = {"variations.start_deg": "[0.0, 0.0, 5.0]", "variations.largest_deg": "[0.0, 0.0, 60.0]"}
+
+
+@pytest.fixture
+def cell(change_cell: ChangeCell) -> Path:
+    """The reference cell with a camera in place of the pin."""
+    return change_cell(CAMERA | {"plan.condition_threshold": "40.0"})
+
+
+def test_the_loop_turns_farther_until_X_and_Z_are_conditioned(cli: Cli, cell: Path, tmp_path: Path):
+    said = cli("plan", cell, "--out", tmp_path / "plan", "--json")
+    assert said.code == 0
+    told = json.loads(said.out)
+    assert told["reached"] is True
+    assert told["rounds"][-1]["c_g"] < 40.0 <= told["rounds"][-2]["c_g"]
+    assert "rows over noise" in told["scaling"]["c_g"]
+    assert len(told["predicted"]) == 12
+    loaded = Cell.load(cell)
+    q = read_poses(tmp_path / "plan" / "poses.csv", 6).measured.postures
+    # noise of the target as seen: the equation read backwards
+    noise = PairNoise(np.deg2rad(0.02), 1e-4, "B")
+    blocks = design.blocks(
+        inverse(loaded.robot.fk(q)), loaded.T_base_target, loaded.T_tip_camera, noise
+    )
+    sigma = np.sqrt(np.diag(design.covariance(blocks)))
+    for k, axis in enumerate("xyz"):
+        row = next(r for r in told["predicted"] if r["parameter"] == f"tool.{axis}")
+        assert row["predicted sigma"] == pytest.approx(1e3 * sigma[9 + k], rel=1e-5)
+    assert "robot is taken to be exact" in said.err
+
+
+def test_people_are_told_which_is_X_and_which_is_Z(cli: Cli, cell: Path, tmp_path: Path) -> None:
+    out = cli("plan", cell, "--out", tmp_path / "plan").out
+    assert "tool: X = T_flange_camera" in out
+    assert "target: Z = T_base_target" in out
+
+
+def test_the_usual_threshold_of_touch_ups_is_spoken_of(cli: Cli, change_cell: ChangeCell) -> None:
+    path = change_cell(CAMERA)
+    said = cli("plan", path, "--out", path.parent / "plan")
+    assert said.code == 0
+    assert "set plan.condition_threshold to 100 or less" in said.err
+
+
+def test_the_fewest_poses_for_an_accuracy(cli: Cli, cell: Path, tmp_path: Path) -> None:
+    wanted = ("--wanted-sigma-mm", 0.05, "--wanted-sigma-deg", 0.02)
+    said = cli("plan", cell, "--out", tmp_path / "few", *wanted, "--json")
+    assert said.code == 0
+    told = json.loads(said.out)
+    assert told["reached"] is True
+    assert told["poses"] < 27
+    over = []
+    for row in told["predicted"]:
+        limit = {"mm": 0.05, "deg": 0.02}[row["unit"]]
+        assert row["wanted"] == pytest.approx(limit)
+        assert row["predicted sigma"] <= limit * (1 + 1e-6)
+        over.append(row["with one pose fewer"] > limit)
+    assert any(over)
+    with (tmp_path / "few" / "poses.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert sum(row["status"] != "via" for row in rows) == told["poses"]
+    scored = json.loads(cli("score", cell, tmp_path / "few" / "poses.csv", "--json").out)
+    assert scored["off_target"] == []
+    assert scored["predicted"] == [
+        {
+            "parameter": r["parameter"],
+            "predicted sigma": pytest.approx(r["predicted sigma"], rel=1e-4),
+            "unit": r["unit"],
+        }
+        for r in told["predicted"]
+    ]
+    checked = json.loads(cli("check", cell, tmp_path / "few" / "poses.csv", "--json").out)
+    assert checked["feasible"] is True
+
+
+def test_a_finer_accuracy_takes_more_poses(cli: Cli, cell: Path, tmp_path: Path) -> None:
+    counts = [
+        json.loads(
+            cli("plan", cell, "--out", tmp_path / "few", "--wanted-sigma-mm", mm, "--json").out
+        )["poses"]
+        for mm in (0.1, 0.06, 0.04)
+    ]
+    assert counts == sorted(set(counts))
+
+
+def test_what_is_out_of_reach_is_said_with_all_poses(cli: Cli, cell: Path, tmp_path: Path) -> None:
+    said = cli("plan", cell, "--out", tmp_path / "none", "--wanted-sigma-mm", 0.001)
+    assert said.code == 1
+    assert "all " in said.out
+    assert "times the deviation wanted" in said.out
+    assert "wrote nothing" in said.out
+    assert not (tmp_path / "none").exists()
+
+
+def test_touch_ups_may_be_planned_for_an_accuracy_too(cli: Cli, work: Path) -> None:
+    told = json.loads(
+        cli(
+            "plan", work / "cell.toml", "--out", work / "few", "--wanted-sigma-deg", 0.01, "--json"
+        ).out
+    )
+    assert told["reached"] is True
+    assert told["predicted"][0]["parameter"].startswith("zero_offset")
+    assert told["predicted"][0]["predicted sigma"] <= 0.01 * (1 + 1e-6)
+    assert told["predicted"][-1]["wanted"] is None  # any length will do
+
+
+def test_what_is_simulated_are_pairs(cli: Cli, cell: Path, tmp_path: Path) -> None:
+    out = tmp_path / "few"
+    assert cli("plan", cell, "--out", out, "--wanted-sigma-mm", 0.06).code == 0
+    said = cli("simulate", cell, out / "poses.csv", "--out", out)
+    assert said.code == 0
+    assert "pairs of A X = Z B" in said.out
+    assert not (out / "touchups.csv").exists()
+    pairs = read_pairs(out / "pairs.csv")
+    np.testing.assert_allclose(
+        pairs.A,
+        Cell.load(cell).robot.fk(read_poses(out / "poses.csv", 6).measured.postures),
+        atol=1e-9,
+    )
+
+
+@pytest.mark.parametrize("words", [(), ("--wanted-sigma-mm", 1.0)])
+def test_turning_about_one_axis_is_refused(refuse: Refuse, change_cell: ChangeCell, words) -> None:
+    path = change_cell(CAMERA | ONE_AXIS | {"plan.repair": "false"})
+    refuse("plan", path, *words).says("cannot identify target.T1.z, target.T1.rz", "absorbed by")
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0])
+def test_an_accuracy_is_above_zero(refuse: Refuse, cell: Path, value: float) -> None:
+    refuse("plan", cell, f"--wanted-sigma-mm={value}").says("not above zero")
+
+
+def test_unweighted_estimates_cannot_be_planned_for_an_accuracy(
+    refuse: Refuse, change_cell: ChangeCell
+) -> None:
+    path = change_cell({"measurement.weighted": "false"})
+    refuse("plan", path, "--wanted-sigma-mm", 1.0).says("measurement.weighted = true")
+
+
+def test_camera_poses_are_weighted(refuse: Refuse, change_cell: ChangeCell) -> None:
+    path = change_cell(CAMERA | {"measurement.weighted": "false"})
+    refuse("plan", path).says("mm and deg have no common unit", "measurement")
+
+
+def test_what_needs_a_robot_to_identify_is_refused(refuse: Refuse, cell: Path, work: Path) -> None:
+    box = ("--box", "1700,-200,300,2000,200,700")
+    refuse("predict", cell, work / "poses.csv", *box).says('measurement.kind = "touch-up"')
+    refuse("study", "accuracy", cell).says('measurement.kind = "touch-up"')

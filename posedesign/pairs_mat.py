@@ -1,75 +1,38 @@
-"""Transforms from MATLAB files: arrays 4x4xN of numbers and nothing else.
-
-A ``.mat`` file can hold objects, functions, cells in cells, and a few compressed bytes that unfold
-to gigabytes. So it is unfolded here, up to a size, and of what it then lists only the named arrays
-of floating-point numbers are read.
-"""
+"""Pose pairs in MATLAB files: arrays 4x4xN of transforms."""
 
 from __future__ import annotations
 
-import io
-import struct
-import warnings
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from calib.errors import FileFormatError, near_names
 from calib.se3 import FloatArray
 from posedesign.csv_tables import LONGEST_SHOWN
-from posedesign.files import read_bytes_bounded
 from posedesign.pairs_checks import Place, check_lengths, transforms_from_matrices
 from posedesign.pairs_forms import METRES, Poses
-
-LARGEST_MAT_BYTES = 50_000_000
-"""As stored, and again as unfolded: 390,000 transforms."""
-
-_MAGIC = b"MATLAB 5.0 MAT-file"
-_HDF5 = (b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n")
-_HEADER = 128
-_MATRIX, _COMPRESSED = 14, 15
-_ORDER = {b"IM": "<", b"MI": ">"}
-_NUMBERS = ("double", "single")
-
-_DAMAGE = (
-    ArithmeticError,
-    AttributeError,
-    EOFError,
-    LookupError,
-    MemoryError,
-    NotImplementedError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-    Warning,
-)
-"""What scipy raises on files whose inner lengths, types or names are wrong."""
+from posedesign.pairs_mat_reading import NUMBERS, Variable, real_array, variables_of
 
 
 @dataclass(frozen=True)
 class MatFile:
-    """A MATLAB file that was looked into, but not read.
+    """A MATLAB file that was looked into.
 
     Attributes
     ----------
     path : Path
-    data : bytes
-        The file, unfolded.
-    shapes : mapping of str to str
-        Every variable, and what it is in words.
-    stacks : tuple of str
-        Those that are 4x4xN numbers.
+    variables : mapping of str to Variable
     """
 
     path: Path
-    data: bytes
-    shapes: Mapping[str, str]
-    stacks: tuple[str, ...]
+    variables: Mapping[str, Variable]
+
+    @property
+    def stacks(self) -> tuple[str, ...]:
+        """Names of the variables that are 4x4xN numbers."""
+        return tuple(name for name, variable in self.variables.items() if _is_stack(variable))
 
     def poses(self, name: str, unit: str, *, trust_units: bool) -> Poses:
         """Transforms of a variable.
@@ -77,7 +40,7 @@ class MatFile:
         Raises
         ------
         FileFormatError
-            It is not there, no 4x4xN numbers, or some are no rigid transforms.
+            It is not there, no 4x4xN real numbers, or some are no rigid transforms.
         """
         T = self._array(name)
         place = Place(self.path, variable=name)
@@ -90,35 +53,25 @@ class MatFile:
         return Poses(T, place, (), notes, "matrix", T[:, :3, :3].reshape(-1, 9))
 
     def _array(self, name: str) -> FloatArray:
-        if name not in self.shapes:
+        """Matrices ``(N, 4, 4)`` in the unit of the file."""
+        if name not in self.variables:
             raise FileFormatError(
                 f"there is no variable {name[:LONGEST_SHOWN]!r}",
                 path=self.path,
-                hint=near_names(name, self.stacks or self.shapes),
+                hint=near_names(name, self.stacks or self.variables),
                 value=name,
             )
-        if name not in self.stacks:
+        variable = self.variables[name]
+        if not _is_stack(variable):
             raise FileFormatError(
-                f"is {self.shapes[name]}, not 4x4xN double",
+                f"is {variable.described}, not 4x4xN double",
                 path=self.path,
                 key=name,
                 hint="stack the transforms along the third dimension: cat(3, T{:})",
-                value=self.shapes[name],
+                value=variable.described,
             )
-        from scipy.io import loadmat  # here: what reads no such file shall not wait for it
-
-        stream: Any = io.BytesIO(self.data)  # which its stubs do not know it takes
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")
-                found = loadmat(stream, variable_names=[name])[name]
-        except (*_DAMAGE, zlib.error) as error:
-            raise _damaged(self.path) from error
-        if np.iscomplexobj(found) or found.shape[:2] != (4, 4) or found.ndim != 3:
-            raise FileFormatError(
-                "is no array of real numbers", path=self.path, key=name, hint="take real(..) of it"
-            )
-        return np.ascontiguousarray(np.moveaxis(found, -1, 0), dtype=float)
+        found = real_array(self.path, variable)
+        return np.ascontiguousarray(np.moveaxis(found, -1, 0))
 
 
 def open_mat(path: Path) -> MatFile:
@@ -129,34 +82,7 @@ def open_mat(path: Path) -> MatFile:
     FileFormatError
         It is missing, too large, of version 7.3, no MATLAB file, or damaged.
     """
-    data = read_bytes_bounded(path, most_bytes=LARGEST_MAT_BYTES)
-    if data.startswith(_HDF5) or data[512:].startswith(_HDF5[1]):
-        raise FileFormatError(
-            "is a MATLAB file of version 7.3 (HDF5)",
-            path=path,
-            hint="save it again with save('file.mat', 'A', 'B', '-v7')",
-        )
-    if not data.startswith(_MAGIC):
-        raise FileFormatError(
-            "is no MATLAB file of version 5 to 7", path=path, hint="is it the right file?"
-        )
-    unfolded = _unfolded(path, data)
-    from scipy.io import whosmat
-
-    stream: Any = io.BytesIO(unfolded)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            listed = whosmat(stream)
-    except (*_DAMAGE, zlib.error) as error:
-        raise _damaged(path) from error
-    shapes = {name: "x".join(str(n) for n in shape) + f" {kind}" for name, shape, kind in listed}
-    stacks = tuple(
-        name
-        for name, shape, kind in listed
-        if kind in _NUMBERS and len(shape) == 3 and shape[:2] == (4, 4) and shape[2] > 0
-    )
-    return MatFile(path, unfolded, shapes, stacks)
+    return MatFile(path, variables_of(path))
 
 
 def pick_two(file: MatFile, variables: Sequence[str]) -> tuple[str, str]:
@@ -199,46 +125,14 @@ def pick_one(file: MatFile, variable: str) -> str:
 
 
 def _listed(file: MatFile) -> str:
-    if not file.shapes:
+    if not file.variables:
         return "it is empty"
-    shown = [f"{name[:LONGEST_SHOWN]}: {what}" for name, what in list(file.shapes.items())[:8]]
-    more = len(file.shapes) - len(shown)
-    return ", ".join(shown) + (f" and {more} more" if more else "")
+    known = list(file.variables.items())
+    shown = [f"{name[:LONGEST_SHOWN]}: {variable.described}" for name, variable in known[:8]]
+    return ", ".join(shown) + (f" and {len(known) - 8} more" if len(known) > 8 else "")
 
 
-def _unfolded(path: Path, data: bytes) -> bytes:
-    """The file with its compressed variables decompressed, up to a size."""
-    order = _ORDER.get(data[_HEADER - 2 : _HEADER])
-    if order is None:
-        raise _damaged(path)
-    parts, room, at = [data[:_HEADER]], LARGEST_MAT_BYTES, _HEADER
-    while at < len(data):
-        if len(data) < at + 8:
-            raise _damaged(path)
-        kind, size = struct.unpack(order + "II", data[at : at + 8])
-        stored = data[at + 8 : at + 8 + size]
-        if kind not in (_MATRIX, _COMPRESSED) or len(stored) < size:
-            raise _damaged(path)
-        part = data[at : at + 8 + size]
-        if kind == _COMPRESSED:
-            inflate = zlib.decompressobj()
-            try:
-                part = inflate.decompress(stored, room + 1)
-            except zlib.error as error:
-                raise _damaged(path) from error
-        room -= len(part)
-        if room < 0:
-            raise FileFormatError(
-                f"unfolds to more than {LARGEST_MAT_BYTES / 1e6:g} MB",
-                path=path,
-                hint="save the two variables alone",
-            )
-        parts.append(part)
-        at += 8 + size
-    return b"".join(parts)
-
-
-def _damaged(path: Path) -> FileFormatError:
-    return FileFormatError(
-        "is damaged or cut off", path=path, hint="save it again with save('file.mat', .., '-v7')"
-    )
+def _is_stack(variable: Variable) -> bool:
+    shape = variable.shape
+    real = variable.kind in NUMBERS and not variable.is_complex
+    return real and len(shape) == 3 and shape[:2] == (4, 4) and shape[2] > 0

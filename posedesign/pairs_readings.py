@@ -2,7 +2,9 @@
 
 Quaternions of one order read in the other, angles about moving axes read as about fixed ones: such
 numbers are rotations all the same, and nothing in one pose shows the mistake. Over the pairs it
-shows, because no X and Z fit. So the readings that a form is often confused with are tried too.
+shows, because no X and Z fit. So the readings that a form is often confused with are tried too,
+and one side the other way round. The rotations alone do not tell these two: four numbers in another
+order are a reflection, and turn as the inverse does. The translations do.
 """
 
 from __future__ import annotations
@@ -87,10 +89,14 @@ def reading_notes(a: Poses, b: Poses, arrange: Arrange) -> list[str]:
     """
     if len(a.T) < FEWEST_PAIRS:
         return []
-    readings = [("", a.T, b.T)]
-    readings += [(f"if in A {what}", T, b.T) for what, T in _read_otherwise(a)]
-    readings += [(f"if in B {what}", a.T, T) for what, T in _read_otherwise(b)]
-    A, B = arrange(np.stack([T for _, T, _ in readings]), np.stack([T for _, _, T in readings]))
+    others = [(f"if in A {what}", T, b.T) for what, T in _read_otherwise(a)]
+    others += [(f"if in B {what}", a.T, T) for what, T in _read_otherwise(b)]
+    A, B = arrange(
+        np.stack([a.T, *(T for _, T, _ in others)]), np.stack([b.T, *(T for _, _, T in others)])
+    )
+    # which side it is cannot be told: with the other one, X and Z change places
+    said = [what for what, _, _ in others] + ["with one side the other way round: see --invert"]
+    A, B = np.concatenate([A, A[:1]]), np.concatenate([B, se3.inverse(B[:1])])
     turn, shift = _median_residuals(A, B)
     if not turn[0] > DOUBTFUL_RAD:
         return []
@@ -100,7 +106,7 @@ def reading_notes(a: Poses, b: Poses, arrange: Arrange) -> list[str]:
         best = int(np.argmin(np.where(fair, shift, np.inf)))
         return [
             f"no X and Z fit A and B as they were read: {math.degrees(turn[0]):.3g} deg are left "
-            f"over (median), and {math.degrees(turn[best]):.2g} deg {readings[best][0]}"
+            f"over (median), and {math.degrees(turn[best]):.2g} deg {said[best - 1]}"
         ]
     miss = turn_miss(A[0, :, :3, :3], B[0, :, :3, :3])
     if miss < LARGEST_MISS_RAD:

@@ -106,7 +106,14 @@ def remarks_of(outcomes: Sequence[SolverOutcome]) -> list[str]:
     """What else the solvers say of their answers, each thing once, with the methods."""
     said = [(outcome.method, outcome.said) for outcome in outcomes if outcome.ok]
     said += [(o.method, f"did not use {', '.join(o.left_out)}") for o in outcomes if o.left_out]
-    return _together(said)
+    results = [outcome.result for outcome in outcomes if outcome.ok and outcome.result]
+    # of one method alone: it is a matter of the poses, and much the same for all
+    known = [
+        f"known least, by {result.method}: {text}"
+        for result in results[:1]
+        for text in result.weak_directions
+    ]
+    return [*_together(said), *known]
 
 
 def _together(said: Iterable[tuple[str, str]]) -> list[str]:

@@ -3,6 +3,7 @@
 One file for each method, one result type for all; :data:`METHODS` lists them.
 """
 
+from calib.robot_world import design
 from calib.robot_world.methods import METHODS, PAPER_METHODS, Method
 from calib.robot_world.noise import PairNoise
 from calib.robot_world.opencv import pairs_from_opencv, result_to_opencv
@@ -21,6 +22,7 @@ __all__ = [
     "RobotWorldBatch",
     "RobotWorldResult",
     "add_noise",
+    "design",
     "pairs_from_opencv",
     "random_problems",
     "result_to_opencv",

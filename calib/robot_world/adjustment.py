@@ -11,6 +11,7 @@ condition equations and unknowns; with errors on one side only it is plain nonli
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -72,13 +73,18 @@ class Fit:
     iterations: IntArray
     converged: BoolArray
 
-    @property
+    @cached_property
     def covariance(self) -> FloatArray:
         """Covariances ``(T, 12, 12)`` of X and Z, to first order."""
         diagonal = np.diagonal(self.information, axis1=1, axis2=2)
         size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
         scale = size[:, :, None] * size[:, None, :]
-        return np.asarray(np.linalg.pinv(self.information / scale, hermitian=True) / scale)
+        scaled = self.information / scale
+        try:
+            inverse = np.linalg.inv(scaled)
+        except np.linalg.LinAlgError:
+            inverse = np.linalg.pinv(scaled, hermitian=True)
+        return np.asarray(inverse / scale)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""What the methods share: quaternion products as matrices, signs, batched least squares.
+"""What the methods share: quaternion products as matrices, batched least squares, projections.
 
 Everything here works on batches: T problems of N pose pairs each, in arrays ``(T, N, ...)``.
 """
@@ -101,33 +101,3 @@ def kronecker_mean(A: FloatArray, B: FloatArray) -> FloatArray:
     R_A, R_B = A[..., :3, :3].reshape(T, N, 9), B[..., :3, :3].reshape(T, N, 9)
     blocks = np.asarray(np.swapaxes(R_A, 1, 2) @ R_B / N).reshape(T, 3, 3, 3, 3)
     return blocks.transpose(0, 1, 3, 2, 4).reshape(T, 9, 9)
-
-
-def leading_rotations(mean: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotations X and Z ``(T, 3, 3)`` nearest to the leading singular vectors of ``(T, 9, 9)``."""
-    U, _, Vt = np.linalg.svd(mean)
-    Z = np.asarray(U)[:, :, 0].reshape(-1, 3, 3)
-    X = np.asarray(Vt)[:, 0].reshape(-1, 3, 3)
-    # A pair of singular vectors is defined up to one common sign: that of a rotation.
-    sign = np.where(np.linalg.det(Z) < 0.0, -1.0, 1.0)[:, None, None]
-    return se3.project_to_rotation(sign * X), se3.project_to_rotation(sign * Z)
-
-
-def assemble(
-    A: FloatArray, B: FloatArray, R_X: FloatArray, R_Z: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """X and Z ``(T, 4, 4)`` from their rotations ``(T, 3, 3)``, translations by least squares.
-
-    Minimises ``Σ |R_A p_X + p_A - R_Z p_B - p_Z|²`` (Eq. 16 of Li et al. 2010). p_Z is the mean
-    of what the rest leaves over; the equations less their mean give p_X.
-    """
-    T, N = A.shape[:2]
-    R_A = A[..., :3, :3]
-    offset = apply_matrix(R_Z[:, None], B[..., :3, 3]) - A[..., :3, 3]
-    R_mean, offset_mean = R_A.mean(axis=1), offset.mean(axis=1)
-    p_X = least_squares(
-        (R_A - R_mean[:, None]).reshape(T, 3 * N, 3),
-        (offset - offset_mean[:, None]).reshape(T, 3 * N),
-    )
-    p_Z = apply_matrix(R_mean, p_X) - offset_mean
-    return se3.transform(R_X, p_X), se3.transform(R_Z, p_Z)

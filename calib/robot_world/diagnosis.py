@@ -51,7 +51,7 @@ _FEWEST = 4
 def suspicions(A: FloatArray, B: FloatArray, motion: Motion) -> tuple[str, ...]:
     """What seems to be wrong with pairs ``(N, 4, 4)``, in sentences; nothing where they fit."""
     residual_rad = float(motion.residual_rad[0])
-    turned_rad = float(np.hypot(*motion.turn_rad[0]))
+    turned_rad = float(motion.turned_rad[0])
     if residual_rad <= POOR * turned_rad:
         return ()
     found = list(_better(A, B, residual_rad))

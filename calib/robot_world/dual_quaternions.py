@@ -15,10 +15,16 @@ def dual_part(translation: FloatArray, quaternion: FloatArray) -> FloatArray:
 
 
 def transforms(real: FloatArray, dual: FloatArray) -> FloatArray:
-    """Transforms ``(T, 4, 4)`` of dual quaternions of any scale: p = vec(2 q' q*) / |q|²."""
+    """Transforms ``(T, 4, 4)`` of dual quaternions of any scale: p = vec(2 q' q*) / |q|².
+
+    Without a real part there is no transform: the identity takes its place, so that one problem
+    without an answer cannot stop the whole batch.
+    """
     norm = np.linalg.norm(real, axis=-1, keepdims=True)
-    q = real / norm
-    p = 2.0 * apply_matrix(right_matrix(conjugate(q)), dual / norm)[..., 1:]
+    none = norm == 0.0
+    safe = np.where(none, 1.0, norm)
+    q = np.where(none, [1.0, 0.0, 0.0, 0.0], real / safe)
+    p = 2.0 * apply_matrix(right_matrix(conjugate(q)), np.where(none, 0.0, dual) / safe)[..., 1:]
     return se3.transform(se3.rotation_from_quaternion(q), p)
 
 

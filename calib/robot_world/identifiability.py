@@ -16,6 +16,7 @@ The rotations must be orthonormal to rounding: a scale enters ``1 - s_2`` in the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,14 +24,14 @@ from calib import se3
 from calib.errors import NotIdentifiableError
 from calib.robot_world.algebra import (
     apply_matrix,
-    assemble,
     conjugate,
     kronecker_mean,
     left_matrix,
 )
+from calib.robot_world.closed_form import assemble, residual_rms
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import direction, residuals
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.se3 import BoolArray, FloatArray
 
 TILT_TOLERANCE_RAD = 1e-5
 """Tilt of the common axis that counts as none: above the rounding of a file with six decimals."""
@@ -58,6 +59,9 @@ _ABOVE_TILT = 3.0
 """Rotation about an axis, in units of the tilt, from which the message counts it as one: rotation
 that merely makes up the tilt is of its own size."""
 
+_FAR_ENOUGH = 2.0
+"""Bound of the tilt, over what is enough, from which on its value does not matter."""
+
 _SAME_PLACE_M = 1e-6
 """Movement that counts as none when the message says what is free."""
 
@@ -68,66 +72,67 @@ class Motion:
 
     Attributes
     ----------
-    turn_rad : ndarray (T, 2)
-        Root mean square rotation about the main axis, and about the next one.
+    pairs : PairSets
     tilt_rad : ndarray (T,)
-        Root mean square tilt of the common axis. Both are the smaller of what A and B show: what
-        noise in one of them adds does not count.
+        Root mean square tilt of the common axis, or where that is more than enough, some bound
+        below it. It is the smaller of what A and B show: what noise in one of them adds does not
+        count.
     residual_rad : ndarray (T,)
         Root mean square residual rotation angle of the closed form of the rotations.
     residual_m : ndarray (T,)
         Root mean square residual translation with these rotations, the translations solved for.
-    size_m : ndarray (T,)
-        Root mean square length of the translations of A and B.
     rank_deficient, degenerate : ndarray of bool (T,)
         No tilt; none that stands out of the noise.
     """
 
-    turn_rad: FloatArray
+    pairs: PairSets
     tilt_rad: FloatArray
     residual_rad: FloatArray
     residual_m: FloatArray
-    size_m: FloatArray
     rank_deficient: BoolArray
     degenerate: BoolArray
 
-    def is_misfit(self, residuals: FloatArray, trials: IntArray) -> BoolArray:
-        """Whether residuals ``(len(trials), N, 6)`` of these trials say that a method failed."""
-        angle_rms = np.sqrt((residuals[..., :3] ** 2).sum(axis=-1).mean(axis=-1))
-        distance_rms = np.sqrt((residuals[..., 3:] ** 2).sum(axis=-1).mean(axis=-1))
-        largest_rad = MISFIT_FACTOR * self.residual_rad[trials] + MISFIT_FLOOR_RAD
-        largest_m = TRANSLATION_MISFIT_FACTOR * self.residual_m[trials]
-        floor_m = MISFIT_FLOOR * self.size_m[trials]
-        return np.asarray((angle_rms > largest_rad) | (distance_rms > largest_m + floor_m))
+    @cached_property
+    def turn_rad(self) -> FloatArray:
+        """Root mean square rotation ``(T, 2)`` [rad] about the main axis, and about the next one.
+
+        The smaller of what A and B show.
+        """
+        return np.minimum(_turns(self.pairs.A), _turns(self.pairs.B))
+
+    @cached_property
+    def turned_rad(self) -> FloatArray:
+        """Root mean square rotation ``(T,)`` [rad] from the mean, from 0 to 1.2 for any rotations.
+
+        ``|mean R|²`` is the mean over all i, j of ``1 + 2 cos`` of the angle between R_i and R_j.
+        The smaller of what A and B show.
+        """
+        means = (self.pairs.mean(R) for R in (self.pairs.R_A, self.pairs.R_B))
+        square = [0.5 * (3.0 - (mean * mean).sum(axis=(0, 1))) for mean in means]
+        return np.asarray(np.sqrt(np.clip(np.minimum(*square), 0.0, None)))
+
+    def is_misfit(self, angle_rms: FloatArray, distance_rms: FloatArray) -> BoolArray:
+        """Whether a method failed in the sets ``(T,)``, by the residuals that it leaves."""
+        largest_rad = MISFIT_FACTOR * self.residual_rad + MISFIT_FLOOR_RAD
+        largest_m = TRANSLATION_MISFIT_FACTOR * self.residual_m + MISFIT_FLOOR * self.pairs.size
+        return np.asarray((angle_rms > largest_rad) | (distance_rms > largest_m))
 
 
 def rotation_rms(pairs: PairSets) -> FloatArray:
     """Root mean square rotation angle ``(T,)`` that the closed form of the rotations leaves."""
-    R_X, R_Z = pairs.rotations
     zero = np.zeros(3)
-    error = residuals(
-        se3.transform(pairs.A[..., :3, :3], zero),
-        se3.transform(pairs.B[..., :3, :3], zero),
-        se3.transform(R_X, zero),
-        se3.transform(R_Z, zero),
-    )
-    return np.asarray(np.sqrt((error[..., :3] ** 2).sum(axis=-1).mean(axis=-1)))
+    R_X, R_Z = (se3.transform(R, zero) for R in pairs.rotations)
+    return residual_rms(pairs, R_X, R_Z)[0]
 
 
 def examine(pairs: PairSets) -> Motion:
     """Measure the motion of T sets of pose pairs."""
-    A, B = pairs.A, pairs.B
-    R_X, R_Z = pairs.rotations
-    error = residuals(A, B, *assemble(A, B, R_X, R_Z))
-    residual = np.sqrt((error[..., :3] ** 2).sum(axis=-1).mean(axis=-1))
-    residual_m = np.sqrt((error[..., 3:] ** 2).sum(axis=-1).mean(axis=-1))
-    size_m = np.sqrt(sum((T[..., :3, 3] ** 2).sum(axis=-1).mean(axis=-1) for T in (A, B)))
-    turn = np.minimum(_turns(A), _turns(B))
-    tilt = np.minimum(_tilt(A), _tilt(B))
-    rank_deficient = tilt < TILT_TOLERANCE_RAD
+    residual_rad, residual_m = residual_rms(pairs, *pairs.rotations_first)
     # The tilt is about two axes, the residual about three.
-    noisy = tilt < NOISE_FACTOR * residual * np.sqrt(2.0 / 3.0)
-    return Motion(turn, tilt, residual, residual_m, size_m, rank_deficient, rank_deficient | noisy)
+    enough = np.maximum(NOISE_FACTOR * np.sqrt(2.0 / 3.0) * residual_rad, TILT_TOLERANCE_RAD)
+    tilt = np.minimum(_tilt(pairs.A, enough), _tilt(pairs.B, enough))
+    rank_deficient = tilt < TILT_TOLERANCE_RAD
+    return Motion(pairs, tilt, residual_rad, residual_m, rank_deficient, tilt < enough)
 
 
 def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentifiableError:
@@ -198,7 +203,7 @@ def half_turns(pairs: PairSets, motion: Motion) -> tuple[tuple[str, FloatArray, 
         turned = (2.0 * np.outer(axis, axis) - np.eye(3)) @ R_X
         R_A, R_B = pairs.A[..., :3, :3], pairs.B[..., :3, :3]
         mean = (R_A @ turned[:, None] @ np.swapaxes(R_B, -1, -2)).mean(axis=1)
-        X, Z = assemble(pairs.A, pairs.B, turned, se3.project_to_rotation(mean))
+        X, Z = assemble(pairs, turned, se3.project_to_rotation(mean))
         error = residuals(pairs.A, pairs.B, X, Z)[0, :, :3]
         if np.sqrt((error**2).sum(axis=-1).mean()) <= largest_rad:
             text = f"X turned by half a turn about the axis {direction(axis)} of the flange"
@@ -238,10 +243,21 @@ def _turns(T: FloatArray) -> FloatArray:
     return np.asarray(2.0 * np.arcsin(half_sine))
 
 
-def _tilt(T: FloatArray) -> FloatArray:
-    """Root mean square angle ``(T,)`` [rad] by which the common axis tilts from pose to pose."""
-    second = np.linalg.svd(kronecker_mean(T, T), compute_uv=False)[:, 1]
-    return np.asarray(np.sqrt(np.clip(2.0 * (1.0 - second), 0.0, None)))
+def _tilt(T: FloatArray, enough: FloatArray) -> FloatArray:
+    """Root mean square angle ``(T,)`` [rad] by which the common axis tilts from pose to pose.
+
+    Of ``mean R ⊗ R`` the identity takes the singular value 1; the sum of the squares of all others
+    bounds the next one from above, and the tilt from below. Where that bound is enough it will do:
+    most sets of poses are far from any doubt.
+    """
+    K = kronecker_mean(T, T)
+    others = np.clip((K * K).sum(axis=(1, 2)) - 1.0, 0.0, 1.0)
+    tilt = np.sqrt(2.0 * (1.0 - np.sqrt(others)))
+    doubtful = ~(tilt > _FAR_ENOUGH * enough)
+    if doubtful.any():
+        second = np.linalg.svd(K[doubtful], compute_uv=False)[:, 1]
+        tilt[doubtful] = np.sqrt(np.clip(2.0 * (1.0 - second), 0.0, None))
+    return np.asarray(tilt)
 
 
 def _common_axis(A: FloatArray) -> str:

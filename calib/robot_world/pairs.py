@@ -8,7 +8,7 @@ import numpy as np
 
 from calib import se3
 from calib.posture_last import columns_of
-from calib.robot_world import algebra
+from calib.robot_world import algebra, closed_form
 from calib.se3 import FloatArray
 
 
@@ -73,11 +73,15 @@ class PairSets:
     def rotations(self) -> tuple[FloatArray, FloatArray]:
         """Rotations of X and Z ``(T, 3, 3)`` from those of the pairs alone, in closed form.
 
-        The leading singular vectors of :attr:`kronecker_mean`, made orthonormal: the minimum of
-        ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm. No sign and no half turn troubles
-        it, which is why signs and frames are chosen by it.
+        See :func:`calib.robot_world.closed_form.rotations`. No sign and no half turn troubles
+        them, which is why signs and frames are chosen by them.
         """
-        return algebra.leading_rotations(self.kronecker_mean)
+        return closed_form.rotations(self)
+
+    @cached_property
+    def rotations_first(self) -> tuple[FloatArray, FloatArray]:
+        """X and Z ``(T, 4, 4)`` with these rotations, translations by least squares."""
+        return closed_form.assemble(self, *self.rotations)
 
     @cached_property
     def quaternions(self) -> tuple[FloatArray, FloatArray]:

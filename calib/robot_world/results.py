@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib import se3
+from calib.posture_last import columns_of, product, rotation_log, transposed, turn
 from calib.robot_world.adjustment import Fit
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -59,10 +60,22 @@ def residuals(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray) -> Flo
     X, Z : ndarray (..., 4, 4)
         The solution.
     """
-    left, right = A @ X[..., None, :, :], Z[..., None, :, :] @ B
-    difference = left[..., :3, :3] @ np.swapaxes(right[..., :3, :3], -1, -2)
-    translation = left[..., :3, 3] - right[..., :3, 3]
-    return np.concatenate([se3.rotation_log(difference), translation], axis=-1)
+    shape = np.broadcast_shapes(A.shape[:-2], B.shape[:-2], (*X.shape[:-2], 1))
+    R_A, p_A, R_B, p_B, R_X, p_X, R_Z, p_Z = (
+        part
+        for T in (A, B, X[..., None, :, :], Z[..., None, :, :])
+        for part in _columns(np.broadcast_to(T, (*shape, 4, 4)))
+    )
+    difference = product(product(R_A, R_X), transposed(product(R_Z, R_B)))
+    translation = turn(R_A, p_X) + p_A - turn(R_Z, p_B) - p_Z
+    error = np.concatenate([rotation_log(difference), translation])
+    return np.ascontiguousarray(error.T).reshape(*shape, 6)
+
+
+def _columns(T: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Columns ``(3, 3, S)`` and origins ``(3, S)`` of transforms ``(..., 4, 4)``."""
+    flat = T.reshape(-1, 4, 4)
+    return columns_of(flat[:, :3, :3]), np.ascontiguousarray(flat[:, :3, 3].T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from calib import se3
 from calib.errors import InputError
 from calib.robot_world.accuracy import GoodnessOfFit, covariance_of, goodness, noise_shown, rank_of
+from calib.robot_world.closed_form import residual_rms
 from calib.robot_world.diagnosis import outstanding, suspicions
 from calib.robot_world.identifiability import Motion, examine, half_turns, not_identifiable
 from calib.robot_world.leave_one_out import left_out_residuals
@@ -144,8 +145,9 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
         if found.weights is not None:
             rank_deficient, degenerate, misfit = _judged_by_used(pairs, found)
         else:
-            error = residuals(kept.A, kept.B, found.X, found.Z)
-            misfit[usable] = motion.is_misfit(error, usable)
+            sizes = np.zeros((2, pairs.T))
+            sizes[:, usable] = residual_rms(kept, found.X, found.Z)
+            misfit = motion.is_misfit(*sizes)
     misfit &= ~rank_deficient
     return RobotWorldBatch(
         X,
@@ -170,8 +172,8 @@ def _judged_by_used(pairs: PairSets, found: Estimate) -> tuple[BoolArray, BoolAr
             continue
         kept = PairSets(pairs.A[trial][used][None], pairs.B[trial][used][None])
         motion = examine(kept)
-        error = residuals(kept.A, kept.B, found.X[trial, None], found.Z[trial, None])
-        judged = (motion.rank_deficient, motion.degenerate, motion.is_misfit(error, np.array([0])))
+        sizes = residual_rms(kept, found.X[trial, None], found.Z[trial, None])
+        judged = (motion.rank_deficient, motion.degenerate, motion.is_misfit(*sizes))
         out[:, trial] = [values[0] for values in judged]
     return out[0], out[1], out[2]
 
@@ -205,7 +207,7 @@ def _result(
 ) -> RobotWorldResult:
     """All that is said of one solution."""
     error = residuals(pairs.A, pairs.B, found.X, found.Z)[0]
-    status, message = _verdict(found, motion, error[used])
+    status, message = _verdict(found, motion)
     estimated = noise is None
     fit: GoodnessOfFit | None = None
     if status == "ok" and noise is None:
@@ -287,17 +289,17 @@ def _checked(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray
     return se3.orthonormal(A), se3.orthonormal(B)
 
 
-def _verdict(found: Estimate, motion: Motion, error: FloatArray) -> tuple[str, str]:
-    """Status and message of one solution with the residuals ``(N, 6)``."""
+def _verdict(found: Estimate, motion: Motion) -> tuple[str, str]:
+    """Status and message of one solution."""
     if found.converged is not None and not found.converged[0]:
         return "not converged", (
             f"still moving after {found.iterations[0] if found.iterations is not None else 0} "
             "cycles: X and Z are the last iterate"
         )
-    if motion.is_misfit(error[None], np.array([0]))[0]:
+    if motion.is_misfit(*residual_rms(motion.pairs, found.X, found.Z))[0]:
         return "misfit", (
             f"the residuals are several times the {np.degrees(motion.residual_rad[0]):.2g} deg and "
             f"{1e3 * motion.residual_m[0]:.2g} mm that rotations first, then translations leave: "
             "this method has failed on these data, take another"
         )
-    return "ok", f"solved from {len(error)} pairs"
+    return "ok", f"solved from {motion.pairs.N} pairs"

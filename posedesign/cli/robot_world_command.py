@@ -108,9 +108,9 @@ def robot_world(
     methods = methods_of(method)
     noise = noise_of(noise_deg, noise_mm, noise_on)
     found = source.read()
-    outcomes = solve_and_write(found, out, methods, noise)
-    for text in found.notes:
+    for text in found.notes:  # before solving, which may be refused for what they say
         note(f"warning: {text}")
+    outcomes = solve_and_write(found, out, methods, noise)
     opencv = convention == "opencv"
     if as_json:
         print_json([outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes])
@@ -158,9 +158,11 @@ def print_solvers(outcomes: Sequence[SolverOutcome], camera: Camera = "on-flange
     }
     print_table("Left over (rms)", [{name: row[key] for key, name in keep.items()} for row in rows])
     print(f"A = {frames.A}; B = {frames.B}")
-    print(
-        "sigma: the largest of the three axes. left_out: of pairs that the solution has not seen."
+    sources = {row["noise"] for row in rows}
+    noise = (
+        "the noise given" if "given" in sources else "the noise that the residuals show, as of B"
     )
+    print(f"sigma: the largest of the three axes, by {noise}; left_out: of pairs not seen.")
     for text in remarks_of(outcomes):
         print(text)
 

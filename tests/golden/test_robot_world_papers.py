@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from calib import se3
 from calib.robot_world import METHODS, PairSets, random_problems
-from calib.robot_world.algebra import assemble
+from calib.robot_world.closed_form import assemble
 from calib.robot_world.methods import hirsh
 
 GIVEN_TOLERANCE_RAD = 1e-4
@@ -153,7 +153,7 @@ class TestLi:
         solved = {name: (f.X, f.Z) for name, f in found.items()}
         kronecker = found["li-kronecker-literal"]
         solved["li-kronecker-literal"] = assemble(
-            A, B, kronecker.X[:, :3, :3], kronecker.Z[:, :3, :3]
+            PairSets(A, B), kronecker.X[:, :3, :3], kronecker.Z[:, :3, :3]
         )
         totals = [total_error(*pair, X, Z) for pair in solved.values()]
         assert np.median(totals[0]) < np.median(totals[1]) < np.median(totals[2])

@@ -19,7 +19,6 @@ import numpy as np
 from calib import se3
 from calib.robot_world.algebra import (
     apply_matrix,
-    assemble,
     conjugate,
     left_matrix,
     right_matrix,
@@ -27,6 +26,7 @@ from calib.robot_world.algebra import (
 )
 from calib.robot_world.certificate.local import minimise
 from calib.robot_world.certificate.polynomial import Weights
+from calib.robot_world.closed_form import assemble
 from calib.robot_world.methods.relative_motions import centred
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
@@ -49,7 +49,7 @@ def estimate(pairs: PairSets) -> Estimate:
     Estimate
         X and Z ``(T, 4, 4)``.
     """
-    return Estimate(*assemble(pairs.A, pairs.B, *rotations(pairs)))
+    return Estimate(*assemble(pairs, *rotations(pairs)))
 
 
 def estimate_nonlinear(pairs: PairSets) -> Estimate:

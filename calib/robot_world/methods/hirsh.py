@@ -29,12 +29,12 @@ import numpy as np
 from calib import se3
 from calib.robot_world.algebra import (
     apply_matrix,
-    assemble,
     conjugate,
     left_matrix,
     right_matrix,
     triangle,
 )
+from calib.robot_world.closed_form import assemble
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -77,7 +77,7 @@ def estimate(pairs: PairSets) -> Estimate:
     x = apply_matrix(np.swapaxes(iteration.mean, -1, -2), z)
     R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)
     return Estimate(
-        *assemble(pairs.A, pairs.B, R_X, R_Z),
+        *assemble(pairs, R_X, R_Z),
         iterations=count,
         converged=iteration.has_arrived(count, TOLERANCE_RAD),
     )
@@ -103,7 +103,7 @@ def estimate_literal(pairs: PairSets) -> Estimate:
     """
     x, z, count, converged = iterate_literal(pairs, LITERAL_CYCLE_LIMIT)
     R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)
-    return Estimate(*assemble(pairs.A, pairs.B, R_X, R_Z), iterations=count, converged=converged)
+    return Estimate(*assemble(pairs, R_X, R_Z), iterations=count, converged=converged)
 
 
 def cycles(pairs: PairSets, tolerance_rad: float) -> IntArray:

@@ -20,11 +20,11 @@ import numpy as np
 from calib import se3
 from calib.robot_world.algebra import (
     apply_matrix,
-    assemble,
     kronecker,
     least_squares,
     triangle,
 )
+from calib.robot_world.closed_form import assemble
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
@@ -56,7 +56,7 @@ def estimate(pairs: PairSets) -> Estimate:
     vec_X, vec_Z, _ = _solve_rows(pairs, np.where(length > 0.0, length, 1.0))
     R_X = se3.project_to_rotation(vec_X.reshape(-1, 3, 3))
     R_Z = se3.project_to_rotation(vec_Z.reshape(-1, 3, 3))
-    return Estimate(*assemble(pairs.A, pairs.B, R_X, R_Z))
+    return Estimate(*assemble(pairs, R_X, R_Z))
 
 
 def estimate_literal(pairs: PairSets) -> Estimate:

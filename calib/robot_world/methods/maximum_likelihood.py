@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 
 from calib.robot_world.adjustment import Fit, adjust
-from calib.robot_world.algebra import assemble
 from calib.robot_world.errors_of_pairs import ErrorModel, Isotropic
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
@@ -24,7 +23,7 @@ from calib.se3 import FloatArray
 _ROUNDS = 40
 """Rounds of estimating the noise: the change shrinks by a tenth or more in each."""
 
-_SETTLED = 1e-9
+_SETTLED = 1e-6
 """Relative change of the noise from round to round that counts as none."""
 
 _STEPS_A_ROUND = 2
@@ -49,7 +48,7 @@ def estimate(pairs: PairSets, noise: Noise | None = None) -> Estimate:
     Estimate
         X and Z ``(T, 4, 4)``, the information on them, and the estimated noise.
     """
-    X, Z = assemble(pairs.A, pairs.B, *pairs.rotations)
+    X, Z = pairs.rotations_first
     if noise is None:
         fit, sigma = with_estimated_noise(pairs, X, Z)
         return as_estimate(fit, sigma)
@@ -120,8 +119,8 @@ def _taken_up(fit: Fit) -> FloatArray:
     """Of the 12 of X and Z, how many the rows of rotation and of translation decide ``(2, T)``."""
     _, _, T, N = fit.jacobian.shape
     rows = fit.jacobian.reshape(12, 2, 3, T, N).transpose(1, 3, 0, 2, 4).reshape(2, T, 12, 3 * N)
-    share = np.linalg.pinv(fit.information) @ (rows @ np.swapaxes(rows, -1, -2))
-    return np.asarray(np.trace(share, axis1=-2, axis2=-1))
+    own = rows @ np.swapaxes(rows, -1, -2)
+    return np.asarray((fit.covariance * own).sum(axis=(-2, -1)))
 
 
 def _freedom(counted: FloatArray, taken: FloatArray) -> FloatArray:

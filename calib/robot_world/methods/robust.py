@@ -13,7 +13,6 @@ import numpy as np
 from scipy.stats import chi2
 
 from calib.robot_world.adjustment import adjust, linear_rows
-from calib.robot_world.algebra import assemble
 from calib.robot_world.errors_of_pairs import ErrorModel
 from calib.robot_world.methods.maximum_likelihood import (
     as_estimate,
@@ -104,7 +103,7 @@ def _consensus(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
     X, Z = np.empty((2, T, 4, 4))
     for first in range(0, T, at_once):
         rows = slice(first, min(first + at_once, T))
-        A, B = pairs.A[rows], pairs.B[rows]
+        A, B = _in_own_order(pairs.A[rows], pairs.B[rows])
         candidates = _solved(A, B, np.tile(draws, (len(A), 1, 1)))
         for kept in (_BEST, _BEST, 1):
             best = _best(A, B, *candidates, kept)
@@ -118,12 +117,19 @@ def _consensus(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
     return X, Z
 
 
+def _in_own_order(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pairs sorted by where A is, so that the same ones are drawn in whatever order they come."""
+    order = np.lexsort(A[..., :3, [3, 0, 1]].reshape(*A.shape[:2], 9).transpose(2, 0, 1), axis=-1)
+    trial = np.arange(len(A))[:, None]
+    return A[trial, order], B[trial, order]
+
+
 def _solved(A: FloatArray, B: FloatArray, index: IntArray) -> tuple[FloatArray, FloatArray]:
     """X and Z ``(T, K, 4, 4)`` of the pairs ``(T, K, few)`` of sets ``(T, N, 4, 4)``."""
     T, K, few = index.shape
     trial = np.arange(T)[:, None, None]
     sets = PairSets(*(M[trial, index].reshape(T * K, few, 4, 4) for M in (A, B)))
-    X, Z = assemble(sets.A, sets.B, *sets.rotations)
+    X, Z = sets.rotations_first
     return X.reshape(T, K, 4, 4), Z.reshape(T, K, 4, 4)
 
 

@@ -13,14 +13,8 @@ rotations that are orthonormal already: the answer does not depend on the unit o
 
 from __future__ import annotations
 
-import numpy as np
-
-from calib import se3
-from calib.robot_world.algebra import apply_matrix, assemble, kronecker, triangle
-from calib.robot_world.methods.relative_motions import centred
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
-from calib.se3 import FloatArray
 
 
 def estimate(pairs: PairSets) -> Estimate:
@@ -36,19 +30,4 @@ def estimate(pairs: PairSets) -> Estimate:
     Estimate
         X and Z ``(T, 4, 4)``.
     """
-    return Estimate(*assemble(pairs.A, pairs.B, *_rotations(pairs)))
-
-
-def _rotations(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
-    """Rotations of X and Z ``(T, 3, 3)``: those of ``pairs.rotations``, with more digits.
-
-    With K_i the products and K their mean, vec R_X is the last right singular vector of all
-    ``K_i - K`` stacked, since the K_i are orthogonal matrices. Where the poses hardly tilt, the
-    leading singular values of K are nearly equal, and tell the square of what these tell.
-    """
-    stacked = centred(kronecker(pairs.A, pairs.B)).reshape(pairs.T, 9 * pairs.N, 9)
-    vec_X = np.asarray(np.linalg.svd(triangle(stacked))[2])[:, 8]
-    X = vec_X.reshape(-1, 3, 3)
-    Z = apply_matrix(pairs.kronecker_mean, vec_X).reshape(-1, 3, 3)
-    sign = np.where(np.linalg.det(Z) < 0.0, -1.0, 1.0)[:, None, None]
-    return se3.project_to_rotation(sign * X), se3.project_to_rotation(sign * Z)
+    return Estimate(*pairs.rotations_first)

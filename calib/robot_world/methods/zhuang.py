@@ -18,9 +18,9 @@ import numpy as np
 
 from calib import se3
 from calib.robot_world.algebra import (
-    assemble,
     least_squares,
 )
+from calib.robot_world.closed_form import assemble
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray
@@ -67,7 +67,7 @@ def estimate(pairs: PairSets) -> Estimate:
     x, z = _solve_quaternions(*PairSets(A_turned, B_turned).quaternions, divide=False)
     R_X = se3.rotation_from_quaternion(x) @ R_X
     R_Z = R_base @ se3.rotation_from_quaternion(z) @ to_target
-    return Estimate(*assemble(pairs.A, pairs.B, R_X, R_Z))
+    return Estimate(*assemble(pairs, R_X, R_Z))
 
 
 def estimate_literal(pairs: PairSets) -> Estimate:
@@ -88,7 +88,7 @@ def estimate_literal(pairs: PairSets) -> Estimate:
     """
     x, z = _solve_quaternions(*pairs.quaternions, divide=True)
     R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)
-    return Estimate(*assemble(pairs.A, pairs.B, R_X, R_Z))
+    return Estimate(*assemble(pairs, R_X, R_Z))
 
 
 def _turn(T: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The fewest poses of a cell's pool: what is in it, and what becomes of poses that no way leads to."""
+"""The fewest poses of a cell: the pool, and what becomes of poses that no way leads to."""
 
 from __future__ import annotations
 

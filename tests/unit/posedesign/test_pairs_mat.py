@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.se3 import FloatArray, inverse, transform
-from posedesign import pairs_mat
+from posedesign import pairs_mat_reading
 from posedesign.pairs_file import Pairs
 from posedesign.pairs_source import PairSource
 
@@ -144,12 +144,12 @@ def test_variables_that_do_not_fit(save: Save) -> None:
         ("flat", "4x4 double"),
         ("wrong", "6x4x4 double"),
         ("whole", "4x4x6 int32"),
-        ("text", "1 char"),
+        ("text", "1x3 char"),
         ("cell", "1x2 cell"),
         ("struct", "1x1 struct"),
     ):
         refused(path, f"key {name}: is {what}, not 4x4xN", "cat(3, T{:})", variables=["hand", name])
-    refused(path, "key turning: is no array of real numbers", variables=["hand", "turning"])
+    refused(path, "key turning: is 4x4x6 complex double", variables=["hand", "turning"])
     two = save("two.mat", hand=A, cam=A)
     refused(two, "--variables hand,cam")
     with pytest.raises(FileFormatError, match=r"two\.mat: does not say which .*cam"):
@@ -230,7 +230,7 @@ def test_file_that_is_not_there(tmp_path: Path) -> None:
 
 
 def test_few_bytes_that_unfold_to_many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pairs_mat, "LARGEST_MAT_BYTES", 1_000_000)
+    monkeypatch.setattr(pairs_mat_reading, "LARGEST_MAT_BYTES", 1_000_000)
     packed = zlib.compress(struct.pack("<II", 14, 20_000_000) + bytes(20_000_000))
     assert len(packed) < 30_000
     path = tmp_path / "bomb.mat"

@@ -9,7 +9,7 @@ from calib import CalibrationModel, Robot, se3
 from calib.errors import InputError, NotIdentifiableError
 from calib.measurement import CameraPose, Pose
 from calib.parameters import TargetFrame, ToolFrame
-from calib.robot_world import PairNoise, design, random_problems
+from calib.robot_world import PairNoise, design, random_problems, solve
 from calib.robot_world.noise import PairCovariances, difference, perturb
 from calib.robot_world.results import residuals
 
@@ -226,3 +226,10 @@ def test_a_camera_pose_is_noise_on_B_with_a_lever(arm):
     noise = PairCovariances(B=of_B, axes="from")
     found = design.covariance(design.blocks(A, X, Z, noise))
     agree(found, model_covariance(robot, q, X, Z, CameraPose(np.roll(sigma, 3))))
+
+
+@pytest.mark.parametrize("noise", noises())
+def test_the_likeliest_solution_of_perfect_pairs_is_as_certain_as_designed(noise):
+    A, B, X, Z = problem(8)
+    found = solve(A, B, "ml", noise=noise).covariance
+    agree(found, design.covariance(design.blocks(A, X, Z, noise)))

@@ -355,3 +355,14 @@ def test_identical_poses_have_no_axis_and_do_no_harm():
         found = solve_batch(A, B, method)
         np.testing.assert_allclose(found.X, problems.X, atol=1e-9)
         np.testing.assert_allclose(found.Z, problems.Z, atol=1e-9)
+
+
+@pytest.mark.parametrize("method", HAND_EYE)
+def test_a_set_without_rotations_does_not_stop_the_others(method):
+    problems = random_problems(np.random.default_rng(10), 2, 5)
+    A = problems.A.copy()
+    A[0, :, :3, :3] = A[0, 0, :3, :3]
+    B = se3.inverse(problems.Z)[:, None] @ A @ problems.X[:, None]
+    found = METHODS[method].estimate(PairSets(A, B))
+    assert np.isfinite(found.X).all()
+    np.testing.assert_allclose(found.X[1], problems.X[1], atol=1e-9)

@@ -12,7 +12,6 @@ from calib.robot_world import (
     solve_batch,
 )
 from calib.robot_world.algebra import (
-    assemble,
     conjugate,
     kronecker,
     kronecker_mean,
@@ -20,6 +19,7 @@ from calib.robot_world.algebra import (
     left_matrix,
     right_matrix,
 )
+from calib.robot_world.closed_form import assemble
 from calib.robot_world.methods import hirsh, li_kronecker
 
 NOISE = PairNoise(np.radians(0.5), 1e-3, "both")
@@ -90,7 +90,7 @@ def test_signs_agree_with_the_leading_eigenvector_of_the_sign_matrix(cone_deg):
 def test_translations_are_the_least_squares_of_eq_16():
     A, B, _ = noisy(4, 3, 5)
     R_X, R_Z = PairSets(A, B).rotations
-    X, Z = assemble(A, B, R_X, R_Z)
+    X, Z = assemble(PairSets(A, B), R_X, R_Z)
     for trial in range(3):
         rows = np.concatenate([np.hstack([a[:3, :3], -np.eye(3)]) for a in A[trial]])
         right_side = np.concatenate(

@@ -1,0 +1,189 @@
+"""Rotations from the rotations of the pairs alone, translations by least squares, and what is left.
+
+Most methods take some of these steps, and every solution is judged by them. They are written for
+many sets at once: numpy calls its linear algebra once for each small matrix, which takes longer
+than the products of all of them together.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calib import se3
+from calib.posture_last import columns_of, matrices_of, product, transposed, turn, turn_back
+from calib.robot_world.algebra import apply_matrix, kronecker, least_squares, triangle
+from calib.se3 import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from calib.robot_world.pairs import PairSets
+
+_MANY = 24
+"""Sets from which on it pays to avoid a factorisation of each."""
+
+_SQUARINGS, _STEPS = 5, 8
+"""A step multiplies by the 32nd power of KᵀK: the error shrinks by (σ2/σ1)^64."""
+
+_ONE_LEADS = 0.7
+"""Sum of the squares of the eigenvalues of that power, over the square of their sum, from which on
+the first is far ahead of all others and the steps arrive, instead of creeping."""
+
+_SETTLED = 1e-15
+"""Squared change of a unit vector that counts as none: it is 3e-8 before the last step."""
+
+_CLOSE = 0.98
+"""Second singular value, of the first, from which on the digits lost count: the square root of
+their distance is the tilt of the poses, here 11 deg."""
+
+_NEWTON_STEPS = 8
+_ORTHONORMAL = 1e-14
+
+_WELL_CONDITIONED = 1e-6
+"""Determinant of the normal matrix of the translations, over the cube of its mean eigenvalue, above
+which its inverse and a refinement are as good as an orthogonal factorisation."""
+
+
+def rotations(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
+    """Rotations of X and Z ``(T, 3, 3)`` from those of the pairs alone.
+
+    The leading singular vectors of :attr:`PairSets.kronecker_mean`, made orthonormal: the minimum
+    of ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm.
+    """
+    x, z, close = leading_vectors(pairs.kronecker_mean)
+    if close.any():
+        x[close], z[close] = _by_deviations(pairs, close)
+    X, Z = x.reshape(-1, 3, 3), z.reshape(-1, 3, 3)
+    # A pair of singular vectors is defined up to one common sign: that of a rotation.
+    sign = np.where(np.linalg.det(Z) < 0.0, -1.0, 1.0)[:, None, None]
+    return nearest_rotations(sign * X), nearest_rotations(sign * Z)
+
+
+def leading_vectors(K: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Right and left singular vectors ``(T, n)`` of the largest singular values of ``(T, n, n)``.
+
+    Of many matrices by powers of KᵀK. Also those ``(T,)`` whose second value is close, so that the
+    vectors have lost digits.
+    """
+    if len(K) < _MANY:
+        U, values, Vt = np.linalg.svd(K)
+        return Vt[:, 0].copy(), U[:, :, 0].copy(), values[:, 1] > _CLOSE * values[:, 0]
+    power = np.swapaxes(K, -1, -2) @ K
+    for _ in range(_SQUARINGS):
+        power /= np.trace(power, axis1=1, axis2=2)[:, None, None]
+        power = power @ power
+    total = np.trace(power, axis1=1, axis2=2)
+    leads = (power * power).sum(axis=(1, 2)) > _ONE_LEADS * total**2
+    largest = np.diagonal(power, axis1=1, axis2=2).argmax(axis=-1)
+    x = np.take_along_axis(power, largest[:, None, None], axis=2)[..., 0]
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    for _ in range(_STEPS):
+        new = apply_matrix(power, x)
+        new /= np.linalg.norm(new, axis=-1, keepdims=True)
+        close = ~(((new - x) ** 2).sum(axis=-1) < _SETTLED)
+        x = new
+        if not close[leads].any():
+            break
+    close |= ~leads
+    z = apply_matrix(K, x)
+    return x, z / np.linalg.norm(z, axis=-1, keepdims=True), close
+
+
+def _by_deviations(pairs: PairSets, sets: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """The same vectors ``(count, 9)`` of some sets, with the digits that close values lose.
+
+    With K_i the products and K their mean, x is the last right singular vector of all ``K_i - K``
+    stacked, since the K_i are orthogonal matrices. Where the poses hardly tilt, the leading
+    singular values of K are nearly equal, and tell the square of what these tell.
+    """
+    every = kronecker(pairs.A[sets], pairs.B[sets])
+    K = every.mean(axis=1)
+    stacked = (every - K[:, None]).reshape(len(K), 9 * pairs.N, 9)
+    x = np.asarray(np.linalg.svd(triangle(stacked))[2])[:, 8]
+    z = apply_matrix(K, x)
+    return x, z / np.linalg.norm(z, axis=-1, keepdims=True)
+
+
+def nearest_rotations(matrix: FloatArray) -> FloatArray:
+    """Rotations nearest to matrices ``(T, 3, 3)`` that are nearly multiples of rotations.
+
+    As :func:`calib.se3.project_to_rotation`, by Newton's iteration where there are many.
+    """
+    if len(matrix) < _MANY:
+        return se3.project_to_rotation(matrix)
+    C = columns_of(matrix)
+    C *= np.sqrt(3.0 / (C * C).sum(axis=(0, 1)))
+    for _ in range(_NEWTON_STEPS):
+        gram = product(transposed(C), C)
+        deviation = gram.copy()
+        for k in range(3):
+            deviation[k, k] -= 1.0
+        if not (np.abs(deviation).max() > _ORTHONORMAL):
+            break
+        C = C - 0.5 * product(C, deviation)
+    R = matrices_of(C)
+    far = np.abs(deviation).max(axis=(0, 1)) > _ORTHONORMAL
+    far |= ~(np.linalg.det(R) > 0.0)
+    if far.any():
+        R[far] = se3.project_to_rotation(matrix[far])
+    return R
+
+
+def assemble(pairs: PairSets, R_X: FloatArray, R_Z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """X and Z ``(T, 4, 4)`` from their rotations ``(T, 3, 3)``, translations by least squares.
+
+    Minimises ``Σ |R_A p_X + p_A - R_Z p_B - p_Z|²`` (Eq. 16 of Li et al. 2010). p_Z is the mean
+    of what the rest leaves over; the equations less their mean give p_X.
+    """
+    offset = turn(pairs.spread(columns_of(R_Z)), pairs.p_B) - pairs.p_A
+    R_mean, offset_mean = pairs.mean(pairs.R_A), pairs.mean(offset)
+    D, d = pairs.R_A - pairs.spread(R_mean), offset - pairs.spread(offset_mean)
+    normal = np.empty((3, 3, pairs.T))
+    for i in range(3):
+        for j in range(i, 3):
+            normal[i, j] = normal[j, i] = pairs.mean((D[i] * D[j]).sum(axis=0))
+    inverse, well = _inverted(normal)
+    p_X = np.zeros((3, pairs.T))
+    for _ in range(2):  # the second time refines the first
+        left = d - turn(D, pairs.spread(p_X))
+        p_X += turn(inverse, pairs.mean(turn_back(D, left)))
+    if not well.all():
+        p_X[:, ~well] = _by_factorisation(pairs, D, d, ~well)
+    p_Z = turn(R_mean, p_X) - offset_mean
+    return se3.transform(R_X, p_X.T), se3.transform(R_Z, p_Z.T)
+
+
+def _inverted(normal: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Inverses ``(3, 3, T)`` of symmetric matrices, and which of them are good to rounding."""
+    cofactor = np.empty_like(normal)
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        cofactor[k, k] = normal[i, i] * normal[j, j] - normal[i, j] ** 2
+        off = normal[i, k] * normal[j, k] - normal[i, j] * normal[k, k]
+        cofactor[i, j] = cofactor[j, i] = off
+    determinant = (normal[0] * cofactor[0]).sum(axis=0)
+    mean = (normal[0, 0] + normal[1, 1] + normal[2, 2]) / 3.0
+    well = determinant > _WELL_CONDITIONED * mean**3
+    return cofactor / np.where(well, determinant, 1.0), well
+
+
+def _by_factorisation(pairs: PairSets, D: FloatArray, d: FloatArray, sets: BoolArray) -> FloatArray:
+    """p_X ``(3, count)`` of some sets, whatever their condition."""
+    T, N = pairs.T, pairs.N
+    rows = D.reshape(3, 3, T, N).transpose(2, 3, 1, 0)[sets].reshape(-1, 3 * N, 3)
+    right = d.reshape(3, T, N).transpose(1, 2, 0)[sets].reshape(-1, 3 * N)
+    return least_squares(rows, right).T
+
+
+def residual_rms(pairs: PairSets, X: FloatArray, Z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Root mean square residual angle [rad] and distance [m] ``(T,)`` of X and Z ``(T, 4, 4)``.
+
+    The chord of a rotation by θ is ``|R - 1|_F = √8 sin(θ/2)``.
+    """
+    R_X, R_Z = (pairs.spread(columns_of(M[:, :3, :3])) for M in (X, Z))
+    p_X, p_Z = (pairs.spread(M[:, :3, 3].T) for M in (X, Z))
+    chord = product(pairs.R_A, R_X) - product(R_Z, pairs.R_B)
+    half_sine = np.sqrt(np.minimum((chord * chord).sum(axis=(0, 1)) / 8.0, 1.0))
+    angle = 2.0 * np.arcsin(half_sine)
+    gap = turn(pairs.R_A, p_X) + pairs.p_A - turn(R_Z, pairs.p_B) - p_Z
+    return np.sqrt(pairs.mean(angle**2)), np.sqrt(pairs.mean((gap * gap).sum(axis=0)))

@@ -1,0 +1,345 @@
+"""``posedesign robot-world`` as a person types it, on pairs in every form."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from calib.robot_world import METHODS, PAPER_METHODS, PairNoise, add_noise, random_problems, solve
+from calib.se3 import FloatArray, inverse
+from posedesign.pairs_file import Pairs, write_pairs
+from posedesign.pairs_forms import PoseForm
+
+Cli = Callable[..., Any]
+Refuse = Callable[..., Any]
+
+NOISE = PairNoise(rotation_rad=5e-4, translation_m=2e-4, on="B")
+QUATERNION = PoseForm("m", "quaternion")
+COUNT = 12
+
+
+@pytest.fixture(scope="module")
+def measured() -> tuple[Pairs, FloatArray, FloatArray]:
+    """Noisy pairs of a camera on the flange, with X and Z."""
+    rng = np.random.default_rng(11)
+    problem = random_problems(rng, 1, COUNT)
+    A, B = add_noise(rng, problem.A[0], problem.B[0], NOISE)
+    names = tuple(f"P{i + 1:02d}" for i in range(COUNT))
+    return Pairs(names, A, B), problem.X[0], problem.Z[0]
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def matlab(path: Path, **sides: FloatArray) -> Path:
+    """A MATLAB file with 4x4xN arrays in mm."""
+    stacked = {name: np.moveaxis(T, 0, -1).copy() for name, T in sides.items()}
+    for T in stacked.values():
+        T[:3, 3] *= 1e3
+    savemat(path, stacked)
+    return path
+
+
+def headerless(path: Path, T: FloatArray, form: PoseForm) -> Path:
+    lines = [",".join(repr(float(v)) for v in row) for row in form.numbers(T)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_every_way_in_gives_the_same_answer(cli: Cli, tmp_path: Path, measured: Any) -> None:
+    pairs, _, _ = measured
+    target2cam = inverse(pairs.B)
+    quaternions = "qw,qx,qy,qz,x_m,y_m,z_m"
+    table = write_pairs(tmp_path / "t.csv", pairs, QUATERNION, PoseForm("mm", "matrix"))
+    other = write_pairs(tmp_path / "o.csv", Pairs(pairs.names, target2cam, inverse(pairs.A)))
+    form = PoseForm("m", "vector-rad")
+    sides = [
+        headerless(tmp_path / f"{k}.csv", T, form) for k, T in (("a", pairs.A), ("b", pairs.B))
+    ]
+    swapped = [tmp_path / name for name in ("qa.csv", "qb.csv")]
+    for path, T in zip(swapped, (pairs.A, target2cam), strict=True):
+        q = QUATERNION.numbers(T)
+        text = "\n".join(",".join(map(repr, row)) for row in np.roll(q, 4, axis=1).tolist())
+        path.write_text(text + "\n")
+    mat = matlab(tmp_path / "m.mat", T_hand=pairs.A, T_cam=target2cam)
+    ways: list[tuple[object, ...]] = [
+        (table,),
+        (other, "--convention", "opencv"),
+        ("--a", sides[0], "--b", sides[1], "--columns", "x_m,y_m,z_m,rx_rad,ry_rad,rz_rad"),
+        ("--a", swapped[0], "--b", swapped[1], "--columns", quaternions, "--invert", "b"),
+        (mat, "--variables", "T_hand,T_cam", "--unit", "mm", "--invert", "b"),
+    ]
+    expected = solve(pairs.A, pairs.B, "shah")
+    for k, way in enumerate(ways):
+        out = tmp_path / f"out{k}"
+        said = cli("robot-world", *way, "--method", "shah", "--out", out, "--json")
+        assert said.code == 0, said
+        (answer,) = json.loads(said.out)
+        np.testing.assert_allclose(answer["X"], expected.X, atol=1e-7)
+        np.testing.assert_allclose(answer["Z"], expected.Z, atol=1e-7)
+        assert ("opencv" in answer) == ("opencv" in way)
+
+
+def test_what_is_printed_and_written(cli: Cli, tmp_path: Path, measured: Any) -> None:
+    pairs, X, Z = measured
+    path = write_pairs(tmp_path / "pairs.csv", pairs)
+    said = cli("robot-world", path, "--method", "all", "--out", tmp_path)
+    assert said.code == 0
+    rows = rows_of(tmp_path / "robot_world.csv")
+    assert [row["method"] for row in rows] == list(METHODS)
+    assert all(said.out.count(f" {method} ") >= 3 for method in METHODS)
+    for words in (
+        "X = T_flange_camera: the camera in the flange frame",
+        "Z = T_base_target: the target in the base frame",
+        "A = T_base_flange: the flange in the base frame",
+        "B = T_target_camera: the camera in the frame of the target",
+        "T_camera_target, the target as the camera sees it (solvePnP",
+        "pass --invert b",
+        f"wrote {tmp_path / 'robot_world.csv'} and {tmp_path / 'robot_world_pairs.csv'}",
+    ):
+        assert words in said.out
+    best = next(row for row in rows if row["method"] == "ml")
+    for letter, T in (("x", X), ("z", Z)):
+        for axis, true in zip("xyz", 1e3 * T[:3, 3], strict=True):
+            sigma = float(best[f"sigma_{letter}_{axis}_mm"])
+            assert abs(float(best[f"{letter}_{axis}_mm"]) - true) < 5.0 * sigma
+            assert 0.01 < sigma < 1.0
+    assert best["noise"] == "estimated"
+    # 60 degrees of freedom say the noise to a tenth of it
+    assert 0.6 < float(best["noise_rotation_deg"]) / np.degrees(NOISE.rotation_rad) < 1.4
+
+
+def test_residuals_pair_by_pair(cli: Cli, tmp_path: Path, measured: Any) -> None:
+    pairs, _, _ = measured
+    path = write_pairs(tmp_path / "pairs.csv", pairs)
+    methods = ("ml", "shah")
+    assert cli("robot-world", path, "--method", "ml, shah", "--out", tmp_path).code == 0
+    rows = rows_of(tmp_path / "robot_world_pairs.csv")
+    assert [(r["method"], r["pose"]) for r in rows] == [
+        (method, name) for method in methods for name in pairs.names
+    ]
+    assert [row["place"] for row in rows[:2]] == ["line 2", "line 3"]
+    for method, row in zip(methods, rows_of(tmp_path / "robot_world.csv"), strict=True):
+        mine = [r for r in rows if r["method"] == method]
+        assert {r["used"] for r in mine} == {"yes"}
+        for each, rms in (
+            ("residual_deg", "residual_rotation_deg"),
+            ("residual_mm", "residual_translation_mm"),
+            ("left_out_deg", "left_out_rotation_deg"),
+            ("left_out_mm", "left_out_translation_mm"),
+        ):
+            found = np.sqrt(np.mean([float(r[each]) ** 2 for r in mine]))
+            assert float(row[rms]) == pytest.approx(found, rel=1e-5)
+        assert float(row["left_out_translation_mm"]) > float(row["residual_translation_mm"])
+    # leaving out pair 5, done by hand
+    keep = np.arange(COUNT) != 4
+    by_hand = solve(pairs.A[keep], pairs.B[keep], "shah")
+    miss = pairs.A[4] @ by_hand.X - by_hand.Z @ pairs.B[4]
+    row = next(r for r in rows if (r["method"], r["pose"]) == ("shah", "P05"))
+    assert float(row["left_out_mm"]) == pytest.approx(1e3 * np.linalg.norm(miss[:3, 3]), rel=1e-5)
+
+
+def test_pairs_that_are_left_out_are_named(cli: Cli, tmp_path: Path, measured: Any) -> None:
+    pairs, _, _ = measured
+    B = pairs.B.copy()
+    B[[2, 7]] = B[[7, 2]]
+    path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, pairs.A, B))
+    said = cli("robot-world", path, "--method", "ml-robust", "--out", tmp_path)
+    assert said.code == 0
+    assert "ml-robust: did not use line 4, line 9" in said.out
+    rows = rows_of(tmp_path / "robot_world_pairs.csv")
+    assert [row["pose"] for row in rows if row["used"] == "no"] == ["P03", "P08"]
+    assert float(rows[2]["residual_mm"]) > 10.0
+    (row,) = rows_of(tmp_path / "robot_world.csv")
+    assert (row["pairs"], row["used"]) == ("12", "10")
+
+
+def test_json_carries_everything(cli: Cli, tmp_path: Path, measured: Any) -> None:
+    pairs, _, _ = measured
+    path = write_pairs(tmp_path / "pairs.csv", pairs)
+    noise = ("--noise-deg", np.degrees(NOISE.rotation_rad), "--noise-mm", 0.2, "--noise-on", "b")
+    said = cli("robot-world", path, "--method", "ml", *noise, "--out", tmp_path, "--json")
+    assert (said.code, said.err) == (0, "")
+    (answer,) = json.loads(said.out)
+    direct = solve(pairs.A, pairs.B, "ml", NOISE)
+    np.testing.assert_allclose(answer["covariance"], direct.covariance, rtol=1e-4, atol=1e-14)
+    assert np.shape(answer["covariance"]) == (12, 12)
+    np.testing.assert_allclose(answer["residuals"], direct.residuals, atol=1e-8)
+    assert answer["chi2"] == pytest.approx(direct.chi2, rel=1e-5)
+    assert answer["freedom"] == direct.freedom
+    assert answer["rank"] == 12
+    assert (answer["noise"], answer["noise_on"]) == ("given", "B")
+    assert answer["frames"]["X"].startswith("T_flange_camera")
+    assert len(answer["each_pair"]) == COUNT
+    assert set(answer) >= {"warnings", "weak_directions", "ambiguities", "alternatives", "message"}
+    # rms of three axes against the deviations of the table
+    sigma = np.sqrt(np.diag(answer["covariance"]))
+    assert answer["sigma_x_x_mm"] == pytest.approx(1e3 * sigma[3])
+    assert answer["sigma_z_rz_deg"] == pytest.approx(np.degrees(sigma[8]))
+
+
+def test_fixed_camera(cli: Cli, tmp_path: Path, measured: Any) -> None:
+    """The same numbers, other names: B is T_camera_target."""
+    pairs, _, _ = measured
+    path = write_pairs(tmp_path / "pairs.csv", pairs)
+    said = cli("robot-world", path, "--camera", "fixed", "--method", "ml", "--out", tmp_path)
+    assert said.code == 0
+    for words in (
+        "X = T_flange_target: the target in the flange frame",
+        "Z = T_base_camera: the camera in the base frame",
+        "B = T_camera_target: the target in the frame of the camera",
+        "if B is T_target_camera",
+    ):
+        assert words in said.out
+    assert "T_flange_camera" not in said.out
+
+
+def test_answer_in_the_names_of_opencv(cli: Cli, tmp_path: Path, measured: Any) -> None:
+    """Against OpenCV itself, on its own input."""
+    cv2 = pytest.importorskip("cv2")
+    pairs, _, _ = measured
+    world2cam, base2gripper = inverse(pairs.B), inverse(pairs.A)
+    path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, world2cam, base2gripper))
+    way = ("robot-world", path, "--convention", "opencv", "--method", "shah", "--out", tmp_path)
+    (answer,) = json.loads(cli(*way, "--json").out)
+    R_X, p_X, R_Z, p_Z = cv2.calibrateRobotWorldHandEye(
+        [T[:3, :3] for T in world2cam],
+        [T[:3, 3:] for T in world2cam],
+        [T[:3, :3] for T in base2gripper],
+        [T[:3, 3:] for T in base2gripper],
+        method=cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH,
+    )
+    for name, R, p in (("base2world", R_X, p_X), ("gripper2cam", R_Z, p_Z)):
+        found = np.array(answer["opencv"][name])
+        np.testing.assert_allclose(found[:3, :3], R, atol=2e-3)  # noise in other frames
+        np.testing.assert_allclose(found[:3, 3:], p, atol=2e-3)
+    table = cli(*way).out
+    assert "In OpenCV's names" in table
+    assert "base2world" in table
+    assert "gripper2cam" in table
+    assert "--invert b" not in table
+
+
+def test_wrong_way_round_is_said(cli: Cli, tmp_path: Path, measured: Any) -> None:
+    pairs, _, _ = measured
+    path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, pairs.A, inverse(pairs.B)))
+    said = cli("robot-world", path, "--method", "ml", "--out", tmp_path)
+    assert said.code == 2
+    warning, error = said.err.splitlines()
+    assert warning.startswith("warning: no X and Z fit A and B as they were read")
+    assert warning.endswith("with one side the other way round: see --invert")
+    assert error.startswith("error: ")
+    turned = cli("robot-world", path, "--method", "ml", "--invert", "b", "--out", tmp_path)
+    assert (turned.code, turned.err) == (0, "")
+
+
+def test_notes_on_the_file_are_warnings(cli: Cli, tmp_path: Path, measured: Any) -> None:
+    pairs, _, _ = measured
+    path = write_pairs(tmp_path / "pairs.csv", pairs, QUATERNION, QUATERNION)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines, lines[5]]) + "\n")
+    said = cli("robot-world", path, "--method", "ml", "--out", tmp_path)
+    assert (
+        "warning: pairs that repeat another number by number are left out: line 14 as" in said.err
+    )
+    swapped = lines[0].replace("b_qw,b_qx,b_qy,b_qz", "b_qx,b_qy,b_qz,b_qw")
+    path.write_text("\n".join([swapped, *lines[1:]]) + "\n")
+    said = cli("robot-world", path, "--method", "ml", "--out", tmp_path)
+    assert "warning: no X and Z fit A and B as they were read" in said.err
+    assert "if in B the four numbers called qx qy qz qw are w x y z" in said.err
+
+
+def test_papers_are_the_default_and_one_that_fails_counts(
+    cli: Cli, tmp_path: Path, measured: Any
+) -> None:
+    pairs, _, _ = measured
+    path = write_pairs(tmp_path / "pairs.csv", pairs)
+    (tmp_path / "named").mkdir()
+    for options in ((), ("--method", "papers"), ("--method", ",".join(PAPER_METHODS))):
+        assert cli("robot-world", path, *options, "--out", tmp_path).code == 0
+        assert [r["method"] for r in rows_of(tmp_path / "robot_world.csv")] == list(PAPER_METHODS)
+
+
+def test_three_pairs_are_enough_for_an_answer(cli: Cli, tmp_path: Path, measured: Any) -> None:
+    """With none of them left out, and no noise to be seen in what is left over."""
+    pairs, _, _ = measured
+    path = write_pairs(tmp_path / "p.csv", Pairs(pairs.names[:3], pairs.A[:3], pairs.B[:3]))
+    said = cli("robot-world", path, "--method", "shah", "--out", tmp_path, "--json")
+    assert said.code == 0
+    (answer,) = json.loads(said.out)
+    assert answer["pairs"] == 3
+
+
+REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
+    "nothing": ((), "give one file of pairs, or one with --a and one with --b"),
+    "one side": (("--a", "p.csv"), "one with --a and one with --b"),
+    "both": (("p.csv", "--a", "p.csv", "--b", "p.csv"), "give one file of pairs, or"),
+    "no method": (("p.csv", "--method", "shah,hirshh"), "did you mean hirsh"),
+    "empty method": (("p.csv", "--method", "shah,"), "no method ''"),
+    "camera": (("p.csv", "--camera", "hand"), "'--camera'"),
+    "invert": (("p.csv", "--invert", "c"), "'--invert'"),
+    "convention": (("p.csv", "--convention", "cv"), "'--convention'"),
+    "unit": (("p.mat", "--unit", "cm"), "'--unit'"),
+    "unit of a table": (("p.csv", "--unit", "mm"), "are for MATLAB files"),
+    "no unit": (("p.mat",), "say it with --unit mm or --unit m"),
+    "fixed, opencv": (
+        ("p.csv", "--camera", "fixed", "--convention", "opencv"),
+        "give gripper2base as A and target2cam as B",
+    ),
+    "side without noise": (("p.csv", "--noise-on", "a"), "--noise-on says nothing without"),
+    "side of noise": (("p.csv", "--noise-on", "c"), "'--noise-on'"),
+    "half a noise": (("p.csv", "--noise-mm", "1"), "or neither"),
+    "no such file": (("no.csv",), "no.csv: cannot be read: No such file"),
+    "a folder": (("folder",), "folder: cannot be read"),
+    "columns": (("p.csv", "--columns", "qw,qx"), "cells, 2 are named"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED.values(), ids=REFUSED)
+def test_what_is_refused(refuse: Refuse, tmp_path: Path, measured: Any, case: Any) -> None:
+    words, said = case
+    write_pairs(tmp_path / "p.csv", measured[0])
+    (tmp_path / "folder").mkdir()
+    matlab(tmp_path / "p.mat", A=measured[0].A, B=measured[0].B)
+    known = {path.name for path in tmp_path.iterdir()} | {"no.csv"}
+    typed = [tmp_path / word if word in known else word for word in words]
+    refuse("robot-world", *typed, "--out", tmp_path / "out").says(said)
+
+
+def test_bad_rows_are_refused_by_line(refuse: Refuse, tmp_path: Path, measured: Any) -> None:
+    form = PoseForm("mm", "matrix")
+    path = write_pairs(tmp_path / "p.csv", measured[0], form, form)
+    header, *lines = path.read_text().splitlines()
+    cells = lines[4].split(",")
+    columns = header.split(",")
+    for column, value, words in (
+        ("a_r22", "nan", "line 6, column a_r22: 'nan' is not a finite number"),
+        ("a_r22", "5", "line 6, column a_r11 to a_r33: the rotation is not orthonormal"),
+        ("b_x_mm", "", "line 6, column b_x_mm: an empty cell"),
+    ):
+        changed = list(cells)
+        changed[columns.index(column)] = value
+        text = "\n".join([header, *lines[:4], ",".join(changed), *lines[5:]])
+        path.write_text(text + "\n")
+        refuse("robot-world", path, "--out", tmp_path / "out").says(words)
+
+
+def test_help_waits_for_no_library() -> None:
+    import subprocess
+
+    code = (
+        "import sys; from posedesign.cli.main import run; run(['robot-world', '--help']);"
+        "print([m for m in ('numpy', 'scipy', 'calib') if m in sys.modules])"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout.splitlines()[-1] == "[]"

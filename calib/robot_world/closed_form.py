@@ -50,13 +50,23 @@ def rotations(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
     The leading singular vectors of :attr:`PairSets.kronecker_mean`, made orthonormal: the minimum
     of ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm.
     """
-    x, z, close = leading_vectors(pairs.kronecker_mean)
-    if close.any():
-        x[close], z[close] = _by_deviations(pairs, close)
+    x, z, _ = pairs.leading
     X, Z = x.reshape(-1, 3, 3), z.reshape(-1, 3, 3)
     # A pair of singular vectors is defined up to one common sign: that of a rotation.
     sign = np.where(np.linalg.det(Z) < 0.0, -1.0, 1.0)[:, None, None]
     return nearest_rotations(sign * X), nearest_rotations(sign * Z)
+
+
+def leading(pairs: PairSets) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Singular vectors ``(T, 9)``, right and left, of the largest singular values ``(T,)``.
+
+    Of :attr:`PairSets.kronecker_mean`, and these values.
+    """
+    K = pairs.kronecker_mean
+    x, z, close = leading_vectors(K)
+    if close.any():
+        x[close], z[close] = _by_deviations(pairs, close)
+    return x, z, (apply_matrix(K, x) * z).sum(axis=-1)
 
 
 def leading_vectors(K: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:

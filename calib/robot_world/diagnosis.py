@@ -1,42 +1,62 @@
 """What may be wrong with pairs that do not fit together, in words.
 
-Another direction of A or B, or another order of the pairs, is tried by the rotations alone, in
-closed form: it takes next to no time, and the right one fits by far better.
+Where the residuals are a good part of the motion, another direction of B or another order of the
+pairs is tried in closed form, which takes next to no time: the right one fits far better. Where
+none does, a few pairs may contradict all others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
+from scipy.stats import f as f_distribution
 
 from calib import se3
-from calib.robot_world.identifiability import Motion, rotation_rms
+from calib.robot_world.algebra import kronecker_mean
+from calib.robot_world.identifiability import Motion, examine
+from calib.robot_world.methods import robust
 from calib.robot_world.pairs import PairSets
+from calib.robot_world.results import residuals
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 POOR = 0.1
-"""Residual rotation, in parts of what the poses turn, from which on the pairs are questioned: a
-camera that is off by a tenth of its own motion is none that anyone would calibrate."""
+"""Residual, in parts of the motion, from which on the pairs are questioned: a camera that is off by
+a tenth of its own motion is none that anyone would calibrate."""
 
 _FAR_BETTER = 0.3
-"""Residual rotation, in parts of that of the pairs as given, of what is said to be meant."""
+"""Residual, in parts of that of the pairs as given, of what is said to be meant."""
+
+_SURELY_BETTER = 0.05
+"""The same where the poses turn so little that it may be noise alone."""
+
+_NO_TURN_RAD = float(np.radians(3.0))
+"""Rotation between the poses that noise may make up."""
 
 _ALIEN = 0.4
-"""Residual rotation, in parts of what the poses turn, that pairs have which do not belong together
-(about 1) and others have not."""
+"""Residual, in parts of the motion, that pairs have which do not belong together (about 1) and
+others have not."""
+
+_AGREEING, _FEWEST_AGREEING = 0.6, 5
+"""Part of the pairs that must agree before the others are said to be wrong, and their number: four
+agree by chance now and then."""
 
 _STANDS_OUT = 8.0
 """Residual, in medians of all, of a pair that is named."""
 
+_FEW = 6
+"""Pairs up to which residuals are too small by chance, now and then, to show the noise."""
+
+_CHANCE = 1e-3
+"""Probability of a tilt as large, in residuals, by noise alone, below which it is believed. It is a
+bound: the smaller tilt of A and B is taken, of the best axis."""
+
 _Change = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
-_INVERTED: tuple[tuple[str, _Change], ...] = (
+_CHANGES: tuple[tuple[str, _Change], ...] = (
     # A inverted in its place fits as well, with X and Z exchanged
     ("one side inverted: A or B is given from the wrong side", lambda A, B: (A, se3.inverse(B))),
-)
-
-_REORDERED: tuple[tuple[str, _Change], ...] = (
     ("B in reversed order", lambda A, B: (A, B[::-1])),
     ("B one row later: is a row of B missing, or one of A too many?", lambda A, B: (A[1:], B[:-1])),
     (
@@ -48,22 +68,76 @@ _REORDERED: tuple[tuple[str, _Change], ...] = (
 _FEWEST = 4
 
 
-def suspicions(A: FloatArray, B: FloatArray, motion: Motion) -> tuple[str, ...]:
-    """What seems to be wrong with pairs ``(N, 4, 4)``, in sentences; nothing where they fit."""
-    residual_rad = float(motion.residual_rad[0])
-    turned_rad = float(motion.turned_rad[0])
-    if residual_rad <= POOR * turned_rad:
+def suspicions(pairs: PairSets, used: BoolArray, motion: Motion) -> tuple[str, ...]:
+    """What seems to be wrong with the pairs of one set, in sentences; nothing where they fit.
+
+    Parameters
+    ----------
+    pairs : PairSets
+        All pairs.
+    used : ndarray of bool (N,)
+        Those that a solution is made from.
+    motion : Motion
+        Of these.
+    """
+    left = misfit(motion)
+    if left <= POOR and used.all():
         return ()
-    found = list(_better(A, B, residual_rad))
-    if found:
-        return tuple(found)
-    if residual_rad > _ALIEN * turned_rad:
+    whole = motion if used.all() else examine(pairs)
+    meant = _meant(pairs, whole)
+    if meant or left <= POOR:
+        return meant
+    named = _contradicting(motion) if used.all() else ()
+    if named:
+        return named
+    degenerate = bool(motion.degenerate[0])
+    if degenerate and motion.turned_rad[0] < _NO_TURN_RAD:
+        return ()
+    if left > _ALIEN:
         return (
-            f"A and B do not belong together: what is left ({np.degrees(residual_rad):.2g} deg) is "
-            f"of the size of the motion itself ({np.degrees(turned_rad):.2g} deg); are the pairs "
-            "in the same order, and do all of them look at the same target?",
+            f"A and B do not belong together: what is left ({_sizes(motion)}) is of the size of "
+            f"the motion itself ({_motion_sizes(motion)}); are the pairs in the same order, and do "
+            "all of them look at the same target?",
         )
-    return ()
+    if degenerate:
+        return ()
+    return (
+        f"what is left ({_sizes(motion)}) is a good part of the motion itself "
+        f"({_motion_sizes(motion)}): are the pairs in the same order?",
+    )
+
+
+def misfit(motion: Motion) -> float:
+    """Residual of the closed form, in parts of the motion of one set: the larger of rotation's and
+    translation's, or that of rotation alone where nothing fixes X.
+    """
+    turned_rad = float(motion.turned_rad[0])
+    left = float(motion.residual_rad[0]) / turned_rad if turned_rad > 0.0 else 0.0
+    if motion.degenerate[0]:
+        return left
+    moved_m = _moved_m(motion.pairs)
+    return max(left, float(motion.residual_m[0]) / moved_m) if moved_m > 0.0 else left
+
+
+def few_for_the_noise(motion: Motion) -> tuple[str, ...]:
+    """Say where a set has so few pairs that noise may pass for a second axis of rotation."""
+    N = motion.pairs.N
+    if N > _FEW or motion.degenerate[0]:
+        return ()
+    # residuals of N rotations that six numbers have been fitted to, about three axes
+    sigma_rad = float(motion.residual_rad[0]) * np.sqrt(N / (3.0 * N - 6.0))
+    enough_rad = _believed(N) * sigma_rad
+    if motion.tilt_rad[0] > enough_rad:
+        return ()
+    tilt_rad = min(_tilt_rad(motion.pairs.A), _tilt_rad(motion.pairs.B))
+    if tilt_rad > enough_rad:
+        return ()
+    return (
+        f"{N} pairs hardly show how large the noise is, so that noise may pass for rotation about "
+        f"a second axis: what the poses turn about it ({np.degrees(tilt_rad):.2g} deg) should be "
+        f"{_believed(N):.0f} times what the residuals show ({np.degrees(sigma_rad):.2g} deg); "
+        "measure more",
+    )
 
 
 def outstanding(residual: FloatArray, used: BoolArray) -> tuple[str, ...]:
@@ -76,25 +150,90 @@ def outstanding(residual: FloatArray, used: BoolArray) -> tuple[str, ...]:
     far &= used
     if not far.any():
         return ()
-    rows: IntArray = np.flatnonzero(far)
-    named = ", ".join(str(i + 1) for i in rows[:10]) + (", ..." if len(rows) > 10 else "")
     return (
-        f"{'pair' if len(rows) == 1 else 'pairs'} {named} (counted from 1) "
-        f"{'is' if len(rows) == 1 else 'are'} more than {_STANDS_OUT:.0f} times as far off as the "
-        "median: the method ml-robust leaves such pairs out",
+        f"{_named(far)} {'is' if far.sum() == 1 else 'are'} more than {_STANDS_OUT:.0f} times as "
+        "far off as the median: the method ml-robust leaves such pairs out",
     )
 
 
-def _better(A: FloatArray, B: FloatArray, residual_rad: float) -> Iterator[str]:
-    """Changes of the pairs that fit far better."""
-    for text, change in (*_INVERTED, *_REORDERED):
-        other = change(A, B)
-        if len(other[0]) < _FEWEST:
+def _meant(pairs: PairSets, whole: Motion) -> tuple[str, ...]:
+    """A change of all pairs that makes them fit far better, as a sentence."""
+    if misfit(whole) <= POOR:
+        return ()
+    certain = whole.turned_rad[0] < _NO_TURN_RAD
+    enough = (_SURELY_BETTER if certain else _FAR_BETTER) * misfit(whole)
+    for text, change in _CHANGES:
+        A, B = change(pairs.A[0], pairs.B[0])
+        if len(A) < _FEWEST:
             continue
-        left_rad = float(rotation_rms(PairSets(other[0][None], other[1][None]))[0])
-        if left_rad < _FAR_BETTER * residual_rad:
-            yield (
-                f"the rotations fit far better ({np.degrees(left_rad):.2g} in place of "
-                f"{np.degrees(residual_rad):.2g} deg) with {text}"
+        other = examine(PairSets(A[None], B[None]))
+        if misfit(other) < enough:
+            return (
+                f"the pairs fit far better ({_sizes(other)} in place of {_sizes(whole)}) with "
+                f"{text}",
             )
-            return
+    return ()
+
+
+def _contradicting(motion: Motion) -> tuple[str, ...]:
+    """The pairs of one set that contradict all others, which agree, as a sentence."""
+    pairs = motion.pairs
+    if pairs.N <= _FEWEST_AGREEING:
+        return ()
+    found = robust.estimate(pairs)
+    if found.weights is None:
+        return ()
+    agree = found.weights[0] > 0
+    count = int(agree.sum())
+    if agree.all() or count < max(_FEWEST_AGREEING, _AGREEING * pairs.N):
+        return ()
+    others = examine(PairSets(pairs.A[:, agree], pairs.B[:, agree]))
+    if others.degenerate[0] or misfit(others) > _FAR_BETTER * misfit(motion):
+        return ()
+    rows = np.flatnonzero(~agree)
+    remedy = "the method ml-robust leaves such pairs out"
+    if len(rows) == 2:
+        error = residuals(pairs.A[:, rows], pairs.B[:, rows[::-1]], found.X, found.Z)[0]
+        turned_rad = np.linalg.norm(error[:, :3], axis=-1).max()
+        if turned_rad < _FAR_BETTER * float(motion.residual_rad[0]):
+            remedy = f"exchanged with each other they fit; otherwise {remedy}"
+    return (
+        f"{_named(~agree)} {'contradicts' if len(rows) == 1 else 'contradict'} the other {count}, "
+        f"which agree to {_sizes(others)}: {remedy}",
+    )
+
+
+def _named(chosen: BoolArray) -> str:
+    """Pairs as people count them, ten at most."""
+    rows: IntArray = np.flatnonzero(chosen)
+    text = ", ".join(str(i + 1) for i in rows[:10]) + (", ..." if len(rows) > 10 else "")
+    return f"{'pair' if len(rows) == 1 else 'pairs'} {text} (counted from 1)"
+
+
+def _sizes(motion: Motion) -> str:
+    """Residuals of one set in words; that of translation only where it means something."""
+    turn = f"{np.degrees(motion.residual_rad[0]):.2g} deg"
+    return turn if motion.degenerate[0] else f"{turn}, {1e3 * motion.residual_m[0]:.2g} mm"
+
+
+def _motion_sizes(motion: Motion) -> str:
+    """The motion of one set in words, as its residuals."""
+    turn = f"{np.degrees(motion.turned_rad[0]):.2g} deg"
+    return turn if motion.degenerate[0] else f"{turn}, {1e3 * _moved_m(motion.pairs):.2g} mm"
+
+
+def _moved_m(pairs: PairSets) -> float:
+    """Root mean square distance [m] of the origins of one set from their mean, A's and B's."""
+    return float(np.sqrt(sum(p.var(axis=1).sum() for p in (pairs.p_A, pairs.p_B))))
+
+
+@lru_cache(maxsize=_FEW)
+def _believed(N: int) -> float:
+    """Tilt, in residual rotations per axis, that noise on N pairs hardly ever makes up."""
+    return float(np.sqrt(f_distribution.isf(_CHANCE, 2 * (N - 2), 3 * N - 6)))
+
+
+def _tilt_rad(T: FloatArray) -> float:
+    """Root mean square angle [rad] by which the common axis of one set tilts, in full."""
+    second = float(np.linalg.svd(kronecker_mean(T, T)[0], compute_uv=False)[1])
+    return float(np.sqrt(max(2.0 * (1.0 - second), 0.0)))

@@ -1,16 +1,17 @@
 """Whether the motion of a set of poses identifies X and Z.
 
-The rotations identify X and Z exactly when ``mean R_A ⊗ R_B`` has a single singular value 1: a
-second one belongs to another X that fits as well. With the same matrix made from A alone, or from B
-alone, which has the same singular values where there is no noise, ``√(2 (1 - s_2))`` measures how
-far the poses are from that: it is the root mean square angle by which the common axis tilts from
-pose to pose. It vanishes where all rotations between poses are
+The rotations identify X and Z exactly when ``mean R_A ⊗ R_B`` has a single largest singular value:
+a second one belongs to another X that fits as well. ``√(2 (s_1 - s_2))`` measures how far the poses
+are from that: it is the root mean square angle by which the common axis tilts from pose to pose, as
+far as A and B agree on it. It vanishes where all rotations between poses are
 
 * about one axis, or there are none: X is free in a continuum;
 * about one axis or half turns at right angles to it: X is free by half a turn, since a half turn
   does not show the direction of its axis.
 
-The rotations must be orthonormal to rounding: a scale enters ``1 - s_2`` in the first order.
+With noise on both sides A and B agree by chance, too, by some ``σ / N^¼`` if σ is the residual
+rotation about one axis. The rotations must be orthonormal to rounding: a scale enters the singular
+values in the first order.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ from calib.errors import NotIdentifiableError
 from calib.robot_world.algebra import (
     apply_matrix,
     conjugate,
-    kronecker_mean,
     left_matrix,
 )
 from calib.robot_world.closed_form import assemble, residual_rms
@@ -36,9 +36,10 @@ from calib.se3 import BoolArray, FloatArray
 TILT_TOLERANCE_RAD = 1e-5
 """Tilt of the common axis that counts as none: above the rounding of a file with six decimals."""
 
-NOISE_FACTOR = 2.0
-"""Tilt about an axis, in units of the residual rotation per axis, below which it may be noise
-alone: then the rotation of X about the common axis is not known to half a radian / √N."""
+CHANCE_FACTOR = 7.0
+"""Square of the tilt, over σ²/√N, that noise on both sides makes by chance in one of a thousand sets
+of poses without any; ``(N / (N - 2))²`` times that where poses are few. By simulation of rotations
+about one axis, of none, and of half turns, with 3 to 100 poses."""
 
 MISFIT_FACTOR = 3.0
 """Residual rotation, in units of that of the closed form, beyond which a method has failed: a
@@ -56,8 +57,8 @@ MISFIT_FLOOR = 1e-8
 """Residual translation, as part of the root mean square translation, that is never a misfit."""
 
 _ABOVE_TILT = 3.0
-"""Rotation about an axis, in units of the tilt, from which the message counts it as one: rotation
-that merely makes up the tilt is of its own size."""
+"""Rotation about an axis, in units of the tilt or of the residuals, from which the message counts
+it as one: rotation that merely makes up the tilt, or the noise, is of its own size."""
 
 _FAR_ENOUGH = 2.0
 """Bound of the tilt, over what is enough, from which on its value does not matter."""
@@ -75,8 +76,7 @@ class Motion:
     pairs : PairSets
     tilt_rad : ndarray (T,)
         Root mean square tilt of the common axis, or where that is more than enough, some bound
-        below it. It is the smaller of what A and B show: what noise in one of them adds does not
-        count.
+        below it; as far as A and B agree.
     residual_rad : ndarray (T,)
         Root mean square residual rotation angle of the closed form of the rotations.
     residual_m : ndarray (T,)
@@ -128,9 +128,10 @@ def rotation_rms(pairs: PairSets) -> FloatArray:
 def examine(pairs: PairSets) -> Motion:
     """Measure the motion of T sets of pose pairs."""
     residual_rad, residual_m = residual_rms(pairs, *pairs.rotations_first)
-    # The tilt is about two axes, the residual about three.
-    enough = np.maximum(NOISE_FACTOR * np.sqrt(2.0 / 3.0) * residual_rad, TILT_TOLERANCE_RAD)
-    tilt = np.minimum(_tilt(pairs.A, enough), _tilt(pairs.B, enough))
+    N = pairs.N
+    by_chance = CHANCE_FACTOR * (N / (N - 2.0)) ** 2 * residual_rad**2 * np.sqrt(N) / (3.0 * N - 6.0)
+    enough = np.maximum(np.sqrt(by_chance), TILT_TOLERANCE_RAD)
+    tilt = _tilt(pairs, enough)
     rank_deficient = tilt < TILT_TOLERANCE_RAD
     return Motion(pairs, tilt, residual_rad, residual_m, rank_deficient, tilt < enough)
 
@@ -213,7 +214,8 @@ def half_turns(pairs: PairSets, motion: Motion) -> tuple[tuple[str, FloatArray, 
 
 def _class_of(motion: Motion) -> str:
     """What is the matter with the first set, found degenerate."""
-    least_rad = max(TILT_TOLERANCE_RAD, _ABOVE_TILT * float(motion.tilt_rad[0]))
+    tilt_rad, noise_rad = float(motion.tilt_rad[0]), float(motion.residual_rad[0])
+    least_rad = max(TILT_TOLERANCE_RAD, _ABOVE_TILT * max(tilt_rad, noise_rad))
     main_rad, next_rad = motion.turn_rad[0]
     if main_rad < least_rad:
         return "no rotation"
@@ -243,20 +245,20 @@ def _turns(T: FloatArray) -> FloatArray:
     return np.asarray(2.0 * np.arcsin(half_sine))
 
 
-def _tilt(T: FloatArray, enough: FloatArray) -> FloatArray:
+def _tilt(pairs: PairSets, enough: FloatArray) -> FloatArray:
     """Root mean square angle ``(T,)`` [rad] by which the common axis tilts from pose to pose.
 
-    Of ``mean R ⊗ R`` the identity takes the singular value 1; the sum of the squares of all others
-    bounds the next one from above, and the tilt from below. Where that bound is enough it will do:
-    most sets of poses are far from any doubt.
+    The sum of the squares of all singular values but the first bounds the second from above, and
+    the tilt from below. Where that bound is enough it will do: most sets of poses are far from any
+    doubt.
     """
-    K = kronecker_mean(T, T)
-    others = np.clip((K * K).sum(axis=(1, 2)) - 1.0, 0.0, 1.0)
-    tilt = np.sqrt(2.0 * (1.0 - np.sqrt(others)))
+    K, first = pairs.kronecker_mean, pairs.leading[2]
+    others = np.clip((K * K).sum(axis=(1, 2)) - first**2, 0.0, None)
+    tilt = np.sqrt(2.0 * np.clip(first - np.sqrt(others), 0.0, None))
     doubtful = ~(tilt > _FAR_ENOUGH * enough)
     if doubtful.any():
-        second = np.linalg.svd(K[doubtful], compute_uv=False)[:, 1]
-        tilt[doubtful] = np.sqrt(np.clip(2.0 * (1.0 - second), 0.0, None))
+        values = np.linalg.svd(K[doubtful], compute_uv=False)
+        tilt[doubtful] = np.sqrt(2.0 * (values[:, 0] - values[:, 1]))
     return np.asarray(tilt)
 
 

@@ -70,6 +70,11 @@ class PairSets:
         return algebra.kronecker_mean(self.A, self.B)
 
     @cached_property
+    def leading(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """See :func:`calib.robot_world.closed_form.leading`."""
+        return closed_form.leading(self)
+
+    @cached_property
     def rotations(self) -> tuple[FloatArray, FloatArray]:
         """Rotations of X and Z ``(T, 3, 3)`` from those of the pairs alone, in closed form.
 

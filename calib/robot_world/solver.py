@@ -11,7 +11,7 @@ from calib import se3
 from calib.errors import InputError
 from calib.robot_world.accuracy import GoodnessOfFit, covariance_of, goodness, noise_shown, rank_of
 from calib.robot_world.closed_form import residual_rms
-from calib.robot_world.diagnosis import outstanding, suspicions
+from calib.robot_world.diagnosis import few_for_the_noise, outstanding, suspicions
 from calib.robot_world.identifiability import Motion, examine, half_turns, not_identifiable
 from calib.robot_world.leave_one_out import left_out_residuals
 from calib.robot_world.methods import Method, find_method
@@ -72,7 +72,7 @@ def solve(
     else:
         found, used, kept = None, np.ones(len(A), dtype=bool), pairs
     motion = examine(kept)
-    doubts = suspicions(kept.A[0], kept.B[0], motion)
+    doubts = suspicions(pairs, used, motion)
     others: tuple[tuple[str, FloatArray, FloatArray], ...] = ()
     if motion.degenerate[0]:
         if doubts and not motion.rank_deficient[0]:
@@ -224,8 +224,9 @@ def _result(
     if chosen.robust and not used.all():
         rows = ", ".join(str(i + 1) for i in np.flatnonzero(~used))
         message += f"; left out as contradicting the others: {rows} (counted from 1)"
-    elif not chosen.robust and status == "ok":
-        doubts += outstanding(error, used)
+    elif not chosen.robust and not doubts and status == "ok":
+        doubts = outstanding(error, used)
+    doubts += few_for_the_noise(motion)
     if others and status == "ok":
         status = "ambiguous"
         message += (

@@ -27,9 +27,10 @@ class Views:
     pairs: PairSets
     z: FloatArray
 
-    def first(self, count: int) -> Views:
-        """The same problems with the first views alone."""
-        return Views(PairSets(self.pairs.A[:, :count], self.pairs.B[:, :count]), self.z)
+    def first(self, count: int, problems: int | None = None) -> Views:
+        """The same problems with the first views alone, or the first problems of them."""
+        A, B = (T[:problems, :count] for T in (self.pairs.A, self.pairs.B))
+        return Views(PairSets(A, B), self.z[:problems])
 
     @cached_property
     def mean(self) -> FloatArray:
@@ -49,7 +50,7 @@ def exact(problems: Problems) -> Views:
 
 def noisy(rng: np.random.Generator, problems: Problems, noise_deg: float) -> Views:
     """The views of Fig. 4: every camera pose turned by one angle about an axis of its own."""
-    axis = rng.normal(size=problems.B.shape[:-1][:2] + (3,))
+    axis = rng.normal(size=(*problems.B.shape[:2], 3))
     axis *= np.radians(noise_deg) / np.linalg.norm(axis, axis=-1, keepdims=True)
     B = problems.B.copy()
     B[..., :3, :3] = B[..., :3, :3] @ se3.rotation_exp(axis)

@@ -202,19 +202,24 @@ def project_to_rotation(matrix: ArrayLike) -> FloatArray:
     return np.asarray((U * sign[..., None, :]) @ Vt)
 
 
-def orthonormal(T: FloatArray) -> FloatArray:
-    """Transforms with their rotations orthonormal to rounding, from as good as a file holds.
+def rigid(T: ArrayLike, name: str) -> FloatArray:
+    """Return checked transforms ``(..., 4, 4)`` with rotations orthonormal to rounding.
 
-    A step of Newton's iteration for the nearest rotation squares the deviation: two are enough,
-    and far cheaper than the singular values of every one.
+    A file holds them less well. A step of Newton's iteration for the nearest rotation squares the
+    deviation: two are enough, and far cheaper than the singular values of every one.
+
+    Raises
+    ------
+    InputError
+        As :func:`check_transforms`.
     """
-    R = T[..., :3, :3]
-    deviation, _ = _deviation_and_determinant(T)
+    array, deviation = _checked(T, name)
     if deviation.max(initial=0.0) < _EXACT:
-        return T
+        return array
+    R = array[..., :3, :3]
     for _ in range(2):
         R = 1.5 * R - 0.5 * R @ np.swapaxes(R, -1, -2) @ R
-    return transform(R, T[..., :3, 3])
+    return transform(R, array[..., :3, 3])
 
 
 def check_transforms(T: ArrayLike, name: str) -> FloatArray:
@@ -226,6 +231,11 @@ def check_transforms(T: ArrayLike, name: str) -> FloatArray:
         Wrong shape, numbers that are not finite, a last row other than (0, 0, 0, 1), a rotation
         part that is not orthonormal, or a left-handed one.
     """
+    return _checked(T, name)[0]
+
+
+def _checked(T: ArrayLike, name: str) -> tuple[FloatArray, FloatArray]:
+    """Transforms as a float array, and the largest ``|RᵀR - I|`` of each; see check_transforms."""
     array = np.asarray(T, dtype=float)
     if array.ndim < 2 or array.shape[-2:] != (4, 4):
         raise InputError(f"{name} has shape {array.shape}, not (..., 4, 4)", name=name)
@@ -236,7 +246,7 @@ def check_transforms(T: ArrayLike, name: str) -> FloatArray:
         and deviation.max(initial=0.0) <= RIGID_TOLERANCE
         and determinant.min(initial=1.0) > 0.0
     ):
-        return array
+        return array, deviation
     if not np.isfinite(array).all():
         where = np.argwhere(~np.isfinite(array))[0]
         raise InputError(f"{name}{_place(where)} is not a finite number", name=name)
@@ -264,7 +274,7 @@ def check_transforms(T: ArrayLike, name: str) -> FloatArray:
             name=name,
             hint="an axis is mirrored where the matrix was made",
         )
-    return array
+    return array, deviation
 
 
 def _deviation_and_determinant(T: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -32,8 +32,9 @@ from calib.se3 import BoolArray, FloatArray, IntArray
 ITERATION_LIMIT = 100
 """Far beyond what converges: four or five steps from the closed form at usual noise."""
 
-STEP_TOLERANCE = 1e-10
-"""Length of a step, in standard deviations of X and Z, that counts as none."""
+STEP_TOLERANCE = 1e-6
+"""Length of the last step, in standard deviations of X and Z: the one after it would be shorter by
+the size of the residual rotations in radians."""
 
 ROUNDING = 1e-13
 """Step, in rad and in parts of the translations, that counts as none whatever the noise is."""
@@ -150,12 +151,13 @@ def adjust(
     unit[:, 3:6] = unit[:, 9:] = pairs.size[:, None]
     for _ in range(iterations):
         step, length = _step(linear, damping, T, N)
-        moving &= (length > STEP_TOLERANCE) & (np.abs(step / unit).max(axis=-1) > ROUNDING)
-        if not moving.any():
-            break
         step[~moving] = 0.0
         count += moving
         tried = _moved(pairs, model, state, linear, step, root)
+        moving &= (length > STEP_TOLERANCE) & (np.abs(step / unit).max(axis=-1) > ROUNDING)
+        if not moving.any():
+            state = tried
+            break
         new = _linearise(pairs, model, tried, root)
         worse = ~(new.cost <= linear.cost * (1.0 + _STALLED))
         moving &= ~(worse & (length**2 <= _STALLED * linear.cost))

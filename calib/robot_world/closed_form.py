@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib import se3
-from calib.posture_last import columns_of, matrices_of, product, transposed, turn, turn_back
+from calib.posture_last import (
+    columns_of,
+    matrices_of,
+    product,
+    rotation_log,
+    transposed,
+    turn,
+    turn_back,
+)
 from calib.robot_world.algebra import apply_matrix, kronecker, least_squares, triangle
 from calib.se3 import BoolArray, FloatArray
 
@@ -22,8 +30,8 @@ if TYPE_CHECKING:
 _MANY = 24
 """Sets from which on it pays to avoid a factorisation of each."""
 
-_SQUARINGS, _STEPS = 5, 8
-"""A step multiplies by the 32nd power of KᵀK: the error shrinks by (σ2/σ1)^64."""
+_SQUARINGS, _STEPS = 8, 8
+"""A step multiplies by up to the 256th power of KᵀK: the error shrinks by (σ2/σ1)^512."""
 
 _ONE_LEADS = 0.7
 """Sum of the squares of the eigenvalues of that power, over the square of their sum, from which on
@@ -82,8 +90,10 @@ def leading_vectors(K: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     for _ in range(_SQUARINGS):
         power /= np.trace(power, axis1=1, axis2=2)[:, None, None]
         power = power @ power
-    total = np.trace(power, axis1=1, axis2=2)
-    leads = (power * power).sum(axis=(1, 2)) > _ONE_LEADS * total**2
+        total = np.trace(power, axis1=1, axis2=2)
+        leads = (power * power).sum(axis=(1, 2)) > _ONE_LEADS * total**2
+        if leads.all():
+            break
     largest = np.diagonal(power, axis1=1, axis2=2).argmax(axis=-1)
     x = np.take_along_axis(power, largest[:, None, None], axis=2)[..., 0]
     x /= np.linalg.norm(x, axis=-1, keepdims=True)
@@ -145,22 +155,30 @@ def assemble(pairs: PairSets, R_X: FloatArray, R_Z: FloatArray) -> tuple[FloatAr
     Minimises ``Σ |R_A p_X + p_A - R_Z p_B - p_Z|²`` (Eq. 16 of Li et al. 2010). p_Z is the mean
     of what the rest leaves over; the equations less their mean give p_X.
     """
+    return assemble_with_rest(pairs, R_X, R_Z)[:2]
+
+
+def assemble_with_rest(
+    pairs: PairSets, R_X: FloatArray, R_Z: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Like :func:`assemble`, and the root mean square distance ``(T,)`` that is left."""
     offset = turn(pairs.spread(columns_of(R_Z)), pairs.p_B) - pairs.p_A
     R_mean, offset_mean = pairs.mean(pairs.R_A), pairs.mean(offset)
     D, d = pairs.R_A - pairs.spread(R_mean), offset - pairs.spread(offset_mean)
-    normal = np.empty((3, 3, pairs.T))
-    for i in range(3):
-        for j in range(i, 3):
-            normal[i, j] = normal[j, i] = pairs.mean((D[i] * D[j]).sum(axis=0))
+    flat = D.reshape(9, pairs.T, pairs.N).transpose(1, 0, 2)
+    products = (flat @ np.swapaxes(flat, -1, -2) / pairs.N).reshape(-1, 3, 3, 3, 3)
+    # D is stored by columns: element [i, k] of the product is that of columns i and k
+    normal = np.ascontiguousarray(np.trace(products, axis1=2, axis2=4).transpose(1, 2, 0))
     inverse, well = _inverted(normal)
-    p_X = np.zeros((3, pairs.T))
-    for _ in range(2):  # the second time refines the first
-        left = d - turn(D, pairs.spread(p_X))
-        p_X += turn(inverse, pairs.mean(turn_back(D, left)))
+    p_X = turn(inverse, pairs.mean(turn_back(D, d)))
+    left = d - turn(D, pairs.spread(p_X))
+    p_X = p_X + turn(inverse, pairs.mean(turn_back(D, left)))  # refined
     if not well.all():
         p_X[:, ~well] = _by_factorisation(pairs, D, d, ~well)
+        left = d - turn(D, pairs.spread(p_X))
     p_Z = turn(R_mean, p_X) - offset_mean
-    return se3.transform(R_X, p_X.T), se3.transform(R_Z, p_Z.T)
+    rest = np.sqrt(pairs.mean((left * left).sum(axis=0)))
+    return se3.transform(R_X, p_X.T), se3.transform(R_Z, p_Z.T), rest
 
 
 def _inverted(normal: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -185,15 +203,39 @@ def _by_factorisation(pairs: PairSets, D: FloatArray, d: FloatArray, sets: BoolA
     return least_squares(rows, right).T
 
 
+def residual_rows(pairs: PairSets, X: FloatArray, Z: FloatArray) -> FloatArray:
+    """Residuals ``(6, S)`` of X and Z ``(T, 4, 4)``; see :func:`results.residuals`."""
+    R_X, R_Z = (pairs.spread(columns_of(M[:, :3, :3])) for M in (X, Z))
+    turned = product(product(pairs.R_A, R_X), transposed(product(R_Z, pairs.R_B)))
+    return np.concatenate([rotation_log(turned), _gaps(pairs, X, Z, R_Z)])
+
+
+def rest_of_rotations(pairs: PairSets) -> FloatArray:
+    """Root mean square residual angle ``(T,)`` [rad] of :func:`rotations`, as if all were small.
+
+    By the mean of ``|R_A R_X - R_Z R_B|²``, twice the square of a small angle. What rounding leaves
+    is 3e-8.
+    """
+    R_X, R_Z = pairs.rotations
+    shown = apply_matrix(pairs.kronecker_mean, R_X.reshape(-1, 9))
+    square = 3.0 - (shown * R_Z.reshape(-1, 9)).sum(axis=-1)
+    return np.asarray(np.sqrt(np.clip(square, 0.0, None)))
+
+
 def residual_rms(pairs: PairSets, X: FloatArray, Z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Root mean square residual angle [rad] and distance [m] ``(T,)`` of X and Z ``(T, 4, 4)``.
 
     The chord of a rotation by θ is ``|R - 1|_F = √8 sin(θ/2)``.
     """
     R_X, R_Z = (pairs.spread(columns_of(M[:, :3, :3])) for M in (X, Z))
-    p_X, p_Z = (pairs.spread(M[:, :3, 3].T) for M in (X, Z))
     chord = product(pairs.R_A, R_X) - product(R_Z, pairs.R_B)
     half_sine = np.sqrt(np.minimum((chord * chord).sum(axis=(0, 1)) / 8.0, 1.0))
     angle = 2.0 * np.arcsin(half_sine)
-    gap = turn(pairs.R_A, p_X) + pairs.p_A - turn(R_Z, pairs.p_B) - p_Z
+    gap = _gaps(pairs, X, Z, R_Z)
     return np.sqrt(pairs.mean(angle**2)), np.sqrt(pairs.mean((gap * gap).sum(axis=0)))
+
+
+def _gaps(pairs: PairSets, X: FloatArray, Z: FloatArray, R_Z: FloatArray) -> FloatArray:
+    """Origins of A X less those of Z B ``(3, S)``."""
+    p_X, p_Z = (pairs.spread(M[:, :3, 3].T) for M in (X, Z))
+    return turn(pairs.R_A, p_X) + pairs.p_A - turn(R_Z, pairs.p_B) - p_Z

@@ -25,6 +25,9 @@ POOR = 0.1
 """Residual, in parts of the motion, from which on the pairs are questioned: a camera that is off by
 a tenth of its own motion is none that anyone would calibrate."""
 
+_POOR_OF_FEW = 0.02
+"""The same for few pairs, of which those of another order or direction may all but fit."""
+
 _FAR_BETTER = 0.3
 """Residual, in parts of that of the pairs as given, of what is said to be meant."""
 
@@ -81,7 +84,7 @@ def suspicions(pairs: PairSets, used: BoolArray, motion: Motion) -> tuple[str, .
         Of these.
     """
     left = misfit(motion)
-    if left <= POOR and used.all():
+    if left <= (_POOR_OF_FEW if pairs.N <= _FEW else POOR) and used.all():
         return ()
     whole = motion if used.all() else examine(pairs)
     meant = _meant(pairs, whole)
@@ -158,10 +161,8 @@ def outstanding(residual: FloatArray, used: BoolArray) -> tuple[str, ...]:
 
 def _meant(pairs: PairSets, whole: Motion) -> tuple[str, ...]:
     """A change of all pairs that makes them fit far better, as a sentence."""
-    if misfit(whole) <= POOR:
-        return ()
-    certain = whole.turned_rad[0] < _NO_TURN_RAD
-    enough = (_SURELY_BETTER if certain else _FAR_BETTER) * misfit(whole)
+    doubtful = whole.turned_rad[0] < _NO_TURN_RAD
+    enough = (_SURELY_BETTER if doubtful else _FAR_BETTER) * misfit(whole)
     for text, change in _CHANGES:
         A, B = change(pairs.A[0], pairs.B[0])
         if len(A) < _FEWEST:

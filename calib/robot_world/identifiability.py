@@ -28,7 +28,7 @@ from calib.robot_world.algebra import (
     conjugate,
     left_matrix,
 )
-from calib.robot_world.closed_form import assemble, residual_rms
+from calib.robot_world.closed_form import assemble
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import direction, residuals
 from calib.se3 import BoolArray, FloatArray
@@ -118,18 +118,13 @@ class Motion:
         return np.asarray((angle_rms > largest_rad) | (distance_rms > largest_m))
 
 
-def rotation_rms(pairs: PairSets) -> FloatArray:
-    """Root mean square rotation angle ``(T,)`` that the closed form of the rotations leaves."""
-    zero = np.zeros(3)
-    R_X, R_Z = (se3.transform(R, zero) for R in pairs.rotations)
-    return residual_rms(pairs, R_X, R_Z)[0]
-
-
 def examine(pairs: PairSets) -> Motion:
     """Measure the motion of T sets of pose pairs."""
-    residual_rad, residual_m = residual_rms(pairs, *pairs.rotations_first)
+    residual_rad, residual_m = pairs.left_by_rotations_first
     N = pairs.N
-    by_chance = CHANCE_FACTOR * (N / (N - 2.0)) ** 2 * residual_rad**2 * np.sqrt(N) / (3.0 * N - 6.0)
+    by_chance = (
+        CHANCE_FACTOR * (N / (N - 2.0)) ** 2 * residual_rad**2 * np.sqrt(N) / (3.0 * N - 6.0)
+    )
     enough = np.maximum(np.sqrt(by_chance), TILT_TOLERANCE_RAD)
     tilt = _tilt(pairs, enough)
     rank_deficient = tilt < TILT_TOLERANCE_RAD

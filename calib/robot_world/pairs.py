@@ -51,8 +51,11 @@ class PairSets:
         return np.ascontiguousarray(self.B[..., :3, 3].reshape(-1, 3).T)
 
     def spread(self, values: FloatArray) -> FloatArray:
-        """Values of the sets ``(..., T)`` for each of their pairs, ``(..., S)``."""
-        return np.repeat(values, self.N, axis=-1)
+        """Values of the sets ``(..., T)`` for each of their pairs, ``(..., S)``.
+
+        Of a single set ``(..., 1)``, which all pairs share.
+        """
+        return values if self.T == 1 else np.repeat(values, self.N, axis=-1)
 
     def mean(self, values: FloatArray) -> FloatArray:
         """Means over the pairs of each set ``(..., T)`` of values ``(..., S)``."""
@@ -83,10 +86,19 @@ class PairSets:
         """
         return closed_form.rotations(self)
 
-    @cached_property
+    @property
     def rotations_first(self) -> tuple[FloatArray, FloatArray]:
         """X and Z ``(T, 4, 4)`` with these rotations, translations by least squares."""
-        return closed_form.assemble(self, *self.rotations)
+        return self._rotations_first[:2]
+
+    @cached_property
+    def left_by_rotations_first(self) -> tuple[FloatArray, FloatArray]:
+        """Root mean square residual angle [rad] and distance ``(T,)`` of these."""
+        return closed_form.rest_of_rotations(self), self._rotations_first[2]
+
+    @cached_property
+    def _rotations_first(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return closed_form.assemble_with_rest(self, *self.rotations)
 
     @cached_property
     def quaternions(self) -> tuple[FloatArray, FloatArray]:

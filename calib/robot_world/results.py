@@ -146,8 +146,6 @@ class RobotWorldResult:
         fit as well.
     message : str
         The status in a sentence.
-    warnings : tuple of str
-        What is wrong with the pairs, or with the noise given, each in a sentence.
     iterations : int or None
         Cycles of an iterative method.
     residuals : ndarray (N, 6)
@@ -179,7 +177,6 @@ class RobotWorldResult:
     method: str
     status: str
     message: str
-    warnings: tuple[str, ...]
     iterations: int | None
     residuals: FloatArray
     used: BoolArray
@@ -190,9 +187,15 @@ class RobotWorldResult:
     chi2_probability: float | None
     ambiguities: tuple[str, ...]
     alternatives: tuple[tuple[FloatArray, FloatArray], ...]
+    _doubts: Callable[[], tuple[str, ...]] = field(repr=False)
     _rank: Callable[[], int] = field(repr=False)
     _spread: Callable[[], FloatArray | None] = field(repr=False)
     _leave_out: Callable[[], FloatArray] = field(repr=False)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What seems to be wrong with the pairs, each in a sentence."""
+        return self._doubts()
 
     @cached_property
     def rank(self) -> int:

@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike
 from calib import se3
 from calib.errors import InputError
 from calib.robot_world.accuracy import GoodnessOfFit, covariance_of, goodness, noise_shown, rank_of
-from calib.robot_world.closed_form import residual_rms
+from calib.robot_world.closed_form import residual_rms, residual_rows
 from calib.robot_world.diagnosis import few_for_the_noise, outstanding, suspicions
 from calib.robot_world.identifiability import Motion, examine, half_turns, not_identifiable
 from calib.robot_world.leave_one_out import left_out_residuals
 from calib.robot_world.methods import Method, find_method
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import Estimate, RobotWorldBatch, RobotWorldResult, residuals
+from calib.robot_world.results import Estimate, RobotWorldBatch, RobotWorldResult
 from calib.se3 import BoolArray, FloatArray
 
 FEWEST_PAIRS = 3
@@ -206,8 +206,8 @@ def _result(
     others: tuple[tuple[str, FloatArray, FloatArray], ...],
 ) -> RobotWorldResult:
     """All that is said of one solution."""
-    error = residuals(pairs.A, pairs.B, found.X, found.Z)[0]
-    status, message = _verdict(found, motion)
+    error = residual_rows(pairs, found.X, found.Z).T
+    status, message = _verdict(found, motion, error[used])
     estimated = noise is None
     fit: GoodnessOfFit | None = None
     if status == "ok" and noise is None:
@@ -224,9 +224,6 @@ def _result(
     if chosen.robust and not used.all():
         rows = ", ".join(str(i + 1) for i in np.flatnonzero(~used))
         message += f"; left out as contradicting the others: {rows} (counted from 1)"
-    elif not chosen.robust and not doubts and status == "ok":
-        doubts = outstanding(error, used)
-    doubts += few_for_the_noise(motion)
     if others and status == "ok":
         status = "ambiguous"
         message += (
@@ -240,7 +237,6 @@ def _result(
         chosen.name,
         status,
         message,
-        doubts,
         None if found.iterations is None else int(found.iterations[0]),
         error,
         used,
@@ -251,15 +247,25 @@ def _result(
         fit.probability if fit else None,
         tuple(text for text, _, _ in others),
         tuple((X, Z) for _, X, Z in others),
+        partial(_doubts, chosen, motion, error, used, doubts),
         partial(rank_of, pairs, found.X, found.Z, used),
         spread,
         partial(left_out_residuals, chosen, pairs, found, used, noise if not estimated else None),
     )
 
 
+def _doubts(
+    chosen: Method, motion: Motion, error: FloatArray, used: BoolArray, doubts: tuple[str, ...]
+) -> tuple[str, ...]:
+    """What seems to be wrong with the pairs of a solution, besides what was found before it."""
+    if not (chosen.robust or doubts):
+        doubts = outstanding(error, used)
+    return doubts + few_for_the_noise(motion)
+
+
 def _checked(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray, FloatArray]:
     """Both sides as arrays of rigid transforms, of the same shape, with enough pairs."""
-    A, B = se3.check_transforms(A, "A"), se3.check_transforms(B, "B")
+    A, B = se3.rigid(A, "A"), se3.rigid(B, "B")
     shape = "(N, 4, 4)" if dimensions == 3 else "(T, N, 4, 4)"
     for name, array in (("A", A), ("B", B)):
         if array.ndim != dimensions:
@@ -287,17 +293,19 @@ def _checked(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray
             value=A.shape[-3],
             bound=FEWEST_PAIRS,
         )
-    return se3.orthonormal(A), se3.orthonormal(B)
+    return A, B
 
 
-def _verdict(found: Estimate, motion: Motion) -> tuple[str, str]:
-    """Status and message of one solution."""
+def _verdict(found: Estimate, motion: Motion, error: FloatArray) -> tuple[str, str]:
+    """Status and message of one solution with the residuals ``(N, 6)``."""
     if found.converged is not None and not found.converged[0]:
         return "not converged", (
             f"still moving after {found.iterations[0] if found.iterations is not None else 0} "
             "cycles: X and Z are the last iterate"
         )
-    if motion.is_misfit(*residual_rms(motion.pairs, found.X, found.Z))[0]:
+    square = (error**2).sum(axis=0)
+    sizes = (np.sqrt(part.sum(keepdims=True) / len(error)) for part in (square[:3], square[3:]))
+    if motion.is_misfit(*sizes)[0]:
         return "misfit", (
             f"the residuals are several times the {np.degrees(motion.residual_rad[0]):.2g} deg and "
             f"{1e3 * motion.residual_m[0]:.2g} mm that rotations first, then translations leave: "

@@ -282,11 +282,12 @@ def _deviation_and_determinant(T: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     Component by component over all of them: far faster than a product for each.
     """
-    rows = np.ascontiguousarray(T.reshape(-1, 16).T).reshape(4, 4, -1)
-    x, y, z = (rows[:3, k] for k in range(3))
-    deviation = np.zeros(rows.shape[-1])
-    for a, b, product in ((x, x, 1), (y, y, 1), (z, z, 1), (x, y, 0), (y, z, 0), (z, x, 0)):
-        np.maximum(deviation, np.abs((a * b).sum(axis=0) - product), out=deviation)
+    rows = np.ascontiguousarray(T.reshape(-1, 16).T).reshape(4, 4, -1)[:3, :3]
+    gram = (rows[:, :, None] * rows[:, None, :]).sum(axis=0)
+    for k in range(3):
+        gram[k, k] -= 1.0
+    deviation = np.abs(gram, out=gram).max(axis=(0, 1))
+    x, y, z = rows[:, 0], rows[:, 1], rows[:, 2]
     determinant = (
         x[0] * (y[1] * z[2] - y[2] * z[1])
         + x[1] * (y[2] * z[0] - y[0] * z[2])

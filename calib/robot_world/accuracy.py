@@ -81,8 +81,8 @@ def covariance_of(
     pairs: PairSets,
     found: Estimate,
     used: BoolArray,
-    noise: Noise | None,
     excess: float,
+    noise: Noise | None,
 ) -> FloatArray | None:
     """Covariance ``(12, 12)`` of one solution, the residuals being ``excess`` times the noise."""
     if noise is None:

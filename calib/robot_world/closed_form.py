@@ -47,9 +47,10 @@ their distance is the tilt of the poses, here 11 deg."""
 _NEWTON_STEPS = 8
 _ORTHONORMAL = 1e-14
 
-_WELL_CONDITIONED = 1e-6
+_WELL_CONDITIONED, _SOLVABLE = 1e-2, 1e-6
 """Determinant of the normal matrix of the translations, over the cube of its mean eigenvalue, above
-which its inverse and a refinement are as good as an orthogonal factorisation."""
+which its inverse is as good as an orthogonal factorisation, and above which it is with one step of
+refinement."""
 
 
 def rotations(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
@@ -169,10 +170,12 @@ def assemble_with_rest(
     products = (flat @ np.swapaxes(flat, -1, -2) / pairs.N).reshape(-1, 3, 3, 3, 3)
     # D is stored by columns: element [i, k] of the product is that of columns i and k
     normal = np.ascontiguousarray(np.trace(products, axis1=2, axis2=4).transpose(1, 2, 0))
-    inverse, well = _inverted(normal)
+    inverse, condition = _inverted(normal)
     p_X = turn(inverse, pairs.mean(turn_back(D, d)))
     left = d - turn(D, pairs.spread(p_X))
-    p_X = p_X + turn(inverse, pairs.mean(turn_back(D, left)))  # refined
+    well = condition > _SOLVABLE
+    if condition.min() < _WELL_CONDITIONED:
+        p_X = p_X + turn(inverse, pairs.mean(turn_back(D, left)))
     if not well.all():
         p_X[:, ~well] = _by_factorisation(pairs, D, d, ~well)
         left = d - turn(D, pairs.spread(p_X))
@@ -181,8 +184,8 @@ def assemble_with_rest(
     return se3.transform(R_X, p_X.T), se3.transform(R_Z, p_Z.T), rest
 
 
-def _inverted(normal: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Inverses ``(3, 3, T)`` of symmetric matrices, and which of them are good to rounding."""
+def _inverted(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Inverses ``(3, 3, T)`` of symmetric matrices, and their determinants over the mean's."""
     cofactor = np.empty_like(normal)
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
@@ -191,8 +194,9 @@ def _inverted(normal: FloatArray) -> tuple[FloatArray, BoolArray]:
         cofactor[i, j] = cofactor[j, i] = off
     determinant = (normal[0] * cofactor[0]).sum(axis=0)
     mean = (normal[0, 0] + normal[1, 1] + normal[2, 2]) / 3.0
-    well = determinant > _WELL_CONDITIONED * mean**3
-    return cofactor / np.where(well, determinant, 1.0), well
+    usable = determinant > 0.0
+    condition = np.where(usable, determinant, 0.0) / np.where(mean > 0.0, mean**3, 1.0)
+    return cofactor / np.where(usable, determinant, 1.0), condition
 
 
 def _by_factorisation(pairs: PairSets, D: FloatArray, d: FloatArray, sets: BoolArray) -> FloatArray:
@@ -227,6 +231,8 @@ def residual_rms(pairs: PairSets, X: FloatArray, Z: FloatArray) -> tuple[FloatAr
 
     The chord of a rotation by θ is ``|R - 1|_F = √8 sin(θ/2)``.
     """
+    if X is pairs.rotations_first[0]:
+        return pairs.left_by_rotations_first
     R_X, R_Z = (pairs.spread(columns_of(M[:, :3, :3])) for M in (X, Z))
     chord = product(pairs.R_A, R_X) - product(R_Z, pairs.R_B)
     half_sine = np.sqrt(np.minimum((chord * chord).sum(axis=(0, 1)) / 8.0, 1.0))

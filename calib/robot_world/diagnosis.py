@@ -102,11 +102,12 @@ def suspicions(pairs: PairSets, used: BoolArray, motion: Motion) -> tuple[str, .
             f"the motion itself ({_motion_sizes(motion)}); are the pairs in the same order, and do "
             "all of them look at the same target?",
         )
-    if degenerate:
+    if degenerate or pairs.N > _FEW:
         return ()
     return (
         f"what is left ({_sizes(motion)}) is a good part of the motion itself "
-        f"({_motion_sizes(motion)}): are the pairs in the same order?",
+        f"({_motion_sizes(motion)}): few pairs in a wrong order fit as well now "
+        "and then",
     )
 
 

@@ -37,9 +37,9 @@ TILT_TOLERANCE_RAD = 1e-5
 """Tilt of the common axis that counts as none: above the rounding of a file with six decimals."""
 
 CHANCE_FACTOR = 7.0
-"""Square of the tilt, over σ²/√N, that noise on both sides makes by chance in one of a thousand sets
-of poses without any; ``(N / (N - 2))²`` times that where poses are few. By simulation of rotations
-about one axis, of none, and of half turns, with 3 to 100 poses."""
+"""Square of the tilt, over σ²/√N, that noise on both sides makes by chance in one of a thousand
+sets of poses without any; ``(N / (N - 2))²`` times that where poses are few. By simulation of
+rotations about one axis, of none, and of half turns, with 3 to 100 poses."""
 
 MISFIT_FACTOR = 3.0
 """Residual rotation, in units of that of the closed form, beyond which a method has failed: a

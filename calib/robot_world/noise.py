@@ -140,13 +140,10 @@ class PairCovariances:
 
     def model(self, pairs: PairSets) -> ErrorModel:
         """Errors of the pairs; see :meth:`PairNoise.model`."""
-        return General(
-            self._covariance("A", pairs.A.reshape(-1, 4, 4)),
-            self._covariance("B", pairs.B.reshape(-1, 4, 4)),
-        )
+        return General(self._covariance("A", pairs.A), self._covariance("B", pairs.B))
 
     def roots(self, A: FloatArray, B: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
-        """Matrices ``(N, 6, 6)`` that turn white numbers into errors of A and of B, or None."""
+        """Matrices ``(S, 6, 6)`` that turn white numbers into errors of A and of B, or None."""
         first, second = self._covariance("A", A), self._covariance("B", B)
         return (
             None if first is None else np.asarray(np.linalg.cholesky(first)),
@@ -154,19 +151,20 @@ class PairCovariances:
         )
 
     def _covariance(self, name: str, T: FloatArray) -> FloatArray | None:
-        """Covariances ``(S, 6, 6)`` in the axes that transforms ``(S, 4, 4)`` map to."""
+        """Covariances ``(S, 6, 6)`` in the axes that transforms ``(..., N, 4, 4)`` map to."""
         given = getattr(self, name)
         if given is None:
             return None
-        count = len(given)
-        if count > 1 and len(T) % count:
+        count, pairs = len(given), T.shape[-3]
+        if count not in (1, pairs):
             raise InputError(
-                f"{count} covariances of {name} for {len(T)} pairs",
+                f"{count} covariances of {name} for {pairs} pairs",
                 hint="give one, or one for each pair",
                 name=name,
                 value=count,
-                bound=len(T),
+                bound=pairs,
             )
+        T = T.reshape(-1, 4, 4)
         every = np.tile(given, (len(T) // count, 1, 1))
         if self.axes == "to":
             return every

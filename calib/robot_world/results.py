@@ -148,14 +148,8 @@ class RobotWorldResult:
         The status in a sentence.
     iterations : int or None
         Cycles of an iterative method.
-    residuals : ndarray (N, 6)
-        Rotation vector [rad] and translation [m] by which ``A X`` differs from ``Z B``, in the
-        axes of the base.
     used : ndarray of bool (N,)
         False for the pairs that a robust method left out.
-    noise : PairNoise or PairCovariances or None
-        Noise of the pairs: that given, or else as the residuals show it, on B. None where the
-        status is not ``"ok"``.
     noise_estimated : bool
         Whether the noise was not given.
     chi2, freedom, chi2_probability : float, int, float or None
@@ -168,8 +162,9 @@ class RobotWorldResult:
 
     Notes
     -----
-    The covariance and what each pair's residual is when it is left out take many solutions by most
-    methods. They are worked out when they are first asked for.
+    The covariance, and what each pair's residual is when it is left out, take many solutions by
+    most methods. They are worked out when they are first asked for, as all that X and Z do not
+    depend on.
     """
 
     X: FloatArray
@@ -178,24 +173,40 @@ class RobotWorldResult:
     status: str
     message: str
     iterations: int | None
-    residuals: FloatArray
     used: BoolArray
-    noise: Noise | None
     noise_estimated: bool
     chi2: float | None
     freedom: int
     chi2_probability: float | None
     ambiguities: tuple[str, ...]
     alternatives: tuple[tuple[FloatArray, FloatArray], ...]
-    _doubts: Callable[[], tuple[str, ...]] = field(repr=False)
+    _residuals: Callable[[], FloatArray] = field(repr=False)
+    _noise: Callable[[FloatArray], Noise | None] = field(repr=False)
+    _doubts: Callable[[FloatArray], tuple[str, ...]] = field(repr=False)
     _rank: Callable[[], int] = field(repr=False)
-    _spread: Callable[[], FloatArray | None] = field(repr=False)
+    _spread: Callable[[Noise | None], FloatArray | None] = field(repr=False)
     _leave_out: Callable[[], FloatArray] = field(repr=False)
+
+    @cached_property
+    def residuals(self) -> FloatArray:
+        """Rotation vector [rad] and translation [m] ``(N, 6)`` by which A X differs from Z B.
+
+        In the axes of the base.
+        """
+        return self._residuals()
+
+    @cached_property
+    def noise(self) -> Noise | None:
+        """Noise of the pairs: that given, or else as the residuals show it, on B.
+
+        None where the status is neither ``"ok"`` nor ``"ambiguous"``.
+        """
+        return self._noise(self.residuals)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What seems to be wrong with the pairs, each in a sentence."""
-        return self._doubts()
+        return self._doubts(self.residuals)
 
     @cached_property
     def rank(self) -> int:
@@ -211,7 +222,7 @@ class RobotWorldResult:
         and translation in the axes of the frame that the transform maps to, the flange for X and
         the base for Z. Scaled up where the residuals are larger than the noise given explains.
         """
-        return self._spread()
+        return self._spread(self.noise)
 
     @cached_property
     def left_out_residuals(self) -> FloatArray:

@@ -82,8 +82,7 @@ def add_noise(
 ) -> tuple[FloatArray, FloatArray]:
     """A and B ``(..., N, 4, 4)`` as measured, with independent noise on the sides that have it."""
     found = []
-    flat = (T.reshape(-1, 4, 4) for T in (A, B))
-    for T, root in zip((A, B), noise.roots(*flat), strict=True):
+    for T, root in zip((A, B), noise.roots(A, B), strict=True):
         if root is None:
             found.append(T)
         else:

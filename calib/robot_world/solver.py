@@ -206,22 +206,16 @@ def _result(
     others: tuple[tuple[str, FloatArray, FloatArray], ...],
 ) -> RobotWorldResult:
     """All that is said of one solution."""
-    error = residual_rows(pairs, found.X, found.Z).T
-    status, message = _verdict(found, motion, error[used])
-    estimated = noise is None
+    status, message = _verdict(found, motion)
     fit: GoodnessOfFit | None = None
-    if status == "ok" and noise is None:
-        noise = noise_shown(found, error, used)
-    elif status == "ok" and noise is not None:
+    if status == "ok" and noise is not None:
         fit = goodness(pairs, found, used, noise)
         if fit.excess > 1.0:
             message += (
                 f"; the residuals are {fit.excess:.1f} times the noise given: standard deviations "
                 "are scaled up to them, which does not cover a bias of A or B"
             )
-    else:
-        noise = None
-    if chosen.robust and not used.all():
+    if not used.all():
         rows = ", ".join(str(i + 1) for i in np.flatnonzero(~used))
         message += f"; left out as contradicting the others: {rows} (counted from 1)"
     if others and status == "ok":
@@ -230,32 +224,45 @@ def _result(
             "; all rotations between the poses are about one axis or half turns, which leave a "
             "choice: add a pose that turns otherwise, or pick X by where the camera looks"
         )
-    spread = partial(covariance_of, chosen, pairs, found, used, noise, fit.excess if fit else 1.0)
+    excess = fit.excess if fit else 1.0
     return RobotWorldResult(
-        found.X[0],
-        found.Z[0],
-        chosen.name,
-        status,
-        message,
-        None if found.iterations is None else int(found.iterations[0]),
-        error,
-        used,
-        noise,
-        estimated,
-        fit.chi2 if fit else None,
-        6 * int(used.sum()) - 12,
-        fit.probability if fit else None,
-        tuple(text for text, _, _ in others),
-        tuple((X, Z) for _, X, Z in others),
-        partial(_doubts, chosen, motion, error, used, doubts),
-        partial(rank_of, pairs, found.X, found.Z, used),
-        spread,
-        partial(left_out_residuals, chosen, pairs, found, used, noise if not estimated else None),
+        X=found.X[0],
+        Z=found.Z[0],
+        method=chosen.name,
+        status=status,
+        message=message,
+        iterations=None if found.iterations is None else int(found.iterations[0]),
+        used=used,
+        noise_estimated=noise is None,
+        chi2=fit.chi2 if fit else None,
+        freedom=6 * int(used.sum()) - 12,
+        chi2_probability=fit.probability if fit else None,
+        ambiguities=tuple(text for text, _, _ in others),
+        alternatives=tuple((X, Z) for _, X, Z in others),
+        _residuals=partial(_residuals, pairs, found),
+        _noise=partial(_noise, found, used, noise, status),
+        _doubts=partial(_doubts, chosen, motion, used, doubts),
+        _rank=partial(rank_of, pairs, found.X, found.Z, used),
+        _spread=partial(covariance_of, chosen, pairs, found, used, excess),
+        _leave_out=partial(left_out_residuals, chosen, pairs, found, used, noise),
     )
 
 
+def _residuals(pairs: PairSets, found: Estimate) -> FloatArray:
+    return np.ascontiguousarray(residual_rows(pairs, found.X, found.Z).T)
+
+
+def _noise(
+    found: Estimate, used: BoolArray, given: Noise | None, status: str, error: FloatArray
+) -> Noise | None:
+    """Noise given, or shown by the residuals ``(N, 6)``; none of a solution that is none."""
+    if status not in ("ok", "ambiguous"):
+        return None
+    return noise_shown(found, error, used) if given is None else given
+
+
 def _doubts(
-    chosen: Method, motion: Motion, error: FloatArray, used: BoolArray, doubts: tuple[str, ...]
+    chosen: Method, motion: Motion, used: BoolArray, doubts: tuple[str, ...], error: FloatArray
 ) -> tuple[str, ...]:
     """What seems to be wrong with the pairs of a solution, besides what was found before it."""
     if not (chosen.robust or doubts):
@@ -296,16 +303,14 @@ def _checked(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray
     return A, B
 
 
-def _verdict(found: Estimate, motion: Motion, error: FloatArray) -> tuple[str, str]:
-    """Status and message of one solution with the residuals ``(N, 6)``."""
+def _verdict(found: Estimate, motion: Motion) -> tuple[str, str]:
+    """Status and message of one solution."""
     if found.converged is not None and not found.converged[0]:
         return "not converged", (
             f"still moving after {found.iterations[0] if found.iterations is not None else 0} "
             "cycles: X and Z are the last iterate"
         )
-    square = (error**2).sum(axis=0)
-    sizes = (np.sqrt(part.sum(keepdims=True) / len(error)) for part in (square[:3], square[3:]))
-    if motion.is_misfit(*sizes)[0]:
+    if motion.is_misfit(*residual_rms(motion.pairs, found.X, found.Z))[0]:
         return "misfit", (
             f"the residuals are several times the {np.degrees(motion.residual_rad[0]):.2g} deg and "
             f"{1e3 * motion.residual_m[0]:.2g} mm that rotations first, then translations leave: "

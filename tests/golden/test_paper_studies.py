@@ -82,7 +82,7 @@ class TestLi:
     def test_a_short_run_has_the_medians_that_are_written(
         self, li: ModuleType, li_short: dict[Any, Any]
     ) -> None:
-        """About half of the errors of a fresh sample lie below the median of another."""
+        """About half of the errors of one sample lie below the median of another."""
         medians = {
             (row["workspace"], row["noisy"], row["poses"], row["method"]): row
             for row in written(LI)["medians"]
@@ -222,7 +222,7 @@ class TestHirsh:
             assert_same_share(row["faster"], other["faster"], SHORT)
 
     @pytest.mark.parametrize("workspace", ["all orientations", "cone of 40 deg", "cone of 10 deg"])
-    def test_medians_of_a_fresh_sample(self, hirsh_study: ModuleType, workspace: str) -> None:
+    def test_medians_of_a_short_sample(self, hirsh_study: ModuleType, workspace: str) -> None:
         band = DEVIATIONS * np.sqrt(0.25 / SHORT + 0.25 / FULL)
         free, noisy = hirsh_study.views_of(workspace, SHORT)
         for views, row in written(HIRSH)["workspaces"][workspace]["views"].items():
@@ -237,6 +237,16 @@ class TestHirsh:
             Z = METHODS["hirsh"].estimate(few.pairs).Z
             end = hirsh_study.error(se3.quaternion_from_rotation(Z[:, :3, :3]), few.z)
             assert abs((end < row["floor"]["median_rad"]).mean() - 0.5) < band
+
+    def test_the_prediction_is_never_below_the_count(self, hirsh_study: ModuleType) -> None:
+        for workspace in hirsh_study.SETTINGS["workspaces"]:
+            free, _ = hirsh_study.views_of(workspace, SHORT)
+            for views in hirsh_study.SETTINGS["views"]:
+                pairs = free.first(views).pairs
+                counted = hirsh.cycles(pairs, 1e-4)
+                ratio = np.ceil(hirsh.predicted_cycles(pairs, 1e-4) * (1.0 + 1e-9)) / counted
+                assert ratio.min() >= 1.0
+                assert 1.0 <= np.median(ratio) < 1.15
 
     def test_walking_takes_as_many_cycles_as_the_library_counts(
         self, hirsh_study: ModuleType

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.identification import IdentificationResult
-from calib.robot_world import PAPER_METHODS
 from calib.se3 import FloatArray
 from posedesign.accuracy_study import AccuracyStudy, accuracy_study, effective_truth
 from posedesign.before_after import Identified
@@ -81,7 +80,7 @@ def run_demo(
     robot = simulate(cell, poses, out)
     identification = identify_file(cell, out / "touchups.csv", out)
     progress("solving A X = Z B", 0.1)
-    robot_world = solve_file(out / "pairs.csv", out, PAPER_METHODS, camera_noise(cell))
+    robot_world = solve_file(out / "pairs.csv", out, noise=camera_noise(cell))
     study = accuracy_study(
         cell,
         draws=draws,

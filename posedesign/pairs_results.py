@@ -3,14 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
 
 from calib.errors import InputError, NotIdentifiableError
-from calib.robot_world import METHODS, PAPER_METHODS, PairNoise, RobotWorldResult, solve
+from calib.robot_world import (
+    METHODS,
+    PAPER_METHODS,
+    Certificate,
+    PairCovariances,
+    PairNoise,
+    RobotWorldResult,
+    certify,
+    solve,
+)
 from calib.robot_world.methods import find_method
+from calib.robot_world.noise import Noise
 from posedesign.pairs_file import Pairs
+from posedesign.pairs_frames import Camera
 
 ALL, PAPERS = "all", "papers"
+
+NoiseOn = Literal["A", "B", "both", "seen"]
 
 
 @dataclass(frozen=True)
@@ -24,12 +40,15 @@ class SolverOutcome:
     problem : str
     left_out : tuple of str
         Where the pairs stand that it did not use, in words.
+    certificate : Certificate or None
+        Whether no other X and Z are likelier, where that was asked for.
     """
 
     method: str
     result: RobotWorldResult | None
     problem: str = ""
     left_out: tuple[str, ...] = ()
+    certificate: Certificate | None = None
 
     @property
     def ok(self) -> bool:
@@ -52,16 +71,37 @@ def methods_of(names: str) -> tuple[str, ...]:
     """
     if names == ALL:
         return tuple(METHODS)
-    if names == PAPERS:
-        return PAPER_METHODS
-    chosen = tuple(dict.fromkeys(name.strip() for name in names.split(",")))
-    for name in chosen:
-        find_method(name)
-    return chosen
+    chosen: list[str] = []
+    for name in (part.strip() for part in names.split(",")):
+        chosen += PAPER_METHODS if name == PAPERS else [find_method(name).name]
+    return tuple(dict.fromkeys(chosen))
+
+
+def noise_of(
+    pairs: Pairs, camera: Camera, rotation_rad: float, translation_m: float, on: NoiseOn
+) -> Noise:
+    """Noise of pairs, the same in all directions.
+
+    Parameters
+    ----------
+    pairs : Pairs
+    camera : {"on-flange", "fixed"}
+    rotation_rad, translation_m : float
+        Standard deviations about and along each axis.
+    on : {"A", "B", "both", "seen"}
+        The side that has it; seen: the target as the camera sees it, which for a camera on the
+        flange is the inverse of B.
+    """
+    if on != "seen":
+        return PairNoise(rotation_rad, translation_m, on)
+    noise = PairNoise(rotation_rad, translation_m, "B")
+    if camera == "fixed":
+        return noise
+    return PairCovariances.of_seen_target(pairs.B, np.diag(noise.sigma**2))
 
 
 def solve_pairs(
-    pairs: Pairs, methods: Sequence[str], noise: PairNoise | None = None
+    pairs: Pairs, methods: Sequence[str], noise: Noise | None = None
 ) -> tuple[SolverOutcome, ...]:
     """Solve A X = Z B by several methods.
 
@@ -91,6 +131,32 @@ def solve_pairs(
     return tuple(outcomes)
 
 
+def certified(pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> tuple[SolverOutcome, ...]:
+    """Outcomes with a certificate, each by the noise of its result, of the pairs that it used.
+
+    Raises
+    ------
+    InputError
+        The noise is on both sides, or not the same in all directions: there is no certificate.
+    """
+    found = []
+    for outcome in outcomes:
+        result = outcome.result
+        if result is None or result.noise is None:
+            found.append(outcome)
+            continue
+        if not isinstance(result.noise, PairNoise):
+            raise InputError(
+                "there is a certificate only for noise that is the same in all directions",
+                hint="give the noise on a or on b",
+                name="noise",
+            )
+        A, B = pairs.A[result.used], pairs.B[result.used]
+        proof = certify(A, B, result.X, result.Z, result.noise)
+        found.append(replace(outcome, certificate=proof))
+    return tuple(found)
+
+
 def warnings_of(outcomes: Iterable[SolverOutcome]) -> list[str]:
     """What the solvers warn of, each thing once, with the methods that say so."""
     said: list[tuple[str, str]] = []
@@ -107,6 +173,7 @@ def remarks_of(outcomes: Sequence[SolverOutcome]) -> list[str]:
     said = [(outcome.method, outcome.said) for outcome in outcomes if outcome.ok]
     said += [(o.method, f"did not use {', '.join(o.left_out)}") for o in outcomes if o.left_out]
     results = [outcome.result for outcome in outcomes if outcome.ok and outcome.result]
+    said += [(o.method, o.certificate.message) for o in outcomes if o.certificate is not None]
     # of one method alone: it is a matter of the poses, and much the same for all
     known = [
         f"known least, by {result.method}: {text}"

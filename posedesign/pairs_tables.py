@@ -50,7 +50,7 @@ def _left_over(result: RobotWorldResult | None) -> dict[str, object]:
     """Residuals in numbers, rms; of the pairs that were used."""
     if result is None:
         return dict.fromkeys(_LEFT_OVER)
-    # one with a covariance of its own for each pair is no two numbers; no file and no option has it
+    # one with a covariance of its own for each pair is no two numbers
     noise = result.noise if isinstance(result.noise, PairNoise) else None
     values = (
         np.rad2deg(result.rotation_rms_rad),
@@ -62,7 +62,7 @@ def _left_over(result: RobotWorldResult | None) -> dict[str, object]:
         None if noise is None else np.rad2deg(noise.rotation_rad),
         None if noise is None else 1e3 * noise.translation_m,
         None if noise is None else noise.on,
-        None if noise is None else ("estimated" if result.noise_estimated else "given"),
+        None if result.noise is None else ("estimated" if result.noise_estimated else "given"),
         result.chi2_probability,
     )
     return dict(zip(_LEFT_OVER, values, strict=True))
@@ -147,6 +147,18 @@ def outcome_as_dict(
         "ambiguities": result.ambiguities,
         "alternatives": [{"X": X, "Z": Z} for X, Z in result.alternatives],
     }
+    proof = outcome.certificate
+    if proof is not None:
+        content["certificate"] = {
+            "status": proof.status,
+            "message": proof.message,
+            "chi2": proof.cost,
+            "bound": proof.bound,
+            "relative_gap": proof.relative_gap,
+            "unique": proof.unique,
+            "X": proof.X,
+            "Z": proof.Z,
+        }
     if opencv:
         content["opencv"] = dict(zip(OPENCV_NAMES, result_to_opencv(result), strict=True))
     return content

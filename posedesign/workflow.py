@@ -14,6 +14,7 @@ import numpy as np
 
 from calib.errors import InputError, OutputError
 from calib.robot_world import PAPER_METHODS, PairNoise
+from calib.robot_world.noise import Noise
 from posedesign.accuracy_study import AccuracyStudy
 from posedesign.before_after import (
     Identified,
@@ -210,15 +211,18 @@ def identify_file(
     return identified
 
 
+DEFAULT_METHODS = ("ml", *PAPER_METHODS)
+
+
 def solve_file(
-    pairs: Path, out: Path, methods: Sequence[str] = PAPER_METHODS, noise: PairNoise | None = None
+    pairs: Path, out: Path, methods: Sequence[str] = DEFAULT_METHODS, noise: Noise | None = None
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB from a ``pairs.csv``; see :func:`solve_and_write`."""
     return solve_and_write(read_pairs(pairs), out, methods, noise)
 
 
 def solve_and_write(
-    pairs: Pairs, out: Path, methods: Sequence[str] = PAPER_METHODS, noise: PairNoise | None = None
+    pairs: Pairs, out: Path, methods: Sequence[str] = DEFAULT_METHODS, noise: Noise | None = None
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB by several methods; write ``robot_world.csv`` and ``robot_world_pairs.csv``.
 

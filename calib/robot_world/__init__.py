@@ -4,8 +4,9 @@ One file for each method, one result type for all; :data:`METHODS` lists them.
 """
 
 from calib.robot_world import design
+from calib.robot_world.certificate import Certificate, certify
 from calib.robot_world.methods import METHODS, PAPER_METHODS, Method
-from calib.robot_world.noise import PairNoise
+from calib.robot_world.noise import PairCovariances, PairNoise
 from calib.robot_world.opencv import pairs_from_opencv, result_to_opencv
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import RobotWorldBatch, RobotWorldResult
@@ -15,13 +16,16 @@ from calib.robot_world.solver import solve, solve_batch
 __all__ = [
     "METHODS",
     "PAPER_METHODS",
+    "Certificate",
     "Method",
+    "PairCovariances",
     "PairNoise",
     "PairSets",
     "Problems",
     "RobotWorldBatch",
     "RobotWorldResult",
     "add_noise",
+    "certify",
     "design",
     "pairs_from_opencv",
     "random_problems",

@@ -18,6 +18,7 @@ import numpy as np
 from calib import se3
 from calib.posture_last import (
     columns_of,
+    cross,
     product,
     rotation_exp,
     rotation_log,
@@ -41,6 +42,9 @@ ROUNDING = 1e-13
 
 _STALLED = 1e-13
 """Part of the cost that counts as none: rounding of the sum."""
+
+_SMALL_ANGLE_RAD = 1e-3
+"""Below, the factor of the second order is its limit 1/12 to 1e-8."""
 
 _DAMPING, _DAMPING_FACTOR, _LARGEST_DAMPING = 1e-3, 10.0, 1e12
 """First damping after a step that made things worse, its growth, and where there is no way on."""
@@ -212,12 +216,33 @@ def _linearise(
         a = _difference(pairs.R_A, pairs.p_A, R_A, q + p_Z - m)
         b = np.zeros_like(a)
     errors = model.at(m, R_Z)
-    white = errors.whiten(left_over(a, b, m, R_Z))
-    jacobian = errors.whiten(derivatives(R_A, q))
+    e, J = left_over(a, b, m, R_Z), derivatives(R_A, q)
+    if not model.alike and not (model.on_A and model.on_B):
+        _at_errors(J, e[:3], m if model.on_A else None)
+    white, jacobian = errors.whiten(e), errors.whiten(J)
     if root is not None:
         white, jacobian = root * white, root * jacobian
     cost = (white * white).sum(axis=0).reshape(pairs.T, pairs.N).sum(axis=-1)
     return _Linear(white, jacobian, errors, cost)
+
+
+def _at_errors(J: FloatArray, e_R: FloatArray, m: FloatArray | None) -> None:
+    """Make derivatives ``(12, 6, S)`` hold at errors e_R ``(3, S)`` of B, or of A where m is given.
+
+    A turn u of the true rotation changes the rotation vector e of the error by
+    ``J_l⁻¹(e) u = u - e × u / 2 + k e × (e × u)`` if the error is on B, and by ``J_r⁻¹(e) u``, with
+    the other sign of its second term, on A. The difference from u is along e wherever the errors
+    are alike in all directions; elsewhere steps without it end beside the minimum.
+    """
+    angle = np.sqrt((e_R * e_R).sum(axis=0))
+    wide = angle > _SMALL_ANGLE_RAD
+    safe = np.where(wide, angle, 1.0)
+    k = np.where(wide, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2, 1.0 / 12.0)
+    once = cross(e_R, J[:, :3])
+    more = (0.5 if m is not None else -0.5) * once + k * cross(e_R, once)
+    J[:, :3] += more
+    if m is not None:
+        J[:, 3:] += cross(more, m)
 
 
 def _frames(pairs: PairSets, state: _State) -> tuple[FloatArray, ...]:

@@ -14,7 +14,7 @@ out with the pair as the last index, see :mod:`calib.posture_last`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -60,6 +60,9 @@ class Errors(Protocol):
 class ErrorModel(Protocol):
     """What is known of the errors of A and B."""
 
+    alike: ClassVar[bool]
+    """Whether they are the same in all directions."""
+
     @property
     def on_A(self) -> bool:
         """Whether A has errors."""
@@ -83,6 +86,7 @@ class Isotropic:
     """
 
     sigma: FloatArray
+    alike: ClassVar[bool] = True
 
     @property
     def on_A(self) -> bool:
@@ -153,6 +157,7 @@ class General:
 
     A: FloatArray | None
     B: FloatArray | None
+    alike: ClassVar[bool] = False
 
     @property
     def on_A(self) -> bool:

@@ -131,6 +131,29 @@ class PairCovariances:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _checked_covariance(getattr(self, name), name))
 
+    @classmethod
+    def of_seen_target(cls, B: ArrayLike, covariance: ArrayLike) -> PairCovariances:
+        """Noise of a camera that sees the target at ``T_camera_target``, the inverse of B.
+
+        A small error of what it sees turns the camera about the target, far from its origin: as
+        an error of B it is much larger along the target than across it.
+
+        Parameters
+        ----------
+        B : array_like (N, 4, 4)
+            ``T_target_camera``.
+        covariance : array_like (6, 6) or (N, 6, 6)
+            Of the errors (w, v) [rad, m] of ``T_camera_target``, in the axes of the camera: of its
+            turn, and of where the origin of the target is seen.
+        """
+        T_target_camera = se3.check_transforms(B, "B").reshape(-1, 4, 4)
+        seen = se3.inverse(T_target_camera)[:, :3, 3]
+        # S = B⁻¹ with errors (w, v): R_B exp(-w), p_B + R_B (w × p_S - v), in axes of the camera
+        M = np.zeros((len(seen), 6, 6))
+        M[:, :3, :3] = M[:, 3:, 3:] = -np.eye(3)
+        M[:, 3:, :3] = -se3.skew(seen)
+        return cls(B=M @ _checked_covariance(covariance, "B") @ M.transpose(0, 2, 1), axes="from")
+
     @property
     def on(self) -> Side:
         """The transforms that carry noise."""

@@ -12,11 +12,12 @@ from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_tab
 from posedesign.cli.plan_commands import AsJson, OutFolder
 
 if TYPE_CHECKING:
-    from calib.robot_world import PairNoise
+    from calib.robot_world.noise import Noise
+    from posedesign.pairs_file import Pairs
     from posedesign.pairs_frames import Camera
-    from posedesign.pairs_results import SolverOutcome
+    from posedesign.pairs_results import NoiseOn, SolverOutcome
 
-DEFAULT_METHODS = "papers"
+DEFAULT_METHODS = "ml,papers"
 
 
 def register(app: typer.Typer) -> None:
@@ -82,8 +83,15 @@ def robot_world(
         float | None, typer.Option(help="Standard deviation of translations, likewise.")
     ] = None,
     noise_on: Annotated[
-        Literal["a", "b", "both"] | None, typer.Option(help="Which side has it; default: b.")
+        Literal["a", "b", "both", "seen"] | None,
+        typer.Option(
+            help="Which side has it; default: b. seen: the target as the camera sees it, as a "
+            "camera's data sheet has it: with the camera on the flange, the inverse of B."
+        ),
     ] = None,
+    certify: Annotated[
+        bool, typer.Option("--certify", help="Prove that no other X and Z are likelier.")
+    ] = False,
     out: OutFolder = Path(),
     as_json: AsJson = False,
     trust_units: Annotated[
@@ -96,7 +104,7 @@ def robot_world(
     each pair has left over when it is left out.
     """
     from posedesign.pairs_frames import FRAMES
-    from posedesign.pairs_results import methods_of, warnings_of
+    from posedesign.pairs_results import certified, methods_of, warnings_of
     from posedesign.pairs_source import PairSource
     from posedesign.pairs_tables import opencv_rows, outcome_as_dict
     from posedesign.workflow import solve_and_write
@@ -106,11 +114,14 @@ def robot_world(
         pairs, a, b, listed(columns), listed(variables), unit, invert, convention, trust_units
     )
     methods = methods_of(method)
-    noise = noise_of(noise_deg, noise_mm, noise_on)
+    refuse_half_a_noise(noise_deg, noise_mm, noise_on)
     found = source.read()
     for text in found.notes:  # before solving, which may be refused for what they say
         note(f"warning: {text}")
+    noise = given_noise(found, camera, noise_deg, noise_mm, noise_on)
     outcomes = solve_and_write(found, out, methods, noise)
+    if certify:
+        outcomes = certified(found, outcomes)
     opencv = convention == "opencv"
     if as_json:
         print_json([outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes])
@@ -167,27 +178,35 @@ def print_solvers(outcomes: Sequence[SolverOutcome], camera: Camera = "on-flange
         print(text)
 
 
-def noise_of(
-    noise_deg: float | None, noise_mm: float | None, noise_on: Literal["a", "b", "both"] | None
-) -> PairNoise | None:
-    """The noise of the options, if they say one."""
-    import math
-
+def refuse_half_a_noise(
+    noise_deg: float | None, noise_mm: float | None, noise_on: str | None
+) -> None:
+    """Both sizes of the noise, or nothing of it."""
     from calib.errors import InputError
-    from calib.robot_world import PairNoise
 
     if (noise_deg is None) != (noise_mm is None):
         raise InputError("give both --noise-deg and --noise-mm, or neither", name="noise")
+    if noise_deg is None and noise_on is not None:
+        raise InputError("--noise-on says nothing without --noise-deg and --noise-mm", name="noise")
+
+
+def given_noise(
+    pairs: Pairs,
+    camera: Camera,
+    noise_deg: float | None,
+    noise_mm: float | None,
+    noise_on: Literal["a", "b", "both", "seen"] | None,
+) -> Noise | None:
+    """The noise of the options, if they say one."""
+    import math
+
+    from posedesign.pairs_results import noise_of
+
     if noise_deg is None or noise_mm is None:
-        if noise_on is not None:
-            raise InputError(
-                "--noise-on says nothing without --noise-deg and --noise-mm", name="noise"
-            )
         return None
-    on: Literal["A", "B", "both"] = (
-        "A" if noise_on == "a" else ("B" if noise_on != "both" else "both")
-    )
-    return PairNoise(math.radians(noise_deg), noise_mm / 1e3, on=on)
+    sides: dict[str, NoiseOn] = {"a": "A", "b": "B", "both": "both", "seen": "seen"}
+    side = sides[noise_on or "b"]
+    return noise_of(pairs, camera, math.radians(noise_deg), noise_mm / 1e3, side)
 
 
 def refuse_fixed_opencv(camera: str, convention: str) -> None:

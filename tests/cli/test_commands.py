@@ -351,6 +351,7 @@ def test_robot_world(cli: Cli, work: Path) -> None:
     assert (table.code, said.code) == (0, 0)
     rows = json.loads(said.out)
     assert [row["method"] for row in rows] == [
+        "ml",
         "li-kronecker",
         "li-dual-quaternion",
         "zhuang",

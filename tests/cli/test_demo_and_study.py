@@ -74,7 +74,7 @@ def test_demo_files_can_be_read_back(demo: tuple[Path, str]) -> None:
     assert answer["recommended"] == "offsets + compliance"
     assert set(answer["models"][1]["parameters"][0]) >= {"name", "value", "unit", "sigma"}
     with (out / "robot_world.csv").open() as stream:
-        assert [row["method"] for row in csv.DictReader(stream)] == list(PAPER_METHODS)
+        assert [row["method"] for row in csv.DictReader(stream)] == ["ml", *PAPER_METHODS]
     assert (out / "accuracy_vs_condition.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 

@@ -259,15 +259,20 @@ def test_notes_on_the_file_are_warnings(cli: Cli, tmp_path: Path, measured: Any)
     assert "if in B the four numbers called qx qy qz qw are w x y z" in said.err
 
 
-def test_papers_are_the_default_and_one_that_fails_counts(
+def test_likelihood_and_papers_are_the_default(
     cli: Cli, tmp_path: Path, measured: Any
 ) -> None:
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs)
     (tmp_path / "named").mkdir()
-    for options in ((), ("--method", "papers"), ("--method", ",".join(PAPER_METHODS))):
-        assert cli("robot-world", path, *options, "--out", tmp_path).code == 0
-        assert [r["method"] for r in rows_of(tmp_path / "robot_world.csv")] == list(PAPER_METHODS)
+    papers = list(PAPER_METHODS)
+    for methods, expected in (
+        ((), ["ml", *papers]),
+        (("--method", "papers"), papers),
+        (("--method", "shah,papers,zhuang"), ["shah", *papers]),
+    ):
+        assert cli("robot-world", path, *methods, "--out", tmp_path).code == 0
+        assert [r["method"] for r in rows_of(tmp_path / "robot_world.csv")] == expected
 
 
 def test_three_pairs_are_enough_for_an_answer(cli: Cli, tmp_path: Path, measured: Any) -> None:

@@ -132,17 +132,25 @@ def solve_pairs(
 
 
 def certified(pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> tuple[SolverOutcome, ...]:
-    """Outcomes with a certificate, each by the noise of its result, of the pairs that it used.
+    """Outcomes, those of maximum likelihood with a certificate, of the pairs that they used.
 
     Raises
     ------
     InputError
-        The noise is on both sides, or not the same in all directions: there is no certificate.
+        No method of maximum likelihood is among them, or the noise is on both sides, or not the
+        same in all directions: there is no certificate.
     """
+    if not any(METHODS[outcome.method].likelihood for outcome in outcomes):
+        raise InputError(
+            "only a maximum of the likelihood can be proven to be one",
+            hint="add the method ml",
+            name="method",
+        )
     found = []
     for outcome in outcomes:
         result = outcome.result
-        if result is None or result.noise is None:
+        likelihood = METHODS[outcome.method].likelihood
+        if result is None or result.noise is None or not likelihood:
             found.append(outcome)
             continue
         if not isinstance(result.noise, PairNoise):

@@ -26,7 +26,7 @@ from calib.posture_last import (
     turn,
     turn_back,
 )
-from calib.robot_world.errors_of_pairs import ErrorModel, Errors, derivatives, left_over
+from calib.robot_world.errors_of_pairs import ErrorModel, Errors, General, derivatives, left_over
 from calib.robot_world.pairs import PairSets
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -42,9 +42,6 @@ ROUNDING = 1e-13
 
 _STALLED = 1e-13
 """Part of the cost that counts as none: rounding of the sum."""
-
-_SMALL_ANGLE_RAD = 1e-3
-"""Below, the factor of the second order is its limit 1/12 to 1e-8."""
 
 _DAMPING, _DAMPING_FACTOR, _LARGEST_DAMPING = 1e-3, 10.0, 1e12
 """First damping after a step that made things worse, its growth, and where there is no way on."""
@@ -215,10 +212,11 @@ def _linearise(
         m, q = turn(R_A, p_X), turn(R_Z, pairs.p_B)
         a = _difference(pairs.R_A, pairs.p_A, R_A, q + p_Z - m)
         b = np.zeros_like(a)
-    errors = model.at(m, R_Z)
     e, J = left_over(a, b, m, R_Z), derivatives(R_A, q)
-    if not model.alike and not (model.on_A and model.on_B):
-        _at_errors(J, e[:3], m if model.on_A else None)
+    if isinstance(model, General):
+        errors: Errors = model.at(m, R_Z, *_at_errors(model, a, turn(R_Z, b[:3]), m, e, J))
+    else:
+        errors = model.at(m, R_Z)
     white, jacobian = errors.whiten(e), errors.whiten(J)
     if root is not None:
         white, jacobian = root * white, root * jacobian
@@ -226,23 +224,33 @@ def _linearise(
     return _Linear(white, jacobian, errors, cost)
 
 
-def _at_errors(J: FloatArray, e_R: FloatArray, m: FloatArray | None) -> None:
-    """Make derivatives ``(12, 6, S)`` hold at errors e_R ``(3, S)`` of B, or of A where m is given.
+def _at_errors(
+    model: General, a: FloatArray, b: FloatArray, m: FloatArray, e: FloatArray, J: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Make e ``(6, S)`` and its derivatives J ``(12, 6, S)`` hold at errors a of A and b of B.
 
-    A turn u of the true rotation changes the rotation vector e of the error by
-    ``J_l⁻¹(e) u = u - e × u / 2 + k e × (e × u)`` if the error is on B, and by ``J_r⁻¹(e) u``, with
-    the other sign of its second term, on A. The difference from u is along e wherever the errors
-    are alike in all directions; elsewhere steps without it end beside the minimum.
+    Of b the rotation vector ``(3, S)`` alone, in the axes of the base. A turn u of the true
+    rotation changes the rotation vector w of an error by ``J_r⁻¹(w) u``. That differs from u at
+    right angles to w, which does not count where errors are alike in all directions; elsewhere
+    steps without it end beside the minimum, or never.
+
+    Returns
+    -------
+    ndarray (S, 3, 3), ndarray (S, 3, 3)
+        What the rotation vector of A's error is multiplied by in e_R, and in its lever.
     """
-    angle = np.sqrt((e_R * e_R).sum(axis=0))
-    wide = angle > _SMALL_ANGLE_RAD
-    safe = np.where(wide, angle, 1.0)
-    k = np.where(wide, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2, 1.0 / 12.0)
-    once = cross(e_R, J[:, :3])
-    more = (0.5 if m is not None else -0.5) * once + k * cross(e_R, once)
-    J[:, :3] += more
-    if m is not None:
-        J[:, 3:] += cross(more, m)
+    own = b if model.on_B else a
+    M = se3.inverse_left_jacobian(-own[:3].T)
+    turned = (M @ J[:, :3].transpose(2, 1, 0)).transpose(2, 1, 0)
+    if not model.on_B:
+        J[:, 3:] += cross(turned - J[:, :3], m)
+    J[:, :3] = turned
+    if not (model.on_A and model.on_B):
+        one = np.eye(3)[None]
+        return one, one
+    e[:3] += (M @ a[:3].T[..., None])[..., 0].T - a[:3]
+    N = se3.right_jacobian(a[:3].T)
+    return M @ N, N
 
 
 def _frames(pairs: PairSets, state: _State) -> tuple[FloatArray, ...]:

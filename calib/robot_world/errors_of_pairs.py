@@ -14,13 +14,16 @@ out with the pair as the last index, see :mod:`calib.posture_last`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from calib import se3
 from calib.posture_last import cross, matrices_of, turn
 from calib.se3 import FloatArray
+
+
+_IDENTITY = np.eye(3)[None]
 
 
 def derivatives(R_A: FloatArray, q: FloatArray) -> FloatArray:
@@ -60,9 +63,6 @@ class Errors(Protocol):
 class ErrorModel(Protocol):
     """What is known of the errors of A and B."""
 
-    alike: ClassVar[bool]
-    """Whether they are the same in all directions."""
-
     @property
     def on_A(self) -> bool:
         """Whether A has errors."""
@@ -86,7 +86,6 @@ class Isotropic:
     """
 
     sigma: FloatArray
-    alike: ClassVar[bool] = True
 
     @property
     def on_A(self) -> bool:
@@ -157,7 +156,6 @@ class General:
 
     A: FloatArray | None
     B: FloatArray | None
-    alike: ClassVar[bool] = False
 
     @property
     def on_A(self) -> bool:
@@ -169,21 +167,39 @@ class General:
         """Whether B has errors."""
         return self.B is not None
 
-    def at(self, m: FloatArray, R_Z: FloatArray) -> Errors:
-        """See :meth:`ErrorModel.at`."""
-        return _GeneralErrors(self, m, R_Z)
+    def at(
+        self,
+        m: FloatArray,
+        R_Z: FloatArray,
+        turn: FloatArray = _IDENTITY,
+        lever: FloatArray = _IDENTITY,
+    ) -> Errors:
+        """See :meth:`ErrorModel.at`.
+
+        The rotation vector a enters e_R as ``turn a`` and e_p as ``(lever a) × m``, both matrices
+        ``(S, 3, 3)``: identities where the errors are small.
+        """
+        return _GeneralErrors(self, m, R_Z, turn, lever)
 
 
 class _GeneralErrors:
     """By a Cholesky factor of each pair."""
 
-    def __init__(self, model: General, m: FloatArray, R_Z: FloatArray) -> None:
+    def __init__(
+        self,
+        model: General,
+        m: FloatArray,
+        R_Z: FloatArray,
+        turn: FloatArray,
+        lever: FloatArray,
+    ) -> None:
         S = m.shape[-1]
         covariance = np.zeros((S, 6, 6))
         self._of_A = np.zeros((S, 6, 6))
         if model.A is not None:
             G = np.tile(np.eye(6), (S, 1, 1))
-            G[:, 3:, :3] = -se3.skew(m.T)
+            G[:, :3, :3] = turn
+            G[:, 3:, :3] = -se3.skew(m.T) @ lever
             self._of_A = model.A @ np.swapaxes(G, -1, -2)
             covariance += G @ self._of_A
         if model.B is not None:

@@ -13,7 +13,15 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from calib.robot_world import METHODS, PAPER_METHODS, PairNoise, add_noise, random_problems, solve
+from calib.robot_world import (
+    METHODS,
+    PAPER_METHODS,
+    PairCovariances,
+    PairNoise,
+    add_noise,
+    random_problems,
+    solve,
+)
 from calib.se3 import FloatArray, inverse
 from posedesign.pairs_file import Pairs, write_pairs
 from posedesign.pairs_forms import PoseForm
@@ -22,6 +30,7 @@ Cli = Callable[..., Any]
 Refuse = Callable[..., Any]
 
 NOISE = PairNoise(rotation_rad=5e-4, translation_m=2e-4, on="B")
+TYPED = ("--noise-deg", "0.02", "--noise-mm", "0.2")
 QUATERNION = PoseForm("m", "quaternion")
 COUNT = 12
 
@@ -259,9 +268,7 @@ def test_notes_on_the_file_are_warnings(cli: Cli, tmp_path: Path, measured: Any)
     assert "if in B the four numbers called qx qy qz qw are w x y z" in said.err
 
 
-def test_likelihood_and_papers_are_the_default(
-    cli: Cli, tmp_path: Path, measured: Any
-) -> None:
+def test_likelihood_and_papers_are_the_default(cli: Cli, tmp_path: Path, measured: Any) -> None:
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs)
     (tmp_path / "named").mkdir()
@@ -348,3 +355,55 @@ def test_help_waits_for_no_library() -> None:
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert said.stdout.splitlines()[-1] == "[]"
+
+
+def test_certificate_of_the_likeliest(cli: Cli, tmp_path: Path, measured: Any) -> None:
+    pairs, _, _ = measured
+    path = write_pairs(tmp_path / "pairs.csv", pairs)
+    said = cli("robot-world", path, "--method", "ml,shah", "--certify", "--out", tmp_path, "--json")
+    assert said.code == 0
+    likeliest, closed_form = json.loads(said.out)
+    proof = likeliest["certificate"]
+    assert proof["status"] == "optimal"
+    assert proof["unique"]
+    assert proof["relative_gap"] < 1e-6
+    assert "certificate" not in closed_form
+    text = cli("robot-world", path, "--method", "ml", "--certify", "--out", tmp_path)
+    assert "ml: proven: no X and Z have a chi² below" in text.out
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (("--method", "shah"), "add the method ml"),
+        (("--method", "ml", *TYPED, "--noise-on", "both"), "noise on A and B at once"),
+        (("--method", "ml", *TYPED, "--noise-on", "seen"), "the same in all directions"),
+    ],
+)
+def test_what_cannot_be_certified_is_refused(
+    cli: Cli, tmp_path: Path, measured: Any, options: tuple[str, ...], reason: str
+) -> None:
+    pairs, _, _ = measured
+    path = write_pairs(tmp_path / "pairs.csv", pairs)
+    said = cli("robot-world", path, "--certify", *options, "--out", tmp_path)
+    assert said.code == 2
+    assert reason in said.err
+
+
+def test_noise_of_the_target_as_seen_weighs_as_the_camera_does(
+    cli: Cli, tmp_path: Path, measured: Any
+) -> None:
+    pairs, _, _ = measured
+    path = write_pairs(tmp_path / "pairs.csv", pairs)
+    options = ("--method", "ml", *TYPED, "--out", tmp_path, "--json")
+    on_flange = cli("robot-world", path, "--noise-on", "seen", *options)
+    (row,) = json.loads(on_flange.out)
+    sigma = PairNoise(np.radians(0.02), 2e-4).sigma
+    noise = PairCovariances.of_seen_target(pairs.B, np.diag(sigma**2))
+    expected = solve(pairs.A, pairs.B, "ml", noise)
+    np.testing.assert_allclose(row["X"], expected.X, atol=1e-9)
+    assert not np.allclose(solve(pairs.A, pairs.B, "ml").X, expected.X, atol=1e-7)
+    # a fixed camera sees the target at B itself
+    fixed = cli("robot-world", path, "--camera", "fixed", "--noise-on", "seen", *options)
+    as_b = cli("robot-world", path, "--camera", "fixed", "--noise-on", "b", *options)
+    assert json.loads(fixed.out)[0]["X"] == json.loads(as_b.out)[0]["X"]

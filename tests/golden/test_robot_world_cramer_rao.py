@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve_batch
+from calib.robot_world import PairNoise, add_noise, random_problems, solve_batch
 from calib.robot_world.noise import difference, perturb
 
 BLOCKS = {
@@ -115,6 +115,6 @@ def test_estimated_noise_costs_next_to_nothing(pairs):
 def test_methods_that_do_not_weigh_by_the_noise_miss_the_bound():
     """The bound is no looser than it should be: others are seen to be farther from it."""
     ratios = errors_over_bound("shah", 20, None, "B", 100, 20)
-    assert ratios["X rotation"][0] > 1.2
-    assert set(ratios) == set(BLOCKS)
-    assert "shah" in METHODS
+    assert ratios["X translation"][0] > 1.2
+    assert ratios["Z rotation"][0] > 2.0
+    assert ratios["Z translation"][0] > 2.0

@@ -147,7 +147,7 @@ def adjust(
     state = _State(X, Z, pairs.R_A, pairs.p_A)
     linear = _linearise(pairs, model, state, root)
     damping, count = np.zeros(T), np.zeros(T, dtype=np.intp)
-    moving = np.ones(T, dtype=bool)
+    moving, stuck = np.ones(T, dtype=bool), np.zeros(T, dtype=bool)
     unit = np.ones((T, 12))
     unit[:, 3:6] = unit[:, 9:] = pairs.size[:, None]
     for _ in range(iterations):
@@ -160,7 +160,7 @@ def adjust(
             state = tried
             break
         new = _linearise(pairs, model, tried, root)
-        worse = ~(new.cost <= linear.cost * (1.0 + _STALLED))
+        worse = moving & ~(new.cost <= linear.cost * (1.0 + _STALLED))
         moving &= ~(worse & (length**2 <= _STALLED * linear.cost))
         if worse.any():
             state = tried.where(~worse, state, N)
@@ -169,7 +169,8 @@ def adjust(
             state, linear = tried, new
         grown = np.maximum(damping * _DAMPING_FACTOR, _DAMPING)
         damping = np.where(worse, grown, np.where(damping > _DAMPING, damping / 10.0, 0.0))
-        moving &= damping < _LARGEST_DAMPING
+        stuck |= damping >= _LARGEST_DAMPING
+        moving &= ~stuck
     rows = linear.jacobian.reshape(12, 6, T, N).transpose(2, 0, 1, 3).reshape(T, 12, 6 * N)
     return Fit(
         state.X,
@@ -179,7 +180,7 @@ def adjust(
         linear.jacobian.reshape(12, 6, T, N),
         rows @ np.swapaxes(rows, -1, -2),
         count,
-        ~moving & (damping < _LARGEST_DAMPING),
+        ~(moving | stuck),
     )
 
 

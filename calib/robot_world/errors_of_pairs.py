@@ -22,7 +22,6 @@ from calib import se3
 from calib.posture_last import cross, matrices_of, turn
 from calib.se3 import FloatArray
 
-
 _IDENTITY = np.eye(3)[None]
 
 

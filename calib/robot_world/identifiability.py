@@ -67,6 +67,14 @@ _SAME_PLACE_M = 1e-6
 """Movement that counts as none when the message says what is free."""
 
 
+_REMEDIES = {
+    "no rotation": "add poses that turn the flange about two axes, by 30 deg or more",
+    "one axis": "add poses that turn the flange about another axis, by 30 deg or more",
+    "half turns": "add poses that turn the flange about another axis, by less than half a turn",
+}
+"""What to do where the motion falls short."""
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """What the rotations of T sets of pose pairs tell.
@@ -165,7 +173,7 @@ def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentif
             f"whatever else the poses turn ({np.degrees(motion.tilt_rad[0]):.2g} deg) does not "
             f"stand out of the residuals ({np.degrees(motion.residual_rad[0]):.2g} deg)"
         )
-    return NotIdentifiableError(parameters, combinations)
+    return NotIdentifiableError(parameters, combinations, hint=_REMEDIES[kind])
 
 
 def half_turns(pairs: PairSets, motion: Motion) -> tuple[tuple[str, FloatArray, FloatArray], ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from calib import se3
 from calib.posture_last import columns_of
 from calib.robot_world import algebra, closed_form
-from calib.se3 import FloatArray
+from calib.se3 import FloatArray, IntArray
 
 
 class PairSets:
@@ -121,3 +121,12 @@ class PairSets:
         right = algebra.apply_matrix(algebra.right_matrix(b), z)
         agreement = (left * right).sum(axis=-1)
         return a, np.where(agreement < 0.0, -1.0, 1.0)[..., None] * b
+
+
+def own_order(A: FloatArray) -> IntArray:
+    """Order ``(..., N)`` of transforms ``(..., N, 4, 4)`` that does not depend on how they come.
+
+    By what they are: where something is drawn at random, the same pairs are drawn.
+    """
+    keys = A[..., :3, [3, 0, 1]].reshape(*A.shape[:-2], 9)
+    return np.asarray(np.lexsort(np.moveaxis(keys, -1, 0), axis=-1))

@@ -128,7 +128,7 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
     every = np.arange(pairs.T)
     usable = every if chosen.robust else np.flatnonzero(~motion.rank_deficient)
     X, Z = np.full((2, pairs.T, 4, 4), np.nan)
-    converged, misfit = np.ones((2, pairs.T), dtype=bool)
+    converged, misfit = np.ones(pairs.T, dtype=bool), np.zeros(pairs.T, dtype=bool)
     iterations = np.zeros(pairs.T, dtype=np.intp) if chosen.iterative else None
     covariance = np.full((pairs.T, 12, 12), np.nan) if chosen.likelihood else None
     degenerate, rank_deficient = motion.degenerate, motion.rank_deficient
@@ -143,12 +143,11 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
         if covariance is not None and found.fit is not None:
             covariance[usable] = found.fit.covariance
         if found.weights is not None:
-            rank_deficient, degenerate, misfit = _judged_by_used(pairs, found)
-        else:
+            rank_deficient, degenerate = _judged_by_used(pairs, found.weights > 0)
+        elif found.fit is None:
             sizes = np.zeros((2, pairs.T))
             sizes[:, usable] = residual_rms(kept, found.X, found.Z)
-            misfit = motion.is_misfit(*sizes)
-    misfit &= ~rank_deficient
+            misfit = motion.is_misfit(*sizes) & ~rank_deficient
     return RobotWorldBatch(
         X,
         Z,
@@ -162,20 +161,23 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
     )
 
 
-def _judged_by_used(pairs: PairSets, found: Estimate) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """Rank deficient, degenerate and misfit ``(T,)`` by the pairs that a robust method kept."""
-    out = np.zeros((3, pairs.T), dtype=bool)
-    for trial, weights in enumerate(found.weights if found.weights is not None else ()):
-        used = weights > 0
-        if used.sum() < FEWEST_PAIRS:
-            out[:, trial] = True
-            continue
-        kept = PairSets(pairs.A[trial][used][None], pairs.B[trial][used][None])
-        motion = examine(kept)
-        sizes = residual_rms(kept, found.X[trial, None], found.Z[trial, None])
-        judged = (motion.rank_deficient, motion.degenerate, motion.is_misfit(*sizes))
-        out[:, trial] = [values[0] for values in judged]
-    return out[0], out[1], out[2]
+def _judged_by_used(pairs: PairSets, used: BoolArray) -> tuple[BoolArray, BoolArray]:
+    """Rank deficient and degenerate ``(T,)`` by the pairs ``(T, N)`` that a robust method kept."""
+    rank_deficient, degenerate = np.zeros((2, pairs.T), dtype=bool)
+    enough = _enough_agree(used)
+    rank_deficient[~enough] = used[~enough].sum(axis=1) < FEWEST_PAIRS
+    degenerate[~enough] = True
+    for trial in np.flatnonzero(enough):
+        kept = used[trial]
+        motion = examine(PairSets(pairs.A[trial, kept][None], pairs.B[trial, kept][None]))
+        rank_deficient[trial], degenerate[trial] = motion.rank_deficient[0], motion.degenerate[0]
+    return rank_deficient, degenerate
+
+
+def _enough_agree(used: BoolArray) -> BoolArray:
+    """Whether the pairs ``(..., N)`` that a robust method kept are half of all, and enough."""
+    count = used.sum(axis=-1)
+    return np.asarray((2 * count >= used.shape[-1]) & (count >= FEWEST_PAIRS))
 
 
 def _robust(chosen: Method, pairs: PairSets, noise: Noise | None) -> tuple[Estimate, BoolArray]:
@@ -183,7 +185,7 @@ def _robust(chosen: Method, pairs: PairSets, noise: Noise | None) -> tuple[Estim
     found = chosen.run(pairs, noise)
     used = np.ones(pairs.N, dtype=bool) if found.weights is None else found.weights[0] > 0
     left_out = int((~used).sum())
-    if 2 * left_out > pairs.N or pairs.N - left_out < FEWEST_PAIRS:
+    if not _enough_agree(used):
         raise InputError(
             f"{left_out} of {pairs.N} pairs contradict the others: which of them are right cannot "
             "be told",
@@ -310,7 +312,8 @@ def _verdict(found: Estimate, motion: Motion) -> tuple[str, str]:
             f"still moving after {found.iterations[0] if found.iterations is not None else 0} "
             "cycles: X and Z are the last iterate"
         )
-    if motion.is_misfit(*residual_rms(motion.pairs, found.X, found.Z))[0]:
+    # the likeliest X and Z fit best by their own measure, whatever rotations alone would leave
+    if found.fit is None and motion.is_misfit(*residual_rms(motion.pairs, found.X, found.Z))[0]:
         return "misfit", (
             f"the residuals are several times the {np.degrees(motion.residual_rad[0]):.2g} deg and "
             f"{1e3 * motion.residual_m[0]:.2g} mm that rotations first, then translations leave: "

@@ -20,7 +20,7 @@ from calib.robot_world.methods.maximum_likelihood import (
     with_estimated_noise,
 )
 from calib.robot_world.noise import Noise
-from calib.robot_world.pairs import PairSets
+from calib.robot_world.pairs import PairSets, own_order
 from calib.robot_world.results import Estimate, residuals
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -119,7 +119,7 @@ def _consensus(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
 
 def _in_own_order(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Pairs sorted by where A is, so that the same ones are drawn in whatever order they come."""
-    order = np.lexsort(A[..., :3, [3, 0, 1]].reshape(*A.shape[:2], 9).transpose(2, 0, 1), axis=-1)
+    order = own_order(A)
     trial = np.arange(len(A))[:, None]
     return A[trial, order], B[trial, order]
 

@@ -1,0 +1,129 @@
+"""What each method leaves of the pairs, in the fit and left out of it, and how sure it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from real_sets import MM, Sides
+
+from calib.robot_world import METHODS, PairNoise, RobotWorldResult, certify, solve
+from calib.robot_world.noise import difference
+from calib.se3 import FloatArray
+
+RATIO = "ml, ratio"
+"""``ml`` with the ratio of the noises given; every other row leaves the noise to the residuals."""
+
+PARTS = (slice(0, 3), slice(3, 6))
+TO_SHOW = (float(np.degrees(1.0)), 1.0 / MM)
+"""Degrees in a radian, millimetres in a metre."""
+
+Settings = Mapping[str, Any]
+
+
+def row_names(methods: Iterable[str] | None = None) -> list[str]:
+    """Names of the rows of a data set: every method, ``ml`` twice."""
+    names = list(METHODS if methods is None else methods)
+    return [RATIO, *names] if "ml" in names else names
+
+
+def given_noise(settings: Settings) -> PairNoise:
+    """Noise on B in the ratio of the settings."""
+    return PairNoise(float(np.radians(settings["ratio"]["deg"])), settings["ratio"]["mm"] * MM)
+
+
+def solved(sides: Sides, name: str, settings: Settings) -> RobotWorldResult:
+    """One solution. Of the noise given only the ratio counts: its size is as the residuals say."""
+    if name != RATIO:
+        return solve(*sides, name)
+    noise = given_noise(settings)
+    first = solve(*sides, "ml", noise)
+    if first.chi2 is None:
+        raise RuntimeError(f"ml was not solved: {first.message}")
+    larger = float(np.sqrt(first.chi2 / first.freedom))
+    return solve(
+        *sides, "ml", PairNoise(larger * noise.rotation_rad, larger * noise.translation_m)
+    )
+
+
+def row_of(name: str, result: RobotWorldResult, sigma: bool = True) -> dict[str, Any]:
+    """Figures of one solution: rms and medians over all pairs, those left out included."""
+    noise = result.noise
+    row: dict[str, Any] = {
+        "method": name,
+        "status": result.status,
+        "pairs": len(result.used),
+        "left_out": int((~result.used).sum()),
+    }
+    of = {"": result.residuals, "out_": result.left_out_residuals}
+    for which, error in of.items():
+        for unit, part, scale in zip(("deg", "mm"), PARTS, TO_SHOW, strict=True):
+            size = scale * np.linalg.norm(error[:, part], axis=1)
+            row[f"{which}rms_{unit}"] = float(np.sqrt(np.mean(size**2)))
+            row[f"{which}median_{unit}"] = float(np.median(size))
+    known = isinstance(noise, PairNoise)
+    row["noise_deg"] = float(np.degrees(noise.rotation_rad)) if known else None
+    row["noise_mm"] = noise.translation_m / MM if known else None
+    if sigma:
+        for letter, at in (("X", 0), ("Z", 6)):
+            for unit, first, scale in zip(("deg", "mm"), (0, 3), TO_SHOW, strict=True):
+                own = slice(at + first, at + first + 3)
+                row[f"sigma_{letter}_{unit}"] = _largest(result.covariance, own, scale)
+    return row
+
+
+def _largest(covariance: FloatArray | None, own: slice, scale: float) -> float | None:
+    """Standard deviation in the direction that is known least."""
+    if covariance is None:
+        return None
+    return float(scale * np.sqrt(np.linalg.eigvalsh(covariance[own, own])[-1]))
+
+
+def proof(sides: Sides, result: RobotWorldResult) -> dict[str, Any]:
+    """What the certificate says of a solution of ``ml``, with the noise that it estimated."""
+    noise = result.noise
+    if not isinstance(noise, PairNoise):
+        raise RuntimeError(f"no noise to weigh by: {result.message}")
+    found = certify(*sides, result.X, result.Z, noise)
+    return {
+        "status": found.status,
+        "unique": found.unique,
+        "chi2": found.cost,
+        "bound": found.bound,
+        "relative_gap": found.relative_gap,
+        "smallest_eigenvalue": found.smallest_eigenvalue,
+        "moved_deg": float(np.degrees(found.rotation_moved_rad.max())),
+        "moved_mm": float(found.translation_moved_m.max() / MM),
+    }
+
+
+def against_images(
+    result: RobotWorldResult, reference: tuple[FloatArray, FloatArray]
+) -> dict[str, Any]:
+    """Differences [deg, mm] of X and Z to those from the images, with their deviations beside.
+
+    In the axes of the frame that the transform maps to: target for X, camera for Z.
+    """
+    if result.covariance is None:
+        raise RuntimeError(f"no covariance: {result.message}")
+    error = np.concatenate(
+        [
+            difference(found, given)
+            for found, given in zip((result.X, result.Z), reference, strict=True)
+        ]
+    )
+    sigma = np.sqrt(np.diag(result.covariance))
+    scale = np.tile(np.repeat(TO_SHOW, 3), 2)
+    names = [
+        f"{letter} {what} {axis}"
+        for letter in "XZ"
+        for what in ("turn", "shift")
+        for axis in "xyz"
+    ]
+    rows = {
+        name: {"difference": float(d), "sigma": float(s)}
+        for name, d, s in zip(names, scale * error, scale * sigma, strict=True)
+    }
+    chi2 = float(error @ np.linalg.solve(result.covariance, error))
+    return {"components": rows, "chi2": chi2}

@@ -36,6 +36,7 @@ def left_out_residuals(
     if found.fit is not None:
         X, Z = _by_one_step(found.fit)
         error = residuals(pairs.A[0][:, None], pairs.B[0][:, None], X, Z)[:, 0]
+        error[np.isnan(error).any(axis=-1)] = np.nan
         residual[used] = error[used]
     else:
         residual[used] = _by_solving(chosen, pairs.A[0, used], pairs.B[0, used], noise)

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
-from calib.robot_world.adjustment import adjust, linear_rows
+from calib.robot_world.adjustment import Fit, adjust, linear_rows
 from calib.robot_world.errors_of_pairs import ErrorModel
 from calib.robot_world.methods.maximum_likelihood import (
     as_estimate,
@@ -52,6 +53,9 @@ _MEDIAN_SQUARE = float(chi2.ppf(0.5, 6))
 """Median sum of the squares of six."""
 
 
+_TINY_SHARE = 1e-9
+"""Added to 1 - H: a pair without which X and Z are not identified has no residual of its own."""
+
 _TINY = 1e-300
 """What stands for zero where data without noise leave nothing."""
 
@@ -73,23 +77,20 @@ def estimate(pairs: PairSets, noise: Noise | None = None) -> Estimate:
         always the same ones, so that a result can be had again.
     """
     X, Z = _consensus(pairs)
-    used = np.ones((pairs.T, pairs.N), dtype=bool)
-    sigma = None
-    for turn in range(_ROUNDS):
-        before = used
-        if noise is not None:
-            used = _explained(pairs, noise.model(pairs), X, Z)
-        else:
-            model = estimated_model(pairs, _shown(pairs, X, Z) if sigma is None else sigma)
-            used = _explained(pairs, model, X, Z)
+    first = estimated_model(pairs, _shown(pairs, X, Z)) if noise is None else noise.model(pairs)
+    used = _near(pairs, first, X, Z)
+    for _ in range(_ROUNDS):
         weights = used.astype(float)
-        if turn and (used == before).all():
-            break
-        if noise is not None:
-            fit = adjust(pairs, noise.model(pairs), X, Z, weights=weights)
-        else:
+        if noise is None:
             fit, sigma = with_estimated_noise(pairs, X, Z, weights, _WIDENING)
-        X, Z = fit.X, fit.Z
+            now = _explained(pairs, estimated_model(pairs, sigma), fit, used, estimated=True)
+        else:
+            sigma = None
+            fit = adjust(pairs, noise.model(pairs), X, Z, weights=weights)
+            now = _explained(pairs, noise.model(pairs), fit, used, estimated=False)
+        if (now == used).all():
+            break
+        X, Z, used = fit.X, fit.Z, now
     return as_estimate(fit, sigma, weights)
 
 
@@ -172,11 +173,42 @@ def _shown(pairs: PairSets, X: FloatArray, Z: FloatArray) -> FloatArray:
     return np.stack([np.median(size, axis=1) / _MEDIAN for size in sizes])
 
 
-def _explained(pairs: PairSets, model: ErrorModel, X: FloatArray, Z: FloatArray) -> BoolArray:
-    """Pairs ``(T, N)`` whose residuals the noise explains, or as much more as the median shows.
+def _near(pairs: PairSets, model: ErrorModel, X: FloatArray, Z: FloatArray) -> BoolArray:
+    """Pairs ``(T, N)`` whose residuals by candidates the noise explains, or as the median shows.
 
-    On the way the candidates are worse than the noise, and a noise given may be too small for all.
+    The candidates are worse than the noise, and a noise given may be too small for all.
     """
     square = (linear_rows(pairs, model, X, Z)[0] ** 2).sum(axis=0)
-    more = np.maximum(np.median(square, axis=-1, keepdims=True) / _MEDIAN_SQUARE, 1.0)
-    return np.asarray(square <= more * chi2.ppf(_KEPT, 6))
+    return np.asarray(square <= _more(square) * chi2.ppf(_KEPT, 6))
+
+
+def _explained(
+    pairs: PairSets, model: ErrorModel, fit: Fit, used: BoolArray, *, estimated: bool
+) -> BoolArray:
+    """Pairs ``(T, N)`` whose residuals the noise explains, when X and Z are from those used.
+
+    Each pair is held against X and Z of the others: residuals of pairs that had a say in them are
+    smaller than the noise, those of pairs that had none are larger. With H what X and Z add,
+    ``r (1 - H)⁻¹ r`` and ``r (1 + H)⁻¹ r`` are χ² of 6 degrees of freedom, or 6 F where the noise
+    is estimated from the pairs used.
+    """
+    rows, J = linear_rows(pairs, model, fit.X, fit.Z)
+    r, J = rows.transpose(1, 2, 0), J.transpose(2, 3, 1, 0)  # (T, N, 6), (T, N, 6, 12)
+    H = J @ fit.covariance[:, None] @ np.swapaxes(J, -1, -2)
+    spread = np.eye(6) * (1.0 + _TINY_SHARE) + np.where(used, -1.0, 1.0)[..., None, None] * H
+    square = (r * np.linalg.solve(spread, r[..., None])[..., 0]).sum(axis=-1)
+    if not estimated:
+        return np.asarray(square <= _more(square) * chi2.ppf(_KEPT, 6))
+    # the white rows of the pairs used have a mean square of one: the rest of them shows the noise
+    freedom = 6.0 * used.sum(axis=1, keepdims=True) - 12.0
+    left = freedom / _WIDENING**2 - np.where(used, square, 0.0)
+    others = freedom - 6.0 * used
+    told = others > 0.0
+    bound = f_distribution.isf(CHANCE, 6.0, np.where(told, others, 1.0))
+    return np.asarray(~told | (square * others <= 6.0 * bound * np.maximum(left, 0.0)))
+
+
+def _more(square: FloatArray) -> FloatArray:
+    """Factor ``(T, 1)`` by which the median of sums of six squares ``(T, N)`` exceeds its own."""
+    median = np.median(square, axis=-1, keepdims=True)
+    return np.asarray(np.maximum(median / _MEDIAN_SQUARE, 1.0))

@@ -90,12 +90,12 @@ def suspicions(pairs: PairSets, used: BoolArray, motion: Motion) -> tuple[str, .
     meant = _meant(pairs, whole)
     if meant or left <= POOR:
         return meant
-    named = _contradicting(motion) if used.all() else ()
-    if named:
-        return named
     degenerate = bool(motion.degenerate[0])
     if degenerate and motion.turned_rad[0] < _NO_TURN_RAD:
         return ()
+    named = _contradicting(motion) if used.all() else ()
+    if named:
+        return named
     if left > _ALIEN:
         return (
             f"A and B do not belong together: what is left ({_sizes(motion)}) is of the size of "

@@ -176,8 +176,19 @@ def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentif
     return NotIdentifiableError(parameters, combinations, hint=_REMEDIES[kind])
 
 
-def half_turns(pairs: PairSets, motion: Motion) -> tuple[tuple[str, FloatArray, FloatArray], ...]:
+def half_turns(
+    pairs: PairSets, motion: Motion, R_X: FloatArray
+) -> tuple[tuple[str, FloatArray, FloatArray], ...]:
     """Other X and Z that fit one degenerate set as well, where they are a finite number.
+
+    Parameters
+    ----------
+    pairs : PairSets
+        One set.
+    motion : Motion
+        Of this set.
+    R_X : ndarray (3, 3)
+        The rotation of X that the others are other than.
 
     Returns
     -------
@@ -193,18 +204,17 @@ def half_turns(pairs: PairSets, motion: Motion) -> tuple[tuple[str, FloatArray, 
     """
     if _class_of(motion) != "half turns":
         return ()
-    R_X, _ = pairs.rotations
     _, values, Vt = np.linalg.svd(pairs.kronecker_mean[0])
     limit = max(_ABOVE_TILT * float(motion.tilt_rad[0]), TILT_TOLERANCE_RAD)
     near = np.flatnonzero(np.sqrt(np.clip(2.0 * (values[0] - values), 0.0, None)) < limit)
-    commuting = Vt[near].reshape(-1, 3, 3) @ R_X[0].T
+    commuting = Vt[near].reshape(-1, 3, 3) @ R_X.T
     # unequal weights, so that no two eigenvalues of the sum agree by chance
     weights = 1.0 / (1.0 + np.arange(len(near)))
     mixed = np.einsum("k,kij->ij", weights, commuting + np.swapaxes(commuting, -1, -2))
     found = []
     largest_rad = MISFIT_FACTOR * float(motion.residual_rad[0]) + MISFIT_FLOOR_RAD
     for axis in np.linalg.eigh(mixed)[1].T:
-        turned = (2.0 * np.outer(axis, axis) - np.eye(3)) @ R_X
+        turned = (2.0 * np.outer(axis, axis) - np.eye(3)) @ R_X[None]
         R_A, R_B = pairs.A[..., :3, :3], pairs.B[..., :3, :3]
         mean = (R_A @ turned[:, None] @ np.swapaxes(R_B, -1, -2)).mean(axis=1)
         X, Z = assemble(pairs, turned, se3.project_to_rotation(mean))

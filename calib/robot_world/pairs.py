@@ -5,11 +5,16 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib import se3
+from calib.errors import InputError
 from calib.posture_last import columns_of
 from calib.robot_world import algebra, closed_form
 from calib.se3 import FloatArray, IntArray
+
+FEWEST_PAIRS = 3
+"""Two rotations between poses are the fewest that can have two different axes."""
 
 
 class PairSets:
@@ -130,3 +135,48 @@ def own_order(A: FloatArray) -> IntArray:
     """
     keys = A[..., :3, [3, 0, 1]].reshape(*A.shape[:-2], 9)
     return np.asarray(np.lexsort(np.moveaxis(keys, -1, 0), axis=-1))
+
+
+def checked_pairs(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray, FloatArray]:
+    """Both sides as rigid transforms, orthonormal to rounding, of one shape, with enough pairs.
+
+    Parameters
+    ----------
+    A, B : array_like (N, 4, 4) or (T, N, 4, 4)
+    dimensions : int
+        3 or 4: which of the two it must be.
+
+    Raises
+    ------
+    InputError
+        Another shape, too few pairs, or matrices that are not rigid transforms.
+    """
+    A, B = se3.rigid(A, "A"), se3.rigid(B, "B")
+    shape = "(N, 4, 4)" if dimensions == 3 else "(T, N, 4, 4)"
+    for name, array in (("A", A), ("B", B)):
+        if array.ndim != dimensions:
+            raise InputError(
+                f"{name} has shape {array.shape}, not {shape}",
+                hint="a single problem has N pairs, a batch has T problems of N",
+                name=name,
+                value=array.shape,
+            )
+    if A.shape != B.shape:
+        raise InputError(
+            f"A has shape {A.shape} and B has {B.shape}",
+            hint="give one B for each A",
+            name="B",
+            value=B.shape,
+            bound=A.shape,
+        )
+    if dimensions == 4 and not len(A):
+        raise InputError("A and B have no trial", hint="give at least one", name="A", value=0)
+    if A.shape[-3] < FEWEST_PAIRS:
+        raise InputError(
+            f"{A.shape[-3]} pose pairs cannot identify X and Z",
+            hint=f"measure at least {FEWEST_PAIRS}, with rotations about different axes",
+            name="A",
+            value=A.shape[-3],
+            bound=FEWEST_PAIRS,
+        )
+    return A, B

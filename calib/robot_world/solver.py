@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib import se3
 from calib.errors import InputError
 from calib.robot_world.accuracy import GoodnessOfFit, covariance_of, goodness, noise_shown, rank_of
 from calib.robot_world.closed_form import residual_rms, residual_rows
@@ -16,12 +15,9 @@ from calib.robot_world.identifiability import Motion, examine, half_turns, not_i
 from calib.robot_world.leave_one_out import left_out_residuals
 from calib.robot_world.methods import Method, find_method
 from calib.robot_world.noise import Noise
-from calib.robot_world.pairs import PairSets
+from calib.robot_world.pairs import FEWEST_PAIRS, PairSets, checked_pairs
 from calib.robot_world.results import Estimate, RobotWorldBatch, RobotWorldResult
 from calib.se3 import BoolArray, FloatArray
-
-FEWEST_PAIRS = 3
-"""Two rotations between poses are the fewest that can have two different axes."""
 
 _PAIRS_AT_ONCE = 20_000
 """Pairs that one call of a method sees: bounds its memory to some 100 MB."""
@@ -64,7 +60,7 @@ def solve(
         ``"ambiguous"``.
     """
     chosen = find_method(method)
-    A, B = _checked(A, B, dimensions=3)
+    A, B = checked_pairs(A, B, dimensions=3)
     pairs = PairSets(A[None], B[None])
     if chosen.robust:
         found, used = _robust(chosen, pairs, noise)
@@ -112,7 +108,7 @@ def solve_batch(
         As :func:`solve`.
     """
     chosen = find_method(method)
-    A, B = _checked(A, B, dimensions=4)
+    A, B = checked_pairs(A, B, dimensions=4)
     T, N = A.shape[:2]
     at_once = max(1, _PAIRS_AT_ONCE // N)
     parts = [
@@ -270,39 +266,6 @@ def _doubts(
     if not (chosen.robust or doubts):
         doubts = outstanding(error, used)
     return doubts + few_for_the_noise(motion)
-
-
-def _checked(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray, FloatArray]:
-    """Both sides as arrays of rigid transforms, of the same shape, with enough pairs."""
-    A, B = se3.rigid(A, "A"), se3.rigid(B, "B")
-    shape = "(N, 4, 4)" if dimensions == 3 else "(T, N, 4, 4)"
-    for name, array in (("A", A), ("B", B)):
-        if array.ndim != dimensions:
-            raise InputError(
-                f"{name} has shape {array.shape}, not {shape}",
-                hint="solve takes one problem, solve_batch takes T of them",
-                name=name,
-                value=array.shape,
-            )
-    if A.shape != B.shape:
-        raise InputError(
-            f"A has shape {A.shape} and B has {B.shape}",
-            hint="give one B for each A",
-            name="B",
-            value=B.shape,
-            bound=A.shape,
-        )
-    if dimensions == 4 and not len(A):
-        raise InputError("A and B have no trial", hint="give at least one", name="A", value=0)
-    if A.shape[-3] < FEWEST_PAIRS:
-        raise InputError(
-            f"{A.shape[-3]} pose pairs cannot identify X and Z",
-            hint=f"measure at least {FEWEST_PAIRS}, with rotations about different axes",
-            name="A",
-            value=A.shape[-3],
-            bound=FEWEST_PAIRS,
-        )
-    return A, B
 
 
 def _verdict(found: Estimate, motion: Motion) -> tuple[str, str]:

@@ -42,9 +42,7 @@ def solved(sides: Sides, name: str, settings: Settings) -> RobotWorldResult:
     if first.chi2 is None:
         raise RuntimeError(f"ml was not solved: {first.message}")
     larger = float(np.sqrt(first.chi2 / first.freedom))
-    return solve(
-        *sides, "ml", PairNoise(larger * noise.rotation_rad, larger * noise.translation_m)
-    )
+    return solve(*sides, "ml", PairNoise(larger * noise.rotation_rad, larger * noise.translation_m))
 
 
 def row_of(name: str, result: RobotWorldResult, sigma: bool = True) -> dict[str, Any]:
@@ -116,10 +114,7 @@ def against_images(
     sigma = np.sqrt(np.diag(result.covariance))
     scale = np.tile(np.repeat(TO_SHOW, 3), 2)
     names = [
-        f"{letter} {what} {axis}"
-        for letter in "XZ"
-        for what in ("turn", "shift")
-        for axis in "xyz"
+        f"{letter} {what} {axis}" for letter in "XZ" for what in ("turn", "shift") for axis in "xyz"
     ]
     rows = {
         name: {"difference": float(d), "sigma": float(s)}

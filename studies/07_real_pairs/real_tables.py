@@ -51,7 +51,15 @@ def of_data_set(rows: Iterable[Found]) -> str:
 
 def against_reference(found: Found) -> str:
     """The other program's maximum likelihood, and this one's."""
-    head = ["data", "pairs", "reference", "here", "left-out rms", "noise on B estimated", "left-out"]
+    head = [
+        "data",
+        "pairs",
+        "reference",
+        "here",
+        "left-out rms",
+        "noise on B estimated",
+        "left-out",
+    ]
     cells = []
     for name, of in found["data"].items():
         first, second = of["rows"][:2]

@@ -9,11 +9,9 @@ import subprocess
 import sys
 
 import numpy as np
-import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from calib.identification import identify, identify_batch
-from calib.robot_world import METHODS, solve_batch
 from posedesign.cell import Cell
 from posedesign.indices import condition_inf
 from posedesign.planner import grid_poses, plan
@@ -63,16 +61,3 @@ def test_a_thousand_identifications(benchmark: BenchmarkFixture, reference_cell:
     model = reference_cell.model()
     values = benchmark.pedantic(identify_batch, args=(model, touched), rounds=5)
     assert values.shape == (1000, 10)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_thousand_robot_worlds(
-    benchmark: BenchmarkFixture, reference_cell: Cell, method: str
-) -> None:
-    """A X = Z B for 1,000 noise draws of 27 pairs at once."""
-    robot = SimulatedRobot.of(reference_cell)
-    rng = np.random.default_rng(1)
-    touched = robot.touch_up(plan(reference_cell).postures, rng, trials=1000)
-    A, B = robot.camera_poses(touched.postures, rng)
-    found = benchmark.pedantic(solve_batch, args=(A, B, method), rounds=3)
-    assert found.X.shape == (1000, 4, 4)

@@ -23,6 +23,7 @@ from calib.robot_world.certificate.polynomial import (
     quadratic_form,
 )
 from calib.robot_world.noise import PairNoise
+from calib.robot_world.pairs import checked_pairs
 from calib.se3 import FloatArray
 
 GAP_TOLERANCE = 1e-6
@@ -32,9 +33,6 @@ more than rounding makes."""
 COST_FLOOR = 1.0
 """Cost [chi²] that the relative gap refers to at least. A rise by 1 is one standard deviation, so
 where the data are far better than their noise says, a gap is measured by that."""
-
-FEWEST_PAIRS = 3
-"""Two rotations between poses are the fewest that can have two different axes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +120,8 @@ def certify(
     so that the cost is no polynomial of the second degree in the rotations.
     """
     weights = cost_weights(noise)
-    A, B = _pairs(A, B)
-    X, Z = (_rigid(T, name, dimensions=2) for T, name in ((X, "X"), (Z, "Z")))
+    A, B = checked_pairs(A, B, dimensions=3)
+    X, Z = _candidate(X, "X"), _candidate(Z, "Z")
     exchanged = noise.on == "A"
     problem = _Problem(*((B, A) if exchanged else (A, B)), weights)
     start = [se3.inverse(T) if exchanged else T for T in (X, Z)]
@@ -254,36 +252,14 @@ def _verdict(found: _Optimum, better: Certificate | None, unique: bool) -> tuple
     )
 
 
-def _pairs(A: ArrayLike, B: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    A, B = _rigid(A, "A", dimensions=3), _rigid(B, "B", dimensions=3)
-    if A.shape != B.shape:
+def _candidate(T: ArrayLike, name: str) -> FloatArray:
+    """A single rigid transform, orthonormal to rounding."""
+    array = se3.rigid(T, name)
+    if array.ndim != 2:
         raise InputError(
-            f"A has shape {A.shape} and B has {B.shape}",
-            hint="give one B for each A",
-            name="B",
-            value=B.shape,
-            bound=A.shape,
-        )
-    if len(A) < FEWEST_PAIRS:
-        raise InputError(
-            f"{len(A)} pose pairs cannot identify X and Z",
-            hint=f"measure at least {FEWEST_PAIRS}, with rotations about different axes",
-            name="A",
-            value=len(A),
-            bound=FEWEST_PAIRS,
-        )
-    return A, B
-
-
-def _rigid(T: ArrayLike, name: str, *, dimensions: int) -> FloatArray:
-    """A rigid transform, or N of them, with rotations orthonormal to rounding."""
-    array = se3.check_transforms(T, name)
-    if array.ndim != dimensions:
-        shape = "(4, 4)" if dimensions == 2 else "(N, 4, 4)"
-        raise InputError(
-            f"{name} has shape {array.shape}, not {shape}",
+            f"{name} has shape {array.shape}, not (4, 4)",
             hint="the certificate is of one problem at a time",
             name=name,
             value=array.shape,
         )
-    return se3.transform(se3.project_to_rotation(array[..., :3, :3]), array[..., :3, 3])
+    return array

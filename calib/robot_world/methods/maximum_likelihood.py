@@ -26,7 +26,7 @@ _ROUNDS = 40
 _SETTLED = 1e-6
 """Relative change of the noise from round to round that counts as none."""
 
-_STEPS_A_ROUND = 1
+_STEPS_A_ROUND = 3
 
 _LEAST = 1e-9
 """Least noise that is estimated: of rotation [rad], and of translation as part of the translations.

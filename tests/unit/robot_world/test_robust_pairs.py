@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from calib.errors import InputError
+from calib.errors import InputError, NotIdentifiableError
 from calib.robot_world import PairNoise, add_noise, random_problems, solve, solve_batch
 from calib.robot_world.noise import difference
 
@@ -111,7 +111,7 @@ def test_small_gross_errors_are_found_too():
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("pairs", [10, 30])
 def test_good_pairs_are_hardly_ever_left_out(pairs, given):
-    """One of a thousand by design, half a per cent at most where the noise is estimated."""
+    """One of a thousand by design, somewhat more of ten pairs that show the noise themselves."""
     rng = np.random.default_rng(4)
     problems = random_problems(rng, 100, pairs)
     A, B = add_noise(rng, problems.A, problems.B, NOISE)
@@ -119,23 +119,34 @@ def test_good_pairs_are_hardly_ever_left_out(pairs, given):
     left_out = sum(
         int((~solve(a, b, "ml-robust", noise).used).sum()) for a, b in zip(A, B, strict=True)
     )
-    share = 0.001 if given else 0.005
+    share = 0.001 if given or pairs > 20 else 0.003
     assert left_out <= binom.ppf(1.0 - 1e-4, 100 * pairs, share)
 
 
+@pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("pairs", [8, 20])
-def test_more_bad_pairs_than_good_ones_are_refused(pairs):
+def test_more_bad_pairs_than_good_ones_are_refused(pairs, given):
     A, B, _, _ = spoilt(5, 15, pairs, pairs // 2 + pairs // 4)
-    refused = 0
     for a, b in zip(A, B, strict=True):
         try:
-            result = solve(a, b, "ml-robust", NOISE)
-        except InputError as error:
-            refused += "contradict the others" in error.message
-        else:
-            assert result.status != "ok" or result.warnings
-    assert refused >= 12
-    assert solve_batch(A, B, "ml-robust", NOISE).ok.sum() <= 15 - refused
+            result = solve(a, b, "ml-robust", NOISE if given else None)
+        except (InputError, NotIdentifiableError):
+            continue
+        # few pairs may agree by chance: then they are said not to fit
+        assert result.warnings
+
+
+def test_pairs_from_another_setup_are_told_where_they_are_the_fewer():
+    """Two sets of X and Z that fit some of the pairs each; of ten and ten nobody can tell."""
+    rng = np.random.default_rng(11)
+    one, other = random_problems(rng, 1, 20), random_problems(rng, 1, 20)
+    B = add_noise(rng, one.B[0], one.B[0], NOISE)[1]
+    moved = add_noise(rng, B, np.linalg.inv(other.Z[0]) @ one.A[0] @ other.X[0], NOISE)[1]
+    result = solve(one.A[0], np.concatenate([moved[:7], B[7:]]), "ml-robust", NOISE)
+    assert result.used.sum() == 13
+    assert "contradicting the others: 1, 2, 3, 4, 5, 6, 7 (" in result.message
+    with pytest.raises(InputError, match="do not fit together|contradict the others"):
+        solve(one.A[0], np.concatenate([moved[:10], B[10:]]), "ml-robust", NOISE)
 
 
 def test_a_batch_is_not_ok_where_a_single_problem_is_refused():
@@ -144,7 +155,7 @@ def test_a_batch_is_not_ok_where_a_single_problem_is_refused():
     for trial in range(20):
         try:
             status = solve(A[trial], B[trial], "ml-robust", NOISE).status
-        except InputError:
+        except (InputError, NotIdentifiableError):
             status = "refused"
         assert batch.ok[trial] == (status == "ok")
 

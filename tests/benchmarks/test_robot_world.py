@@ -1,0 +1,162 @@
+"""How fast A X = Z B is solved. Run with ``make bench``; figures are for one core
+(OMP_NUM_THREADS=1).
+
+Absolute times depend on the machine; ratios are of one run, both sides in turns.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve, solve_batch
+from calib.se3 import FloatArray
+from posedesign.cell import Cell
+from posedesign.planner import plan
+from posedesign.simulation import SimulatedRobot
+
+NOISE = PairNoise(5e-3, 2e-3)
+
+SHAH_RATIO = 10.0
+"""A thousand pairs, OpenCV's time over ours: 13 to 17 as the machine and its load have it."""
+
+BATCH_RATIO, ML_RATIO = 10.0, 3.0
+LINEAR = 5.0
+"""Four times the work, and a quarter for the noise of the clock."""
+
+Call = Callable[[], object]
+
+
+def pairs(T: int, N: int) -> tuple[FloatArray, FloatArray]:
+    """A and B ``(T, N, 4, 4)`` with noise on B."""
+    rng = np.random.default_rng(1)
+    problems = random_problems(rng, T, N)
+    return add_noise(rng, problems.A, problems.B, NOISE)
+
+
+def by_opencv(A: FloatArray, B: FloatArray, name: str) -> Call:
+    """OpenCV's solution of one problem ``(N, 4, 4)``, its lists made beforehand."""
+    cv2 = pytest.importorskip("cv2", reason="comparison with OpenCV")
+    cv2.setNumThreads(1)
+    sides = [list(part) for T in (A, B) for part in (T[:, :3, :3], T[:, :3, 3])]
+    method = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name}")
+    return lambda: cv2.calibrateRobotWorldHandEye(*sides, method=method)
+
+
+def in_turns(*calls: Call, turns: int = 6, rounds: int = 8) -> list[tuple[float, float]]:
+    """Seconds of the fastest round and of the median one, of each call.
+
+    A few rounds of one, then of the other, and again: the clock of the processor changes within a
+    run. The first of a turn is not counted: memory is as the other call left it.
+    """
+    times: list[list[float]] = [[] for _ in calls]
+    for _ in range(turns):
+        for call, own in zip(calls, times, strict=True):
+            call()
+            for _ in range(rounds):
+                start = time.perf_counter()
+                call()
+                own.append(time.perf_counter() - start)
+    return [(min(own), float(np.median(own))) for own in times]
+
+
+def say(
+    capsys: pytest.CaptureFixture[str],
+    benchmark: BenchmarkFixture,
+    what: str,
+    theirs: tuple[float, float],
+    ours: tuple[float, float],
+    unit: float = 1e-3,
+) -> tuple[float, float]:
+    """Print fastest and median of both sides, and return how many times longer theirs take."""
+    ratio = (theirs[0] / ours[0], theirs[1] / ours[1])
+    name = {1e-3: "ms", 1e-6: "µs"}[unit]
+    with capsys.disabled():
+        print(
+            f"\n{what}, fastest / median: OpenCV {theirs[0] / unit:.3g} / {theirs[1] / unit:.3g} "
+            f"{name}, ours {ours[0] / unit:.3g} / {ours[1] / unit:.3g} {name}: "
+            f"{ratio[0]:.2f} / {ratio[1]:.2f} times"
+        )
+    benchmark.extra_info["OpenCV over ours, fastest"] = ratio[0]
+    benchmark.extra_info["OpenCV over ours, median"] = ratio[1]
+    return ratio
+
+
+def test_shah_of_a_thousand_pairs(
+    benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One problem, with checks of the input and verdicts on motion and fit, which OpenCV lacks."""
+    A, B = (T[0] for T in pairs(1, 1000))
+    theirs, ours = in_turns(by_opencv(A, B, "SHAH"), lambda: solve(A, B, "shah"))
+    ratio = say(capsys, benchmark, "Shah, 1,000 pairs", theirs, ours)
+    assert benchmark.pedantic(solve, args=(A, B, "shah"), rounds=20).status == "ok"
+    assert max(ratio) > SHAH_RATIO
+
+
+def test_shah_of_a_thousand_sets_of_ten(
+    benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ours for a set of a batch; OpenCV has no batches."""
+    A, B = pairs(1000, 10)
+    theirs = in_turns(by_opencv(A[0], B[0], "SHAH"), turns=6, rounds=50)[0]
+    whole = in_turns(lambda: solve_batch(A, B, "shah"), turns=2)[0]
+    ours = (whole[0] / len(A), whole[1] / len(A))
+    ratio = say(capsys, benchmark, "Shah, 10 pairs, a set of 1,000", theirs, ours, 1e-6)
+    assert benchmark.pedantic(solve_batch, args=(A, B, "shah"), rounds=5).ok.all()
+    assert max(ratio) > BATCH_RATIO
+
+
+def test_likeliest_of_fifty_pairs_against_li(
+    benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The maximum of the likelihood takes at most three times as long as OpenCV's Li."""
+    A, B = (T[0] for T in pairs(1, 50))
+    theirs, ours = in_turns(by_opencv(A, B, "LI"), lambda: solve(A, B, "ml", NOISE), rounds=15)
+    ratio = say(capsys, benchmark, "ml, noise given, against Li, 50 pairs", theirs, ours)
+    assert benchmark.pedantic(solve, args=(A, B, "ml", NOISE), rounds=20).status == "ok"
+    assert max(ratio) > 1.0 / ML_RATIO
+
+
+@pytest.mark.parametrize("what", ["pairs", "sets"])
+@pytest.mark.parametrize("method", ["ml", "shah", "li-kronecker", "hirsh"])
+def test_cost_grows_linearly(
+    benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str], method: str, what: str
+) -> None:
+    """Four times the pairs of a set, or four times the sets, take about four times as long."""
+    T, N = (50, 250) if what == "pairs" else (500, 27)
+    more = (T, 4 * N) if what == "pairs" else (4 * T, N)
+    noise = NOISE if METHODS[method].likelihood else None
+
+    def call(shape: tuple[int, int]) -> Call:
+        A, B = pairs(*shape)
+        return lambda: solve_batch(A, B, method, noise)
+
+    (once, _), (four, _) = in_turns(call((T, N)), call(more), turns=3, rounds=2)
+    with capsys.disabled():
+        print(f"\n{method}, 4 times the {what}: {four / once:.2f} times as long")
+    benchmark.extra_info["time ratio for 4x"] = four / once
+    benchmark.pedantic(call(more), rounds=2)
+    assert four / once < LINEAR
+
+
+@pytest.fixture(scope="module")
+def measured(reference_cell: Cell) -> tuple[FloatArray, FloatArray]:
+    """A and B ``(1000, 27, 4, 4)``: noise draws of the planned poses of the reference cell."""
+    robot = SimulatedRobot.of(reference_cell)
+    rng = np.random.default_rng(1)
+    touched = robot.touch_up(plan(reference_cell).postures, rng, trials=1000)
+    return robot.camera_poses(touched.postures, rng)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_thousand_sets_of_27(
+    benchmark: BenchmarkFixture, measured: tuple[FloatArray, FloatArray], method: str
+) -> None:
+    """A X = Z B for 1,000 noise draws of 27 pairs at once."""
+    found: Any = benchmark.pedantic(solve_batch, args=(*measured, method), rounds=5)
+    assert found.X.shape == (1000, 4, 4)

@@ -1,0 +1,242 @@
+"""Pairs that do not fit, or do not identify X and Z, are refused or doubted by name."""
+
+import numpy as np
+import pytest
+
+from calib import se3
+from calib.errors import CalibError, InputError, NotIdentifiableError
+from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve, solve_batch
+
+SMALL = PairNoise(np.radians(0.1), 1e-3, "B")
+
+
+def measured(seed, pairs, cone_deg=None, noise=SMALL):
+    rng = np.random.default_rng(seed)
+    problems = random_problems(rng, 1, pairs, cone_deg)
+    return add_noise(rng, problems.A[0], problems.B[0], noise)
+
+
+def swapped(A, B):
+    B = B.copy()
+    B[[1, 4]] = B[[4, 1]]
+    return A, B
+
+
+def permuted(A, B):
+    order = np.random.default_rng(1).permutation(len(B))
+    while (order == np.arange(len(B))).any():
+        order = np.random.default_rng(order[0] + 2).permutation(len(B))
+    return A, B[order]
+
+
+MISTAKES = {
+    "permuted": permuted,
+    "reversed": lambda A, B: (A, B[::-1]),
+    "a row of B missing": lambda A, B: (A[:-1], B[1:]),
+    "a row of A missing": lambda A, B: (A[1:], B[:-1]),
+    "rolled": lambda A, B: (A, np.roll(B, 1, axis=0)),
+    "B inverted": lambda A, B: (A, se3.inverse(B)),
+    "A inverted": lambda A, B: (se3.inverse(A), B),
+    "two swapped": swapped,
+}
+SAID = {
+    "reversed": "reversed order",
+    "a row of B missing": "one row",
+    "a row of A missing": "one row",
+    "B inverted": "one side inverted",
+    "A inverted": "one side inverted",
+    "permuted": "do not belong together",
+}
+
+
+def what_is_said(A, B, method, noise=None):
+    """Text of the error, or all that the result says; empty where it says nothing."""
+    try:
+        result = solve(A, B, method, noise)
+    except CalibError as error:
+        return str(error)
+    said = " ".join(result.warnings)
+    if result.status != "ok":
+        said += f"{result.status}: {result.message}"
+    if not result.used.all():
+        said += result.message
+    return said
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+@pytest.mark.parametrize("method", METHODS)
+def test_no_method_is_silent_about_pairs_in_disorder(method, mistake):
+    for seed in range(4):
+        for cone_deg in (None, 40.0):
+            A, B = MISTAKES[mistake](*measured(seed, 12, cone_deg))
+            assert what_is_said(A, B, method), f"{method} is silent about {mistake}"
+
+
+@pytest.mark.parametrize("mistake", SAID)
+@pytest.mark.parametrize("pairs", [6, 12, 25])
+def test_the_mistake_is_named(mistake, pairs):
+    for seed in range(5):
+        for method in ("ml", "shah"):
+            A, B = MISTAKES[mistake](*measured(seed, pairs))
+            said = what_is_said(A, B, method)
+            assert SAID[mistake] in said, said
+
+
+def test_few_pairs_in_disorder_are_seldom_overlooked():
+    """Of four pairs some fit by chance; never of six."""
+    overlooked = {4: 0, 6: 0}
+    for pairs in overlooked:
+        for name in ("reversed", "B inverted", "A inverted", "rolled"):
+            for seed in range(25):
+                A, B = MISTAKES[name](*measured(100 + seed, pairs))
+                overlooked[pairs] += not what_is_said(A, B, "ml")
+    assert overlooked[6] == 0
+    assert overlooked[4] <= 4
+
+
+@pytest.mark.parametrize("pairs", [8, 12, 20])
+def test_two_swapped_pairs_are_named(pairs):
+    for seed in range(5):
+        A, B = swapped(*measured(seed, pairs))
+        said = what_is_said(A, B, "ml")
+        assert "pairs 2, 5 (counted from 1)" in said, said
+        assert f"contradict the other {pairs - 2}" in said
+        assert "exchanged with each other they fit" in said
+        assert "ml-robust leaves such pairs out" in said
+        result = solve(A, B, "ml-robust")
+        assert {1, 4} <= set(np.flatnonzero(~result.used))
+
+
+def test_one_gross_pair_is_named():
+    A, B = measured(7, 10)
+    B[3, :3, :3] = B[3, :3, :3] @ se3.rotation_exp([1.0, 0.5, -0.8])
+    assert "pair 4 (counted from 1)" in what_is_said(A, B, "ml")
+
+
+def test_one_pair_slightly_off_is_named():
+    A, B = measured(8, 10)
+    B[3, :3, 3] += [0.03, 0.0, 0.0]
+    said = what_is_said(A, B, "ml")
+    assert "pair 4 (counted from 1) is more than 8 times as far off as the median" in said
+
+
+@pytest.mark.parametrize("cone_deg", [None, 40.0])
+@pytest.mark.parametrize("pairs", [5, 10, 30])
+def test_good_pairs_raise_no_doubts(pairs, cone_deg):
+    """One warning in a hundred sets at most."""
+    warned = 0
+    for seed in range(60):
+        result = solve(*measured(200 + seed, pairs, cone_deg, PairNoise(np.radians(0.2), 1e-3)))
+        assert result.status == "ok"
+        warned += bool(result.warnings)
+    assert warned <= 3
+
+
+def poses(rotation_vectors, seed=0):
+    rng = np.random.default_rng(seed)
+    return se3.transform(
+        se3.rotation_exp([0.2, 0.1, -0.4]) @ se3.rotation_exp(rotation_vectors),
+        rng.uniform(-0.5, 0.5, (len(rotation_vectors), 3)),
+    )
+
+
+def seen(A, seed=1):
+    problems = random_problems(np.random.default_rng(seed), 1, 3)
+    return se3.inverse(problems.Z[0]) @ A @ problems.X[0]
+
+
+OBLIQUE = np.array([0.6, -0.48, 0.64])
+UNFIT = {
+    "translations": (poses(np.zeros((8, 3))), "differ by translations only"),
+    "identical": (np.tile(poses(np.zeros((1, 3))), (8, 1, 1)), "all poses are the same"),
+    "one axis": (
+        poses(np.linspace(-2.0, 2.5, 8)[:, None] * [0.0, 0.0, 1.0]),
+        "about the axis (0, 0, 1) of the flange",
+    ),
+    "oblique axis": (
+        poses(np.linspace(-2.0, 2.5, 8)[:, None] * OBLIQUE),
+        "about the axis (-0.6, 0.48, -0.64) of the flange",
+    ),
+    "two poses": (
+        poses(np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 0.2]])[[0, 1, 0, 1, 1]]),
+        "about the",
+    ),
+}
+
+
+@pytest.mark.parametrize("unfit", UNFIT)
+@pytest.mark.parametrize("method", METHODS)
+def test_motion_that_identifies_nothing_is_refused(method, unfit):
+    """OpenCV's calibrateHandEye and calibrateRobotWorldHandEye return numbers for all of these."""
+    A, reason = UNFIT[unfit]
+    with pytest.raises(NotIdentifiableError) as caught:
+        solve(A, seen(A), method)
+    text = str(caught.value)
+    if unfit == "oblique axis":
+        assert reason in text or "about the axis (0.6, -0.48, 0.64) of the flange" in text
+    else:
+        assert reason in text
+    assert not solve_batch(A[None], seen(A)[None], method).ok.any()
+
+
+@pytest.mark.parametrize("on", ["A", "B", "both"])
+@pytest.mark.parametrize("unfit", UNFIT)
+def test_noise_does_not_make_it_identifiable(unfit, on):
+    A, _ = UNFIT[unfit]
+    rng = np.random.default_rng(2)
+    for sigma_deg in (0.01, 0.1, 1.0):
+        noise = PairNoise(np.radians(sigma_deg), 1e-3, on)
+        for _ in range(5):
+            measured_pairs = add_noise(rng, A, seen(A), noise)
+            with pytest.raises((NotIdentifiableError, InputError)):
+                solve(*measured_pairs, "ml", noise)
+
+
+@pytest.mark.parametrize("on", ["A", "B", "both"])
+def test_noise_does_not_turn_translations_into_disorder(on):
+    """What noise leaves is of the size of what the poses turn, and no sign of wrong pairs."""
+    A, _ = UNFIT["translations"]
+    rng = np.random.default_rng(3)
+    for sigma_deg in (0.01, 0.3, 1.0):
+        measured_pairs = add_noise(rng, A, seen(A), PairNoise(np.radians(sigma_deg), 1e-3, on))
+        with pytest.raises(NotIdentifiableError, match="translation of X"):
+            solve(*measured_pairs)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_batch_is_not_ok_where_a_single_problem_is_refused_or_ambiguous(method):
+    A = np.stack([UNFIT[name][0][:5] for name in UNFIT] + [measured(9, 5)[0]] * 2)
+    B = np.stack([seen(a) for a in A])
+    B[-1] = B[-1][::-1]
+    batch = solve_batch(A, B, method)
+    for trial in range(len(A)):
+        try:
+            status = solve(A[trial], B[trial], method).status
+        except CalibError:
+            status = "refused"
+        assert batch.ok[trial] == (status == "ok"), trial
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("method", METHODS)
+def test_numbers_that_are_not_finite(method, side, value):
+    pairs = [T.copy() for T in measured(10, 6)]
+    pairs[side][2, 0, 3] = value
+    with pytest.raises(InputError, match="is not a finite number"):
+        solve(*pairs, method)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("method", METHODS)
+def test_mirrored_axes(method, side):
+    pairs = [T.copy() for T in measured(11, 6)]
+    pairs[side][:, :3, 0] *= -1.0
+    with pytest.raises(InputError, match="left-handed"):
+        solve(*pairs, method)
+
+
+def test_millimetres_on_one_side_are_doubted():
+    A, B = measured(12, 10)
+    B[:, :3, 3] *= 1e3
+    assert what_is_said(A, B, "ml")

@@ -10,7 +10,7 @@ condition equations and unknowns; with errors on one side only it is plain nonli
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -87,6 +87,29 @@ class Fit:
         except np.linalg.LinAlgError:
             inverse = np.linalg.pinv(scaled, hermitian=True)
         return np.asarray(inverse / scale)
+
+    def of(self, trials: IntArray) -> Fit:
+        """The fits of some of the sets."""
+        return Fit(
+            **{
+                part.name: np.take(getattr(self, part.name), trials, axis=_SETS_AXIS[part.name])
+                for part in fields(self)
+            }
+        )
+
+    def with_others(self, trials: IntArray, others: Fit) -> Fit:
+        """These fits with others in the place of some of them."""
+        values = {}
+        for part in fields(self):
+            axis = _SETS_AXIS[part.name]
+            value = np.moveaxis(getattr(self, part.name).copy(), axis, 0)
+            value[trials] = np.moveaxis(getattr(others, part.name), axis, 0)
+            values[part.name] = np.moveaxis(value, 0, axis)
+        return Fit(**values)
+
+
+_SETS_AXIS = {part.name: 0 for part in fields(Fit)} | {"white": 1, "jacobian": 2}
+"""Axis of each array of :class:`Fit` along which the sets stand."""
 
 
 @dataclass(frozen=True, eq=False)

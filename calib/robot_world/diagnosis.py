@@ -84,7 +84,8 @@ def suspicions(pairs: PairSets, used: BoolArray, motion: Motion) -> tuple[str, .
         Of these.
     """
     left = misfit(motion)
-    if left <= (_POOR_OF_FEW if pairs.N <= _FEW else POOR) and used.all():
+    few = pairs.N <= _FEW and not motion.degenerate[0]
+    if left <= (_POOR_OF_FEW if few else POOR) and used.all():
         return ()
     whole = motion if used.all() else examine(pairs)
     meant = _meant(pairs, whole)

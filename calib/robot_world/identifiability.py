@@ -28,7 +28,7 @@ from calib.robot_world.algebra import (
     conjugate,
     left_matrix,
 )
-from calib.robot_world.closed_form import assemble
+from calib.robot_world.closed_form import assemble, residual_rms
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import direction, residuals
 from calib.se3 import BoolArray, FloatArray
@@ -179,7 +179,7 @@ def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentif
 def half_turns(
     pairs: PairSets, motion: Motion, R_X: FloatArray
 ) -> tuple[tuple[str, FloatArray, FloatArray], ...]:
-    """Other X and Z that fit one degenerate set as well, where they are a finite number.
+    """Other X and Z that fit the rotations of one degenerate set, where they are a finite number.
 
     Parameters
     ----------
@@ -223,6 +223,19 @@ def half_turns(
             text = f"X turned by half a turn about the axis {direction(axis)} of the flange"
             found.append((text, X[0], Z[0]))
     return tuple(found)
+
+
+def turned_by_translations(
+    pairs: PairSets, others: tuple[tuple[str, FloatArray, FloatArray], ...]
+) -> PairSets:
+    """One set with the rotations in closed form that the translations fit best, of some choice."""
+    X, Z = pairs.rotations_first
+    choice = [(X[0], Z[0]), *((X, Z) for _, X, Z in others)]
+    left_m = [float(residual_rms(pairs, X[None], Z[None])[1][0]) for X, Z in choice]
+    X, Z = choice[int(np.argmin(left_m))]
+    turned = PairSets(pairs.A, pairs.B)
+    turned.rotations = X[None, :3, :3], Z[None, :3, :3]
+    return turned
 
 
 def _class_of(motion: Motion) -> str:

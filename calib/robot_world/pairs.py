@@ -157,7 +157,7 @@ def checked_pairs(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[Float
         if array.ndim != dimensions:
             raise InputError(
                 f"{name} has shape {array.shape}, not {shape}",
-                hint="a single problem has N pairs, a batch has T problems of N",
+                hint="solve takes one problem of N pairs, solve_batch takes T of them",
                 name=name,
                 value=array.shape,
             )

@@ -11,7 +11,13 @@ from calib.errors import InputError
 from calib.robot_world.accuracy import GoodnessOfFit, covariance_of, goodness, noise_shown, rank_of
 from calib.robot_world.closed_form import residual_rms, residual_rows
 from calib.robot_world.diagnosis import few_for_the_noise, outstanding, suspicions
-from calib.robot_world.identifiability import Motion, examine, half_turns, not_identifiable
+from calib.robot_world.identifiability import (
+    Motion,
+    examine,
+    half_turns,
+    not_identifiable,
+    turned_by_translations,
+)
 from calib.robot_world.leave_one_out import left_out_residuals
 from calib.robot_world.methods import Method, find_method
 from calib.robot_world.noise import Noise
@@ -56,8 +62,8 @@ def solve(
         transforms, or pairs that do not fit together.
     NotIdentifiableError
         The rotations between the poses are all about one axis, or there are none, or the noise
-        hides what there is besides. Half turns that leave a choice are no error: the status is
-        ``"ambiguous"``.
+        hides what there is besides. Half turns that leave a choice are no error: the translations
+        decide, or else the status is ``"ambiguous"``.
     """
     chosen = find_method(method)
     A, B = checked_pairs(A, B, dimensions=3)
@@ -73,11 +79,19 @@ def solve(
     if motion.degenerate[0]:
         if doubts and not motion.rank_deficient[0]:
             raise InputError("the pairs do not fit together: " + "; ".join(doubts), name="pairs")
-        others = half_turns(kept, motion)
+        others = half_turns(kept, motion, kept.rotations[0][0])
         if not others:
             raise not_identifiable(motion, kept.A[0], kept.B[0])
+        kept = turned_by_translations(kept, others)
+        motion = examine(kept)
     if found is None:
-        found = chosen.run(pairs, noise)
+        found = chosen.run(kept, noise)
+    if others:
+        others = tuple(
+            (text, X, Z)
+            for text, X, Z in half_turns(kept, motion, found.X[0, :3, :3])
+            if not motion.is_misfit(*residual_rms(kept, X[None], Z[None]))[0]
+        )
     return _result(chosen, pairs, found, used, motion, noise, doubts, others)
 
 
@@ -140,6 +154,7 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
             covariance[usable] = found.fit.covariance
         if found.weights is not None:
             rank_deficient, degenerate = _judged_by_used(pairs, found.weights > 0)
+            X[rank_deficient] = Z[rank_deficient] = np.nan
         elif found.fit is None:
             sizes = np.zeros((2, pairs.T))
             sizes[:, usable] = residual_rms(kept, found.X, found.Z)
@@ -216,6 +231,8 @@ def _result(
     if not used.all():
         rows = ", ".join(str(i + 1) for i in np.flatnonzero(~used))
         message += f"; left out as contradicting the others: {rows} (counted from 1)"
+    if motion.degenerate[0] and status == "ok" and not others:
+        message += "; rotations leave a choice of half turns, which the translations decide"
     if others and status == "ok":
         status = "ambiguous"
         message += (
@@ -275,8 +292,10 @@ def _verdict(found: Estimate, motion: Motion) -> tuple[str, str]:
             f"still moving after {found.iterations[0] if found.iterations is not None else 0} "
             "cycles: X and Z are the last iterate"
         )
-    # the likeliest X and Z fit best by their own measure, whatever rotations alone would leave
-    if found.fit is None and motion.is_misfit(*residual_rms(motion.pairs, found.X, found.Z))[0]:
+    # the likeliest X and Z fit best by their own measure, whatever rotations alone would leave,
+    # unless there are several places to look for them
+    asked = found.fit is None or bool(motion.degenerate[0])
+    if asked and motion.is_misfit(*residual_rms(motion.pairs, found.X, found.Z))[0]:
         return "misfit", (
             f"the residuals are several times the {np.degrees(motion.residual_rad[0]):.2g} deg and "
             f"{1e3 * motion.residual_m[0]:.2g} mm that rotations first, then translations leave: "

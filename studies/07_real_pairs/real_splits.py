@@ -1,7 +1,8 @@
 """Which method predicts pairs best that took no part: halves of a sequence, run by run.
 
-Poses that follow each other are all but the same, so that a pair left out alone is predicted by its
-neighbours. Here whole runs of consecutive pairs are left out: four of eight, in each of the 70 ways.
+Poses that follow each other are all but the same, so that a pair left out alone is predicted by
+its neighbours. Here whole runs of consecutive pairs are left out: four of eight, in each of the
+70 ways.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
 
 from real_figure import draw  # noqa: E402
-from real_rows import RATIO, against_images, proof, row_names, row_of, solved  # noqa: E402
+from real_rows import against_images, proof, row_names, row_of, solved  # noqa: E402
 from real_sets import MM, Sides, data_folder, from_the_images, real_pairs  # noqa: E402
 from real_splits import compared  # noqa: E402
 from real_tables import all_tables  # noqa: E402
@@ -122,7 +122,7 @@ def main() -> None:
     for name, of in found["data"].items():
         splits = of["splits"]
         print(f"{name}: {splits['splits']} splits, {splits['unidentified']} identify nothing;")
-        print(f"  ml-robust leaves out {of['left_out']}; {RATIO}: see the tables")
+        print(f"  ml-robust leaves out {of['left_out']}")
         for method, said in of["warnings"].items():
             print(f"  {method}: {'; '.join(said)}")
     out.mkdir(parents=True, exist_ok=True)

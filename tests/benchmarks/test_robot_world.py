@@ -26,8 +26,8 @@ SHAH_RATIO = 10.0
 """A thousand pairs, OpenCV's time over ours: 13 to 17 as the machine and its load have it."""
 
 BATCH_RATIO, ML_RATIO = 10.0, 3.0
-LINEAR = 5.0
-"""Four times the work, and a quarter for the noise of the clock."""
+LINEAR = 6.0
+"""Four times the work, and half again for a busy machine; squares would make 16."""
 
 Call = Callable[[], object]
 
@@ -52,16 +52,17 @@ def in_turns(*calls: Call, turns: int = 6, rounds: int = 8) -> list[tuple[float,
     """Seconds of the fastest round and of the median one, of each call.
 
     A few rounds of one, then of the other, and again: the clock of the processor changes within a
-    run. The first of a turn is not counted: memory is as the other call left it.
+    run. The first of a turn is not counted: memory is as the other call left it. Seconds are those
+    of the processor, of one thread, so that what else runs on it counts less.
     """
     times: list[list[float]] = [[] for _ in calls]
     for _ in range(turns):
         for call, own in zip(calls, times, strict=True):
             call()
             for _ in range(rounds):
-                start = time.perf_counter()
+                start = time.process_time()
                 call()
-                own.append(time.perf_counter() - start)
+                own.append(time.process_time() - start)
     return [(min(own), float(np.median(own))) for own in times]
 
 
@@ -128,7 +129,7 @@ def test_cost_grows_linearly(
     benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str], method: str, what: str
 ) -> None:
     """Four times the pairs of a set, or four times the sets, take about four times as long."""
-    T, N = (50, 250) if what == "pairs" else (500, 27)
+    T, N = (90, 250) if what == "pairs" else (800, 27)  # more than a cache holds, both times
     more = (T, 4 * N) if what == "pairs" else (4 * T, N)
     noise = NOISE if METHODS[method].likelihood else None
 
@@ -158,5 +159,6 @@ def test_a_thousand_sets_of_27(
     benchmark: BenchmarkFixture, measured: tuple[FloatArray, FloatArray], method: str
 ) -> None:
     """A X = Z B for 1,000 noise draws of 27 pairs at once."""
-    found: Any = benchmark.pedantic(solve_batch, args=(*measured, method), rounds=5)
+    rounds = 1 if METHODS[method].robust else 5  # a minute each
+    found: Any = benchmark.pedantic(solve_batch, args=(*measured, method), rounds=rounds)
     assert found.X.shape == (1000, 4, 4)

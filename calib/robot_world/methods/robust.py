@@ -79,19 +79,36 @@ def estimate(pairs: PairSets, noise: Noise | None = None) -> Estimate:
     X, Z = _consensus(pairs)
     first = estimated_model(pairs, _shown(pairs, X, Z)) if noise is None else noise.model(pairs)
     used = _near(pairs, first, X, Z)
+    fit, sigma = _fitted(pairs, noise, X, Z, used)
+    moving = np.arange(pairs.T)
     for _ in range(_ROUNDS):
-        weights = used.astype(float)
-        if noise is None:
-            fit, sigma = with_estimated_noise(pairs, X, Z, weights, _WIDENING)
-            now = _explained(pairs, estimated_model(pairs, sigma), fit, used, estimated=True)
-        else:
-            sigma = None
-            fit = adjust(pairs, noise.model(pairs), X, Z, weights=weights)
-            now = _explained(pairs, noise.model(pairs), fit, used, estimated=False)
-        if (now == used).all():
+        now = _explained(_sets(pairs, moving), noise, sigma, fit.of(moving), used[moving], moving)
+        changed = (now != used[moving]).any(axis=1)
+        moving = moving[changed]
+        if not moving.size:
             break
-        X, Z, used = fit.X, fit.Z, now
-    return as_estimate(fit, sigma, weights)
+        used[moving] = now[changed]
+        again, shown = _fitted(
+            _sets(pairs, moving), noise, fit.X[moving], fit.Z[moving], used[moving]
+        )
+        fit = fit.with_others(moving, again)
+        if sigma is not None and shown is not None:
+            sigma[:, moving] = shown
+    return as_estimate(fit, sigma, used.astype(float))
+
+
+def _sets(pairs: PairSets, trials: IntArray) -> PairSets:
+    return pairs if len(trials) == pairs.T else PairSets(pairs.A[trials], pairs.B[trials])
+
+
+def _fitted(
+    pairs: PairSets, noise: Noise | None, X: FloatArray, Z: FloatArray, used: BoolArray
+) -> tuple[Fit, FloatArray | None]:
+    """Adjust X and Z to the pairs used, and the noise where it is unknown."""
+    weights = used.astype(float)
+    if noise is None:
+        return with_estimated_noise(pairs, X, Z, weights, _WIDENING)
+    return adjust(pairs, noise.model(pairs), X, Z, weights=weights), None
 
 
 def _consensus(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
@@ -183,7 +200,12 @@ def _near(pairs: PairSets, model: ErrorModel, X: FloatArray, Z: FloatArray) -> B
 
 
 def _explained(
-    pairs: PairSets, model: ErrorModel, fit: Fit, used: BoolArray, *, estimated: bool
+    pairs: PairSets,
+    noise: Noise | None,
+    sigma: FloatArray | None,
+    fit: Fit,
+    used: BoolArray,
+    trials: IntArray,
 ) -> BoolArray:
     """Pairs ``(T, N)`` whose residuals the noise explains, when X and Z are from those used.
 
@@ -192,12 +214,16 @@ def _explained(
     ``r (1 - H)⁻¹ r`` and ``r (1 + H)⁻¹ r`` are χ² of 6 degrees of freedom, or 6 F where the noise
     is estimated from the pairs used.
     """
+    if sigma is not None:
+        model = estimated_model(pairs, sigma[:, trials])
+    elif noise is not None:
+        model = noise.model(pairs)
     rows, J = linear_rows(pairs, model, fit.X, fit.Z)
     r, J = rows.transpose(1, 2, 0), J.transpose(2, 3, 1, 0)  # (T, N, 6), (T, N, 6, 12)
     H = J @ fit.covariance[:, None] @ np.swapaxes(J, -1, -2)
     spread = np.eye(6) * (1.0 + _TINY_SHARE) + np.where(used, -1.0, 1.0)[..., None, None] * H
     square = (r * np.linalg.solve(spread, r[..., None])[..., 0]).sum(axis=-1)
-    if not estimated:
+    if sigma is None:
         return np.asarray(square <= _more(square) * chi2.ppf(_KEPT, 6))
     # the white rows of the pairs used have a mean square of one: the rest of them shows the noise
     freedom = 6.0 * used.sum(axis=1, keepdims=True) - 12.0

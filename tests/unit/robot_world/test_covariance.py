@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from calib.errors import InputError
 from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve, solve_batch
 from calib.robot_world.noise import difference
 
@@ -76,16 +77,36 @@ def test_covariance_from_noisy_data_is_near_that_of_the_truth():
 def test_covariance_grows_with_the_square_of_the_noise_and_adds_over_the_sides():
     problems = random_problems(np.random.default_rng(4), 1, 5)
     pair = problems.A[0], problems.B[0]
-    single = {on: solve(*pair, noise=PairNoise(1e-3, 1e-3, on)).covariance for on in ("A", "B")}
-    both = solve(*pair, noise=PairNoise(2e-3, 2e-3, "both")).covariance
+    single = {on: solve(*pair, "shah", PairNoise(1e-3, 1e-3, on)).covariance for on in ("A", "B")}
+    both = solve(*pair, "shah", PairNoise(2e-3, 2e-3, "both")).covariance
     np.testing.assert_allclose(both, 4.0 * (single["A"] + single["B"]), rtol=1e-9, atol=1e-18)
 
 
-def test_no_noise_has_no_covariance_and_zero_noise_a_zero_one():
+@pytest.mark.parametrize("method", ["ml", "shah"])
+def test_pairs_without_noise_have_next_to_no_covariance(method):
+    """Without noise given the residuals show it: rounding here."""
     problems = random_problems(np.random.default_rng(5), 1, 5)
-    assert solve(problems.A[0], problems.B[0]).covariance is None
-    zero = solve(problems.A[0], problems.B[0], noise=PairNoise(0.0, 0.0)).covariance
-    np.testing.assert_array_equal(zero, np.zeros((12, 12)))
+    result = solve(problems.A[0], problems.B[0], method)
+    assert result.noise_estimated
+    assert 0.0 <= result.sigma_X.max() < 1e-8
+
+
+@pytest.mark.parametrize("method", ["ml", "ml-robust", "shah"])
+def test_noise_of_zero_explains_no_residuals(method):
+    problems = random_problems(np.random.default_rng(5), 1, 5)
+    with pytest.raises(InputError, match="rotation_rad of the noise is 0"):
+        solve(problems.A[0], problems.B[0], method, noise=PairNoise(0.0, 1e-3))
+
+
+def test_covariance_without_noise_given_is_that_of_the_noise_shown():
+    """By the method's own first order, with the noise that its residuals show, on B."""
+    rng = np.random.default_rng(8)
+    problems = random_problems(rng, 1, 12)
+    A, B = add_noise(rng, problems.A[0], problems.B[0], PairNoise(1e-3, 1e-3))
+    for method in ("ml", "shah"):
+        plain = solve(A, B, method)
+        given = solve(A, B, method, plain.noise)
+        np.testing.assert_allclose(plain.covariance, given.covariance, rtol=1e-5, atol=1e-14)
 
 
 def test_covariance_does_not_depend_on_the_size_of_the_chunks(monkeypatch):

@@ -26,12 +26,6 @@ def about(axis, angles, start=(0.2, 0.1, -0.4)):
 ANGLES = [0.0, 0.4, -0.7, 1.9, 2.8, 0.1]
 PURE_TRANSLATION = about([0, 0, 1], np.zeros(6))
 IDENTICAL = np.repeat(PURE_TRANSLATION[:1], 4, axis=0)
-HALF_TURNS = se3.transform(
-    se3.rotation_exp([[0, 0, 0], [np.pi, 0, 0], [0, np.pi, 0]]), POSITIONS[:3]
-)
-HALF_TURN_ACROSS = se3.transform(
-    se3.rotation_exp([[0, 0, 0], [0, 0, np.pi], [0.7, 0, 0], [1.1, 0, 0]]), POSITIONS[:4]
-)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -50,14 +44,8 @@ HALF_TURN_ACROSS = se3.transform(
         ),
         (PURE_TRANSLATION, "translation of X", "the poses differ by translations only"),
         (IDENTICAL, "translation of X", "all poses are the same"),
-        (HALF_TURNS, "rotation of X by half a turn", "X turned by half a turn fits them as well"),
-        (
-            HALF_TURN_ACROSS,
-            "rotation of X by half a turn",
-            "X turned by half a turn fits them as well",
-        ),
     ],
-    ids=["one axis", "oblique axis", "translations", "identical", "half turns", "half turn across"],
+    ids=["one axis", "oblique axis", "translations", "identical"],
 )
 def test_degenerate_motion_is_named(method, A, parameter, reason):
     with pytest.raises(NotIdentifiableError) as caught:
@@ -76,8 +64,8 @@ def test_noise_does_not_hide_a_common_axis(on, sigma_deg):
         measured = add_noise(rng, A, camera_of(A), noise)
         with pytest.raises(NotIdentifiableError, match="common axis") as caught:
             solve(*measured)
-        # With one side free of noise, that side alone shows it.
-        assert (on == "both") == ("does not stand out of the residuals" in str(caught.value))
+        # what A and B agree on may vanish altogether
+        assert caught.value.parameters[0].startswith("translation of X along the common axis")
 
 
 @pytest.mark.parametrize("decimals", [7, 9])
@@ -93,14 +81,6 @@ def test_noise_does_not_hide_pure_translations():
         rng, PURE_TRANSLATION, camera_of(PURE_TRANSLATION), PairNoise(1e-3, 1e-4, "both")
     )
     with pytest.raises(NotIdentifiableError, match="translations only"):
-        solve(*measured)
-
-
-def test_noise_does_not_hide_half_turns():
-    rng = np.random.default_rng(6)
-    noise = PairNoise(1e-3, 1e-4, "both")
-    measured = add_noise(rng, HALF_TURN_ACROSS, camera_of(HALF_TURN_ACROSS), noise)
-    with pytest.raises(NotIdentifiableError, match="half a turn"):
         solve(*measured)
 
 

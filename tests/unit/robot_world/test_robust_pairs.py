@@ -145,7 +145,7 @@ def test_pairs_from_another_setup_are_told_where_they_are_the_fewer():
     result = solve(one.A[0], np.concatenate([moved[:7], B[7:]]), "ml-robust", NOISE)
     assert result.used.sum() == 13
     assert "contradicting the others: 1, 2, 3, 4, 5, 6, 7 (" in result.message
-    with pytest.raises(InputError, match="do not fit together|contradict the others"):
+    with pytest.raises(InputError, match=r"do not fit together|contradict the others"):
         solve(one.A[0], np.concatenate([moved[:10], B[10:]]), "ml-robust", NOISE)
 
 

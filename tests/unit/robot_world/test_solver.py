@@ -40,6 +40,8 @@ def test_unknown_method_lists_the_near_ones(problem):
 
 def test_methods_have_names_and_descriptions():
     assert list(METHODS) == [
+        "ml",
+        "ml-robust",
         "li-kronecker",
         "li-kronecker-literal",
         "li-dual-quaternion",
@@ -47,6 +49,15 @@ def test_methods_have_names_and_descriptions():
         "zhuang-literal",
         "hirsh",
         "hirsh-literal",
+        "dornaika-horaud",
+        "dornaika-horaud-nonlinear",
+        "shah",
+        "tsai-lenz",
+        "park-martin",
+        "horaud-dornaika",
+        "horaud-dornaika-literal",
+        "andreff",
+        "daniilidis",
     ]
     for name, method in METHODS.items():
         assert method.name == name
@@ -156,9 +167,18 @@ def test_summary_speaks_of_degrees_and_millimetres():
     assert f"{result.sigma_X[3] * 1e3:.4f}" in text
     assert f"{np.degrees(result.sigma_Z[2]):.4f}" in text
     assert "residuals of 5 pairs, rms: 0.0000 deg, 0.0000 mm" in text
+    assert "probability" in text
     plain = solve(A, A @ X, "zhuang").summary()
-    assert "sigma" not in plain
+    assert "probability" not in plain
     assert "cycles" not in plain
+
+
+def test_summary_of_a_failure_has_no_deviations(problem, monkeypatch):
+    monkeypatch.setattr(hirsh, "CYCLE_LIMIT", 2)
+    text = solve(problem.A[0], problem.B[0], "hirsh").summary()
+    assert "hirsh: not converged, 2 cycles" in text
+    assert "sigma" not in text
+    assert "known least" not in text
 
 
 def test_status_of_an_iteration_that_stops_early(problem, monkeypatch):

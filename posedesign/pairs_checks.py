@@ -26,15 +26,6 @@ LARGEST_NORM_DEVIATION = 2.1e-3
 """Largest | |q|² - 1 | of a quaternion in a file: rounding to three decimals, as ``tf_echo``
 prints them, passes (2e-3). Unlike with a matrix, nothing but rounding comes so close to 1."""
 
-FEWEST_TO_JUDGE = 3
-"""Rows from which the unit of a column can be doubted."""
-
-FARTHEST_M = 100.0
-"""Distance [m] that no flange has from its base, and no camera from its target."""
-
-NEAREST_M = 0.01
-"""Distance [m] that every camera has from its target, and every flange from its base."""
-
 
 @dataclass(frozen=True)
 class Place:
@@ -95,7 +86,7 @@ def transforms_from_matrices(
     if bad.any():
         raise place.error(
             int(bad.argmax()),
-            "has a number that is not finite" + _as_others(bad),
+            "has a number that is not finite" + and_others(bad),
             hint="leave this pose out on both sides",
             column=column,
         )
@@ -120,7 +111,7 @@ def rotations_from_quaternions(q: FloatArray, place: Place, column: str) -> tupl
         i = int(bad.argmax())
         raise place.error(
             i,
-            f"the quaternion has the norm {math.sqrt(square[i]):.6g}, not 1" + _as_others(bad),
+            f"the quaternion has the norm {math.sqrt(square[i]):.6g}, not 1" + and_others(bad),
             hint="are these four columns one quaternion, and all of it?",
             column=column,
             value=float(math.sqrt(square[i])),
@@ -140,7 +131,7 @@ def _rotations_from_matrices(
         i = int(bad.argmax())
         raise place.error(
             i,
-            f"{_what_is_wrong(gram[i], off[i])}" + _as_others(bad),
+            f"{_what_is_wrong(gram[i], off[i])}" + and_others(bad),
             hint=_scale_hint(gram[i]) or "write rotations with six decimals or more",
             column=column,
             value=float(off[i]),
@@ -150,7 +141,7 @@ def _rotations_from_matrices(
     if left.any():
         raise place.error(
             int(left.argmax()),
-            "the rotation is left-handed (determinant -1)" + _as_others(left),
+            "the rotation is left-handed (determinant -1)" + and_others(left),
             hint="an axis is mirrored where the matrix was made",
             column=column,
         )
@@ -167,7 +158,7 @@ def _check_last_rows(T: FloatArray, place: Place, column: str | None) -> None:
     transposed = not T[i, :3, 3].any() and T[i, 3, 3] == 1.0
     raise place.error(
         i,
-        f"the last row of the matrix is {shown}, not 0 0 0 1" + _as_others(bad),
+        f"the last row of the matrix is {shown}, not 0 0 0 1" + and_others(bad),
         hint="it is transposed: give it row by row"
         if transposed
         else "is this a 4x4 matrix [R t; 0 0 0 1]?",
@@ -183,14 +174,15 @@ def _what_is_wrong(gram: FloatArray, off: float) -> str:
 
 
 def _scale_hint(gram: FloatArray) -> str:
-    square = np.trace(gram) / 3.0
+    square = float((np.diag(gram) / 3.0).sum())  # the sum itself may be too large for a float
     if not (np.isfinite(square) and square > 0.0):
         return ""
     pure = np.abs(gram / square - np.eye(3)).max() <= LARGEST_DEVIATION
     return "divide it by this factor, and look where it comes from" if pure else ""
 
 
-def _as_others(bad: BoolArray) -> str:
+def and_others(bad: BoolArray) -> str:
+    """What to add to the error of one of several bad poses ``(N,)``."""
     count = int(bad.sum()) - 1
     return f", and so on in {count} more" if count else ""
 
@@ -203,65 +195,6 @@ def _rounding_note(off: FloatArray, place: Place) -> str:
         f"rotations are rounded, off by up to {off[worst]:.1g} ({place.name(worst)}): the nearest "
         f"ones are taken, good to about {math.degrees(off[worst]):.1g} deg"
     )
-
-
-def check_angles(path: Path, columns: tuple[str, ...], angles: FloatArray, unit: str) -> None:
-    """Refuse angles ``(N, 3)`` in deg that look like rad, and the other way round."""
-    largest = float(np.abs(angles).max())
-    if unit == "deg":
-        doubtful = len(angles) >= FEWEST_TO_JUDGE and 0.0 < largest <= 2.0 * math.pi
-        other = "rad"
-    else:
-        doubtful, other = largest > 2.0 * math.pi * 1.001, "deg"
-    if doubtful:
-        names = ", ".join(column.replace(f"_{unit}", f"_{other}") for column in columns)
-        long = {"deg": "degrees", "rad": "radians"}
-        raise FileFormatError(
-            f"the angles look like {long[other]} (the largest is {largest:.4g})",
-            path=path,
-            column=f"{columns[0]} to {columns[-1]}",
-            hint=f"call the columns {names}, or pass --trust-units if they are {long[unit]}",
-            value=largest,
-            bound=2.0 * math.pi,
-        )
-
-
-def check_lengths(
-    place: Place, p: FloatArray, unit: str, remedy: str, column: str | None = None
-) -> None:
-    """Refuse translations ``(N, 3)`` [m] read in mm that look like m, and the other way round.
-
-    Parameters
-    ----------
-    place : Place
-        Where they stand.
-    p : array (N, 3)
-        Translations as read [m].
-    unit : {"mm", "m"}
-        Unit that they were read in.
-    remedy : str
-        How to say the other unit.
-    column : str, optional
-        The columns of a table.
-    """
-    with np.errstate(over="ignore"):
-        longest = float(np.linalg.norm(p, axis=-1).max())
-    short = unit == "mm" and 0.0 < longest < NEAREST_M and len(p) >= FEWEST_TO_JUDGE
-    if short or longest > FARTHEST_M:
-        other = "m" if unit == "mm" else "mm"
-        known = short or unit == "m"
-        raise FileFormatError(
-            f"no translation is longer than {1e3 * longest:.3g} mm"
-            if short
-            else f"a translation is {longest:.4g} m long",
-            path=place.path,
-            column=column,
-            key=place.variable or None,
-            hint=(f"if these are {other}, {remedy}; " if known else "")
-            + "pass --trust-units if it is so",
-            value=longest,
-            bound=NEAREST_M if short else FARTHEST_M,
-        )
 
 
 def repeats(A: FloatArray, B: FloatArray) -> tuple[BoolArray, list[tuple[int, int]]]:

@@ -1,9 +1,9 @@
 """Files of pose pairs A, B of A X = Z B: ``pairs.csv``, in any form that a pose can have.
 
 A pair stands in one row, its poses in the columns of :mod:`posedesign.pairs_forms` with ``a_`` and
-``b_`` before their names; the two may have different forms. ``pose`` names the pair and may be
-left out; other columns are passed over. Two files, one a side, hold the same with or without the
-prefix. Files without a header line need the names of their columns beside them.
+``b_`` before their names, in capitals or not; the two may have different forms. ``pose`` names the
+pair and may be left out; other columns are passed over. Two files, one a side, hold the same with
+or without the prefix. Files without a header line need the names of their columns beside them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, check_transforms
 from posedesign.csv_tables import Row, read_rows, write_table
-from posedesign.pairs_forms import METRES, PoseForm, Poses, read_poses_of
+from posedesign.pairs_forms import METRES, POSE_COLUMNS, PoseForm, Poses, read_poses_of
 
 DEFAULT_FORM = PoseForm()
 """W, P, R in degrees and mm, as a FANUC pendant shows a pose."""
@@ -38,6 +38,10 @@ _SHORT = {
 }
 """Names that stand for all numbers of a matrix, row by row."""
 
+_KNOWN = frozenset(
+    {"pose", *(prefix + name for prefix in ("", "a_", "b_") for name in POSE_COLUMNS)}
+)
+
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
@@ -52,6 +56,8 @@ class Pairs:
         Where each stands in its file, in words; empty where they come from none.
     notes : tuple of str
         What is odd about them.
+    misread : tuple of str
+        Why they seem to have been read otherwise than they were written.
     """
 
     names: tuple[str, ...]
@@ -59,6 +65,7 @@ class Pairs:
     B: FloatArray
     places: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    misread: tuple[str, ...] = ()
 
 
 def pair_columns(letter: str, form: PoseForm = DEFAULT_FORM) -> list[str]:
@@ -177,10 +184,11 @@ def expanded(columns: Sequence[str]) -> list[str]:
 
     ``matrix16_mm`` stands for the 16 numbers of a transform row by row, ``matrix12_mm`` for those
     without its last row, ``_m`` likewise, all with or without ``a_`` or ``b_`` before them. A
-    column with the name ``-`` is passed over.
+    column with the name ``-`` is passed over. Capitals count as small letters.
     """
     names: list[str] = []
-    for position, name in enumerate(columns):
+    for position, given in enumerate(columns):
+        name = given.lower()
         prefix = name[:2] if name[:2] in ("a_", "b_") else ""
         stem = name.removeprefix(prefix)
         if stem == SKIPPED:
@@ -193,7 +201,8 @@ def expanded(columns: Sequence[str]) -> list[str]:
 def _rows(path: Path, columns: Sequence[str]) -> tuple[list[str], list[Row]]:
     """Names and rows of a table with a header line, or without one where names are given."""
     found, rows = read_rows(path, columns)
-    if columns and all(name in rows[0].cells.values() for name in columns):
+    first = {cell.lower() for cell in rows[0].cells.values()}
+    if columns and all(name in first for name in columns):
         raise FileFormatError(
             "the file has a header line of its own",
             path=path,
@@ -207,7 +216,26 @@ def _rows(path: Path, columns: Sequence[str]) -> tuple[list[str], list[Row]]:
             row=1,
             hint="name them, say --columns qw,qx,qy,qz,x_m,y_m,z_m",
         )
-    return found, rows
+    return _in_small_letters(path, found, rows)
+
+
+def _in_small_letters(
+    path: Path, found: Sequence[str], rows: list[Row]
+) -> tuple[list[str], list[Row]]:
+    """The same with small letters in the names of the columns that this file knows."""
+    named = {name: name.lower() for name in found if name.lower() in _KNOWN}
+    if all(name == small for name, small in named.items()):
+        return list(found), rows
+    columns = [named.get(name, name) for name in found]
+    if len(set(columns)) != len(columns):
+        double = next(name for name in found if columns.count(named.get(name, name)) > 1)
+        raise FileFormatError(
+            "appears twice, capitals apart", path=path, row=1, column=double, hint="rename one"
+        )
+    return columns, [
+        Row(row.line, {named.get(name, name): cell for name, cell in row.cells.items()})
+        for row in rows
+    ]
 
 
 def _is_number(text: str) -> bool:

@@ -30,10 +30,14 @@ from calib.se3 import FloatArray
 from posedesign.csv_tables import Row, check_columns, numbers_of
 from posedesign.pairs_checks import (
     Place,
-    check_angles,
-    check_lengths,
     rotations_from_quaternions,
     transforms_from_matrices,
+)
+from posedesign.pairs_units import (
+    check_angles,
+    check_lengths,
+    refuse_endless_angles,
+    refuse_endless_lengths,
 )
 
 METRES = MappingProxyType({"mm": 1e-3, "m": 1.0})
@@ -51,6 +55,11 @@ _TURNS: Mapping[str, tuple[str, ...]] = {
 }
 TURNS = tuple(_TURNS)
 """Names of the forms of an orientation."""
+
+POSE_COLUMNS = frozenset(
+    name for names in (*_PLACES.values(), *_TURNS.values(), _LAST_ROW) for name in names
+)
+"""All names of columns, without ``a_`` and ``b_``."""
 
 _DEGREE = np.pi / 180.0
 _FROM_ANGLES: Mapping[str, Callable[[FloatArray], FloatArray]] = {
@@ -166,12 +175,13 @@ def read_poses_of(
     place = Place(path, tuple(row.line for row in rows))
     place_columns = [prefix + name for name in form.place_columns]
     p = numbers_of(path, rows, place_columns) * METRES[form.unit]
+    what = f"{place_columns[0]} to {place_columns[-1]}"
+    refuse_endless_lengths(place, p, what)
     numbers = _turn_numbers(path, rows, prefix, form, trust_units)
     R, note = _rotations(path, columns, rows, prefix, form, place, numbers)
     if not trust_units:
         other = "m" if form.unit == "mm" else "mm"
         named = ", ".join(prefix + name for name in _PLACES[other])
-        what = f"{place_columns[0]} to {place_columns[-1]}"
         check_lengths(place, p, form.unit, f"call the columns {named}", what)
     names = tuple(row.cells["pose"] for row in rows) if "pose" in columns else ()
     notes = (f"{path}, {prefix + form.turn_columns[0]} ..: {note}",) if note else ()
@@ -185,8 +195,10 @@ def _turn_numbers(
     names = tuple(prefix + name for name in form.turn_columns)
     numbers = numbers_of(path, rows, names)
     _, _, unit = form.turn.partition("-")
-    if unit and not trust_units:
-        check_angles(path, names, numbers, unit)
+    if unit:
+        refuse_endless_angles(Place(path, tuple(row.line for row in rows)), numbers, names, unit)
+        if not trust_units:
+            check_angles(path, names, numbers, unit)
     return numbers * _DEGREE if unit == "deg" else numbers
 
 
@@ -242,7 +254,7 @@ def _find(
     if there[most]:
         _check_there(path, columns, [prefix + column for column in forms[most]])
     choices = " or ".join(f"{prefix}{needed[0]} .." for needed in forms.values())
-    without = [c for c in columns if c.removeprefix(prefix) in tuple("xyzwpr")]
+    without = [c for c in columns if c.lower().removeprefix(prefix) in tuple("xyzwpr")]
     raise FileFormatError(
         f"there is no {what}: no column {prefix}{next(iter(forms.values()))[0]}",
         path=path,

@@ -11,9 +11,10 @@ import numpy as np
 from calib.errors import FileFormatError, near_names
 from calib.se3 import FloatArray
 from posedesign.csv_tables import LONGEST_SHOWN
-from posedesign.pairs_checks import Place, check_lengths, transforms_from_matrices
+from posedesign.pairs_checks import Place, transforms_from_matrices
 from posedesign.pairs_forms import METRES, Poses
-from posedesign.pairs_mat_reading import NUMBERS, Variable, real_array, variables_of
+from posedesign.pairs_mat_reading import NUMBERS, WHOLE_NUMBERS, Variable, real_array, variables_of
+from posedesign.pairs_units import check_lengths, refuse_endless_lengths
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class MatFile:
         place = Place(self.path, variable=name)
         T[:, :3, 3] *= METRES[unit]
         T, note = transforms_from_matrices(T, place)
+        refuse_endless_lengths(place, T[:, :3, 3])
         if not trust_units:
             other = "m" if unit == "mm" else "mm"
             check_lengths(place, T[:, :3, 3], unit, f"say --unit {other}")
@@ -63,13 +65,7 @@ class MatFile:
             )
         variable = self.variables[name]
         if not _is_stack(variable):
-            raise FileFormatError(
-                f"is {variable.described}, not 4x4xN double",
-                path=self.path,
-                key=name,
-                hint="stack the transforms along the third dimension: cat(3, T{:})",
-                value=variable.described,
-            )
+            raise _no_stack(self.path, name, variable)
         found = real_array(self.path, variable)
         return np.ascontiguousarray(np.moveaxis(found, -1, 0))
 
@@ -95,7 +91,7 @@ def pick_two(file: MatFile, variables: Sequence[str]) -> tuple[str, str]:
     """
     if variables:
         return variables[0], variables[1]
-    if "A" in file.stacks and "B" in file.stacks:
+    if "A" in file.variables and "B" in file.variables:
         return "A", "B"
     two = ",".join(file.stacks[:2]) if len(file.stacks) == 2 else "NAME_OF_A,NAME_OF_B"
     raise FileFormatError(
@@ -115,8 +111,9 @@ def pick_one(file: MatFile, variable: str) -> str:
     """
     if variable:
         return variable
-    if len(file.stacks) == 1:
-        return file.stacks[0]
+    known = file.stacks or tuple(file.variables)
+    if len(known) == 1:
+        return known[0]
     raise FileFormatError(
         f"does not say which of its variables to take ({_listed(file)})",
         path=file.path,
@@ -132,7 +129,23 @@ def _listed(file: MatFile) -> str:
     return ", ".join(shown) + (f" and {len(known) - 8} more" if len(known) > 8 else "")
 
 
+def _no_stack(path: Path, name: str, variable: Variable) -> FileFormatError:
+    """What keeps a variable from being transforms, and what to do."""
+    said = f"is {variable.described}, not 4x4xN double"
+    hint = "stack the transforms along the third dimension: cat(3, T{:})"
+    if _is_stacked(variable) and variable.kind in WHOLE_NUMBERS:
+        said = f"is {variable.described}: whole numbers, which rotations are not made of"
+        hint = "save what it was made from, in double; double() does not bring its decimals back"
+    elif _is_stacked(variable) and variable.is_complex:
+        said = f"is {variable.described}, and transforms are real"
+        hint = "if its imaginary part is mere rounding, save real() of it"
+    return FileFormatError(said, path=path, key=name, hint=hint, value=variable.described)
+
+
 def _is_stack(variable: Variable) -> bool:
+    return _is_stacked(variable) and variable.kind in NUMBERS and not variable.is_complex
+
+
+def _is_stacked(variable: Variable) -> bool:
     shape = variable.shape
-    real = variable.kind in NUMBERS and not variable.is_complex
-    return real and len(shape) == 3 and shape[:2] == (4, 4) and shape[2] > 0
+    return len(shape) == 3 and shape[:2] == (4, 4) and shape[2] > 0

@@ -27,6 +27,9 @@ LARGEST_MAT_BYTES = 50_000_000
 NUMBERS = ("double", "single")
 """Kinds of arrays that transforms can be."""
 
+WHOLE_NUMBERS = tuple(f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u"))
+"""Kinds that they cannot be, however their numbers are stacked."""
+
 _MAGIC = b"MATLAB 5.0 MAT-file"
 _HDF5 = (b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n")
 _HEADER = 128

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,21 +12,30 @@ from calib.errors import InputError, NotIdentifiableError
 from calib.robot_world import (
     METHODS,
     PAPER_METHODS,
-    Certificate,
     PairCovariances,
     PairNoise,
     RobotWorldResult,
-    certify,
     solve,
 )
+from calib.robot_world.accuracy import NOISE_DOUBT
 from calib.robot_world.methods import find_method
 from calib.robot_world.noise import Noise
+from posedesign.pairs_certificate import Proof, prove
 from posedesign.pairs_file import Pairs
 from posedesign.pairs_frames import Camera
 
 ALL, PAPERS = "all", "papers"
 
 NoiseOn = Literal["A", "B", "both", "seen"]
+
+Advance = Callable[[str, float], None]
+"""Told what is being done, and the part of all work that is done."""
+
+_SUSPECT = ("doubtful", "ambiguous")
+"""Status of an answer that the pairs are to blame for, whatever the method."""
+
+_STEPS = 3
+"""Solving, standard deviations, leaving out: the last two take most of the time of most methods."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +49,15 @@ class SolverOutcome:
     problem : str
     left_out : tuple of str
         Where the pairs stand that it did not use, in words.
-    certificate : Certificate or None
-        Whether no other X and Z are likelier, where that was asked for.
+    proof : Proof or None
+        Whether no other X and Z are likelier, where that was asked for and can be.
     """
 
     method: str
     result: RobotWorldResult | None
     problem: str = ""
     left_out: tuple[str, ...] = ()
-    certificate: Certificate | None = None
+    proof: Proof | None = None
 
     @property
     def ok(self) -> bool:
@@ -62,19 +71,35 @@ class SolverOutcome:
 
 
 def methods_of(names: str) -> tuple[str, ...]:
-    """Methods by their names with commas between them, or ``papers``, or ``all``.
+    """Methods by their names with commas between them, ``papers`` and ``all`` among them.
 
     Raises
     ------
     InputError
-        An unknown name; the hint has the near ones.
+        No name beside a comma, or an unknown one; the hint has the near ones.
     """
-    if names == ALL:
-        return tuple(METHODS)
     chosen: list[str] = []
-    for name in (part.strip() for part in names.split(",")):
-        chosen += PAPER_METHODS if name == PAPERS else [find_method(name).name]
+    for name in _split(names):
+        if not name:
+            raise InputError(
+                f"--method {names!r} lacks a name",
+                hint="put one comma between two names, say ml,shah; known: "
+                + ", ".join((PAPERS, ALL, *METHODS)),
+                name="method",
+                value=names,
+            )
+        several = {ALL: tuple(METHODS), PAPERS: PAPER_METHODS}
+        chosen += several[name] if name in several else [find_method(name).name]
     return tuple(dict.fromkeys(chosen))
+
+
+def compares_all(names: str) -> bool:
+    """Whether ``all`` is among names with commas between them."""
+    return ALL in _split(names)
+
+
+def _split(names: str) -> list[str]:
+    return [part.strip() for part in names.split(",")]
 
 
 def noise_of(
@@ -101,9 +126,20 @@ def noise_of(
 
 
 def solve_pairs(
-    pairs: Pairs, methods: Sequence[str], noise: Noise | None = None
+    pairs: Pairs,
+    methods: Sequence[str],
+    noise: Noise | None = None,
+    advance: Advance = lambda what, part: None,
 ) -> tuple[SolverOutcome, ...]:
     """Solve A X = Z B by several methods.
+
+    Parameters
+    ----------
+    pairs : Pairs
+    methods : sequence of str
+    noise : PairNoise or PairCovariances, optional
+    advance : callable, optional
+        Told what is being done, and the part of all work that is done.
 
     Raises
     ------
@@ -116,63 +152,104 @@ def solve_pairs(
         raise InputError("no method to solve A X = Z B by", name="methods")
     outcomes = []
     refused: NotIdentifiableError | None = None
-    for method in methods:
+    for k, method in enumerate(methods):
+
+        def step(what: str, done: int, method: str = method, k: int = k) -> None:
+            advance(f"{method}, {what}", (k + done / _STEPS) / len(methods))
+
+        step("solving", 0)
         try:
             result = solve(pairs.A, pairs.B, method, noise)
-            out = tuple(
-                place for place, ok in zip(places_of(pairs), result.used, strict=True) if not ok
-            )
-            outcomes.append(SolverOutcome(method, result, left_out=out))
         except NotIdentifiableError as error:
             refused = error
             outcomes.append(SolverOutcome(method, None, error.message))
+            continue
+        _work_out(result, step)
+        out = tuple(
+            place for place, ok in zip(places_of(pairs), result.used, strict=True) if not ok
+        )
+        outcomes.append(SolverOutcome(method, result, left_out=out))
+    advance("writing", 1.0)
     if refused is not None and all(outcome.result is None for outcome in outcomes):
         raise refused
     return tuple(outcomes)
 
 
+def _work_out(result: RobotWorldResult, step: Callable[[str, int], None]) -> None:
+    """Have worked out what a result does when it is first asked, so that progress shows it."""
+    for done, (what, name) in enumerate(
+        (("standard deviations", "covariance"), ("leaving out pairs", "left_out_residuals")), 1
+    ):
+        step(what, done)
+        getattr(result, name)
+
+
 def certified(pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> tuple[SolverOutcome, ...]:
-    """Outcomes, those of maximum likelihood with a certificate, of the pairs that they used.
+    """Outcomes, those of maximum likelihood with a proof from the pairs that they used.
 
     Raises
     ------
     InputError
-        No method of maximum likelihood is among them, or the noise is on both sides, or not the
-        same in all directions: there is no certificate.
+        See :func:`posedesign.pairs_certificate.refuse_uncertifiable`.
     """
-    if not any(METHODS[outcome.method].likelihood for outcome in outcomes):
-        raise InputError(
-            "only a maximum of the likelihood can be proven to be one",
-            hint="add the method ml",
-            name="method",
-        )
-    found = []
-    for outcome in outcomes:
-        result = outcome.result
-        likelihood = METHODS[outcome.method].likelihood
-        if result is None or result.noise is None or not likelihood:
-            found.append(outcome)
-            continue
-        if not isinstance(result.noise, PairNoise):
-            raise InputError(
-                "there is a certificate only for noise that is the same in all directions",
-                hint="give the noise on a or on b",
-                name="noise",
-            )
-        A, B = pairs.A[result.used], pairs.B[result.used]
-        proof = certify(A, B, result.X, result.Z, result.noise)
-        found.append(replace(outcome, certificate=proof))
-    return tuple(found)
+    return tuple(
+        replace(outcome, proof=prove(pairs.A, pairs.B, outcome.result))
+        if outcome.result is not None and METHODS[outcome.method].likelihood
+        else outcome
+        for outcome in outcomes
+    )
 
 
-def warnings_of(outcomes: Iterable[SolverOutcome]) -> list[str]:
-    """What the solvers warn of, each thing once, with the methods that say so."""
+def reached(outcomes: Sequence[SolverOutcome], *, comparison: bool = False) -> bool:
+    """Whether the answers are to be trusted.
+
+    In a comparison of all methods some are at work on what they are not made for: their failures
+    do not count, doubts about the pairs do.
+    """
+    if any(o.result is not None and o.result.status in _SUSPECT for o in outcomes):
+        return False
+    return (any if comparison else all)(outcome.ok for outcome in outcomes)
+
+
+def warnings_of(outcomes: Iterable[SolverOutcome], *, misread: bool = False) -> list[str]:
+    """What the solvers warn of, each thing once, with the methods that say so.
+
+    Parameters
+    ----------
+    outcomes : iterable of SolverOutcome
+    misread : bool
+        Whether the pairs are said to be read wrongly: doubts of the solvers are then no news.
+    """
     said: list[tuple[str, str]] = []
     for outcome in outcomes:
         result = outcome.result
-        texts = [] if outcome.ok else [outcome.said]
-        texts += [] if result is None else [*result.warnings, *result.ambiguities]
-        said += [(outcome.method, text) for text in texts]
+        if misread and result is not None and result.status == "doubtful":
+            continue
+        own = [] if outcome.ok else [outcome.said]
+        more = [] if result is None else [*result.warnings, *result.ambiguities]
+        said += [(outcome.method, text) for text in own]
+        said += [(outcome.method, text) for text in more if not any(text in t for t in own)]
+    return _together(said)
+
+
+def noise_judged(outcomes: Iterable[SolverOutcome]) -> list[str]:
+    """Whether the noise given explains what is left over, each verdict once with the methods."""
+    said = []
+    for outcome in outcomes:
+        result = outcome.result
+        if result is None or result.chi2 is None or result.chi2_probability is None:
+            continue
+        verdict = "explains what is left over"
+        if result.chi2_probability < NOISE_DOUBT:
+            verdict = "does not explain what is left over: it is larger, or something else is wrong"
+        elif result.chi2_probability > 1.0 - NOISE_DOUBT:
+            verdict = "is larger than what is left over shows"
+        text = (
+            f"chi² {result.chi2:.5g} of {result.freedom} degrees of freedom, chi²/freedom "
+            f"{result.chi2 / result.freedom:.3g}, probability {result.chi2_probability:.2g}: "
+            f"the noise given {verdict}"
+        )
+        said.append((outcome.method, text))
     return _together(said)
 
 
@@ -181,7 +258,7 @@ def remarks_of(outcomes: Sequence[SolverOutcome]) -> list[str]:
     said = [(outcome.method, outcome.said) for outcome in outcomes if outcome.ok]
     said += [(o.method, f"did not use {', '.join(o.left_out)}") for o in outcomes if o.left_out]
     results = [outcome.result for outcome in outcomes if outcome.ok and outcome.result]
-    said += [(o.method, o.certificate.message) for o in outcomes if o.certificate is not None]
+    said += [(o.method, o.proof.message) for o in outcomes if o.proof is not None]
     # of one method alone: it is a matter of the poses, and much the same for all
     known = [
         f"known least, by {result.method}: {text}"

@@ -118,8 +118,8 @@ class PairSource:
         a, b = self._sides()
         pairs = joined(a, b)
         A, B = self._arranged(a.T, b.T)
-        notes = (*pairs.notes, *reading_notes(a, b, self._arranged))
-        return without_repeats(replace(pairs, A=A, B=B, notes=notes))
+        misread = tuple(reading_notes(a, b, self._arranged))
+        return without_repeats(replace(pairs, A=A, B=B, misread=misread))
 
     def _arranged(self, A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A and B as the solver takes them from transforms ``(..., 4, 4)`` as the files have."""
@@ -167,6 +167,7 @@ def without_repeats(pairs: Pairs) -> Pairs:
         pairs.B[kept],
         tuple(place for place, ok in zip(places, kept, strict=True) if ok),
         (*pairs.notes, note),
+        pairs.misread,
     )
 
 

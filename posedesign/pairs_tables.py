@@ -11,6 +11,7 @@ from calib.robot_world import PairNoise, RobotWorldResult, result_to_opencv
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.csv_tables import write_table
 from posedesign.measurement_table import PLACE, TURN
+from posedesign.pairs_certificate import Proof
 from posedesign.pairs_file import Pairs
 from posedesign.pairs_frames import FRAMES, Camera
 from posedesign.pairs_results import SolverOutcome, places_of
@@ -63,6 +64,9 @@ def _left_over(result: RobotWorldResult | None) -> dict[str, object]:
         None if noise is None else 1e3 * noise.translation_m,
         None if noise is None else noise.on,
         None if result.noise is None else ("estimated" if result.noise_estimated else "given"),
+        result.chi2,
+        result.freedom,
+        None if result.chi2 is None else result.chi2 / result.freedom,
         result.chi2_probability,
     )
     return dict(zip(_LEFT_OVER, values, strict=True))
@@ -79,6 +83,9 @@ _LEFT_OVER = (
     "noise_translation_mm",
     "noise_on",
     "noise",
+    "chi2",
+    "freedom",
+    "chi2_per_freedom",
     "chi2_probability",
 )
 
@@ -139,29 +146,36 @@ def outcome_as_dict(
         "Z": result.Z,
         "covariance": result.covariance,
         "residuals": result.residuals,
-        "chi2": result.chi2,
-        "freedom": result.freedom,
         "rank": result.rank,
         "warnings": result.warnings,
         "weak_directions": result.weak_directions,
         "ambiguities": result.ambiguities,
         "alternatives": [{"X": X, "Z": Z} for X, Z in result.alternatives],
     }
-    proof = outcome.certificate
-    if proof is not None:
-        content["certificate"] = {
-            "status": proof.status,
-            "message": proof.message,
-            "chi2": proof.cost,
-            "bound": proof.bound,
-            "relative_gap": proof.relative_gap,
-            "unique": proof.unique,
-            "X": proof.X,
-            "Z": proof.Z,
-        }
+    if outcome.proof is not None:
+        content["certificate"] = _proof_as_dict(outcome.proof)
     if opencv:
         content["opencv"] = dict(zip(OPENCV_NAMES, result_to_opencv(result), strict=True))
     return content
+
+
+def _proof_as_dict(proof: Proof) -> dict[str, object]:
+    """A proof; what has two values has that of X, then that of Z."""
+    found = proof.certificate
+    return {
+        "status": proof.status,
+        "message": proof.message,
+        "chi2": found.cost,
+        "bound": found.bound,
+        "relative_gap": found.relative_gap,
+        "unique": found.unique,
+        "X": found.X,
+        "Z": found.Z,
+        "away_deg": np.rad2deg(found.rotation_moved_rad),
+        "away_mm": 1e3 * found.translation_moved_m,
+        "away_sigma": (proof.sigma_X, proof.sigma_Z),
+        "away_sigma_both": proof.sigma,
+    }
 
 
 OPENCV_NAMES = ("base2world", "gripper2cam")

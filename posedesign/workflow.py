@@ -222,9 +222,15 @@ def solve_file(
 
 
 def solve_and_write(
-    pairs: Pairs, out: Path, methods: Sequence[str] = DEFAULT_METHODS, noise: Noise | None = None
+    pairs: Pairs,
+    out: Path,
+    methods: Sequence[str] = DEFAULT_METHODS,
+    noise: Noise | None = None,
+    advance: Advance = lambda what, part: None,
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB by several methods; write ``robot_world.csv`` and ``robot_world_pairs.csv``.
+
+    ``advance`` is called with what is being done and the part of all work that is done.
 
     Raises
     ------
@@ -233,7 +239,7 @@ def solve_and_write(
     NotIdentifiableError
         No method has an answer because the motions do not allow one.
     """
-    outcomes = solve_pairs(pairs, methods, noise)
+    outcomes = solve_pairs(pairs, methods, noise, advance)
     make_folder(out)
     write_outcomes(out, pairs, outcomes)
     return outcomes

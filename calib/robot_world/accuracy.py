@@ -8,10 +8,10 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
 from calib.posture_last import columns_of, turn
-from calib.robot_world.adjustment import linear_rows
+from calib.robot_world.adjustment import adjust
 from calib.robot_world.errors_of_pairs import derivatives
 from calib.robot_world.methods import Method
-from calib.robot_world.noise import Noise, PairNoise, propagate
+from calib.robot_world.noise import LEAST_NOISE, Noise, PairNoise, propagate
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import BoolArray, FloatArray
@@ -22,9 +22,6 @@ NOISE_DOUBT = 1e-4
 _RANK_TOLERANCE = 1e-12
 """Eigenvalue of the information, scaled to a unit diagonal, that counts as none."""
 
-_SMALLEST = np.finfo(float).tiny
-"""What stands for a noise of zero, which data without noise show."""
-
 
 @dataclass(frozen=True)
 class GoodnessOfFit:
@@ -33,7 +30,7 @@ class GoodnessOfFit:
     Attributes
     ----------
     chi2 : float
-        Sum of their squares.
+        Sum of their squares at the likeliest X and Z.
     freedom : int
     probability : float
         Of one as large.
@@ -47,20 +44,33 @@ class GoodnessOfFit:
     excess: float
 
 
-def goodness(pairs: PairSets, found: Estimate, used: BoolArray, noise: Noise) -> GoodnessOfFit:
-    """Compare the residuals of one solution with the noise given.
+def goodness(
+    pairs: PairSets, found: Estimate, used: BoolArray, noise: Noise
+) -> GoodnessOfFit | None:
+    """Compare the residuals of one set with the noise given.
 
-    Exact for the maximum of the likelihood; other methods leave somewhat larger residuals.
+    At its likeliest X and Z, whatever method has found others: what a method leaves more than
+    these says nothing of the noise. None where the noise has no likelihood, a part of it being 0.
     """
-    if found.fit is not None:
-        chi2 = float(found.fit.cost[0])
-    else:
-        white, _ = linear_rows(pairs, noise.model(pairs), found.X, found.Z)
-        chi2 = float((white[:, 0, used] ** 2).sum())
-    freedom = 6 * int(used.sum()) - 12
-    probability = float(chi2_distribution.sf(chi2, freedom))
-    excess = 1.0 if probability > NOISE_DOUBT else float(np.sqrt(chi2 / freedom))
-    return GoodnessOfFit(chi2, freedom, probability, excess)
+    if isinstance(noise, PairNoise) and not noise.is_positive:
+        return None
+    fit = found.fit
+    if fit is None:
+        X, Z = pairs.rotations_first
+        weights = used[None].astype(float)
+        fit = adjust(pairs, noise.model(pairs), X, Z, weights=weights)
+    chi2, freedom = float(fit.cost[0]), 6 * int(used.sum()) - 12
+    probability, excess = judged(fit.cost, freedom)
+    return GoodnessOfFit(chi2, freedom, float(probability[0]), float(excess[0]))
+
+
+def judged(chi2: FloatArray, freedom: int) -> tuple[FloatArray, FloatArray]:
+    """Probabilities of values of χ² as large ``(T,)``, and how many times the noise they are.
+
+    1 where chance may have made them as large.
+    """
+    probability = np.asarray(chi2_distribution.sf(chi2, freedom))
+    return probability, np.where(probability > NOISE_DOUBT, 1.0, np.sqrt(chi2 / freedom))
 
 
 def noise_shown(found: Estimate, residual: FloatArray, used: BoolArray) -> PairNoise:
@@ -73,7 +83,7 @@ def noise_shown(found: Estimate, residual: FloatArray, used: BoolArray) -> PairN
     else:
         square = (residual[used] ** 2).sum(axis=0).reshape(2, 3).sum(axis=-1)
         turn_rad, shift_m = np.sqrt(square / (3 * int(used.sum()) - 6)).tolist()
-    return PairNoise(max(turn_rad, _SMALLEST), max(shift_m, _SMALLEST), "B")
+    return PairNoise(max(turn_rad, LEAST_NOISE), max(shift_m, LEAST_NOISE), "B")
 
 
 def covariance_of(

@@ -26,6 +26,7 @@ from calib.posture_last import (
     turn,
     turn_back,
 )
+from calib.robot_world.algebra import apply_matrix
 from calib.robot_world.errors_of_pairs import ErrorModel, Errors, General, derivatives, left_over
 from calib.robot_world.pairs import PairSets
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -39,6 +40,9 @@ the size of the residual rotations in radians."""
 
 ROUNDING = 1e-13
 """Step, in rad and in parts of the translations, that counts as none whatever the noise is."""
+
+_LARGEST_INVERSE = 1e14
+"""Element of the inverse of an information of unit diagonal beyond which that is singular."""
 
 _STALLED = 1e-13
 """Part of the cost that counts as none: rounding of the sum."""
@@ -82,10 +86,15 @@ class Fit:
         size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
         scale = size[:, :, None] * size[:, None, :]
         scaled = self.information / scale
+        seen = np.isfinite(scaled).all(axis=(1, 2))
+        scaled = np.where(seen[:, None, None], scaled, 0.0)
         try:
             inverse = np.linalg.inv(scaled)
+            poor = ~(np.abs(inverse).max(axis=(1, 2)) < _LARGEST_INVERSE)
         except np.linalg.LinAlgError:
-            inverse = np.linalg.pinv(scaled, hermitian=True)
+            inverse, poor = np.empty_like(scaled), np.ones(len(scaled), dtype=bool)
+        if poor.any():
+            inverse[poor] = np.linalg.pinv(scaled[poor], hermitian=True)
         return np.asarray(inverse / scale)
 
     def of(self, trials: IntArray) -> Fit:
@@ -167,7 +176,11 @@ def adjust(
     """
     T, N = pairs.T, pairs.N
     root = None if weights is None else np.sqrt(weights).reshape(-1)
-    state = _State(X, Z, pairs.R_A, pairs.p_A)
+    # origins of base and target in the middle of what is measured: far away they cost digits
+    base, target = pairs.mean(pairs.p_A).T, pairs.mean(pairs.p_B).T
+    pairs = PairSets(_shifted(pairs.A, -base[:, None]), _shifted(pairs.B, -target[:, None]))
+    lever = apply_matrix(Z[:, :3, :3], target)
+    state = _State(X, _shifted(Z, lever - base), pairs.R_A, pairs.p_A)
     linear = _linearise(pairs, model, state, root)
     damping, count = np.zeros(T), np.zeros(T, dtype=np.intp)
     moving, stuck = np.ones(T, dtype=bool), np.zeros(T, dtype=bool)
@@ -194,17 +207,27 @@ def adjust(
         damping = np.where(worse, grown, np.where(damping > _DAMPING, damping / 10.0, 0.0))
         stuck |= damping >= _LARGEST_DAMPING
         moving &= ~stuck
-    rows = linear.jacobian.reshape(12, 6, T, N).transpose(2, 0, 1, 3).reshape(T, 12, 6 * N)
+    lever = apply_matrix(state.Z[:, :3, :3], target)
+    jacobian = linear.jacobian.reshape(12, 6, T, N).copy()
+    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        # turning Z moves its origin against the middle: ζ there is that of the origin + z × lever
+        jacobian[6 + k] += lever[:, i, None] * jacobian[9 + j] - lever[:, j, None] * jacobian[9 + i]
+    rows = jacobian.transpose(2, 0, 1, 3).reshape(T, 12, 6 * N)
     return Fit(
         state.X,
-        state.Z,
+        _shifted(state.Z, base - lever),
         linear.cost,
         linear.white.reshape(6, T, N),
-        linear.jacobian.reshape(12, 6, T, N),
+        jacobian,
         rows @ np.swapaxes(rows, -1, -2),
         count,
         ~(moving | stuck),
     )
+
+
+def _shifted(T: FloatArray, by: FloatArray) -> FloatArray:
+    """Transforms with their origins moved by vectors, in the axes that they map to."""
+    return se3.transform(T[..., :3, :3], T[..., :3, 3] + by)
 
 
 def linear_rows(

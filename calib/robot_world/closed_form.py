@@ -44,6 +44,14 @@ _CLOSE = 0.98
 """Second singular value, of the first, from which on the digits lost count: the square root of
 their distance is the tilt of the poses, here 11 deg."""
 
+_FLAT = 0.5
+"""Determinant of a leading vector, over that of a rotation, below which it is not near one."""
+
+_ALTERNATIONS = 15
+
+_HALF_TURNS = 2.0 * np.eye(3)[:, :, None] * np.eye(3)[:, None] - np.eye(3)
+_THIRD_TURNS = np.stack([np.roll(np.eye(3), shift, axis=0) for shift in (1, 2)])
+
 _NEWTON_STEPS = 8
 _ORTHONORMAL = 1e-14
 
@@ -62,8 +70,37 @@ def rotations(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
     x, z, _ = pairs.leading
     X, Z = x.reshape(-1, 3, 3), z.reshape(-1, 3, 3)
     # A pair of singular vectors is defined up to one common sign: that of a rotation.
-    sign = np.where(np.linalg.det(Z) < 0.0, -1.0, 1.0)[:, None, None]
-    return nearest_rotations(sign * X), nearest_rotations(sign * Z)
+    volume = 27.0**0.5 * np.stack([np.linalg.det(X), np.linalg.det(Z)])
+    sign = np.where(volume[1] < 0.0, -1.0, 1.0)[:, None, None]
+    R_X, R_Z = nearest_rotations(sign * X), nearest_rotations(sign * Z)
+    flat = np.abs(volume).min(axis=0) < _FLAT
+    if flat.any():
+        R_X[flat], R_Z[flat] = _alternated(pairs.kronecker_mean[flat], R_X[flat])
+    return R_X, R_Z
+
+
+def _alternated(K: FloatArray, R_X: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations X and Z ``(T, 3, 3)`` for which ``<R_Z, K R_X>`` is largest.
+
+    Where several singular values are equal, or nearly so, a leading vector may be of any rank, and
+    says little of the rotations next to it. One is made the best for the other in turn, from
+    several starts, since such problems have several maxima.
+    """
+    starts = np.concatenate([np.eye(3)[None], _HALF_TURNS, _THIRD_TURNS])
+    X = R_X[:, None] @ starts
+    flat = np.repeat(K, len(starts), axis=0)
+    X, Z = _in_turn(flat, X.reshape(-1, 3, 3), _ALTERNATIONS)
+    value = (Z.reshape(-1, 9) * apply_matrix(flat, X.reshape(-1, 9))).sum(axis=-1)
+    best = value.reshape(len(K), -1).argmax(axis=1) + len(starts) * np.arange(len(K))
+    return _in_turn(K, X[best], 2 * _ALTERNATIONS)
+
+
+def _in_turn(K: FloatArray, R_X: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    for _ in range(count):
+        R_Z = se3.project_to_rotation(apply_matrix(K, R_X.reshape(-1, 9)).reshape(-1, 3, 3))
+        back = apply_matrix(np.swapaxes(K, -1, -2), R_Z.reshape(-1, 9))
+        R_X = se3.project_to_rotation(back.reshape(-1, 3, 3))
+    return R_X, R_Z
 
 
 def leading(pairs: PairSets) -> tuple[FloatArray, FloatArray, FloatArray]:

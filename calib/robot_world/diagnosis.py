@@ -7,7 +7,7 @@ none does, a few pairs may contradict all others.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -37,7 +37,7 @@ _SURELY_BETTER = 0.05
 _NO_TURN_RAD = float(np.radians(3.0))
 """Rotation between the poses that noise may make up."""
 
-_ALIEN = 0.4
+ALIEN = 0.4
 """Residual, in parts of the motion, that pairs have which do not belong together (about 1) and
 others have not."""
 
@@ -45,8 +45,9 @@ _AGREEING, _FEWEST_AGREEING = 0.6, 5
 """Part of the pairs that must agree before the others are said to be wrong, and their number: four
 agree by chance now and then."""
 
-_STANDS_OUT = 8.0
-"""Residual, in medians of all, of a pair that is named."""
+_STANDS_OUT = 4.0
+"""Residual, in medians of all, of a pair that is named: normal errors reach 3 in good sets. In few
+pairs one that is wrong lifts the residuals of all, and does not stand out by more."""
 
 _FEW = 6
 """Pairs up to which residuals are too small by chance, now and then, to show the noise."""
@@ -97,7 +98,7 @@ def suspicions(pairs: PairSets, used: BoolArray, motion: Motion) -> tuple[str, .
     named = _contradicting(motion) if used.all() else ()
     if named:
         return named
-    if left > _ALIEN:
+    if left > ALIEN:
         return (
             f"A and B do not belong together: what is left ({_sizes(motion)}) is of the size of "
             f"the motion itself ({_motion_sizes(motion)}); are the pairs in the same order, and do "
@@ -116,12 +117,7 @@ def misfit(motion: Motion) -> float:
     """Residual of the closed form, in parts of the motion of one set: the larger of rotation's and
     translation's, or that of rotation alone where nothing fixes X.
     """
-    turned_rad = float(motion.turned_rad[0])
-    left = float(motion.residual_rad[0]) / turned_rad if turned_rad > 0.0 else 0.0
-    if motion.degenerate[0]:
-        return left
-    moved_m = _moved_m(motion.pairs)
-    return max(left, float(motion.residual_m[0]) / moved_m) if moved_m > 0.0 else left
+    return float(motion.misfit[0])
 
 
 def few_for_the_noise(motion: Motion) -> tuple[str, ...]:
@@ -145,11 +141,18 @@ def few_for_the_noise(motion: Motion) -> tuple[str, ...]:
     )
 
 
-def outstanding(residual: FloatArray, used: BoolArray) -> tuple[str, ...]:
-    """Pairs whose residuals ``(N, 6)`` are far above the median, named in one sentence."""
-    far = np.zeros(len(residual), dtype=bool)
-    for part in (residual[:, :3], residual[:, 3:]):
-        size = np.linalg.norm(part, axis=-1)
+def outstanding(sizes: Sequence[FloatArray], used: BoolArray) -> tuple[str, ...]:
+    """Pairs that are far off, named in one sentence.
+
+    Parameters
+    ----------
+    sizes : sequence of ndarray (N,)
+        Residuals of the pairs in one measure or several, each in any unit.
+    used : ndarray of bool (N,)
+        Those that the solution is made from.
+    """
+    far = np.zeros(len(used), dtype=bool)
+    for size in sizes:
         median = np.median(size[used])
         far |= (size > _STANDS_OUT * median) & (median > 0.0)
     far &= used
@@ -222,12 +225,7 @@ def _sizes(motion: Motion) -> str:
 def _motion_sizes(motion: Motion) -> str:
     """The motion of one set in words, as its residuals."""
     turn = f"{np.degrees(motion.turned_rad[0]):.2g} deg"
-    return turn if motion.degenerate[0] else f"{turn}, {1e3 * _moved_m(motion.pairs):.2g} mm"
-
-
-def _moved_m(pairs: PairSets) -> float:
-    """Root mean square distance [m] of the origins of one set from their mean, A's and B's."""
-    return float(np.sqrt(sum(p.var(axis=1).sum() for p in (pairs.p_A, pairs.p_B))))
+    return turn if motion.degenerate[0] else f"{turn}, {1e3 * float(motion.moved_m[0]):.2g} mm"
 
 
 @lru_cache(maxsize=_FEW)

@@ -67,6 +67,11 @@ _SAME_PLACE_M = 1e-6
 """Movement that counts as none when the message says what is free."""
 
 
+_FEW = 5
+"""Pairs up to which it is often their number that hides the motion."""
+
+_NONE_FREE = 1e-9
+
 _REMEDIES = {
     "no rotation": "add poses that turn the flange about two axes, by 30 deg or more",
     "one axis": "add poses that turn the flange about another axis, by 30 deg or more",
@@ -119,6 +124,24 @@ class Motion:
         square = [0.5 * (3.0 - (mean * mean).sum(axis=(0, 1))) for mean in means]
         return np.asarray(np.sqrt(np.clip(np.minimum(*square), 0.0, None)))
 
+    @cached_property
+    def moved_m(self) -> FloatArray:
+        """Root mean square distance ``(T,)`` of the origins from their mean, A's and B's."""
+        return np.where(self.pairs.moves, self.pairs.size, 0.0)
+
+    @cached_property
+    def misfit(self) -> FloatArray:
+        """Residual of the closed form, in parts of the motion ``(T,)``.
+
+        The larger of rotation's and translation's, or that of rotation alone where nothing fixes X.
+        """
+        turned, moved = self.turned_rad, np.where(self.degenerate, 0.0, self.moved_m)
+        of_turn = np.where(
+            turned > 0.0, self.residual_rad / np.where(turned > 0.0, turned, 1.0), 0.0
+        )
+        of_move = np.where(moved > 0.0, self.residual_m / np.where(moved > 0.0, moved, 1.0), 0.0)
+        return np.maximum(of_turn, of_move)
+
     def is_misfit(self, angle_rms: FloatArray, distance_rms: FloatArray) -> BoolArray:
         """Whether a method failed in the sets ``(T,)``, by the residuals that it leaves."""
         largest_rad = MISFIT_FACTOR * self.residual_rad + MISFIT_FLOOR_RAD
@@ -129,10 +152,10 @@ class Motion:
 def examine(pairs: PairSets) -> Motion:
     """Measure the motion of T sets of pose pairs."""
     residual_rad, residual_m = pairs.left_by_rotations_first
-    N = pairs.N
-    by_chance = (
-        CHANCE_FACTOR * (N / (N - 2.0)) ** 2 * residual_rad**2 * np.sqrt(N) / (3.0 * N - 6.0)
-    )
+    # two rotations always fit: nothing stands out of them
+    N, free = pairs.N, max(pairs.N - 2.0, _NONE_FREE)
+    variance = residual_rad**2 * N / (3.0 * free)
+    by_chance = CHANCE_FACTOR * (N / free) ** 2 * variance / np.sqrt(N)
     enough = np.maximum(np.sqrt(by_chance), TILT_TOLERANCE_RAD)
     tilt = _tilt(pairs, enough)
     rank_deficient = tilt < TILT_TOLERANCE_RAD
@@ -171,9 +194,17 @@ def not_identifiable(motion: Motion, A: FloatArray, B: FloatArray) -> NotIdentif
     if not motion.rank_deficient[0]:
         combinations.append(
             f"whatever else the poses turn ({np.degrees(motion.tilt_rad[0]):.2g} deg) does not "
-            f"stand out of the residuals ({np.degrees(motion.residual_rad[0]):.2g} deg)"
+            f"stand out of the residuals ({np.degrees(motion.residual_rad[0]):.2g} deg) of "
+            f"{motion.pairs.N} pairs"
         )
-    return NotIdentifiableError(parameters, combinations, hint=_REMEDIES[kind])
+    return NotIdentifiableError(parameters, combinations, hint=_remedy(kind, motion))
+
+
+def _remedy(kind: str, motion: Motion) -> str:
+    """What to do where the motion falls short, or the number of pairs."""
+    if motion.rank_deficient[0] or motion.pairs.N > _FEW:
+        return _REMEDIES[kind]
+    return f"{_REMEDIES[kind]}; {motion.pairs.N} pairs hardly tell motion from noise"
 
 
 def half_turns(

@@ -8,13 +8,19 @@ from calib import se3
 from calib.robot_world.adjustment import Fit
 from calib.robot_world.identifiability import examine
 from calib.robot_world.methods import Method
-from calib.robot_world.noise import Noise
-from calib.robot_world.pairs import PairSets
+from calib.robot_world.noise import Noise, PairCovariances
+from calib.robot_world.pairs import PairSets, own_order
 from calib.robot_world.results import Estimate, residuals
-from calib.se3 import BoolArray, FloatArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 _FEWEST = 4
 """With one of three left out, two are left, which identify nothing."""
+
+_FEW = 5
+"""Pairs up to which one of them bears so much that a single step without it falls short."""
+
+_GROUPS = 100
+"""Of more pairs, so many groups are left out one after the other, for time that is linear in N."""
 
 _PAIRS_AT_ONCE = 20_000
 
@@ -28,12 +34,14 @@ def left_out_residuals(
     """Residuals ``(N, 6)`` of one set, pair by pair, with X and Z from the others.
 
     NaN where the others do not identify X and Z. A pair that was left out already has its own.
+    Without a likelihood, of more than a hundred pairs a hundred groups are left out one by one.
     """
     residual: FloatArray = residuals(pairs.A, pairs.B, found.X, found.Z)[0]
     if int(used.sum()) < _FEWEST:
         residual[used] = np.nan
         return residual
-    if found.fit is not None:
+    each = isinstance(noise, PairCovariances)
+    if found.fit is not None and (each or int(used.sum()) > _FEW):
         X, Z = _by_one_step(found.fit)
         error = residuals(pairs.A[0][:, None], pairs.B[0][:, None], X, Z)[:, 0]
         error[np.isnan(error).any(axis=-1)] = np.nan
@@ -70,16 +78,25 @@ def _by_one_step(fit: Fit) -> tuple[FloatArray, FloatArray]:
 
 
 def _by_solving(chosen: Method, A: FloatArray, B: FloatArray, noise: Noise | None) -> FloatArray:
-    """Residuals ``(N, 6)`` by solving N problems of N - 1 pairs."""
+    """Residuals ``(N, 6)`` by solving without each pair, or of many without each group."""
     N = len(A)
-    others = np.array([[j for j in range(N) if j != i] for i in range(N)])
-    at_once = max(1, _PAIRS_AT_ONCE // N)
+    order = own_order(A)
     out = np.full((N, 6), np.nan)
-    for first in range(0, N, at_once):
-        rows = np.arange(first, min(first + at_once, N))
-        sets = PairSets(A[others[rows]], B[others[rows]])
-        rows = rows[~examine(sets).rank_deficient]
-        if rows.size:
-            left = chosen.run(PairSets(A[others[rows]], B[others[rows]]), noise)
-            out[rows] = residuals(A[rows][:, None], B[rows][:, None], left.X, left.Z)[:, 0]
+    for size, groups in _equal(np.array_split(order, min(N, _GROUPS))):
+        others = np.array([np.setdiff1d(order, group) for group in groups])
+        at_once = max(1, _PAIRS_AT_ONCE // N)
+        for first in range(0, len(groups), at_once):
+            rows = slice(first, first + at_once)
+            sets = PairSets(A[others[rows]], B[others[rows]])
+            seen = ~examine(sets).rank_deficient
+            if seen.any():
+                left = chosen.run(PairSets(sets.A[seen], sets.B[seen]), noise)
+                own = groups[rows][seen].reshape(-1, size)
+                out[own] = residuals(A[own], B[own], left.X, left.Z)
     return out
+
+
+def _equal(groups: list[IntArray]) -> list[tuple[int, IntArray]]:
+    """Groups of equal size together: ``(size, (count, size))``."""
+    sizes = {len(group) for group in groups}
+    return [(size, np.array([g for g in groups if len(g) == size])) for size in sorted(sizes)]

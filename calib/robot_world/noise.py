@@ -21,14 +21,18 @@ Axes = Literal["to", "from"]
 Estimator = Callable[[PairSets], Estimate]
 
 _STEP = 1e-5
-"""Step of the central differences [rad, m]: its square, the share that the next order takes, and
-the rounding of a solution divided by it are both far below a thousandth."""
+"""Step of the central differences [rad, parts of the translations]: its square, the share that the
+next order takes, and the rounding of a solution divided by it are both far below a thousandth."""
 
 _EACH_ERROR, _DIRECTIONS = 100, 600
 """Pairs up to which the derivatives by each error are taken, and directions in their place."""
 
 _PAIRS_AT_ONCE = 20_000
 """Pairs that one call of the method sees: bounds the memory to some 100 MB."""
+
+
+LEAST_NOISE = 1e-15
+"""Least standard deviation [rad, m] but 0: rounding is of that size."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +57,10 @@ class PairNoise:
     def __post_init__(self) -> None:
         for name in ("rotation_rad", "translation_m"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
+            if not (np.isfinite(value) and (value == 0.0 or value >= LEAST_NOISE)):
                 raise InputError(
                     f"{name} of the noise is {value}",
-                    hint="give a standard deviation, 0 or more",
+                    hint=f"give a standard deviation: 0, or {LEAST_NOISE:g} or more",
                     name=name,
                     value=value,
                     bound=0.0,
@@ -68,6 +72,11 @@ class PairNoise:
                 name="on",
                 value=self.on,
             )
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether there is noise on rotation and on translation, as a likelihood needs it."""
+        return self.rotation_rad > 0.0 and self.translation_m > 0.0
 
     @property
     def sigma(self) -> FloatArray:
@@ -202,6 +211,34 @@ class PairCovariances:
 Noise: TypeAlias = PairNoise | PairCovariances
 
 
+def check_noise(noise: object, N: int) -> None:
+    """Refuse what is no noise of N pairs.
+
+    Raises
+    ------
+    InputError
+        Something else, or covariances of another number of pairs.
+    """
+    if noise is None or isinstance(noise, PairNoise):
+        return
+    if not isinstance(noise, PairCovariances):
+        raise InputError(
+            f"the noise is {noise!r}, neither PairNoise nor PairCovariances",
+            hint="say PairNoise(rotation_rad, translation_m)",
+            name="noise",
+        )
+    for name in ("A", "B"):
+        given = getattr(noise, name)
+        if given is not None and len(given) not in (1, N):
+            raise InputError(
+                f"{len(given)} covariances of {name} for {N} pairs",
+                hint="give one, or one for each pair",
+                name=name,
+                value=len(given),
+                bound=N,
+            )
+
+
 def _checked_covariance(value: ArrayLike, name: str) -> FloatArray:
     """Covariances ``(1 or N, 6, 6)``, finite, symmetric and positive definite."""
     C = np.asarray(value, dtype=float)
@@ -295,7 +332,8 @@ def _derivatives(
     """
     given = [errors for errors in (errors_A, errors_B) if errors is not None]
     count, N = given[0].shape[:2]
-    largest = np.max([np.abs(errors).max(axis=(1, 2)) for errors in given], axis=0)
+    unit = np.repeat([1.0, float(PairSets(A[None], B[None]).size[0])], 3)
+    largest = np.max([np.abs(errors / unit).max(axis=(1, 2)) for errors in given], axis=0)
     scale = _STEP / np.where(largest > 0.0, largest, 1.0)
     at_once = max(1, _PAIRS_AT_ONCE // (2 * N))
     found = []

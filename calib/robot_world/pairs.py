@@ -11,7 +11,7 @@ from calib import se3
 from calib.errors import InputError
 from calib.posture_last import columns_of
 from calib.robot_world import algebra, closed_form
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 FEWEST_PAIRS = 3
 """Two rotations between poses are the fewest that can have two different axes."""
@@ -68,9 +68,24 @@ class PairSets:
 
     @cached_property
     def size(self) -> FloatArray:
-        """Root mean square of the translations of A and B together ``(T,)``; 1 if all are zero."""
-        square = self.mean((self.p_A**2).sum(axis=0) + (self.p_B**2).sum(axis=0))
-        return np.where(square > 0.0, np.sqrt(square), 1.0)
+        """How far the origins of A and B are from their means, rms ``(T,)``; 1 if they all stand.
+
+        Not from the origins of base and target, which may be anywhere.
+        """
+        return np.where(self.moves, np.sqrt(self._square_moved), 1.0)
+
+    @property
+    def moves(self) -> BoolArray:
+        """Whether any origin moves from pair to pair ``(T,)``."""
+        return self._square_moved > 0.0
+
+    @cached_property
+    def _square_moved(self) -> FloatArray:
+        square = np.zeros(self.T)
+        for p in (self.p_A, self.p_B):
+            from_mean = p - self.spread(self.mean(p))
+            square += self.mean((from_mean * from_mean).sum(axis=0))
+        return square
 
     @cached_property
     def kronecker_mean(self) -> FloatArray:
@@ -131,10 +146,13 @@ class PairSets:
 def own_order(A: FloatArray) -> IntArray:
     """Order ``(..., N)`` of transforms ``(..., N, 4, 4)`` that does not depend on how they come.
 
-    By what they are: where something is drawn at random, the same pairs are drawn.
+    Nor on the axes of the frames or the unit of length: by how far each is turned from the mean,
+    then by how far it is from there. Where something is drawn at random, the same pairs are drawn.
     """
-    keys = A[..., :3, [3, 0, 1]].reshape(*A.shape[:-2], 9)
-    return np.asarray(np.lexsort(np.moveaxis(keys, -1, 0), axis=-1))
+    R, p = A[..., :3, :3], A[..., :3, 3]
+    turned = (R * R.mean(axis=-3, keepdims=True)).sum(axis=(-2, -1))
+    moved = ((p - p.mean(axis=-2, keepdims=True)) ** 2).sum(axis=-1)
+    return np.asarray(np.lexsort(np.stack([moved, turned]), axis=-1))
 
 
 def checked_pairs(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[FloatArray, FloatArray]:
@@ -151,7 +169,8 @@ def checked_pairs(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[Float
     InputError
         Another shape, too few pairs, or matrices that are not rigid transforms.
     """
-    A, B = se3.rigid(A, "A"), se3.rigid(B, "B")
+    # a copy: what is asked of a result later must not depend on what becomes of the arguments
+    A, B = np.array(se3.rigid(A, "A")), np.array(se3.rigid(B, "B"))
     shape = "(N, 4, 4)" if dimensions == 3 else "(T, N, 4, 4)"
     for name, array in (("A", A), ("B", B)):
         if array.ndim != dimensions:

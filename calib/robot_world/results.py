@@ -100,9 +100,13 @@ class RobotWorldBatch:
         numbers there, since statistics over random problems need them, but ``ok`` is False.
     misfit : ndarray of bool (T,)
         The residuals are several times those of the closed form: the method has failed.
+    doubtful : ndarray of bool (T,)
+        What is left is of the size of the motion itself: A and B do not belong together.
     covariance : ndarray (T, 12, 12) or None
         Of X and Z, by the methods of maximum likelihood; see
         :attr:`RobotWorldResult.covariance`.
+    chi2 : ndarray (T,) or None
+        By these methods, where a noise was given; see :attr:`RobotWorldResult.chi2`.
     """
 
     X: FloatArray
@@ -113,7 +117,9 @@ class RobotWorldBatch:
     rank_deficient: BoolArray
     degenerate: BoolArray
     misfit: BoolArray
+    doubtful: BoolArray
     covariance: FloatArray | None = None
+    chi2: FloatArray | None = None
 
     @classmethod
     def joined(cls, parts: Sequence[RobotWorldBatch]) -> RobotWorldBatch:
@@ -127,7 +133,7 @@ class RobotWorldBatch:
     @property
     def ok(self) -> BoolArray:
         """Trials ``(T,)`` that converged, on motions that identify X and Z, with a fair fit."""
-        return self.converged & ~self.degenerate & ~self.misfit
+        return self.converged & ~self.degenerate & ~self.misfit & ~self.doubtful
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +149,7 @@ class RobotWorldResult:
     status : str
         ``"ok"``; ``"not converged"`` where an iteration did not arrive; ``"misfit"`` where the
         residuals are several times those of the closed form; ``"ambiguous"`` where other X and Z
-        fit as well.
+        fit as well; ``"doubtful"`` where the warnings say that the pairs do not belong together.
     message : str
         The status in a sentence.
     iterations : int or None
@@ -153,8 +159,9 @@ class RobotWorldResult:
     noise_estimated : bool
         Whether the noise was not given.
     chi2, freedom, chi2_probability : float, int, float or None
-        Sum of the squares of the residuals in units of the noise given, its degrees of freedom,
-        and the probability of one as large. None where no noise was given.
+        Sum of the squares of the residuals in units of the noise given, at the likeliest X and Z
+        whatever the method, its degrees of freedom, and the probability of one as large. None
+        where no noise was given, or 0 of rotation or of translation.
     ambiguities : tuple of str
         In words, the other X that fit as well.
     alternatives : tuple of (X, Z)
@@ -199,7 +206,7 @@ class RobotWorldResult:
     def noise(self) -> Noise | None:
         """Noise of the pairs: that given, or else as the residuals show it, on B.
 
-        None where the status is neither ``"ok"`` nor ``"ambiguous"``.
+        None where the status is ``"misfit"`` or ``"not converged"``.
         """
         return self._noise(self.residuals)
 
@@ -215,7 +222,7 @@ class RobotWorldResult:
 
     @cached_property
     def covariance(self) -> FloatArray | None:
-        """Covariance ``(12, 12)`` of X and Z [rad, m]; None where the status is not ``"ok"``.
+        """Covariance ``(12, 12)`` of X and Z [rad, m]; None where :attr:`noise` is.
 
         Of the errors of X (rotation, translation) and Z (rotation, translation). An error (w, v)
         is meant as ``R_estimated = exp([w]) R_true`` and ``p_estimated = p_true + v``: rotation

@@ -8,9 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.robot_world.accuracy import GoodnessOfFit, covariance_of, goodness, noise_shown, rank_of
+from calib.robot_world.accuracy import (
+    GoodnessOfFit,
+    covariance_of,
+    goodness,
+    judged,
+    noise_shown,
+    rank_of,
+)
+from calib.robot_world.adjustment import linear_rows
 from calib.robot_world.closed_form import residual_rms, residual_rows
-from calib.robot_world.diagnosis import few_for_the_noise, outstanding, suspicions
+from calib.robot_world.diagnosis import ALIEN, few_for_the_noise, outstanding, suspicions
 from calib.robot_world.identifiability import (
     Motion,
     examine,
@@ -20,10 +28,13 @@ from calib.robot_world.identifiability import (
 )
 from calib.robot_world.leave_one_out import left_out_residuals
 from calib.robot_world.methods import Method, find_method
-from calib.robot_world.noise import Noise
+from calib.robot_world.noise import Noise, PairNoise, check_noise
 from calib.robot_world.pairs import FEWEST_PAIRS, PairSets, checked_pairs
 from calib.robot_world.results import Estimate, RobotWorldBatch, RobotWorldResult
 from calib.se3 import BoolArray, FloatArray
+
+_FEWEST_FOR_SIGMA = 6
+"""Pairs up to which the noise that they show is a rough guess."""
 
 _PAIRS_AT_ONCE = 20_000
 """Pairs that one call of a method sees: bounds its memory to some 100 MB."""
@@ -67,6 +78,7 @@ def solve(
     """
     chosen = find_method(method)
     A, B = checked_pairs(A, B, dimensions=3)
+    check_noise(noise, len(A))
     pairs = PairSets(A[None], B[None])
     if chosen.robust:
         found, used = _robust(chosen, pairs, noise)
@@ -124,6 +136,7 @@ def solve_batch(
     chosen = find_method(method)
     A, B = checked_pairs(A, B, dimensions=4)
     T, N = A.shape[:2]
+    check_noise(noise, N)
     at_once = max(1, _PAIRS_AT_ONCE // N)
     parts = [
         _batch(chosen, PairSets(A[first : first + at_once], B[first : first + at_once]), noise)
@@ -141,7 +154,9 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
     converged, misfit = np.ones(pairs.T, dtype=bool), np.zeros(pairs.T, dtype=bool)
     iterations = np.zeros(pairs.T, dtype=np.intp) if chosen.iterative else None
     covariance = np.full((pairs.T, 12, 12), np.nan) if chosen.likelihood else None
+    chi2 = np.full(pairs.T, np.nan) if chosen.likelihood and noise is not None else None
     degenerate, rank_deficient = motion.degenerate, motion.rank_deficient
+    doubtful = motion.misfit > ALIEN
     if usable.size:
         kept = pairs if usable.size == pairs.T else PairSets(pairs.A[usable], pairs.B[usable])
         found = chosen.run(kept, noise)
@@ -152,8 +167,13 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
             converged[usable] = found.converged
         if covariance is not None and found.fit is not None:
             covariance[usable] = found.fit.covariance
+            if chi2 is not None:
+                chi2[usable] = found.fit.cost
+                counts = pairs.N if found.weights is None else found.weights.sum(axis=-1)
+                _, excess = judged(found.fit.cost, 6 * counts - 12)
+                covariance[usable] *= excess[:, None, None] ** 2
         if found.weights is not None:
-            rank_deficient, degenerate = _judged_by_used(pairs, found.weights > 0)
+            rank_deficient, degenerate, doubtful = _judged_by_used(pairs, found.weights > 0)
             X[rank_deficient] = Z[rank_deficient] = np.nan
         elif found.fit is None:
             sizes = np.zeros((2, pairs.T))
@@ -168,13 +188,15 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
         rank_deficient,
         degenerate,
         misfit,
+        doubtful,
         covariance,
+        chi2,
     )
 
 
-def _judged_by_used(pairs: PairSets, used: BoolArray) -> tuple[BoolArray, BoolArray]:
-    """Rank deficient and degenerate ``(T,)`` by the pairs ``(T, N)`` that a robust method kept."""
-    rank_deficient, degenerate = np.zeros((2, pairs.T), dtype=bool)
+def _judged_by_used(pairs: PairSets, used: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Rank deficient, degenerate, doubtful ``(T,)`` by the pairs ``(T, N)`` that were kept."""
+    rank_deficient, degenerate, doubtful = np.zeros((3, pairs.T), dtype=bool)
     enough = _enough_agree(used)
     rank_deficient[~enough] = used[~enough].sum(axis=1) < FEWEST_PAIRS
     degenerate[~enough] = True
@@ -182,7 +204,8 @@ def _judged_by_used(pairs: PairSets, used: BoolArray) -> tuple[BoolArray, BoolAr
         kept = used[trial]
         motion = examine(PairSets(pairs.A[trial, kept][None], pairs.B[trial, kept][None]))
         rank_deficient[trial], degenerate[trial] = motion.rank_deficient[0], motion.degenerate[0]
-    return rank_deficient, degenerate
+        doubtful[trial] = motion.misfit[0] > ALIEN
+    return rank_deficient, degenerate, doubtful
 
 
 def _enough_agree(used: BoolArray) -> BoolArray:
@@ -223,10 +246,10 @@ def _result(
     fit: GoodnessOfFit | None = None
     if status == "ok" and noise is not None:
         fit = goodness(pairs, found, used, noise)
-        if fit.excess > 1.0:
+        if fit is not None and fit.excess > 1.0:
             message += (
-                f"; the residuals are {fit.excess:.1f} times the noise given: standard deviations "
-                "are scaled up to them, which does not cover a bias of A or B"
+                f"; the least residuals are {fit.excess:.1f} times the noise given: standard "
+                "deviations are scaled up to them, which does not cover a bias of A or B"
             )
     if not used.all():
         rows = ", ".join(str(i + 1) for i in np.flatnonzero(~used))
@@ -239,6 +262,8 @@ def _result(
             "; all rotations between the poses are about one axis or half turns, which leave a "
             "choice: add a pose that turns otherwise, or pick X by where the camera looks"
         )
+    if doubts and status == "ok":
+        status = "doubtful"
     excess = fit.excess if fit else 1.0
     return RobotWorldResult(
         X=found.X[0],
@@ -256,7 +281,7 @@ def _result(
         alternatives=tuple((X, Z) for _, X, Z in others),
         _residuals=partial(_residuals, pairs, found),
         _noise=partial(_noise, found, used, noise, status),
-        _doubts=partial(_doubts, chosen, motion, used, doubts),
+        _doubts=partial(_doubts, chosen, pairs, found, motion, used, noise, doubts),
         _rank=partial(rank_of, pairs, found.X, found.Z, used),
         _spread=partial(covariance_of, chosen, pairs, found, used, excess),
         _leave_out=partial(left_out_residuals, chosen, pairs, found, used, noise),
@@ -271,18 +296,42 @@ def _noise(
     found: Estimate, used: BoolArray, given: Noise | None, status: str, error: FloatArray
 ) -> Noise | None:
     """Noise given, or shown by the residuals ``(N, 6)``; none of a solution that is none."""
-    if status not in ("ok", "ambiguous"):
+    if status in ("misfit", "not converged"):
         return None
     return noise_shown(found, error, used) if given is None else given
 
 
 def _doubts(
-    chosen: Method, motion: Motion, used: BoolArray, doubts: tuple[str, ...], error: FloatArray
+    chosen: Method,
+    pairs: PairSets,
+    found: Estimate,
+    motion: Motion,
+    used: BoolArray,
+    noise: Noise | None,
+    doubts: tuple[str, ...],
+    error: FloatArray,
 ) -> tuple[str, ...]:
     """What seems to be wrong with the pairs of a solution, besides what was found before it."""
     if not (chosen.robust or doubts):
-        doubts = outstanding(error, used)
+        doubts = outstanding(_sizes(pairs, found, noise, error), used)
+    N = int(used.sum())
+    if noise is None and N < _FEWEST_FOR_SIGMA:
+        part = 100.0 / np.sqrt(2.0 * (6 * N - 12))
+        doubts += (
+            f"{N} pairs show the noise to {part:.0f} %, and so much at least the standard "
+            "deviations may be off: measure more, or give the noise",
+        )
     return doubts + few_for_the_noise(motion)
+
+
+def _sizes(
+    pairs: PairSets, found: Estimate, noise: Noise | None, error: FloatArray
+) -> list[FloatArray]:
+    """How far off each pair ``(N,)`` is: in standard deviations where the noise is known."""
+    if noise is None or (isinstance(noise, PairNoise) and not noise.is_positive):
+        return [np.linalg.norm(part, axis=-1) for part in (error[:, :3], error[:, 3:])]
+    white, _ = linear_rows(pairs, noise.model(pairs), found.X, found.Z)
+    return [np.linalg.norm(white[:, 0], axis=0)]
 
 
 def _verdict(found: Estimate, motion: Motion) -> tuple[str, str]:

@@ -74,7 +74,7 @@ def demo(
     """Run the main job on the reference cell."""
     from posedesign.cli.identification_output import print_identification
     from posedesign.cli.plan_commands import print_plan
-    from posedesign.cli.robot_world_command import print_solvers
+    from posedesign.cli.robot_world_output import print_solvers
     from posedesign.demo import run_demo
 
     with progress("demo") as advance:

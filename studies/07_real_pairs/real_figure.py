@@ -33,16 +33,18 @@ def draw(found: Mapping[str, Any], path: Path) -> None:
         for k, ((name, of), (colour, marker)) in enumerate(zip(data.items(), STYLES, strict=True)):
             rows = of["splits"]["methods"]
             ratio = [rows[method][f"rms_{unit}_ratio"] for method in methods]
-            label = f"{name}: {rows['ml'][f'rms_{unit}']:.3g} {unit} by ml (median)"
             at = height + 0.16 * (1.5 - k)
-            panel.plot(ratio, at, marker, color=colour, ms=5, mfc="none", mew=1.4, label=label)
+            panel.plot(ratio, at, marker, color=colour, ms=5, mfc="none", mew=1.4, label=name)
         panel.set_xscale("log")
         panel.set_xticks(TICKS, [str(t) for t in TICKS])
         panel.xaxis.set_minor_locator(NullLocator())
         panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         panel.set_xlabel(f"{LABELS[unit]} [-]")
         panel.grid(True, alpha=0.3)
-        panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=8.5)
+        by_ml = [of["splits"]["methods"]["ml"][f"rms_{unit}"] for of in data.values()]
+        said = ", ".join(f"{value:.3g}" for value in by_ml)
+        panel.set_title(f"by ml, median of the splits: {said} {unit}", fontsize=9.5)
     panels[0].set_yticks(height, methods)
     panels[0].set_ylim(-0.6, len(methods) - 0.4)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     figure.savefig(path, metadata={"Software": None})

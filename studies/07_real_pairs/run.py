@@ -33,7 +33,7 @@ SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encodin
 TOLERANCE = 2e-3
 """Of the figures on another machine, relative: the noise that is estimated settles to less."""
 
-DIGITS = 6
+DIGITS = 8
 """Significant digits of what is written."""
 
 
@@ -59,7 +59,11 @@ def of_data_set(sides: Sides, name: str, names: list[str], sigma: bool) -> dict[
         "splits": compared(sides, names, SETTINGS),
         "certificate": proof(sides, results["ml"]),
         "warnings": {method: said for method, said in noted.items() if said},
-        "left_out": (np.flatnonzero(~results["ml-robust"].used) + 1).tolist(),
+        "left_out": {
+            method: (np.flatnonzero(~result.used) + 1).tolist()
+            for method, result in results.items()
+            if not result.used.all()
+        },
     }
 
 
@@ -122,7 +126,8 @@ def main() -> None:
     for name, of in found["data"].items():
         splits = of["splits"]
         print(f"{name}: {splits['splits']} splits, {splits['unidentified']} identify nothing;")
-        print(f"  ml-robust leaves out {of['left_out']}")
+        for method, rows in of["left_out"].items():
+            print(f"  {method} leaves out {rows} (counted from 1)")
         for method, said in of["warnings"].items():
             print(f"  {method}: {'; '.join(said)}")
     out.mkdir(parents=True, exist_ok=True)

@@ -20,13 +20,21 @@ from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate, residuals
 from calib.se3 import FloatArray
 
-_ROUNDS = 40
-"""Rounds of estimating the noise: the change shrinks by a tenth or more in each."""
+_ROUNDS = 100
+"""Rounds of estimating the noise: the change shrinks to a tenth or so in each."""
 
 _SETTLED = 1e-6
 """Relative change of the noise from round to round that counts as none."""
 
 _STEPS_A_ROUND = 3
+
+_FEWEST_FOR_BOTH = 4
+"""Pairs from which on both sizes of the noise are estimated. Of fewer the ratio of the two is that
+of the closed form: three pairs have as many rows of translation as unknowns that these can decide,
+and the likelihood then grows without limit as their noise goes to zero."""
+
+_MOST = 10.0
+"""Largest noise of translation that is estimated, as part of the translations; of rotation, π."""
 
 _LEAST = 1e-9
 """Least noise that is estimated: of rotation [rad], and of translation as part of the translations.
@@ -87,25 +95,34 @@ def with_estimated_noise(
         Standard deviations of rotation [rad] and translation [m].
     """
     counted = np.ones((pairs.T, pairs.N)) if weights is None else weights
+    few = counted.sum(axis=-1) < _FEWEST_FOR_BOTH
     least = np.stack([np.full(pairs.T, _LEAST), _LEAST * pairs.size])
+    most = np.stack([np.full(pairs.T, np.pi), _MOST * pairs.size])
     square = residuals(pairs.A, pairs.B, X, Z) ** 2
     sums = np.stack([square[..., :3].sum(axis=-1), square[..., 3:].sum(axis=-1)])
     sigma = np.sqrt((counted * sums).sum(axis=-1) / _freedom(counted, np.array([[6.0], [6.0]])))
-    sigma = np.maximum(sigma, least)
+    sigma = np.clip(sigma, least, most)
     count = np.zeros(pairs.T, dtype=np.intp)
+    moving = np.ones(pairs.T, dtype=bool)
     for _ in range(_ROUNDS):
         model = estimated_model(pairs, sigma)
         fit = adjust(pairs, model, X, Z, weights=weights, iterations=_STEPS_A_ROUND)
-        X, Z, count = fit.X, fit.Z, count + fit.iterations
+        X, Z, count = fit.X, fit.Z, count + np.where(moving, fit.iterations, 0)
         rows = (fit.white**2).reshape(2, 3, pairs.T, pairs.N).sum(axis=(1, 3))
-        grown = widening * np.sqrt(rows / _freedom(counted, _taken_up(fit)))
-        new = np.maximum(sigma * grown, least)
-        change = np.abs(new / sigma - 1.0).max()
-        sigma = new
-        if change < _SETTLED:
+        freedom = _freedom(counted, _taken_up(fit))
+        # of few pairs X and Z may take up one of the two whole: there the ratio stays
+        rows = np.where(few, rows.sum(axis=0), rows)
+        freedom = np.where(few, np.maximum(6.0 * counted.sum(axis=-1) - 12.0, 1.0), freedom)
+        new = np.clip(sigma * widening * np.sqrt(rows / freedom), least, most)
+        change = np.abs(new / sigma - 1.0).max(axis=0)
+        # set by set, so that none depends on its company
+        sigma = np.where(moving, new, sigma)
+        moving &= change > _SETTLED
+        if not moving.any():
             break
     fit = adjust(pairs, estimated_model(pairs, sigma), X, Z, weights=weights)
-    return replace(fit, iterations=count + fit.iterations), sigma
+    fit = replace(fit, iterations=count + fit.iterations, converged=fit.converged & ~moving)
+    return fit, sigma
 
 
 def estimated_model(pairs: PairSets, sigma: FloatArray) -> ErrorModel:

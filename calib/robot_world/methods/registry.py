@@ -72,7 +72,9 @@ class Method:
         What it solves: the pairs as they are, for X and Z, or the motions between them, for X
         alone, Z being the mean of what the pairs then say.
     invariant_to : frozenset of str
-        The :data:`CHANGES` that leave its answer the same when the data are noisy.
+        The :data:`CHANGES` that leave its answer the same when the data are noisy. Of maximum
+        likelihood, with noise on B or not given: noise of A turns it about the origin of the
+        flange, which is then no choice either.
     iterative : bool
         Whether the estimate has iterations.
     likelihood : bool
@@ -274,7 +276,7 @@ def find_method(name: str) -> Method:
     if name not in METHODS:
         raise InputError(
             f"there is no method {name!r} for A X = Z B",
-            hint=near_names(name, METHODS),
+            hint=near_names(str(name), METHODS),
             name="method",
             value=name,
         )

@@ -317,6 +317,86 @@ def test_headers(tmp_path: Path, case: tuple[str, ...]) -> None:
     assert refused(path, *words).row == 1
 
 
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.turn}, {form.unit}")
+@pytest.mark.parametrize("spell", [str.upper, str.title])
+def test_capitals_in_the_header_do_not_matter(
+    tmp_path: Path, form: PoseForm, spell: Callable[[str], str]
+) -> None:
+    pairs = some_pairs()
+    path = write_pairs(tmp_path / "p.csv", pairs, form, form)
+    header, *lines = path.read_text().splitlines()
+    path.write_text("\n".join([f"{spell(header)},note,Note", *[f"{x},1,2" for x in lines]]) + "\n")
+    found = read_pairs(path)
+    assert_same(found.A, pairs.A, form)
+    assert_same(found.B, pairs.B, form)
+    assert found.names == pairs.names
+    path.write_text("\n".join([f"{header},A_{form.turn_columns[0].upper()}", *lines]) + "\n")
+    path.write_text(path.read_text().replace("\nP", "\n1,P"))
+    refused(path, f"column a_{form.turn_columns[0]}: appears twice, capitals apart")
+
+
+def test_capitals_in_names_given_beside_a_file(tmp_path: Path) -> None:
+    pairs = some_pairs()
+    numbers = pairs.A.reshape(-1, 16)
+    np.testing.assert_allclose(
+        read_side(table(tmp_path, [], numbers), "a", ["A_Matrix16_M"]).T, pairs.A, atol=1e-12
+    )
+    form = PoseForm("m", "quaternion")
+    names = [name.upper() for name in (*form.place_columns, *form.turn_columns)]
+    path = table(tmp_path, names, form.numbers(pairs.A))
+    with pytest.raises(FileFormatError, match=r"header line of its own"):
+        read_side(path, "a", names)
+
+
+ENDLESS = {
+    "metres": (QUATERNION, "b_y_m", "1e308", "column b_x_m to b_z_m: a translation of 1e+308 m"),
+    "millimetres": (
+        MATRIX,
+        "a_z_mm",
+        "-1.1e9",
+        "column a_x_mm to a_z_mm: a translation of 1.1e+06",
+    ),
+    "degrees": (
+        PoseForm(),
+        "a_w_deg",
+        "1e308",
+        "column a_w_deg to a_r_deg: an angle of 1e+308 deg",
+    ),
+    "vector": (PoseForm("m", "vector-rad"), "b_ry_rad", "-1e300", "an angle of 1e+300 rad is none"),
+    "quaternion": (QUATERNION, "a_qw", "1e308", "the quaternion has the norm inf"),
+    "matrix": (MATRIX, "b_r33", "1e308", "the rotation is not orthonormal"),
+}
+
+
+@pytest.mark.parametrize("trust", [False, True])
+@pytest.mark.parametrize("case", ENDLESS.values(), ids=ENDLESS)
+def test_numbers_beyond_any_robot(
+    tmp_path: Path, case: tuple[PoseForm, str, str, str], trust: bool
+) -> None:
+    form, column, value, words = case
+    path = changed(write_pairs(tmp_path / "p.csv", some_pairs(), form, form), 3, column, value)
+    refused(path, "line 4, ", words, trust_units=trust)
+
+
+def test_file_of_endless_numbers_only(tmp_path: Path) -> None:
+    for form in FORMS:
+        path = write_pairs(tmp_path / "p.csv", some_pairs(), form, form)
+        header, *lines = path.read_text().splitlines()
+        for value in ("1e308", "1e154", "-1e150"):
+            rows = [",".join(["P", *[value] * (len(header.split(",")) - 1)])] * len(lines)
+            path.write_text("\n".join([header, *rows]) + "\n")
+            refused(path, "line 2, ", "and so on in 7 more", trust_units=True)
+
+
+def test_what_is_far_but_no_mistake_is_trusted(tmp_path: Path) -> None:
+    pairs = some_pairs()
+    A = pairs.A.copy()
+    A[:, :3, 3] += 5e5
+    path = write_pairs(tmp_path / "p.csv", Pairs(pairs.names, A, pairs.B), PoseForm("m"))
+    refused(path, "m long")
+    np.testing.assert_allclose(read_pairs(path, trust_units=True).A, A, rtol=1e-9)
+
+
 def test_columns_that_do_not_fit(tmp_path: Path) -> None:
     form = PoseForm("m", "quaternion")
     path = table(tmp_path, [], form.numbers(some_pairs().A))
@@ -430,7 +510,7 @@ def test_orientations_of_another_convention_are_noticed(
             q = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True)
             numbers, names = np.hstack([numbers[:, :3], turn(q)]), [*form.place_columns, *columns]
         paths[letter] = table(tmp_path, names, numbers, f"{letter}.csv")
-    (note,) = PairSource(a=paths["a"], b=paths["b"]).read().notes
+    (note,) = PairSource(a=paths["a"], b=paths["b"]).read().misread
     assert "no X and Z fit A and B as they were read" in note
     assert f"if in {side.upper()} " in note
     assert words in note
@@ -439,14 +519,14 @@ def test_orientations_of_another_convention_are_noticed(
 def test_rows_out_of_step_are_noticed(tmp_path: Path) -> None:
     pairs = some_pairs(20)
     shifted = Pairs(pairs.names, pairs.A, np.roll(pairs.B, 1, axis=0))
-    (note,) = PairSource(write_pairs(tmp_path / "p.csv", shifted)).read().notes
+    (note,) = PairSource(write_pairs(tmp_path / "p.csv", shifted)).read().misread
     assert "A turns otherwise than B" in note
     few_wrong = pairs.B.copy()
     few_wrong[[0, 10, 19]] = pairs.B[[10, 19, 0]]  # outliers are the solver's business
     assert (
         PairSource(write_pairs(tmp_path / "p.csv", Pairs(pairs.names, pairs.A, few_wrong)))
         .read()
-        .notes
+        .misread
         == ()
     )
 

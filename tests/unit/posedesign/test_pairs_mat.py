@@ -143,19 +143,51 @@ def test_variables_that_do_not_fit(save: Save) -> None:
     for name, what in (
         ("flat", "4x4 double"),
         ("wrong", "6x4x4 double"),
-        ("whole", "4x4x6 int32"),
         ("text", "1x3 char"),
         ("cell", "1x2 cell"),
         ("struct", "1x1 struct"),
     ):
         refused(path, f"key {name}: is {what}, not 4x4xN", "cat(3, T{:})", variables=["hand", name])
-    refused(path, "key turning: is 4x4x6 complex double", variables=["hand", "turning"])
+    whole = "key whole: is 4x4x6 int32: whole numbers, which rotations are not made of"
+    refused(path, whole, "in double", variables=["hand", "whole"])
+    turning = "key turning: is 4x4x6 complex double, and transforms are real"
+    refused(path, turning, "save real() of it", variables=["hand", "turning"])
     two = save("two.mat", hand=A, cam=A)
     refused(two, "--variables hand,cam")
     with pytest.raises(FileFormatError, match=r"two\.mat: does not say which .*cam"):
         PairSource(a=two, b=two, unit="m").read()
     refused(save("none.mat"), "it is empty")
     refused(save("few.mat", A=A, B=A[:, :, :5]), "key B: has 5 poses, A has 6")
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (np.int16, "is 4x4x6 int16: whole numbers"),
+        (np.uint8, "is 4x4x6 uint8: whole numbers"),
+        (np.complex128, "is 4x4x6 complex double, and transforms are real"),
+    ],
+)
+def test_kind_that_is_none_is_said_without_names(save: Save, kind: type, words: str) -> None:
+    """Of A and B themselves, and of the only variable of a file."""
+    A = as_matlab(some_pairs().A, "m")
+    other = (100.0 * np.abs(A)).astype(kind) * (1j if kind is np.complex128 else 1)
+    refused(save(A=A, B=other), f"key B: {words}")
+    one, alone = save("a.mat", T=A), save("b.mat", seen=other)
+    with pytest.raises(FileFormatError, match=f"b.mat, key seen: {words}"):
+        PairSource(a=one, b=alone, unit="m").read()
+
+
+def test_translation_beyond_any_robot(save: Save) -> None:
+    pairs = some_pairs()
+    far = changed(pairs.B, 2, lambda T: T + np.outer([1.0, 0, 0, 0], [0, 0, 0, 1e307]))
+    for unit in ("m", "mm"):
+        refused(
+            save(A=as_matlab(pairs.A, unit), B=far),
+            "key B(:,:,3): a translation of 1e+30",
+            unit=unit,
+            trust_units=True,
+        )
 
 
 def test_unit_that_cannot_be(save: Save) -> None:

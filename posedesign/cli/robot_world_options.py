@@ -1,0 +1,138 @@
+"""Options of the command for pose pairs, and what is wrong with them by themselves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+DEFAULT_METHODS = "ml,papers"
+
+CameraPlace = Literal["on-flange", "fixed"]
+Inverted = Literal["none", "a", "b", "both"]
+Naming = Literal["axzb", "opencv"]
+NoiseSide = Literal["a", "b", "both", "seen"]
+
+PairsFile = Annotated[
+    Path | None,
+    typer.Argument(
+        help="Pairs A, B of A X = Z B. A table, each pose as x_mm y_mm z_mm or x_m y_m z_m "
+        "with w_deg p_deg r_deg, qw qx qy qz, rx_rad ry_rad rz_rad (a rotation vector) or r11 "
+        ".. r33, and a_ or b_ before each name, in capitals or not; or a MATLAB file (.mat) with "
+        "arrays 4x4xN."
+    ),
+]
+FileA = Annotated[Path | None, typer.Option("--a", help="Or A in a file of its own,")]
+FileB = Annotated[Path | None, typer.Option("--b", help="and B in another.")]
+Columns = Annotated[
+    str,
+    typer.Option(
+        help="Names of the columns where a table has no header line, say "
+        "qw,qx,qy,qz,x_m,y_m,z_m; matrix16_mm: a matrix row by row, matrix12_mm: without its "
+        "last row; -: to be passed over."
+    ),
+]
+Variables = Annotated[
+    str, typer.Option(help="Names of A and B in a MATLAB file, say T_hand,T_cam.")
+]
+LengthUnit = Annotated[
+    Literal["mm", "m"] | None, typer.Option(help="Unit of length in a MATLAB file.")
+]
+CameraOption = Annotated[
+    CameraPlace,
+    typer.Option(
+        help="Where it is. on-flange: A = T_base_flange, B = T_target_camera. fixed, with the "
+        "target on the flange: A = T_base_flange, B = T_camera_target."
+    ),
+]
+InvertOption = Annotated[
+    Inverted,
+    typer.Option(
+        help="What the files have the other way round. OpenCV's gripper2base and target2cam "
+        "with the camera on the flange: b."
+    ),
+]
+ConventionOption = Annotated[
+    Naming,
+    typer.Option(
+        help="opencv: A is world2cam and B is base2gripper, as calibrateRobotWorldHandEye takes "
+        "them, in tables (a_, b_) or MATLAB files; its base2world and gripper2cam are printed "
+        "too. Where B is gripper2base: with --invert b."
+    ),
+]
+MethodOption = Annotated[
+    str,
+    typer.Option(help="Methods, with commas between them; papers: those of the papers; all."),
+]
+NoiseDeg = Annotated[
+    float | None,
+    typer.Option(help="Standard deviation of rotations; default: from the residuals."),
+]
+NoiseMm = Annotated[
+    float | None, typer.Option(help="Standard deviation of translations, likewise.")
+]
+NoiseOnOption = Annotated[
+    NoiseSide | None,
+    typer.Option(
+        help="Which side has it; default: b. seen: the target as the camera sees it, as a "
+        "camera's data sheet has it: with the camera on the flange, the inverse of B."
+    ),
+]
+Certify = Annotated[
+    bool,
+    typer.Option(
+        "--certify",
+        help="Prove that no other X and Z are likelier: needs the method ml, and noise on one "
+        "side.",
+    ),
+]
+TrustLengths = Annotated[
+    bool, typer.Option("--trust-units", help="Accept values that look like another unit.")
+]
+
+
+def refuse_unfit_noise(
+    methods: Sequence[str], noise_deg: float | None, noise_mm: float | None, noise_on: str | None
+) -> None:
+    """Both sizes of the noise, none below zero, or nothing of it."""
+    from calib.errors import InputError
+    from calib.robot_world import METHODS
+
+    weighing = [name for name in methods if METHODS[name].likelihood]
+    for option, value, unit in (("--noise-deg", noise_deg, "deg"), ("--noise-mm", noise_mm, "mm")):
+        if value is None or (math.isfinite(value) and value > 0.0):
+            continue
+        if value == 0.0 and not weighing:
+            continue
+        what = f"and {weighing[0]} weighs by it" if value == 0.0 else "no standard deviation"
+        raise InputError(
+            f"{option} is {value:g} {unit}, {what}",
+            hint=f"give one above 0 {unit}, or leave the noise to the residuals",
+            name=option,
+            value=value,
+            bound=0.0,
+        )
+    if (noise_deg is None) != (noise_mm is None):
+        raise InputError("give both --noise-deg and --noise-mm, or neither", name="noise")
+    if noise_deg is None and noise_on is not None:
+        raise InputError("--noise-on says nothing without --noise-deg and --noise-mm", name="noise")
+
+
+def refuse_fixed_opencv(camera: str, convention: str) -> None:
+    """OpenCV's function has no fixed camera: its world would be the flange."""
+    from calib.errors import InputError
+
+    if camera == "fixed" and convention == "opencv":
+        raise InputError(
+            "--convention opencv is for a camera on the flange",
+            hint="for a fixed one give gripper2base as A and target2cam as B, without it",
+            name="convention",
+        )
+
+
+def listed(text: str) -> list[str]:
+    """Names with commas between them."""
+    return [name.strip() for name in text.split(",")] if text.strip() else []

@@ -56,8 +56,8 @@ class Pairs:
         Where each stands in its file, in words; empty where they come from none.
     notes : tuple of str
         What is odd about them.
-    misread : tuple of str
-        Why they seem to have been read otherwise than they were written.
+    misread : str
+        How else they seem to have been written than they were read; empty where they fit.
     """
 
     names: tuple[str, ...]
@@ -65,7 +65,7 @@ class Pairs:
     B: FloatArray
     places: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    misread: tuple[str, ...] = ()
+    misread: str = ""
 
 
 def pair_columns(letter: str, form: PoseForm = DEFAULT_FORM) -> list[str]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -77,7 +78,23 @@ _OTHER_READINGS: Mapping[str, tuple[tuple[str, Reading], ...]] = {
 """Mistakes that a form invites, and what the rotations would be without them."""
 
 
-def reading_notes(a: Poses, b: Poses, arrange: Arrange) -> list[str]:
+@dataclass(frozen=True)
+class Misfit:
+    """Sides that no X and Z fit as they were read.
+
+    Attributes
+    ----------
+    text : str
+        In a sentence.
+    explained : bool
+        Whether another reading fits, which the text names.
+    """
+
+    text: str
+    explained: bool
+
+
+def misfit_of(a: Poses, b: Poses, arrange: Arrange) -> Misfit | None:
     """What to say of two sides of N poses each that no X and Z fit; nothing where some do.
 
     Parameters
@@ -88,7 +105,7 @@ def reading_notes(a: Poses, b: Poses, arrange: Arrange) -> list[str]:
         Makes A and B of A X = Z B from transforms ``(..., N, 4, 4)`` as the files have them.
     """
     if len(a.T) < FEWEST_PAIRS:
-        return []
+        return None
     others = [(f"if in A {what}", T, b.T) for what, T in _read_otherwise(a)]
     others += [(f"if in B {what}", a.T, T) for what, T in _read_otherwise(b)]
     A, B = arrange(
@@ -99,23 +116,25 @@ def reading_notes(a: Poses, b: Poses, arrange: Arrange) -> list[str]:
     A, B = np.concatenate([A, A[:1]]), np.concatenate([B, se3.inverse(B[:1])])
     turn, shift = _median_residuals(A, B)
     if not turn[0] > DOUBTFUL_RAD:
-        return []
+        return None
     # the translations, too: a quaternion in the wrong order fits the turns of the inverse
     fair = (turn < CLEARLY_BETTER * turn[0]) & (shift < CLEARLY_BETTER * shift[0])
     if fair.any():
         best = int(np.argmin(np.where(fair, shift, np.inf)))
-        return [
+        text = (
             f"no X and Z fit A and B as they were read: {math.degrees(turn[0]):.3g} deg are left "
             f"over (median), and {math.degrees(turn[best]):.2g} deg {said[best - 1]}"
-        ]
+        )
+        return Misfit(text, explained=True)
     miss = turn_miss(A[0, :, :3, :3], B[0, :, :3, :3])
     if miss < LARGEST_MISS_RAD:
-        return []
-    return [
+        return None
+    text = (
         f"between its poses A turns otherwise than B, by {math.degrees(miss):.3g} deg (median), "
         "where A X = Z B makes their turns equal: are the orientations in the form that the names "
         "of the columns say, and the rows of A and B in step?"
-    ]
+    )
+    return Misfit(text, explained=False)
 
 
 def turn_miss(R_A: FloatArray, R_B: FloatArray) -> float:

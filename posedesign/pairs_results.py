@@ -226,6 +226,7 @@ def warnings_of(outcomes: Iterable[SolverOutcome], *, misread: bool = False) -> 
         if misread and result is not None and result.status == "doubtful":
             continue
         own = [] if outcome.ok else [outcome.said]
+        own = [f"{result.status}: {text}" if result else text for text in own]
         more = [] if result is None else [*result.warnings, *result.ambiguities]
         said += [(outcome.method, text) for text in own]
         said += [(outcome.method, text) for text in more if not any(text in t for t in own)]

@@ -14,7 +14,7 @@ from posedesign.pairs_checks import repeats
 from posedesign.pairs_file import Pairs, joined, read_side, read_sides
 from posedesign.pairs_forms import METRES, Poses
 from posedesign.pairs_mat import open_mat, pick_one, pick_two
-from posedesign.pairs_readings import reading_notes
+from posedesign.pairs_readings import misfit_of
 
 Invert = Literal["none", "a", "b", "both"]
 Convention = Literal["axzb", "opencv"]
@@ -118,8 +118,13 @@ class PairSource:
         a, b = self._sides()
         pairs = joined(a, b)
         A, B = self._arranged(a.T, b.T)
-        misread = tuple(reading_notes(a, b, self._arranged))
-        return without_repeats(replace(pairs, A=A, B=B, misread=misread))
+        pairs = replace(pairs, A=A, B=B)
+        misfit = misfit_of(a, b, self._arranged)
+        if misfit is not None and misfit.explained:
+            pairs = replace(pairs, misread=misfit.text)
+        elif misfit is not None:
+            pairs = replace(pairs, notes=(*pairs.notes, misfit.text))
+        return without_repeats(pairs)
 
     def _arranged(self, A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A and B as the solver takes them from transforms ``(..., 4, 4)`` as the files have."""

@@ -37,8 +37,8 @@ _ONE_LEADS = 0.7
 """Sum of the squares of the eigenvalues of that power, over the square of their sum, from which on
 the first is far ahead of all others and the steps arrive, instead of creeping."""
 
-_SETTLED = 1e-15
-"""Squared change of a unit vector that counts as none: it is 3e-8 before the last step."""
+_SETTLED = 1e-24
+"""Squared change of a unit vector that counts as none: what is left then is smaller still."""
 
 _CLOSE = 0.98
 """Second singular value, of the first, from which on the digits lost count: the square root of

@@ -264,6 +264,7 @@ def _result(
         )
     if doubts and status == "ok":
         status = "doubtful"
+        message += "; but the pairs hardly belong together, as the warnings say"
     excess = fit.excess if fit else 1.0
     return RobotWorldResult(
         X=found.X[0],

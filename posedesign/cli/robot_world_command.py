@@ -149,9 +149,9 @@ def _solved(
             note(f"warning: {text}")
         if pairs.misread and isinstance(error, InputError) and error.name == "pairs":
             # the same finding, but by one who knows how the numbers were read
-            raise InputError("; ".join(pairs.misread), name="pairs") from error
-        for text in pairs.misread:
-            note(f"warning: {text}")
+            raise InputError(pairs.misread, name="pairs") from error
+        if pairs.misread:
+            note(f"warning: {pairs.misread}")
         raise
 
 
@@ -183,5 +183,6 @@ def _warn_of(pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> None:
     """What is odd about the pairs and the answers, on standard error."""
     from posedesign.pairs_results import warnings_of
 
-    for text in (*pairs.notes, *pairs.misread, *warnings_of(outcomes, misread=bool(pairs.misread))):
+    misread = [pairs.misread] if pairs.misread else []
+    for text in (*pairs.notes, *misread, *warnings_of(outcomes, misread=bool(misread))):
         note(f"warning: {text}")

@@ -23,7 +23,7 @@ from posedesign.simulation import SimulatedRobot
 NOISE = PairNoise(5e-3, 2e-3)
 
 SHAH_RATIO = 10.0
-"""A thousand pairs, OpenCV's time over ours: 13 to 17 as the machine and its load have it."""
+"""A thousand pairs, OpenCV's time over ours: 12 to 13 at the fastest of both."""
 
 BATCH_RATIO, ML_RATIO = 10.0, 3.0
 LINEAR = 6.0
@@ -70,11 +70,11 @@ def say(
     capsys: pytest.CaptureFixture[str],
     benchmark: BenchmarkFixture,
     what: str,
-    theirs: tuple[float, float],
-    ours: tuple[float, float],
+    theirs: tuple[float, ...],
+    ours: tuple[float, ...],
     unit: float = 1e-3,
-) -> tuple[float, float]:
-    """Print fastest and median of both sides, and return how many times longer theirs take."""
+) -> float:
+    """Print both sides, and return how many times longer theirs take at their fastest."""
     ratio = (theirs[0] / ours[0], theirs[1] / ours[1])
     name = {1e-3: "ms", 1e-6: "µs"}[unit]
     with capsys.disabled():
@@ -85,7 +85,7 @@ def say(
         )
     benchmark.extra_info["OpenCV over ours, fastest"] = ratio[0]
     benchmark.extra_info["OpenCV over ours, median"] = ratio[1]
-    return ratio
+    return ratio[0]
 
 
 def test_shah_of_a_thousand_pairs(
@@ -96,7 +96,7 @@ def test_shah_of_a_thousand_pairs(
     theirs, ours = in_turns(by_opencv(A, B, "SHAH"), lambda: solve(A, B, "shah"))
     ratio = say(capsys, benchmark, "Shah, 1,000 pairs", theirs, ours)
     assert benchmark.pedantic(solve, args=(A, B, "shah"), rounds=20).status == "ok"
-    assert max(ratio) > SHAH_RATIO
+    assert ratio > SHAH_RATIO
 
 
 def test_shah_of_a_thousand_sets_of_ten(
@@ -104,12 +104,14 @@ def test_shah_of_a_thousand_sets_of_ten(
 ) -> None:
     """Ours for a set of a batch; OpenCV has no batches."""
     A, B = pairs(1000, 10)
-    theirs = in_turns(by_opencv(A[0], B[0], "SHAH"), turns=6, rounds=50)[0]
-    whole = in_turns(lambda: solve_batch(A, B, "shah"), turns=2)[0]
-    ours = (whole[0] / len(A), whole[1] / len(A))
+    singles = [by_opencv(*sides, "SHAH") for sides in zip(A[:100], B[:100], strict=True)]
+    theirs, ours = in_turns(
+        lambda: [call() for call in singles], lambda: solve_batch(A, B, "shah"), rounds=4
+    )
+    theirs, ours = (tuple(t / n for t in own) for own, n in ((theirs, 100), (ours, len(A))))
     ratio = say(capsys, benchmark, "Shah, 10 pairs, a set of 1,000", theirs, ours, 1e-6)
     assert benchmark.pedantic(solve_batch, args=(A, B, "shah"), rounds=5).ok.all()
-    assert max(ratio) > BATCH_RATIO
+    assert ratio > BATCH_RATIO
 
 
 def test_likeliest_of_fifty_pairs_against_li(
@@ -120,7 +122,7 @@ def test_likeliest_of_fifty_pairs_against_li(
     theirs, ours = in_turns(by_opencv(A, B, "LI"), lambda: solve(A, B, "ml", NOISE), rounds=15)
     ratio = say(capsys, benchmark, "ml, noise given, against Li, 50 pairs", theirs, ours)
     assert benchmark.pedantic(solve, args=(A, B, "ml", NOISE), rounds=20).status == "ok"
-    assert max(ratio) > 1.0 / ML_RATIO
+    assert ratio > 1.0 / ML_RATIO
 
 
 @pytest.mark.parametrize("what", ["pairs", "sets"])

@@ -254,6 +254,31 @@ def test_wrong_way_round_is_said(cli: Cli, tmp_path: Path, measured: Any) -> Non
     assert (turned.code, turned.err) == (0, "")
 
 
+def test_rows_out_of_step_are_said_by_the_solver_too(
+    cli: Cli, tmp_path: Path, measured: Any
+) -> None:
+    """The reader sees that no form explains it, the solver which rows do."""
+    pairs, _, _ = measured
+    late = Pairs(pairs.names, pairs.A, np.roll(pairs.B, 1, axis=0))
+    path = write_pairs(tmp_path / "pairs.csv", late)
+    said = cli("robot-world", path, "--method", "ml", "--out", tmp_path)
+    warning, error = said.err.splitlines()
+    assert warning.startswith("warning: between its poses A turns otherwise than B")
+    assert "one row earlier" in error
+
+
+def test_wrong_way_round_is_said_once_of_answers_too(
+    cli: Cli, tmp_path: Path, measured: Any
+) -> None:
+    """A robust method may find pairs that agree in a wrong reading."""
+    pairs, _, _ = measured
+    path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, pairs.A, inverse(pairs.B)))
+    said = cli("robot-world", path, "--method", "ml-robust", "--out", tmp_path)
+    assert said.code in (1, 2)
+    assert len(said.err.splitlines()) == 1
+    assert "with one side the other way round: see --invert" in said.err
+
+
 def test_notes_on_the_file_are_warnings(cli: Cli, tmp_path: Path, measured: Any) -> None:
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs, QUATERNION, QUATERNION)
@@ -540,7 +565,7 @@ def test_answer_that_is_not_ok_is_not_done(
     said = cli("robot-world", path, "--method", method, "--out", tmp_path, "--json")
     tolerated = method == "all" and status in ("misfit", "not converged")
     assert said.code == (0 if tolerated else 1)
-    assert "warning: ml: why\n" in said.err
+    assert f"warning: ml: {status}: why\n" in said.err
     assert json.loads(said.out)[0]["status"] == status
 
 

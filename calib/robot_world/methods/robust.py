@@ -39,7 +39,7 @@ _BEST = 8
 """Candidates that are refined on their better halves before one is chosen."""
 
 _ROUNDS = 30
-_SETS_AT_ONCE = 4000
+_SETS_AT_ONCE, _RESIDUALS_AT_ONCE = 4000, 100_000
 
 _KEPT = 1.0 - CHANCE
 _WIDENING = float(np.sqrt(_KEPT / chi2.cdf(chi2.ppf(_KEPT, 6), 8)))
@@ -155,8 +155,15 @@ def _sizes(
     A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Residual angles and distances ``(T, K, N)`` of candidates ``(T, K, 4, 4)``."""
-    error = residuals(A[:, None], B[:, None], X, Z)
-    return np.linalg.norm(error[..., :3], axis=-1), np.linalg.norm(error[..., 3:], axis=-1)
+    T, K, N = *X.shape[:2], A.shape[1]
+    angle, distance = np.empty((2, T, K, N))
+    at_once = max(1, _RESIDUALS_AT_ONCE // (T * N))
+    for first in range(0, K, at_once):
+        some = slice(first, first + at_once)
+        error = residuals(A[:, None], B[:, None], X[:, some], Z[:, some])
+        angle[:, some] = np.linalg.norm(error[..., :3], axis=-1)
+        distance[:, some] = np.linalg.norm(error[..., 3:], axis=-1)
+    return angle, distance
 
 
 def _half(count: int) -> int:

@@ -510,7 +510,7 @@ def test_orientations_of_another_convention_are_noticed(
             q = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True)
             numbers, names = np.hstack([numbers[:, :3], turn(q)]), [*form.place_columns, *columns]
         paths[letter] = table(tmp_path, names, numbers, f"{letter}.csv")
-    (note,) = PairSource(a=paths["a"], b=paths["b"]).read().misread
+    note = PairSource(a=paths["a"], b=paths["b"]).read().misread
     assert "no X and Z fit A and B as they were read" in note
     assert f"if in {side.upper()} " in note
     assert words in note
@@ -519,14 +519,14 @@ def test_orientations_of_another_convention_are_noticed(
 def test_rows_out_of_step_are_noticed(tmp_path: Path) -> None:
     pairs = some_pairs(20)
     shifted = Pairs(pairs.names, pairs.A, np.roll(pairs.B, 1, axis=0))
-    (note,) = PairSource(write_pairs(tmp_path / "p.csv", shifted)).read().misread
+    (note,) = PairSource(write_pairs(tmp_path / "p.csv", shifted)).read().notes
     assert "A turns otherwise than B" in note
     few_wrong = pairs.B.copy()
     few_wrong[[0, 10, 19]] = pairs.B[[10, 19, 0]]  # outliers are the solver's business
     assert (
         PairSource(write_pairs(tmp_path / "p.csv", Pairs(pairs.names, pairs.A, few_wrong)))
         .read()
-        .misread
+        .notes
         == ()
     )
 

@@ -91,11 +91,22 @@ def test_pairs_without_noise_have_next_to_no_covariance(method):
     assert 0.0 <= result.sigma_X.max() < 1e-8
 
 
-@pytest.mark.parametrize("method", ["ml", "ml-robust", "shah"])
-def test_noise_of_zero_explains_no_residuals(method):
+@pytest.mark.parametrize("method", ["ml", "ml-robust"])
+def test_noise_of_zero_has_no_likelihood(method):
     problems = random_problems(np.random.default_rng(5), 1, 5)
     with pytest.raises(InputError, match="rotation_rad of the noise is 0"):
         solve(problems.A[0], problems.B[0], method, noise=PairNoise(0.0, 1e-3))
+
+
+def test_noise_of_zero_is_carried_through_other_methods():
+    problems = random_problems(np.random.default_rng(5), 1, 5)
+    A, B = problems.A[0], problems.B[0]
+    shifts = solve(A, B, "shah", noise=PairNoise(0.0, 1e-3))
+    assert shifts.chi2 is None
+    np.testing.assert_allclose(shifts.sigma_X[:3], 0.0, atol=1e-12)
+    both = solve(A, B, "shah", noise=PairNoise(1e-3, 1e-3)).covariance
+    turns = solve(A, B, "shah", noise=PairNoise(1e-3, 0.0)).covariance
+    np.testing.assert_allclose(shifts.covariance + turns, both, rtol=1e-5, atol=1e-14)
 
 
 def test_covariance_without_noise_given_is_that_of_the_noise_shown():

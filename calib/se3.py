@@ -198,7 +198,7 @@ def project_to_rotation(matrix: ArrayLike) -> FloatArray:
     """
     U, _, Vt = np.linalg.svd(np.asarray(matrix, dtype=float))
     sign = np.ones(U.shape[:-1])
-    sign[..., 2] = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    sign[..., 2] = np.sign(np.linalg.det(U @ Vt))
     return np.asarray((U * sign[..., None, :]) @ Vt)
 
 
@@ -220,6 +220,18 @@ def rigid(T: ArrayLike, name: str) -> FloatArray:
     for _ in range(2):
         R = 1.5 * R - 0.5 * R @ np.swapaxes(R, -1, -2) @ R
     return transform(R, array[..., :3, 3])
+
+
+def is_exactly_rigid(T: FloatArray) -> bool:
+    """Whether all of an array ``(..., 4, 4)`` are rigid transforms, to rounding."""
+    if T.ndim < 2 or T.shape[-2:] != (4, 4) or not np.isfinite(T).all():
+        return False
+    deviation, determinant = _deviation_and_determinant(T)
+    return bool(
+        (T[..., 3, :] == [0.0, 0.0, 0.0, 1.0]).all()
+        and deviation.max(initial=0.0) < _EXACT
+        and determinant.min(initial=1.0) > 0.0
+    )
 
 
 def check_transforms(T: ArrayLike, name: str) -> FloatArray:

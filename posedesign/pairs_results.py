@@ -204,8 +204,10 @@ def reached(outcomes: Sequence[SolverOutcome], *, comparison: bool = False) -> b
     """Whether the answers are to be trusted.
 
     In a comparison of all methods some are at work on what they are not made for: their failures
-    do not count, doubts about the pairs do.
+    do not count, doubts about the pairs do, and so does a proof that was asked for and not found.
     """
+    if any(o.proof is not None and o.proof.status != "proven" for o in outcomes):
+        return False
     if any(o.result is not None and o.result.status in _SUSPECT for o in outcomes):
         return False
     return (any if comparison else all)(outcome.ok for outcome in outcomes)

@@ -55,10 +55,10 @@ _THIRD_TURNS = np.stack([np.roll(np.eye(3), shift, axis=0) for shift in (1, 2)])
 _NEWTON_STEPS = 8
 _ORTHONORMAL = 1e-14
 
-_WELL_CONDITIONED, _SOLVABLE = 1e-2, 1e-6
-"""Determinant of the normal matrix of the translations, over the cube of its mean eigenvalue, above
-which its inverse is as good as an orthogonal factorisation, and above which it is with one step of
-refinement."""
+_WELL_CONDITIONED, _TURNED = 1e-2, 1e-3
+"""Determinant of the normal matrix of the translations, over the cube of its mean eigenvalue, and
+this, two thirds of the mean square rotation, above which its inverse is as good as an orthogonal
+factorisation."""
 
 
 def rotations(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
@@ -68,11 +68,11 @@ def rotations(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
     of ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm.
     """
     x, z, _ = pairs.leading
-    X, Z = x.reshape(-1, 3, 3), z.reshape(-1, 3, 3)
+    both = np.concatenate([x, z]).reshape(-1, 3, 3)
+    volume = 27.0**0.5 * np.linalg.det(both).reshape(2, -1)
     # A pair of singular vectors is defined up to one common sign: that of a rotation.
-    volume = 27.0**0.5 * np.stack([np.linalg.det(X), np.linalg.det(Z)])
-    sign = np.where(volume[1] < 0.0, -1.0, 1.0)[:, None, None]
-    R_X, R_Z = nearest_rotations(sign * X), nearest_rotations(sign * Z)
+    sign = np.where(volume[1] < 0.0, -1.0, 1.0)
+    R_X, R_Z = nearest_rotations(np.tile(sign, 2)[:, None, None] * both).reshape(2, -1, 3, 3)
     flat = np.abs(volume).min(axis=0) < _FLAT
     if flat.any():
         R_X[flat], R_Z[flat] = _alternated(pairs.kronecker_mean[flat], R_X[flat])
@@ -199,30 +199,28 @@ def assemble(pairs: PairSets, R_X: FloatArray, R_Z: FloatArray) -> tuple[FloatAr
 def assemble_with_rest(
     pairs: PairSets, R_X: FloatArray, R_Z: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Like :func:`assemble`, and the root mean square distance ``(T,)`` that is left."""
+    """Like :func:`assemble`, and the root mean square distance ``(T,)`` that is left.
+
+    The normal matrix of p_X is that of the rotations less their mean, ``1 - meanᵀ mean``.
+    """
     offset = turn(pairs.spread(columns_of(R_Z)), pairs.p_B) - pairs.p_A
-    R_mean, offset_mean = pairs.mean(pairs.R_A), pairs.mean(offset)
-    D, d = pairs.R_A - pairs.spread(R_mean), offset - pairs.spread(offset_mean)
-    flat = D.reshape(9, pairs.T, pairs.N).transpose(1, 0, 2)
-    products = (flat @ np.swapaxes(flat, -1, -2) / pairs.N).reshape(-1, 3, 3, 3, 3)
-    # D is stored by columns: element [i, k] of the product is that of columns i and k
-    normal = np.ascontiguousarray(np.trace(products, axis1=2, axis2=4).transpose(1, 2, 0))
-    inverse, condition = _inverted(normal)
-    p_X = turn(inverse, pairs.mean(turn_back(D, d)))
-    left = d - turn(D, pairs.spread(p_X))
-    well = condition > _SOLVABLE
-    if condition.min() < _WELL_CONDITIONED:
-        p_X = p_X + turn(inverse, pairs.mean(turn_back(D, left)))
-    if not well.all():
-        p_X[:, ~well] = _by_factorisation(pairs, D, d, ~well)
-        left = d - turn(D, pairs.spread(p_X))
+    R_mean, offset_mean = pairs.mean_R_A, pairs.mean(offset)
+    d = offset - pairs.spread(offset_mean)
+    normal = -product(transposed(R_mean), R_mean)
+    for k in range(3):
+        normal[k, k] += 1.0
+    inverse, poor = _inverted(normal)
+    p_X = turn(inverse, pairs.mean(turn_back(pairs.R_A, d)))
+    if poor.any():
+        p_X[:, poor] = _by_factorisation(pairs, d, poor)
+    left = d - turn(pairs.R_A, pairs.spread(p_X)) + pairs.spread(turn(R_mean, p_X))
     p_Z = turn(R_mean, p_X) - offset_mean
     rest = np.sqrt(pairs.mean((left * left).sum(axis=0)))
     return se3.transform(R_X, p_X.T), se3.transform(R_Z, p_Z.T), rest
 
 
-def _inverted(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Inverses ``(3, 3, T)`` of symmetric matrices, and their determinants over the mean's."""
+def _inverted(normal: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Inverses ``(3, 3, T)`` of symmetric matrices, and which of them lack digits."""
     cofactor = np.empty_like(normal)
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
@@ -231,15 +229,15 @@ def _inverted(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
         cofactor[i, j] = cofactor[j, i] = off
     determinant = (normal[0] * cofactor[0]).sum(axis=0)
     mean = (normal[0, 0] + normal[1, 1] + normal[2, 2]) / 3.0
-    usable = determinant > 0.0
-    condition = np.where(usable, determinant, 0.0) / np.where(mean > 0.0, mean**3, 1.0)
-    return cofactor / np.where(usable, determinant, 1.0), condition
+    poor = ~((mean > _TURNED) & (determinant > _WELL_CONDITIONED * mean**3))
+    return cofactor / np.where(poor, 1.0, determinant), poor
 
 
-def _by_factorisation(pairs: PairSets, D: FloatArray, d: FloatArray, sets: BoolArray) -> FloatArray:
+def _by_factorisation(pairs: PairSets, d: FloatArray, sets: BoolArray) -> FloatArray:
     """p_X ``(3, count)`` of some sets, whatever their condition."""
     T, N = pairs.T, pairs.N
-    rows = D.reshape(3, 3, T, N).transpose(2, 3, 1, 0)[sets].reshape(-1, 3 * N, 3)
+    R_A = pairs.A[sets, :, :3, :3]
+    rows = (R_A - R_A.mean(axis=1, keepdims=True)).reshape(-1, 3 * N, 3)
     right = d.reshape(3, T, N).transpose(1, 2, 0)[sets].reshape(-1, 3 * N)
     return least_squares(rows, right).T
 

@@ -120,7 +120,7 @@ class Motion:
         ``|mean R|²`` is the mean over all i, j of ``1 + 2 cos`` of the angle between R_i and R_j.
         The smaller of what A and B show.
         """
-        means = (self.pairs.mean(R) for R in (self.pairs.R_A, self.pairs.R_B))
+        means = (self.pairs.mean_R_A, self.pairs.mean(self.pairs.R_B))
         square = [0.5 * (3.0 - (mean * mean).sum(axis=(0, 1))) for mean in means]
         return np.asarray(np.sqrt(np.clip(np.minimum(*square), 0.0, None)))
 

@@ -55,6 +55,11 @@ class PairSets:
         """Translations ``(3, S)`` of B."""
         return np.ascontiguousarray(self.B[..., :3, 3].reshape(-1, 3).T)
 
+    @cached_property
+    def mean_R_A(self) -> FloatArray:
+        """Means ``(3, 3, T)`` of the rotations of A, as columns."""
+        return self.mean(self.R_A)
+
     def spread(self, values: FloatArray) -> FloatArray:
         """Values of the sets ``(..., T)`` for each of their pairs, ``(..., S)``.
 
@@ -169,8 +174,16 @@ def checked_pairs(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[Float
     InputError
         Another shape, too few pairs, or matrices that are not rigid transforms.
     """
-    # a copy: what is asked of a result later must not depend on what becomes of the arguments
-    A, B = np.array(se3.rigid(A, "A")), np.array(se3.rigid(B, "B"))
+    first, second = np.asarray(A, dtype=float), np.asarray(B, dtype=float)
+    # copies: what is asked of a result later must not depend on what becomes of the arguments
+    if first.shape == second.shape and se3.is_exactly_rigid(both := np.stack([first, second])):
+        return _of_one_shape(both[0], both[1], dimensions)
+    first, second = np.array(se3.rigid(first, "A")), np.array(se3.rigid(second, "B"))
+    return _of_one_shape(first, second, dimensions)
+
+
+def _of_one_shape(A: FloatArray, B: FloatArray, dimensions: int) -> tuple[FloatArray, FloatArray]:
+    """Refuse another number of dimensions, shapes that differ, and too few pairs."""
     shape = "(N, 4, 4)" if dimensions == 3 else "(T, N, 4, 4)"
     for name, array in (("A", A), ("B", B)):
         if array.ndim != dimensions:

@@ -295,7 +295,7 @@ def _deviation_and_determinant(T: FloatArray) -> tuple[FloatArray, FloatArray]:
     Component by component over all of them: far faster than a product for each.
     """
     rows = np.ascontiguousarray(T.reshape(-1, 16).T).reshape(4, 4, -1)[:3, :3]
-    gram = (rows[:, :, None] * rows[:, None, :]).sum(axis=0)
+    gram = np.einsum("iks,ils->kls", rows, rows)
     for k in range(3):
         gram[k, k] -= 1.0
     deviation = np.abs(gram, out=gram).max(axis=(0, 1))

@@ -174,12 +174,14 @@ def checked_pairs(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[Float
     InputError
         Another shape, too few pairs, or matrices that are not rigid transforms.
     """
-    first, second = np.asarray(A, dtype=float), np.asarray(B, dtype=float)
     # copies: what is asked of a result later must not depend on what becomes of the arguments
-    if first.shape == second.shape and se3.is_exactly_rigid(both := np.stack([first, second])):
-        return _of_one_shape(both[0], both[1], dimensions)
-    first, second = np.array(se3.rigid(first, "A")), np.array(se3.rigid(second, "B"))
-    return _of_one_shape(first, second, dimensions)
+    return _of_one_shape(_rigid_copy(A, "A"), _rigid_copy(B, "B"), dimensions)
+
+
+def _rigid_copy(T: ArrayLike, name: str) -> FloatArray:
+    """Rigid transforms ``(..., 4, 4)``, orthonormal to rounding, in an array of their own."""
+    copy = np.array(T, dtype=float)
+    return copy if se3.is_exactly_rigid(copy) else se3.rigid(copy, name)
 
 
 def _of_one_shape(A: FloatArray, B: FloatArray, dimensions: int) -> tuple[FloatArray, FloatArray]:

@@ -226,11 +226,12 @@ def is_exactly_rigid(T: FloatArray) -> bool:
     """Whether all of an array ``(..., 4, 4)`` are rigid transforms, to rounding."""
     if T.ndim < 2 or T.shape[-2:] != (4, 4) or not np.isfinite(T).all():
         return False
-    deviation, determinant = _deviation_and_determinant(T)
+    rows, gram, determinant = _rows_gram_and_determinant(T)
     return bool(
-        (T[..., 3, :] == [0.0, 0.0, 0.0, 1.0]).all()
-        and deviation.max(initial=0.0) < _EXACT
+        max(gram.max(initial=0.0), -gram.min(initial=0.0)) < _EXACT
         and determinant.min(initial=1.0) > 0.0
+        and not rows[3, :3].any()
+        and (rows[3, 3] == 1.0).all()
     )
 
 
@@ -290,22 +291,29 @@ def _checked(T: ArrayLike, name: str) -> tuple[FloatArray, FloatArray]:
 
 
 def _deviation_and_determinant(T: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Largest |RᵀR - I| and determinant ``(...)`` of the rotations of ``(..., 4, 4)``.
+    """Largest |RᵀR - I| and determinant ``(...)`` of the rotations of ``(..., 4, 4)``."""
+    _, gram, determinant = _rows_gram_and_determinant(T)
+    deviation = np.abs(gram, out=gram).max(axis=(0, 1))
+    return deviation.reshape(T.shape[:-2]), determinant.reshape(T.shape[:-2])
+
+
+def _rows_gram_and_determinant(T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Elements ``(4, 4, S)`` of transforms ``(..., 4, 4)``, RᵀR - I ``(3, 3, S)``, and det R.
 
     Component by component over all of them: far faster than a product for each.
     """
-    rows = np.ascontiguousarray(T.reshape(-1, 16).T).reshape(4, 4, -1)[:3, :3]
-    gram = np.einsum("iks,ils->kls", rows, rows)
+    rows = np.ascontiguousarray(T.reshape(-1, 16).T).reshape(4, 4, -1)
+    R = rows[:3, :3]
+    gram = np.einsum("iks,ils->kls", R, R)
     for k in range(3):
         gram[k, k] -= 1.0
-    deviation = np.abs(gram, out=gram).max(axis=(0, 1))
-    x, y, z = rows[:, 0], rows[:, 1], rows[:, 2]
+    x, y, z = R[:, 0], R[:, 1], R[:, 2]
     determinant = (
         x[0] * (y[1] * z[2] - y[2] * z[1])
         + x[1] * (y[2] * z[0] - y[0] * z[2])
         + x[2] * (y[0] * z[1] - y[1] * z[0])
     )
-    return deviation.reshape(T.shape[:-2]), determinant.reshape(T.shape[:-2])
+    return rows, gram, determinant
 
 
 def _place(index: Iterable[SupportsInt]) -> str:

@@ -11,8 +11,9 @@ from calib.posture_last import columns_of, turn
 from calib.robot_world.adjustment import adjust
 from calib.robot_world.errors_of_pairs import derivatives
 from calib.robot_world.methods import Method
-from calib.robot_world.noise import LEAST_NOISE, Noise, PairNoise, propagate
+from calib.robot_world.noise import LEAST_NOISE, Noise, PairNoise
 from calib.robot_world.pairs import PairSets
+from calib.robot_world.propagation import propagate
 from calib.robot_world.results import Estimate
 from calib.se3 import BoolArray, FloatArray
 

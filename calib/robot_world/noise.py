@@ -1,8 +1,7 @@
-"""Noise of measured pose pairs, and its way through a method to X and Z."""
+"""Noise of measured pose pairs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
@@ -12,24 +11,11 @@ from numpy.typing import ArrayLike
 from calib import se3
 from calib.errors import InputError, near_names
 from calib.robot_world.errors_of_pairs import ErrorModel, General, Isotropic
-from calib.robot_world.pairs import PairSets, own_order
-from calib.robot_world.results import Estimate
+from calib.robot_world.pairs import PairSets
 from calib.se3 import FloatArray
 
 Side = Literal["A", "B", "both"]
 Axes = Literal["to", "from"]
-Estimator = Callable[[PairSets], Estimate]
-
-_STEP = 1e-5
-"""Step of the central differences [rad, parts of the translations]: its square, the share that the
-next order takes, and the rounding of a solution divided by it are both far below a thousandth."""
-
-_EACH_ERROR, _DIRECTIONS = 100, 600
-"""Pairs up to which the derivatives by each error are taken, and directions in their place."""
-
-_PAIRS_AT_ONCE = 20_000
-"""Pairs that one call of the method sees: bounds the memory to some 100 MB."""
-
 
 LEAST_NOISE = 1e-15
 """Least standard deviation [rad, m] but 0: rounding is of that size."""
@@ -271,85 +257,3 @@ def difference(T: FloatArray, reference: FloatArray) -> FloatArray:
     turn = T[..., :3, :3] @ np.swapaxes(reference[..., :3, :3], -1, -2)
     shift = T[..., :3, 3] - reference[..., :3, 3]
     return np.concatenate([se3.rotation_log(turn), shift], axis=-1)
-
-
-def propagate(estimate: Estimator, A: FloatArray, B: FloatArray, noise: Noise) -> FloatArray:
-    """Covariance ``(12, 12)`` of X and Z by the first order of the method itself.
-
-    Parameters
-    ----------
-    estimate : callable
-        The method, for sets of pairs.
-    A, B : ndarray (N, 4, 4)
-        Measured transforms.
-    noise : PairNoise or PairCovariances
-        Their noise.
-
-    Returns
-    -------
-    ndarray (12, 12)
-        In the order and frames of :class:`~calib.robot_world.results.RobotWorldResult`.
-
-    Notes
-    -----
-    The derivatives of (X, Z) by the errors of the pairs are central differences of the method. Of
-    up to 100 pairs by each of their six errors a side; of more, whose number of problems would grow
-    with the square of N, by 600 random directions of all errors at once, always the same ones: the
-    standard deviations then have an error of 3 % of their own.
-    """
-    N = len(A)
-    roots = noise.roots(A, B)
-    sides = [root is not None for root in roots]
-    size = 6 * N * sum(sides)
-    order = own_order(A)
-    if N > _EACH_ERROR:
-        drawn = np.random.default_rng(0).standard_normal((_DIRECTIONS, sum(sides), N, 6))
-        directions = np.empty_like(drawn)
-        directions[:, :, order] = drawn / np.sqrt(_DIRECTIONS)
-    else:
-        directions = np.eye(size).reshape(size, sum(sides), N, 6)
-    errors = iter(np.moveaxis(directions, 1, 0))
-    both = [None if root is None else _turned(root, next(errors)) for root in roots]
-    J = _derivatives(estimate, A, B, both[0], both[1])
-    return np.asarray(J @ J.T)
-
-
-def _turned(root: FloatArray, white: FloatArray) -> FloatArray:
-    """Errors ``(K, N, 6)`` of one side by directions of white numbers ``(K, N, 6)``."""
-    return np.asarray((root @ white[..., None])[..., 0])
-
-
-def _derivatives(
-    estimate: Estimator,
-    A: FloatArray,
-    B: FloatArray,
-    errors_A: FloatArray | None,
-    errors_B: FloatArray | None,
-) -> FloatArray:
-    """Derivatives ``(12, K)`` of the errors of X and Z along directions ``(K, N, 6)`` of errors.
-
-    Steps are as long as their largest component allows.
-    """
-    given = [errors for errors in (errors_A, errors_B) if errors is not None]
-    count, N = given[0].shape[:2]
-    unit = np.repeat([1.0, float(PairSets(A[None], B[None]).size[0])], 3)
-    largest = np.max([np.abs(errors / unit).max(axis=(1, 2)) for errors in given], axis=0)
-    scale = _STEP / np.where(largest > 0.0, largest, 1.0)
-    at_once = max(1, _PAIRS_AT_ONCE // (2 * N))
-    found = []
-    for first in range(0, count, at_once):
-        rows = slice(first, first + at_once)
-        size = scale[rows, None, None]
-        ends = estimate(PairSets(_ends(A, errors_A, rows, size), _ends(B, errors_B, rows, size)))
-        half = len(ends.X) // 2
-        moved = [difference(T[:half], T[half:]) for T in (ends.X, ends.Z)]
-        found.append(np.concatenate(moved, axis=-1) / (2.0 * scale[rows, None]))
-    return np.concatenate(found).T
-
-
-def _ends(T: FloatArray, errors: FloatArray | None, rows: slice, size: FloatArray) -> FloatArray:
-    """Transforms ``(2K, N, 4, 4)`` moved by some errors, there and back."""
-    if errors is None:
-        return np.broadcast_to(T, (2 * len(size), *T.shape))
-    step = size * errors[rows]
-    return perturb(T, np.concatenate([step, -step]))

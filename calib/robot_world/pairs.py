@@ -86,11 +86,8 @@ class PairSets:
 
     @cached_property
     def _square_moved(self) -> FloatArray:
-        square = np.zeros(self.T)
-        for p in (self.p_A, self.p_B):
-            from_mean = p - self.spread(self.mean(p))
-            square += self.mean((from_mean * from_mean).sum(axis=0))
-        return square
+        each = (p.reshape(3, self.T, self.N).var(axis=-1) for p in (self.p_A, self.p_B))
+        return np.asarray(sum(variance.sum(axis=0) for variance in each))
 
     @cached_property
     def kronecker_mean(self) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib import se3
 from calib.posture_last import columns_of, product, rotation_log, transposed, turn
-from calib.robot_world.adjustment import Fit
+from calib.robot_world.fit import Fit
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:

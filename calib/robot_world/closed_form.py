@@ -74,7 +74,7 @@ def rotations(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
     sign = np.where(volume[1] < 0.0, -1.0, 1.0)
     R_X, R_Z = nearest_rotations(np.tile(sign, 2)[:, None, None] * both).reshape(2, -1, 3, 3)
     flat = np.abs(volume).min(axis=0) < _FLAT
-    if flat.any():
+    if flat.any() and not pairs.tentative:
         R_X[flat], R_Z[flat] = _alternated(pairs.kronecker_mean[flat], R_X[flat])
     return R_X, R_Z
 

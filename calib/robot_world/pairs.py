@@ -24,6 +24,9 @@ class PairSets:
     ----------
     A, B : ndarray (T, N, 4, 4)
         Rigid transforms with rotations orthonormal to rounding, in any unit of length.
+    tentative : bool
+        Whether a solution is one of many to be tried: no trouble is then taken where the closed
+        form has none that is worth it.
 
     Notes
     -----
@@ -31,8 +34,8 @@ class PairSets:
     set: see :mod:`calib.posture_last`.
     """
 
-    def __init__(self, A: FloatArray, B: FloatArray) -> None:
-        self.A, self.B = A, B
+    def __init__(self, A: FloatArray, B: FloatArray, *, tentative: bool = False) -> None:
+        self.A, self.B, self.tentative = A, B, tentative
         self.T, self.N = A.shape[:2]
 
     @cached_property

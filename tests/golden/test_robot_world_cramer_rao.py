@@ -109,15 +109,15 @@ def test_error_reaches_the_bound(pairs, on):
 @pytest.mark.parametrize("on", ["B", "A", "both"])
 @pytest.mark.parametrize("pairs", [5, 10, 20, 50])
 def test_error_reaches_the_bound_closely(pairs, on, cone_deg):
-    """10,000 trials: chance is 0.8 % at most, 5 % is six deviations."""
-    assert_reaches(errors_over_bound("ml", pairs, cone_deg, on, 200, 50), 4.5)
+    """4,000 trials: chance is 1 % at most, 5 % is five deviations."""
+    assert_reaches(errors_over_bound("ml", pairs, cone_deg, on, 100, 40), 4.5)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("pairs", [10, 20])
 def test_estimated_noise_costs_next_to_nothing(pairs):
     """The two sizes of the noise weigh rotations against translations: a rough ratio will do."""
-    assert_reaches(errors_over_bound("ml", pairs, None, "B", 200, 50, given=False), 4.5)
+    assert_reaches(errors_over_bound("ml", pairs, None, "B", 100, 40, given=False), 4.5)
 
 
 def test_methods_that_do_not_weigh_by_the_noise_miss_the_bound():

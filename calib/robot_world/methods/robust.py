@@ -147,7 +147,8 @@ def _solved(A: FloatArray, B: FloatArray, index: IntArray) -> tuple[FloatArray, 
     """X and Z ``(T, K, 4, 4)`` of the pairs ``(T, K, few)`` of sets ``(T, N, 4, 4)``."""
     T, K, few = index.shape
     trial = np.arange(T)[:, None, None]
-    sets = PairSets(*(M[trial, index].reshape(T * K, few, 4, 4) for M in (A, B)))
+    drawn = (M[trial, index].reshape(T * K, few, 4, 4) for M in (A, B))
+    sets = PairSets(*drawn, tentative=True)
     X, Z = sets.rotations_first
     return X.reshape(T, K, 4, 4), Z.reshape(T, K, 4, 4)
 

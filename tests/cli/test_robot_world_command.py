@@ -218,7 +218,7 @@ def test_fixed_camera(cli: Cli, tmp_path: Path, measured: Any) -> None:
 
 def test_answer_in_the_names_of_opencv(cli: Cli, tmp_path: Path, measured: Any) -> None:
     """Against OpenCV itself, on its own input."""
-    cv2 = pytest.importorskip("cv2")
+    cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed")
     pairs, _, _ = measured
     world2cam, base2gripper = inverse(pairs.B), inverse(pairs.A)
     path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, world2cam, base2gripper))

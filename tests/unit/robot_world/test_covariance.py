@@ -8,6 +8,10 @@ from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, so
 from calib.robot_world.noise import difference
 
 METHODS_WITH_COVARIANCE = [name for name in METHODS if name != "hirsh-literal"]
+LONG = [
+    pytest.param(name, marks=pytest.mark.slow) if name == "ml-robust" else name
+    for name in METHODS_WITH_COVARIANCE
+]
 SMALL = {"rotation_rad": 2e-4, "translation_m": 1e-4}
 """Noise small enough for the first order: squares of it are below a hundredth of it."""
 
@@ -39,7 +43,7 @@ def assert_agrees(predicted, observed, trials):
 
 
 @pytest.mark.parametrize("on", ["A", "B", "both"])
-@pytest.mark.parametrize("method", METHODS_WITH_COVARIANCE)
+@pytest.mark.parametrize("method", LONG)
 def test_covariance_is_the_scatter(method, on):
     rng = np.random.default_rng(1)
     problems = random_problems(rng, 1, 6)

@@ -1,6 +1,24 @@
 """Choosing poses out of a pool, from their blocks alone: arrays ``(N, m, p)``, no robot."""
 
-from posedesign.selection.greedy import select_fewest
-from posedesign.selection.selection import Selection
+from posedesign.selection.criteria import CRITERIA, Criterion
+from posedesign.selection.criteria.registry import (
+    criterion_by_name,
+    largest_deviation,
+    mean_deviation,
+    wanted_deviations,
+)
+from posedesign.selection.select import METHODS, select
+from posedesign.selection.selection import Fewest, Selection
 
-__all__ = ["Selection", "select_fewest"]
+__all__ = [
+    "CRITERIA",
+    "METHODS",
+    "Criterion",
+    "Fewest",
+    "Selection",
+    "criterion_by_name",
+    "largest_deviation",
+    "mean_deviation",
+    "select",
+    "wanted_deviations",
+]

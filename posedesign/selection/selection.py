@@ -1,4 +1,4 @@
-"""What a choice of poses out of a pool consists of."""
+"""What a choice of poses out of a pool consists of, and how far it is from the best there is."""
 
 from __future__ import annotations
 
@@ -7,41 +7,49 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.se3 import FloatArray, IntArray
+from posedesign.selection.criteria.base import Criterion
+from posedesign.selection.relaxation.relaxation import Relaxation
 
-REACHED, OUT_OF_REACH = "reached", "out of reach"
+PROVEN = 0.9995
+"""Efficiency from which a choice is called the best there is."""
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Poses chosen out of a pool, and how well they determine the parameters.
+    """Poses chosen out of a pool.
 
     Attributes
     ----------
     indices : ndarray of int (n,)
-        Into the pool, ascending; all of it where the wanted deviations are out of reach.
-    sigma : ndarray (p,)
-        Standard deviations with these poses, in the units of the blocks; infinite where they do
-        not determine all parameters.
-    wanted : ndarray (p,)
-        Largest standard deviations asked for; infinite where any will do.
-    status : str
-        ``"reached"`` or ``"out of reach"``.
-    indices_of_fewer, sigma_of_fewer : ndarray (n - 1,), (p,)
-        The best choice found of one pose fewer, which does not reach what is wanted. The same as
-        those above where already the whole pool does not.
+        Into the pool, ascending, with those that were kept.
+    criterion : Criterion
+        What they were chosen by.
+    value : float
+        Of the choice, as the criterion is known; see ``criterion.title``.
+    bound : float
+        What no choice of as many poses can be better than; NaN where it was not asked for.
+    efficiency : float
+        In terms of information, 0 to 1: .97 proves that no choice of less than .97 n poses can be
+        as good. Of condition numbers the bound over the value.
+    covariance : ndarray (p, p)
+        Predicted, in the units of the blocks; infinite where not all is identified.
+    relaxation : Relaxation or None
+        Where the bound is from.
+    values_of_starts : tuple of float
+        What each start came to.
+    duplicates : int
+        Candidates that are there more than once, and were offered once.
     """
 
     indices: IntArray
-    sigma: FloatArray
-    wanted: FloatArray
-    status: str
-    indices_of_fewer: IntArray
-    sigma_of_fewer: FloatArray
-
-    @property
-    def reached(self) -> bool:
-        """Whether all standard deviations are as small as wanted."""
-        return self.status == REACHED
+    criterion: Criterion
+    value: float
+    bound: float
+    efficiency: float
+    covariance: FloatArray
+    relaxation: Relaxation | None
+    values_of_starts: tuple[float, ...]
+    duplicates: int
 
     @property
     def count(self) -> int:
@@ -49,42 +57,74 @@ class Selection:
         return len(self.indices)
 
     @property
-    def value(self) -> float:
-        """Largest standard deviation over the wanted one: at most 1 where these are reached."""
-        return largest_share(self.sigma, self.wanted)
+    def sigma(self) -> FloatArray:
+        """Predicted standard deviations ``(p,)``, in the units of the blocks."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
-    def value_of_fewer(self) -> float:
-        """The same with one pose fewer."""
-        return largest_share(self.sigma_of_fewer, self.wanted)
-
-    @property
-    def tightest(self) -> int:
-        """Index of the parameter that decides."""
-        limited = np.flatnonzero(np.isfinite(self.wanted))
-        return int(limited[np.argmax(self.sigma[limited] / self.wanted[limited])])
+    def status(self) -> str:
+        """``"best"`` (proven), ``"bounded"``, ``"no bound"`` or ``"not identifiable"``."""
+        if not np.isfinite(self.sigma).all():
+            return "not identifiable"
+        if np.isnan(self.efficiency):
+            return "no bound"
+        return "best" if self.efficiency >= PROVEN else "bounded"
 
     @property
     def message(self) -> str:
         """The outcome in a sentence."""
-        if self.reached:
-            less = f"one pose fewer would leave {self.value_of_fewer:.3g} of it"
-            if np.isinf(self.value_of_fewer):
-                less = "one pose fewer would not determine all parameters"
-            return (
-                f"{self.count} poses reach {self.value:.3g} of the largest deviation wanted; {less}"
+        name = self.criterion.name
+        text = f"{self.count} poses: {name} {self.value:.4g}"
+        if self.status == "not identifiable":
+            return f"{self.count} poses do not determine all parameters"
+        if np.isfinite(self.efficiency):
+            side = "below" if self.criterion.smaller_is_better else "above"
+            text += (
+                f"; proven: none of {self.count} is {side} {self.bound:.4g} "
+                f"(efficiency {self.efficiency:.3f})"
             )
-        if np.isinf(self.value):
-            return f"all {self.count} poses together do not determine all parameters"
-        # n-fold repetition of every pose divides each deviation by the root of n
-        times = int(np.ceil(self.value**2))
-        return (
-            f"all {self.count} poses together leave {self.value:.3g} times the deviation wanted: "
-            f"each of them would have to be measured {times} times"
-        )
+        if self.duplicates:
+            text += f"; {self.duplicates} candidates are there more than once and were offered once"
+        return text
 
 
-def largest_share(sigma: FloatArray, wanted: FloatArray) -> float:
-    """Largest of the standard deviations ``(p,)`` over those wanted, where any are."""
-    limited = np.isfinite(wanted)
-    return float(np.max(sigma[limited] / wanted[limited]))
+@dataclass(frozen=True, eq=False)
+class Fewest:
+    """The fewest poses that reach a value.
+
+    Attributes
+    ----------
+    selection : Selection
+        The poses; where the value is out of reach, the best that was found.
+    fewer : Selection or None
+        The best choice found of one pose fewer, which does not reach it.
+    wanted : float
+        The value asked for.
+    reached : bool
+    at_least : int
+        Proven: fewer poses than that cannot reach it.
+    """
+
+    selection: Selection
+    fewer: Selection | None
+    wanted: float
+    reached: bool
+    at_least: int
+
+    @property
+    def message(self) -> str:
+        """The outcome in a sentence."""
+        found, name = self.selection, self.selection.criterion.name
+        if not self.reached:
+            if not np.isfinite(found.value) or found.status == "not identifiable":
+                return f"all {found.count} poses together do not determine all parameters"
+            return (
+                f"out of reach: the best that the pool gives is {name} {found.value:.4g} with "
+                f"{found.count} poses, {self.wanted:.4g} is wanted"
+            )
+        text = f"{found.count} poses reach {name} {found.value:.4g} ({self.wanted:.4g} wanted)"
+        if self.fewer is not None:
+            text += f"; {self.fewer.count} were found to reach {self.fewer.value:.4g} only"
+        if self.at_least >= found.count:
+            return text + "; proven: fewer cannot"
+        return text + f"; proven: fewer than {self.at_least} cannot"

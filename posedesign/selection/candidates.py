@@ -1,0 +1,228 @@
+"""The poses that a choice is made from, as blocks, and what is known besides them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError, NotIdentifiableError
+from calib.se3 import FloatArray, IntArray
+
+RANK_TOLERANCE = 1e-9
+"""Smallest singular value, relative to the largest, of columns of unit length that still counts."""
+
+CHUNK = 1 << 20
+"""Numbers of temporaries at once: what does not fit the cache takes longer, and much of it would
+take the memory that a million candidates need."""
+
+_NAMED = 0.1
+"""Parameters whose weight in an invisible combination is below this are not named in it."""
+
+_ONE_IN_A_BLOCK = 3
+"""Dimensions of an array of blocks ``(N, m, p)``."""
+
+
+class Candidates:
+    """A pool of poses.
+
+    Columns are divided by their root mean square over the pool, so that parameters in any units
+    meet as equals in the arithmetic. All that takes or gives matrices ``(p, p)`` is in these
+    scaled parameters; :attr:`scale` leads back.
+
+    Parameters
+    ----------
+    blocks : array_like (N, m, p)
+        Whitened Jacobians, rows of unit variance; for condition numbers, the regressor.
+    known : array_like (M, p), optional
+        Rows of the same kind that are there anyway: poses already measured, priors.
+    names : sequence of str, optional
+        Of the parameters, for errors.
+    largest : array_like (N, p), optional
+        Largest absolute entries of the columns of each block, where not those of ``blocks``.
+
+    Attributes
+    ----------
+    J : ndarray (N, m, p)
+        Scaled blocks.
+    known : ndarray (p, p)
+        Scaled information that is there anyway.
+    scale : ndarray (p,)
+        What the columns were divided by.
+
+    Raises
+    ------
+    InputError
+        Another shape, or numbers that are not finite.
+    """
+
+    def __init__(
+        self,
+        blocks: ArrayLike,
+        known: ArrayLike | None = None,
+        names: Sequence[str] | None = None,
+    ) -> None:
+        given = np.asarray(blocks, dtype=float)
+        if given.ndim != _ONE_IN_A_BLOCK or 0 in given.shape:
+            raise InputError(
+                f"a pool needs blocks (N, m, p), not an array of shape {given.shape}",
+                name="blocks",
+            )
+        p = given.shape[2]
+        rows = np.zeros((0, p)) if known is None else np.asarray(known, dtype=float).reshape(-1, p)
+        self.names = tuple(f"column {k + 1}" for k in range(p)) if names is None else tuple(names)
+        if len(self.names) != p:
+            raise InputError(f"{len(self.names)} names for {p} parameters", name="names")
+        squares = np.einsum("nmp,nmp->p", given, given)
+        if not np.isfinite(squares).all() or not np.isfinite(rows).all():
+            raise InputError(
+                "the blocks contain numbers that are not finite"
+                + _first_not_finite(given) * (not np.isfinite(squares).all()),
+                hint="leave those poses out",
+                name="blocks",
+            )
+        length = np.sqrt((squares + (rows**2).sum(axis=0)) / len(given))
+        self.scale = np.where(length > 0.0, length, 1.0)
+        self.J = np.ascontiguousarray(given / self.scale)
+        self._known_rows = rows / self.scale
+        self.known = self._known_rows.T @ self._known_rows
+
+    @property
+    def N(self) -> int:
+        """Number of candidates."""
+        return len(self.J)
+
+    @property
+    def m(self) -> int:
+        """Rows of each."""
+        return self.J.shape[1]
+
+    @property
+    def p(self) -> int:
+        """Number of parameters."""
+        return self.J.shape[2]
+
+    def take(self, rows: IntArray) -> Candidates:
+        """Some of the candidates, in the same scaling."""
+        some = object.__new__(Candidates)
+        some.names, some.scale, some.known = self.names, self.scale, self.known
+        some._known_rows = self._known_rows
+        some.J = np.ascontiguousarray(self.J[rows])
+        return some
+
+    def knowing(self, rows: IntArray) -> Candidates:
+        """The same pool with some of its candidates taken for known."""
+        other = object.__new__(Candidates)
+        other.names, other.scale, other.J = self.names, self.scale, self.J
+        other._known_rows = np.vstack([self._known_rows, self.J[rows].reshape(-1, self.p)])
+        other.known = other._known_rows.T @ other._known_rows
+        return other
+
+    def chunks(self, width: int) -> Iterator[slice]:
+        """Slices of candidates whose temporaries of so many numbers each are not too large."""
+        size = max(1, CHUNK // max(width, 1))
+        return (slice(i, i + size) for i in range(0, self.N, size))
+
+    def information(self, rows: IntArray) -> FloatArray:
+        """Of a choice, and of what is known ``(p, p)``."""
+        stacked = self.J[rows].reshape(-1, self.p)
+        return np.asarray(self.known + stacked.T @ stacked)
+
+    def weighted(self, weights: FloatArray) -> FloatArray:
+        """Information ``(p, p)`` of candidates that count by weights ``(N,)``, and of the known."""
+        total = self.known.copy()
+        for part in self.chunks(2 * self.m * self.p):
+            J = self.J[part]
+            rows = J.reshape(-1, self.p)
+            total += rows.T @ (J * weights[part, None, None]).reshape(-1, self.p)
+        return total
+
+    @cached_property
+    def whole(self) -> FloatArray:
+        """Information ``(p, p)`` of the pool and the known."""
+        return self.weighted(np.ones(self.N))
+
+    def root(self, rows: IntArray) -> FloatArray:
+        """Rows ``(M, p)`` of a choice and of the known: their product is the information."""
+        return np.vstack([self._known_rows, self.J[rows].reshape(-1, self.p)])
+
+    def scores(self, Z: FloatArray) -> FloatArray:
+        """``trace(Z Jᵀ J)`` of every candidate ``(N,)``, for a symmetric ``Z`` (p, p)."""
+        values, vectors = np.linalg.eigh(Z)
+        seen = np.abs(values) > np.finfo(float).eps * np.abs(values).max(initial=0.0)
+        V, signs = vectors[:, seen] * np.sqrt(np.abs(values[seen])), np.sign(values[seen])
+        out = np.empty(self.N)
+        for part in self.chunks(self.m * max(V.shape[1], 1)):
+            moved = self.J[part] @ V
+            out[part] = np.einsum("nmr,nmr,r->n", moved, moved, signs)
+        return out
+
+    @cached_property
+    def largest(self) -> FloatArray:
+        """Largest absolute entry of each column in each block, ``(N, p)``."""
+        return np.asarray(np.abs(self.J).max(axis=1))
+
+    @cached_property
+    def largest_known(self) -> FloatArray:
+        """The same of the known rows ``(p,)``."""
+        return np.asarray(np.abs(self._known_rows).max(axis=0, initial=0.0))
+
+    def check_identifiable(self) -> None:
+        """Check that the whole pool, with the known, tells all parameters apart.
+
+        Raises
+        ------
+        NotIdentifiableError
+            Parameters that no choice can identify, by name.
+        """
+        hidden = _hidden(self._triangle())
+        if not len(hidden):
+            return
+        share = np.abs(hidden).max(axis=0)
+        blamed = [name for name, part in zip(self.names, share, strict=True) if part > _NAMED]
+        raise NotIdentifiableError(
+            blamed,
+            [f"{len(hidden)} combination(s) of {', '.join(blamed)} change nothing in any pose"],
+        )
+
+    def _triangle(self) -> FloatArray:
+        """Triangular root ``(p, p)`` of the information of everything, not squared on the way."""
+        R = np.linalg.qr(np.vstack([self._known_rows, np.zeros((self.p, self.p))]), mode="r")
+        for part in self.chunks(self.m * self.p):
+            R = np.linalg.qr(np.vstack([R, self.J[part].reshape(-1, self.p)]), mode="r")
+        return np.asarray(R)
+
+    def distinct(self) -> IntArray:
+        """The first of each set of equal candidates, ascending."""
+        flat = self.J.reshape(self.N, -1)
+        # equal blocks have equal keys; only those that share one are compared entry by entry
+        key = flat @ np.random.default_rng(0).normal(size=flat.shape[1])
+        order = np.lexsort((np.arange(self.N), key))
+        run = np.cumsum(np.diff(key[order], prepend=key[order[0]]) != 0.0)
+        keep = np.ones(self.N, dtype=bool)
+        shared = np.flatnonzero(np.bincount(run)[run] > 1)
+        for members in np.split(shared, np.flatnonzero(np.diff(run[shared])) + 1):
+            if len(members):
+                rows = np.sort(order[members])
+                _, first = np.unique(flat[rows], axis=0, return_index=True)
+                keep[rows] = False
+                keep[rows[first]] = True
+        return np.flatnonzero(keep)
+
+
+def _hidden(root: FloatArray) -> FloatArray:
+    """Unit combinations ``(h, p)`` of parameters that rows ``(M, p)`` do not see."""
+    length = np.linalg.norm(root, axis=0)
+    unit = root / np.where(length > 0.0, length, 1.0)
+    _, values, Vt = np.linalg.svd(unit)
+    return np.asarray(Vt[values <= RANK_TOLERANCE * values[0]])
+
+
+def _first_not_finite(blocks: FloatArray) -> str:
+    bad = ~np.isfinite(blocks).all(axis=(1, 2))
+    # a sum of squares can overflow although every number is finite
+    return f": candidate {int(np.argmax(bad)) + 1} is the first of {int(bad.sum())}" * bool(
+        bad.any()
+    )

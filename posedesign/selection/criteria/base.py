@@ -1,0 +1,121 @@
+"""A criterion, and what it comes to on one pool of candidates.
+
+Every criterion is brought to a *cost* that is made small. For all but the condition numbers the
+cost is a mean variance: geometric (D), arithmetic (A, I), largest (E, G). Its inverse is then a
+concave, homogeneous function of the information, an information function in the sense of
+Pukelsheim, Optimal Design of Experiments, 1993, chapter 5, and a bound that no choice of the pool
+can beat follows from any positive semidefinite matrix (:mod:`posedesign.selection.certificate`).
+The efficiency of a choice is the bound over its cost: .97 says that the best that can be had from
+any n poses of the pool takes at least .97 n poses' worth of measuring.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calib.se3 import FloatArray, IntArray
+from posedesign.selection.candidates import RANK_TOLERANCE, Candidates
+from posedesign.selection.ledger import Ledger
+
+if TYPE_CHECKING:
+    from posedesign.selection.relaxation.relaxation import Relaxation
+
+
+class Criterion(ABC):
+    """What is made best.
+
+    Attributes
+    ----------
+    name : str
+    title : str
+        In words.
+    smaller_is_better : bool
+        Of the value that is shown.
+    """
+
+    name: str
+    title: str
+    smaller_is_better: bool
+
+    @abstractmethod
+    def on(self, candidates: Candidates) -> Objective:
+        """The objective that it comes to on a pool."""
+
+    @abstractmethod
+    def shown(self, cost: float) -> float:
+        """The value that people know the criterion by, of a cost."""
+
+    @abstractmethod
+    def cost_of(self, value: float) -> float:
+        """The cost of a value that is shown."""
+
+
+class Objective(ABC):
+    """The cost of choices out of one pool; the smaller the better, infinite where not all is seen.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    """
+
+    def __init__(self, candidates: Candidates) -> None:
+        self.candidates = candidates
+
+    @property
+    def stages(self) -> Sequence[Objective]:
+        """Objectives for the exchange, one after the other: smoother ones first."""
+        return (self,)
+
+    @abstractmethod
+    def cost(self, rows: IntArray) -> float:
+        """Of a choice, computed without squaring its condition where that can be helped."""
+
+    @abstractmethod
+    def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
+        """Of the ledger's choice with each of some candidates ``(n,)`` taken in, or put back.
+
+        Parameters
+        ----------
+        ledger : Ledger
+        part : slice or ndarray of int
+            Of the candidates.
+        sign : float
+            +1: taken in; -1: put back.
+        """
+
+    @abstractmethod
+    def relax(self, count: int, tolerance: float) -> Relaxation:
+        """The best that fractions of candidates, ``count`` in all, can be, with its proof."""
+
+    @property
+    @abstractmethod
+    def width(self) -> int:
+        """Numbers of temporaries for each candidate in :meth:`costs`."""
+
+    def costs_with_each(self, ledger: Ledger) -> FloatArray:
+        """Cost ``(N,)`` of the choice with each candidate besides; infinite for those in it."""
+        out = np.empty(self.candidates.N)
+        for part in self.candidates.chunks(self.width):
+            out[part] = self.costs(ledger, part, 1.0)
+        out[ledger.chosen] = np.inf
+        return out
+
+    def costs_without(self, ledger: Ledger, rows: IntArray) -> FloatArray:
+        """Cost ``(n,)`` of the choice without each of some of its candidates."""
+        return self.costs(ledger, rows, -1.0)
+
+
+def covariance_of_root(root: FloatArray) -> FloatArray | None:
+    """Covariance ``(p, p)`` of rows ``(M, p)`` of information; None where not all is seen."""
+    length = np.linalg.norm(root, axis=0)
+    if len(root) < len(length) or not length.all():
+        return None
+    _, values, Vt = np.linalg.svd(root / length, full_matrices=False)
+    if values[-1] <= RANK_TOLERANCE * values[0]:
+        return None
+    half = Vt / values[:, None] / length
+    return np.asarray(half.T @ half)

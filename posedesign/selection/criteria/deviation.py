@@ -1,0 +1,176 @@
+"""Predicted standard deviations: mean (A, I) or largest (G) of any linear functions of parameters.
+
+Function k takes the parameters to ``L_k x`` with ``r`` rows, such as the position of the tool point
+at a place of the task box; its mean square error is ``trace(L_k C L_kᵀ)``. One function is the
+criterion A (all parameters), I (the whole box) or c (one named parameter); the largest of several
+is G. A test pose (Klimchik et al. 2015) is a box of one point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import FloatArray, IntArray
+from posedesign.selection.candidates import Candidates
+from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
+from posedesign.selection.criteria.volume import by_blocks, gram
+from posedesign.selection.ledger import Ledger, solve_root
+from posedesign.selection.relaxation.barrier import relax_smooth
+from posedesign.selection.relaxation.certificate import MeanCertificate
+from posedesign.selection.relaxation.relaxation import Relaxation, Smooth
+
+SHARPNESS = (2.0, 8.0, 32.0)
+"""Powers of the variances whose mean stands in for the largest, one exchange after the other: the
+larger, the nearer to the largest, and the less does it say of how to lower the others on the way."""
+
+SHARPEST = 512.0
+"""The same in the relaxation: the mean of up to a hundred is then within 1 % of the largest."""
+
+
+class Deviation(Criterion):
+    """Largest of the root mean square errors of linear functions of the parameters.
+
+    Parameters
+    ----------
+    functions : ndarray (K, r, p)
+        Rows of each; where there is one only, it is that which is made small.
+    name, title : str
+    squared : bool
+        Show the mean square in place of its root, as A-optimality is known.
+    """
+
+    smaller_is_better = True
+
+    def __init__(
+        self, functions: FloatArray, name: str, title: str, *, squared: bool = False
+    ) -> None:
+        self.functions = np.asarray(functions, dtype=float)
+        if self.functions.ndim != 3 or 0 in self.functions.shape:
+            raise InputError(
+                f"functions of the parameters have shape (K, r, p), not {self.functions.shape}",
+                name=name,
+            )
+        if not np.isfinite(self.functions).all() or not self.functions.any(axis=(1, 2)).all():
+            raise InputError("a function of the parameters is zero or not finite", name=name)
+        self.name, self.title, self._squared = name, title, squared
+
+    def on(self, candidates: Candidates) -> DeviationObjective:
+        """See :meth:`Criterion.on`."""
+        if self.functions.shape[2] != candidates.p:
+            raise InputError(
+                f"functions of {self.functions.shape[2]} parameters, blocks of {candidates.p}",
+                name=self.name,
+            )
+        return DeviationObjective(candidates, _shortened(self.functions / candidates.scale))
+
+    def shown(self, cost: float) -> float:
+        """Root mean square error, in the units of the functions."""
+        return cost if self._squared else float(np.sqrt(cost))
+
+    def cost_of(self, value: float) -> float:
+        """See :meth:`Criterion.cost_of`."""
+        return value if self._squared else value**2
+
+
+class DeviationObjective(Objective):
+    """Mean square errors on one pool.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    L : ndarray (K, r, p)
+        Functions, of scaled parameters.
+    power : float
+        Of the mean square errors in their mean.
+    """
+
+    def __init__(self, candidates: Candidates, L: FloatArray, power: float = np.inf) -> None:
+        super().__init__(candidates)
+        self.L = L
+        self._power = power if len(L) > 1 else np.inf
+
+    @property
+    def width(self) -> int:
+        """See :attr:`Objective.width`."""
+        return self.candidates.m * 3 * len(self.L) * self.L.shape[1]
+
+    @property
+    def stages(self) -> Sequence[DeviationObjective]:
+        """See :attr:`Objective.stages`."""
+        if len(self.L) == 1:
+            return (self,)
+        return [DeviationObjective(self.candidates, self.L, s) for s in (*SHARPNESS, np.inf)]
+
+    def cost(self, rows: IntArray) -> float:
+        """See :meth:`Objective.cost`."""
+        C = covariance_of_root(self.candidates.root(rows))
+        return np.inf if C is None else float(self._mean(self.squares(C)))
+
+    def squares(self, C: FloatArray) -> FloatArray:
+        """Mean square error ``(K,)`` of each function."""
+        return np.asarray(np.einsum("krp,pq,krq->k", self.L, C, self.L, optimize=True))
+
+    def _mean(self, squares: FloatArray) -> FloatArray:
+        """Of mean square errors ``(..., K)``."""
+        largest = np.max(squares, axis=-1)
+        if np.isinf(self._power):
+            return np.asarray(largest)
+        with np.errstate(invalid="ignore"):
+            parts = (squares / largest[..., None]) ** self._power
+        return np.asarray(largest * np.mean(parts, axis=-1) ** (1.0 / self._power))
+
+    def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
+        """See :meth:`Objective.costs`."""
+        K, r, p = self.L.shape
+        U = ledger.C @ self.L.reshape(-1, p).T
+        moved = np.moveaxis(self.candidates.J[part] @ U, 1, 0).copy()  # (m, n, K r)
+        solve_root(ledger.root_of_change(part, sign), moved)
+        change = np.einsum("mnk,mnk->nk", moved, moved).reshape(-1, K, r).sum(axis=-1)
+        found = self._mean(self.squares(ledger.C) - sign * change)
+        return np.asarray(np.where(np.isfinite(found), found, np.inf))
+
+    def smooth(self, candidates: Candidates, weights: FloatArray) -> Smooth:
+        """Logarithm of the cost of weights ``(n,)`` on candidates, with its derivatives."""
+        K, r, p = self.L.shape
+        C = np.linalg.inv(candidates.weighted(weights))
+        v = self.squares(C)
+        s = 1.0 if K == 1 else min(self._power, SHARPEST)
+        share = (v / v.max()) ** s
+        share /= share.sum()
+        LC = self.L @ C  # (K, r, p)
+        P = np.einsum("krp,krq,k->pq", LC, LC, share / v, optimize=True)
+        rows = candidates.J.reshape(-1, p)
+        curvature = 2.0 * by_blocks(gram(rows, P) * gram(rows, C), candidates.m)
+        moved = (rows @ LC.reshape(-1, p).T).reshape(candidates.N, candidates.m, K, r)
+        slopes = np.einsum("nmkr,nmkr->nk", moved, moved) / v
+        mean = slopes @ share
+        curvature += (s - 1.0) * (slopes * share) @ slopes.T - s * np.outer(mean, mean)
+        cost = v.max() * np.mean((v / v.max()) ** s) ** (1.0 / s) if K > 1 else v[0]
+        return Smooth(float(cost), P, curvature, weights_of_functions=share / v)
+
+    def at_power(self, power: float) -> DeviationObjective:
+        """The same with another power in the mean."""
+        return DeviationObjective(self.candidates, self.L, power)
+
+    def certificate_of(self, smooth: Smooth) -> MeanCertificate:
+        """The proof that the derivative at some weights gives.
+
+        The largest of the functions is never below any mean of them.
+        """
+        share = smooth.weights_of_functions / smooth.weights_of_functions.sum()
+        weighted = (self.L * np.sqrt(share)[:, None, None]).reshape(-1, self.candidates.p)
+        return MeanCertificate(smooth.Z, weighted.T, 1.0, total=True)
+
+    def relax(self, count: int, tolerance: float) -> Relaxation:
+        """See :meth:`Objective.relax`."""
+        return relax_smooth(self, self.candidates, count, tolerance)
+
+
+def _shortened(L: FloatArray) -> FloatArray:
+    """Functions ``(K, r, p)`` with at most p rows each and the same mean square errors."""
+    if L.shape[1] <= L.shape[2]:
+        return L
+    return np.asarray(np.linalg.qr(L, mode="r"))

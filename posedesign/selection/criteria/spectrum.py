@@ -1,0 +1,147 @@
+"""E, O3 and O5: means of the variances along the axes of the confidence ellipsoid.
+
+The mean of order infinity is the largest variance (E; O3 is the root of its inverse), that of order
+one half belongs to O5 of Sun and Hollerbach 2008.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from calib.se3 import FloatArray, IntArray
+from posedesign.selection.candidates import Candidates
+from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
+from posedesign.selection.ledger import Ledger, solve_root
+from posedesign.selection.relaxation.barrier import relax_smooth
+from posedesign.selection.relaxation.certificate import MeanCertificate
+from posedesign.selection.relaxation.cone import relax_smallest
+from posedesign.selection.relaxation.relaxation import Relaxation, Smooth
+
+Shown = Callable[[float], float]
+
+
+class Spectrum(Criterion):
+    """A mean of the variances along the axes of the ellipsoid.
+
+    Parameters
+    ----------
+    order : float
+        Of the mean; infinite: the largest.
+    name, title : str
+    shown, cost_of : callable
+        From the cost, a variance, to the value that is shown, and back.
+    interest : ndarray (p, k), optional
+        Combinations of the parameters that are of interest, as columns; all by default.
+    """
+
+    smaller_is_better = False
+
+    def __init__(
+        self,
+        order: float,
+        name: str,
+        title: str,
+        shown: Shown,
+        cost_of: Shown,
+        interest: FloatArray | None = None,
+    ) -> None:
+        self.name, self.title, self.interest = name, title, interest
+        self._order, self._shown, self._cost_of = order, shown, cost_of
+
+    def on(self, candidates: Candidates) -> SpectrumObjective:
+        """See :meth:`Criterion.on`."""
+        K = np.eye(candidates.p) if self.interest is None else self.interest
+        return SpectrumObjective(candidates, K / candidates.scale[:, None], self._order)
+
+    def shown(self, cost: float) -> float:
+        """See :meth:`Criterion.shown`."""
+        return self._shown(cost) if cost > 0.0 else np.inf
+
+    def cost_of(self, value: float) -> float:
+        """See :meth:`Criterion.cost_of`."""
+        return self._cost_of(value) if value > 0.0 else np.inf
+
+
+class SpectrumObjective(Objective):
+    """A mean of variances on one pool.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    K : ndarray (p, k)
+        Combinations of interest, in scaled parameters.
+    order : float
+    """
+
+    def __init__(self, candidates: Candidates, K: FloatArray, order: float) -> None:
+        super().__init__(candidates)
+        self.K = K
+        self._order = order
+
+    @property
+    def width(self) -> int:
+        """See :attr:`Objective.width`."""
+        k = self.K.shape[1]
+        return k * (2 * k + 2 * self.candidates.m)
+
+    def _mean(self, variances: FloatArray) -> FloatArray:
+        """Of variances ``(..., k)``."""
+        values = np.maximum(variances, 0.0)
+        if np.isinf(self._order):
+            return np.asarray(values.max(axis=-1))
+        return np.asarray(np.mean(values**self._order, axis=-1) ** (1.0 / self._order))
+
+    def cost(self, rows: IntArray) -> float:
+        """See :meth:`Objective.cost`."""
+        C = covariance_of_root(self.candidates.root(rows))
+        return np.inf if C is None else float(self._mean(np.linalg.eigvalsh(self.K.T @ C @ self.K)))
+
+    def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
+        """See :meth:`Objective.costs`."""
+        CK = ledger.C @ self.K
+        moved = np.moveaxis(self.candidates.J[part] @ CK, 1, 0).copy()  # (m, n, k)
+        solve_root(ledger.root_of_change(part, sign), moved)
+        possible = np.isfinite(moved).all(axis=(0, 2))
+        moved[:, ~possible] = 0.0
+        change = np.einsum("mni,mnj->nij", moved, moved, optimize=True)
+        found = self._mean(np.linalg.eigvalsh(self.K.T @ CK - sign * change))
+        return np.asarray(np.where(possible, found, np.inf))
+
+    def smooth(self, candidates: Candidates, weights: FloatArray) -> Smooth:
+        """Logarithm of the cost of weights ``(n,)``, of all parameters, with its derivatives."""
+        r = self._order
+        inverse = np.linalg.inv(self.K)  # information about K'x is that of x, moved by this
+        values, V = np.linalg.eigh(inverse @ candidates.weighted(weights) @ inverse.T)
+        parts = values**-r
+        total = parts.sum()
+        moved = inverse.T @ V
+        Z = (moved * (values ** (-r - 1.0) / total)) @ moved.T
+        rows = candidates.J @ moved  # (n, m, p)
+        each = np.swapaxes(rows, 1, 2) @ rows
+        slopes = np.einsum("npp,p->n", each, values ** (-r - 1.0) / total)
+        flat = each.reshape(candidates.N, -1)
+        divided = -_divided_differences(values, -r - 1.0) / total
+        curvature = (flat * divided.ravel()) @ flat.T - r * np.outer(slopes, slopes)
+        return Smooth(float(self._mean(1.0 / values)), Z, curvature)
+
+    def certificate_of(self, smooth: Smooth) -> MeanCertificate:
+        """The proof that the derivative at some weights gives."""
+        return MeanCertificate(smooth.Z, self.K, self._order)
+
+    def relax(self, count: int, tolerance: float) -> Relaxation:
+        """See :meth:`Objective.relax`."""
+        if np.isinf(self._order):
+            return relax_smallest(self.candidates, self.K, count, tolerance)
+        return relax_smooth(self, self.candidates, count, tolerance)
+
+
+def _divided_differences(values: FloatArray, power: float) -> FloatArray:
+    """First divided differences ``(p, p)`` of ``x^power``; its derivative where values are near."""
+    a, b = values[:, None], values[None]
+    difference = a - b
+    near = np.abs(difference) < 1e-6 * (a + b)
+    middle = (a + b) / 2.0
+    apart = (a**power - b**power) / np.where(near, 1.0, difference)
+    return np.asarray(np.where(near, power * middle ** (power - 1.0), apart))

@@ -1,0 +1,128 @@
+"""What a choice of poses knows, kept up to date as poses are taken in and put back.
+
+A pose changes the covariance C by an update of as many ranks as it has rows::
+
+    C ∓ C Jᵀ (1 ± J C Jᵀ)⁻¹ J C
+
+With it go the leverages ``J C Jᵀ`` of all candidates, at the cost of one thin product, so that
+after every change all candidates can be judged without a matrix of parameters being inverted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.se3 import BoolArray, FloatArray, IntArray
+from posedesign.selection.candidates import Candidates
+
+FAINT = 1e-6
+"""Part of the pool's mean information, for each pose chosen, that is there before the first: what
+is not yet determined is then known a thousand times worse than by the pool, not infinitely badly."""
+
+
+class Ledger:
+    """A choice out of a pool.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    rows : ndarray of int (n,)
+        The choice to begin with.
+    count : int
+        Poses to be chosen in the end.
+
+    Attributes
+    ----------
+    M, C : ndarray (p, p)
+        Information and covariance of the choice [scaled].
+    S : ndarray (m, m, N)
+        Leverages ``J C Jᵀ`` of the candidates, candidate last.
+    chosen : ndarray (N,) of bool
+    """
+
+    def __init__(self, candidates: Candidates, rows: IntArray, count: int) -> None:
+        self.candidates = candidates
+        self.chosen: BoolArray = np.zeros(candidates.N, dtype=bool)
+        self.chosen[rows] = True
+        self._faint = FAINT * count / candidates.N * candidates.whole
+        # the last digits of what has no information at all must not decide
+        self._faint[np.diag_indices(candidates.p)] += FAINT**2
+        self.refresh()
+
+    @property
+    def rows(self) -> IntArray:
+        """The choice, ascending."""
+        return np.flatnonzero(self.chosen)
+
+    def refresh(self) -> None:
+        """Compute everything anew: updates gather rounding."""
+        J = self.candidates.J
+        self.M = self.candidates.information(self.rows) + self._faint
+        self.C = np.asarray(np.linalg.inv(self.M))
+        N, m, _ = J.shape
+        self.S = np.empty((m, m, N))
+        for part in self.candidates.chunks(2 * self.candidates.m * self.candidates.p):
+            moved = J[part] @ self.C
+            self.S[:, :, part] = np.einsum("nap,nbp->abn", moved, J[part])
+
+    def take(self, row: int) -> None:
+        """Take a candidate in."""
+        self._change(row, 1.0)
+
+    def drop(self, row: int) -> None:
+        """Put a candidate back."""
+        self._change(row, -1.0)
+
+    def _change(self, row: int, sign: float) -> None:
+        J = self.candidates.J
+        own = J[row]  # (m, p)
+        inner = np.eye(len(own)) + sign * own @ self.C @ own.T
+        values, vectors = np.linalg.eigh(inner)
+        U = self.C @ own.T @ (vectors / np.sqrt(np.maximum(values, np.finfo(float).tiny)))
+        self.C = self.C - sign * U @ U.T
+        self.M = self.M + sign * own.T @ own
+        self.chosen[row] = sign > 0.0
+        for part in self.candidates.chunks(2 * self.candidates.m**2):
+            moved = np.moveaxis(J[part] @ U, 1, 0)  # (m, chunk, m)
+            for a in range(len(moved)):
+                for b in range(a, len(moved)):
+                    change = sign * np.einsum("nr,nr->n", moved[a], moved[b])
+                    self.S[a, b, part] -= change
+                    if a != b:
+                        self.S[b, a, part] -= change
+
+    def root_of_change(self, part: slice | IntArray, sign: float) -> FloatArray:
+        """Triangular roots ``(m, m, n)`` of ``1 ± J C Jᵀ``, by columns; zero where there is none."""
+        A = sign * self.S[:, :, part]
+        m = len(A)
+        A[np.arange(m), np.arange(m)] += 1.0
+        for a in range(m):
+            pivot = np.sqrt(np.maximum(A[a, a], 0.0))
+            inverse = np.divide(1.0, pivot, out=np.zeros_like(pivot), where=pivot > 0.0)
+            A[a, a] = pivot
+            A[a + 1 :, a] *= inverse
+            for b in range(a + 1, m):
+                A[b:, b] -= A[b:, a] * A[b, a]
+        return A
+
+
+def log_det_of_root(root: FloatArray) -> FloatArray:
+    """Logarithm ``(n,)`` of the determinant of what triangular roots ``(m, m, n)`` are those of."""
+    diagonal = np.prod(np.einsum("aan->an", root), axis=0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(2.0 * np.log(diagonal))
+
+
+def solve_root(root: FloatArray, moved: FloatArray) -> FloatArray:
+    """Forward substitution of ``moved`` (m, n, r) by triangular roots ``(m, m, n)``, in place.
+
+    Infinite where a root is singular: the change cannot be made.
+    """
+    for a in range(len(root)):
+        for b in range(a):
+            moved[a] -= root[a, b][:, None] * moved[b]
+        pivot = root[a, a]
+        inverse = np.divide(1.0, pivot, out=np.full_like(pivot, np.inf), where=pivot > 0.0)
+        with np.errstate(invalid="ignore"):
+            moved[a] *= inverse[:, None]
+    return moved

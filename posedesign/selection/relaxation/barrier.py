@@ -1,0 +1,180 @@
+"""The best weights by an interior-point method on a part of the pool that grows.
+
+At the optimum few candidates count in part: no more than there are entries in the information
+matrix. So the problem is solved on a working set, by Newton's method with second derivatives; one
+pass over the whole pool then proves a bound, and names the candidates that are missing from the
+set. The cost of a pass grows with the pool, all else with the working set alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import scipy.linalg
+
+from calib.se3 import FloatArray, IntArray
+from posedesign.selection.candidates import Candidates
+from posedesign.selection.relaxation.certificate import Certificate
+from posedesign.selection.relaxation.relaxation import Relaxation, Smooth, sum_of_largest
+
+MOST_ROUNDS = 40
+"""Working sets; about ten are seen in pools of a million."""
+
+MOST_STEPS = 60
+"""Newton steps on one working set; about fifteen are seen."""
+
+TO_THE_WALL = 0.98
+"""Part of the way to the next bound that a step goes at most."""
+
+INNER = 0.2
+"""Part of the tolerance to which a working set is solved."""
+
+AT_ZERO = 1e-6
+"""Weights below do not count, and leave the working set."""
+
+
+class SmoothObjective(Protocol):
+    """What is minimised here."""
+
+    def smooth(self, candidates: Candidates, weights: FloatArray) -> Smooth:
+        """Logarithm of the cost, with its derivatives."""
+
+    def certificate_of(self, smooth: Smooth) -> Certificate:
+        """The proof that the derivative at some weights gives."""
+
+
+@dataclass
+class _Best:
+    """The strongest proof so far."""
+
+    bound: float = 0.0
+    certificate: Certificate | None = None
+
+
+def relax_smooth(
+    objective: SmoothObjective, candidates: Candidates, count: int, tolerance: float
+) -> Relaxation:
+    """The best weights, and a bound that is within a part ``tolerance`` of what they cost."""
+    N = candidates.N
+    if count >= N:
+        smooth = objective.smooth(candidates, np.ones(N))
+        proof = objective.certificate_of(smooth)
+        return Relaxation(np.ones(N), smooth.cost, proof, proof.bound(candidates, count))
+    working = _first(candidates, count)
+    weights = np.full(len(working), count / len(working))
+    best = _Best()
+    for _ in range(MOST_ROUNDS):
+        part = candidates.take(working)
+        weights, smooth = _minimise(objective, part, count, weights, INNER * tolerance)
+        proof = objective.certificate_of(smooth)
+        bound = proof.bound(candidates, count)
+        if bound > best.bound:
+            best = _Best(bound, proof)
+        if best.bound >= (1.0 - tolerance) * smooth.cost:
+            break
+        grown = _grown(candidates, working, weights, smooth.Z, count)
+        if grown is None:
+            break  # the set has all that could help: what is left is the precision of the steps
+        working, weights = grown
+    out = np.zeros(N)
+    out[working] = weights
+    return Relaxation(out, smooth.cost, best.certificate, best.bound)
+
+
+def _first(candidates: Candidates, count: int) -> IntArray:
+    """Candidates to begin with: spread over the pool, so that they see what the pool sees."""
+    size = min(candidates.N, max(3 * count, 4 * candidates.p, 60))
+    if size == candidates.N:
+        return np.arange(size)
+    # fixed: the same pool gives the same choice
+    return np.sort(np.random.default_rng(0).choice(candidates.N, size, replace=False))
+
+
+def _grown(
+    candidates: Candidates, working: IntArray, weights: FloatArray, Z: FloatArray, count: int
+) -> tuple[IntArray, FloatArray] | None:
+    """The working set with the best of the rest, and without what does not count."""
+    scores = candidates.scores(Z)
+    inside = np.zeros(candidates.N, dtype=bool)
+    inside[working] = True
+    least = np.partition(scores, candidates.N - count)[candidates.N - count]
+    missing = np.flatnonzero(~inside & (scores >= least * (1.0 - 1e-12)))
+    room = max(2 * count, 3 * candidates.p, 60)
+    # those next in line, too: they will be wanted once the first have been taken in
+    outside = np.where(inside, -np.inf, scores)
+    take = min(room, int((~inside).sum()))
+    if not len(missing) or not take:
+        return None
+    added = np.argpartition(outside, candidates.N - take)[candidates.N - take :]
+    added = added[scores[added] > 0.8 * least]
+    counts = (weights > AT_ZERO) | (scores[working] >= least)
+    grown = np.concatenate([working[counts], added])
+    start = np.concatenate([weights[counts], np.zeros(len(added))])
+    # away from the walls, where steps would be short
+    start = 0.9 * start * count / start.sum() + 0.1 * count / len(grown)
+    order = np.argsort(grown)
+    return grown[order], np.minimum(start, 1.0)[order]
+
+
+def _minimise(
+    objective: SmoothObjective,
+    part: Candidates,
+    count: int,
+    weights: FloatArray,
+    tolerance: float,
+) -> tuple[FloatArray, Smooth]:
+    """Primal-dual Newton steps for weights ``(n,)`` in 0 .. 1 whose sum is ``count``."""
+    n = part.N
+    if count >= n:
+        return np.ones(n), objective.smooth(part, np.ones(n))
+    w = np.clip(weights, 1e-4 * count / n, 1.0 - 1e-4 * (1.0 - count / n))
+    smooth = objective.smooth(part, w)
+    scores = part.scores(smooth.Z)
+    known = float(np.sum(smooth.Z * part.known))
+    mu = 0.1 * float(scores.mean()) * min(1.0, count / n)
+    low, high = mu / w, mu / (1.0 - w)
+    for _ in range(MOST_STEPS):
+        gap = known + sum_of_largest(scores, count) - (known + scores @ w)
+        complementarity = float(w @ low + (1.0 - w) @ high) / (2 * n)
+        if gap <= tolerance:
+            break
+        target = 0.1 * complementarity
+        dw = _step(smooth.curvature, scores, w, low, high, target, count)
+        d_low = target / w - low - low / w * dw
+        d_high = target / (1.0 - w) - high + high / (1.0 - w) * dw
+        length = min(_room(w, dw), _room(1.0 - w, -dw))
+        dual = min(_room(low, d_low), _room(high, d_high))
+        w = w + length * dw
+        low, high = low + dual * d_low, high + dual * d_high
+        smooth = objective.smooth(part, w)
+        scores = part.scores(smooth.Z)
+        known = float(np.sum(smooth.Z * part.known))
+    return w, smooth
+
+
+def _step(
+    curvature: FloatArray,
+    scores: FloatArray,
+    w: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    target: float,
+    count: int,
+) -> FloatArray:
+    """Newton step ``(n,)`` of the weights that keeps their sum at ``count``."""
+    matrix = curvature.copy()
+    matrix[np.diag_indices(len(w))] += low / w + high / (1.0 - w)
+    factor = scipy.linalg.cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
+    right = np.column_stack([scores + target / w - target / (1.0 - w), np.ones(len(w))])
+    a, b = scipy.linalg.cho_solve(factor, right, check_finite=False).T
+    return np.asarray(a + (count - w.sum() - a.sum()) / b.sum() * b)
+
+
+def _room(values: FloatArray, change: FloatArray) -> float:
+    """How far a step may go before some value is no longer above zero."""
+    falling = change < 0.0
+    if not falling.any():
+        return 1.0
+    return min(1.0, TO_THE_WALL * float((values[falling] / -change[falling]).min()))

@@ -1,0 +1,148 @@
+"""Proofs that no choice of n candidates can beat a bound, checked apart from how they were found.
+
+A mean variance. Let ``Σ = Kᵀ M⁻¹ K`` (k x k) and the cost be the mean of order r of its eigenvalues
+(r = 0: D; 1: A; inf: E). For every positive semidefinite Z
+
+    cost >= k φ(Kᵀ Z K) / trace(Z M),    φ: the mean of order r / (1 + r) of the eigenvalues,
+
+because ``M >= K Σ⁻¹ Kᵀ`` and by Hölder's inequality for matrix means (Pukelsheim, Optimal Design of
+Experiments, 1993, sections 3.21 and 6.11). The right side is smallest where ``trace(Z M)`` is
+largest, and over all choices of n that is a sum of n largest numbers.
+
+A condition number. For positive semidefinite Y, Z, any choice S and any positive diagonal E
+
+    largest / smallest eigenvalue of E^-1/2 M E^-1/2
+        >= trace(Z M) / sum(Z_jj E_j)  *  sum(Y_jj E_j) / trace(Y M),
+
+and each of the two factors is smallest over its own range by sorting alone.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.se3 import FloatArray
+from posedesign.selection.candidates import Candidates
+from posedesign.selection.relaxation.relaxation import sum_of_largest
+
+ROUNDING = 1e-9
+"""Part by which a bound is weakened, so that rounding never claims more than there is."""
+
+_MOST_STEPS = 100
+"""Steps to the smallest ratio; each at least halves the distance, a handful is seen."""
+
+
+class Certificate(ABC):
+    """A proof that can be evaluated on any pool."""
+
+    @abstractmethod
+    def bound(self, candidates: Candidates, count: int) -> float:
+        """Cost that no choice of ``count`` of the candidates, with the known, is below."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeanCertificate(Certificate):
+    """Proof for a mean variance.
+
+    Attributes
+    ----------
+    Z : ndarray (p, p)
+        Any positive semidefinite matrix [scaled parameters].
+    K : ndarray (p, k)
+        Combinations of interest.
+    order : float
+        Of the mean: 0 geometric, 1 arithmetic, infinite: the largest.
+    total : bool
+        The cost is the sum of the variances in place of their mean.
+    """
+
+    Z: FloatArray
+    K: FloatArray
+    order: float
+    total: bool = False
+
+    def bound(self, candidates: Candidates, count: int) -> float:
+        """See :meth:`Certificate.bound`."""
+        Z = _positive(self.Z)
+        most = float(np.sum(Z * candidates.known))
+        most += sum_of_largest(candidates.scores(Z), count)
+        strength = self._strength(Z)
+        return (1.0 - ROUNDING) * strength / most if most > 0.0 else 0.0
+
+    def _strength(self, Z: FloatArray) -> float:
+        values = np.maximum(np.linalg.eigvalsh(self.K.T @ Z @ self.K), 0.0)
+        k = len(values)
+        if self.order == 0.0:
+            with np.errstate(divide="ignore"):
+                mean = float(np.exp(np.mean(np.log(values))))
+        else:
+            power = 1.0 if np.isinf(self.order) else self.order / (1.0 + self.order)
+            mean = float(np.mean(values**power) ** (1.0 / power))
+        return k * mean * (k if self.total else 1)
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionCertificate(Certificate):
+    """Proof for the ratio of extreme eigenvalues of the information, its parameters rescaled.
+
+    Attributes
+    ----------
+    Y, Z : ndarray (p, p)
+        Any positive semidefinite matrices: near the directions of least and of most information.
+    lowest, highest : ndarray (p,)
+        Between which the squares of the scales of the parameters lie, whatever is chosen.
+    """
+
+    Y: FloatArray
+    Z: FloatArray
+    lowest: FloatArray
+    highest: FloatArray
+
+    def bound(self, candidates: Candidates, count: int) -> float:
+        """See :meth:`Certificate.bound`."""
+        Y, Z = _positive(self.Y), _positive(self.Z)
+        ratio = self._of_choice(candidates, count, Y, Z) * self._of_scales(Y, Z)
+        return max(1.0, (1.0 - ROUNDING) * ratio)
+
+    def _of_choice(self, candidates: Candidates, count: int, Y: FloatArray, Z: FloatArray) -> float:
+        """Smallest ``trace(Z M) / trace(Y M)`` over all choices."""
+        y, z = candidates.scores(Y), candidates.scores(Z)
+        y_known, z_known = float(np.sum(Y * candidates.known)), float(np.sum(Z * candidates.known))
+        ratio = 0.0
+        for _ in range(_MOST_STEPS):  # Dinkelbach 1967: from below, and never past it
+            rows = np.argsort(z - ratio * y)[:count]
+            below = z_known + z[rows].sum()
+            above = y_known + y[rows].sum()
+            following = below / above if above > 0.0 else np.inf
+            if abs(following - ratio) <= np.finfo(float).eps * abs(following):
+                break
+            if ratio > 0.0 and following >= ratio:
+                break
+            ratio = following
+        return float(ratio)
+
+    def _of_scales(self, Y: FloatArray, Z: FloatArray) -> float:
+        """Smallest ``sum(Y_jj E_j) / sum(Z_jj E_j)`` over the range of the scales."""
+        y, z = np.diag(Y), np.diag(Z)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            own = np.where(z > 0.0, y / z, np.inf)
+        if np.isinf(self.highest).any():
+            return float(own.min())  # all weight on the one scale where the ratio is least
+        # parameters of small ratio at their upper end, the others at their lower one
+        order = np.argsort(own)
+        best = np.inf
+        for k in range(len(order) + 1):
+            E = self.lowest.copy()
+            E[order[:k]] = self.highest[order[:k]]
+            if z @ E > 0.0:
+                best = min(best, float(y @ E / (z @ E)))
+        return best
+
+
+def _positive(Z: FloatArray) -> FloatArray:
+    """The nearest positive semidefinite matrix: what a solver leaves below zero is cut off."""
+    values, vectors = np.linalg.eigh((Z + Z.T) / 2.0)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

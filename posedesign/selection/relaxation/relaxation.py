@@ -1,0 +1,76 @@
+"""Results of relaxations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calib.se3 import FloatArray
+
+if TYPE_CHECKING:
+    from posedesign.selection.relaxation.certificate import Certificate
+
+
+@dataclass(frozen=True, eq=False)
+class Smooth:
+    """Cost of weighted candidates, and the derivatives of its logarithm.
+
+    Attributes
+    ----------
+    cost : float
+    Z : ndarray (p, p)
+        Less the derivative by the information: ``trace(Z Jᵀ J)`` is by how much a candidate lowers
+        the logarithm.
+    curvature : ndarray (n, n)
+        Second derivatives by the weights.
+    weights_of_functions : ndarray (K,), optional
+        Of the functions of the parameters of which the largest counts.
+    """
+
+    cost: float
+    Z: FloatArray
+    curvature: FloatArray
+    weights_of_functions: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxation:
+    """The best that fractions of candidates can be.
+
+    Attributes
+    ----------
+    weights : ndarray (N,)
+        From 0 to 1; their sum is the number of poses.
+    cost : float
+        Of these weights.
+    certificate : Certificate or None
+        Proof that no weights, and so no choice, cost less than ``bound``; None where the criterion
+        has none.
+    bound : float
+    """
+
+    weights: FloatArray
+    cost: float
+    certificate: Certificate | None
+    bound: float
+
+    @property
+    def gap(self) -> float:
+        """How far the proven bound is below the cost of the weights, as a part of it."""
+        return 1.0 - self.bound / self.cost if self.cost > 0.0 else 0.0
+
+
+def sum_of_largest(scores: FloatArray, count: int) -> float:
+    """Sum of the ``count`` largest of ``scores`` (N,): the best that any choice can gather."""
+    if count >= len(scores):
+        return float(scores.sum())
+    return float(np.partition(scores, len(scores) - count)[len(scores) - count :].sum())
+
+
+def largest_ones(scores: FloatArray, count: int) -> FloatArray:
+    """Weights ``(N,)``: 1 for the ``count`` largest scores, 0 for the rest."""
+    weights = np.zeros(len(scores))
+    weights[np.argpartition(scores, len(scores) - count)[len(scores) - count :]] = 1.0
+    return weights

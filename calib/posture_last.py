@@ -28,7 +28,15 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def turn(columns: FloatArray, vector: FloatArray) -> FloatArray:
-    """``R v``: vectors ``(..., 3, S)`` in the axes of a frame, seen from outside."""
+    """``R v``: vectors ``(..., 3, S)`` in the axes of a frame, seen from outside.
+
+    Where all postures share one of the two, it is a product of matrices.
+    """
+    if columns.shape[-1] == 1:
+        return np.asarray(columns[..., 0].T @ vector)
+    if vector.shape[-1] == 1:
+        S = columns.shape[-1]
+        return np.asarray(vector[..., 0] @ columns.reshape(3, -1)).reshape(*vector.shape[:-1], S)
     out = columns[0] * vector[..., 0:1, :]
     out += columns[1] * vector[..., 1:2, :]
     out += columns[2] * vector[..., 2:3, :]

@@ -222,17 +222,21 @@ def rigid(T: ArrayLike, name: str) -> FloatArray:
     return transform(R, array[..., :3, 3])
 
 
-def is_exactly_rigid(T: FloatArray) -> bool:
-    """Whether all of an array ``(..., 4, 4)`` are rigid transforms, to rounding."""
+def columns_if_exactly_rigid(T: FloatArray) -> FloatArray | None:
+    """Columns ``(4, 4, S)`` of transforms ``(..., 4, 4)`` that are all rigid, to rounding.
+
+    Their elements column by column, with the transform as the last index; None where any is not.
+    """
     if T.ndim < 2 or T.shape[-2:] != (4, 4) or not np.isfinite(T).all():
-        return False
-    rows, gram, determinant = _rows_gram_and_determinant(T)
-    return bool(
+        return None
+    columns, gram, determinant = _columns_gram_and_determinant(T)
+    exact = (
         max(gram.max(initial=0.0), -gram.min(initial=0.0)) < _EXACT
         and determinant.min(initial=1.0) > 0.0
-        and not rows[3, :3].any()
-        and (rows[3, 3] == 1.0).all()
+        and not columns[:3, 3].any()
+        and (columns[3, 3] == 1.0).all()
     )
+    return columns if exact else None
 
 
 def check_transforms(T: ArrayLike, name: str) -> FloatArray:
@@ -292,28 +296,28 @@ def _checked(T: ArrayLike, name: str) -> tuple[FloatArray, FloatArray]:
 
 def _deviation_and_determinant(T: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Largest |RᵀR - I| and determinant ``(...)`` of the rotations of ``(..., 4, 4)``."""
-    _, gram, determinant = _rows_gram_and_determinant(T)
+    _, gram, determinant = _columns_gram_and_determinant(T)
     deviation = np.abs(gram, out=gram).max(axis=(0, 1))
     return deviation.reshape(T.shape[:-2]), determinant.reshape(T.shape[:-2])
 
 
-def _rows_gram_and_determinant(T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Elements ``(4, 4, S)`` of transforms ``(..., 4, 4)``, RᵀR - I ``(3, 3, S)``, and det R.
+def _columns_gram_and_determinant(T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Columns ``(4, 4, S)`` of transforms ``(..., 4, 4)``, RᵀR - I ``(3, 3, S)``, and det R.
 
     Component by component over all of them: far faster than a product for each.
     """
-    rows = np.ascontiguousarray(T.reshape(-1, 16).T).reshape(4, 4, -1)
-    R = rows[:3, :3]
-    gram = np.einsum("iks,ils->kls", R, R)
+    columns = np.ascontiguousarray(T.reshape(-1, 4, 4).transpose(2, 1, 0))
+    R = columns[:3, :3]
+    gram = np.einsum("kis,lis->kls", R, R)
     for k in range(3):
         gram[k, k] -= 1.0
-    x, y, z = R[:, 0], R[:, 1], R[:, 2]
+    x, y, z = R
     determinant = (
         x[0] * (y[1] * z[2] - y[2] * z[1])
         + x[1] * (y[2] * z[0] - y[0] * z[2])
         + x[2] * (y[0] * z[1] - y[1] * z[0])
     )
-    return rows, gram, determinant
+    return columns, gram, determinant
 
 
 def _place(index: Iterable[SupportsInt]) -> str:

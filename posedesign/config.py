@@ -200,7 +200,13 @@ class VariationSection(Section):
 
 
 class PlanSection(Section):
-    """When the loop has done enough, and how poses that cannot be reached are replaced."""
+    """When the loop has done enough, how poses are replaced that cannot be reached, and the round.
+
+    ``approach_deg``: the lost motion of a reducer is about one arc minute, and a touch-up moves the
+    joints by up to half a degree from where they were sent (5 mm at 0.6 m): one degree is beyond
+    both, so that the side stays the same. ``dwell_s``: one visual touch-up took Watanabe et al.
+    2006 about 20 s (section 4, Table 2), the arm's settling included.
+    """
 
     condition_threshold: Positive = 1.0e5
     limit_margin_deg: NotNegative = 1.0
@@ -208,6 +214,10 @@ class PlanSection(Section):
     repair_margin_deg: NotNegative = 2.0
     repair_tilt_deg: Annotated[float, Field(strict=True, gt=0, le=180)] = 60.0
     repair_base_joint_deg: Annotated[float, Field(strict=True, gt=0, le=360)] = 90.0
+    return_to_base: StrictBool = True
+    approach: Literal["none", "same-side"] = "none"
+    approach_deg: Annotated[float, Field(strict=True, ge=0.01, le=30)] = 1.0
+    dwell_s: NotNegative = 20.0
 
 
 class ConstraintSection(Section):

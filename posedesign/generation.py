@@ -42,10 +42,30 @@ def cone_rotations(
     rng : numpy.random.Generator
         Directions are spread evenly over the cone, rolls over the full turn.
     """
-    cosine = rng.uniform(np.cos(tilt), 1.0, count)
+    draws = rng.random(count), *rng.random((2, count))
+    return cone_rotations_at(R_base, tilt, np.stack(draws, axis=-1))
+
+
+def cone_rotations_at(R_base: FloatArray, tilt: float, points: FloatArray) -> FloatArray:
+    """Orientations ``(N, 3, 3)`` of a cone at points of the unit cube that it is made of.
+
+    Points spread evenly give directions spread evenly over the cone (their cosine is uniform) and
+    rolls spread evenly over the full turn.
+
+    Parameters
+    ----------
+    R_base : array (3, 3)
+        Orientation in the middle of the cone.
+    tilt : float
+        Largest angle between the tool's z and that of the base pose [rad].
+    points : array (N, 3)
+        Place between the rim and the middle of the cone, heading and roll, each from 0 to 1.
+    """
+    rim = np.cos(tilt)
+    cosine = rim + (1.0 - rim) * points[:, 0]
     sine = np.sqrt(1.0 - cosine**2)
-    heading, roll = rng.uniform(-np.pi, np.pi, (2, count))
-    axis = np.stack([np.cos(heading), np.sin(heading), np.zeros(count)], axis=-1)
+    heading, roll = -np.pi + 2.0 * np.pi * points[:, 1:].T
+    axis = np.stack([np.cos(heading), np.sin(heading), np.zeros(len(points))], axis=-1)
     tilted = rotation_exp(axis * np.arctan2(sine, cosine)[:, None])
     rolled = rotation_exp(np.stack([0 * roll, 0 * roll, roll], axis=-1))
     return np.asarray(R_base @ tilted @ rolled)

@@ -72,7 +72,7 @@ class _Loop:
         self.routes: list[Route | None] = []
         self._pool = RepairPool(cell)
         self._cut_off = 0  # poses and replacements that no clear way leads to
-        self._router = Router(cell.robot, cell.ways, cell.passing, cell.base_posture)
+        self._router = Router.of_cell(cell)
         check_base_pose(cell)
 
     def run(self) -> PosePlan:

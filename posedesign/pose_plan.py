@@ -203,6 +203,11 @@ class PosePlan:
         return tuple(self.poses.kept_names[i] for i in self.route.order)
 
     @property
+    def cycle_time_s(self) -> float:
+        """Predicted time of the round [s], from the base posture on; NaN without joint speeds."""
+        return self.route.cycle_time_s
+
+    @property
     def message(self) -> str:
         """The outcome in one line."""
         best = self.rounds[self.best]

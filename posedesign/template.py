@@ -81,6 +81,10 @@ repair = true                     # replace poses that cannot be taken
 repair_margin_deg = 2.0           # kept by the replacements
 repair_tilt_deg = 60.0            # largest tilt of a replacement against the base pose
 repair_base_joint_deg = 90.0      # how far joint 1 may turn in a replacement
+return_to_base = true             # the round ends at the base posture, by a way that is checked
+approach = "none"                 # or "same-side": all joints arrive at all poses from one side,
+approach_deg = 1.0                # by a last movement of this angle, for arms with backlash
+dwell_s = 20.0                    # at each pose, for the cycle time: a touch-up; camera-pose: 2
 
 [parameters]
 # Identified besides the target. The first and the last joint are absorbed by target and tool.

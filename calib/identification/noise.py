@@ -19,6 +19,10 @@ from calib.se3 import BoolArray, FloatArray, IntArray
 OUTLIER_CHANCE = 1e-4
 """Probability that noise alone takes a measurement as far off as one that is left out."""
 
+LEAST_NOISE = 1e-10
+"""Noise that is estimated is no smaller [m, rad]: where readings hold none, what a prediction is
+rounded by (some 1e-14) would be taken for it, and no fit comes to rest in units of that."""
+
 _AT_ONCE = 3000
 """Measurements of all trials that are predicted at once."""
 
@@ -78,7 +82,8 @@ def noise_scales(
 ) -> list[FloatArray]:
     """What the residuals of each kind are over its noise, ``(m,)`` each; redundancy considered.
 
-    1 for a kind that nothing is measured with, or whose every measurement is needed.
+    1 for a kind that nothing is measured with, or whose every measurement is needed. Where the
+    noise is estimated, not so little that it would be below :data:`LEAST_NOISE`.
 
     Parameters
     ----------
@@ -107,7 +112,7 @@ def noise_scales(
                 scale[part] = np.sqrt(squares / spare)
             elif needed and spare <= 1.0 and kind.estimated and own.any() and scale[part].size:
                 raise _not_estimated(kind.name, int(own.sum()))
-        scales.append(scale)
+        scales.append(np.maximum(scale, LEAST_NOISE / kind.sigma) if kind.estimated else scale)
     return scales
 
 

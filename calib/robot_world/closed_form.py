@@ -19,7 +19,6 @@ from calib.posture_last import (
     rotation_log,
     transposed,
     turn,
-    turn_back,
 )
 from calib.robot_world.algebra import apply_matrix, kronecker, least_squares, triangle
 from calib.se3 import BoolArray, FloatArray
@@ -68,11 +67,11 @@ def rotations(pairs: PairSets) -> tuple[FloatArray, FloatArray]:
     of ``Σ |R_A R_X - R_Z R_B|²`` over matrices of fixed norm.
     """
     x, z, _ = pairs.leading
-    both = np.concatenate([x, z]).reshape(-1, 3, 3)
-    volume = 27.0**0.5 * np.linalg.det(both).reshape(2, -1)
+    both = np.stack([x, z]).reshape(2, -1, 3, 3)
+    volume = 27.0**0.5 * np.linalg.det(both)
     # A pair of singular vectors is defined up to one common sign: that of a rotation.
-    sign = np.where(volume[1] < 0.0, -1.0, 1.0)
-    R_X, R_Z = nearest_rotations(np.tile(sign, 2)[:, None, None] * both).reshape(2, -1, 3, 3)
+    both *= np.where(volume[1] < 0.0, -1.0, 1.0)[:, None, None]
+    R_X, R_Z = nearest_rotations(both.reshape(-1, 3, 3)).reshape(both.shape)
     flat = np.abs(volume).min(axis=0) < _FLAT
     if flat.any() and not pairs.tentative:
         R_X[flat], R_Z[flat] = _alternated(pairs.kronecker_mean[flat], R_X[flat])
@@ -210,7 +209,7 @@ def assemble_with_rest(
     for k in range(3):
         normal[k, k] += 1.0
     inverse, poor = _inverted(normal)
-    p_X = turn(inverse, pairs.mean(turn_back(pairs.R_A, d)))
+    p_X = turn(inverse, pairs.mean_turned_back(d))
     if poor.any():
         p_X[:, poor] = _by_factorisation(pairs, d, poor)
     left = d - turn(pairs.R_A, pairs.spread(p_X)) + pairs.spread(turn(R_mean, p_X))
@@ -221,6 +220,12 @@ def assemble_with_rest(
 
 def _inverted(normal: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Inverses ``(3, 3, T)`` of symmetric matrices, and which of them lack digits."""
+    mean = (normal[0, 0] + normal[1, 1] + normal[2, 2]) / 3.0
+    if len(mean) < _MANY:
+        matrices = normal.transpose(2, 0, 1)
+        poor = _are_poor(mean, np.linalg.det(matrices))
+        inverses = np.linalg.inv(np.where(poor[:, None, None], np.eye(3), matrices))
+        return np.ascontiguousarray(inverses.transpose(1, 2, 0)), poor
     cofactor = np.empty_like(normal)
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
@@ -228,9 +233,13 @@ def _inverted(normal: FloatArray) -> tuple[FloatArray, BoolArray]:
         off = normal[i, k] * normal[j, k] - normal[i, j] * normal[k, k]
         cofactor[i, j] = cofactor[j, i] = off
     determinant = (normal[0] * cofactor[0]).sum(axis=0)
-    mean = (normal[0, 0] + normal[1, 1] + normal[2, 2]) / 3.0
-    poor = ~((mean > _TURNED) & (determinant > _WELL_CONDITIONED * mean**3))
+    poor = _are_poor(mean, determinant)
     return cofactor / np.where(poor, 1.0, determinant), poor
+
+
+def _are_poor(mean: FloatArray, determinant: FloatArray) -> BoolArray:
+    """Whether normal matrices lack digits, by their mean eigenvalues and determinants ``(T,)``."""
+    return ~((mean > _TURNED) & (determinant > _WELL_CONDITIONED * mean**3))
 
 
 def _by_factorisation(pairs: PairSets, d: FloatArray, sets: BoolArray) -> FloatArray:

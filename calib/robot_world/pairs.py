@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from calib import se3
 from calib.errors import InputError
-from calib.posture_last import columns_of
+from calib.posture_last import columns_of, turn_back
 from calib.robot_world import algebra, closed_form
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -27,6 +27,8 @@ class PairSets:
     tentative : bool
         Whether a solution is one of many to be tried: no trouble is then taken where the closed
         form has none that is worth it.
+    columns : (ndarray or None, ndarray or None)
+        Columns ``(4, 4, S)`` of A and of B where they are there already.
 
     Notes
     -----
@@ -34,29 +36,45 @@ class PairSets:
     set: see :mod:`calib.posture_last`.
     """
 
-    def __init__(self, A: FloatArray, B: FloatArray, *, tentative: bool = False) -> None:
+    def __init__(
+        self,
+        A: FloatArray,
+        B: FloatArray,
+        *,
+        tentative: bool = False,
+        columns: tuple[FloatArray | None, FloatArray | None] = (None, None),
+    ) -> None:
         self.A, self.B, self.tentative = A, B, tentative
         self.T, self.N = A.shape[:2]
+        self._given = columns
 
     @cached_property
     def R_A(self) -> FloatArray:
         """Columns ``(3, 3, S)`` of the rotations of A."""
-        return columns_of(self.A.reshape(-1, 4, 4)[:, :3, :3])
+        return self._columns[0][:3, :3]
 
     @cached_property
     def R_B(self) -> FloatArray:
         """Columns ``(3, 3, S)`` of the rotations of B."""
-        return columns_of(self.B.reshape(-1, 4, 4)[:, :3, :3])
+        return self._columns[1][:3, :3]
 
     @cached_property
     def p_A(self) -> FloatArray:
         """Translations ``(3, S)`` of A."""
-        return np.ascontiguousarray(self.A[..., :3, 3].reshape(-1, 3).T)
+        return self._columns[0][3, :3]
 
     @cached_property
     def p_B(self) -> FloatArray:
         """Translations ``(3, S)`` of B."""
-        return np.ascontiguousarray(self.B[..., :3, 3].reshape(-1, 3).T)
+        return self._columns[1][3, :3]
+
+    @cached_property
+    def _columns(self) -> tuple[FloatArray, ...]:
+        """Columns ``(4, 4, S)`` of both."""
+        return tuple(
+            columns_of(T.reshape(-1, 4, 4)) if columns is None else columns
+            for T, columns in zip((self.A, self.B), self._given, strict=True)
+        )
 
     @cached_property
     def mean_R_A(self) -> FloatArray:
@@ -72,7 +90,13 @@ class PairSets:
 
     def mean(self, values: FloatArray) -> FloatArray:
         """Means over the pairs of each set ``(..., T)`` of values ``(..., S)``."""
-        return np.asarray(values.reshape(*values.shape[:-1], self.T, self.N).mean(axis=-1))
+        return values.reshape(*values.shape[:-1], self.T, self.N).sum(axis=-1) / self.N
+
+    def mean_turned_back(self, vector: FloatArray) -> FloatArray:
+        """Means ``(3, T)`` of vectors ``(3, S)``, seen in the axes that A maps from."""
+        if self.T == 1:
+            return np.asarray(self.R_A.reshape(3, -1) @ vector.reshape(-1))[:, None] / self.N
+        return self.mean(turn_back(self.R_A, vector))
 
     @cached_property
     def size(self) -> FloatArray:
@@ -89,13 +113,13 @@ class PairSets:
 
     @cached_property
     def _square_moved(self) -> FloatArray:
-        each = (p.reshape(3, self.T, self.N).var(axis=-1) for p in (self.p_A, self.p_B))
-        return np.asarray(sum(variance.sum(axis=0) for variance in each))
+        moved = (p - self.spread(self.mean(p)) for p in (self.p_A, self.p_B))
+        return sum((self.mean((d * d).sum(axis=0)) for d in moved), np.zeros(self.T))
 
     @cached_property
     def kronecker_mean(self) -> FloatArray:
         """See :func:`calib.robot_world.algebra.kronecker_mean`."""
-        return algebra.kronecker_mean(self.A, self.B)
+        return algebra.kronecker_mean_of_columns(self.R_A, self.R_B, self.T)
 
     @cached_property
     def leading(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -175,13 +199,24 @@ def checked_pairs(A: ArrayLike, B: ArrayLike, *, dimensions: int) -> tuple[Float
         Another shape, too few pairs, or matrices that are not rigid transforms.
     """
     # copies: what is asked of a result later must not depend on what becomes of the arguments
-    return _of_one_shape(_rigid_copy(A, "A"), _rigid_copy(B, "B"), dimensions)
+    return _of_one_shape(_rigid_copy(A, "A")[0], _rigid_copy(B, "B")[0], dimensions)
 
 
-def _rigid_copy(T: ArrayLike, name: str) -> FloatArray:
-    """Rigid transforms ``(..., 4, 4)``, orthonormal to rounding, in an array of their own."""
+def checked_problem(A: ArrayLike, B: ArrayLike) -> PairSets:
+    """One problem of pairs ``(N, 4, 4)``, checked as :func:`checked_pairs` does."""
+    (own_A, columns_A), (own_B, columns_B) = _rigid_copy(A, "A"), _rigid_copy(B, "B")
+    _of_one_shape(own_A, own_B, 3)
+    return PairSets(own_A[None], own_B[None], columns=(columns_A, columns_B))
+
+
+def _rigid_copy(T: ArrayLike, name: str) -> tuple[FloatArray, FloatArray | None]:
+    """Rigid transforms ``(..., 4, 4)``, orthonormal to rounding, in an array of their own.
+
+    And their columns ``(4, 4, S)`` where the check has them.
+    """
     copy = np.array(T, dtype=float)
-    return copy if se3.is_exactly_rigid(copy) else se3.rigid(copy, name)
+    columns = se3.columns_if_exactly_rigid(copy)
+    return (se3.rigid(copy, name), None) if columns is None else (copy, columns)
 
 
 def _of_one_shape(A: FloatArray, B: FloatArray, dimensions: int) -> tuple[FloatArray, FloatArray]:

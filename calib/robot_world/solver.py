@@ -29,7 +29,7 @@ from calib.robot_world.identifiability import (
 from calib.robot_world.leave_one_out import left_out_residuals
 from calib.robot_world.methods import Method, find_method
 from calib.robot_world.noise import Noise, PairNoise, check_noise
-from calib.robot_world.pairs import FEWEST_PAIRS, PairSets, checked_pairs
+from calib.robot_world.pairs import FEWEST_PAIRS, PairSets, checked_pairs, checked_problem
 from calib.robot_world.results import Estimate, RobotWorldBatch, RobotWorldResult
 from calib.se3 import BoolArray, FloatArray
 
@@ -77,14 +77,13 @@ def solve(
         decide, or else the status is ``"ambiguous"``.
     """
     chosen = find_method(method)
-    A, B = checked_pairs(A, B, dimensions=3)
-    check_noise(noise, len(A))
-    pairs = PairSets(A[None], B[None])
+    pairs = checked_problem(A, B)
+    check_noise(noise, pairs.N)
     if chosen.robust:
         found, used = _robust(chosen, pairs, noise)
-        kept = PairSets(A[None, used], B[None, used])
+        kept = PairSets(pairs.A[:, used], pairs.B[:, used])
     else:
-        found, used, kept = None, np.ones(len(A), dtype=bool), pairs
+        found, used, kept = None, np.ones(pairs.N, dtype=bool), pairs
     motion = examine(kept)
     doubts = suspicions(pairs, used, motion)
     others: tuple[tuple[str, FloatArray, FloatArray], ...] = ()

@@ -184,6 +184,7 @@ def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
                 "message": result.message,
                 "threshold": result.threshold,
                 "fingerprint": result.fingerprint,
+                "cycle_time_s": result.cycle_time_s,
                 "rounds": round_rows(result),
                 "indices": result.indices.as_dict(),
                 "scaling": scaling_of(result.model),
@@ -206,6 +207,7 @@ def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
         [{"pose": name, "status": str(s), "reason": why} for name, s, why in changed if why],
     )
     print(result.message)
+    print(result.route.timing)
     print(f"wrote {out / 'poses.csv'} and {out / 'rounds.csv'}")
 
 
@@ -253,7 +255,7 @@ def check(
         note(f"warning: {line}")
     bad = sum(not verdict.feasible for verdict in verdicts)
     blocked = sum(verdict.way_clear is False for verdict in verdicts)
-    print(f"{len(verdicts)} poses: {bad} cannot be taken, {blocked} ways between them not clear")
+    print(f"{len(measured.names)} poses: {bad} cannot be taken, {blocked} ways between them not clear")
     with_distance = [v for v in verdicts if v.distance_mm is not None]
     if with_distance:
         nearest = min(with_distance, key=lambda v: v.distance_mm or 0.0)

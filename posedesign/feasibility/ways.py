@@ -49,8 +49,11 @@ class WayChecker:
 
     def steps(self, start: FloatArray, end: FloatArray) -> int:
         """Number of moves that the way between two postures ``(n,)`` [rad] takes."""
-        travel = float(np.abs(end - start).max())
-        return max(1, int(np.ceil((travel - ROUNDING) / self.largest_travel)))
+        return int(self.steps_of(np.abs(end - start).max()))
+
+    def steps_of(self, travel: FloatArray) -> FloatArray:
+        """Number of moves, a whole one, of ways by their largest joint travel ``(...)`` [rad]."""
+        return np.asarray(np.maximum(1.0, np.ceil((travel - ROUNDING) / self.largest_travel)))
 
     def check(self, start: FloatArray, end: FloatArray, *, far: bool = False) -> WayVerdicts:
         """Verdicts on ways from postures ``(W, n)`` to postures ``(W, n)`` [rad].

@@ -30,6 +30,10 @@ found the best choice in 87 %, six in all."""
 TOLERANCE = 1e-3
 """Part to which the bound is sharpened: nobody measures a thousandth of a pose."""
 
+GOOD_ENOUGH, SMALL = 0.98, 1000
+"""Efficiency from which no further start is made, in pools of more than so many candidates: what
+it could still gain is less than a pose in fifty. Small pools cost nothing, and are done in full."""
+
 SHORTLIST = 20_000
 """Candidates that the exchange works on: the best by the relaxation, where there are more."""
 
@@ -193,8 +197,9 @@ class _Choice:
             costs.append(self._objective.cost(found))
             if costs[-1] < best:
                 best, rows = costs[-1], found
-            if relaxed is not None and best * (1.0 - 1e-6) <= relaxed.bound:
-                break  # nothing is better
+            enough = GOOD_ENOUGH if self._work.N > SMALL else 1.0 - 1e-6
+            if relaxed is not None and enough * best <= relaxed.bound:
+                break
         return rows, costs
 
     def _shortlist(self, relaxed: Relaxation | None) -> tuple[IntArray, Objective, IntArray]:

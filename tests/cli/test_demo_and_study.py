@@ -119,7 +119,7 @@ def test_study_says_that_lower_condition_means_smaller_errors(demo: tuple[Path, 
 
 def test_study_command(cli: Cli, work: Path) -> None:
     text = (work / "cell.toml").read_text()
-    quick = text.replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [20.0, 20.0, 20.0]")
+    quick = text.replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [10.0, 10.0, 10.0]")
     (work / "cell.toml").write_text(quick)
     out = work / "study"
     said = cli("study", "accuracy", work / "cell.toml", "--draws", 10, "--out", out, "--json")

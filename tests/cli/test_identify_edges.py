@@ -85,8 +85,17 @@ def test_units_that_are_mixed_up(
     line.says(f"error: {path}", "--trust-units", *words)
 
 
+def with_models(cell: Path, models: str) -> Path:
+    """The cell with other models than all of them, as TOML writes them."""
+    start, _, rest = cell.read_text().partition("models = [\n")
+    rest = rest.partition(",\n]\n")[2]
+    cell.write_text(f"{start}models = [{models}]\n{rest}")
+    return cell
+
+
 def test_units_are_trusted_when_asked(cli: Cli, work: Path) -> None:
     path = in_other_units(tracked(work, "point"), PLACES, 1e-3)
+    with_models(work / "cell.toml", '["zero_offsets"]')
     said = cli("identify", work / "cell.toml", path, "--out", work, "--trust-units")
     assert "multiply" not in said.err
     assert said.code != 0  # a tracker in which the arm shrinks by a thousand is believed by no fit
@@ -304,7 +313,7 @@ def test_good_touch_ups_are_not_suspected(cli: Cli, work: Path) -> None:
 
 def test_more_wrong_than_right(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
     path, _ = knocked(work, 0.7, 1.0)
-    cell = change_cell({"parameters.loss": '"graduated"'})
+    cell = with_models(change_cell({"parameters.loss": '"graduated"'}), '["zero_offsets"]')
     refuse("identify", cell, path, "--out", work / "out").says("contradict", "measurements")
 
 
@@ -396,10 +405,7 @@ def test_numbers_have_the_decimals_that_they_deserve(cli: Cli, work: Path) -> No
 
 
 def test_parameters_that_are_not_told_are_listed(cli: Cli, work: Path) -> None:
-    cell = work / "cell.toml"
-    start, _, rest = cell.read_text().partition("models = [\n")
-    rest = rest.partition(",\n]\n")[2]
-    cell.write_text(f'{start}models = [["geometry"]]\n{rest}')
+    cell = with_models(work / "cell.toml", '["geometry"]')
     said = cli("identify", cell, work / "touchups.csv", "--out", work)
     assert said.code == 0, said.err
     assert "parameters of the arm are not in this model" in said.out

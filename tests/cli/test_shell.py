@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from posedesign.template import cell_template
+
 COMMAND = (sys.executable, "-c", "from posedesign.cli.main import main; main()")
 SCRIPT = Path(sys.executable).with_name("posedesign")
 HEAVY = ("pinocchio", "numpy", "scipy", "pandas", "matplotlib", "cvxpy", "eaik")
@@ -79,7 +81,7 @@ def test_error_goes_to_standard_error_alone(tmp_path: Path) -> None:
 
 
 def test_tables_in_a_pipe_are_not_cut(tmp_path: Path) -> None:
-    (tmp_path / "cell.toml").write_text(shell("new").stdout)
+    (tmp_path / "cell.toml").write_text(cell_template())
     said = shell("plan", "cell.toml", cwd=tmp_path, env={"COLUMNS": "40", "PATH": ""})
     assert said.returncode == 0, said
     assert "…" not in said.stdout

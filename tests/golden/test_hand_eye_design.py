@@ -19,7 +19,7 @@ from posedesign.fewest import plan_fewest
 from posedesign.simulation import SimulatedRobot
 from posedesign.template import cell_template
 
-TRIALS = 600
+TRIALS = 300
 STEP = 1e-6
 FIVE_SIGMA = 5.0
 

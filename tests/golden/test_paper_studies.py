@@ -168,6 +168,7 @@ class TestLi:
                 value = rows[what]["median"][name]
                 assert float(cell.replace(",", "")) == pytest.approx(value, rel=6e-3), (what, name)
 
+    @pytest.mark.slow
     def test_everything_is_drawn_and_written(
         self, li: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -294,6 +295,7 @@ class TestHirsh:
             for cell, value in zip(cells, numbers, strict=True):
                 assert same(cell.replace(",", ""), value), (place, views, cell, value)
 
+    @pytest.mark.slow
     def test_everything_is_drawn_and_written(
         self, hirsh_study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.real_data
 
 ARMS = (
     "irb120_3_58", "irb6640_185_280", "irb6700_200_260", "kr6r900sixx", "lrmate200id", "m20ia",
-    "mh5", "panda", "r2000ic165f", "tx2_60", "ur10e", "ur5e",
+    "mh5", pytest.param("panda", marks=pytest.mark.slow), "r2000ic165f", "tx2_60", "ur10e", "ur5e",
 )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
-from posedesign.selection.criteria.volume import by_blocks, gram
+from posedesign.selection.criteria.volume import products_by_pairs
 from posedesign.selection.ledger import Ledger, solve_root
 from posedesign.selection.relaxation.barrier import relax_smooth
 from posedesign.selection.relaxation.certificate import MeanCertificate
@@ -142,9 +142,8 @@ class DeviationObjective(Objective):
         share /= share.sum()
         LC = self.L @ C  # (K, r, p)
         P = np.einsum("krp,krq,k->pq", LC, LC, share / v, optimize=True)
-        rows = candidates.J.reshape(-1, p)
-        curvature = 2.0 * by_blocks(gram(rows, P) * gram(rows, C), candidates.m)
-        moved = (rows @ LC.reshape(-1, p).T).reshape(candidates.N, candidates.m, K, r)
+        curvature = 2.0 * products_by_pairs(candidates, P, C)
+        moved = (candidates.J @ LC.reshape(-1, p).T).reshape(candidates.N, candidates.m, K, r)
         slopes = np.einsum("nmkr,nmkr->nk", moved, moved) / v
         mean = slopes @ share
         curvature += (s - 1.0) * (slopes * share) @ slopes.T - s * np.outer(mean, mean)

@@ -6,7 +6,7 @@ one half belongs to O5 of Sun and Hollerbach 2008.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from posedesign.selection.relaxation.barrier import relax_smooth
 from posedesign.selection.relaxation.certificate import MeanCertificate
 from posedesign.selection.relaxation.cone import relax_smallest
 from posedesign.selection.relaxation.relaxation import Relaxation, Smooth
+
+SHARPNESS = (2.0, 8.0, 32.0)
+"""Orders of the means that stand in for the largest, one exchange after the other."""
 
 Shown = Callable[[float], float]
 
@@ -85,6 +88,12 @@ class SpectrumObjective(Objective):
         """See :attr:`Objective.width`."""
         k = self.K.shape[1]
         return k * (2 * k + 2 * self.candidates.m)
+
+    @property
+    def stages(self) -> Sequence[SpectrumObjective]:
+        """See :attr:`Objective.stages`."""
+        orders = (*SHARPNESS, np.inf) if np.isinf(self._order) else (self._order,)
+        return [SpectrumObjective(self.candidates, self.K, order) for order in orders]
 
     def _mean(self, variances: FloatArray) -> FloatArray:
         """Of variances ``(..., k)``."""

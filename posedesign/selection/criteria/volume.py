@@ -104,7 +104,7 @@ class VolumeObjective(Objective):
         lost = log_det_of_root(ledger.root_of_change(part, sign))
         gain = 0.0
         if not self._all:
-            moved = self.candidates.J[part] @ _root(self._seen(ledger.C))
+            moved = self.candidates.J[part] @ root_of(self._seen(ledger.C))
             rest = ledger.S[:, :, part] - np.einsum("nar,nbr->abn", moved, moved)
             gain = _log_det(sign * rest)
         return np.asarray(self._of(ledger.C) * np.exp((gain - lost) / self.K.shape[1]))
@@ -119,11 +119,10 @@ class VolumeObjective(Objective):
         k = self.K.shape[1]
         C = np.linalg.inv(candidates.weighted(weights))
         P = self._seen(C)
-        rows = candidates.J.reshape(-1, candidates.p)
-        by_P = gram(rows, P)
-        by_C = by_P if self._all else gram(rows, C)
-        curvature = by_blocks(by_P * (2.0 * by_C - by_P), candidates.m) / k
-        return Smooth(self._of(C), P / k, curvature)
+        curvature = products_by_pairs(candidates, P)
+        if not self._all:
+            curvature = 2.0 * products_by_pairs(candidates, P, C) - curvature
+        return Smooth(self._of(C), P / k, curvature / k)
 
     def certificate_of(self, smooth: Smooth) -> MeanCertificate:
         """The proof that the derivative at some weights gives."""
@@ -134,19 +133,32 @@ class VolumeObjective(Objective):
         return relax_smooth(self, self.candidates, count, tolerance)
 
 
-def gram(rows: FloatArray, P: FloatArray) -> FloatArray:
-    """Products ``(M, M)`` of rows ``(M, p)`` by a positive semidefinite matrix ``(p, p)``."""
-    moved = rows @ _root(P)
-    return np.asarray(moved @ moved.T)
+def products_by_pairs(
+    candidates: Candidates, P: FloatArray, Q: FloatArray | None = None
+) -> FloatArray:
+    """``trace(J_i P J_jᵀ J_j Q J_iᵀ)`` of all pairs of candidates ``(n, n)``; Q is P by default.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    P, Q : ndarray (p, p)
+        Positive semidefinite.
+    """
+    by_row = np.moveaxis(candidates.J, 1, 0)  # (m, n, p)
+    first = by_row @ root_of(P)
+    second = first if Q is None else by_row @ root_of(Q)
+    total = np.zeros((candidates.N, candidates.N))
+    for a in range(candidates.m):
+        for b in range(a, candidates.m):
+            products = first[a] @ first[b].T
+            products *= products if Q is None else second[a] @ second[b].T
+            total += products
+            if b > a:  # rows a of i with b of j, and the other way round
+                total += products.T
+    return total
 
 
-def by_blocks(products: FloatArray, m: int) -> FloatArray:
-    """Sums ``(n, n)`` over the blocks of ``(n m, n m)``."""
-    n = len(products) // m
-    return np.asarray(products.reshape(n, m, n, m).sum(axis=(1, 3)))
-
-
-def _root(P: FloatArray) -> FloatArray:
+def root_of(P: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(P)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 

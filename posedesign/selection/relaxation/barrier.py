@@ -31,6 +31,12 @@ TO_THE_WALL = 0.98
 INNER = 0.2
 """Part of the tolerance to which a working set is solved."""
 
+AS_GOOD = 1e-12
+"""Part by which a score may be below the least that is chosen and still be called as good."""
+
+NEXT_IN_LINE = 0.8
+"""Part of the least score that is chosen from which candidates are taken into the set."""
+
 AT_ZERO = 1e-6
 """Weights below do not count, and leave the working set."""
 
@@ -63,11 +69,10 @@ def relax_smooth(
         proof = objective.certificate_of(smooth)
         return Relaxation(np.ones(N), smooth.cost, proof, proof.bound(candidates, count))
     working = _first(candidates, count)
-    weights = np.full(len(working), count / len(working))
     best = _Best()
     for _ in range(MOST_ROUNDS):
         part = candidates.take(working)
-        weights, smooth = _minimise(objective, part, count, weights, INNER * tolerance)
+        weights, smooth = _minimise(objective, part, count, INNER * tolerance)
         proof = objective.certificate_of(smooth)
         bound = proof.bound(candidates, count)
         if bound > best.bound:
@@ -77,7 +82,7 @@ def relax_smooth(
         grown = _grown(candidates, working, weights, smooth.Z, count)
         if grown is None:
             break  # the set has all that could help: what is left is the precision of the steps
-        working, weights = grown
+        working = grown
     out = np.zeros(N)
     out[working] = weights
     return Relaxation(out, smooth.cost, best.certificate, best.bound)
@@ -94,42 +99,37 @@ def _first(candidates: Candidates, count: int) -> IntArray:
 
 def _grown(
     candidates: Candidates, working: IntArray, weights: FloatArray, Z: FloatArray, count: int
-) -> tuple[IntArray, FloatArray] | None:
-    """The working set with the best of the rest, and without what does not count."""
+) -> IntArray | None:
+    """The working set with the best of the rest, and without what does not count.
+
+    None where nothing outside it would be taken.
+    """
     scores = candidates.scores(Z)
-    inside = np.zeros(candidates.N, dtype=bool)
-    inside[working] = True
+    outside = scores.copy()
+    outside[working] = -np.inf
     least = np.partition(scores, candidates.N - count)[candidates.N - count]
-    missing = np.flatnonzero(~inside & (scores >= least * (1.0 - 1e-12)))
-    room = max(2 * count, 3 * candidates.p, 60)
-    # those next in line, too: they will be wanted once the first have been taken in
-    outside = np.where(inside, -np.inf, scores)
-    take = min(room, int((~inside).sum()))
-    if not len(missing) or not take:
+    if not (outside >= least * (1.0 - AS_GOOD)).any():
         return None
+    # those next in line, too: they will be wanted once the first have been taken in
+    take = min(max(2 * count, 3 * candidates.p, 60), candidates.N - len(working))
     added = np.argpartition(outside, candidates.N - take)[candidates.N - take :]
-    added = added[scores[added] > 0.8 * least]
+    added = added[scores[added] > NEXT_IN_LINE * least]
     counts = (weights > AT_ZERO) | (scores[working] >= least)
-    grown = np.concatenate([working[counts], added])
-    start = np.concatenate([weights[counts], np.zeros(len(added))])
-    # away from the walls, where steps would be short
-    start = 0.9 * start * count / start.sum() + 0.1 * count / len(grown)
-    order = np.argsort(grown)
-    return grown[order], np.minimum(start, 1.0)[order]
+    return np.sort(np.concatenate([working[counts], added]))
 
 
 def _minimise(
-    objective: SmoothObjective,
-    part: Candidates,
-    count: int,
-    weights: FloatArray,
-    tolerance: float,
+    objective: SmoothObjective, part: Candidates, count: int, tolerance: float
 ) -> tuple[FloatArray, Smooth]:
-    """Primal-dual Newton steps for weights ``(n,)`` in 0 .. 1 whose sum is ``count``."""
+    """Primal-dual Newton steps for weights ``(n,)`` in 0 .. 1 whose sum is ``count``.
+
+    From equal weights every time: from those of the set before, near the walls, it takes twice the
+    steps.
+    """
     n = part.N
     if count >= n:
         return np.ones(n), objective.smooth(part, np.ones(n))
-    w = np.clip(weights, 1e-4 * count / n, 1.0 - 1e-4 * (1.0 - count / n))
+    w = np.full(n, count / n)
     smooth = objective.smooth(part, w)
     scores = part.scores(smooth.Z)
     known = float(np.sum(smooth.Z * part.known))

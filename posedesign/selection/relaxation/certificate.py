@@ -73,14 +73,18 @@ class MeanCertificate(Certificate):
         return (1.0 - ROUNDING) * strength / most if most > 0.0 else 0.0
 
     def _strength(self, Z: FloatArray) -> float:
-        values = np.maximum(np.linalg.eigvalsh(self.K.T @ Z @ self.K), 0.0)
-        k = len(values)
+        # singular values of a root, not eigenvalues: what is zero stays zero under the root below
+        values, vectors = np.linalg.eigh(Z)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        k = self.K.shape[1]
+        found = np.linalg.svd(root.T @ self.K, compute_uv=False)
+        roots = np.pad(found, (0, k - len(found)))
         if self.order == 0.0:
             with np.errstate(divide="ignore"):
-                mean = float(np.exp(np.mean(np.log(values))))
+                mean = float(np.exp(2.0 * np.mean(np.log(roots))))
         else:
             power = 1.0 if np.isinf(self.order) else self.order / (1.0 + self.order)
-            mean = float(np.mean(values**power) ** (1.0 / power))
+            mean = float(np.mean(roots ** (2.0 * power)) ** (1.0 / power))
         return k * mean * (k if self.total else 1)
 
 

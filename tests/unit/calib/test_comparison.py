@@ -337,13 +337,13 @@ def test_chance_is_seldom_taken_for_a_gain_and_a_gain_nearly_always() -> None:
     """Nothing to gain, and four offsets of three standard deviations each."""
     truth, taken = model(offsets()), {0.0: 0, 3.0: 0}
     for gain in taken:
-        for seed in range(40):
+        for seed in range(20):
             x = truth.nominal.copy()
             sigma = identify(truth, points(truth, x, seed, count=10)).sigma[:4]
             x[:4] = gain * sigma * np.random.default_rng(seed).choice([-1, 1], 4)
             taken[gain] += three(points(truth, x, seed, count=10)).recommended != "frames only"
-    assert taken[0.0] <= 4
-    assert taken[3.0] >= 36
+    assert taken[0.0] <= 2
+    assert taken[3.0] >= 18
 
 
 def test_models_with_priors_are_as_large_as_what_measurements_tell() -> None:

@@ -104,10 +104,11 @@ def test_nearest_is_the_nearest_of_all_branches_and_all_turns(robot):
 def test_a_straight_wrist_loses_no_pose_whatever_its_roll(robot, bend):
     """EAIK alone returns q4 = q6 = 0 there, which takes another pose."""
     rng = np.random.default_rng(3)
-    q = inside_all(robot, rng, 60)
-    q[:, 4] = bend * rng.choice([-1, 1], 60)
+    count = 20
+    q = inside_all(robot, rng, count)
+    q[:, 4] = bend * rng.choice([-1, 1], count)
     poses = robot.fk(q)
-    for i in range(60):
+    for i in range(count):
         answers = robot.inverse(poses[i], near=q[i])
         np.testing.assert_allclose(
             robot.fk(answers.postures), poses[[i] * len(answers.postures)], atol=CLOSURE

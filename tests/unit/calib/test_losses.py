@@ -39,7 +39,7 @@ def trials(make_model, touching):
 @pytest.mark.parametrize("loss", ROBUST)
 def test_the_constants_are_those_of_gaussian_noise(loss, rows):
     """Against draws, and against the mean derivative of w r by differences."""
-    draws, step = 200_000, 1e-4
+    draws, step = 100_000, 1e-4
     r = np.random.default_rng(rows).normal(size=(draws, rows))
 
     def psi(r: FloatArray) -> FloatArray:
@@ -68,7 +68,7 @@ def test_full_weights_cost_nothing(loss, share):
 def test_the_noise_that_is_estimated_is_that_of_the_good_ones(make_model, trials, loss):
     _, data = trials
     unknown = make_model(measurement=TouchUp(None))
-    used = 80
+    used = 40
     found = [fit_robustly(unknown, data.trials(t), unknown.nominal, loss=loss) for t in range(used)]
     variance = np.mean([solved.model.measurement.sigma[0] ** 2 for solved in found])
     # four standard deviations of the mean of so many chi²

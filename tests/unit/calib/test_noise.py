@@ -7,6 +7,7 @@ import pytest
 
 from calib import CalibrationModel, identify
 from calib.errors import InputError, NotIdentifiableError
+from calib.identification.noise import LEAST_NOISE
 from calib.measurement import Distance, Point, Pose, Setup, TouchUp
 from calib.measurement.simulate import simulate
 from calib.parameters import (
@@ -19,7 +20,7 @@ from calib.parameters import (
 )
 from calib.se3 import rotation_exp, transform
 
-TRIALS = 30
+TRIALS = 15
 T_TOOL = transform(rotation_exp([0.1, 0.2, -0.1]), [0.2, -0.05, 0.35])
 T_TRACKER = transform(rotation_exp([0.2, -0.1, 2.0]), [2.0, -1.0, 0.5])
 JOINTS = ["joint_2", "joint_3", "joint_4", "joint_5"]
@@ -68,6 +69,19 @@ def test_of_poses_lengths_and_angles_apart(reference_robot):
     assert_about(lengths, 3e-5, 55)
     assert_about(angles, 4e-4, 55)
     assert abs(np.corrcoef(lengths, angles)[0, 1]) < 0.7
+
+
+def test_readings_without_noise_show_the_least_there_is(reference_robot):
+    """Their rounding is none: in units of it no fit would come to rest."""
+    q = np.random.default_rng(7).uniform(-1, 1, (30, 6))
+    blocks = [ZeroOffsets(reference_robot, JOINTS), ToolPoint([0.2, -0.05, 0.35])]
+    model = CalibrationModel(reference_robot, [*blocks, TargetFrame(T_TRACKER)], Point(None))
+    x = model.nominal.copy()
+    x[:4] = [2e-3, -3e-3, 1e-3, 2e-3]
+    result = identify(model, simulate(model, x, q))
+    np.testing.assert_array_equal(result.noise[0].sigma, LEAST_NOISE)
+    np.testing.assert_allclose(result.values, x, atol=1e-11)
+    assert result.iterations < 10
 
 
 def mixed(robot) -> tuple[CalibrationModel, Setup]:

@@ -20,7 +20,7 @@ from calib.prediction import (
     reference_frame,
 )
 
-TRIALS = 2000
+TRIALS = 1000
 
 
 @pytest.fixture(scope="module")

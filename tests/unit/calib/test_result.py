@@ -19,7 +19,7 @@ from calib.parameters import (
 )
 from calib.se3 import rotation_exp, transform
 
-TRIALS = 250
+TRIALS = 120
 SIX = [2e-5] * 3 + [1e-4] * 3
 
 

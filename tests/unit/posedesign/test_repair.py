@@ -207,6 +207,7 @@ def test_what_is_written_is_what_was_planned(hemmed_in: Cell, tmp_path) -> None:
     path = tmp_path / "poses.csv"
     write_poses(path, hemmed_in.robot, result.poses, result.route, hemmed_in.tool_m)
     read = read_poses(path, 6)
-    assert read.via.sum() == result.route.detours
+    assert read.via.sum() == len(result.route.stops) - len(result.postures)
+    np.testing.assert_allclose(read.postures[-1], hemmed_in.base_posture, atol=1e-9)
     assert read.measured.names == result.names
     np.testing.assert_allclose(read.measured.postures, result.postures, atol=1e-9)

@@ -1,9 +1,10 @@
-"""The order of the poses: short, along clear ways only, with detours where there is no other."""
+"""The round through the poses: short, along clear ways only, with detours where they must be."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise, permutations
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,41 +12,9 @@ import pytest
 from calib.robots import Robot
 from posedesign.cell import Cell
 from posedesign.feasibility.ways import WayChecker, WayVerdicts
-from posedesign.route import Route, Router, shortest_order
+from posedesign.route import Passing, Route, RouteOptions, Router
 
 FREE = WayChecker((), np.inf)
-
-
-def length(cost: np.ndarray, order: list[int]) -> float:
-    return float(sum(cost[a, b] for a, b in pairwise(order)))
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_order_against_all_orders(seed: int) -> None:
-    """2-opt on seven points: within 10 % of the best of all 720 orders, and always a path."""
-    points = np.random.default_rng(seed).uniform(size=(7, 2))
-    cost = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    order = shortest_order(cost)
-    assert order[0] == 0
-    assert sorted(order) == list(range(7))
-    best = min(length(cost, [0, *rest]) for rest in permutations(range(1, 7)))
-    assert best - 1e-12 <= length(cost, order) <= 1.1 * best
-
-
-def test_no_stretch_turned_round_would_be_shorter() -> None:
-    points = np.random.default_rng(3).uniform(size=(40, 6))
-    cost = np.abs(points[:, None] - points[None]).max(axis=-1)
-    order = shortest_order(cost)
-    found = length(cost, order)
-    for i in range(1, 40):
-        for j in range(i + 1, 40):
-            other = [*order[:i], *order[i : j + 1][::-1], *order[j + 1 :]]
-            assert length(cost, other) >= found - 1e-8
-
-
-@pytest.mark.parametrize("count", [1, 2])
-def test_short_lists(count: int) -> None:
-    assert shortest_order(np.zeros((count, count))) == list(range(count))
 
 
 class Walls(WayChecker):
@@ -77,16 +46,75 @@ def at(*degrees: float) -> np.ndarray:
     return q
 
 
-def route(reference_cell: Cell, ways: WayChecker, *degrees: float) -> Route:
+def route(
+    reference_cell: Cell, ways: WayChecker, *degrees: float, options: RouteOptions | None = None
+) -> Route:
     cell = reference_cell
-    return Router(cell.robot, ways, cell.passing, cell.base_posture).route(at(*degrees))
+    return Router(cell.robot, ways, cell.passing, cell.base_posture, options).route(at(*degrees))
 
 
 def test_poses_are_visited_along_the_shortest_way(reference_cell: Cell) -> None:
-    found = route(reference_cell, FREE, 30.0, 10.0, 20.0)
+    options = RouteOptions(return_to_base=False)
+    found = route(reference_cell, FREE, 30.0, 10.0, 20.0, options=options)
     assert found.order.tolist() == [1, 2, 0]
+    assert [stop.pose for stop in found.stops] == [1, 2, 0]
     assert found.detours == 0
     assert found.lost == {}
+
+
+def test_the_round_ends_at_the_base_posture(reference_cell: Cell) -> None:
+    """Past 70 deg on the way there or on the way back: the same time, so as it is on one side."""
+    found = route(reference_cell, FREE, 140.0, 70.0, -30.0)
+    assert sorted(found.order) == [0, 1, 2]
+    assert found.stops[-1].pose is None
+    assert found.stops[-1].passing is Passing.RETURN
+    np.testing.assert_array_equal(found.stops[-1].posture, reference_cell.base_posture)
+    assert len(found.stops) == 4
+    assert found.detours == 0
+    # there and back at 130 deg/s, with a ramp for each of the four moves
+    assert found.moving_s == pytest.approx(2.0 * (140.0 + 30.0) / 130.0 + 4 * 0.3, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "blocked", "detours"),
+    [((10.0, 20.0, 30.0), [(0.0, 30.0)], False), ((20.0, 30.0), [(0.0, 30.0), (0.0, 20.0)], True)],
+)
+def test_the_way_back_is_clear(
+    reference_cell: Cell,
+    degrees: tuple[float, ...],
+    blocked: list[tuple[float, float]],
+    detours: bool,
+) -> None:
+    """Where nothing leads back from the last pose: by another pose last, else by a detour."""
+    walls = Walls(*blocked)
+    found = route(reference_cell, walls, *degrees)
+    path = np.array([reference_cell.base_posture, *(stop.posture for stop in found.stops)])
+    assert walls.check(path[:-1], path[1:]).clear.all()
+    assert found.lost == {}
+    assert found.stops[-1].passing is Passing.RETURN
+    assert (found.detours > 0) == detours
+
+
+def test_time_of_a_route(reference_cell: Cell) -> None:
+    """Half the speed, 20 s at each pose; without any speeds it is not known."""
+    robot, dwell = reference_cell.robot, RouteOptions(dwell_s=20.0, speed_share=0.5)
+    found = route(reference_cell, FREE, 130.0, options=dwell)
+    assert found.moving_s == pytest.approx(2 * (2.0 + 0.3))
+    assert found.standing_s == 20.0
+    assert found.cycle_time_s == pytest.approx(24.6)
+    assert found.timing == ("predicted cycle time 25 s: 5 s moving, 20 s standing at 1 pose(s)")
+    unknown = replace(robot, speed=np.full(6, np.nan))
+    cell = reference_cell
+    silent = Router(unknown, FREE, cell.passing, cell.base_posture).route(at(10.0, 20.0))
+    assert np.isnan(silent.cycle_time_s)
+    assert "not known" in silent.timing
+
+
+def test_the_router_of_a_cell_does_what_its_plan_says(make_cell: Callable[..., Cell]) -> None:
+    plan = {"return_to_base": False, "approach": "same-side", "approach_deg": 3.0, "dwell_s": 5.0}
+    cell = make_cell(plan=plan, program={"speed_percent": 50})
+    assert Router.of_cell(cell).options == RouteOptions(False, np.deg2rad(3.0), 5.0, 0.5)
+    assert Router.of_cell(make_cell()).options == RouteOptions(True, 0.0, 20.0, 0.1)
 
 
 def test_a_blocked_way_changes_the_order(reference_cell: Cell) -> None:
@@ -99,7 +127,7 @@ def test_a_blocked_way_changes_the_order(reference_cell: Cell) -> None:
 
 def test_a_detour_where_no_order_is_clear(reference_cell: Cell) -> None:
     walls = Walls((0.0, 20.0), (10.0, 20.0))
-    found = route(reference_cell, walls, 10.0, 20.0)
+    found = route(reference_cell, walls, 10.0, 20.0, options=RouteOptions(return_to_base=False))
     assert found.detours == 1
     assert sorted(found.order) == [0, 1]
     path = [reference_cell.base_posture, *(stop.posture for stop in found.stops)]
@@ -163,7 +191,7 @@ def test_a_path_through_a_maze_is_found(reference_cell: Cell, seed: int) -> None
 def test_only_ways_of_the_order_are_checked(reference_cell: Cell) -> None:
     walls = Walls()
     route(reference_cell, walls, *range(5, 65, 5))
-    assert walls.asked == [12]  # type: ignore[attr-defined]
+    assert walls.asked == [13]  # type: ignore[attr-defined]
 
 
 def test_travel_of_a_joint_is_bounded() -> None:

@@ -49,7 +49,7 @@ def test_covariance_is_the_scatter(method, on):
     problems = random_problems(rng, 1, 6)
     noise = PairNoise(**SMALL, on=on)
     result = solve(problems.A[0], problems.B[0], method, noise)
-    trials = 1000
+    trials = 400
     observed = scatter(method, problems, noise, trials, rng)
     assert_agrees(result.covariance, observed, trials)
     np.testing.assert_allclose(result.sigma_X**2, np.diag(result.covariance)[:6])

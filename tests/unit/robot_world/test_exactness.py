@@ -48,7 +48,7 @@ def assert_exact(found, X, Z):
 @pytest.mark.parametrize("pairs", [3, 4, 5, 12, 27, 50])
 @pytest.mark.parametrize("method", SOUND)
 def test_exact_without_noise(method, pairs, cone_deg):
-    problems = random_problems(np.random.default_rng(pairs), 150, pairs, cone_deg)
+    problems = random_problems(np.random.default_rng(pairs), 40, pairs, cone_deg)
     found = solve_batch(problems.A, problems.B, method)
     assert found.ok.all()
     assert_exact(found, problems.X, problems.Z)
@@ -56,7 +56,7 @@ def test_exact_without_noise(method, pairs, cone_deg):
 
 @pytest.mark.parametrize("method", SOUND)
 def test_exact_in_a_narrow_cone(method):
-    problems = random_problems(np.random.default_rng(1), 100, 10, cone_deg=2.0)
+    problems = random_problems(np.random.default_rng(1), 40, 10, cone_deg=2.0)
     found = solve_batch(problems.A, problems.B, method)
     assert found.ok.all()
     assert_exact(found, problems.X, problems.Z)

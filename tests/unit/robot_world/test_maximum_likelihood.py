@@ -71,7 +71,7 @@ UNLIKE = np.diag([9.0, 1.0, 4.0, 25.0, 1.0, 1.0]) * np.repeat([4e-6, 1e-7], 3)
 UNLIKE[0, 4] = UNLIKE[4, 0] = 0.5 * np.sqrt(UNLIKE[0, 0] * UNLIKE[4, 4])
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("pairs", [3, 6])
 @pytest.mark.parametrize(
     "noise",
@@ -169,7 +169,7 @@ def chi_squares(noise, pairs, trials, seed, scale=1.0):
 
 @pytest.mark.parametrize("on", ["B", "A", "both"])
 def test_probabilities_of_chi_square_are_uniform(on):
-    found = chi_squares(noise_of(on), 6, 400, 3)
+    found = chi_squares(noise_of(on), 6, 200, 3)
     assert {result.freedom for result in found} == {24}
     assert kstest([result.chi2_probability for result in found], "uniform").pvalue > 1e-3
 

@@ -66,16 +66,15 @@ def what_is_said(A, B, method, noise=None):
 @pytest.mark.parametrize("mistake", MISTAKES)
 @pytest.mark.parametrize("method", METHODS)
 def test_no_method_is_silent_about_pairs_in_disorder(method, mistake):
-    for seed in range(4):
-        for cone_deg in (None, 40.0):
-            A, B = MISTAKES[mistake](*measured(seed, 12, cone_deg))
-            assert what_is_said(A, B, method), f"{method} is silent about {mistake}"
+    for seed, cone_deg in enumerate((None, 40.0)):
+        A, B = MISTAKES[mistake](*measured(seed, 12, cone_deg))
+        assert what_is_said(A, B, method), f"{method} is silent about {mistake}"
 
 
 @pytest.mark.parametrize("mistake", SAID)
 @pytest.mark.parametrize("pairs", [6, 12, 25])
 def test_the_mistake_is_named(mistake, pairs):
-    for seed in range(5):
+    for seed in range(3):
         for method in ("ml", "shah"):
             A, B = MISTAKES[mistake](*measured(seed, pairs))
             said = what_is_said(A, B, method)

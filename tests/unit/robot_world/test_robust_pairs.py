@@ -42,7 +42,10 @@ def without_the_bad(A, B, bad):
 
 
 @pytest.mark.parametrize("given", [True, False])
-@pytest.mark.parametrize(("pairs", "largest"), [(20, 1.05), (50, 1.05), (10, 1.1)])
+@pytest.mark.parametrize(
+    ("pairs", "largest"),
+    [(20, 1.05), pytest.param(50, 1.05, marks=pytest.mark.slow), (10, 1.1)],
+)
 def test_a_fifth_of_gross_errors_costs_no_more_than_their_loss(pairs, largest, given):
     """Against the likeliest X and Z of the good pairs alone, on the same data.
 
@@ -100,7 +103,7 @@ def test_bad_pairs_are_named(pairs):
 def test_small_gross_errors_are_found_too():
     """Ten standard deviations in one direction: no median of angles alone would show it."""
     rng = np.random.default_rng(3)
-    problems = random_problems(rng, 40, 20)
+    problems = random_problems(rng, 20, 20)
     A, B = add_noise(rng, problems.A, problems.B, NOISE)
     B[:, 4, 2, 3] += 10.0 * NOISE.translation_m
     found = [solve(a, b, "ml-robust", NOISE) for a, b in zip(A, B, strict=True)]
@@ -113,20 +116,21 @@ def test_small_gross_errors_are_found_too():
 def test_good_pairs_are_hardly_ever_left_out(pairs, given):
     """One of a thousand by design, somewhat more of ten pairs that show the noise themselves."""
     rng = np.random.default_rng(4)
-    problems = random_problems(rng, 100, pairs)
+    trials = 50
+    problems = random_problems(rng, trials, pairs)
     A, B = add_noise(rng, problems.A, problems.B, NOISE)
     noise = NOISE if given else None
     left_out = sum(
         int((~solve(a, b, "ml-robust", noise).used).sum()) for a, b in zip(A, B, strict=True)
     )
     share = 0.001 if given or pairs > 20 else 0.003
-    assert left_out <= binom.ppf(1.0 - 1e-4, 100 * pairs, share)
+    assert left_out <= binom.ppf(1.0 - 1e-4, trials * pairs, share)
 
 
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("pairs", [8, 20])
 def test_more_bad_pairs_than_good_ones_are_refused(pairs, given):
-    A, B, _, _ = spoilt(5, 15, pairs, pairs // 2 + pairs // 4)
+    A, B, _, _ = spoilt(5, 6, pairs, pairs // 2 + pairs // 4)
     for a, b in zip(A, B, strict=True):
         try:
             result = solve(a, b, "ml-robust", NOISE if given else None)
@@ -150,9 +154,9 @@ def test_pairs_from_another_setup_are_told_where_they_are_the_fewer():
 
 
 def test_a_batch_is_not_ok_where_a_single_problem_is_refused():
-    A, B, _, _ = spoilt(6, 20, 12, 7)
+    A, B, _, _ = spoilt(6, 8, 12, 7)
     batch = solve_batch(A, B, "ml-robust", NOISE)
-    for trial in range(20):
+    for trial in range(8):
         try:
             status = solve(A[trial], B[trial], "ml-robust", NOISE).status
         except (InputError, NotIdentifiableError):

@@ -1,0 +1,264 @@
+"""The order in which places are visited, and how long a round through them takes.
+
+Functions of arrays alone: what lies between two places, and whether the way is clear, is in the
+costs that they are given.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+ACCELERATION_S = 0.3
+"""Time in which a joint reaches its speed, or comes to rest from it [s]. Descriptions of robots
+give none; arms of 5 to 200 kg payload take 0.1 to 0.5 s. It is taken to be the same at any
+programmed speed, as with controllers that filter their commands over a fixed time; who ramps at the
+full acceleration is faster than predicted."""
+
+LIBRARY_S_PER_PLACE = 4e-3
+"""Time that the library has to find an order of more than twenty places, for each [s]. It stops by
+the clock and its chances cannot be seeded, so that its answer could differ from run to run: those
+for 27, 60 and 100 planned poses did not in 12 runs each, those for 200 did in some."""
+
+WORTH = 1e-4
+"""Share by which the library's order must be shorter to be taken: an order that depends on no clock
+is better than one that is shorter by rounding."""
+
+_STEPS = 65535
+"""Largest whole number that the library takes for a cost."""
+
+_LONGEST_LEGS = 3.0
+"""Costs beyond so many times the longest leg of an order that is already short count as equal: no
+short order has them, and the others are rounded more finely."""
+
+_NO_GAIN = 1e-12
+"""Share of the whole length below which a gain is rounding; without a bound a search could turn in
+circles."""
+
+_LONGEST_SHIFT = 3
+"""Most places that are moved together in an improvement: longer ones hardly ever gain (Or 1976)."""
+
+
+def move_times(moves: ArrayLike, speeds: ArrayLike, acceleration_s: float) -> FloatArray:
+    """Times ``(...)`` [s] of moves by ``(..., n)`` [rad], from rest to rest, all joints together.
+
+    Each joint runs up in ``acceleration_s`` to its speed and down again, or turns halfway where it
+    does not get there: d/v + t for d > v t, else 2 sqrt(d t/v). The slowest joint sets the time.
+
+    Parameters
+    ----------
+    moves : array_like (..., n)
+        Joint differences [rad].
+    speeds : array_like (n,)
+        [rad/s]
+    acceleration_s : float
+        0: the speed is there at once.
+    """
+    ran = (np.abs(np.asarray(moves, dtype=float)) / np.asarray(speeds)).max(axis=-1)
+    short = 2.0 * np.sqrt(ran * acceleration_s)
+    return np.asarray(np.where(ran > acceleration_s, ran + acceleration_s, short))
+
+
+def moving_time_s(path: FloatArray, speeds: ArrayLike, acceleration_s: float) -> float:
+    """Time [s] of the moves along postures ``(S, n)`` [rad], stopping at each."""
+    return float(move_times(np.diff(path, axis=0), speeds, acceleration_s).sum())
+
+
+def cycle_time_s(
+    path: FloatArray,
+    speeds: ArrayLike,
+    measured: BoolArray,
+    dwell_s: float,
+    acceleration_s: float = ACCELERATION_S,
+) -> float:
+    """Time [s] of a round: all its moves, and standing where it is measured.
+
+    Parameters
+    ----------
+    path : array (S, n)
+        Postures in their order, with the one that the arm comes from [rad].
+    speeds : array_like (n,)
+        Joint speeds of the program [rad/s].
+    measured : array (S,) of bool
+    dwell_s : float
+        How long the arm stands at a posture that is measured.
+    acceleration_s : float
+        See :func:`move_times`.
+    """
+    standing = dwell_s * int(np.count_nonzero(measured))
+    return moving_time_s(path, speeds, acceleration_s) + standing
+
+
+def shortest_order(cost: FloatArray, *, closed: bool = False, thorough: bool = True) -> list[int]:
+    """A short way through all places from place 0, or a short round from and to it.
+
+    The nearest place next, then improved by turning stretches round and by moving up to three
+    places elsewhere until neither gains; beside it, the order of the library ``fast-tsp`` improved
+    in the same way, where that is shorter. Up to 20 places the library's order is the best for
+    symmetric costs; beyond, it is a search of limited time (:data:`LIBRARY_S_PER_PLACE`).
+
+    Parameters
+    ----------
+    cost : array (N, N)
+        From each place (row) to each; infinite where there is no way. Need not be symmetric.
+    closed : bool
+        Whether the way back to place 0 counts.
+    thorough : bool
+        False: without the library.
+
+    Returns
+    -------
+    list of int
+        All places, 0 first.
+    """
+    ends = _with_end(cost, closed)
+    path = _improved(ends, _nearest_next(ends))
+    if thorough and len(cost) > 3:
+        other = _improved(ends, _by_library(ends, path, closed))
+        if _length(ends, other) < (1.0 - WORTH) * _length(ends, path):
+            path = other
+    if closed:
+        back = np.concatenate([[0], path[-2:0:-1], path[-1:]])
+        path = _near_end_first(ends, path, back)
+    return [int(i) for i in path[:-1]]
+
+
+def _with_end(cost: FloatArray, closed: bool) -> FloatArray:
+    """Costs ``(N + 1, N + 1)`` with the end of the way as a last place, all of them finite."""
+    count = len(cost)
+    ends = np.zeros((count + 1, count + 1))
+    ends[:count, :count] = cost
+    if closed:
+        ends[:count, count] = cost[:, 0]
+    ends[count] = ends[:, count]
+    finite = ends[np.isfinite(ends)]
+    # more than any order without such a way
+    ends[~np.isfinite(ends)] = 1.0 + (count + 1) * finite.max(initial=0.0)
+    return ends
+
+
+def _length(cost: FloatArray, path: IntArray) -> float:
+    return float(cost[path[:-1], path[1:]].sum())
+
+
+def _near_end_first(cost: FloatArray, path: IntArray, back: IntArray) -> IntArray:
+    """The shorter of the two ways round; of equal ones, that which begins with the shorter leg."""
+    gain = _length(cost, path) - _length(cost, back)
+    if abs(gain) > _NO_GAIN * _length(cost, path):
+        return back if gain > 0 else path
+    first = cost[path[0], path[1]], cost[back[0], back[1]]
+    return back if first[1] < first[0] else path
+
+
+def _nearest_next(cost: FloatArray) -> IntArray:
+    """From place 0 always on to the nearest that is left; the end last."""
+    end = len(cost) - 1
+    left = np.ones(end, dtype=bool)
+    path = [0]
+    for _ in range(end):
+        left[path[-1]] = False
+        if left.any():
+            path.append(int(np.argmin(np.where(left, cost[path[-1], :end], np.inf))))
+    return np.array([*path, end], dtype=np.intp)
+
+
+def _improved(cost: FloatArray, path: IntArray) -> IntArray:
+    """The path after all changes that shorten it, the best first; its ends stay."""
+    if len(path) < 4:
+        return path
+    while True:
+        options = [_best_turn(cost, path)]
+        options += [
+            _best_shift(cost, path, size)
+            for size in range(1, min(_LONGEST_SHIFT, len(path) - 3) + 1)
+        ]
+        gain, changed = max(options, key=lambda option: option[0])
+        if gain <= _NO_GAIN * _length(cost, path):
+            return path
+        path = changed
+
+
+def _best_turn(cost: FloatArray, path: IntArray) -> tuple[float, IntArray]:
+    """The stretch that is best turned round (2-opt), what it gains, and the path then."""
+    onward, backward = cost[path[:-1], path[1:]], cost[path[1:], path[:-1]]
+    # what the legs inside the stretch i .. j gain when they are run the other way
+    turned = np.concatenate([[0.0], np.cumsum(onward - backward)])
+    i, j = np.triu_indices(len(path) - 2, k=1)
+    i, j = i + 1, j + 1
+    gain = onward[i - 1] - cost[path[i - 1], path[j]] + onward[j] - cost[path[i], path[j + 1]]
+    gain += turned[j] - turned[i]
+    best = int(np.argmax(gain))
+    changed = path.copy()
+    changed[i[best] : j[best] + 1] = changed[i[best] : j[best] + 1][::-1]
+    return float(gain[best]), changed
+
+
+def _best_shift(cost: FloatArray, path: IntArray, size: int) -> tuple[float, IntArray]:
+    """The stretch of some places that is best moved elsewhere (Or-opt), perhaps turned round."""
+    legs = cost[path[:-1], path[1:]]
+    first = np.arange(1, len(path) - size)  # of the stretch, (S,)
+    last = first + size - 1
+    head, tail = path[first][:, None], path[last][:, None]
+    taken = legs[first - 1] + legs[last] - cost[path[first - 1], path[last + 1]]
+    before, after = path[:-1][None], path[1:][None]  # where it could go, (1, L)
+    inside = np.zeros(len(first))
+    for k in range(size - 1):
+        a, b = path[first + k], path[first + k + 1]
+        inside += cost[b, a] - cost[a, b]
+    as_is = cost[before, head] + cost[tail, after] - legs
+    turned = cost[before, tail] + cost[head, after] - legs + inside[:, None]
+    gain = taken[:, None] - np.minimum(as_is, turned)  # shape (S, L)
+    place = np.arange(len(legs))[None]
+    gain[(place >= first[:, None] - 1) & (place <= last[:, None])] = -np.inf
+    s, p = np.unravel_index(int(np.argmax(gain)), gain.shape)
+    stretch = path[first[s] : last[s] + 1]
+    if turned[s, p] < as_is[s, p]:
+        stretch = stretch[::-1]
+    rest = np.delete(path, np.arange(first[s], last[s] + 1))
+    target = int(p) + 1 if p < first[s] else int(p) + 1 - size
+    return float(gain[s, p]), np.insert(rest, target, stretch)
+
+
+def _by_library(cost: FloatArray, path: IntArray, closed: bool) -> IntArray:
+    """The library's order, by costs that are symmetric whole numbers.
+
+    Costs of there and back are averaged. An open way is a round through one more place, which is
+    next to place 0 and from which every other place is equally far.
+    """
+    import fast_tsp
+
+    end = len(cost) - 1
+    legs = cost[path[:-1], path[1:]]
+    blocked = cost.max()
+    limit = _LONGEST_LEGS * legs[legs < blocked].max(initial=0.0)
+    if limit == 0.0:
+        return path
+    both = np.minimum(0.5 * (cost + cost.T), limit) / limit
+    whole = np.rint(_STEPS * both).astype(np.int64)
+    np.fill_diagonal(whole, 0)
+    if closed:
+        whole = whole[:end, :end]
+    else:
+        whole[end, 1:end] = whole[1:end, end] = _STEPS
+        whole[0, end] = whole[end, 0] = 0
+    seconds = LIBRARY_S_PER_PLACE * len(whole)
+    tour = fast_tsp.find_tour(whole, seconds, max_threads=1, candidates="nearest")
+    start = tour.index(0)
+    tour = [*tour[start:], *tour[:start]]
+    if not closed:
+        tour = tour if tour[-1] == end else [0, *tour[:0:-1]]
+        if tour[-1] != end:  # costs that are all equal: any place may be next to place 0
+            return path
+        tour = tour[:-1]
+    return np.array([*tour, end], dtype=np.intp)
+
+
+def legs_of(order: list[int], *, closed: bool) -> list[tuple[int, int]]:
+    """The pairs of places that an order goes between; the way back to its first at the end."""
+    if len(order) < 2:
+        return []
+    return list(pairwise([*order, order[0]] if closed else order))

@@ -79,10 +79,27 @@ def predict_accuracy(
             hint="measure other or more poses, or leave parameters out",
             name="covariance",
         )
-    kept = _counts(model, against)
-    motion = model.linearise(np.asarray(q, dtype=float), x, setup).motion[kept, :3]
-    J = np.ascontiguousarray(motion.transpose(2, 1, 0))  # (N, 3, parameters)
-    return np.asarray(J @ C[np.ix_(kept, kept)] @ np.swapaxes(J, -1, -2))
+    J = tool_motion(model, q, setup, x=x, against=against)
+    return np.asarray(J @ C @ np.swapaxes(J, -1, -2))
+
+
+def tool_motion(
+    model: CalibrationModel,
+    q: ArrayLike,
+    setup: Setup | None = None,
+    *,
+    x: ArrayLike | None = None,
+    against: Against = "base",
+) -> FloatArray:
+    """How the tool point moves with the parameters, ``(N, 3, p)`` in base axes [m per unit].
+
+    Zero for parameters that are of no account, see :func:`predict_accuracy`, which takes the same
+    arguments. These are the functions of the parameters whose deviations poses are chosen by.
+    """
+    motion = model.linearise(np.asarray(q, dtype=float), x, setup).motion[:, :3]
+    J = np.ascontiguousarray(motion.transpose(2, 1, 0))
+    J[:, :, ~_counts(model, against)] = 0.0
+    return J
 
 
 def reference_frame(model: CalibrationModel) -> str:

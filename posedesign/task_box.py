@@ -13,10 +13,10 @@ import numpy as np
 from calib.arm_view import Setup
 from calib.errors import InputError, UnreachableError
 from calib.model import CalibrationModel
-from calib.prediction import predict_accuracy, reference_frame
+from calib.prediction import predict_accuracy, reference_frame, tool_motion
 from calib.se3 import BoolArray, FloatArray, transform
 from posedesign.cell import Cell
-from posedesign.feasibility.postures import nearest_postures
+from posedesign.feasibility.postures import Postures, nearest_postures
 
 MOST_POINTS = 20_000
 LARGEST_MM = 1e6
@@ -196,23 +196,51 @@ def predict_box(
     InputError
         The covariance is none of the model.
     """
+    found = reached_points(cell, box)
+    there = found.feasible
+    spread = np.full((len(found.q), 3, 3), np.nan)
+    at = Setup.of(int(there.sum()))
+    spread[there] = predict_accuracy(model, covariance, found.q[there], at)
+    way = predict_accuracy(model, covariance, found.q[there], at, against="target")
+    to_target = np.full(len(found.q), np.nan)
+    to_target[there] = np.sqrt(np.trace(way, axis1=1, axis2=2))
+    return BoxAccuracy(
+        box.points_m, found.q, spread, to_target, found.reasons, reference_frame(model)
+    )
+
+
+def box_functions(cell: Cell, model: CalibrationModel, box: TaskBox) -> FloatArray:
+    """How the tool point moves with the parameters at the points of a box, ``(K, 3, p)``.
+
+    In base axes [m per unit], at the points that can be reached: the functions whose deviations
+    are the accuracy over the box.
+
+    Raises
+    ------
+    UnreachableError
+        No point of the box can be reached.
+    """
+    found = reached_points(cell, box)
+    return tool_motion(model, found.q[found.feasible])
+
+
+def reached_points(cell: Cell, box: TaskBox) -> Postures:
+    """Postures at the points of a box, the tool oriented as at the base pose.
+
+    Raises
+    ------
+    UnreachableError
+        No point of the box can be reached.
+    """
     points = box.points_m
     R = cell.robot.fk(cell.base_posture)[:3, :3]
-    found = nearest_postures(
-        cell.passing, transform(R, points - R @ cell.tool_m), cell.base_posture
-    )
-    there = found.feasible
-    if not there.any():
+    poses = transform(R, points - R @ cell.tool_m)
+    found = nearest_postures(cell.passing, poses, cell.base_posture)
+    if not found.feasible.any():
         raise UnreachableError(
             f"no point of the task box can be reached: {found.reasons[0]}",
             hint="give a box in mm, in the base frame, in front of the arm; the tool is oriented "
             "as at the base pose",
             name="task_box",
         )
-    spread = np.full((len(points), 3, 3), np.nan)
-    at = Setup.of(int(there.sum()))
-    spread[there] = predict_accuracy(model, covariance, found.q[there], at)
-    way = predict_accuracy(model, covariance, found.q[there], at, against="target")
-    to_target = np.full(len(points), np.nan)
-    to_target[there] = np.sqrt(np.trace(way, axis1=1, axis2=2))
-    return BoxAccuracy(points, found.q, spread, to_target, found.reasons, reference_frame(model))
+    return found

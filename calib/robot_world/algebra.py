@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 
 from calib import se3
-from calib.posture_last import columns_of
 from calib.se3 import FloatArray
 
 
@@ -98,12 +97,13 @@ def kronecker_mean(A: FloatArray, B: FloatArray) -> FloatArray:
     matrix has a singular value 1 with the singular vectors ``vec(R_Z)`` and ``vec(R_X)`` where
     the data are free of noise. No quaternion, hence no sign, is involved.
     """
-    R_A, R_B = (columns_of(T.reshape(-1, 4, 4)[:, :3, :3]) for T in (A, B))
-    return kronecker_mean_of_columns(R_A, R_B, len(A))
+    T, N = A.shape[:2]
+    R_A, R_B = A[..., :3, :3].reshape(T, N, 9), B[..., :3, :3].reshape(T, N, 9)
+    blocks = np.asarray(np.swapaxes(R_A, 1, 2) @ R_B / N).reshape(T, 3, 3, 3, 3)
+    return blocks.transpose(0, 1, 3, 2, 4).reshape(T, 9, 9)
 
 
-def kronecker_mean_of_columns(R_A: FloatArray, R_B: FloatArray, T: int) -> FloatArray:
-    """The same ``(T, 9, 9)`` of rotations as columns ``(3, 3, S)``, set after set."""
-    left, right = (R.reshape(9, T, -1).transpose(1, 0, 2) for R in (R_A, R_B))
-    blocks = (left @ np.swapaxes(right, 1, 2) / left.shape[-1]).reshape(T, 3, 3, 3, 3)
-    return np.asarray(blocks.transpose(0, 2, 4, 1, 3).reshape(T, 9, 9))
+def kronecker_mean_of_columns(R_A: FloatArray, R_B: FloatArray) -> FloatArray:
+    """The same ``(9, 9)`` of one set of rotations as columns ``(3, 3, N)``."""
+    blocks = (R_A.reshape(9, -1) @ R_B.reshape(9, -1).T / R_A.shape[-1]).reshape(3, 3, 3, 3)
+    return np.asarray(blocks.transpose(1, 3, 0, 2).reshape(9, 9))

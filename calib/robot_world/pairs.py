@@ -51,30 +51,22 @@ class PairSets:
     @cached_property
     def R_A(self) -> FloatArray:
         """Columns ``(3, 3, S)`` of the rotations of A."""
-        return self._columns[0][:3, :3]
+        return _rotations(self.A, self._given[0])
 
     @cached_property
     def R_B(self) -> FloatArray:
         """Columns ``(3, 3, S)`` of the rotations of B."""
-        return self._columns[1][:3, :3]
+        return _rotations(self.B, self._given[1])
 
     @cached_property
     def p_A(self) -> FloatArray:
         """Translations ``(3, S)`` of A."""
-        return self._columns[0][3, :3]
+        return _translations(self.A, self._given[0])
 
     @cached_property
     def p_B(self) -> FloatArray:
         """Translations ``(3, S)`` of B."""
-        return self._columns[1][3, :3]
-
-    @cached_property
-    def _columns(self) -> tuple[FloatArray, ...]:
-        """Columns ``(4, 4, S)`` of both."""
-        return tuple(
-            columns_of(T.reshape(-1, 4, 4)) if columns is None else columns
-            for T, columns in zip((self.A, self.B), self._given, strict=True)
-        )
+        return _translations(self.B, self._given[1])
 
     @cached_property
     def mean_R_A(self) -> FloatArray:
@@ -90,12 +82,13 @@ class PairSets:
 
     def mean(self, values: FloatArray) -> FloatArray:
         """Means over the pairs of each set ``(..., T)`` of values ``(..., S)``."""
-        return values.reshape(*values.shape[:-1], self.T, self.N).sum(axis=-1) / self.N
+        sums = values.reshape(*values.shape[:-1], self.T, self.N).sum(axis=-1)
+        return np.asarray(sums / self.N)
 
     def mean_turned_back(self, vector: FloatArray) -> FloatArray:
         """Means ``(3, T)`` of vectors ``(3, S)``, seen in the axes that A maps from."""
         if self.T == 1:
-            return np.asarray(self.R_A.reshape(3, -1) @ vector.reshape(-1))[:, None] / self.N
+            return np.asarray(self.R_A.reshape(3, -1) @ vector.reshape(-1, 1) / self.N)
         return self.mean(turn_back(self.R_A, vector))
 
     @cached_property
@@ -113,13 +106,16 @@ class PairSets:
 
     @cached_property
     def _square_moved(self) -> FloatArray:
-        moved = (p - self.spread(self.mean(p)) for p in (self.p_A, self.p_B))
-        return sum((self.mean((d * d).sum(axis=0)) for d in moved), np.zeros(self.T))
+        each = (p.reshape(3, self.T, self.N) for p in (self.p_A, self.p_B))
+        moved = (p - p.sum(axis=-1, keepdims=True) / self.N for p in each)
+        return sum(((d * d).sum(axis=(0, 2)) / self.N for d in moved), np.zeros(self.T))
 
     @cached_property
     def kronecker_mean(self) -> FloatArray:
         """See :func:`calib.robot_world.algebra.kronecker_mean`."""
-        return algebra.kronecker_mean_of_columns(self.R_A, self.R_B, self.T)
+        if self.T == 1:
+            return algebra.kronecker_mean_of_columns(self.R_A, self.R_B)[None]
+        return algebra.kronecker_mean(self.A, self.B)
 
     @cached_property
     def leading(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -170,6 +166,17 @@ class PairSets:
         right = algebra.apply_matrix(algebra.right_matrix(b), z)
         agreement = (left * right).sum(axis=-1)
         return a, np.where(agreement < 0.0, -1.0, 1.0)[..., None] * b
+
+
+def _rotations(T: FloatArray, columns: FloatArray | None) -> FloatArray:
+    """Columns ``(3, 3, S)`` of the rotations of transforms."""
+    return columns_of(T.reshape(-1, 4, 4)[:, :3, :3]) if columns is None else columns[:3, :3]
+
+
+def _translations(T: FloatArray, columns: FloatArray | None) -> FloatArray:
+    """Translations ``(3, S)`` of transforms."""
+    p = T[..., :3, 3].reshape(-1, 3).T if columns is None else columns[3, :3]
+    return np.ascontiguousarray(p)
 
 
 def own_order(A: FloatArray) -> IntArray:

@@ -255,7 +255,9 @@ def check(
         note(f"warning: {line}")
     bad = sum(not verdict.feasible for verdict in verdicts)
     blocked = sum(verdict.way_clear is False for verdict in verdicts)
-    print(f"{len(measured.names)} poses: {bad} cannot be taken, {blocked} ways between them not clear")
+    print(
+        f"{len(measured.names)} poses: {bad} cannot be taken, {blocked} ways between them not clear"
+    )
     with_distance = [v for v in verdicts if v.distance_mm is not None]
     if with_distance:
         nearest = min(with_distance, key=lambda v: v.distance_mm or 0.0)

@@ -96,7 +96,7 @@ def _print_poses(done: Correction) -> None:
         if reason
     ]
     print_table("Poses that cannot be corrected", failed)
-    print(f"{len(poses.names) - len(failed)} of {len(poses.names)} poses corrected")
+    print(f"{len(poses.names) - len(failed)} of {len(poses.names)} postures corrected")
 
 
 def predict(

@@ -7,6 +7,7 @@ from posedesign.selection.criteria.registry import (
     mean_deviation,
     wanted_deviations,
 )
+from posedesign.selection.fewest import select_fewest
 from posedesign.selection.select import METHODS, select
 from posedesign.selection.selection import Fewest, Selection
 
@@ -20,5 +21,6 @@ __all__ = [
     "largest_deviation",
     "mean_deviation",
     "select",
+    "select_fewest",
     "wanted_deviations",
 ]

@@ -84,12 +84,7 @@ class Ledger:
         self.chosen[row] = sign > 0.0
         for part in self.candidates.chunks(2 * self.candidates.m**2):
             moved = np.moveaxis(J[part] @ U, 1, 0)  # (m, chunk, m)
-            for a in range(len(moved)):
-                for b in range(a, len(moved)):
-                    change = sign * np.einsum("nr,nr->n", moved[a], moved[b])
-                    self.S[a, b, part] -= change
-                    if a != b:
-                        self.S[b, a, part] -= change
+            self.S[:, :, part] -= sign * np.einsum("anr,bnr->abn", moved, moved)
 
     def root_of_change(self, part: slice | IntArray, sign: float) -> FloatArray:
         """Triangular roots ``(m, m, n)`` of ``1 ± J C Jᵀ``, by columns; zero where there is none."""

@@ -120,7 +120,7 @@ class Fewest:
                 return f"all {found.count} poses together do not determine all parameters"
             return (
                 f"out of reach: the best that the pool gives is {name} {found.value:.4g} with "
-                f"{found.count} poses, {self.wanted:.4g} is wanted"
+                f"{found.count} poses, {self.wanted:.4g} is wanted" + self._times()
             )
         text = f"{found.count} poses reach {name} {found.value:.4g} ({self.wanted:.4g} wanted)"
         if self.fewer is not None:
@@ -128,3 +128,11 @@ class Fewest:
         if self.at_least >= found.count:
             return text + "; proven: fewer cannot"
         return text + f"; proven: fewer than {self.at_least} cannot"
+
+    def _times(self) -> str:
+        """How often all poses would have to be measured: variances fall with the number."""
+        criterion = self.selection.criterion
+        if not criterion.falls_with_poses:
+            return ""
+        ratio = criterion.cost_of(self.selection.value) / criterion.cost_of(self.wanted)
+        return f": each of them would have to be measured {int(np.ceil(ratio))} times"

@@ -202,7 +202,8 @@ def test_touch_up_without_a_target(refuse: Refuse, change_csv: ChangeCsv, work: 
 
 
 def test_poses_that_were_all_dropped(refuse: Refuse, work: Path) -> None:
-    text = (work / "poses.csv").read_text().replace(",grid,", ",dropped,")
+    text = (work / "poses.csv").read_text()
+    text = text.replace(",grid,", ",dropped,").replace(",via,", ",dropped,")
     (work / "poses.csv").write_text(text)
     line = refuse("score", work / "cell.toml", work / "poses.csv")
     line.says("poses.csv: has no pose that was not dropped")

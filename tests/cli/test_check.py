@@ -33,24 +33,25 @@ def test_planned_poses_pass(cli: Cli, work: Path) -> None:
     assert re.search(r"smallest distance, at P\d\d: gun [\d.]+ mm from fixture, 20 mm", said.out)
     told = json.loads(cli("check", work / "cell.toml", work / "poses.csv", "--json").out)
     assert told["feasible"] is True
-    assert len(told["poses"]) == 27
+    assert [row["via"] for row in told["poses"]] == [False] * 27 + [True]  # the way back
     assert told["not_checked"] == []
 
 
 def test_every_pose_has_its_tightest_constraint(cli: Cli, work: Path) -> None:
     """The table and the JSON say what the constraints say."""
     cell = Cell.load(work / "cell.toml")
-    poses = read_poses(work / "poses.csv", 6)
+    poses = read_poses(work / "poses.csv", 6).measured
     verdicts = cell.checker.check(poses.postures)
     parts = verdicts.room / [constraint.comfort for constraint in verdicts.constraints]
     told = json.loads(cli("check", work / "cell.toml", work / "poses.csv", "--json").out)
-    for row, part, room in zip(told["poses"], parts, verdicts.room, strict=True):
+    told = [row for row in told["poses"] if not row["via"]]
+    for row, part, room in zip(told, parts, verdicts.room, strict=True):
         tightest = verdicts.constraints[int(np.argmin(part))]
         assert row["tightest"] == tightest.name
         expected = room[int(np.argmin(part))] * tightest.display
         assert row["room"] == pytest.approx(expected, abs=1e-9)
     distance = cell.scene.others.clearance(poses.postures).distance_m
-    np.testing.assert_allclose([row["distance_mm"] for row in told["poses"]], 1e3 * distance)
+    np.testing.assert_allclose([row["distance_mm"] for row in told], 1e3 * distance)
 
 
 def test_a_pose_in_the_floor(
@@ -85,6 +86,19 @@ def test_a_way_through_the_fixture(make_demo_cell: Callable[..., Cell]) -> None:
     assert not there[1].way_clear
     assert "wall" in there[1].way
     assert not there[1].ok
+
+
+def test_the_way_back_to_the_base_posture_is_checked(
+    cli: Cli, refuse: Refuse, work: Path, change_csv: Callable[[str, int, str, str], Path]
+) -> None:
+    """The last stop moved to where the arm stands in the floor on its way: named, and refused."""
+    poses = change_csv("poses.csv", 28, "j2_deg", "75")
+    told = json.loads(cli("check", work / "cell.toml", poses, "--json").out)
+    bad = [row for row in told["poses"] if not row["feasible"] or row["way_clear"] is False]
+    assert [(row["name"], row["via"]) for row in bad] == [("V01", True)]
+    assert "floor" in bad[0]["says"] or "fixture" in bad[0]["says"]
+    words = ("program", poses, "--cell", work / "cell.toml", "--out", work)
+    refuse(*words).says("pose V01")
 
 
 def test_postures_on_the_way_need_not_see_the_target(make_demo_cell: Callable[..., Cell]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -105,7 +106,7 @@ def test_new_for_a_urdf(cli: Cli, make_urdf: Callable[..., Path], tmp_path: Path
     (tmp_path / "cell.toml").write_text(said.out)
     planned = cli("plan", tmp_path / "cell.toml", "--out", tmp_path)
     assert planned.code == 0, planned
-    assert len(rows_of(tmp_path / "poses.csv")) == 27
+    assert [row["status"] for row in rows_of(tmp_path / "poses.csv")] == ["grid"] * 27 + ["via"]
 
 
 def test_urdf_is_found_beside_the_cell(
@@ -132,7 +133,14 @@ def test_plan_reaches_the_threshold_at_40_deg(cli: Cli, work: Path) -> None:
     rounds = rows_of(out / "rounds.csv")
     assert [float(row["d_w_deg"]) for row in rounds] == [5, 10, 15, 20, 25, 30, 35, 40]
     assert float(rounds[-2]["c_g"]) > 1e5 > float(rounds[-1]["c_g"])
-    assert [row["status"] for row in rows_of(out / "poses.csv")] == ["grid"] * 27
+    assert [row["status"] for row in rows_of(out / "poses.csv")] == ["grid"] * 27 + ["via"]
+    timing = re.search(
+        r"predicted cycle time (\d+) s: (\d+) s moving, 540 s standing at 27", said.out
+    )
+    assert timing is not None
+    assert int(timing[1]) == pytest.approx(int(timing[2]) + 540, abs=1)
+    told = json.loads(cli("plan", work / "cell.toml", "--out", out, "--json").out)
+    assert told["cycle_time_s"] == pytest.approx(int(timing[1]), abs=0.5)
 
 
 def test_plan_as_json_says_what_the_tables_say(cli: Cli, work: Path) -> None:
@@ -291,7 +299,7 @@ def test_simulate_depends_on_the_seed_alone(cli: Cli, work: Path) -> None:
     assert (work / "other" / "touchups.csv").read_bytes() != first
     rows = rows_of(work / "touchups.csv")
     assert {row["target"] for row in rows} == {"T1"}
-    planned = [row["name"] for row in rows_of(work / "poses.csv")]
+    planned = [row["name"] for row in rows_of(work / "poses.csv") if row["status"] != "via"]
     assert [row["pose"] for row in rows] == planned
     assert sorted(planned) == [f"P{i:02d}" for i in range(1, 28)]
     assert len(rows_of(work / "pairs.csv")) == 27
@@ -415,7 +423,7 @@ def test_program_takes_what_the_cell_says(cli: Cli, change_cell: ChangeCell, wor
         assert word in text
     other = cli("program", work / "poses.csv", "--cell", cell, "--name", "OTHER", "--out", work)
     assert other.code == 0
-    assert len(read(work / "OTHER.LS").postures_rad) == 27
+    assert len(read(work / "OTHER.LS").postures_rad) == 28  # back at the base posture
 
 
 def test_program_formats_are_those_of_the_library(cli: Cli, work: Path) -> None:

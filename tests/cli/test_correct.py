@@ -86,7 +86,7 @@ def test_correct_writes_description_mastering_and_poses(cli: Cli, work, identifi
         "corrected_poses.csv",
         "mastering.csv",
     ]
-    assert "27 of 27 poses corrected" in said.out
+    assert "28 of 28 postures corrected" in said.out
     assert "two together correct twice" in said.err
     cell = Cell.load(work / "cell.toml")
     model, x = as_identified(cell, json.loads(identified.read_text()))
@@ -176,7 +176,7 @@ def test_a_pose_beyond_a_limit_is_dropped_with_its_reason(
     path, poses = changed(more), change_csv("poses.csv", 1, "j5_deg", "-124.9")
     said = cli("correct", work / "cell.toml", path, poses, "--out", work / "out")
     assert said.code == 1
-    assert "26 of 27 poses corrected" in said.out
+    assert "27 of 28 postures corrected" in said.out
     assert "joint_5 -126." in said.out
     first = table(work / "out" / "corrected_poses.csv")[0]
     assert first["status"] == "dropped"

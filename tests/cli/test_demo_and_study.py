@@ -65,7 +65,8 @@ def test_demo_files_can_be_read_back(demo: tuple[Path, str]) -> None:
     out, _ = demo
     cell = Cell.load(out / "cell.toml")
     poses = read_poses(out / "poses.csv", cell.robot.n)
-    assert len(poses.names) == 27
+    assert len(poses.measured.names) == 27
+    np.testing.assert_allclose(poses.postures[-1], cell.base_posture, atol=1e-9)
     assert validate(out / "CALIB01.LS") == []
     assert read_touch_ups(out / "touchups.csv", cell.robot.n).count == 27
     assert len(read_pairs(out / "pairs.csv").names) == 27

@@ -35,11 +35,14 @@ class Criterion(ABC):
         In words.
     smaller_is_better : bool
         Of the value that is shown.
+    falls_with_poses : bool
+        More poses never cost more: of variances, not of condition numbers.
     """
 
     name: str
     title: str
     smaller_is_better: bool
+    falls_with_poses: bool = True
 
     @abstractmethod
     def on(self, candidates: Candidates) -> Objective:

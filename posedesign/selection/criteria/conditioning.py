@@ -38,6 +38,8 @@ class Conditioning(Criterion):
     kind : str
     """
 
+    falls_with_poses = False
+
     def __init__(self, kind: Kind) -> None:
         self._kind = kind
         self.name, self.title = kind, TITLES[kind]

@@ -111,7 +111,8 @@ class DeviationObjective(Objective):
 
     def squares(self, C: FloatArray) -> FloatArray:
         """Mean square error ``(K,)`` of each function."""
-        return np.asarray(np.einsum("krp,pq,krq->k", self.L, C, self.L, optimize=True))
+        rows = self.L.reshape(-1, self.L.shape[2])
+        return np.asarray(((rows @ C) * rows).reshape(len(self.L), -1).sum(axis=1))
 
     def _mean(self, squares: FloatArray) -> FloatArray:
         """Of mean square errors ``(..., K)``."""
@@ -141,7 +142,8 @@ class DeviationObjective(Objective):
         share = (v / v.max()) ** s
         share /= share.sum()
         LC = self.L @ C  # (K, r, p)
-        P = np.einsum("krp,krq,k->pq", LC, LC, share / v, optimize=True)
+        stacked = (LC * np.sqrt(share / v)[:, None, None]).reshape(-1, p)
+        P = stacked.T @ stacked
         curvature = 2.0 * products_by_pairs(candidates, P, C)
         moved = (candidates.J @ LC.reshape(-1, p).T).reshape(candidates.N, candidates.m, K, r)
         slopes = np.einsum("nmkr,nmkr->nk", moved, moved) / v

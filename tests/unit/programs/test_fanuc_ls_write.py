@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from calib.errors import InputError, OutputError
+from posedesign.cell import Cell
+from posedesign.planner import plan
 from posedesign.programs import (
     PoseProgram,
     ProgramOptions,
@@ -322,3 +325,24 @@ def test_positions_on_the_way_are_passed_and_not_measured(tmp_path: Path) -> Non
     path = write(program, "fanuc-ls", tmp_path / "VIA.LS")
     assert validate(path) == []
     np.testing.assert_allclose(read(path).postures_rad, q[[0, 2, 1]], atol=2e-5)
+
+
+def test_an_approached_round_comes_back_as_it_was_planned(
+    make_cell: Callable[..., Cell], tmp_path: Path
+) -> None:
+    """Before each CALL every URDF joint has moved by 1 deg to one side; the last move is home."""
+    cell = make_cell(plan={"approach": "same-side"})
+    found = plan(cell)
+    path = write(found, "fanuc-ls", tmp_path / "ROUND.LS")
+    assert validate(path) == []
+    stored = {position.number: position.posture_rad for position in read(path).positions}
+    steps = re.findall(r"J P\[(\d+)\]|CALL MEASURE\((\d+)\)", path.read_text())
+    visited = [stored[int(move)] for move, _ in steps if move]
+    np.testing.assert_allclose(visited, [q for _, q, _ in found.stops], atol=2e-5)
+    np.testing.assert_allclose(visited[-1], cell.base_posture, atol=2e-5)
+    assert steps[-1][0]
+    calls = [row for row, (_, call) in enumerate(steps) if call]
+    assert [int(steps[row][1]) for row in calls] == list(range(1, 28))
+    last = [stored[int(steps[row - 1][0])] - stored[int(steps[row - 2][0])] for row in calls]
+    np.testing.assert_allclose(np.abs(last), np.deg2rad(1.0), atol=4e-5)
+    assert (np.sign(last) == np.sign(last[0])).all()

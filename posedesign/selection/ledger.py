@@ -83,8 +83,10 @@ class Ledger:
         self.M = self.M + sign * own.T @ own
         self.chosen[row] = sign > 0.0
         for part in self.candidates.chunks(2 * self.candidates.m**2):
-            moved = np.moveaxis(J[part] @ U, 1, 0)  # (m, chunk, m)
-            self.S[:, :, part] -= sign * np.einsum("anr,bnr->abn", moved, moved)
+            # candidate last: sums over contiguous rows, whatever m
+            moved = np.ascontiguousarray((J[part] @ U).transpose(1, 2, 0))  # (m, m, chunk)
+            for a in range(len(moved)):
+                self.S[a, :, part] -= sign * (moved[a] * moved).sum(axis=1)
 
     def root_of_change(self, part: slice | IntArray, sign: float) -> FloatArray:
         """Triangular roots ``(m, m, n)`` of ``1 ± J C Jᵀ``, by columns; zero where there is none."""

@@ -12,17 +12,34 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from posedesign import indices, programs, selection
     from posedesign.cell import Cell
-    from posedesign.fewest import plan_fewest
+    from posedesign.optimal import OptimalPlan, Wish, plan_fewest, plan_optimal
     from posedesign.planner import plan
     from posedesign.pose_plan import PosePlan
+    from posedesign.selection import select
 
-__all__ = ["Cell", "PosePlan", "indices", "plan", "plan_fewest", "programs", "selection"]
+__all__ = [
+    "Cell",
+    "OptimalPlan",
+    "PosePlan",
+    "Wish",
+    "indices",
+    "plan",
+    "plan_fewest",
+    "plan_optimal",
+    "programs",
+    "select",
+    "selection",
+]
 
 _WHERE = {
     "Cell": "posedesign.cell",
     "PosePlan": "posedesign.pose_plan",
     "plan": "posedesign.planner",
-    "plan_fewest": "posedesign.fewest",
+    "OptimalPlan": "posedesign.optimal",
+    "Wish": "posedesign.optimal",
+    "plan_fewest": "posedesign.optimal",
+    "plan_optimal": "posedesign.optimal",
+    "select": "posedesign.selection",
 }
 
 

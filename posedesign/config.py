@@ -285,6 +285,16 @@ class ProgramSection(Section):
     measure_call: str | None = "MEASURE"
 
 
+class PoolSection(Section):
+    """What poses are chosen from, where they are chosen and not varied."""
+
+    kind: Literal["auto", "cone", "wpr", "joints"] = "auto"
+    tilt_deg: Annotated[float, Field(strict=True, gt=0, le=180)] = 45.0
+    candidates: Annotated[int, Field(strict=True, ge=1, le=100_000)] = 1500
+    configurations: Literal["nearest", "front", "all"] = "front"
+    seed: Annotated[int, Field(strict=True, ge=0)] = 0
+
+
 class TaskBoxSection(Section):
     """Where the arm works: a box in base axes, over which its accuracy is predicted."""
 
@@ -312,6 +322,7 @@ class CellConfig(Section):
     constraints: ConstraintSection = ConstraintSection()
     variations: VariationSection = VariationSection()
     plan: PlanSection = PlanSection()
+    pool: PoolSection = PoolSection()
     parameters: ParameterSection = ParameterSection()
     measurement: MeasurementSection = MeasurementSection()
     noise: tuple[NoiseSection, ...] = ()

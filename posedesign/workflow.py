@@ -25,10 +25,11 @@ from posedesign.before_after import (
 from posedesign.cell import Cell
 from posedesign.checks import outside_limits, refuse_unfit
 from posedesign.csv_tables import write_table
-from posedesign.fewest import Advance, FewestPoses, plan_fewest
 from posedesign.files import write_json_atomic
 from posedesign.identification_content import results_as_dict
 from posedesign.measurement_table import read_measurements
+from posedesign.optimal import OptimalPlan, Wish, plan_optimal
+from posedesign.optimal.planning import Advance
 from posedesign.pairs_file import Pairs, read_pairs, write_pairs
 from posedesign.pairs_results import SolverOutcome, solve_pairs
 from posedesign.pairs_tables import write_outcomes
@@ -98,33 +99,27 @@ def plan_poses(cell: Cell, out: Path, progress: Progress | None = None) -> PoseP
     return result
 
 
-def plan_fewest_poses(
-    cell: Cell,
-    out: Path,
-    sigma_mm: float | None,
-    sigma_deg: float | None,
-    advance: Advance = lambda what, part: None,
-) -> FewestPoses:
-    """Choose the fewest poses for an accuracy; write ``poses.csv`` where they reach it.
+def plan_optimal_poses(
+    cell: Cell, out: Path, wish: Wish, advance: Advance = lambda what, part: None
+) -> OptimalPlan:
+    """Choose the best poses; write ``poses.csv`` and ``validation.csv`` where there are any.
 
     Parameters
     ----------
     cell : Cell
     out : Path
-    sigma_mm, sigma_deg : float, optional
-        Largest standard deviation of every length, and of every angle, that is identified.
+    wish : Wish
     advance : callable, optional
         Called with what is being done and the part of all work that is done.
     """
-    result = plan_fewest(
-        cell,
-        None if sigma_mm is None else sigma_mm / 1e3,
-        None if sigma_deg is None else float(np.deg2rad(sigma_deg)),
-        advance,
-    )
-    if result.route is not None:
-        make_folder(out)
-        write_poses(out / "poses.csv", cell.robot, result.poses, result.route, cell.tool_m)
+    result = plan_optimal(cell, wish, advance)
+    for name, poses, route in (
+        ("poses.csv", result.poses, result.route),
+        ("validation.csv", result.validation, result.validation_route),
+    ):
+        if poses is not None and route is not None:
+            make_folder(out)
+            write_poses(out / name, cell.robot, poses, route, cell.tool_m)
     return result
 
 

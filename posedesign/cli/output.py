@@ -7,7 +7,10 @@ import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from calib.model import CalibrationModel
 
 PIPE_WIDTH = 200
 """Columns of a table that goes into a pipe: wide enough not to be cut."""
@@ -100,3 +103,10 @@ def _shown(value: object) -> str:
             return "-" if math.isnan(value) else "inf"
         return f"{value:.4g}" if abs(value) >= 1e4 or 0 < abs(value) < 1e-4 else f"{value:.5g}"
     return str(value)
+
+
+def explain_frames(model: CalibrationModel) -> None:
+    """Say which of the parameters are X and Z of A X = Z B, where these are what is planned for."""
+    if model.measurement.name == "camera-pose":
+        print("tool: X = T_flange_camera, along and about the axes of the flange and of the camera")
+        print("target: Z = T_base_target, along and about the axes of the base and of the target")

@@ -7,12 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress
+from posedesign.cli.output import (
+    DONE,
+    NOT_REACHED,
+    explain_frames,
+    note,
+    print_json,
+    print_table,
+    progress,
+)
 
 if TYPE_CHECKING:
-    from calib.model import CalibrationModel
     from posedesign.cell import Cell
-    from posedesign.fewest import FewestPoses
     from posedesign.pose_check import PoseVerdict
     from posedesign.pose_plan import PosePlan
 
@@ -77,29 +83,81 @@ def plan(
     cell: CellFile,
     out: OutFolder = Path(),
     as_json: AsJson = False,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            help="wpr: the grid of the paper, made wider until C_G is low enough (usual). "
+            "exchange, detmax, greedy, rounding: the best poses out of a pool, with a proof."
+        ),
+    ] = None,
+    poses: Annotated[
+        str | None, typer.Option(help="How many poses, or auto: the fewest that will do. [27]")
+    ] = None,
+    criterion: Annotated[
+        str | None,
+        typer.Option(
+            help="tcp, tcp-worst (over the task box), sigma:NAME, D, A, E, C_G, cond_2, O1 .. O5. "
+            "[tcp]"
+        ),
+    ] = None,
+    target_accuracy: Annotated[
+        str | None,
+        typer.Option(help="Largest rms error of the tool point over the task box, e.g. 0.2mm."),
+    ] = None,
+    threshold: Annotated[
+        float | None, typer.Option(help="Value of the criterion that must be reached.")
+    ] = None,
     wanted_sigma_mm: Annotated[
         float | None,
-        typer.Option(help="Choose the fewest poses that know every length this well."),
+        typer.Option(help="Largest standard deviation of every length that is identified."),
     ] = None,
     wanted_sigma_deg: Annotated[
         float | None, typer.Option(help="The same for every angle; may be given together.")
     ] = None,
+    validation: Annotated[
+        int, typer.Option(help="Poses to choose besides, to be kept out of the fit.")
+    ] = 0,
+    refine: Annotated[
+        bool | None,
+        typer.Option(help="Turn the tool at the chosen poses for as long as that helps."),
+    ] = None,
 ) -> int:
     """Plan measuring poses.
 
-    Angles are raised until the condition number falls below the threshold; or the fewest poses are
-    chosen whose predicted standard deviations are as small as wanted.
+    Angles are raised until the condition number falls below the threshold; or, with --method
+    exchange, the best poses are chosen out of a pool, and it is proven how good they are.
     """
     from posedesign.cell import Cell
-    from posedesign.workflow import plan_fewest_poses, plan_poses
+    from posedesign.optimal.wish import wish_of_words
 
     loaded = Cell.load(cell)
-    if wanted_sigma_mm is not None or wanted_sigma_deg is not None:
-        with progress("planning") as advance:
-            fewest = plan_fewest_poses(loaded, out, wanted_sigma_mm, wanted_sigma_deg, advance)
-        _print_notices(loaded)
-        print_fewest(fewest, out, as_json=as_json)
-        return DONE if fewest.reached else NOT_REACHED
+    wish = wish_of_words(
+        method,
+        poses,
+        criterion,
+        target_accuracy,
+        threshold,
+        wanted_sigma_mm,
+        wanted_sigma_deg,
+        validation,
+        refine,
+    )
+    if wish is None:
+        return _plan_by_grid(loaded, out, as_json=as_json)
+    from posedesign.cli.optimal_output import print_optimal
+    from posedesign.workflow import plan_optimal_poses
+
+    with progress("planning") as advance:
+        result = plan_optimal_poses(loaded, out, wish, advance)
+    _print_notices(loaded)
+    print_optimal(result, out, as_json=as_json)
+    return DONE if result.reached else NOT_REACHED
+
+
+def _plan_by_grid(loaded: Cell, out: Path, *, as_json: bool) -> int:
+    """The loop of the paper."""
+    from posedesign.workflow import plan_poses
+
     largest = max(loaded.config.variations.largest_deg)
     with progress("planning") as advance:
         result = plan_poses(
@@ -128,41 +186,6 @@ def _print_notices(cell: Cell) -> None:
             f"note: the target is {cell.target_offset_m * 1e3:.0f} mm from where the base "
             "posture puts the tool point"
         )
-
-
-def print_fewest(result: FewestPoses, out: Path, *, as_json: bool) -> None:
-    """Print what accuracy to expect of the poses chosen, beside the one wanted."""
-    from posedesign.planner import scaling_of
-
-    for said in result.model.robot.notices:
-        note(f"note: {said}")
-    files = [str(out / "poses.csv")] if result.reached else []
-    if as_json:
-        print_json(
-            {
-                "reached": result.reached,
-                "poses": result.selection.count,
-                "pool": result.pool_size,
-                "message": result.message,
-                "fingerprint": result.fingerprint,
-                "indices": result.indices.as_dict(),
-                "scaling": scaling_of(result.model),
-                "predicted": result.rows(),
-                "files": files,
-            }
-        )
-        return
-    print_table("Predicted before measuring, from the noise alone", result.rows())
-    _explain_frames(result.model)
-    print(result.message)
-    print(f"wrote {files[0]}" if files else "wrote nothing")
-
-
-def _explain_frames(model: CalibrationModel) -> None:
-    """Say which of the parameters are X and Z of A X = Z B, where these are what is planned for."""
-    if model.measurement.name == "camera-pose":
-        print("tool: X = T_flange_camera, along and about the axes of the flange and of the camera")
-        print("target: Z = T_base_target, along and about the axes of the base and of the target")
 
 
 def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
@@ -200,7 +223,7 @@ def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
     short = [{k.replace("zero_offset.", ""): v for k, v in row.items()} for row in rounds]
     print_table("Rounds of the loop", [_without_tool(row) for row in short])
     print_table("Predicted before measuring, from the noise alone", sigma)
-    _explain_frames(result.model)
+    explain_frames(result.model)
     changed = zip(result.poses.names, result.poses.status, result.poses.reasons, strict=True)
     print_table(
         "Poses that are not those of the grid",

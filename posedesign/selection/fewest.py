@@ -88,9 +88,7 @@ class _Search:
         self._offered = len(np.union1d(pool.distinct(), np.asarray(keep, dtype=np.intp)))
         self._found: dict[int, Selection] = {}
         self._monotone = criterion.falls_with_poses
-        self._least = max(
-            1, len(keep), 0 if known is not None else int(np.ceil(pool.p / pool.m))
-        )
+        self._least = max(1, len(keep), 0 if known is not None else int(np.ceil(pool.p / pool.m)))
 
     def run(self) -> Fewest:
         """Bracket, halve, report."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, near_names
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import IntArray
 from posedesign.selection import exchange as steps
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root

@@ -134,6 +134,7 @@ def test_plan_reaches_the_threshold_at_40_deg(cli: Cli, work: Path) -> None:
     assert [float(row["d_w_deg"]) for row in rounds] == [5, 10, 15, 20, 25, 30, 35, 40]
     assert float(rounds[-2]["c_g"]) > 1e5 > float(rounds[-1]["c_g"])
     assert [row["status"] for row in rows_of(out / "poses.csv")] == ["grid"] * 27 + ["via"]
+    assert rows_of(out / "poses.csv")[-1]["reason"] == "return to base"
     timing = re.search(
         r"predicted cycle time (\d+) s: (\d+) s moving, 540 s standing at 27", said.out
     )

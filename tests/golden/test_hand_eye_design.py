@@ -15,7 +15,7 @@ from calib.robot_world.results import residuals
 from calib.robot_world.simulation import add_noise
 from posedesign.cell import Cell
 from posedesign.config import parse_config
-from posedesign.fewest import plan_fewest
+from posedesign.optimal import plan_fewest
 from posedesign.simulation import SimulatedRobot
 from posedesign.template import cell_template
 

@@ -182,7 +182,7 @@ def _ratio(
     bounded = np.isfinite(highest)
     if bounded.any():
         rules += [F[bounded] <= unit * highest[bounded]]
-    rules += [F >= unit * lowest] if lowest.any() else [F >= 0.0]
+    rules += [unit * lowest <= F] if lowest.any() else [F >= 0.0]
     problem = cp.Problem(cp.Minimize(slack), rules)
     best: tuple[FloatArray, FloatArray, FloatArray, float] | None = None
     trial = _own_ratio(part, np.full(part.N, count / part.N), np.sqrt(np.diag(part.whole)))

@@ -10,7 +10,7 @@ import pytest
 from calib.errors import InputError
 from calib.se3 import rotation_angle
 from posedesign.checks import off_target
-from posedesign.fewest import ATTEMPTS, plan_fewest
+from posedesign.optimal import ATTEMPTS, plan_fewest
 from posedesign.route import Router
 
 WANTED_M = 8e-5

@@ -1,0 +1,65 @@
+"""What `plan` prints of poses that were chosen out of a pool."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from posedesign.cli.output import explain_frames, note, print_json, print_table
+
+if TYPE_CHECKING:
+    from posedesign.optimal import OptimalPlan
+
+
+def print_optimal(result: OptimalPlan, out: Path, *, as_json: bool) -> None:
+    """Print what accuracy to expect, what is proven, and what one pose more or fewer changes."""
+    from posedesign.planner import scaling_of
+
+    for said in result.model.robot.notices:
+        note(f"note: {said}")
+    files = [str(out / "poses.csv")] if result.route is not None else []
+    if result.validation is not None:
+        files.append(str(out / "validation.csv"))
+    if as_json:
+        print_json(_as_dict(result) | {"scaling": scaling_of(result.model), "files": files})
+        return
+    print_table("Predicted before measuring, from the noise alone", result.rows())
+    print_table(
+        f"What a pose more or fewer changes, over {result.box_words}", result.accuracy_rows()
+    )
+    explain_frames(result.model)
+    for said in result.remarks:
+        note(f"note: {said}")
+    print(result.pool_words)
+    print(result.message)
+    if result.cycle_time_s is not None:
+        print(f"cycle time about {result.cycle_time_s:.0f} s")
+    print("wrote " + ", ".join(files) if files else "wrote nothing")
+
+
+def _as_dict(result: OptimalPlan) -> dict[str, object]:
+    found, goal = result.selection, result.goal
+    return {
+        "reached": result.reached,
+        "poses": found.count,
+        "pool": result.pool_size,
+        "message": result.message,
+        "fingerprint": result.fingerprint,
+        "method": result.wish.method,
+        "criterion": {
+            "name": goal.criterion.name,
+            "meaning": goal.criterion.title,
+            "value": result.accuracy.value * goal.factor,
+            "bound": found.bound * goal.factor,
+            "efficiency": found.efficiency,
+            "unit": goal.unit,
+        },
+        "at_least": None if result.fewest is None else result.fewest.at_least,
+        "tcp_rms_mm": 1e3 * result.accuracy.tcp_m,
+        "tcp_worst_rms_mm": 1e3 * result.accuracy.tcp_worst_m,
+        "task_box": result.box_words,
+        "cycle_time_s": result.cycle_time_s,
+        "indices": result.indices.as_dict(),
+        "predicted": result.rows(),
+        "other_numbers_of_poses": result.accuracy_rows(),
+    }

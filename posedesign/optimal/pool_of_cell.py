@@ -1,0 +1,65 @@
+"""The pool that a cell asks for, and the task box that accuracy is judged over."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.errors import UnreachableError
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray
+from posedesign.cell import Cell
+from posedesign.pools import Pool, cone_pool, joint_pool, wpr_pool
+from posedesign.task_box import TaskBox, box_functions
+
+BOX_OF_REACH = 0.1
+"""Part of the reach that the usual task box extends to each side of the target."""
+
+
+def pool_of(cell: Cell) -> Pool:
+    """Candidates of a cell, by its section ``[pool]``.
+
+    ``auto`` is the view cone for touch-ups, and all W P R grids for a camera that sees a target.
+
+    Raises
+    ------
+    UnreachableError
+        The robot can take none of them.
+    """
+    section = cell.config.pool
+    kind = section.kind
+    if kind == "auto":
+        kind = "wpr" if cell.is_hand_eye else "cone"
+    if kind == "wpr":
+        return wpr_pool(cell, configurations="nearest")
+    rng = np.random.default_rng(section.seed)
+    if kind == "joints":
+        return joint_pool(cell, section.candidates, rng)
+    tilt = float(np.deg2rad(section.tilt_deg))
+    return cone_pool(cell, tilt, section.candidates, rng, section.configurations)
+
+
+def box_of_cell(cell: Cell) -> tuple[TaskBox, str]:
+    """The task box of a cell, and where it is from in words."""
+    section = cell.config.task_box
+    if section is not None:
+        lowest, highest = np.array(section.lowest_mm) / 1e3, np.array(section.highest_mm) / 1e3
+        return TaskBox(lowest, highest, section.steps), "the task box of the cell"
+    half = BOX_OF_REACH * cell.robot.chain.reach_m
+    size = f"{2e3 * half:.0f} mm"
+    words = f"a cube of {size} about the target, no [task_box] being given in the cell"
+    return TaskBox(cell.target_m - half, cell.target_m + half), words
+
+
+def functions_over_box(cell: Cell, model: CalibrationModel) -> tuple[FloatArray, str]:
+    """How the tool point moves with the parameters over the box ``(K, 3, p)``, and which box.
+
+    Without a task box of its own, a cell is judged at the base pose where nothing else is reached.
+    """
+    box, words = box_of_cell(cell)
+    try:
+        return box_functions(cell, model, box), words
+    except UnreachableError:
+        if cell.config.task_box is not None:
+            raise
+    point = TaskBox(cell.target_m, cell.target_m, (1, 1, 1))
+    return box_functions(cell, model, point), "the target alone"

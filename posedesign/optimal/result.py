@@ -1,0 +1,225 @@
+"""Poses chosen out of a pool, what they promise, and how far they are from the best."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray
+from posedesign.indices import Indices
+from posedesign.optimal.goal import Goal
+from posedesign.optimal.wish import Wish
+from posedesign.pose_plan import PoseSet, displayed, fingerprint, named_stops
+from posedesign.route import Route
+from posedesign.selection import Fewest, Selection
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """What a number of poses promises.
+
+    Attributes
+    ----------
+    poses : int
+    value : float
+        Of the criterion, as it is shown.
+    sigma : ndarray (p,)
+        Standard deviations of the parameters [SI].
+    tcp_m, tcp_worst_m : float
+        Root mean square error of the tool point over the task box, in the mean and where it is
+        largest [m].
+    """
+
+    poses: int
+    value: float
+    sigma: FloatArray
+    tcp_m: float
+    tcp_worst_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class OptimalPlan:
+    """Poses chosen out of a pool, and the way through them.
+
+    Attributes
+    ----------
+    wish : Wish
+    goal : Goal
+    selection : Selection
+        Of the postures of the pool.
+    fewest : Fewest or None
+        Where the number of poses was left open.
+    poses : PoseSet
+        The poses chosen, refined where that was asked for; those of the whole pool where what is
+        wanted is out of reach.
+    route : Route or None
+        Their order, and what lies between them; None where they are out of reach.
+    pool_words : str
+        The pool in words.
+    pool_size, tried : int
+        Poses of the pool that the robot can take, of how many.
+    indices : Indices
+        Of the poses chosen.
+    model : CalibrationModel
+    accuracy : Accuracy
+    others : tuple of Accuracy
+        One pose fewer and one more, where there are such.
+    box_words : str
+        The task box in words.
+    refined_from : float or None
+        Value of the criterion before the poses were refined.
+    validation : PoseSet or None
+        Poses that are kept out of the fit.
+    validation_route : Route or None
+    """
+
+    wish: Wish
+    goal: Goal
+    selection: Selection
+    fewest: Fewest | None
+    poses: PoseSet
+    route: Route | None
+    pool_words: str
+    pool_size: int
+    tried: int
+    indices: Indices
+    model: CalibrationModel
+    accuracy: Accuracy
+    others: tuple[Accuracy, ...]
+    box_words: str
+    refined_from: float | None = None
+    validation: PoseSet | None = None
+    validation_route: Route | None = None
+
+    @property
+    def reached(self) -> bool:
+        """Whether what is wanted is reached; True where nothing was."""
+        if self.fewest is not None:
+            return self.fewest.reached
+        return self.route is not None and self._is_within(self.accuracy.value)
+
+    def _is_within(self, value: float) -> bool:
+        limit = self.goal.limit
+        if limit is None:
+            return bool(np.isfinite(self.accuracy.sigma).all())
+        cost = self.goal.criterion.cost_of
+        return bool(cost(value) <= cost(limit) * (1.0 + 1e-9))
+
+    @property
+    def postures(self) -> FloatArray:
+        """Postures ``(N, n)`` [rad] to measure at, in the order of the route."""
+        order = slice(None) if self.route is None else self.route.order
+        return np.asarray(self.poses.kept[order])
+
+    @property
+    def stops(self) -> list[tuple[str, FloatArray, bool]]:
+        """Name, posture ``(n,)`` [rad], and whether it is passed only, of every stop in order."""
+        return [] if self.route is None else named_stops(self.poses, self.route)
+
+    @property
+    def fingerprint(self) -> str:
+        """Short digest of the postures in their order, as of a plan."""
+        return fingerprint(self.postures)
+
+    @property
+    def cycle_time_s(self) -> float | None:
+        """Predicted time of one round [s]; None where there is no way, or no speed is known."""
+        if self.route is None or not np.isfinite(self.route.cycle_time_s):
+            return None
+        return self.route.cycle_time_s
+
+    @property
+    def remarks(self) -> list[str]:
+        """What a user should know of the choice, in words."""
+        said = []
+        if self.selection.duplicates:
+            said.append(
+                f"{self.selection.duplicates} candidates tell the same as others, and were "
+                "offered once"
+            )
+        if self.validation_route is not None and self.validation_route.lost:
+            said.append(
+                f"no clear way leads to {len(self.validation_route.lost)} of the poses for "
+                "validation: they are left out"
+            )
+        return said
+
+    @property
+    def bound_words(self) -> str:
+        """What is proven of the choice, in words."""
+        found = self.selection
+        if not np.isfinite(found.efficiency):
+            return "no bound is known"
+        side = "below" if found.criterion.smaller_is_better else "above"
+        return (
+            f"proven: no {found.count} poses of the pool are {side} "
+            f"{self.goal.words(found.bound)} (efficiency {found.efficiency:.3f})"
+        )
+
+    @property
+    def message(self) -> str:
+        """The outcome in one line."""
+        if self.fewest is not None:
+            said = self._fewest_words(self.fewest)
+        else:
+            said = f"{self.selection.count} poses, {self.goal.words(self.accuracy.value)}"
+            if self.refined_from is not None:
+                said += f" (refined from {self.goal.words(self.refined_from)})"
+            said += f"; {self.bound_words}"
+            if not self.reached and self.goal.limit is not None:
+                said = f"not reached: {said}; {self.goal.words(self.goal.limit)} is wanted"
+        said = f"of {self.tried} poses the robot can take {self.pool_size}; {said}"
+        if self.wish.wants_sigma and np.isfinite(self.accuracy.sigma).all():
+            said += f" ({self.tightest} decides)"
+        return said
+
+    def _fewest_words(self, fewest: Fewest) -> str:
+        if fewest.reached:
+            return fewest.message
+        return (
+            f"{fewest.message}; or widen the pool ([pool] and variations.largest_deg), or make "
+            "room around the base pose"
+        )
+
+    @property
+    def tightest(self) -> str:
+        """Name of the parameter whose deviation is the largest part of that wanted."""
+        limits = {"m": self.wish.sigma_m, "rad": self.wish.sigma_rad}
+        wanted = np.array([limits.get(unit) or np.inf for unit in self.model.units])
+        return self.model.names[int(np.argmax(self.accuracy.sigma / wanted))]
+
+    def rows(self) -> list[dict[str, object]]:
+        """Predicted deviation of each parameter, beside that of one pose fewer and more."""
+        shown = displayed(self.model, self.accuracy.sigma)
+        rows: list[dict[str, object]] = [
+            {"parameter": name, "predicted sigma": _or_none(sigma), "unit": unit}
+            for name, unit, sigma in shown
+        ]
+        if self.wish.wants_sigma:
+            limits = {"m": self.wish.sigma_m, "rad": self.wish.sigma_rad}
+            given = np.array([limits.get(unit) or np.inf for unit in self.model.units])
+            for row, (_, _, limit) in zip(rows, displayed(self.model, given), strict=True):
+                row["wanted"] = _or_none(limit)
+        for other in self.others:
+            for row, (_, _, sigma) in zip(rows, displayed(self.model, other.sigma), strict=True):
+                row[f"with {other.poses} poses"] = _or_none(sigma)
+        return rows
+
+    def accuracy_rows(self) -> list[dict[str, object]]:
+        """What the criterion and the tool point come to with one pose fewer, these, one more."""
+        ordered = sorted((self.accuracy, *self.others), key=lambda a: a.poses)
+        return [
+            {
+                "poses": a.poses,
+                self.goal.criterion.name: _or_none(a.value * self.goal.factor),
+                "TCP rms over the box [mm]": _or_none(1e3 * a.tcp_m),
+                "TCP rms at its worst [mm]": _or_none(1e3 * a.tcp_worst_m),
+            }
+            for a in ordered
+        ]
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,269 @@
+"""What a cell can do for accuracy: sets of poses, what they touch, how they are identified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.knowledge import KnownDistance
+from calib.measurement import Measurement, TouchUp, ViewLine
+from calib.model import CalibrationModel
+from calib.parameters import JointCompliance, ToolPoint, ZeroOffsets
+from calib.prediction import tool_motion
+from calib.se3 import FloatArray, IntArray, wpr_from_rotation
+from posedesign.cell import Cell
+from posedesign.feasibility import nearest_postures
+from posedesign.generation import GRID, touching_poses, wpr_rotations
+from posedesign.planner import plan
+from posedesign.pools import Pool, cone_pool, offset_targets, wpr_pool
+from posedesign.route import Router
+from posedesign.selection import mean_deviation, select
+from posedesign.task_box import TaskBox, reached_points
+from posedesign.template import cell_template
+from studies.tool_errors import Experiment, ToolErrors, simulate_errors, simulated_arm, tool_errors
+
+HALF = (GRID != 0).sum(axis=1) % 2 == 0
+"""Thirteen of the 27 poses of the grid that lie evenly in it: the middle and that of each edge."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to measure; see the study's TOML."""
+
+    key: str
+    says: str
+    poses: int = 27
+    width_deg: float = 40.0
+    chosen: str = "grid"
+    pool: str = "cone"
+    configurations: str = "nearest"
+    targets: str = "1"
+    repeats: int = 1
+    known: bool = False
+    weighted: bool = True
+    kind: str = "touch-up"
+    compliance: bool = False
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a variant came to.
+
+    Attributes
+    ----------
+    variant : Variant
+    measurements : int
+    minutes, moving_minutes : float
+        Predicted time of the round, and of its moves.
+    rigid : ToolErrors
+        Over the box, of an arm that is as the model has it.
+    deflecting : ToolErrors
+        Of one whose reducers give way, which the model does not know.
+    """
+
+    variant: Variant
+    measurements: int
+    minutes: float
+    moving_minutes: float
+    rigid: ToolErrors
+    deflecting: ToolErrors
+
+
+def study_cell(name: str, smallest_singular_value: float) -> Cell:
+    """The cell of a preset, bounded by joint limits and a distance from singular postures."""
+    cell = Cell.from_text(cell_template(name, surroundings=False))
+    constraints = cell.config.constraints.model_copy(
+        update={"smallest_singular_value": smallest_singular_value}
+    )
+    config = cell.config.model_copy(update={"constraints": constraints})
+    return Cell.from_config(config, Path("cell.toml"))
+
+
+def _without_unused(pool: Pool) -> Pool:
+    """The pool without targets that none of its poses touches: nothing tells where they are."""
+    used, target = np.unique(pool.target, return_inverse=True)
+    names = tuple(pool.target_names[k] for k in used)
+    return replace(pool, target=target, targets_m=pool.targets_m[used], target_names=names)
+
+
+class Bench:
+    """One arm and its box, on which variants are tried.
+
+    Parameters
+    ----------
+    name : str
+        Of the preset.
+    settings : dict
+        The study's TOML.
+    """
+
+    def __init__(self, name: str, settings: dict[str, Any]) -> None:
+        self.name, self.settings = name, settings
+        self.own = settings["arms"][name]
+        self.cell = study_cell(name, settings["smallest_singular_value"])
+        corners = (np.array(self.own[key]) / 1e3 for key in ("lowest_mm", "highest_mm"))
+        found = reached_points(self.cell, TaskBox(*corners))
+        self.box = found.q[found.feasible]
+        self._router = Router.of_cell(self.cell)
+        self._pools: dict[tuple[Any, ...], Pool] = {}
+
+    def before_m(self, *, deflects: bool) -> float:
+        """Error over the box before calibration, root mean square [m]."""
+        baseline = Variant("", "")
+        pool = self._grid(baseline)
+        model = self.model(baseline, pool)
+        arm = simulated_arm(self.cell, pool, model.measurement, deflects=deflects)
+        error = tool_errors(arm, model, model.nominal[None], self.box)
+        return float(np.sqrt((error**2).sum(axis=-1).mean()))
+
+    def measure(self, variant: Variant, trials: int, deflecting: int, stream: int) -> Measured:
+        """Plan, time, predict and simulate a variant."""
+        poses = self.plan(variant)
+        route = self._router.route(poses.postures)
+        count = len(poses) * variant.repeats
+        moving = route.moving_s / 60.0
+        rng = np.random.default_rng([self.settings["seed"], stream])
+        return Measured(
+            variant,
+            count,
+            moving + count * route.dwell_s / 60.0,
+            moving,
+            self.simulate(variant, poses, trials, rng, deflects=False),
+            self.simulate(variant, poses, deflecting, rng, deflects=True),
+        )
+
+    def plan(self, variant: Variant) -> Pool:
+        """The poses of a variant."""
+        if variant.chosen == "grid":
+            return self._grid(variant)
+        if variant.chosen == "loop":
+            return self._at_target(plan(self.cell).postures)
+        pool = self._pool(variant)
+        if variant.chosen == "C_G":
+            pool = pool.take(np.arange(min(len(pool), self.settings["candidates_c_g"])))
+        return _without_unused(pool.take(self._choose(variant, pool)))
+
+    def model(
+        self, variant: Variant, pool: Pool, lengths_m: FloatArray | None = None
+    ) -> CalibrationModel:
+        """The model of a variant; known distances have these lengths, or the nominal ones."""
+        distances = []
+        if variant.known:
+            pairs = list(combinations(range(len(pool.targets_m)), 2))
+            if lengths_m is None:
+                lengths_m = self._lengths(pool)
+            sigma = self.settings["sigma_length_mm"] / 1e3
+            names = pool.target_names
+            distances = [
+                KnownDistance(names[a], names[b], float(length), sigma)
+                for (a, b), length in zip(pairs, lengths_m, strict=True)
+            ]
+        cell, measurement = self.cell, self._measurement(variant)
+        carrying = cell.robot.joint_names[1:3]
+        loaded = [JointCompliance(cell.robot, carrying, cell.payload)] if variant.compliance else []
+        return CalibrationModel(
+            cell.robot,
+            [
+                ZeroOffsets(cell.robot, cell.offset_joints),
+                *loaded,
+                ToolPoint(cell.tool_m, cell.tool_axes_of(measurement)),
+                pool.target_points(),
+            ],
+            measurement,
+            distances,
+        )
+
+    def simulate(
+        self,
+        variant: Variant,
+        poses: Pool,
+        trials: int,
+        rng: np.random.Generator,
+        *,
+        deflects: bool,
+    ) -> ToolErrors:
+        """Errors over the box; a known length is off in each of a few groups of trials."""
+        measurement = self._measurement(variant)
+        touch_up = variant.kind == "touch-up"
+        arm = simulated_arm(self.cell, poses, measurement, deflects=deflects, tool_z=touch_up)
+        groups = min(self.settings["lengths"], trials) if variant.known else 1
+        true = self._lengths(poses)  # all targets are off alike
+        sigma = self.settings["sigma_length_mm"] / 1e3
+        parts = []
+        for _ in range(groups):
+            read = true + sigma * rng.standard_normal(len(true))
+            experiment = Experiment.of(
+                self.model(variant, poses, read),
+                poses,
+                variant.repeats,
+                weighted=variant.weighted,
+            )
+            parts.append(simulate_errors(arm, experiment, self.box, trials // groups, rng))
+        return parts[0] if groups == 1 else ToolErrors.joined(parts)
+
+    def _measurement(self, variant: Variant) -> Measurement:
+        sigma = np.array(self.cell.config.measurement.three_sigma_mm) / 3e3
+        return TouchUp(sigma) if variant.kind == "touch-up" else ViewLine(sigma[:2])
+
+    def _lengths(self, pool: Pool) -> FloatArray:
+        pairs = combinations(pool.targets_m, 2)
+        return np.array([np.linalg.norm(a - b) for a, b in pairs])
+
+    def _grid(self, variant: Variant) -> Pool:
+        cell = self.cell
+        wpr = wpr_from_rotation(cell.robot.fk(cell.base_posture)[:3, :3])
+        rotations = wpr_rotations(wpr, np.deg2rad([variant.width_deg] * 3))
+        if variant.poses < len(GRID):
+            rotations = rotations[HALF]
+        found = nearest_postures(
+            cell.checker, touching_poses(rotations, cell.tool_m, cell.target_m), cell.base_posture
+        )
+        return self._at_target(found.q[found.feasible])
+
+    def _at_target(self, postures: FloatArray) -> Pool:
+        """Postures at the one target of the cell, as a pool."""
+        return Pool(
+            postures,
+            self.cell.robot.fk(postures)[:, :3, :3],
+            np.zeros(len(postures), dtype=np.intp),
+            self.cell.target_m[None],
+            (self.cell.config.target.name,),
+            len(postures),
+            "W P R",
+        )
+
+    def _pool(self, variant: Variant) -> Pool:
+        key = variant.pool, variant.width_deg, variant.configurations, variant.targets
+        if key not in self._pools:
+            self._pools[key] = self._new_pool(variant)
+        return self._pools[key]
+
+    def _new_pool(self, variant: Variant) -> Pool:
+        cell = self.cell
+        if variant.pool == "grids":
+            section = cell.config.variations.model_copy(
+                update={"largest_deg": (variant.width_deg,) * 3}
+            )
+            config = cell.config.model_copy(update={"variations": section})
+            return wpr_pool(Cell.from_config(config, Path("cell.toml")))
+        offsets = np.array(self.own["offsets_mm"][variant.targets])
+        targets = None if len(offsets) == 1 else offset_targets(cell, offsets)
+        rng = np.random.default_rng(self.settings["seed"])
+        tilt, count = float(np.deg2rad(variant.width_deg)), self.settings["candidates"]
+        return cone_pool(cell, tilt, count, rng, variant.configurations, targets_m=targets)
+
+    def _choose(self, variant: Variant, pool: Pool) -> IntArray:
+        model = self.model(variant, pool)
+        linear = pool.linearise(model)
+        blocks = linear.jacobian if variant.chosen == "C_G" else linear.white_jacobian
+        known = model.known(model.nominal[None])[1][0]
+        criterion = (
+            mean_deviation(tool_motion(model, self.box))
+            if variant.chosen == "I"
+            else variant.chosen
+        )
+        return select(blocks, variant.poses, criterion, known=known if len(known) else None).indices

@@ -1,0 +1,263 @@
+"""Errors of the tool point over a task box, as predicted and as simulated: studies 10 and 11.
+
+A simulated arm is touched up many times, each set of touch-ups is identified, and the tool point of
+the arm so identified is held against the true one at the points of the box, by the kinematics of
+both and not by a derivative. The frame is that of :func:`calib.prediction.predict_accuracy`: the
+base as the targets were found in it, turned by the zero offset of joint 1 that they take up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.arm_view import Setup
+from calib.identification import covariance_of, identify_batch
+from calib.measurement import Measurement
+from calib.measurement.simulate import simulate
+from calib.model import CalibrationModel
+from calib.parameters import JointCompliance, LinkGeometry, ParameterBlock, ToolPoint, ZeroOffsets
+from calib.prediction import Against, predict_accuracy
+from calib.se3 import FloatArray, apply
+from posedesign.cell import Cell, usual_offsets
+from posedesign.pools import Pool
+from posedesign.simulation import SimulatedRobot
+
+CONFIDENCE = 0.95
+RESAMPLES = 1000
+"""Bootstrap samples of an interval."""
+
+RESAMPLING_SEED = 0
+"""Of the bootstrap alone: an interval is the same whatever was drawn before it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """Poses that are measured, and the model that is identified from them.
+
+    Attributes
+    ----------
+    model : CalibrationModel
+    postures : array (N, n)
+        [rad]
+    setup : Setup
+        What each touches.
+    weighted : bool
+        Whether rows are weighted by their noise.
+    """
+
+    model: CalibrationModel
+    postures: FloatArray
+    setup: Setup
+    weighted: bool = True
+
+    @classmethod
+    def of(
+        cls, model: CalibrationModel, pool: Pool, repeats: int = 1, *, weighted: bool = True
+    ) -> Experiment:
+        """All postures of a pool, each measured so many times."""
+        rows = np.tile(np.arange(len(pool)), repeats)
+        return cls(model, pool.postures[rows], pool.setup(model)[rows], weighted)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Predicted, ``(p, p)`` [SI]."""
+        return covariance_of(self.model, self.postures, setup=self.setup, weighted=self.weighted)
+
+
+@dataclass(frozen=True, eq=False)
+class ToolErrors:
+    """Errors of the tool point at K points of a box in T trials.
+
+    Attributes
+    ----------
+    errors_m : array (T, K, 3)
+        Identified less true [m], base axes.
+    covariance : array (K, 3, 3)
+        As predicted [m²].
+    group : array (T,)
+        Trials of one group share what was drawn for all of them: they are resampled together.
+    failed : int
+        Trials that gave no answer.
+    """
+
+    errors_m: FloatArray
+    covariance: FloatArray
+    group: FloatArray
+    failed: int = 0
+
+    @classmethod
+    def joined(cls, parts: Sequence[ToolErrors]) -> ToolErrors:
+        """Trials of several arms or models as one, each a group of its own."""
+        return cls(
+            np.concatenate([part.errors_m for part in parts]),
+            np.mean([part.covariance for part in parts], axis=0),
+            np.repeat(np.arange(len(parts)), [len(part.errors_m) for part in parts]),
+            sum(part.failed for part in parts),
+        )
+
+    @cached_property
+    def squares(self) -> FloatArray:
+        """Squared errors ``(T, K)`` [m²]."""
+        return np.asarray((self.errors_m**2).sum(axis=-1))
+
+    @property
+    def of_trials_m(self) -> FloatArray:
+        """Root mean square over the box in each trial, ``(T,)`` [m]."""
+        return np.asarray(np.sqrt(self.squares.mean(axis=1)))
+
+    @property
+    def worst_of_trials_m(self) -> FloatArray:
+        """Error at the worst point in each trial, ``(T,)`` [m]."""
+        return np.asarray(np.sqrt(self.squares.max(axis=1)))
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square over the box and the trials [m]."""
+        return float(np.sqrt(self.squares.mean()))
+
+    @property
+    def worst_m(self) -> float:
+        """Root mean square over the trials at the point where it is largest [m]."""
+        return float(np.sqrt(self.squares.mean(axis=0).max()))
+
+    @property
+    def predicted_rms_m(self) -> float:
+        """What the covariance says that :attr:`rms_m` will be [m]."""
+        return float(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2).mean()))
+
+    @property
+    def predicted_worst_m(self) -> float:
+        """What it says that :attr:`worst_m` will be [m]."""
+        return float(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2).max()))
+
+    @cached_property
+    def resampled(self) -> FloatArray:
+        """Mean squares ``(B, K)`` [m²] of bootstrap samples of the groups."""
+        groups, index = np.unique(self.group, return_inverse=True)
+        sums = np.zeros((len(groups), self.squares.shape[1]))
+        np.add.at(sums, index, self.squares)
+        counts = np.bincount(index)
+        rng = np.random.default_rng(RESAMPLING_SEED)
+        drawn = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), RESAMPLES)
+        return np.asarray((drawn @ sums) / (drawn @ counts)[:, None])
+
+    @property
+    def rms_interval_m(self) -> tuple[float, float]:
+        """Of :attr:`rms_m` [m]."""
+        return interval(np.sqrt(self.resampled.mean(axis=1)))
+
+    @property
+    def worst_interval_m(self) -> tuple[float, float]:
+        """Of :attr:`worst_m` [m]."""
+        return interval(np.sqrt(self.resampled.max(axis=1)))
+
+    @property
+    def ratio(self) -> float:
+        """Simulated over predicted root mean square."""
+        return self.rms_m / self.predicted_rms_m
+
+
+def interval(samples: FloatArray) -> tuple[float, float]:
+    """Percentiles of bootstrap samples ``(B,)`` between which :data:`CONFIDENCE` of them lie."""
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low, high = np.quantile(samples, [tail, 1.0 - tail])
+    return float(low), float(high)
+
+
+def simulated_arm(
+    cell: Cell,
+    pool: Pool,
+    measurement: Measurement,
+    *,
+    deflects: bool = False,
+    tool_z: bool = True,
+    geometry: dict[str, float] | None = None,
+) -> SimulatedRobot:
+    """An arm with the errors of a cell's ``[truth]``, before the targets of a pool.
+
+    Parameters
+    ----------
+    cell : Cell
+    pool : Pool
+        All its targets are off by the error of the cell's one.
+    measurement : Measurement
+        With the noise as it really is.
+    deflects : bool
+        Whether its reducers give way.
+    tool_z : bool
+        False: the tool point is known along z, which a view line does not show.
+    geometry : dict, optional
+        Errors of links by name [m, rad].
+    """
+    truth, robot = cell.config.truth, cell.robot
+    given = truth.zero_offsets_deg
+    offsets = usual_offsets(robot.n) if given is None else np.deg2rad(given)
+    blocks: list[ParameterBlock] = [ZeroOffsets(robot, robot.joint_names)]
+    values = [offsets]
+    if deflects:
+        blocks.append(JointCompliance(robot, robot.joint_names, cell.payload))
+        values.append(1.0 / cell.stiffness)
+    if geometry:
+        links = LinkGeometry(robot, list(geometry))
+        blocks.append(links)
+        values.append(np.array([geometry[name] for name in links.names]))
+    on_tool = np.array(truth.tool_error_mm) / 1e3 * [1.0, 1.0, float(tool_z)]
+    there = pool.targets_m + np.array(truth.target_error_mm) / 1e3
+    model = CalibrationModel(
+        robot, [*blocks, ToolPoint(cell.tool_m), pool.target_points()], measurement
+    )
+    return SimulatedRobot(cell, model, np.concatenate([*values, cell.tool_m + on_tool, *there]))
+
+
+def simulate_errors(
+    arm: SimulatedRobot,
+    experiment: Experiment,
+    box: FloatArray,
+    trials: int,
+    rng: np.random.Generator,
+    against: Against = "base",
+) -> ToolErrors:
+    """Touch up and identify, and hold the arm so identified against the true one.
+
+    Parameters
+    ----------
+    arm : SimulatedRobot
+        With the targets of the experiment, in the same order.
+    experiment : Experiment
+    box : array (K, n)
+        Postures at the points of the box [rad].
+    trials : int
+    rng : numpy.random.Generator
+    against : {"base", "target"}
+        See :func:`calib.prediction.predict_accuracy`; the first target.
+    """
+    model, setup = experiment.model, experiment.setup
+    touched = simulate(arm.model, arm.values, experiment.postures, rng, trials=trials, setup=setup)
+    found = identify_batch(model, touched, weighted=experiment.weighted)
+    good = np.isfinite(found).all(axis=1)
+    errors = tool_errors(arm, model, found[good], box, against)
+    spread = predict_accuracy(model, experiment.covariance, box, against=against)
+    return ToolErrors(errors, spread, np.arange(good.sum()), int((~good).sum()))
+
+
+def tool_errors(
+    arm: SimulatedRobot,
+    model: CalibrationModel,
+    found: FloatArray,
+    box: FloatArray,
+    against: Against = "base",
+) -> FloatArray:
+    """Errors ``(T, K, 3)`` [m] of a model with parameters ``(T, p)`` at postures ``(K, n)``."""
+    true, said = arm.model.view(box, arm.values), model.view(box[None], found)
+    shown, points = apply(arm.T_shown_base, true.tool_points), said.tool_points
+    if against == "target":
+        names = [f"target.{model.targets[0]}.{axis}" for axis in "xyz"]
+        own = [model.names.index(name) for name in names]
+        theirs = arm.values[[arm.model.names.index(name) for name in names]]
+        points = points - found[:, None, own]
+        shown = shown - apply(arm.T_shown_base, theirs)
+    return np.asarray(points - shown)

@@ -86,8 +86,8 @@ def write_poses(path: Path, robot: Robot, poses: PoseSet, route: Route, tool_m: 
     labels = {name: _labels(poses, i) for i, name in enumerate(poses.names)}
     rows: list[dict[str, object]] = []
     for (name, posture, via), stop in zip(named_stops(poses, route), route.stops, strict=True):
-        why = {"status": str(PoseStatus.VIA), "reason": str(stop.passing)}
-        row = {"name": name, **why} if via else labels.pop(name)
+        passed: dict[str, object] = {"name": name, "status": str(PoseStatus.VIA)}
+        row = passed | {"reason": str(stop.passing)} if via else labels.pop(name)
         row |= dict(zip(joint_columns(robot.n), np.rad2deg(posture), strict=True))
         state = robot.state(posture)
         wpr_deg = np.rad2deg(wpr_from_rotation(state.R_base_tip))

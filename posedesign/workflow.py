@@ -30,6 +30,7 @@ from posedesign.identification_content import results_as_dict
 from posedesign.measurement_table import read_measurements
 from posedesign.optimal import OptimalPlan, Wish, plan_optimal
 from posedesign.optimal.planning import Advance
+from posedesign.optimal.sequential import NextPoses, plan_next
 from posedesign.pairs_file import Pairs, read_pairs, write_pairs
 from posedesign.pairs_results import SolverOutcome, solve_pairs
 from posedesign.pairs_tables import write_outcomes
@@ -120,6 +121,38 @@ def plan_optimal_poses(
         if poses is not None and route is not None:
             make_folder(out)
             write_poses(out / name, cell.robot, poses, route, cell.tool_m)
+    return result
+
+
+def plan_next_poses(
+    cell: Cell,
+    measurements: Path,
+    out: Path,
+    count: int,
+    *,
+    criterion: str,
+    least_gain: float,
+    accuracy_m: float | None,
+    trust_units: bool = False,
+) -> NextPoses:
+    """Choose what to touch up next, after a ``touchups.csv``; write ``poses.csv``."""
+    table = read_measurements(
+        measurements,
+        cell.robot.n,
+        kind=cell.config.measurement.kind,
+        controller=cell.robot.controller,
+        trust_units=trust_units,
+    )
+    result = plan_next(
+        cell,
+        table.data,
+        count,
+        criterion=criterion,
+        least_gain=least_gain,
+        accuracy_m=accuracy_m,
+    )
+    make_folder(out)
+    write_poses(out / "poses.csv", cell.robot, result.poses, result.route, cell.tool_m)
     return result
 
 

@@ -9,6 +9,7 @@ from posedesign.cli.output import explain_frames, note, print_json, print_table
 
 if TYPE_CHECKING:
     from posedesign.optimal import OptimalPlan
+    from posedesign.optimal.sequential import NextPoses
 
 
 def print_optimal(result: OptimalPlan, out: Path, *, as_json: bool) -> None:
@@ -63,3 +64,32 @@ def _as_dict(result: OptimalPlan) -> dict[str, object]:
         "predicted": result.rows(),
         "other_numbers_of_poses": result.accuracy_rows(),
     }
+
+
+def print_next(result: NextPoses, out: Path, *, as_json: bool) -> None:
+    """Print what each further pose would gain, and whether to go on."""
+    files = [str(out / "poses.csv")]
+    if as_json:
+        print_json(
+            {
+                "go_on": result.worth > 0,
+                "worth": result.worth,
+                "measured": result.measured,
+                "message": result.message,
+                "noise_scale": result.noise_scale,
+                "tcp_rms_mm": [1e3 * float(value) for value in result.tcp_m],
+                "task_box": result.box_words,
+                "files": files,
+            }
+        )
+        return
+    print_table("Error of the tool point, as predicted", result.rows())
+    if result.noise_scale != 1.0:
+        note(
+            f"note: the residuals are {result.noise_scale:.2g} times what the noise given "
+            "explains: what is predicted is scaled by it"
+        )
+    for why in result.route.lost.values():
+        note(f"note: a pose is left out: {why}")
+    print(result.message)
+    print("wrote " + files[0])

@@ -42,6 +42,7 @@ def register(app: typer.Typer) -> None:
     app.command()(robots)
     app.command()(new)
     app.command()(plan)
+    app.command("next")(next_poses)
     app.command()(check)
     app.command()(score)
     app.command()(program)
@@ -152,6 +153,43 @@ def plan(
     _print_notices(loaded)
     print_optimal(result, out, as_json=as_json)
     return DONE if result.reached else NOT_REACHED
+
+
+def next_poses(
+    cell: CellFile,
+    measurements: Annotated[Path, typer.Argument(help="The touch-ups so far: touchups.csv")],
+    out: OutFolder = Path(),
+    poses: Annotated[int, typer.Option(min=1, max=100, help="How many poses.")] = 3,
+    criterion: Annotated[str, typer.Option(help="As of plan --method exchange.")] = "tcp",
+    least_gain: Annotated[
+        float,
+        typer.Option(help="Part of the error of the tool point that a pose must gain, or stop."),
+    ] = 0.02,
+    target_accuracy: Annotated[
+        str | None, typer.Option(help="Error of the tool point at which to stop, e.g. 0.2mm.")
+    ] = None,
+    as_json: AsJson = False,
+    trust_units: TrustUnits = False,
+) -> int:
+    """Say which poses to touch up next, given those that have been, and when to stop."""
+    from posedesign.cell import Cell
+    from posedesign.cli.optimal_output import print_next
+    from posedesign.optimal.wish import parse_length
+    from posedesign.workflow import plan_next_poses
+
+    loaded = Cell.load(cell)
+    result = plan_next_poses(
+        loaded,
+        measurements,
+        out,
+        poses,
+        criterion=criterion,
+        least_gain=least_gain,
+        accuracy_m=None if target_accuracy is None else parse_length(target_accuracy),
+        trust_units=trust_units,
+    )
+    print_next(result, out, as_json=as_json)
+    return DONE
 
 
 def _plan_by_grid(loaded: Cell, out: Path, *, as_json: bool) -> int:

@@ -81,6 +81,11 @@ class Goal:
         return f"{self.criterion.name} {value * self.factor:.4g}" + f" {self.unit}".rstrip()
 
     @property
+    def title(self) -> str:
+        """Name and unit, of a column."""
+        return self.criterion.name + f" [{self.unit}]" * bool(self.unit)
+
+    @property
     def weighted(self) -> bool:
         """Whether the criterion is of what the noise leaves."""
         return self.criterion.name not in _BY_REGRESSOR

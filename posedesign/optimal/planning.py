@@ -103,7 +103,7 @@ class _Planning:
                 name="measurement.weighted",
             )
         check_base_pose(cell)
-        self._router = Router(cell.robot, cell.ways, cell.passing, cell.base_posture)
+        self._router = Router.of_cell(cell)
 
     def run(self) -> OptimalPlan:
         """Pool, choice, refinement, way."""
@@ -166,7 +166,8 @@ class _Planning:
     ) -> OptimalPlan:
         linear = chosen.linearise(self._model)
         blocks, white = regressor(linear), linear.white_jacobian
-        accuracy = self._accuracy(chosen)
+        of_pool = self._accuracy(pool.take(selection.indices))
+        accuracy = self._accuracy(chosen) if self._wish.refine else of_pool
         if fewest is None and not np.isfinite(accuracy.sigma).all():
             self._refuse_too_few(white)
         self._advance("one pose more or fewer", 0.8)
@@ -183,9 +184,9 @@ class _Planning:
             indices=evaluate(blocks, white),
             model=self._model,
             accuracy=accuracy,
+            of_pool=of_pool,
             others=() if route is None else self._others(pool, selection, fewest),
             box_words=self._box_words,
-            refined_from=selection.value if self._wish.refine else None,
         )
         if route is None or not self._wish.validation:
             return plan

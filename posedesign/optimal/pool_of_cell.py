@@ -45,8 +45,7 @@ def box_of_cell(cell: Cell) -> tuple[TaskBox, str]:
         lowest, highest = np.array(section.lowest_mm) / 1e3, np.array(section.highest_mm) / 1e3
         return TaskBox(lowest, highest, section.steps), "the task box of the cell"
     half = BOX_OF_REACH * cell.robot.chain.reach_m
-    size = f"{2e3 * half:.0f} mm"
-    words = f"a cube of {size} about the target, no [task_box] being given in the cell"
+    words = f"a cube of {2e3 * half:.0f} mm about the target (the cell has no [task_box])"
     return TaskBox(cell.target_m - half, cell.target_m + half), words
 
 

@@ -64,12 +64,12 @@ class OptimalPlan:
         Of the poses chosen.
     model : CalibrationModel
     accuracy : Accuracy
+    of_pool : Accuracy
+        Of the poses before they were refined; the same where they were not.
     others : tuple of Accuracy
-        One pose fewer and one more, where there are such.
+        One pose fewer and one more, out of the pool, where there are such.
     box_words : str
         The task box in words.
-    refined_from : float or None
-        Value of the criterion before the poses were refined.
     validation : PoseSet or None
         Poses that are kept out of the fit.
     validation_route : Route or None
@@ -87,9 +87,9 @@ class OptimalPlan:
     indices: Indices
     model: CalibrationModel
     accuracy: Accuracy
+    of_pool: Accuracy
     others: tuple[Accuracy, ...]
     box_words: str
-    refined_from: float | None = None
     validation: PoseSet | None = None
     validation_route: Route | None = None
 
@@ -122,6 +122,11 @@ class OptimalPlan:
     def fingerprint(self) -> str:
         """Short digest of the postures in their order, as of a plan."""
         return fingerprint(self.postures)
+
+    @property
+    def is_refined(self) -> bool:
+        """Whether poses were turned off the pool."""
+        return self.accuracy is not self.of_pool
 
     @property
     def cycle_time_s(self) -> float | None:
@@ -165,12 +170,11 @@ class OptimalPlan:
             said = self._fewest_words(self.fewest)
         else:
             said = f"{self.selection.count} poses, {self.goal.words(self.accuracy.value)}"
-            if self.refined_from is not None:
-                said += f" (refined from {self.goal.words(self.refined_from)})"
+            if self.is_refined:
+                said += f", refined from {self.goal.words(self.of_pool.value)} of the pool"
             said += f"; {self.bound_words}"
             if not self.reached and self.goal.limit is not None:
                 said = f"not reached: {said}; {self.goal.words(self.goal.limit)} is wanted"
-        said = f"of {self.tried} poses the robot can take {self.pool_size}; {said}"
         if self.wish.wants_sigma and np.isfinite(self.accuracy.sigma).all():
             said += f" ({self.tightest} decides)"
         return said
@@ -202,22 +206,25 @@ class OptimalPlan:
             given = np.array([limits.get(unit) or np.inf for unit in self.model.units])
             for row, (_, _, limit) in zip(rows, displayed(self.model, given), strict=True):
                 row["wanted"] = _or_none(limit)
-        for other in self.others:
+        for other in () if self.is_refined else self.others:
             for row, (_, _, sigma) in zip(rows, displayed(self.model, other.sigma), strict=True):
                 row[f"with {other.poses} poses"] = _or_none(sigma)
         return rows
 
     def accuracy_rows(self) -> list[dict[str, object]]:
         """What the criterion and the tool point come to with one pose fewer, these, one more."""
-        ordered = sorted((self.accuracy, *self.others), key=lambda a: a.poses)
+        ordered = sorted((self.of_pool, *self.others), key=lambda a: a.poses)
+        labelled = [(f"{a.poses}", a) for a in ordered]
+        if self.is_refined:
+            labelled.append((f"{self.accuracy.poses}, refined", self.accuracy))
         return [
             {
-                "poses": a.poses,
-                self.goal.criterion.name: _or_none(a.value * self.goal.factor),
+                "poses": label,
+                self.goal.title: _or_none(a.value * self.goal.factor),
                 "TCP rms over the box [mm]": _or_none(1e3 * a.tcp_m),
                 "TCP rms at its worst [mm]": _or_none(1e3 * a.tcp_worst_m),
             }
-            for a in ordered
+            for label, a in labelled
         ]
 
 

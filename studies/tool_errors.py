@@ -21,7 +21,7 @@ from calib.measurement.simulate import simulate
 from calib.model import CalibrationModel
 from calib.parameters import JointCompliance, LinkGeometry, ParameterBlock, ToolPoint, ZeroOffsets
 from calib.prediction import Against, predict_accuracy
-from calib.se3 import FloatArray, apply
+from calib.se3 import FloatArray, IntArray, apply
 from posedesign.cell import Cell, usual_offsets
 from posedesign.pools import Pool
 from posedesign.simulation import SimulatedRobot
@@ -78,7 +78,7 @@ class ToolErrors:
         Identified less true [m], base axes.
     covariance : array (K, 3, 3)
         As predicted [m²].
-    group : array (T,)
+    group : array (T,) of int
         Trials of one group share what was drawn for all of them: they are resampled together.
     failed : int
         Trials that gave no answer.
@@ -86,7 +86,7 @@ class ToolErrors:
 
     errors_m: FloatArray
     covariance: FloatArray
-    group: FloatArray
+    group: IntArray
     failed: int = 0
 
     @classmethod
@@ -220,6 +220,8 @@ def simulate_errors(
     trials: int,
     rng: np.random.Generator,
     against: Against = "base",
+    *,
+    own_zero: bool = False,
 ) -> ToolErrors:
     """Touch up and identify, and hold the arm so identified against the true one.
 
@@ -234,12 +236,14 @@ def simulate_errors(
     rng : numpy.random.Generator
     against : {"base", "target"}
         See :func:`calib.prediction.predict_accuracy`; the first target.
+    own_zero : bool
+        See :func:`tool_errors`.
     """
     model, setup = experiment.model, experiment.setup
     touched = simulate(arm.model, arm.values, experiment.postures, rng, trials=trials, setup=setup)
     found = identify_batch(model, touched, weighted=experiment.weighted)
     good = np.isfinite(found).all(axis=1)
-    errors = tool_errors(arm, model, found[good], box, against)
+    errors = tool_errors(arm, model, found[good], box, against, own_zero=own_zero)
     spread = predict_accuracy(model, experiment.covariance, box, against=against)
     return ToolErrors(errors, spread, np.arange(good.sum()), int((~good).sum()))
 
@@ -250,14 +254,20 @@ def tool_errors(
     found: FloatArray,
     box: FloatArray,
     against: Against = "base",
+    *,
+    own_zero: bool = False,
 ) -> FloatArray:
-    """Errors ``(T, K, 3)`` [m] of a model with parameters ``(T, p)`` at postures ``(K, n)``."""
+    """Errors ``(T, K, 3)`` [m] of a model with parameters ``(T, p)`` at postures ``(K, n)``.
+
+    With ``own_zero`` in the base as the zero of joint 1 should have it, not as it was found.
+    """
+    T_shown_base = np.eye(4) if own_zero else arm.T_shown_base
     true, said = arm.model.view(box, arm.values), model.view(box[None], found)
-    shown, points = apply(arm.T_shown_base, true.tool_points), said.tool_points
+    shown, points = apply(T_shown_base, true.tool_points), said.tool_points
     if against == "target":
         names = [f"target.{model.targets[0]}.{axis}" for axis in "xyz"]
         own = [model.names.index(name) for name in names]
         theirs = arm.values[[arm.model.names.index(name) for name in names]]
         points = points - found[:, None, own]
-        shown = shown - apply(arm.T_shown_base, theirs)
+        shown = shown - apply(T_shown_base, theirs)
     return np.asarray(points - shown)

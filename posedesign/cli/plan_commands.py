@@ -122,6 +122,12 @@ def plan(
         bool | None,
         typer.Option(help="Turn the tool at the chosen poses for as long as that helps."),
     ] = None,
+    robust: Annotated[
+        str,
+        typer.Option(
+            help="Choose for robots that are not as described, too: none, average, worst."
+        ),
+    ] = "none",
 ) -> int:
     """Plan measuring poses.
 
@@ -142,6 +148,7 @@ def plan(
         wanted_sigma_deg,
         validation,
         refine,
+        robust,
     )
     if wish is None:
         return _plan_by_grid(loaded, out, as_json=as_json)

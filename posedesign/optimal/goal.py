@@ -69,8 +69,12 @@ class Goal:
 
     def value_of(self, linear: Linearisation) -> float:
         """The criterion of a set of poses, as it is shown."""
-        pool = Candidates(self.blocks(linear))
-        return self.criterion.shown(self.criterion.on(pool).cost(np.arange(pool.N)))
+        return self.criterion.shown(self.cost_of_blocks(self.blocks(linear)))
+
+    def cost_of_blocks(self, blocks: FloatArray) -> float:
+        """The cost of a set of poses, of their blocks ``(N, m, p)``."""
+        pool = Candidates(blocks)
+        return self.criterion.on(pool).cost(np.arange(pool.N))
 
     @property
     def _by_mrad_and_mm(self) -> bool:

@@ -17,13 +17,20 @@ from posedesign.optimal.goal import Goal, goal_of
 from posedesign.optimal.pool_of_cell import functions_over_box, pool_of
 from posedesign.optimal.refinement import refine
 from posedesign.optimal.result import Accuracy, OptimalPlan
+from posedesign.optimal.robust import (
+    SCENARIOS,
+    blocks_of_robots,
+    draw_parameters,
+    robustness,
+)
 from posedesign.optimal.validation import choose_validation
 from posedesign.optimal.wish import Wish
 from posedesign.planner import check_base_pose, regressor
 from posedesign.pools import Pool
 from posedesign.pose_plan import PoseSet
 from posedesign.route import Route, Router
-from posedesign.selection import Fewest, Selection, select, select_fewest
+from posedesign.selection import Criterion, Fewest, Selection, select, select_fewest
+from posedesign.selection.criteria.scenarios import OverScenarios
 
 ATTEMPTS = 10
 """How often poses that no clear way leads to are left out of the pool and others are chosen."""
@@ -141,20 +148,31 @@ class _Planning:
 
     def _choose(self, pool: Pool) -> tuple[Selection, Fewest | None]:
         goal, wish = self._goal, self._wish
-        blocks = goal.blocks(pool.linearise(self._model))
+        blocks, criterion = self._blocks_and_criterion(pool)
         if wish.count is None:
             limit = 1.0 if goal.limit is None else goal.limit
-            fewest = select_fewest(blocks, goal.criterion, limit, names=self._model.names)
+            fewest = select_fewest(blocks, criterion, limit, names=self._model.names)
             return fewest.selection, fewest
         found = select(
             blocks,
             wish.count,
-            goal.criterion,
+            criterion,
             wish.method,
             names=self._model.names,
             threshold=goal.limit,
         )
         return found, None
+
+    def _blocks_and_criterion(self, pool: Pool) -> tuple[FloatArray, Criterion]:
+        """Of the robot as described, or of several as it may be."""
+        goal, robust = self._goal, self._wish.robust
+        if robust == "none":
+            return goal.blocks(pool.linearise(self._model)), goal.criterion
+        rng = np.random.default_rng(SCENARIOS)
+        drawn = draw_parameters(self._cell, self._model, SCENARIOS, rng)
+        blocks = blocks_of_robots(self._model, goal, pool, drawn)
+        stacked = np.moveaxis(blocks, 0, 1).reshape(len(pool), -1, self._model.p)
+        return stacked, OverScenarios(goal.criterion, SCENARIOS, worst=robust == "worst")
 
     def _result(
         self,
@@ -187,6 +205,9 @@ class _Planning:
             of_pool=of_pool,
             others=() if route is None else self._others(pool, selection, fewest),
             box_words=self._box_words,
+            robustness=None
+            if route is None or self._cell.is_hand_eye
+            else robustness(self._cell, self._model, self._goal, chosen),
         )
         if route is None or not self._wish.validation:
             return plan
@@ -215,14 +236,13 @@ class _Planning:
     ) -> tuple[Accuracy, ...]:
         """What the best choices of one pose fewer and one more promise."""
         found = []
-        blocks = self._goal.blocks(pool.linearise(self._model))
+        blocks, criterion = self._blocks_and_criterion(pool)
         for count in (selection.count - 1, selection.count + 1):
             if not 1 <= count <= len(pool):
                 continue
             if fewest is not None and fewest.fewer is not None and count == fewest.fewer.count:
                 other = fewest.fewer
             else:
-                criterion = self._goal.criterion
                 other = select(blocks, count, criterion, self._wish.method, starts=1)
             found.append(self._accuracy(pool.take(other.indices)))
         return tuple(found)

@@ -10,6 +10,7 @@ from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.indices import Indices
 from posedesign.optimal.goal import Goal
+from posedesign.optimal.robust import Robustness
 from posedesign.optimal.wish import Wish
 from posedesign.pose_plan import PoseSet, displayed, fingerprint, named_stops
 from posedesign.route import Route
@@ -70,6 +71,8 @@ class OptimalPlan:
         One pose fewer and one more, out of the pool, where there are such.
     box_words : str
         The task box in words.
+    robustness : Robustness or None
+        What the poses are worth for robots that are not as described.
     validation : PoseSet or None
         Poses that are kept out of the fit.
     validation_route : Route or None
@@ -90,6 +93,7 @@ class OptimalPlan:
     of_pool: Accuracy
     others: tuple[Accuracy, ...]
     box_words: str
+    robustness: Robustness | None = None
     validation: PoseSet | None = None
     validation_route: Route | None = None
 
@@ -139,6 +143,13 @@ class OptimalPlan:
     def remarks(self) -> list[str]:
         """What a user should know of the choice, in words."""
         said = []
+        tried = self.robustness
+        if tried is not None:
+            said.append(
+                f"tried on {tried.trials} robots as far from the description as may be: "
+                f"{self.goal.words(tried.median)} in the median, {self.goal.words(tried.worst)} "
+                "at worst"
+            )
         if self.selection.duplicates:
             said.append(
                 f"{self.selection.duplicates} candidates tell the same as others, and were "
@@ -158,8 +169,9 @@ class OptimalPlan:
         if not np.isfinite(found.efficiency):
             return "no bound is known"
         side = "below" if found.criterion.smaller_is_better else "above"
+        over = "" if self.wish.robust == "none" else f", the {self.wish.robust} of the robots,"
         return (
-            f"proven: no {found.count} poses of the pool are {side} "
+            f"proven: no {found.count} poses of the pool{over} are {side} "
             f"{self.goal.words(found.bound)} (efficiency {found.efficiency:.3f})"
         )
 

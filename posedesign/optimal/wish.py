@@ -15,6 +15,8 @@ MOST_POSES = 1000
 USUAL_POSES = 27
 """As many as the grid of Watanabe et al. 2006 has."""
 
+ROBUST = ("none", "average", "worst")
+
 _LENGTH = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(mm|um|µm|m)?\s*", re.IGNORECASE)
 _IN_M = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
 
@@ -41,6 +43,9 @@ class Wish:
         Poses to choose besides, for a test.
     refine : bool
         Turn the tool at the chosen poses, off the pool, for as long as that helps.
+    robust : str
+        ``"none"``: choose for the robot as described; ``"average"``, ``"worst"``: for what is known
+        of it before measuring.
     """
 
     method: str = "exchange"
@@ -52,6 +57,7 @@ class Wish:
     threshold: float | None = None
     validation: int = 0
     refine: bool = False
+    robust: str = "none"
 
     def __post_init__(self) -> None:
         for name, value in (
@@ -68,6 +74,12 @@ class Wish:
             )
         if not 0 <= self.validation <= MOST_POSES:
             raise InputError(f"{self.validation} poses for validation", name="validation")
+        if self.robust not in ROBUST:
+            raise InputError(
+                f"there is no robustness {self.robust[:40]!r}",
+                hint="one of " + ", ".join(ROBUST),
+                name="robust",
+            )
         if self.count is None and not self.has_limit:
             raise InputError(
                 "auto takes the fewest poses that reach an accuracy, and none is given",
@@ -133,6 +145,7 @@ def wish_of_words(
     sigma_deg: float | None,
     validation: int,
     refine: bool | None,
+    robust: str = "none",
 ) -> Wish | None:
     """The wish of a command line; None where the grid of the paper is what is asked for.
 
@@ -151,6 +164,7 @@ def wish_of_words(
         "--wanted-sigma-deg": sigma_deg,
         "--validation": validation or None,
         "--refine": refine,
+        "--robust": None if robust == "none" else robust,
     }
     asked = [name for name, value in given.items() if value is not None]
     if method is None and not asked:
@@ -192,6 +206,7 @@ def wish_of_words(
         sigma_rad=None if sigma_deg is None else float(np.deg2rad(sigma_deg)),
         threshold=threshold,
         validation=validation,
-        # the fewest poses reach what is wanted as they are
-        refine=count is not None if refine is None else refine,
+        # the fewest poses reach what is wanted as they are, and robust ones are for other robots
+        refine=count is not None and robust == "none" if refine is None else refine,
+        robust=robust.lower(),
     )

@@ -112,6 +112,13 @@ class Candidates:
         some.J = np.ascontiguousarray(self.J[rows])
         return some
 
+    def with_blocks(self, J: FloatArray) -> Candidates:
+        """Other blocks ``(N, m, p)`` of the same candidates, in the same scaling."""
+        other = object.__new__(Candidates)
+        other.names, other.scale, other.known = self.names, self.scale, self.known
+        other._known_rows, other.J = self._known_rows, np.ascontiguousarray(J)
+        return other
+
     def knowing(self, rows: IntArray) -> Candidates:
         """The same pool with some of its candidates taken for known."""
         other = object.__new__(Candidates)

@@ -37,7 +37,7 @@ def greedy(objective: Objective, count: int, kept: IntArray) -> IntArray:
     kept : ndarray of int
         Candidates that are in it anyway.
     """
-    ledger = Ledger(objective.candidates, kept, count)
+    ledger = objective.ledger(kept, count)
     first = objective.stages[0]
     for _ in range(count - len(kept)):
         ledger.take(int(np.argmin(first.costs_with_each(ledger))))
@@ -52,7 +52,7 @@ def exchange(objective: Objective, rows: IntArray, kept: IntArray) -> IntArray:
     The modified exchange of Cook and Nachtsheim 1980, after Fedorov 1972.
     """
     for stage in objective.stages:
-        ledger = Ledger(objective.candidates, rows, len(rows))
+        ledger = objective.ledger(rows, len(rows))
         for _ in range(MOST_PASSES):
             if not _pass(stage, ledger, kept):
                 break
@@ -84,7 +84,7 @@ def excursions(objective: Objective, rows: IntArray, kept: IntArray) -> IntArray
     while step <= EXCURSION:
         improved = False
         for up_first in (True, False):
-            ledger = Ledger(objective.candidates, found, len(rows))
+            ledger = objective.ledger(found, len(rows))
             for up in (up_first, not up_first):
                 for _ in range(step):
                     _go(objective, ledger, kept, up=up)

@@ -14,16 +14,14 @@ from calib.measurement import Measurement, TouchUp, ViewLine
 from calib.model import CalibrationModel
 from calib.parameters import JointCompliance, ToolPoint, ZeroOffsets
 from calib.prediction import tool_motion
-from calib.se3 import FloatArray, IntArray, wpr_from_rotation
+from calib.se3 import FloatArray, IntArray
 from posedesign.cell import Cell
-from posedesign.feasibility import nearest_postures
-from posedesign.generation import GRID, touching_poses, wpr_rotations
+from posedesign.generation import GRID
 from posedesign.planner import plan
 from posedesign.pools import Pool, cone_pool, offset_targets, wpr_pool
 from posedesign.route import Router
 from posedesign.selection import mean_deviation, select
-from posedesign.task_box import TaskBox, reached_points
-from posedesign.template import cell_template
+from studies.box_cells import box_postures, grid_pool, pool_at_target, study_cell
 from studies.tool_errors import Experiment, ToolErrors, simulate_errors, simulated_arm, tool_errors
 
 HALF = (GRID != 0).sum(axis=1) % 2 == 0
@@ -61,8 +59,8 @@ class Measured:
         Predicted time of the round, and of its moves.
     rigid : ToolErrors
         Over the box, of an arm that is as the model has it.
-    deflecting : ToolErrors
-        Of one whose reducers give way, which the model does not know.
+    deflecting : ToolErrors or None
+        Of one whose reducers give way, where its stiffness is known.
     """
 
     variant: Variant
@@ -70,17 +68,7 @@ class Measured:
     minutes: float
     moving_minutes: float
     rigid: ToolErrors
-    deflecting: ToolErrors
-
-
-def study_cell(name: str, smallest_singular_value: float) -> Cell:
-    """The cell of a preset, bounded by joint limits and a distance from singular postures."""
-    cell = Cell.from_text(cell_template(name, surroundings=False))
-    constraints = cell.config.constraints.model_copy(
-        update={"smallest_singular_value": smallest_singular_value}
-    )
-    config = cell.config.model_copy(update={"constraints": constraints})
-    return Cell.from_config(config, Path("cell.toml"))
+    deflecting: ToolErrors | None
 
 
 def _without_unused(pool: Pool) -> Pool:
@@ -105,16 +93,14 @@ class Bench:
         self.name, self.settings = name, settings
         self.own = settings["arms"][name]
         self.cell = study_cell(name, settings["smallest_singular_value"])
-        corners = (np.array(self.own[key]) / 1e3 for key in ("lowest_mm", "highest_mm"))
-        found = reached_points(self.cell, TaskBox(*corners))
-        self.box = found.q[found.feasible]
+        self.box = box_postures(self.cell, self.own)
         self._router = Router.of_cell(self.cell)
         self._pools: dict[tuple[Any, ...], Pool] = {}
 
     def before_m(self, *, deflects: bool) -> float:
         """Error over the box before calibration, root mean square [m]."""
         baseline = Variant("", "")
-        pool = self._grid(baseline)
+        pool = grid_pool(self.cell, baseline.width_deg)
         model = self.model(baseline, pool)
         arm = simulated_arm(self.cell, pool, model.measurement, deflects=deflects)
         error = tool_errors(arm, model, model.nominal[None], self.box)
@@ -127,21 +113,20 @@ class Bench:
         count = len(poses) * variant.repeats
         moving = route.moving_s / 60.0
         rng = np.random.default_rng([self.settings["seed"], stream])
-        return Measured(
-            variant,
-            count,
-            moving + count * route.dwell_s / 60.0,
-            moving,
-            self.simulate(variant, poses, trials, rng, deflects=False),
-            self.simulate(variant, poses, deflecting, rng, deflects=True),
-        )
+        rigid = self.simulate(variant, poses, trials, rng, deflects=False)
+        bent = None
+        if self.cell.deflects:
+            bent = self.simulate(variant, poses, deflecting, rng, deflects=True)
+        minutes = moving + count * route.dwell_s / 60.0
+        return Measured(variant, count, minutes, moving, rigid, bent)
 
     def plan(self, variant: Variant) -> Pool:
         """The poses of a variant."""
         if variant.chosen == "grid":
-            return self._grid(variant)
+            part = HALF if variant.poses < len(GRID) else None
+            return grid_pool(self.cell, variant.width_deg, part)
         if variant.chosen == "loop":
-            return self._at_target(plan(self.cell).postures)
+            return pool_at_target(self.cell, plan(self.cell).postures)
         pool = self._pool(variant)
         if variant.chosen == "C_G":
             pool = pool.take(np.arange(min(len(pool), self.settings["candidates_c_g"])))
@@ -213,29 +198,6 @@ class Bench:
         pairs = combinations(pool.targets_m, 2)
         return np.array([np.linalg.norm(a - b) for a, b in pairs])
 
-    def _grid(self, variant: Variant) -> Pool:
-        cell = self.cell
-        wpr = wpr_from_rotation(cell.robot.fk(cell.base_posture)[:3, :3])
-        rotations = wpr_rotations(wpr, np.deg2rad([variant.width_deg] * 3))
-        if variant.poses < len(GRID):
-            rotations = rotations[HALF]
-        found = nearest_postures(
-            cell.checker, touching_poses(rotations, cell.tool_m, cell.target_m), cell.base_posture
-        )
-        return self._at_target(found.q[found.feasible])
-
-    def _at_target(self, postures: FloatArray) -> Pool:
-        """Postures at the one target of the cell, as a pool."""
-        return Pool(
-            postures,
-            self.cell.robot.fk(postures)[:, :3, :3],
-            np.zeros(len(postures), dtype=np.intp),
-            self.cell.target_m[None],
-            (self.cell.config.target.name,),
-            len(postures),
-            "W P R",
-        )
-
     def _pool(self, variant: Variant) -> Pool:
         key = variant.pool, variant.width_deg, variant.configurations, variant.targets
         if key not in self._pools:
@@ -266,4 +228,10 @@ class Bench:
             if variant.chosen == "I"
             else variant.chosen
         )
-        return select(blocks, variant.poses, criterion, known=known if len(known) else None).indices
+        return select(
+            blocks,
+            variant.poses,
+            criterion,
+            known=known if len(known) else None,
+            starts=self.settings["starts"],
+        ).indices

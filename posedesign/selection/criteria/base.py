@@ -73,6 +73,10 @@ class Objective(ABC):
         """Objectives for the exchange, one after the other: smoother ones first."""
         return (self,)
 
+    def ledger(self, rows: IntArray, count: int) -> Ledger:
+        """A ledger of a choice, ``count`` of which are to be chosen in the end."""
+        return Ledger(self.candidates, rows, count)
+
     @abstractmethod
     def cost(self, rows: IntArray) -> float:
         """Of a choice, computed without squaring its condition where that can be helped."""

@@ -16,8 +16,8 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
-from posedesign.selection.criteria.volume import products_by_pairs
 from posedesign.selection.ledger import Ledger, solve_root
+from posedesign.selection.products import products_by_pairs
 from posedesign.selection.relaxation.barrier import relax_smooth
 from posedesign.selection.relaxation.certificate import MeanCertificate
 from posedesign.selection.relaxation.relaxation import Relaxation, Smooth

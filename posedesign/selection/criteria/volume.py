@@ -8,6 +8,7 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
 from posedesign.selection.ledger import Ledger, log_det_of_root
+from posedesign.selection.products import products_by_pairs, root_of
 from posedesign.selection.relaxation.barrier import relax_smooth
 from posedesign.selection.relaxation.certificate import MeanCertificate
 from posedesign.selection.relaxation.relaxation import Relaxation, Smooth
@@ -131,36 +132,6 @@ class VolumeObjective(Objective):
     def relax(self, count: int, tolerance: float) -> Relaxation:
         """See :meth:`Objective.relax`."""
         return relax_smooth(self, self.candidates, count, tolerance)
-
-
-def products_by_pairs(
-    candidates: Candidates, P: FloatArray, Q: FloatArray | None = None
-) -> FloatArray:
-    """``trace(J_i P J_jᵀ J_j Q J_iᵀ)`` of all pairs of candidates ``(n, n)``; Q is P by default.
-
-    Parameters
-    ----------
-    candidates : Candidates
-    P, Q : ndarray (p, p)
-        Positive semidefinite.
-    """
-    by_row = np.moveaxis(candidates.J, 1, 0)  # (m, n, p)
-    first = by_row @ root_of(P)
-    second = first if Q is None else by_row @ root_of(Q)
-    total = np.zeros((candidates.N, candidates.N))
-    for a in range(candidates.m):
-        for b in range(a, candidates.m):
-            products = first[a] @ first[b].T
-            products *= products if Q is None else second[a] @ second[b].T
-            total += products
-            if b > a:  # rows a of i with b of j, and the other way round
-                total += products.T
-    return total
-
-
-def root_of(P: FloatArray) -> FloatArray:
-    values, vectors = np.linalg.eigh(P)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _log_det(change: FloatArray) -> FloatArray:

@@ -1,9 +1,8 @@
 """The best weights by an interior-point method on a part of the pool that grows.
 
-At the optimum few candidates count in part: no more than there are entries in the information
-matrix. So the problem is solved on a working set, by Newton's method with second derivatives; one
-pass over the whole pool then proves a bound, and names the candidates that are missing from the
-set. The cost of a pass grows with the pool, all else with the working set alone.
+The problem is solved on a working set, by Newton's method with second derivatives; one pass over
+the whole pool then proves a bound, and names the candidates that are missing from the set. The cost
+of a pass grows with the pool, all else with the working set alone.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.relaxation.certificate import Certificate
 from posedesign.selection.relaxation.relaxation import Relaxation, Smooth, sum_of_largest
+from posedesign.selection.relaxation.working import best_outside, first_set, threshold
 
 MOST_ROUNDS = 40
 """Working sets; about ten are seen in pools of a million."""
@@ -30,9 +30,6 @@ TO_THE_WALL = 0.98
 
 INNER = 0.2
 """Part of the tolerance to which a working set is solved."""
-
-AS_GOOD = 1e-12
-"""Part by which a score may be below the least that is chosen and still be called as good."""
 
 NEXT_IN_LINE = 0.8
 """Part of the least score that is chosen from which candidates are taken into the set."""
@@ -89,12 +86,7 @@ def relax_smooth(
 
 
 def _first(candidates: Candidates, count: int) -> IntArray:
-    """Candidates to begin with: spread over the pool, so that they see what the pool sees."""
-    size = min(candidates.N, max(3 * count, 4 * candidates.p, 60))
-    if size == candidates.N:
-        return np.arange(size)
-    # fixed: the same pool gives the same choice
-    return np.sort(np.random.default_rng(0).choice(candidates.N, size, replace=False))
+    return first_set(candidates, max(3 * count, 4 * candidates.p, 60))
 
 
 def _grown(
@@ -105,14 +97,11 @@ def _grown(
     None where nothing outside it would be taken.
     """
     scores = candidates.scores(Z)
-    outside = scores.copy()
-    outside[working] = -np.inf
-    least = np.partition(scores, candidates.N - count)[candidates.N - count]
-    if not (outside >= least * (1.0 - AS_GOOD)).any():
-        return None
     # those next in line, too: they will be wanted once the first have been taken in
-    take = min(max(2 * count, 3 * candidates.p, 60), candidates.N - len(working))
-    added = np.argpartition(outside, candidates.N - take)[candidates.N - take :]
+    added = best_outside(scores, working, count, max(2 * count, 3 * candidates.p, 60))
+    if added is None:
+        return None
+    least = threshold(scores, count)
     added = added[scores[added] > NEXT_IN_LINE * least]
     counts = (weights > AT_ZERO) | (scores[working] >= least)
     return np.sort(np.concatenate([working[counts], added]))

@@ -10,7 +10,8 @@ import pytest
 from calib.errors import InputError
 from calib.se3 import rotation_angle
 from posedesign.checks import off_target
-from posedesign.optimal import ATTEMPTS, plan_fewest
+from posedesign.optimal import plan_fewest
+from posedesign.optimal.planning import ATTEMPTS
 from posedesign.route import Router
 
 WANTED_M = 8e-5

@@ -1,0 +1,147 @@
+"""Run the study: python studies/10_what_buys_accuracy/run.py [--trials N] [--out DIR]."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import sys
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
+
+from buys import Bench, Measured, Variant  # noqa: E402
+from buys_figure import draw  # noqa: E402
+
+from posedesign.cli.output import progress  # noqa: E402
+from studies.tool_errors import ToolErrors  # noqa: E402
+
+SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+VARIANTS = [Variant(**given) for given in SETTINGS["variant"]]
+BASELINE = VARIANTS[0].key
+DIGITS = 5
+"""Significant digits of what is written: more than the sampling leaves."""
+
+
+def run(
+    arm: str, trials: int | None = None, keys: Sequence[str] | None = None
+) -> dict[str, Measured]:
+    """What each variant comes to on an arm; each has random numbers of its own."""
+    bench = Bench(arm, SETTINGS)
+    count = trials or SETTINGS["trials"]
+    deflecting = min(count, SETTINGS["deflecting_trials"])
+    found = {}
+    wanted = [v for v in VARIANTS if keys is None or v.key in keys]
+    with progress(arm) as advance:
+        for done, variant in enumerate(wanted):
+            advance(variant.says, done / len(wanted))
+            stream = VARIANTS.index(variant)
+            found[variant.key] = bench.measure(variant, count, deflecting, stream)
+    return found
+
+
+def rows(found: dict[str, Measured]) -> list[dict[str, Any]]:
+    """A row for each variant: time, error over the box in mm, what it is worth a minute."""
+    base = found[BASELINE]
+    table = []
+    for key, measured in found.items():
+        information = (base.rigid.predicted_rms_m / measured.rigid.predicted_rms_m) ** 2
+        row: dict[str, Any] = {"key": key, "says": measured.variant.says}
+        row |= {"measurements": measured.measurements, "minutes": measured.minutes}
+        row |= {"moving_minutes": measured.moving_minutes}
+        row |= _figures("", measured.rigid)
+        row["worth_a_minute"] = information * base.minutes / measured.minutes
+        if measured.deflecting is not None:
+            row |= _figures("deflecting_", measured.deflecting)
+        table.append({k: rounded(v) for k, v in row.items()})
+    return table
+
+
+def _figures(prefix: str, errors: ToolErrors) -> dict[str, float]:
+    (low, high), (worst_low, worst_high) = errors.rms_interval_m, errors.worst_interval_m
+    found = {
+        "predicted_rms": errors.predicted_rms_m,
+        "rms": errors.rms_m,
+        "rms_low": low,
+        "rms_high": high,
+        "median_of_trials": float(np.median(errors.of_trials_m)),
+        "predicted_worst": errors.predicted_worst_m,
+        "worst": errors.worst_m,
+        "worst_low": worst_low,
+        "worst_high": worst_high,
+        "median_of_worst": float(np.median(errors.worst_of_trials_m)),
+    }
+    if prefix:  # the same plan: the same prediction
+        del found["predicted_rms"], found["predicted_worst"]
+    in_mm: dict[str, float] = {f"{prefix}{name}_mm": 1e3 * value for name, value in found.items()}
+    return in_mm | {f"{prefix}failed": errors.failed}
+
+
+def before(arm: str) -> dict[str, float]:
+    """Error over the box before calibration [mm]."""
+    bench = Bench(arm, SETTINGS)
+    said = {"rigid_mm": 1e3 * bench.before_m(deflects=False)}
+    if bench.cell.deflects:
+        said["deflecting_mm"] = 1e3 * bench.before_m(deflects=True)
+    return {k: rounded(v) for k, v in said.items()}
+
+
+def rounded(value: Any) -> Any:
+    """A number with :data:`DIGITS` digits."""
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
+def markdown(table: list[dict[str, Any]]) -> str:
+    """The table that people read."""
+    lines = []
+    for row in table:
+        cells = [row["says"], f"{row['measurements']}", f"{row['minutes']:.1f}"]
+        cells += [_short(row["predicted_rms_mm"]), _short(row["rms_mm"])]
+        cells += [f"{_short(row['rms_low_mm'])} to {_short(row['rms_high_mm'])}"]
+        cells += [_short(row["median_of_trials_mm"]), _short(row["worst_mm"])]
+        cells += [f"{row['worth_a_minute']:.2g}"]
+        if "deflecting_rms_mm" in row:
+            cells += [f"{row['deflecting_rms_mm']:.2f}"]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _short(value_mm: float) -> str:
+    return f"{value_mm:.4f}".lstrip("0")
+
+
+def main() -> None:
+    """Run, print, and write table, figure and key figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--trials", type=int, help="sets of touch-ups of each variant")
+    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
+    arguments = parser.parse_args()
+    out: Path = arguments.out
+    out.mkdir(parents=True, exist_ok=True)
+    said: dict[str, Any] = {"trials": arguments.trials or SETTINGS["trials"], "arms": {}}
+    for arm in SETTINGS["arms"]:
+        table = rows(run(arm, arguments.trials))
+        said["arms"][arm] = {"before": before(arm), "rows": table}
+        print(arm, said["arms"][arm]["before"], markdown(table), sep="\n")
+    (out / "expected.json").write_text(json.dumps(said, indent=1) + "\n")
+    _write_csv(said["arms"], out / "what_buys_accuracy.csv")
+    draw(said["arms"], out / "what_buys_accuracy.png")
+
+
+def _write_csv(arms: dict[str, Any], path: Path) -> None:
+    every = [{"arm": arm} | row for arm, part in arms.items() for row in part["rows"]]
+    columns = list(dict.fromkeys(name for row in every for name in row))
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(every)
+
+
+if __name__ == "__main__":
+    main()

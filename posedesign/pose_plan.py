@@ -20,6 +20,7 @@ class PoseStatus(StrEnum):
     """Where a pose comes from."""
 
     GRID = "grid"
+    CHOSEN = "chosen"
     REPAIRED = "repaired"
     DROPPED = "dropped"
     VIA = "via"
@@ -68,12 +69,20 @@ class PoseSet:
         status = tuple(PoseStatus.DROPPED if why else PoseStatus.GRID for why in shut_out)
         return cls(postures, status, shut_out, orientations, np.full(len(status), np.nan))
 
+    @classmethod
+    def of_chosen(cls, postures: FloatArray, orientations: FloatArray) -> PoseSet:
+        """Poses that were chosen out of a pool."""
+        count = len(postures)
+        status = (PoseStatus.CHOSEN,) * count
+        return cls(postures, status, ("",) * count, orientations, np.full(count, np.nan))
+
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why each pose is not that of the grid, in words; empty where it is."""
         lost = "; nothing that keeps all constraints is left to take its place"
         endings = {
             PoseStatus.GRID: [""] * len(self.status),
+            PoseStatus.CHOSEN: [""] * len(self.status),
             PoseStatus.DROPPED: [lost if self.searched else ""] * len(self.status),
             PoseStatus.REPAIRED: [
                 f"; replaced by a pose turned by {angle:.0f} deg"

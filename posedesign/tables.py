@@ -3,7 +3,8 @@
 ======================  =========================================================================
 ``poses.csv``           ``name, status, reason, j1_deg .. jn_deg, x_mm, y_mm, z_mm, w_deg, p_deg,
                         r_deg``: joints in URDF signs; x, y, z of the tool point and W, P, R of
-                        the tip in the base frame; in the order in which they are visited. A pose
+                        the tip in the base frame; in the order in which they are visited. The status is
+                        ``grid``, ``repaired``, ``chosen`` (out of a pool) or ``dropped``. A pose
                         with the status ``via`` is passed through and not measured. A dropped pose
                         has no numbers. Where the pendant shows other joint values, they follow
                         as ``pendant_j1_deg ..``.

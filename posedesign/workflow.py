@@ -101,7 +101,11 @@ def plan_poses(cell: Cell, out: Path, progress: Progress | None = None) -> PoseP
 
 
 def plan_optimal_poses(
-    cell: Cell, out: Path, wish: Wish, advance: Advance = lambda what, part: None
+    cell: Cell,
+    out: Path,
+    wish: Wish,
+    advance: Advance = lambda what, part: None,
+    keep: PoseList | None = None,
 ) -> OptimalPlan:
     """Choose the best poses; write ``poses.csv`` and ``validation.csv`` where there are any.
 
@@ -112,8 +116,14 @@ def plan_optimal_poses(
     wish : Wish
     advance : callable, optional
         Called with what is being done and the part of all work that is done.
+    keep : PoseList, optional
+        Poses that are to be among the chosen, as they are.
     """
-    result = plan_optimal(cell, wish, advance)
+    kept = None
+    if keep is not None:
+        refuse_unfit(cell, keep)
+        kept = keep.measured.postures
+    result = plan_optimal(cell, wish, advance, keep=kept)
     for name, poses, route in (
         ("poses.csv", result.poses, result.route),
         ("validation.csv", result.validation, result.validation_route),

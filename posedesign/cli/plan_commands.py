@@ -122,6 +122,10 @@ def plan(
         bool | None,
         typer.Option(help="Turn the tool at the chosen poses for as long as that helps."),
     ] = None,
+    keep: Annotated[
+        Path | None,
+        typer.Option(help="Poses of your own that are to be among the chosen: a poses.csv."),
+    ] = None,
     robust: Annotated[
         str,
         typer.Option(
@@ -153,10 +157,14 @@ def plan(
     if wish is None:
         return _plan_by_grid(loaded, out, as_json=as_json)
     from posedesign.cli.optimal_output import print_optimal
+    from posedesign.tables import read_poses
     from posedesign.workflow import plan_optimal_poses
 
+    own = None
+    if keep is not None:
+        own = read_poses(keep, loaded.robot.n, controller=loaded.robot.controller)
     with progress("planning") as advance:
-        result = plan_optimal_poses(loaded, out, wish, advance)
+        result = plan_optimal_poses(loaded, out, wish, advance, own)
     _print_notices(loaded)
     print_optimal(result, out, as_json=as_json)
     return DONE if result.reached else NOT_REACHED

@@ -14,7 +14,7 @@ from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.indices import evaluate
 from posedesign.optimal.goal import Goal, goal_of
-from posedesign.optimal.pool_of_cell import functions_over_box, pool_of
+from posedesign.optimal.pool_of_cell import functions_over_box, pool_of, with_kept
 from posedesign.optimal.refinement import refine
 from posedesign.optimal.result import Accuracy, OptimalPlan
 from posedesign.optimal.robust import (
@@ -42,7 +42,13 @@ def _silent(what: str, part: float) -> None:
     """No progress is shown."""
 
 
-def plan_optimal(cell: Cell, wish: Wish, advance: Advance = _silent) -> OptimalPlan:
+def plan_optimal(
+    cell: Cell,
+    wish: Wish,
+    advance: Advance = _silent,
+    *,
+    keep: FloatArray | None = None,
+) -> OptimalPlan:
     """Choose the best poses of the cell's pool, or the fewest that reach what is wanted.
 
     Parameters
@@ -51,6 +57,8 @@ def plan_optimal(cell: Cell, wish: Wish, advance: Advance = _silent) -> OptimalP
     wish : Wish
     advance : callable, optional
         Called with what is being done and the part of all work that is done.
+    keep : ndarray (k, n), optional
+        Postures [rad] that are to be among the chosen, as they are; they touch the target.
 
     Raises
     ------
@@ -61,7 +69,8 @@ def plan_optimal(cell: Cell, wish: Wish, advance: Advance = _silent) -> OptimalP
     NotIdentifiableError
         The whole pool cannot identify some of the parameters, which are named.
     """
-    return _Planning(cell, wish, advance).run()
+    kept = np.zeros((0, cell.robot.n)) if keep is None else np.asarray(keep, dtype=float)
+    return _Planning(cell, wish, advance, kept).run()
 
 
 def plan_fewest(
@@ -98,8 +107,9 @@ def plan_fewest(
 class _Planning:
     """One planning run."""
 
-    def __init__(self, cell: Cell, wish: Wish, advance: Advance) -> None:
+    def __init__(self, cell: Cell, wish: Wish, advance: Advance, keep: FloatArray) -> None:
         self._cell, self._wish, self._advance = cell, wish, advance
+        self._kept = keep
         self._model = cell.model()
         self._box, self._box_words = functions_over_box(cell, self._model)
         self._goal = goal_of(wish, self._model, self._box)
@@ -115,7 +125,7 @@ class _Planning:
     def run(self) -> OptimalPlan:
         """Pool, choice, refinement, way."""
         self._advance("looking for postures", 0.0)
-        pool = pool_of(self._cell)
+        pool = with_kept(self._cell, pool_of(self._cell), self._kept)
         self._check_seen(pool)
         why = ""
         for attempt in range(ATTEMPTS):
@@ -126,11 +136,14 @@ class _Planning:
             chosen = pool.take(selection.indices)
             if self._wish.refine:
                 self._advance("refining", 0.6)
-                chosen = refine(self._cell, self._model, self._goal, chosen)
+                fixed = len(self._kept)  # they are the first of the pool, and so of the choice
+                chosen = refine(self._cell, self._model, self._goal, chosen, fixed=fixed)
             route = self._router.route(chosen.postures)
             if not route.lost:
                 return self._result(pool, selection, fewest, chosen, route)
             why = next(iter(route.lost.values()))
+            if min(route.lost) < len(self._kept):
+                break
             kept = np.ones(len(pool), dtype=bool)
             kept[selection.indices[list(route.lost)]] = False
             pool = pool.take(kept)
@@ -151,7 +164,13 @@ class _Planning:
         blocks, criterion = self._blocks_and_criterion(pool)
         if wish.count is None:
             limit = 1.0 if goal.limit is None else goal.limit
-            fewest = select_fewest(blocks, criterion, limit, names=self._model.names)
+            fewest = select_fewest(
+                blocks,
+                criterion,
+                limit,
+                names=self._model.names,
+                keep=range(len(self._kept)),
+            )
             return fewest.selection, fewest
         found = select(
             blocks,
@@ -160,6 +179,7 @@ class _Planning:
             wish.method,
             names=self._model.names,
             threshold=goal.limit,
+            keep=range(len(self._kept)),
         )
         return found, None
 
@@ -238,12 +258,13 @@ class _Planning:
         found = []
         blocks, criterion = self._blocks_and_criterion(pool)
         for count in (selection.count - 1, selection.count + 1):
-            if not 1 <= count <= len(pool):
+            if not max(1, len(self._kept)) <= count <= len(pool):
                 continue
             if fewest is not None and fewest.fewer is not None and count == fewest.fewer.count:
                 other = fewest.fewer
             else:
-                other = select(blocks, count, criterion, self._wish.method, starts=1)
+                keep = range(len(self._kept))
+                other = select(blocks, count, criterion, self._wish.method, starts=1, keep=keep)
             found.append(self._accuracy(pool.take(other.indices)))
         return tuple(found)
 
@@ -281,4 +302,4 @@ def _covariance(white: FloatArray, model: CalibrationModel) -> FloatArray | None
 
 def as_pose_set(pool: Pool) -> PoseSet:
     """The postures of a pool as poses of a plan."""
-    return PoseSet.of_grid(pool.postures, ("",) * len(pool), pool.orientations)
+    return PoseSet.of_chosen(pool.postures, pool.orientations)

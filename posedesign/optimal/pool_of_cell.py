@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from calib.errors import UnreachableError
@@ -36,6 +38,18 @@ def pool_of(cell: Cell) -> Pool:
         return joint_pool(cell, section.candidates, rng)
     tilt = float(np.deg2rad(section.tilt_deg))
     return cone_pool(cell, tilt, section.candidates, rng, section.configurations)
+
+
+def with_kept(cell: Cell, pool: Pool, postures: FloatArray) -> Pool:
+    """The pool with poses of the user's own ``(k, n)`` [rad] as its first ones."""
+    k = len(postures)
+    return replace(
+        pool,
+        postures=np.concatenate([postures, pool.postures]),
+        orientations=np.concatenate([cell.robot.fk(postures)[:, :3, :3], pool.orientations]),
+        target=np.concatenate([np.zeros(k, dtype=np.intp), pool.target]),
+        tried=pool.tried + k,
+    )
 
 
 def box_of_cell(cell: Cell) -> tuple[TaskBox, str]:

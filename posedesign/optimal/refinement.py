@@ -35,7 +35,9 @@ ENOUGH = 1e-4
 """Relative gain of a sweep below which no other follows."""
 
 
-def refine(cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool) -> Pool:
+def refine(
+    cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool, *, fixed: int = 0
+) -> Pool:
     """Turn the tool at chosen poses for as long as the criterion gets better.
 
     Tilts against the base pose stay within the widest of the poses given.
@@ -46,13 +48,15 @@ def refine(cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool) -> Poo
     model : CalibrationModel
     goal : Goal
     chosen : Pool
+    fixed : int
+        How many of the first poses stay as they are.
 
     Returns
     -------
     Pool
         As many postures, in the same order, each on the branch of the arm that it was on.
     """
-    search = _Refinement(cell, model, goal, chosen)
+    search = _Refinement(cell, model, goal, chosen, fixed)
     cost = search.cost()
     for _ in range(MOST_SWEEPS):
         search.sweep()
@@ -66,7 +70,10 @@ def refine(cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool) -> Poo
 class _Refinement:
     """The poses as they are, and what is offered to each."""
 
-    def __init__(self, cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool) -> None:
+    def __init__(
+        self, cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool, fixed: int
+    ) -> None:
+        self._fixed = fixed
         self._cell, self._model, self._goal = cell, model, goal
         self.pool = chosen
         self._axis = cell.robot.fk(cell.base_posture)[:3, 2]
@@ -95,7 +102,8 @@ class _Refinement:
             + [np.broadcast_to(angle * axes, (n, 6, 3)) for angle in ALONG_RAD],
             axis=1,
         )  # (n, offers, 3)
-        owner = np.repeat(np.arange(n), turns.shape[1])
+        turns = turns[self._fixed :]
+        owner = np.repeat(np.arange(self._fixed, n), turns.shape[1])
         offered, row = self._turned(owner, turns.reshape(-1, 3))
         if len(row):
             self._take_best(offered, owner[row])

@@ -10,7 +10,7 @@ from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.indices import Indices
 from posedesign.optimal.goal import Goal
-from posedesign.optimal.robust import Robustness
+from posedesign.optimal.robust import SCENARIOS, Robustness
 from posedesign.optimal.wish import Wish
 from posedesign.pose_plan import PoseSet, displayed, fingerprint, named_stops
 from posedesign.route import Route
@@ -169,7 +169,7 @@ class OptimalPlan:
         if not np.isfinite(found.efficiency):
             return "no bound is known"
         side = "below" if found.criterion.smaller_is_better else "above"
-        over = "" if self.wish.robust == "none" else f", the {self.wish.robust} of the robots,"
+        over = "" if self.wish.robust == "none" else f", in the {self.wish.robust} of the robots,"
         return (
             f"proven: no {found.count} poses of the pool{over} are {side} "
             f"{self.goal.words(found.bound)} (efficiency {found.efficiency:.3f})"
@@ -182,6 +182,11 @@ class OptimalPlan:
             said = self._fewest_words(self.fewest)
         else:
             said = f"{self.selection.count} poses, {self.goal.words(self.accuracy.value)}"
+            if self.wish.robust != "none":
+                said += (
+                    f" as described, {self.goal.words(self.selection.value)} in the "
+                    f"{self.wish.robust} of {SCENARIOS} robots"
+                )
             if self.is_refined:
                 said += f", refined from {self.goal.words(self.of_pool.value)} of the pool"
             said += f"; {self.bound_words}"

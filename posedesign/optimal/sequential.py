@@ -21,6 +21,7 @@ from calib.parameters.base import Unit
 from calib.se3 import FloatArray, IntArray
 from posedesign.cell import Cell
 from posedesign.optimal.goal import Goal, goal_of
+from posedesign.optimal.planning import as_pose_set
 from posedesign.optimal.pool_of_cell import functions_over_box, pool_of
 from posedesign.optimal.wish import Wish
 from posedesign.pools import Pool
@@ -189,7 +190,7 @@ def plan_next(
         identified,
         why_not,
         noise,
-        _named(chosen),
+        as_pose_set(chosen),
         route,
         noise * errors,
         box_words,
@@ -243,7 +244,3 @@ def _errors(blocks: FloatArray, known: FloatArray, box: FloatArray) -> FloatArra
         half = np.linalg.solve(R.T, box.reshape(-1, p).T)
         errors.append(np.sqrt((half**2).sum() / len(box)))
     return np.array(errors)
-
-
-def _named(chosen: Pool) -> PoseSet:
-    return PoseSet.of_grid(chosen.postures, ("",) * len(chosen), chosen.orientations)

@@ -167,6 +167,11 @@ class Candidates:
         return out
 
     @cached_property
+    def squares(self) -> FloatArray:
+        """Squared length of each column in each block, ``(N, p)``."""
+        return np.asarray(np.einsum("nmp,nmp->np", self.J, self.J))
+
+    @cached_property
     def largest(self) -> FloatArray:
         """Largest absolute entry of each column in each block, ``(N, p)``."""
         return np.asarray(np.abs(self.J).max(axis=1))

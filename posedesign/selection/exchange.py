@@ -40,10 +40,16 @@ def greedy(objective: Objective, count: int, kept: IntArray) -> IntArray:
     ledger = objective.ledger(kept, count)
     first = objective.stages[0]
     for _ in range(count - len(kept)):
-        ledger.take(int(np.argmin(first.costs_with_each(ledger))))
+        _take_best(first, ledger)
         if ledger.chosen.sum() % 10 == 0:
             ledger.refresh()
     return ledger.rows
+
+
+def _take_best(objective: Objective, ledger: Ledger) -> None:
+    best = objective.best_with_each(ledger)
+    # where all cost infinitely much, any
+    ledger.take(int(np.argmin(ledger.chosen)) if best is None else best)
 
 
 def exchange(objective: Objective, rows: IntArray, kept: IntArray) -> IntArray:
@@ -67,12 +73,15 @@ def _pass(objective: Objective, ledger: Ledger, kept: IntArray) -> bool:
     free = free[np.argsort(objective.costs_without(ledger, free), kind="stable")]
     changed = False
     for row in free.tolist():
+        before = ledger.state
         ledger.drop(row)
-        costs = objective.costs_with_each(ledger)
-        best = int(np.argmin(costs))
-        better = costs[best] < (1.0 - NO_GAIN) * costs[row]
-        ledger.take(best if better else row)
-        changed |= better
+        own = float(objective.costs(ledger, np.array([row]), 1.0)[0])
+        best = objective.best_with_each(ledger, (1.0 - NO_GAIN) * own)
+        if best is None:
+            ledger.state = before
+        else:
+            ledger.take(best)
+            changed = True
     return changed
 
 
@@ -99,7 +108,7 @@ def _go(objective: Objective, ledger: Ledger, kept: IntArray, *, up: bool) -> No
     if up:
         if ledger.chosen.all():
             return
-        ledger.take(int(np.argmin(objective.costs_with_each(ledger))))
+        _take_best(objective, ledger)
         return
     free = np.setdiff1d(ledger.rows, kept)
     if len(free):

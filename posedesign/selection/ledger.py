@@ -19,6 +19,9 @@ FAINT = 1e-6
 """Part of the pool's mean information, for each pose chosen, that is there before the first: what
 is not yet determined is then known a thousand times worse than by the pool, not infinitely badly."""
 
+_AT_ONCE = 16
+"""Entries of a diagonal that are multiplied: each is at most what a pose adds to what is faint."""
+
 
 class Ledger:
     """A choice out of a pool.
@@ -53,6 +56,15 @@ class Ledger:
     def rows(self) -> IntArray:
         """The choice, ascending."""
         return np.flatnonzero(self.chosen)
+
+    @property
+    def state(self) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+        """All that changes, to go back to."""
+        return self.M, self.C, self.S.copy(), self.chosen.copy()
+
+    @state.setter
+    def state(self, before: tuple[FloatArray, FloatArray, FloatArray, BoolArray]) -> None:
+        self.M, self.C, self.S, self.chosen = before
 
     def refresh(self) -> None:
         """Compute everything anew: updates gather rounding."""
@@ -105,9 +117,13 @@ class Ledger:
 
 def log_det_of_root(root: FloatArray) -> FloatArray:
     """Logarithm ``(n,)`` of the determinant of what triangular roots ``(m, m, n)`` are those of."""
-    diagonal = np.prod(np.einsum("aan->an", root), axis=0)
+    diagonal = np.einsum("aan->an", root)
+    total = np.zeros(root.shape[2])
     with np.errstate(divide="ignore"):
-        return np.asarray(2.0 * np.log(diagonal))
+        # few logarithms, of products that are too short to overflow
+        for a in range(0, len(diagonal), _AT_ONCE):
+            total += np.log(np.prod(diagonal[a : a + _AT_ONCE], axis=0))
+    return 2.0 * total
 
 
 def solve_root(root: FloatArray, moved: FloatArray) -> FloatArray:

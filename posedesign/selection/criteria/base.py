@@ -24,6 +24,9 @@ from posedesign.selection.ledger import Ledger
 if TYPE_CHECKING:
     from posedesign.selection.relaxation.relaxation import Relaxation
 
+FIRST_BATCH, LARGEST_BATCH = 32, 1024
+"""Candidates whose costs are computed at once where those that cannot be best are left out."""
+
 
 class Criterion(ABC):
     """What is made best.
@@ -69,6 +72,11 @@ class Objective(ABC):
         self.candidates = candidates
 
     @property
+    def has_floor(self) -> bool:
+        """Whether :meth:`at_least` takes much less time than :meth:`costs`."""
+        return False
+
+    @property
     def stages(self) -> Sequence[Objective]:
         """Objectives for the exchange, one after the other: smoother ones first."""
         return (self,)
@@ -110,6 +118,59 @@ class Objective(ABC):
             out[part] = self.costs(ledger, part, 1.0)
         out[ledger.chosen] = np.inf
         return out
+
+    def at_least(self, ledger: Ledger, part: slice | IntArray, near: int | None) -> FloatArray:
+        """Numbers ``(n,)`` that the costs with each of some candidates are not below.
+
+        Worth having where they take much less time than the costs.
+
+        Parameters
+        ----------
+        ledger : Ledger
+        part : slice or ndarray of int
+        near : int, optional
+            They are to be sharp for candidates like this one; for the ledger's choice as it is by
+            default.
+        """
+        return np.zeros(self.candidates.N)[part]
+
+    def best_with_each(self, ledger: Ledger, limit: float = np.inf) -> int | None:
+        """The candidate that costs least besides the choice.
+
+        Most candidates are far from the best: they are left out by what they cost at least, the
+        others are tried in the order of it until none that is left can be better.
+
+        Parameters
+        ----------
+        ledger : Ledger
+        limit : float
+            None where no candidate costs less.
+        """
+        if not self.has_floor:
+            costs = self.costs_with_each(ledger)
+            best = int(np.argmin(costs))
+            return best if costs[best] < limit else None
+        floor = np.empty(self.candidates.N)
+        for part in self.candidates.chunks(self.width):
+            floor[part] = self.at_least(ledger, part, None)
+        floor[ledger.chosen] = np.inf
+        found: int | None = None
+        left, size = np.flatnonzero(floor < limit), FIRST_BATCH
+        left = left[np.argsort(floor[left], kind="stable")]
+        while len(left):
+            batch, left = left[:size], left[size:]
+            costs = self.costs(ledger, batch, 1.0)
+            best = int(np.argmin(costs))
+            if costs[best] < limit:
+                found, limit = int(batch[best]), float(costs[best])
+            left = left[floor[left] < limit]
+            if len(left) > size:
+                # once more, sharp where the best of this batch is
+                floor[left] = np.maximum(floor[left], self.at_least(ledger, left, int(batch[best])))
+                left = left[floor[left] < limit]
+                left = left[np.argsort(floor[left], kind="stable")]
+            size = min(2 * size, LARGEST_BATCH)
+        return found
 
     def costs_without(self, ledger: Ledger, rows: IntArray) -> FloatArray:
         """Cost ``(n,)`` of the choice without each of some of its candidates."""

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.indices import condition_2, condition_inf, o2, o4
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective
@@ -28,6 +28,13 @@ TITLES = {
     "O2": "smallest over largest singular value",
     "O4": "square of the smallest over the largest singular value",
 }
+
+_LOW_ENDS = 3
+"""Axes of least information that candidates are looked at along before any is tried: one that adds
+much along the first may still be held back by the next."""
+
+_ROWS = 2
+"""Rows of the largest sums that are computed for all candidates, for the same reason."""
 
 
 class Conditioning(Criterion):
@@ -91,35 +98,105 @@ class ConditioningObjective(Objective):
 
     def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
         """See :meth:`Objective.costs`."""
-        J = self.candidates.J[part]
-        M = ledger.M + sign * np.swapaxes(J, 1, 2) @ J
-        if self._kind != "C_G":
-            found = self._of_spectrum(M)
+        if self._kind == "C_G":
+            found = self._by_largest(ledger, part, sign)
         else:
-            found = self._by_largest(M, ledger, part, sign)
+            J = self.candidates.J[part]
+            found = self._of_spectrum(ledger.M + sign * np.swapaxes(J, 1, 2) @ J)
         return np.asarray(np.where(np.isfinite(found), found, np.inf))
 
-    def _of_spectrum(self, M: FloatArray) -> FloatArray:
+    def _scales(self, diagonal: FloatArray) -> FloatArray:
+        """What the columns are divided by, of diagonals ``(..., p)`` of the information."""
         if self._kind == "cond_2":
-            scale = 1.0 / np.sqrt(np.maximum(np.einsum("npp->np", M), np.finfo(float).tiny))
-        else:
-            scale = np.broadcast_to(self.candidates.scale, M.shape[:2])
-        values = np.linalg.eigvalsh(M * scale[:, :, None] * scale[:, None, :])
-        least, most = values[:, 0], values[:, -1]
+            return np.asarray(np.sqrt(np.maximum(diagonal, np.finfo(float).tiny)))
+        return np.broadcast_to(1.0 / self.candidates.scale, diagonal.shape)
+
+    def _of_spectrum(self, M: FloatArray) -> FloatArray:
+        scale = self._scales(np.einsum("npp->np", M))
+        values = np.linalg.eigvalsh(M / scale[:, :, None] / scale[:, None, :])
+        return self._ratio(values[:, 0], values[:, -1])
+
+    def _ratio(self, least: FloatArray, most: FloatArray) -> FloatArray:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.sqrt(most) / (least if self._kind == "O4" else np.sqrt(least))
         return np.asarray(np.where(least > 0.0, ratio, np.inf))
 
-    def _by_largest(
-        self, M: FloatArray, ledger: Ledger, part: slice | IntArray, sign: float
+    @property
+    def has_floor(self) -> bool:
+        """See :attr:`Objective.has_floor`."""
+        return True
+
+    def at_least(self, ledger: Ledger, part: slice | IntArray, near: int | None) -> FloatArray:
+        """See :meth:`Objective.at_least`.
+
+        No eigenvalue is beyond what any vector shows of it, and no norm below any row's sum: those
+        of the choice so far, or with one candidate, are tried on all.
+        """
+        if self._kind == "C_G":
+            return self._floor_of_rows(ledger, part, near)
+        J = self.candidates.J[part]
+        M = ledger.M
+        if near is not None:
+            M = M + self.candidates.J[near].T @ self.candidates.J[near]
+        scale = self._scales(np.diag(M))
+        _, vectors = np.linalg.eigh(M / scale / scale[:, None])
+        ends = 1 if near is not None else min(_LOW_ENDS, self.candidates.p)
+        V = np.column_stack([vectors[:, :ends], vectors[:, -1:]]) / scale[:, None]
+        known = np.einsum("pk,pq,qk->k", V, ledger.M, V, optimize=True)
+        squares = known + np.square(J @ V).sum(axis=1)  # (n, ends + 1)
+        if self._kind == "cond_2":
+            lengths = (np.diag(ledger.M) + self.candidates.squares[part]) @ V**2
+        else:
+            lengths = (V / self.candidates.scale[:, None]) ** 2
+            lengths = lengths.sum(axis=0)
+        shown = squares / lengths
+        return self._ratio(shown[:, :-1].min(axis=1), shown[:, -1])
+
+    def _floor_of_rows(
+        self, ledger: Ledger, part: slice | IntArray, near: int | None
     ) -> FloatArray:
-        moved = np.moveaxis(self.candidates.J[part] @ ledger.C, 1, 0).copy()  # (m, n, p)
+        own = slice(0, 0) if near is None else np.array([near])
+        M, C, size = self._with_each(ledger, own)
+        if near is None:
+            M, C = ledger.M[None], ledger.C[None]
+            size = np.maximum(self._largest_so_far(ledger), np.finfo(float).tiny)[None]
+        rows = np.argsort(np.abs(M[0] / size[0]).sum(axis=1) / size[0])[-_ROWS:]
+        columns = np.argsort(np.abs(C[0] * size[0]).sum(axis=1) * size[0])[-_ROWS:]
+        moved, possible = self._moved(ledger, part, 1.0)
+        J = self.candidates.J[part]
+        size = self._largest(ledger, part, 1.0)
+        size = np.where(size > 0.0, size, np.nan)
+        high, low = np.zeros(len(J)), np.zeros(len(J))
+        for k in rows:
+            row = ledger.M[k] + np.einsum("nm,nmp->np", J[:, :, k], J)
+            high = np.fmax(high, (np.abs(row) / size).sum(axis=1) / size[:, k])
+        for k in columns:
+            row = ledger.C[k] - np.einsum("mn,mnp->np", moved[:, :, k], moved)
+            low = np.fmax(low, (np.abs(row) * size).sum(axis=1) * size[:, k])
+        return np.asarray(np.where(possible, high * low, np.inf))
+
+    def _moved(
+        self, ledger: Ledger, part: slice | IntArray, sign: float
+    ) -> tuple[FloatArray, BoolArray]:
+        """Roots ``(m, n, p)`` of the change of the covariance, and where there is one."""
+        moved = np.moveaxis(self.candidates.J[part] @ ledger.C, 1, 0).copy()
         solve_root(ledger.root_of_change(part, sign), moved)
         possible = np.isfinite(moved).all(axis=(0, 2))
         moved[:, ~possible] = np.nan
+        return moved, possible
+
+    def _with_each(
+        self, ledger: Ledger, part: slice | IntArray, sign: float = 1.0
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Information, covariance, and largest entries after each change."""
+        J = self.candidates.J[part]
+        moved, _ = self._moved(ledger, part, sign)
         C = ledger.C - sign * np.einsum("mni,mnj->nij", moved, moved, optimize=True)
         size = self._largest(ledger, part, sign)
-        size = np.where(size > 0.0, size, np.nan)
+        return ledger.M + sign * np.swapaxes(J, 1, 2) @ J, C, np.where(size > 0.0, size, np.nan)
+
+    def _by_largest(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
+        M, C, size = self._with_each(ledger, part, sign)
         rows = (np.abs(M) / size[:, None, :]).sum(axis=-1) / size
         inverse = (np.abs(C) * size[:, None, :]).sum(axis=-1) * size
         return np.asarray(rows.max(axis=-1) * inverse.max(axis=-1))
@@ -127,14 +204,18 @@ class ConditioningObjective(Objective):
     def _largest(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
         """Largest absolute entry of each column ``(n, p)`` after each change."""
         known, each = self.candidates.largest_known, self.candidates.largest
-        rows = ledger.rows
         if sign > 0.0:
-            return np.maximum(each[part], np.max(each[rows], axis=0, initial=0.0, where=True))
+            return np.maximum(each[part], self._largest_so_far(ledger))
+        rows = ledger.rows
         chosen = np.vstack([each[rows], known, np.zeros_like(known)])
         order = np.argsort(chosen, axis=0)
         columns = np.arange(chosen.shape[1])
         most, second = chosen[order[-1], columns], chosen[order[-2], columns]
         return np.asarray(np.where(each[part] >= most, second, most))
+
+    def _largest_so_far(self, ledger: Ledger) -> FloatArray:
+        known, each = self.candidates.largest_known, self.candidates.largest
+        return np.asarray(np.max(each[ledger.rows], axis=0, initial=0.0).clip(min=known))
 
     def relax(self, count: int, tolerance: float) -> Relaxation:
         """See :meth:`Objective.relax`."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
 from posedesign.selection.ledger import Ledger, solve_root
@@ -110,13 +110,40 @@ class SpectrumObjective(Objective):
     def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
         """See :meth:`Objective.costs`."""
         CK = ledger.C @ self.K
-        moved = np.moveaxis(self.candidates.J[part] @ CK, 1, 0).copy()  # (m, n, k)
-        solve_root(ledger.root_of_change(part, sign), moved)
-        possible = np.isfinite(moved).all(axis=(0, 2))
-        moved[:, ~possible] = 0.0
+        moved, possible = self._moved(ledger, part, sign, CK)
         change = np.einsum("mni,mnj->nij", moved, moved, optimize=True)
         found = self._mean(np.linalg.eigvalsh(self.K.T @ CK - sign * change))
         return np.asarray(np.where(possible, found, np.inf))
+
+    def _moved(
+        self, ledger: Ledger, part: slice | IntArray, sign: float, right: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Roots ``(m, n, k)`` of the change of the covariance, and where there is one."""
+        moved = np.moveaxis(self.candidates.J[part] @ right, 1, 0).copy()
+        solve_root(ledger.root_of_change(part, sign), moved)
+        possible = np.isfinite(moved).all(axis=(0, 2))
+        moved[:, ~possible] = 0.0
+        return moved, possible
+
+    @property
+    def has_floor(self) -> bool:
+        """See :attr:`Objective.has_floor`."""
+        return self._order >= 1.0
+
+    def at_least(self, ledger: Ledger, part: slice | IntArray, near: int | None) -> FloatArray:
+        """See :meth:`Objective.at_least`: a diagonal is less spread than the eigenvalues.
+
+        So its mean of an order above one is not above theirs (Schur 1923).
+        """
+        C = ledger.C
+        if near is not None:
+            own, _ = self._moved(ledger, np.array([near]), 1.0, C)
+            C = C - own[:, 0].T @ own[:, 0]
+        _, V = np.linalg.eigh(self.K.T @ C @ self.K)
+        U = self.K @ V
+        moved, _ = self._moved(ledger, part, 1.0, ledger.C @ U)
+        diagonal = np.einsum("pk,pq,qk->k", U, ledger.C, U, optimize=True)
+        return self._mean(diagonal - np.einsum("mnk,mnk->nk", moved, moved))
 
     def smooth(self, candidates: Candidates, weights: FloatArray) -> Smooth:
         """Logarithm of the cost of weights ``(n,)``, of all parameters, with its derivatives."""

@@ -1,0 +1,168 @@
+"""The predicted deviation of the tool point held against the error, model right and wrong."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from calib.measurement import TouchUp
+from calib.model import CalibrationModel
+from calib.parameters import JointCompliance, ToolPoint, ZeroOffsets
+from calib.parameters.links import AXES
+from calib.prediction import Against, tool_motion
+from calib.se3 import FloatArray
+from posedesign.cell import Cell
+from posedesign.pools import Pool, cone_pool
+from posedesign.selection import mean_deviation, select
+from studies.box_cells import box_postures, grid_pool, study_cell
+from studies.tool_errors import Experiment, ToolErrors, interval, simulate_errors, simulated_arm
+
+
+class Case(NamedTuple):
+    """How the arm differs from what is identified."""
+
+    says: str
+    noise: FloatArray | None = None
+    deflects: bool = False
+    compliance: bool = False
+    links: bool = False
+    held: tuple[str, ...] = ()
+    own_zero: bool = False
+
+
+def cases(cell: Cell, settings: dict[str, Any]) -> dict[str, Case]:
+    """By key: the model right first, then what it does not know."""
+    sigma = np.array(cell.config.measurement.three_sigma_mm) / 3e3
+    joint_3, joint_4 = cell.robot.joint_names[2:4]
+    found = {
+        "right": Case("nothing: noise as modelled, all parameters freed"),
+        "base": Case("the zero of joint 1, where the base is the arm's own", own_zero=True),
+        "joint 4": Case("the zero offset of joint 4 (.05 deg), held", held=(joint_4,)),
+        "joint 3": Case("the zero offset of joint 3 (-.06 deg), held", held=(joint_3,)),
+        "links": Case("links: .2 mm and .02 deg (one sigma) at joints 3 to 6", links=True),
+        "noise": Case("noise twice as large", noise=settings["held"]["noise_factor"] * sigma),
+        "axis": Case("noise largest along the tool's x, not its z", noise=sigma[[2, 1, 0]]),
+        "equal": Case("noise equal along all axes, of the same sum", noise=_equal(sigma)),
+    }
+    if cell.deflects:
+        found["deflection"] = Case("reducers that give way", deflects=True)
+        found["compliance"] = Case(
+            "the same, compliance of joints 2 and 3 freed", deflects=True, compliance=True
+        )
+    return found
+
+
+def _equal(sigma: FloatArray) -> FloatArray:
+    return np.full(3, np.sqrt(np.mean(sigma**2)))
+
+
+class Holder:
+    """Sets of poses of one arm, and what is found of them under each case."""
+
+    def __init__(self, arm: str, settings: dict[str, Any]) -> None:
+        self._own, self._seed = settings["held"], settings["seed"]
+        self.cell = study_cell(arm, settings["smallest_singular_value"])
+        self.box = box_postures(self.cell, settings["arms"][arm])
+        self.cases = cases(self.cell, settings)
+
+    def sets(self) -> dict[str, Pool]:
+        """The paper's grid, and two choices by I."""
+        tilt = float(np.deg2rad(self._own["tilt_deg"]))
+        model, found = (
+            self.cell.model(),
+            {"W P R grid": grid_pool(self.cell, self._own["grid_deg"])},
+        )
+        criterion = mean_deviation(tool_motion(model, self.box))
+        for name, configurations in (("chosen by I", "nearest"), ("over the back, by I", "all")):
+            rng = np.random.default_rng(self._seed)
+            pool = cone_pool(self.cell, tilt, self._own["candidates"], rng, configurations)
+            found[name] = pool.take(select(pool.white(model), 27, criterion).indices)
+        return found
+
+    def model(self, case: Case, pool: Pool) -> CalibrationModel:
+        """What is identified in a case."""
+        cell, robot = self.cell, self.cell.robot
+        freed = [joint for joint in cell.offset_joints if joint not in case.held]
+        blocks = [ZeroOffsets(robot, freed)]
+        loaded = [JointCompliance(robot, robot.joint_names[1:3], cell.payload)]
+        return CalibrationModel(
+            robot,
+            [
+                *blocks,
+                *(loaded if case.compliance else []),
+                ToolPoint(cell.tool_m),
+                pool.target_points(),
+            ],
+            cell.measurement,
+        )
+
+    def errors(
+        self, case: Case, pool: Pool, trials: int, stream: list[int], against: Against = "base"
+    ) -> ToolErrors:
+        """Simulated, of one arm or of several whose links are drawn."""
+        rng = np.random.default_rng([self._seed, 5, *stream])
+        cell = self.cell
+        noise = cell.measurement if case.noise is None else TouchUp(case.noise)
+        experiment = Experiment.of(self.model(case, pool), pool)
+        groups = min(self._own["arms_drawn"], trials) if case.links else 1
+        parts = []
+        for _ in range(groups):
+            geometry = self._links(rng) if case.links else None
+            arm = simulated_arm(cell, pool, noise, deflects=case.deflects, geometry=geometry)
+            parts.append(
+                simulate_errors(
+                    arm,
+                    experiment,
+                    self.box,
+                    trials // groups,
+                    rng,
+                    against,
+                    own_zero=case.own_zero,
+                )
+            )
+        return parts[0] if groups == 1 else ToolErrors.joined(parts)
+
+    def _links(self, rng: np.random.Generator) -> dict[str, float]:
+        """Errors of the links of joints 3 to 6: what comes before them places the base."""
+        sizes = np.repeat([self._own["link_mm"] / 1e3, np.deg2rad(self._own["link_deg"])], 3)
+        return {
+            f"link.{joint}.{axis}": float(size * rng.standard_normal())
+            for joint in self.cell.robot.joint_names[2:]
+            for axis, size in zip(AXES, sizes, strict=True)
+        }
+
+
+def held(
+    arm: str,
+    settings: dict[str, Any],
+    *,
+    trials: int | None = None,
+    keys: tuple[str, ...] | None = None,
+) -> list[dict[str, Any]]:
+    """A row for each set and case: predicted, found, and the ratio of the two."""
+    holder, rows = Holder(arm, settings), []
+    count = trials or settings["held"]["trials"]
+    for s, (name, pool) in enumerate(holder.sets().items()):
+        for k, (key, case) in enumerate(holder.cases.items()):
+            if keys is not None and key not in keys:
+                continue
+            errors = holder.errors(case, pool, count, [s, k])
+            seen = holder.errors(case, pool, count, [s, k], "target")
+            low, high = interval(np.sqrt(errors.resampled.mean(axis=1)) / errors.predicted_rms_m)
+            rows.append(
+                {
+                    "set": name,
+                    "case": key,
+                    "says": case.says,
+                    "predicted_rms_mm": 1e3 * errors.predicted_rms_m,
+                    "rms_mm": 1e3 * errors.rms_m,
+                    "median_of_trials_mm": 1e3 * float(np.median(errors.of_trials_m)),
+                    "ratio": errors.ratio,
+                    "ratio_low": low,
+                    "ratio_high": high,
+                    "to_target_ratio": seen.ratio,
+                    "failed": errors.failed,
+                }
+            )
+    return rows

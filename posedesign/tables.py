@@ -3,10 +3,10 @@
 ======================  =========================================================================
 ``poses.csv``           ``name, status, reason, j1_deg .. jn_deg, x_mm, y_mm, z_mm, w_deg, p_deg,
                         r_deg``: joints in URDF signs; x, y, z of the tool point and W, P, R of
-                        the tip in the base frame; in the order in which they are visited. The status is
-                        ``grid``, ``repaired``, ``chosen`` (out of a pool) or ``dropped``. A pose
-                        with the status ``via`` is passed through and not measured. A dropped pose
-                        has no numbers. Where the pendant shows other joint values, they follow
+                        the tip in the base frame; in the order in which they are visited. A pose
+                        is of the ``grid``, ``repaired``, ``chosen`` out of a pool, or
+                        ``dropped``, and then has no numbers; with the status ``via`` it is passed
+                        through and not measured. Where the pendant shows other joint values, they follow
                         as ``pendant_j1_deg ..``.
 ``touchups.csv``        ``target, j1_deg .. jn_deg, pose``: one row a touch-up, joints as the
                         controller showed them, in URDF signs; ``pose`` may be left out. In place

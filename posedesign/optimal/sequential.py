@@ -24,7 +24,6 @@ from posedesign.optimal.goal import Goal, goal_of
 from posedesign.optimal.planning import as_pose_set
 from posedesign.optimal.pool_of_cell import functions_over_box, pool_of
 from posedesign.optimal.wish import Wish
-from posedesign.pools import Pool
 from posedesign.pose_plan import PoseSet
 from posedesign.route import Route, Router
 from posedesign.selection import select

@@ -133,6 +133,15 @@ class _Ledgers(Ledger):
     def chosen(self) -> BoolArray:  # type: ignore[override]
         return self.each[0].chosen
 
+    @property
+    def state(self) -> tuple[object, ...]:  # type: ignore[override]
+        return tuple(ledger.state for ledger in self.each)
+
+    @state.setter
+    def state(self, before: tuple[object, ...]) -> None:
+        for ledger, own in zip(self.each, before, strict=True):
+            ledger.state = own  # type: ignore[assignment]
+
     def refresh(self) -> None:
         for ledger in self.each:
             ledger.refresh()

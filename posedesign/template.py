@@ -86,6 +86,14 @@ approach = "none"                 # or "same-side": all joints arrive at all pos
 approach_deg = 1.0                # by a last movement of this angle, for arms with backlash
 dwell_s = 20.0                    # at each pose, for the cycle time: a touch-up; camera-pose: 2
 
+[pool]
+# What poses are chosen from: plan --method exchange, --target-accuracy, next.
+kind = "auto"                     # cone (touch-ups), wpr: all grids above (cameras), or joints
+tilt_deg = 45.0                   # of a cone: how far the tool is tilted; it rolls freely
+candidates = 1500                 # poses that are looked at
+configurations = "front"          # nearest: one posture a pose; all: over the back of the arm, too
+seed = 0
+
 [parameters]
 # Identified besides the target. The first and the last joint are absorbed by target and tool.
 zero_offsets = {offsets}

@@ -167,6 +167,14 @@ class Candidates:
         return out
 
     @cached_property
+    def by_row(self) -> FloatArray:
+        """The blocks with the candidate last, ``(m, p, N)``.
+
+        Sums over parameters then run over long contiguous rows, whatever m and p.
+        """
+        return np.ascontiguousarray(self.J.transpose(1, 2, 0))
+
+    @cached_property
     def squares(self) -> FloatArray:
         """Squared length of each column in each block, ``(N, p)``."""
         return np.asarray(np.einsum("nmp,nmp->np", self.J, self.J))

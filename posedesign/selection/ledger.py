@@ -95,10 +95,37 @@ class Ledger:
         self.M = self.M + sign * own.T @ own
         self.chosen[row] = sign > 0.0
         for part in self.candidates.chunks(2 * self.candidates.m**2):
-            # candidate last: sums over contiguous rows, whatever m
-            moved = np.ascontiguousarray((J[part] @ U).transpose(1, 2, 0))  # (m, m, chunk)
+            moved = U.T @ self.candidates.by_row[:, :, part]  # (m, m, chunk)
             for a in range(len(moved)):
                 self.S[a, :, part] -= sign * (moved[a] * moved).sum(axis=1)
+
+    def change(
+        self, part: slice | IntArray, sign: float, right: FloatArray | None = None
+    ) -> tuple[FloatArray, BoolArray]:
+        """What each of some candidates changes in the covariance.
+
+        Parameters
+        ----------
+        part : slice or ndarray of int
+        sign : float
+            +1: taken in; -1: put back.
+        right : ndarray (p, r), optional
+            Combinations of the parameters that are of interest; all by default.
+
+        Returns
+        -------
+        root : ndarray (m, r, n)
+            Their covariance becomes ``rightᵀ C right - sign rootᵀ root``. NaN where the change
+            cannot be made.
+        possible : ndarray (n,) of bool
+        """
+        CU = self.C if right is None else self.C @ right
+        root = CU.T @ self.candidates.by_row[:, :, part]
+        _solve_root(self.root_of_change(part, sign), root)
+        possible = np.isfinite(root).all(axis=(0, 1))
+        if not possible.all():
+            root[:, :, ~possible] = np.nan
+        return root, possible
 
     def root_of_change(self, part: slice | IntArray, sign: float) -> FloatArray:
         """Triangular roots ``(m, m, n)`` of ``1 ± J C Jᵀ``, by columns; zero where there is none."""
@@ -126,16 +153,15 @@ def log_det_of_root(root: FloatArray) -> FloatArray:
     return 2.0 * total
 
 
-def solve_root(root: FloatArray, moved: FloatArray) -> FloatArray:
-    """Forward substitution of ``moved`` (m, n, r) by triangular roots ``(m, m, n)``, in place.
+def _solve_root(root: FloatArray, moved: FloatArray) -> None:
+    """Forward substitution of ``moved`` (m, r, n) by triangular roots ``(m, m, n)``, in place.
 
     Infinite where a root is singular: the change cannot be made.
     """
     for a in range(len(root)):
         for b in range(a):
-            moved[a] -= root[a, b][:, None] * moved[b]
+            moved[a] -= root[a, b] * moved[b]
         pivot = root[a, a]
         inverse = np.divide(1.0, pivot, out=np.full_like(pivot, np.inf), where=pivot > 0.0)
         with np.errstate(invalid="ignore"):
-            moved[a] *= inverse[:, None]
-    return moved
+            moved[a] *= inverse

@@ -34,6 +34,9 @@ GOOD_ENOUGH, SMALL = 0.98, 1000
 """Efficiency from which no further start is made, in pools of more than so many candidates: what
 it could still gain is less than a pose in fifty. Small pools cost nothing, and are done in full."""
 
+SMALL_WORK = 10_000
+"""Pairs of chosen poses times candidates up to which pairs are exchanged in the end."""
+
 SHORTLIST = 20_000
 """Candidates that the exchange works on: the best by the relaxation, where there are more."""
 
@@ -200,7 +203,15 @@ class _Choice:
             enough = GOOD_ENOUGH if self._work.N > SMALL else 1.0 - 1e-6
             if relaxed is not None and enough * best <= relaxed.bound:
                 break
+        if method != "rounding" and self._pairs_of(len(rows)) * self._work.N <= SMALL_WORK:
+            floor = 0.0 if relaxed is None else relaxed.bound / (1.0 - 1e-6)
+            rows = steps.pair_exchange(self._objective, rows, self._kept, floor)
+            costs.append(self._objective.cost(rows))
         return rows, costs
+
+    def _pairs_of(self, count: int) -> int:
+        free = count - len(self._kept)
+        return free * (free - 1) // 2
 
     def _shortlist(self, relaxed: Relaxation | None) -> tuple[IntArray, Objective, IntArray]:
         """Candidates that the exchange works on: those that add most at the relaxation."""

@@ -188,7 +188,11 @@ def bench_of(data: Path, row: dict[str, Any], settings: dict[str, Any]) -> Bench
     if blocks and not row["priors"]:
         model = reduced_at_nominal(model, measured)
     return Bench(
-        model, recorded, measured, common / sigma if row["common"] else 0.0, unit_sizes(model, sizes)
+        model,
+        recorded,
+        measured,
+        common / sigma if row["common"] else 0.0,
+        unit_sizes(model, sizes),
     )
 
 

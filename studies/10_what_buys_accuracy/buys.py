@@ -148,7 +148,7 @@ class Bench:
                 for (a, b), length in zip(pairs, lengths_m, strict=True)
             ]
         cell, measurement = self.cell, self._measurement(variant)
-        carrying = cell.robot.joint_names[1:3]
+        carrying = cell.robot.joint_names[1:6]
         loaded = [JointCompliance(cell.robot, carrying, cell.payload)] if variant.compliance else []
         return CalibrationModel(
             cell.robot,

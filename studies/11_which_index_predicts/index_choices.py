@@ -24,18 +24,19 @@ class Chooser:
 
     Parameters
     ----------
-    arm : str
+    problem : str
     settings : dict
         The study's TOML.
     """
 
-    def __init__(self, arm: str, settings: dict[str, Any]) -> None:
+    def __init__(self, problem: str, settings: dict[str, Any]) -> None:
         own = settings["chosen"]
+        arm, configurations = (settings["problems"][problem][k] for k in ("arm", "configurations"))
         self._settings, self._seed = own, settings["seed"]
         self.cell = study_cell(arm, settings["smallest_singular_value"])
         self.box = box_postures(self.cell, settings["arms"][arm])
         tilt, rng = float(np.deg2rad(own["tilt_deg"])), np.random.default_rng(settings["seed"])
-        self.pool = cone_pool(self.cell, tilt, own["candidates"], rng, "nearest")
+        self.pool = cone_pool(self.cell, tilt, own["candidates"], rng, configurations)
         self.model = self.cell.model()
         self.motion = tool_motion(self.model, self.box)
         self._linear = self.pool.linearise(self.model)
@@ -71,15 +72,16 @@ class Chooser:
 
 
 def chosen(
-    arm: str,
+    problem: str,
     settings: dict[str, Any],
     *,
     trials: int | None = None,
     criteria: tuple[str, ...] = CRITERIA,
+    counts: tuple[int, ...] | None = None,
 ) -> list[dict[str, Any]]:
     """A row for each criterion and number of poses; the errors against those of I."""
-    chooser, rows = Chooser(arm, settings), []
-    for poses in settings["chosen"]["poses"]:
+    chooser, rows = Chooser(problem, settings), []
+    for poses in counts or settings["chosen"]["poses"]:
         best: ToolErrors | None = None
         random_m = chooser.random(poses)
         for name in criteria:
@@ -87,7 +89,7 @@ def chosen(
             taken = chooser.choose(name, poses)
             errors = chooser.errors(taken, trials or settings["chosen"]["trials"], stream)
             best = best or errors
-            rows.append(_row(name, poses, errors, best, random_m))
+            rows.append({"problem": problem} | _row(name, poses, errors, best, random_m))
     return rows
 
 

@@ -68,13 +68,16 @@ class Bank:
     combinations, at the cost of identification alone.
     """
 
-    def __init__(self, arm: str, settings: dict[str, Any], trials: int, seed: int) -> None:
-        own = settings["ranked"]
+    def __init__(self, problem: str, settings: dict[str, Any], trials: int) -> None:
+        own, seed = settings["ranked"], settings["seed"]
+        arm, configurations = (settings["problems"][problem][k] for k in ("arm", "configurations"))
         self._rng = np.random.default_rng([seed, 2])
         self.cell = study_cell(arm, settings["smallest_singular_value"])
         self.box = box_postures(self.cell, settings["arms"][arm])
         tilt, rng = float(np.deg2rad(own["tilt_deg"])), np.random.default_rng(seed)
-        self.pool: Pool = cone_pool(self.cell, tilt, own["candidates"], rng, "nearest")
+        pool = cone_pool(self.cell, tilt, own["candidates"], rng, configurations)
+        few = min(len(pool), own["candidates"])
+        self.pool: Pool = pool.take(rng.choice(len(pool), few, replace=False))
         self.model = self.cell.model()
         self.motion = tool_motion(self.model, self.box)
         self.truth = simulated_arm(self.cell, self.pool, self.cell.measurement)

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.measurement import TouchUp
 from calib.model import CalibrationModel
-from calib.parameters import JointCompliance, ToolPoint, ZeroOffsets
+from calib.parameters import JointCompliance, ParameterBlock, ToolPoint, ZeroOffsets
 from calib.parameters.links import AXES
 from calib.prediction import Against, tool_motion
 from calib.se3 import FloatArray
@@ -25,7 +25,7 @@ class Case(NamedTuple):
     says: str
     noise: FloatArray | None = None
     deflects: bool = False
-    compliance: bool = False
+    compliance: slice | None = None
     links: bool = False
     held: tuple[str, ...] = ()
     own_zero: bool = False
@@ -48,7 +48,14 @@ def cases(cell: Cell, settings: dict[str, Any]) -> dict[str, Case]:
     if cell.deflects:
         found["deflection"] = Case("reducers that give way", deflects=True)
         found["compliance"] = Case(
-            "the same, compliance of joints 2 and 3 freed", deflects=True, compliance=True
+            "the same, compliance of joints 2 and 3 freed",
+            deflects=True,
+            compliance=slice(1, 3),
+        )
+        found["all compliances"] = Case(
+            "the same, compliance of joints 2 to 6 freed",
+            deflects=True,
+            compliance=slice(1, 6),
         )
     return found
 
@@ -84,18 +91,12 @@ class Holder:
         """What is identified in a case."""
         cell, robot = self.cell, self.cell.robot
         freed = [joint for joint in cell.offset_joints if joint not in case.held]
-        blocks = [ZeroOffsets(robot, freed)]
-        loaded = [JointCompliance(robot, robot.joint_names[1:3], cell.payload)]
-        return CalibrationModel(
-            robot,
-            [
-                *blocks,
-                *(loaded if case.compliance else []),
-                ToolPoint(cell.tool_m),
-                pool.target_points(),
-            ],
-            cell.measurement,
-        )
+        blocks: list[ParameterBlock] = [ZeroOffsets(robot, freed)]
+        if case.compliance is not None:
+            loaded = robot.joint_names[case.compliance]
+            blocks.append(JointCompliance(robot, loaded, cell.payload))
+        blocks += [ToolPoint(cell.tool_m), pool.target_points()]
+        return CalibrationModel(robot, blocks, cell.measurement)
 
     def errors(
         self, case: Case, pool: Pool, trials: int, stream: list[int], against: Against = "base"

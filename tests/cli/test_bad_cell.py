@@ -139,7 +139,7 @@ def test_every_command_refuses_a_bad_cell(
 
 CELL_TEXTS = {
     "nothing in it": (b"", ("robot", "is missing")),
-    "a section that does not exist": (b"[tooll]\nmass_kg = 1\n", ("tooll", "did you mean tool?")),
+    "a section that does not exist": (b"[tooll]\nmass_kg = 1\n", ("tooll", "did you mean tool")),
     "a value for a section": (b"robot = 5\n", ("robot", "table")),
     "no TOML": (b"robot preset\n", ("no valid TOML", "line 1", "mend")),
     "a table twice": (b"[robot]\n[robot]\n", ("no valid TOML", "line 2")),

@@ -118,6 +118,7 @@ def test_study_says_that_lower_condition_means_smaller_errors(demo: tuple[Path, 
     assert ((spread > predicted / 3) & (spread < 3 * predicted)).all()
 
 
+@pytest.mark.slow
 def test_study_command(cli: Cli, work: Path) -> None:
     text = (work / "cell.toml").read_text()
     quick = text.replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [10.0, 10.0, 10.0]")

@@ -157,6 +157,7 @@ def test_touch_up_hides_a_scale_from_the_printed_kronecker_form(
     assert found.status == "misfit"
 
 
+@pytest.mark.slow
 def test_wider_variation_brings_the_scatter_down_as_predicted(rigid_cell: Cell) -> None:
     """The first finding of Watanabe et al. 2006, Fig. 9: the scatter falls with C_G."""
     from posedesign.accuracy_study import accuracy_study, pick

@@ -11,12 +11,12 @@ from typing import Literal
 
 import numpy as np
 
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.se3 import FloatArray, IntArray
 from posedesign.indices import condition_2, condition_inf, o2, o4
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective
 from posedesign.selection.criteria.spectrum import Spectrum
-from posedesign.selection.ledger import Ledger, solve_root
+from posedesign.selection.ledger import Ledger
 from posedesign.selection.relaxation.cone import relax_condition
 from posedesign.selection.relaxation.relaxation import Relaxation
 
@@ -134,7 +134,6 @@ class ConditioningObjective(Objective):
         """
         if self._kind == "C_G":
             return self._floor_of_rows(ledger, part, near)
-        J = self.candidates.J[part]
         M = ledger.M
         if near is not None:
             M = M + self.candidates.J[near].T @ self.candidates.J[near]
@@ -143,60 +142,50 @@ class ConditioningObjective(Objective):
         ends = 1 if near is not None else min(_LOW_ENDS, self.candidates.p)
         V = np.column_stack([vectors[:, :ends], vectors[:, -1:]]) / scale[:, None]
         known = np.einsum("pk,pq,qk->k", V, ledger.M, V, optimize=True)
-        squares = known + np.square(J @ V).sum(axis=1)  # (n, ends + 1)
+        moved = V.T @ self.candidates.by_row[:, :, part]
+        squares = known[:, None] + np.square(moved, out=moved).sum(axis=0)  # (ends + 1, n)
         if self._kind == "cond_2":
-            lengths = (np.diag(ledger.M) + self.candidates.squares[part]) @ V**2
+            diagonal = np.diag(ledger.M) + self.candidates.squares[part]
+            lengths = (V**2).T @ diagonal.T
         else:
-            lengths = (V / self.candidates.scale[:, None]) ** 2
-            lengths = lengths.sum(axis=0)
+            lengths = np.square(V / self.candidates.scale[:, None]).sum(axis=0)[:, None]
         shown = squares / lengths
-        return self._ratio(shown[:, :-1].min(axis=1), shown[:, -1])
+        return self._ratio(shown[:-1].min(axis=0), shown[-1])
 
     def _floor_of_rows(
         self, ledger: Ledger, part: slice | IntArray, near: int | None
     ) -> FloatArray:
-        own = slice(0, 0) if near is None else np.array([near])
-        M, C, size = self._with_each(ledger, own)
-        if near is None:
-            M, C = ledger.M[None], ledger.C[None]
-            size = np.maximum(self._largest_so_far(ledger), np.finfo(float).tiny)[None]
-        rows = np.argsort(np.abs(M[0] / size[0]).sum(axis=1) / size[0])[-_ROWS:]
-        columns = np.argsort(np.abs(C[0] * size[0]).sum(axis=1) * size[0])[-_ROWS:]
-        moved, possible = self._moved(ledger, part, 1.0)
-        J = self.candidates.J[part]
-        size = self._largest(ledger, part, 1.0)
-        size = np.where(size > 0.0, size, np.nan)
-        high, low = np.zeros(len(J)), np.zeros(len(J))
+        M, C = ledger.M, ledger.C
+        size = self._largest_so_far(ledger)
+        if near is not None:
+            own, _ = ledger.change(np.array([near]), 1.0)
+            C = C - own[:, :, 0].T @ own[:, :, 0]
+            M = M + self.candidates.J[near].T @ self.candidates.J[near]
+            size = np.maximum(size, self.candidates.largest[near])
+        size = np.maximum(size, np.finfo(float).tiny)
+        rows = np.argsort(np.abs(M / size).sum(axis=1) / size)[-_ROWS:]
+        columns = np.argsort(np.abs(C * size).sum(axis=1) * size)[-_ROWS:]
+        moved, possible = ledger.change(part, 1.0)  # (m, p, n)
+        J = self.candidates.by_row[:, :, part]
+        size = np.ascontiguousarray(self._largest(ledger, part, 1.0).T)  # (p, n)
+        size[size == 0.0] = np.nan
+        high, low = np.zeros(size.shape[1]), np.zeros(size.shape[1])
         for k in rows:
-            row = ledger.M[k] + np.einsum("nm,nmp->np", J[:, :, k], J)
-            high = np.fmax(high, (np.abs(row) / size).sum(axis=1) / size[:, k])
+            row = ledger.M[k][:, None] + (J[:, k, None] * J).sum(axis=0)
+            high = np.fmax(high, (np.abs(row) / size).sum(axis=0) / size[k])
         for k in columns:
-            row = ledger.C[k] - np.einsum("mn,mnp->np", moved[:, :, k], moved)
-            low = np.fmax(low, (np.abs(row) * size).sum(axis=1) * size[:, k])
+            row = ledger.C[k][:, None] - (moved[:, k, None] * moved).sum(axis=0)
+            low = np.fmax(low, (np.abs(row) * size).sum(axis=0) * size[k])
         return np.asarray(np.where(possible, high * low, np.inf))
 
-    def _moved(
-        self, ledger: Ledger, part: slice | IntArray, sign: float
-    ) -> tuple[FloatArray, BoolArray]:
-        """Roots ``(m, n, p)`` of the change of the covariance, and where there is one."""
-        moved = np.moveaxis(self.candidates.J[part] @ ledger.C, 1, 0).copy()
-        solve_root(ledger.root_of_change(part, sign), moved)
-        possible = np.isfinite(moved).all(axis=(0, 2))
-        moved[:, ~possible] = np.nan
-        return moved, possible
-
-    def _with_each(
-        self, ledger: Ledger, part: slice | IntArray, sign: float = 1.0
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Information, covariance, and largest entries after each change."""
-        J = self.candidates.J[part]
-        moved, _ = self._moved(ledger, part, sign)
-        C = ledger.C - sign * np.einsum("mni,mnj->nij", moved, moved, optimize=True)
-        size = self._largest(ledger, part, sign)
-        return ledger.M + sign * np.swapaxes(J, 1, 2) @ J, C, np.where(size > 0.0, size, np.nan)
-
     def _by_largest(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
-        M, C, size = self._with_each(ledger, part, sign)
+        J = self.candidates.J[part]
+        M = ledger.M + sign * np.swapaxes(J, 1, 2) @ J
+        moved, _ = ledger.change(part, sign)
+        columns = moved.transpose(2, 1, 0)  # (n, p, m)
+        C = ledger.C - sign * columns @ np.swapaxes(columns, 1, 2)
+        size = self._largest(ledger, part, sign)
+        size = np.where(size > 0.0, size, np.nan)
         rows = (np.abs(M) / size[:, None, :]).sum(axis=-1) / size
         inverse = (np.abs(C) * size[:, None, :]).sum(axis=-1) * size
         return np.asarray(rows.max(axis=-1) * inverse.max(axis=-1))

@@ -16,7 +16,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
-from posedesign.selection.ledger import Ledger, solve_root
+from posedesign.selection.ledger import Ledger
 from posedesign.selection.products import products_by_pairs
 from posedesign.selection.relaxation.barrier import relax_smooth
 from posedesign.selection.relaxation.certificate import MeanCertificate
@@ -115,22 +115,20 @@ class DeviationObjective(Objective):
         return np.asarray(((rows @ C) * rows).reshape(len(self.L), -1).sum(axis=1))
 
     def _mean(self, squares: FloatArray) -> FloatArray:
-        """Of mean square errors ``(..., K)``."""
-        largest = np.max(squares, axis=-1)
+        """Of mean square errors ``(K, ...)``."""
+        largest = np.max(squares, axis=0)
         if np.isinf(self._power):
             return np.asarray(largest)
         with np.errstate(invalid="ignore"):
-            parts = (squares / largest[..., None]) ** self._power
-        return np.asarray(largest * np.mean(parts, axis=-1) ** (1.0 / self._power))
+            parts = (squares / largest) ** self._power
+        return np.asarray(largest * np.mean(parts, axis=0) ** (1.0 / self._power))
 
     def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
         """See :meth:`Objective.costs`."""
         K, r, p = self.L.shape
-        U = ledger.C @ self.L.reshape(-1, p).T
-        moved = np.moveaxis(self.candidates.J[part] @ U, 1, 0).copy()  # (m, n, K r)
-        solve_root(ledger.root_of_change(part, sign), moved)
-        change = np.einsum("mnk,mnk->nk", moved, moved).reshape(-1, K, r).sum(axis=-1)
-        found = self._mean(self.squares(ledger.C) - sign * change)
+        moved, _ = ledger.change(part, sign, self.L.reshape(-1, p).T)
+        change = np.square(moved, out=moved).sum(axis=0).reshape(K, r, -1).sum(axis=1)  # (K, n)
+        found = self._mean(self.squares(ledger.C)[:, None] - sign * change)
         return np.asarray(np.where(np.isfinite(found), found, np.inf))
 
     def smooth(self, candidates: Candidates, weights: FloatArray) -> Smooth:

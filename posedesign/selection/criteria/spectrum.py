@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
-from posedesign.selection.ledger import Ledger, solve_root
+from posedesign.selection.ledger import Ledger
 from posedesign.selection.relaxation.barrier import relax_smooth
 from posedesign.selection.relaxation.certificate import MeanCertificate
 from posedesign.selection.relaxation.cone import relax_smallest
@@ -109,21 +109,12 @@ class SpectrumObjective(Objective):
 
     def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
         """See :meth:`Objective.costs`."""
-        CK = ledger.C @ self.K
-        moved, possible = self._moved(ledger, part, sign, CK)
-        change = np.einsum("mni,mnj->nij", moved, moved, optimize=True)
-        found = self._mean(np.linalg.eigvalsh(self.K.T @ CK - sign * change))
+        moved, possible = ledger.change(part, sign, self.K)
+        moved[:, :, ~possible] = 0.0
+        columns = moved.transpose(2, 1, 0)  # (n, k, m)
+        change = columns @ np.swapaxes(columns, 1, 2)
+        found = self._mean(np.linalg.eigvalsh(self.K.T @ ledger.C @ self.K - sign * change))
         return np.asarray(np.where(possible, found, np.inf))
-
-    def _moved(
-        self, ledger: Ledger, part: slice | IntArray, sign: float, right: FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        """Roots ``(m, n, k)`` of the change of the covariance, and where there is one."""
-        moved = np.moveaxis(self.candidates.J[part] @ right, 1, 0).copy()
-        solve_root(ledger.root_of_change(part, sign), moved)
-        possible = np.isfinite(moved).all(axis=(0, 2))
-        moved[:, ~possible] = 0.0
-        return moved, possible
 
     @property
     def has_floor(self) -> bool:
@@ -137,13 +128,13 @@ class SpectrumObjective(Objective):
         """
         C = ledger.C
         if near is not None:
-            own, _ = self._moved(ledger, np.array([near]), 1.0, C)
-            C = C - own[:, 0].T @ own[:, 0]
-        _, V = np.linalg.eigh(self.K.T @ C @ self.K)
-        U = self.K @ V
-        moved, _ = self._moved(ledger, part, 1.0, ledger.C @ U)
-        diagonal = np.einsum("pk,pq,qk->k", U, ledger.C, U, optimize=True)
-        return self._mean(diagonal - np.einsum("mnk,mnk->nk", moved, moved))
+            own, _ = ledger.change(np.array([near]), 1.0)
+            C = C - own[:, :, 0].T @ own[:, :, 0]
+        U = self.K @ np.linalg.eigh(self.K.T @ C @ self.K)[1]
+        moved, possible = ledger.change(part, 1.0, U)
+        lost = np.square(moved, out=moved).sum(axis=0).T  # (n, k)
+        found = self._mean(((U.T @ ledger.C) * U.T).sum(axis=1) - lost)
+        return np.asarray(np.where(possible, found, np.inf))
 
     def smooth(self, candidates: Candidates, weights: FloatArray) -> Smooth:
         """Logarithm of the cost of weights ``(n,)``, of all parameters, with its derivatives."""

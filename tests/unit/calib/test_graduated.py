@@ -33,6 +33,7 @@ def test_squares_without_a_jacobian_are_those_with_it(make_model, touching):
         np.testing.assert_allclose(distances2(model, data, x[t]), expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_gross_errors_among_few_measurements_with_priors():
     """Fewer equations than parameters, most of which the priors hold: 15 points, 3 of them bad."""
     robot = Robot.preset("ur5e")

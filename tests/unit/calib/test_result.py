@@ -19,7 +19,7 @@ from calib.parameters import (
 )
 from calib.se3 import rotation_exp, transform
 
-TRIALS = 120
+TRIALS = 80
 SIX = [2e-5] * 3 + [1e-4] * 3
 
 

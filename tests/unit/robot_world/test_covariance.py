@@ -42,7 +42,9 @@ def assert_agrees(predicted, observed, trials):
     assert ratio[-1] < (1.0 + spread) ** 2
 
 
-@pytest.mark.parametrize("on", ["A", "B", "both"])
+@pytest.mark.parametrize(
+    "on", [*(pytest.param(side, marks=pytest.mark.slow) for side in "AB"), "both"]
+)
 @pytest.mark.parametrize("method", LONG)
 def test_covariance_is_the_scatter(method, on):
     rng = np.random.default_rng(1)

@@ -35,6 +35,9 @@ GOALS = {
 }
 """Criteria by name, and what is made small or large."""
 
+_IN_MM = 1e3
+"""Functions of the tool point give mm."""
+
 _BY_REGRESSOR = ("C_G", "cond_2")
 _BY_NUISANCE = ("D", "A", "E")
 
@@ -49,15 +52,12 @@ class Goal:
     limit : float or None
         Value to be reached, as the criterion is shown.
     unit : str
-        Of values as people read them.
-    factor : float
-        From the value shown to those.
+        Of values as they are shown; empty where they have none.
     """
 
     criterion: Criterion
     limit: float | None = None
     unit: str = ""
-    factor: float = 1.0
 
     def blocks(self, linear: Linearisation) -> FloatArray:
         """Blocks ``(N, m, p)`` that the criterion is of."""
@@ -82,11 +82,19 @@ class Goal:
 
     def words(self, value: float) -> str:
         """A value as people read it."""
-        return f"{self.criterion.name} {value * self.factor:.4g}" + f" {self.unit}".rstrip()
+        if self.criterion.name == SIGMA:
+            return f"{value:.4g} times the deviation wanted"
+        return f"{self.criterion.name} {self.amount(value)}"
+
+    def amount(self, value: float) -> str:
+        """A value as people read it, without the name of the criterion."""
+        return f"{value:.4g} {self.unit}".rstrip()
 
     @property
     def title(self) -> str:
         """Name and unit, of a column."""
+        if self.criterion.name == SIGMA:
+            return "deviation over that wanted"
         return self.criterion.name + f" [{self.unit}]" * bool(self.unit)
 
     @property
@@ -113,29 +121,27 @@ def goal_of(wish: Wish, model: CalibrationModel, box: FloatArray) -> Goal:
     if wish.wants_sigma:
         wanted = _wanted(model, wish.sigma_m, wish.sigma_rad)
         title = "largest standard deviation over that wanted"
-        return Goal(_named(wanted_deviations(wanted, model.p), "sigma", title), 1.0, "of it")
+        return Goal(_named(wanted_deviations(wanted, model.p), SIGMA, title), 1.0)
     if wish.accuracy_m is not None:
-        return Goal(_tcp_worst(box), wish.accuracy_m, "mm", 1e3)
-    found = _by_name(wish, model, box)
-    if wish.threshold is None:
-        return found
-    return replace(found, limit=wish.threshold / found.factor)
+        return Goal(_tcp_worst(box), _IN_MM * wish.accuracy_m, "mm")
+    return replace(_by_name(wish, model, box), limit=wish.threshold)
 
 
 def _by_name(wish: Wish, model: CalibrationModel, box: FloatArray) -> Goal:
     name = wish.criterion.strip()
     key = name.lower()
     if key == TCP:
-        return Goal(mean_deviation(box, TCP, GOALS[TCP]), None, "mm", 1e3)
+        return Goal(mean_deviation(_IN_MM * box, TCP, GOALS[TCP]), None, "mm")
     if key == TCP_WORST:
-        return Goal(_tcp_worst(box), None, "mm", 1e3)
-    if key.startswith(SIGMA):
-        return _one_parameter(name[len(SIGMA) :].lstrip(":"), model)
+        return Goal(_tcp_worst(box), None, "mm")
+    if key.partition(":")[0] == SIGMA:
+        return _one_parameter(name.partition(":")[2].strip(), model)
     known = [criterion for criterion in CRITERIA if criterion.lower() == key]
     if not known:
-        names = [*GOALS, f"{SIGMA}:"]
         raise InputError(
-            f"there is no criterion {name[:40]!r}", hint=near_names(name, names), name="criterion"
+            f"there is no criterion {name[:40]!r}",
+            hint=near_names(name, list(GOALS)),
+            name="criterion",
         )
     robot = np.flatnonzero(~model.nuisance)
     interest = robot.tolist() if known[0] in _BY_NUISANCE and 0 < len(robot) < model.p else None
@@ -143,22 +149,27 @@ def _by_name(wish: Wish, model: CalibrationModel, box: FloatArray) -> Goal:
 
 
 def _tcp_worst(box: FloatArray) -> Criterion:
-    return largest_deviation(box, TCP_WORST, GOALS[TCP_WORST])
+    return largest_deviation(_IN_MM * box, TCP_WORST, GOALS[TCP_WORST])
 
 
 def _one_parameter(name: str, model: CalibrationModel) -> Goal:
+    if not name:
+        raise InputError(
+            f"{SIGMA} is the standard deviation of one parameter, and none is named",
+            hint=f"give one, such as {SIGMA}:{model.names[0]}",
+            name="criterion",
+        )
     if name not in model.names:
         raise InputError(
             f"there is no parameter {name[:60]!r}",
-            hint=near_names(name, model.names) or "one of " + ", ".join(model.names),
+            hint=near_names(name, model.names),
             name="criterion",
         )
     k = model.names.index(name)
     row = np.zeros((1, 1, model.p))
-    row[0, 0, k] = 1.0
-    _, unit, factor = displayed(model, np.ones(model.p))[k]
+    _, unit, row[0, 0, k] = displayed(model, np.ones(model.p))[k]
     title = f"standard deviation of {name}"
-    return Goal(mean_deviation(row, f"{SIGMA}:{name}", title), None, unit, factor)
+    return Goal(mean_deviation(row, f"{SIGMA}:{name}", title), None, unit)
 
 
 def _wanted(model: CalibrationModel, sigma_m: float | None, sigma_rad: float | None) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.indices import Indices
-from posedesign.optimal.goal import Goal
+from posedesign.optimal.goal import TCP, TCP_WORST, Goal
 from posedesign.optimal.robust import SCENARIOS, Robustness
 from posedesign.optimal.wish import Wish
 from posedesign.pose_plan import PoseSet, displayed, fingerprint, named_stops
@@ -192,24 +192,41 @@ class OptimalPlan:
             said += f"; {self.bound_words}"
             if not self.reached and self.goal.limit is not None:
                 said = f"not reached: {said}; {self.goal.words(self.goal.limit)} is wanted"
-        if self.wish.wants_sigma and np.isfinite(self.accuracy.sigma).all():
-            said += f" ({self.tightest} decides)"
         return said
 
     def _fewest_words(self, fewest: Fewest) -> str:
-        if fewest.reached:
-            return fewest.message
-        return (
-            f"{fewest.message}; or widen the pool ([pool] and variations.largest_deg), or make "
-            "room around the base pose"
-        )
+        count = fewest.selection.count
+        value = self.goal.words(fewest.selection.value)
+        decides = f" ({self.decides} decides)" * bool(self.decides)
+        wanted = "" if self.wish.wants_sigma else f", {self.goal.amount(fewest.wanted)} is wanted"
+        if not fewest.reached:
+            every = f"all {count} poses of the pool give"
+            if not fewest.selection.criterion.falls_with_poses:
+                every = "the best found in the pool is"
+            return (
+                f"out of reach: {every} {value}{wanted}{decides}{_times(fewest)}; or widen the "
+                "pool ([pool] and variations.largest_deg), or make room around the base pose"
+            )
+        said = f"{count} poses reach {value}{wanted}{decides}"
+        if fewest.fewer is not None:
+            less = self.goal.amount(fewest.fewer.value)
+            said += f"; {fewest.fewer.count} were found to reach {less} only"
+        if fewest.at_least >= count:
+            return said + "; proven: fewer cannot"
+        return said + f"; proven: fewer than {fewest.at_least} cannot"
 
     @property
-    def tightest(self) -> str:
-        """Name of the parameter whose deviation is the largest part of that wanted."""
+    def decides(self) -> str:
+        """Name of the parameter whose deviation is the largest part of that wanted; or empty."""
+        if not self.wish.wants_sigma or not np.isfinite(self.accuracy.sigma).all():
+            return ""
+        return self.model.names[int(np.argmax(self.accuracy.sigma / self._wanted))]
+
+    @property
+    def _wanted(self) -> FloatArray:
+        """Standard deviations wanted ``(p,)`` [SI]; infinite where any will do."""
         limits = {"m": self.wish.sigma_m, "rad": self.wish.sigma_rad}
-        wanted = np.array([limits.get(unit) or np.inf for unit in self.model.units])
-        return self.model.names[int(np.argmax(self.accuracy.sigma / wanted))]
+        return np.array([limits.get(unit) or np.inf for unit in self.model.units])
 
     def rows(self) -> list[dict[str, object]]:
         """Predicted deviation of each parameter, beside that of one pose fewer and more."""
@@ -219,9 +236,8 @@ class OptimalPlan:
             for name, unit, sigma in shown
         ]
         if self.wish.wants_sigma:
-            limits = {"m": self.wish.sigma_m, "rad": self.wish.sigma_rad}
-            given = np.array([limits.get(unit) or np.inf for unit in self.model.units])
-            for row, (_, _, limit) in zip(rows, displayed(self.model, given), strict=True):
+            wanted = displayed(self.model, self._wanted)
+            for row, (_, _, limit) in zip(rows, wanted, strict=True):
                 row["wanted"] = _or_none(limit)
         for other in () if self.is_refined else self.others:
             for row, (_, _, sigma) in zip(rows, displayed(self.model, other.sigma), strict=True):
@@ -234,15 +250,26 @@ class OptimalPlan:
         labelled = [(f"{a.poses}", a) for a in ordered]
         if self.is_refined:
             labelled.append((f"{self.accuracy.poses}, refined", self.accuracy))
+        # one of the columns that are there anyway may be the criterion
+        own = {} if self.goal.criterion.name in (TCP, TCP_WORST) else {self.goal.title: 0.0}
         return [
-            {
-                "poses": label,
-                self.goal.title: _or_none(a.value * self.goal.factor),
+            {"poses": label}
+            | {title: _or_none(a.value) for title in own}
+            | {
                 "TCP rms over the box [mm]": _or_none(1e3 * a.tcp_m),
                 "TCP rms at its worst [mm]": _or_none(1e3 * a.tcp_worst_m),
             }
             for label, a in labelled
         ]
+
+
+def _times(fewest: Fewest) -> str:
+    """How often all poses would have to be measured: variances fall with the number."""
+    criterion = fewest.selection.criterion
+    if not criterion.falls_with_poses or not np.isfinite(fewest.selection.value):
+        return ""
+    ratio = criterion.cost_of(fewest.selection.value) / criterion.cost_of(fewest.wanted)
+    return f": each would have to be measured {int(np.ceil(ratio))} times"
 
 
 def _or_none(value: float) -> float | None:

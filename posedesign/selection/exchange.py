@@ -7,7 +7,6 @@ depends on where it starts, so several starts are made, the best of them from th
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import combinations
 
 import numpy as np
 
@@ -24,9 +23,6 @@ MOST_PASSES = 30
 
 EXCURSION = 5
 """Poses more, or fewer, than wanted that an excursion goes to at most (Mitchell 1974)."""
-
-WIDE = 3
-"""Candidates tried as the first of a pair: the second makes up for what is wrong with it."""
 
 Method = Callable[[Objective, IntArray, IntArray], IntArray]
 
@@ -56,14 +52,12 @@ def _take_best(objective: Objective, ledger: Ledger) -> None:
     ledger.take(int(np.argmin(ledger.chosen)) if best is None else best)
 
 
-def exchange(
-    objective: Objective, rows: IntArray, kept: IntArray, *, last_only: bool = False
-) -> IntArray:
+def exchange(objective: Objective, rows: IntArray, kept: IntArray) -> IntArray:
     """Put one pose after the other in place of the best of the pool, until none helps.
 
     The modified exchange of Cook and Nachtsheim 1980, after Fedorov 1972.
     """
-    for stage in objective.stages[-1:] if last_only else objective.stages:
+    for stage in objective.stages:
         ledger = objective.ledger(rows, len(rows))
         for _ in range(MOST_PASSES):
             if not _pass(stage, ledger, kept):
@@ -89,59 +83,6 @@ def _pass(objective: Objective, ledger: Ledger, kept: IntArray) -> bool:
             ledger.take(best)
             changed = True
     return changed
-
-
-def pair_exchange(
-    objective: Objective, rows: IntArray, kept: IntArray, good_enough: float = 0.0
-) -> IntArray:
-    """Put two poses at once in place of two, where no single exchange helps any more.
-
-    Of the first that is taken in only the :data:`WIDE` best are tried, of the second all. After each
-    that helps the single exchange goes on.
-
-    Parameters
-    ----------
-    objective : Objective
-    rows, kept : ndarray of int
-    good_enough : float
-        Cost at which to stop.
-    """
-    cost = objective.cost(rows)
-    while cost > good_enough:
-        better = _better_pair(objective, rows, kept)
-        if better is None:
-            break
-        better = exchange(objective, better, kept, last_only=True)
-        found = objective.cost(better)
-        if not found < (1.0 - NO_GAIN) * cost:
-            break
-        rows, cost = better, found
-    return rows
-
-
-def _better_pair(objective: Objective, rows: IntArray, kept: IntArray) -> IntArray | None:
-    ledger = Ledger(objective.candidates, rows, len(rows))
-    free = np.setdiff1d(rows, kept)
-    free = free[np.argsort(objective.costs_without(ledger, free), kind="stable")]
-    for i, j in sorted(combinations(range(len(free)), 2), key=sum):
-        whole = ledger.state
-        ledger.drop(int(free[i]))
-        own = float(objective.costs(ledger, free[i : i + 1], 1.0)[0])
-        ledger.drop(int(free[j]))
-        single = objective.costs_with_each(ledger)
-        single[[free[i], free[j]]] = np.inf
-        for first in np.argsort(single, kind="stable")[:WIDE].tolist():
-            if np.isinf(single[first]):
-                break
-            without = ledger.state
-            ledger.take(first)
-            second = objective.best_with_each(ledger, (1.0 - NO_GAIN) * own)
-            if second is not None:
-                ledger.take(second)
-                return ledger.rows
-            ledger.state = without
-        ledger.state = whole
-    return None
 
 
 def excursions(objective: Objective, rows: IntArray, kept: IntArray) -> IntArray:

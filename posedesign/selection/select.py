@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError, near_names
 from calib.se3 import IntArray
 from posedesign.selection import exchange as steps
+from posedesign.selection import small
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
 from posedesign.selection.criteria.registry import criterion_by_name
@@ -33,9 +34,6 @@ TOLERANCE = 1e-3
 GOOD_ENOUGH, SMALL = 0.98, 1000
 """Efficiency from which no further start is made, in pools of more than so many candidates: what
 it could still gain is less than a pose in fifty. Small pools cost nothing, and are done in full."""
-
-SMALL_WORK = 10_000
-"""Pairs of chosen poses times candidates up to which pairs are exchanged in the end."""
 
 SHORTLIST = 20_000
 """Candidates that the exchange works on: the best by the relaxation, where there are more."""
@@ -194,24 +192,24 @@ class _Choice:
         first = steps.starts(
             objective.candidates, own, self._n, kept, 1 if method == "rounding" else number, rng
         )
-        best, rows, costs = np.inf, short[first[0]], []
+        bound = 0.0 if relaxed is None else relaxed.bound
+        best, rows, costs, ends = np.inf, short[first[0]], [], []
         for start in first:
             found = short[improve(objective, start, kept)]
+            ends.append(found)
             costs.append(self._objective.cost(found))
             if costs[-1] < best:
                 best, rows = costs[-1], found
             enough = GOOD_ENOUGH if self._work.N > SMALL else 1.0 - 1e-6
             if relaxed is not None and enough * best <= relaxed.bound:
                 break
-        if method != "rounding" and self._pairs_of(len(rows)) * self._work.N <= SMALL_WORK:
-            floor = 0.0 if relaxed is None else relaxed.bound / (1.0 - 1e-6)
-            rows = steps.pair_exchange(self._objective, rows, self._kept, floor)
-            costs.append(self._objective.cost(rows))
+        if method in ("exchange", "detmax") and best > (1.0 + 1e-6) * bound:
+            many = small.starts_for(self._work, self._n, self._kept)
+            if many:
+                found = small.many_starts(self._objective, np.array(ends), self._kept, many, rng)
+                costs.append(self._objective.cost(found))
+                rows = found if costs[-1] < best else rows
         return rows, costs
-
-    def _pairs_of(self, count: int) -> int:
-        free = count - len(self._kept)
-        return free * (free - 1) // 2
 
     def _shortlist(self, relaxed: Relaxation | None) -> tuple[IntArray, Objective, IntArray]:
         """Candidates that the exchange works on: those that add most at the relaxation."""

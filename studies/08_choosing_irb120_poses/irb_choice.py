@@ -12,14 +12,11 @@ from scipy.stats import binom
 
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.selection import largest_deviation, mean_deviation, select
-from posedesign.selection.select import TOLERANCE
 from posedesign.selection.selection import Selection
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 CONFIDENCE = 0.95
 D_OF_ARM = "D of the arm"
-CONDITION_TOLERANCE = 1e-2
-"""Of the bounds of condition numbers: sharper ones take minutes."""
 
 
 @dataclass(frozen=True, eq=False)

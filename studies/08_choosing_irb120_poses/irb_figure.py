@@ -48,7 +48,7 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
         panel.minorticks_off()
         panel.set_title(f"{n} of 36 poses")
         panel.grid(visible=True, axis="x", alpha=0.3)
-        panel.set_xlabel("rms distance at the poses not chosen [mm]")
+    panels[len(panels) // 2].set_xlabel("rms distance at the poses not chosen [mm]")
     panels[0].set_yticks(height, [f"{row['model']} ({row['parameters']})" for row in shown])
     panels[0].set_ylim(-0.6, len(shown) - 0.4)
     marks = [

@@ -68,7 +68,7 @@ def run(
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """The table of the README: a row for each choice, and one for those by lot."""
+    """The table of the README: all criteria of the first model, the one recommended of others."""
     lines = [
         "| model | poses | chosen by | efficiency | left [mm] | over all 36: left out | in sample "
         "| expected | better than | check points [mm] |",
@@ -81,13 +81,14 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
                 head + f"| *lot: median (5 to 95 %)* | | {_range(lot['error_mm'])} "
                 f"| {_range(lot['over_all_left_out'], 2)} | | | | {_range(lot['check_mm'])} |"
             )
-            for c in of["chosen"]:
-                lines.append(
-                    head + f"| {c['criterion']} | {c['efficiency']:.2f} | {c['error_mm']:.3f} "
-                    f"| {c['over_all_left_out']:.2f} | {c['over_all_in_sample']:.2f} "
-                    f"| {c['expected_over_all']:.2f} | {100 * c['better_than']:.0f} % "
-                    f"| {c['check_mm']:.3f} |"
-                )
+            lines += [
+                head + f"| {c['criterion']} | {c['efficiency']:.2f} | {c['error_mm']:.3f} "
+                f"| {c['over_all_left_out']:.2f} | {c['over_all_in_sample']:.2f} "
+                f"| {c['expected_over_all']:.2f} | {100 * c['better_than']:.0f} % "
+                f"| {c['check_mm']:.3f} |"
+                for c in of["chosen"]
+                if row is rows[0] or c["criterion"] == RECOMMENDED
+            ]
     return "\n".join(lines)
 
 
@@ -112,12 +113,14 @@ def flat(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def rounded(value: Any) -> Any:
-    """The same with numbers of so many digits."""
+    """The same with numbers of so many digits; None where there is none."""
     if isinstance(value, dict):
         return {key: rounded(item) for key, item in value.items()}
     if isinstance(value, list):
         return [rounded(item) for item in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
+    return value
 
 
 def write(rows: list[dict[str, Any]], out: Path) -> None:

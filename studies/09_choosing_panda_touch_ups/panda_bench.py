@@ -107,7 +107,9 @@ class Bench:
             A fit that has not converged.
         """
         trials = len(chosen)
-        start = np.tile(self.model.nominal, (trials, 1))
+        # from where all touch-ups lead: the fits to some end near by
+        near = minimise(self.model, self.data.repeated(1), self.model.nominal[None])
+        start = np.tile(near.x, (trials, 1))
         weights = chosen.astype(float)
         fit = minimise(self.model, self.data.repeated(trials), start, weights=weights)
         if not fit.converged.all():

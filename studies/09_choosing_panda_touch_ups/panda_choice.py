@@ -32,7 +32,6 @@ class Choice:
 
     rows: IntArray
     efficiency: float
-    rounds: int
 
 
 def criterion_of(bench: Bench, name: str, count: int) -> Criterion:
@@ -60,7 +59,7 @@ def choose(bench: Bench, name: str, each: int, starts: int, rounds: int) -> Choi
     # spread over the recording, whatever it is sorted by
     chosen = [group[np.linspace(0, len(group) - 1, each).astype(int)] for group in bench.groups]
     before: FloatArray | None = None
-    for done in range(1, rounds + 1):
+    for _ in range(rounds):
         for k, group in enumerate(bench.groups):
             others = np.concatenate([own for i, own in enumerate(chosen) if i != k])
             known = np.vstack([bench.known, bench.blocks[others].reshape(-1, p)])
@@ -79,7 +78,7 @@ def choose(bench: Bench, name: str, each: int, starts: int, rounds: int) -> Choi
         relaxed = select(bench.blocks, count, criterion, "rounding", known=known_rows).relaxation
         cost = criterion.on(Candidates(bench.blocks, known_rows)).cost(rows)
         efficiency = min(1.0, relaxed.bound / cost) if relaxed is not None else np.nan
-    return Choice(rows, float(efficiency), done)
+    return Choice(rows, float(efficiency))
 
 
 def by_lot(bench: Bench, each: int, draws: int, rng: np.random.Generator) -> BoolArray:
@@ -127,7 +126,6 @@ def compare(
                 "over_all": float(error) / whole,
                 "better_than": float(np.mean(drawn > error)),
                 "efficiency": choice.efficiency,
-                "rounds": choice.rounds,
             }
             for name, error, choice in zip(criteria, far[1 + len(lot) :], choices, strict=True)
         ],

@@ -100,7 +100,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         ranges = (_range(s["by_lot_mm"]["quantiles"]) for s in of)
         lines.append(head + "| *10 by lot: median (5 to 95 %)* | | " + " | ".join(ranges) + " |")
         for k, c in enumerate(of[-1]["chosen"]):
-            proven = f"{c['efficiency']:.2f}" if np.isfinite(c["efficiency"]) else ""
+            proven = f"{c['efficiency']:.2f}" if c["efficiency"] is not None else ""
             cells = [
                 f"{s['chosen'][k]['error_mm']:.3f} (x{s['chosen'][k]['over_all']:.2f}, "
                 f"{100 * s['chosen'][k]['better_than']:.0f} %)"
@@ -136,7 +136,9 @@ def rounded(value: Any) -> Any:
         return {key: rounded(item) for key, item in value.items()}
     if isinstance(value, list):
         return [rounded(item) for item in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
+    return value
 
 
 def write(rows: list[dict[str, Any]], out: Path) -> None:

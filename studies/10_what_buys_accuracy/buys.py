@@ -54,7 +54,8 @@ class Measured:
     Attributes
     ----------
     variant : Variant
-    measurements : int
+    measurements, targets : int
+        Touch-ups, and how many targets they touch.
     minutes, moving_minutes : float
         Predicted time of the round, and of its moves.
     rigid : ToolErrors
@@ -65,6 +66,7 @@ class Measured:
 
     variant: Variant
     measurements: int
+    targets: int
     minutes: float
     moving_minutes: float
     rigid: ToolErrors
@@ -118,7 +120,7 @@ class Bench:
         if self.cell.deflects:
             bent = self.simulate(variant, poses, deflecting, rng, deflects=True)
         minutes = moving + count * route.dwell_s / 60.0
-        return Measured(variant, count, minutes, moving, rigid, bent)
+        return Measured(variant, count, len(poses.targets_m), minutes, moving, rigid, bent)
 
     def plan(self, variant: Variant) -> Pool:
         """The poses of a variant."""

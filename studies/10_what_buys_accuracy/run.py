@@ -53,7 +53,8 @@ def rows(found: dict[str, Measured]) -> list[dict[str, Any]]:
     for key, measured in found.items():
         information = (base.rigid.predicted_rms_m / measured.rigid.predicted_rms_m) ** 2
         row: dict[str, Any] = {"key": key, "says": measured.variant.says}
-        row |= {"measurements": measured.measurements, "minutes": measured.minutes}
+        row |= {"measurements": measured.measurements, "targets": measured.targets}
+        row |= {"minutes": measured.minutes}
         row |= {"moving_minutes": measured.moving_minutes}
         row |= _figures("", measured.rigid)
         row["worth_a_minute"] = information * base.minutes / measured.minutes
@@ -105,11 +106,15 @@ def markdown(table: list[dict[str, Any]]) -> str:
         cells += [_short(row["predicted_rms_mm"]), _short(row["rms_mm"])]
         cells += [f"{_short(row['rms_low_mm'])} to {_short(row['rms_high_mm'])}"]
         cells += [_short(row["median_of_trials_mm"]), _short(row["worst_mm"])]
-        cells += [f"{row['worth_a_minute']:.2g}"]
+        cells += [_two_digits(row["worth_a_minute"])]
         if "deflecting_rms_mm" in row:
-            cells += [f"{row['deflecting_rms_mm']:.2f}"]
+            cells += [_two_digits(row["deflecting_rms_mm"])]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def _two_digits(value: float) -> str:
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def _short(value_mm: float) -> str:

@@ -32,7 +32,7 @@ def draw(said: dict[str, Any], path: Path) -> None:
         rows = [row for row in said["ranked"] if row["sets"] == kind]
         _lines(panel, rows, problems, "index", ("rho", "low", "high"))
         panel.set_title(title, fontsize=11)
-        panel.set_xlabel("rank correlation of the index with the error over the box")
+        panel.set_xlabel("rank correlation with the error over the box")
     handles, labels = panel.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(problems), frameon=False)
     figure.savefig(path, metadata={"Software": None})

@@ -19,6 +19,7 @@ import numpy as np
 
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import RANK_TOLERANCE, Candidates
+from posedesign.selection.information import Informations
 from posedesign.selection.ledger import Ledger
 
 if TYPE_CHECKING:
@@ -101,6 +102,10 @@ class Objective(ABC):
         sign : float
             +1: taken in; -1: put back.
         """
+
+    @abstractmethod
+    def of_informations(self, informations: Informations) -> FloatArray:
+        """Of choices ``(T,)`` whose information matrices are given."""
 
     @abstractmethod
     def relax(self, count: int, tolerance: float) -> Relaxation:

@@ -16,6 +16,7 @@ from posedesign.indices import condition_2, condition_inf, o2, o4
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective
 from posedesign.selection.criteria.spectrum import Spectrum
+from posedesign.selection.information import Informations
 from posedesign.selection.ledger import Ledger
 from posedesign.selection.relaxation.cone import relax_condition
 from posedesign.selection.relaxation.relaxation import Relaxation
@@ -186,9 +187,14 @@ class ConditioningObjective(Objective):
         C = ledger.C - sign * columns @ np.swapaxes(columns, 1, 2)
         size = self._largest(ledger, part, sign)
         size = np.where(size > 0.0, size, np.nan)
-        rows = (np.abs(M) / size[:, None, :]).sum(axis=-1) / size
-        inverse = (np.abs(C) * size[:, None, :]).sum(axis=-1) * size
-        return np.asarray(rows.max(axis=-1) * inverse.max(axis=-1))
+        return _c_g(M, C, size)
+
+    def of_informations(self, informations: Informations) -> FloatArray:
+        """See :meth:`Objective.of_informations`."""
+        if self._kind != "C_G":
+            return self._of_spectrum(informations.M)
+        C, seen = informations.covariance
+        return np.where(seen, _c_g(informations.M, C, informations.largest), np.inf)
 
     def _largest(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
         """Largest absolute entry of each column ``(n, p)`` after each change."""
@@ -232,3 +238,10 @@ class ConditioningObjective(Objective):
         large = Spectrum(np.inf, "E", "", float, float).on(self.candidates).relax(count, tolerance)
         bound = even.bound * np.sqrt(large.bound)
         return Relaxation(large.weights, even.cost * np.sqrt(large.cost), None, float(bound))
+
+
+def _c_g(M: FloatArray, C: FloatArray, size: FloatArray) -> FloatArray:
+    """C_G ``(n,)`` of informations, their inverses ``(n, p, p)`` and the scales ``(n, p)``."""
+    rows = (np.abs(M) / size[:, None, :]).sum(axis=-1) / size
+    inverse = (np.abs(C) * size[:, None, :]).sum(axis=-1) * size
+    return np.asarray(rows.max(axis=-1) * inverse.max(axis=-1))

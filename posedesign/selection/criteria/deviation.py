@@ -16,6 +16,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
+from posedesign.selection.information import Informations
 from posedesign.selection.ledger import Ledger
 from posedesign.selection.products import products_by_pairs
 from posedesign.selection.relaxation.barrier import relax_smooth
@@ -130,6 +131,14 @@ class DeviationObjective(Objective):
         change = np.square(moved, out=moved).sum(axis=0).reshape(K, r, -1).sum(axis=1)  # (K, n)
         found = self._mean(self.squares(ledger.C)[:, None] - sign * change)
         return np.asarray(np.where(np.isfinite(found), found, np.inf))
+
+    def of_informations(self, informations: Informations) -> FloatArray:
+        """See :meth:`Objective.of_informations`."""
+        C, seen = informations.covariance
+        K, r, p = self.L.shape
+        rows = self.L.reshape(-1, p)
+        squares = ((C @ rows.T) * rows.T).sum(axis=1).reshape(-1, K, r).sum(axis=2)
+        return np.where(seen, self._mean(squares.T), np.inf)
 
     def smooth(self, candidates: Candidates, weights: FloatArray) -> Smooth:
         """Logarithm of the cost of weights ``(n,)`` on candidates, with its derivatives."""

@@ -13,6 +13,7 @@ import numpy as np
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
+from posedesign.selection.information import Informations
 from posedesign.selection.ledger import Ledger
 from posedesign.selection.relaxation.barrier import relax_smooth
 from posedesign.selection.relaxation.certificate import MeanCertificate
@@ -115,6 +116,11 @@ class SpectrumObjective(Objective):
         change = columns @ np.swapaxes(columns, 1, 2)
         found = self._mean(np.linalg.eigvalsh(self.K.T @ ledger.C @ self.K - sign * change))
         return np.asarray(np.where(possible, found, np.inf))
+
+    def of_informations(self, informations: Informations) -> FloatArray:
+        """See :meth:`Objective.of_informations`."""
+        C, seen = informations.covariance
+        return np.where(seen, self._mean(np.linalg.eigvalsh(self.K.T @ C @ self.K)), np.inf)
 
     @property
     def has_floor(self) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
+from posedesign.selection.information import Informations
 from posedesign.selection.ledger import Ledger, log_det_of_root
 from posedesign.selection.products import products_by_pairs, root_of
 from posedesign.selection.relaxation.barrier import relax_smooth
@@ -109,6 +110,12 @@ class VolumeObjective(Objective):
             rest = ledger.S[:, :, part] - np.einsum("nar,nbr->abn", moved, moved)
             gain = _log_det(sign * rest)
         return np.asarray(self._of(ledger.C) * np.exp((gain - lost) / self.K.shape[1]))
+
+    def of_informations(self, informations: Informations) -> FloatArray:
+        """See :meth:`Objective.of_informations`."""
+        C, seen = informations.covariance
+        log_det = np.linalg.slogdet(self.K.T @ C @ self.K)[1]
+        return np.where(seen, np.exp(log_det / self.K.shape[1]), np.inf)
 
     def _seen(self, C: FloatArray) -> FloatArray:
         """What of the covariance is due to the parameters of interest, ``(p, p)``."""

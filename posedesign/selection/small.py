@@ -1,0 +1,134 @@
+"""Small pools, where all choices, or all exchanges from many starts, are judged at once."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import combinations
+from math import comb
+
+import numpy as np
+
+from calib.se3 import FloatArray, IntArray
+from posedesign.selection.candidates import Candidates
+from posedesign.selection.criteria.base import Objective
+from posedesign.selection.information import Informations
+
+ENUMERATED = 5_000
+"""Choices up to which all are tried: that takes less time than a search."""
+
+AT_ONCE = 6_000
+"""Neighbours of all starts together that are judged in one step of the search."""
+
+MOST_STARTS = 64
+"""Starts of the search; of 20 candidates, 8 of which are chosen, each finds the best choice by a
+condition number in about one of ten."""
+
+NO_GAIN = 1e-9
+"""Relative gains below are rounding."""
+
+_CONTENDERS = 8
+"""Choices that are judged again without squaring their condition."""
+
+
+def number_of_choices(candidates: Candidates, count: int, kept: IntArray) -> int:
+    """How many choices there are."""
+    return comb(candidates.N - len(kept), count - len(kept))
+
+
+def best_of_all(objective: Objective, count: int, kept: IntArray) -> IntArray | None:
+    """The best of all choices; None where none of them clearly sees all parameters."""
+    candidates = objective.candidates
+    free = np.setdiff1d(np.arange(candidates.N), kept)
+    drawn = np.array(list(combinations(free.tolist(), count - len(kept))), dtype=np.intp)
+    choices = np.column_stack([np.tile(kept, (len(drawn), 1)), drawn])
+    costs = objective.of_informations(_Choices(candidates, choices).informations)
+    best = choices[np.argsort(costs, kind="stable")[:_CONTENDERS]]
+    exact = [objective.cost(np.sort(rows)) for rows in best]
+    if not np.isfinite(exact).any() or not np.isfinite(costs).any():
+        return None
+    return np.sort(best[int(np.argmin(exact))])
+
+
+def starts_for(candidates: Candidates, count: int, kept: IntArray) -> int:
+    """How many starts :func:`many_starts` is worth; 0 in pools that are too large."""
+    neighbours = (count - len(kept)) * (candidates.N - count)
+    return min(MOST_STARTS, AT_ONCE // max(neighbours, 1))
+
+
+def many_starts(
+    objective: Objective, first: IntArray, kept: IntArray, number: int, rng: np.random.Generator
+) -> IntArray:
+    """Exchange from many starts at once: the best of all exchanges is made, till none helps.
+
+    Parameters
+    ----------
+    objective : Objective
+    first : ndarray of int (T, n)
+        Choices to begin with, besides those that are drawn.
+    kept : ndarray of int
+    number : int
+        Of starts in all.
+    rng : numpy.random.Generator
+    """
+    candidates, n = objective.candidates, first.shape[1]
+    free = np.setdiff1d(np.arange(candidates.N), kept)
+    more = n - len(kept)
+    key = rng.uniform(size=(max(number - len(first), 0), len(free)))
+    drawn = free[np.argsort(key, axis=1)[:, :more]]
+    states = np.vstack([first, np.column_stack([np.tile(kept, (len(drawn), 1)), drawn])])
+    done: list[IntArray] = []
+    while len(states):
+        states = np.unique(np.sort(states, axis=1), axis=0)
+        states, finished = _step(objective, states, kept)
+        done.extend(finished)
+    exact = [objective.cost(rows) for rows in np.unique(done, axis=0)]
+    return np.asarray(np.unique(done, axis=0)[int(np.argmin(exact))])
+
+
+def _step(
+    objective: Objective, states: IntArray, kept: IntArray
+) -> tuple[IntArray, list[IntArray]]:
+    """States ``(T, n)`` after the best exchange of each, and those that none helps."""
+    candidates = objective.candidates
+    T, n = states.shape
+    inside = np.zeros((T, candidates.N), dtype=bool)
+    inside[np.arange(T)[:, None], states] = True
+    outside = np.nonzero(~inside)[1].reshape(T, -1)
+    free = states[~np.isin(states, kept)].reshape(T, -1)
+    # state, pose that goes, pose that comes
+    shape = (T, free.shape[1], outside.shape[1])
+    rest = np.broadcast_to(states[:, None, :], (*shape[:2], n)).copy()
+    rest[np.broadcast_to(states[:, None, :], rest.shape) == free[:, :, None]] = -1
+    neighbours = np.broadcast_to(rest[:, :, None, :], (*shape, n)).copy()
+    comes = np.broadcast_to(outside[:, None, :, None], neighbours.shape)
+    gone = neighbours < 0
+    neighbours[gone] = comes[gone]
+    flat = neighbours.reshape(-1, n)
+    costs = objective.of_informations(_Choices(candidates, flat).informations).reshape(T, -1)
+    own = objective.of_informations(_Choices(candidates, states).informations)
+    best = np.argmin(costs, axis=1)
+    better = costs[np.arange(T), best] < (1.0 - NO_GAIN) * own
+    following = flat.reshape(T, -1, n)[np.arange(T), best]
+    return following[better], list(states[~better])
+
+
+class _Choices:
+    """Choices ``(T, n)`` out of a small pool."""
+
+    def __init__(self, candidates: Candidates, choices: IntArray) -> None:
+        self._candidates, self._choices = candidates, choices
+
+    @cached_property
+    def informations(self) -> Informations:
+        """Of each of them."""
+        pool, T = self._candidates, len(self._choices)
+        member = np.zeros((T, pool.N))
+        member[np.arange(T)[:, None], self._choices] = 1.0
+        each = (np.swapaxes(pool.J, 1, 2) @ pool.J).reshape(pool.N, -1)
+        M = (member @ each).reshape(T, pool.p, pool.p) + pool.known
+
+        def largest() -> FloatArray:
+            found = np.max(pool.largest[self._choices], axis=1)
+            return np.asarray(np.maximum(found, pool.largest_known))
+
+        return Informations(M, largest)

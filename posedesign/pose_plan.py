@@ -52,6 +52,10 @@ class PoseSet:
         Angle of a replacement against the pose of the grid [rad]; NaN for all others.
     searched : bool
         Whether replacements were looked for.
+    letter : str
+        That names begin with.
+    first : int
+        Number of the first pose.
     """
 
     postures: FloatArray
@@ -60,6 +64,8 @@ class PoseSet:
     orientations: FloatArray
     turned: FloatArray
     searched: bool = False
+    letter: str = "P"
+    first: int = 1
 
     @classmethod
     def of_grid(
@@ -97,7 +103,7 @@ class PoseSet:
     @property
     def names(self) -> tuple[str, ...]:
         """P01, P02, ..."""
-        return tuple(f"P{i + 1:02d}" for i in range(len(self.status)))
+        return tuple(f"{self.letter}{self.first + i:02d}" for i in range(len(self.status)))
 
     @property
     def kept(self) -> FloatArray:

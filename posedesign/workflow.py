@@ -29,8 +29,9 @@ from posedesign.files import write_json_atomic
 from posedesign.identification_content import results_as_dict
 from posedesign.measurement_table import read_measurements
 from posedesign.optimal import OptimalPlan, Wish, plan_optimal
+from posedesign.optimal.next_poses import NextPoses
 from posedesign.optimal.planning import Advance
-from posedesign.optimal.sequential import NextPoses, plan_next
+from posedesign.optimal.sequential import plan_next, refuse_cell
 from posedesign.pairs_file import Pairs, read_pairs, write_pairs
 from posedesign.pairs_results import SolverOutcome, solve_pairs
 from posedesign.pairs_tables import write_outcomes
@@ -146,6 +147,7 @@ def plan_next_poses(
     trust_units: bool = False,
 ) -> NextPoses:
     """Choose what to touch up next, after a ``touchups.csv``; write ``poses.csv``."""
+    refuse_cell(cell)  # the file of another kind of cell would be found wrong in other words
     table = read_measurements(
         measurements,
         cell.robot.n,

@@ -9,7 +9,7 @@ from posedesign.cli.output import explain_frames, note, print_json, print_table
 
 if TYPE_CHECKING:
     from posedesign.optimal import OptimalPlan
-    from posedesign.optimal.sequential import NextPoses
+    from posedesign.optimal.next_poses import NextPoses
 
 
 def print_optimal(result: OptimalPlan, out: Path, *, as_json: bool) -> None:
@@ -39,30 +39,54 @@ def print_optimal(result: OptimalPlan, out: Path, *, as_json: bool) -> None:
 
 
 def _as_dict(result: OptimalPlan) -> dict[str, object]:
-    found, goal = result.selection, result.goal
+    found, goal, tried = result.selection, result.goal, result.robustness
     return {
         "reached": result.reached,
         "poses": found.count,
         "pool": result.pool_size,
+        "pool_in_words": result.pool_words,
         "message": result.message,
+        "remarks": result.remarks,
         "fingerprint": result.fingerprint,
         "method": result.wish.method,
+        "robust": result.wish.robust,
+        "refined": result.is_refined,
         "criterion": {
             "name": goal.criterion.name,
             "meaning": goal.criterion.title,
-            "value": result.accuracy.value * goal.factor,
-            "bound": found.bound * goal.factor,
+            "value": result.accuracy.value,
+            "wanted": goal.limit,
+            "of_the_pool": found.value,
+            "bound": found.bound,
             "efficiency": found.efficiency,
             "unit": goal.unit,
         },
         "at_least": None if result.fewest is None else result.fewest.at_least,
+        "decides": result.decides or None,
         "tcp_rms_mm": 1e3 * result.accuracy.tcp_m,
         "tcp_worst_rms_mm": 1e3 * result.accuracy.tcp_worst_m,
         "task_box": result.box_words,
         "cycle_time_s": result.cycle_time_s,
         "indices": result.indices.as_dict(),
         "predicted": result.rows(),
-        "other_numbers_of_poses": result.accuracy_rows(),
+        "other_numbers_of_poses": [
+            {
+                "poses": other.poses,
+                "value": other.value,
+                "tcp_rms_mm": 1e3 * other.tcp_m,
+                "tcp_worst_rms_mm": 1e3 * other.tcp_worst_m,
+            }
+            for other in result.others
+        ],
+        "other_robots": None
+        if tried is None
+        else {
+            "trials": tried.trials,
+            "nominal": tried.nominal,
+            "median": tried.median,
+            "worst": tried.worst,
+        },
+        "validation": 0 if result.validation is None else len(result.validation.names),
     }
 
 
@@ -76,9 +100,13 @@ def print_next(result: NextPoses, out: Path, *, as_json: bool) -> None:
                 "worth": result.worth,
                 "measured": result.measured,
                 "message": result.message,
+                "identified": result.identified is not None,
+                "why_not": result.why_not or None,
+                "criterion": result.goal.criterion.name,
                 "noise_scale": result.noise_scale,
                 "tcp_rms_mm": [1e3 * float(value) for value in result.tcp_m],
                 "task_box": result.box_words,
+                "poses": list(result.poses.names),
                 "files": files,
             }
         )
@@ -89,7 +117,5 @@ def print_next(result: NextPoses, out: Path, *, as_json: bool) -> None:
             f"note: the residuals are {result.noise_scale:.2g} times what the noise given "
             "explains: what is predicted is scaled by it"
         )
-    for why in result.route.lost.values():
-        note(f"note: a pose is left out: {why}")
     print(result.message)
     print("wrote " + files[0])

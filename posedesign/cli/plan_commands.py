@@ -153,6 +153,7 @@ def plan(
         validation,
         refine,
         robust,
+        keep=keep is not None,
     )
     if wish is None:
         return _plan_by_grid(loaded, out, as_json=as_json)

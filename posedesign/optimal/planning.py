@@ -7,16 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.errors import InputError, NotIdentifiableError
+from calib.errors import InputError
 from calib.identification import check_identifiable
-from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.indices import evaluate
-from posedesign.optimal.goal import Goal, goal_of
-from posedesign.optimal.pool_of_cell import functions_over_box, pool_of, with_kept
+from posedesign.optimal.accuracy import Accuracy, accuracy_of
+from posedesign.optimal.goal import goal_of
+from posedesign.optimal.pool_of_cell import (
+    functions_over_box,
+    no_clear_way,
+    pool_of,
+    with_kept,
+    without_alike,
+)
 from posedesign.optimal.refinement import refine
-from posedesign.optimal.result import Accuracy, OptimalPlan
+from posedesign.optimal.result import OptimalPlan
 from posedesign.optimal.robust import (
     SCENARIOS,
     blocks_of_robots,
@@ -126,7 +132,7 @@ class _Planning:
         """Pool, choice, refinement, way."""
         self._advance("looking for postures", 0.0)
         pool = with_kept(self._cell, pool_of(self._cell), self._kept)
-        self._check_seen(pool)
+        self._check_pool(pool)
         why = ""
         for attempt in range(ATTEMPTS):
             self._advance("choosing poses", 0.2 + 0.6 * attempt / ATTEMPTS)
@@ -144,20 +150,28 @@ class _Planning:
             why = next(iter(route.lost.values()))
             if min(route.lost) < len(self._kept):
                 break
-            kept = np.ones(len(pool), dtype=bool)
-            kept[selection.indices[list(route.lost)]] = False
-            pool = pool.take(kept)
-        raise InputError(
-            f"no clear way leads to some of the poses: {why}",
-            hint="move the base posture to the side of the target that has room, or what is in "
-            "the way",
-            name="base_pose",
-        )
+            lost = selection.indices[list(route.lost)]
+            pool = without_alike(pool, lost, attempt, len(self._kept))
+            if len(pool) < len(chosen):
+                break
+        raise no_clear_way(why)
 
-    def _check_seen(self, pool: Pool) -> None:
+    def _check_pool(self, pool: Pool) -> None:
+        """Refuse what this pool cannot give, before anything is chosen."""
         white = pool.white(self._model)
         names, nuisance = self._model.names, self._model.nuisance
         check_identifiable(white.reshape(-1, self._model.p), names, nuisance)
+        count, validation = self._wish.count, self._wish.validation
+        if count is None:
+            return
+        if count * white.shape[1] < self._model.p:
+            self._refuse_few(count, white.shape[1])
+        if validation and count + validation > len(pool):
+            raise InputError(
+                f"{count} poses and {validation} for validation of {len(pool)} candidates",
+                hint="ask for fewer, or raise pool.candidates",
+                name="validation",
+            )
 
     def _choose(self, pool: Pool) -> tuple[Selection, Fewest | None]:
         goal, wish = self._goal, self._wish
@@ -232,20 +246,37 @@ class _Planning:
         if route is None or not self._wish.validation:
             return plan
         self._advance("poses for validation", 0.9)
-        found = choose_validation(self._model, pool, selection, self._box, self._wish.validation)
-        found_route = self._router.route(found.postures)
-        return replace(plan, validation=as_pose_set(found), validation_route=found_route)
+        left = pool.take(np.setdiff1d(np.arange(len(pool)), selection.indices))
+        found, found_route = self._validation(left, white)
+        poses = replace(as_pose_set(found), letter="V")
+        return replace(plan, validation=poses, validation_route=found_route)
+
+    def _validation(self, left: Pool, white: FloatArray) -> tuple[Pool, Route]:
+        """Poses for validation out of what is left, and the way through them."""
+        count = self._wish.validation
+        for attempt in range(ATTEMPTS):
+            rows = choose_validation(self._model, left, white, self._box, count)
+            found = left.take(rows)
+            route = self._router.route(found.postures)
+            if not route.lost:
+                return found, route
+            left = without_alike(left, rows[list(route.lost)], attempt)
+        raise no_clear_way(next(iter(route.lost.values())))
 
     def _refuse_too_few(self, white: FloatArray) -> None:
         """Say which parameters the chosen poses leave open."""
         count, m, p = white.shape
         if count * m < p:
-            raise InputError(
-                f"{count} poses give {count * m} equations for {p} parameters",
-                hint="ask for more poses",
-                name="poses",
-            )
+            self._refuse_few(count, m)
         check_identifiable(white.reshape(-1, p), self._model.names, self._model.nuisance)
+
+    def _refuse_few(self, count: int, m: int) -> None:
+        p = self._model.p
+        raise InputError(
+            f"{count} poses give {count * m} equations for {p} parameters",
+            hint=f"ask for {-(-p // m)} poses or more",
+            name="poses",
+        )
 
     def _accuracy(self, chosen: Pool) -> Accuracy:
         """What poses promise, from their blocks."""
@@ -257,8 +288,9 @@ class _Planning:
         """What the best choices of one pose fewer and one more promise."""
         found = []
         blocks, criterion = self._blocks_and_criterion(pool)
+        m = self._model.measurement.rows
         for count in (selection.count - 1, selection.count + 1):
-            if not max(1, len(self._kept)) <= count <= len(pool):
+            if not max(-(-self._model.p // m), len(self._kept)) <= count <= len(pool):
                 continue
             if fewest is not None and fewest.fewer is not None and count == fewest.fewer.count:
                 other = fewest.fewer
@@ -267,37 +299,6 @@ class _Planning:
                 other = select(blocks, count, criterion, self._wish.method, starts=1, keep=keep)
             found.append(self._accuracy(pool.take(other.indices)))
         return tuple(found)
-
-
-def accuracy_of(model: CalibrationModel, goal: Goal, box: FloatArray, chosen: Pool) -> Accuracy:
-    """What postures promise: parameters, criterion, tool point over the box ``(K, 3, p)``."""
-    linear = chosen.linearise(model)
-    covariance = _covariance(linear.white_jacobian, model)
-    if covariance is None:
-        unknown = np.full(model.p, np.inf)
-        return Accuracy(len(chosen), goal.criterion.shown(np.inf), unknown, np.inf, np.inf)
-    squares = np.einsum("krp,pq,krq->k", box, covariance, box, optimize=True)
-    return Accuracy(
-        len(chosen),
-        goal.value_of(linear),
-        np.sqrt(np.diag(covariance)),
-        float(np.sqrt(squares.mean())),
-        float(np.sqrt(squares.max())),
-    )
-
-
-def _covariance(white: FloatArray, model: CalibrationModel) -> FloatArray | None:
-    """Covariance ``(p, p)`` of blocks; None where they do not identify everything."""
-    rows = white.reshape(-1, model.p)
-    if len(rows) < model.p:
-        return None
-    try:
-        check_identifiable(rows, model.names, model.nuisance)
-    except NotIdentifiableError:
-        return None
-    length = np.linalg.norm(rows, axis=0)
-    R = np.linalg.inv(np.linalg.qr(rows / length, mode="r")) / length[:, None]
-    return np.asarray(R @ R.T)
 
 
 def as_pose_set(pool: Pool) -> PoseSet:

@@ -76,6 +76,8 @@ class _Refinement:
         self._fixed = fixed
         self._cell, self._model, self._goal = cell, model, goal
         self.pool = chosen
+        # where the target is met already, its own place does not gather rounding
+        self._place = cell.robot.state(chosen.postures).point(cell.tool_m)
         self._axis = cell.robot.fk(cell.base_posture)[:3, 2]
         self._widest = float(self._tilts(chosen.orientations).max())
 
@@ -111,7 +113,7 @@ class _Refinement:
     def _turned(self, owner: IntArray, turns: FloatArray) -> tuple[Pool, IntArray]:
         """The pool of those turned poses that can be taken, and which they are."""
         start = self.pool.take(owner)
-        q = local_poses(self._cell, start.postures, turns, start.touched_m)
+        q = local_poses(self._cell, start.postures, turns, self._place[owner])
         found = np.flatnonzero(np.isfinite(q).all(axis=1))
         R = self._cell.robot.fk(q[found])[:, :3, :3]
         found = found[self._tilts(R) <= self._widest + 1e-9]
@@ -127,7 +129,7 @@ class _Refinement:
         probes = np.concatenate([PROBE_RAD * np.eye(3), -PROBE_RAD * np.eye(3)])
         owner = np.repeat(np.arange(n), 6)
         start = self.pool.take(owner)
-        q = local_poses(self._cell, start.postures, np.tile(probes, (n, 1)), start.touched_m)
+        q = local_poses(self._cell, start.postures, np.tile(probes, (n, 1)), self._place[owner])
         q = np.where(np.isfinite(q).all(axis=1, keepdims=True), q, start.postures)
         moved = self._blocks(_with(start, q, start.orientations))
         costs = np.log(self._costs_in_place(moved, owner)).reshape(n, 2, 3)

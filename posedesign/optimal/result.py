@@ -9,35 +9,13 @@ import numpy as np
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.indices import Indices
+from posedesign.optimal.accuracy import Accuracy
 from posedesign.optimal.goal import TCP, TCP_WORST, Goal
 from posedesign.optimal.robust import SCENARIOS, Robustness
 from posedesign.optimal.wish import Wish
 from posedesign.pose_plan import PoseSet, displayed, fingerprint, named_stops
 from posedesign.route import Route
 from posedesign.selection import Fewest, Selection
-
-
-@dataclass(frozen=True, eq=False)
-class Accuracy:
-    """What a number of poses promises.
-
-    Attributes
-    ----------
-    poses : int
-    value : float
-        Of the criterion, as it is shown.
-    sigma : ndarray (p,)
-        Standard deviations of the parameters [SI].
-    tcp_m, tcp_worst_m : float
-        Root mean square error of the tool point over the task box, in the mean and where it is
-        largest [m].
-    """
-
-    poses: int
-    value: float
-    sigma: FloatArray
-    tcp_m: float
-    tcp_worst_m: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,11 +133,6 @@ class OptimalPlan:
                 f"{self.selection.duplicates} candidates tell the same as others, and were "
                 "offered once"
             )
-        if self.validation_route is not None and self.validation_route.lost:
-            said.append(
-                f"no clear way leads to {len(self.validation_route.lost)} of the poses for "
-                "validation: they are left out"
-            )
         return said
 
     @property
@@ -187,11 +160,15 @@ class OptimalPlan:
                     f" as described, {self.goal.words(self.selection.value)} in the "
                     f"{self.wish.robust} of {SCENARIOS} robots"
                 )
+            if self.decides:
+                said += f" ({self.decides} decides)"
             if self.is_refined:
                 said += f", refined from {self.goal.words(self.of_pool.value)} of the pool"
             said += f"; {self.bound_words}"
             if not self.reached and self.goal.limit is not None:
-                said = f"not reached: {said}; {self.goal.words(self.goal.limit)} is wanted"
+                said = f"not reached: {said}"
+                if not self.wish.wants_sigma:
+                    said += f"; {self.goal.amount(self.goal.limit)} is wanted"
         return said
 
     def _fewest_words(self, fewest: Fewest) -> str:
@@ -251,11 +228,11 @@ class OptimalPlan:
         if self.is_refined:
             labelled.append((f"{self.accuracy.poses}, refined", self.accuracy))
         # one of the columns that are there anyway may be the criterion
-        own = {} if self.goal.criterion.name in (TCP, TCP_WORST) else {self.goal.title: 0.0}
+        own = () if self.goal.criterion.name in (TCP, TCP_WORST) else (self.goal.title,)
         return [
-            {"poses": label}
-            | {title: _or_none(a.value) for title in own}
-            | {
+            {
+                "poses": label,
+                **{title: _or_none(a.value) for title in own},
                 "TCP rms over the box [mm]": _or_none(1e3 * a.tcp_m),
                 "TCP rms at its worst [mm]": _or_none(1e3 * a.tcp_worst_m),
             }

@@ -7,13 +7,16 @@ tool point over the task box by so much: once that is less than a pose is worth,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from calib.errors import CalibError, ConvergenceError, InputError, NotIdentifiableError
 from calib.identification import identify
 from calib.identification.result import IdentificationResult
+from calib.linearisation import Linearisation
 from calib.measurement import Measurements
 from calib.model import CalibrationModel
 from calib.parameters import TargetPoints
@@ -21,12 +24,20 @@ from calib.parameters.base import Unit
 from calib.se3 import FloatArray, IntArray
 from posedesign.cell import Cell
 from posedesign.optimal.goal import Goal, goal_of
-from posedesign.optimal.planning import as_pose_set
-from posedesign.optimal.pool_of_cell import functions_over_box, pool_of
+from posedesign.optimal.next_poses import NextPoses
+from posedesign.optimal.planning import ATTEMPTS, as_pose_set
+from posedesign.optimal.pool_of_cell import (
+    functions_over_box,
+    no_clear_way,
+    pool_of,
+    without_alike,
+)
 from posedesign.optimal.wish import Wish
-from posedesign.pose_plan import PoseSet
+from posedesign.pools import Pool
 from posedesign.route import Route, Router
 from posedesign.selection import select
+
+_NUMBERED = re.compile(r"P0*([0-9]{1,6})", re.ASCII)
 
 LEAST_GAIN = 0.02
 """Part of the error of the tool point by which a pose has to lower it to be worth its time. After
@@ -40,88 +51,6 @@ ENOUGH_TO_JUDGE = 5
 
 BEFORE_MEASURING: dict[Unit, float] = {"rad": np.deg2rad(1.0), "m": 0.01}
 """Standard deviations that are taken for known while the touch-ups do not identify everything."""
-
-
-@dataclass(frozen=True, eq=False)
-class NextPoses:
-    """Poses to measure next, and what they promise.
-
-    Attributes
-    ----------
-    goal : Goal
-    measured : int
-        Touch-ups so far.
-    identified : IdentificationResult or None
-        What they give; None while they do not identify everything.
-    why_not : str
-        Why they do not, in words.
-    noise_scale : float
-        By which the noise given is multiplied in what is predicted.
-    poses : PoseSet
-        The next ones, the one that gains most first.
-    route : Route
-    tcp_m : ndarray (k + 1,)
-        Root mean square error of the tool point over the box [m]: now, and after each further pose.
-    box_words : str
-    least_gain : float
-    accuracy_m : float or None
-        Error at which to stop.
-    """
-
-    goal: Goal
-    measured: int
-    identified: IdentificationResult | None
-    why_not: str
-    noise_scale: float
-    poses: PoseSet
-    route: Route
-    tcp_m: FloatArray
-    box_words: str
-    least_gain: float
-    accuracy_m: float | None
-
-    @property
-    def worth(self) -> int:
-        """How many of the poses are worth their time."""
-        if self.identified is None:
-            return len(self.tcp_m) - 1
-        gains = -np.diff(self.tcp_m) / self.tcp_m[:-1]
-        enough = gains < self.least_gain
-        if self.accuracy_m is not None:
-            enough = self.tcp_m[:-1] <= self.accuracy_m
-        return int(np.argmax(enough)) if enough.any() else len(gains)
-
-    @property
-    def message(self) -> str:
-        """What to do, in one line."""
-        now, best = 1e3 * self.tcp_m[0], 1e3 * self.tcp_m[-1]
-        if self.identified is None:
-            return (
-                f"go on: {self.measured} touch-ups do not yet identify everything ({self.why_not})"
-            )
-        said = f"tool point known to {now:.4g} mm rms over {self.box_words} after {self.measured}"
-        if self.worth == 0:
-            why = f"the next pose would gain less than {100 * self.least_gain:g} %"
-            if self.accuracy_m is not None:
-                why = f"{1e3 * self.accuracy_m:.4g} mm is reached"
-            return f"stop: {said} touch-ups; {why}"
-        count = len(self.tcp_m) - 1
-        return f"go on: {said}; {count} more are predicted to bring it to {best:.4g} mm"
-
-    def rows(self) -> list[dict[str, object]]:
-        """The error after each further pose."""
-        rows: list[dict[str, object]] = []
-        for k, value in enumerate(self.tcp_m):
-            gain = 1.0 - value / self.tcp_m[k - 1] if k else np.nan
-            rows.append(
-                {
-                    "touch-ups": self.measured + k,
-                    "pose": self.poses.names[k - 1] if k else "",
-                    "TCP rms over the box [mm]": 1e3 * float(value),
-                    "gain [%]": 100.0 * float(gain) if k else None,
-                }
-            )
-        return rows
 
 
 def plan_next(
@@ -156,46 +85,106 @@ def plan_next(
     UnreachableError
         The robot can take none of the candidates.
     """
-    if cell.is_hand_eye or len(data.targets) != 1 or data.observed is not None:
+    refuse_cell(cell)
+    if len(data.targets) != 1 or data.observed is not None:
         raise InputError(
-            "the next poses are planned for touch-ups of one target",
+            "the next poses are planned for touch-ups of one target, and there are "
+            + ", ".join(data.targets),
             hint="leave out the rows of other targets and kinds",
             name="touchups.csv",
         )
     if not 0.0 < least_gain < 1.0:
-        raise InputError(f"a least gain of {least_gain:g}", hint="give a part, such as 0.02")
+        raise InputError(
+            f"a least gain of {least_gain:g}",
+            hint="give a part of the error between 0 and 1, such as 0.02",
+            name="least_gain",
+        )
     model = cell.model(targets=TargetPoints([cell.target_m], data.targets))
     identified, why_not = _identified(cell, model, data)
     x = model.nominal if identified is None else identified.values
-    known = model.linearise(data.postures, x, data.setup).white_jacobian.reshape(-1, model.p)
+    measured = model.linearise(data.postures, x, data.setup)
+    before = np.zeros((0, model.p))
     if identified is None:
-        sizes = np.array([BEFORE_MEASURING[unit] for unit in model.units])
-        known = np.vstack([known, np.diag(1.0 / sizes)])
+        before = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
     box, box_words = functions_over_box(cell, model)
     goal = goal_of(Wish(count=count, criterion=criterion), model, box)
-    pool = pool_of(cell)
-    linear = model.linearise(pool.postures, x, pool.setup(model))
-    blocks = goal.blocks(linear)
-    scale = np.median(np.abs(blocks[blocks != 0.0]) / np.abs(linear.white_jacobian[blocks != 0.0]))
-    found = select(blocks, count, goal.criterion, known=scale * known, starts=1, bound=False)
-    rows = _best_first(linear.white_jacobian, found.indices, known, box)
-    errors = _errors(linear.white_jacobian[rows], known, box)
+    chosen, route, errors = _Choice(cell, model, goal, box, x).make(measured, before, count)
     noise = _noise_scale(identified)
-    chosen = pool.take(rows)
-    route = Router.of_cell(cell).route(chosen.postures)
     return NextPoses(
         goal,
         len(data.postures),
         identified,
         why_not,
         noise,
-        as_pose_set(chosen),
+        replace(as_pose_set(chosen), first=_last_number(data.names) + 1),
         route,
         noise * errors,
         box_words,
         least_gain,
         accuracy_m,
     )
+
+
+class _Choice:
+    """The choice of further poses, at parameters ``x``."""
+
+    def __init__(
+        self, cell: Cell, model: CalibrationModel, goal: Goal, box: FloatArray, x: FloatArray
+    ) -> None:
+        self._cell, self._model, self._goal, self._box, self._x = cell, model, goal, box, x
+
+    def make(
+        self, measured: Linearisation, before: FloatArray, count: int
+    ) -> tuple[Pool, Route, FloatArray]:
+        """Poses, the one that gains most first; the way through them; errors ``(count + 1,)`` [m].
+
+        ``before`` are rows of what was known before measuring.
+        """
+        known = np.vstack([measured.white_jacobian.reshape(-1, self._model.p), before])
+        pool, router = pool_of(self._cell), Router.of_cell(self._cell)
+        for attempt in range(ATTEMPTS):
+            rows, white = self._rows(pool, measured, before, count)
+            rows = _best_first(white, rows, known, self._box)
+            chosen = pool.take(rows)
+            route = router.route(chosen.postures)
+            if not route.lost:
+                return chosen, route, _errors(white[rows], known, self._box)
+            pool = without_alike(pool, rows[list(route.lost)], attempt)
+        raise no_clear_way(next(iter(route.lost.values())))
+
+    def _rows(
+        self, pool: Pool, measured: Linearisation, before: FloatArray, count: int
+    ) -> tuple[IntArray, FloatArray]:
+        """Rows of the best of a pool, and its whitened blocks."""
+        linear = self._model.linearise(pool.postures, self._x, pool.setup(self._model))
+        blocks, white = self._goal.blocks(linear), linear.white_jacobian
+        # what was known before measuring, in the rows that the criterion is of
+        scale = np.sqrt((blocks**2).sum() / (white**2).sum())
+        known = np.vstack([self._goal.blocks(measured).reshape(-1, self._model.p), scale * before])
+        criterion = self._goal.criterion
+        found = select(blocks, count, criterion, known=known, starts=1, bound=False)
+        return found.indices, white
+
+
+def _last_number(names: Sequence[str]) -> int:
+    """Largest number that a name like P07 ends in, and no less than the number of names."""
+    numbers = [int(found[1]) for name in names if (found := _NUMBERED.fullmatch(name))]
+    return max([len(names), *numbers])
+
+
+def refuse_cell(cell: Cell) -> None:
+    """Refuse a cell in which nothing is touched up.
+
+    Raises
+    ------
+    InputError
+    """
+    if cell.is_hand_eye:
+        raise InputError(
+            "the next poses are planned for touch-ups, and this cell has a camera calibrated",
+            hint='set measurement.kind = "touch-up", or plan all poses at once',
+            name="measurement.kind",
+        )
 
 
 def _identified(

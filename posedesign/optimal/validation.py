@@ -11,9 +11,9 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.model import CalibrationModel
-from calib.se3 import FloatArray
+from calib.se3 import FloatArray, IntArray
 from posedesign.pools import Pool
-from posedesign.selection import Selection, mean_deviation, select
+from posedesign.selection import mean_deviation, select
 
 PART_OF_PLAN = 0.01
 """Part of the plan's information that is taken for known. Without any, fewer validation poses than
@@ -21,33 +21,38 @@ parameters could not be judged; with all, nothing that they tell would count."""
 
 
 def choose_validation(
-    model: CalibrationModel, pool: Pool, selection: Selection, box: FloatArray, count: int
-) -> Pool:
-    """Choose poses for validation out of what a selection left.
+    model: CalibrationModel, left: Pool, plan: FloatArray, box: FloatArray, count: int
+) -> IntArray:
+    """Choose poses for validation out of what a plan left.
 
     Parameters
     ----------
     model : CalibrationModel
-    pool : Pool
-    selection : Selection
-        The poses of the plan.
+    left : Pool
+        Candidates that are not in the plan.
+    plan : ndarray (N, m, p)
+        Whitened Jacobians of the plan.
     box : ndarray (K, 3, p)
         How the tool point moves with the parameters over the task box.
     count : int
+
+    Returns
+    -------
+    ndarray of int (count,)
+        Rows of what is left.
 
     Raises
     ------
     InputError
         Too few poses are left.
     """
-    left = np.setdiff1d(np.arange(len(pool)), selection.indices)
     if count > len(left):
         raise InputError(
             f"{count} poses for validation, and {len(left)} are left in the pool",
             hint="ask for fewer, or raise pool.candidates",
             name="validation",
         )
-    white = pool.white(model)
-    known = np.sqrt(PART_OF_PLAN) * white[selection.indices].reshape(-1, model.p)
-    found = select(white[left], count, mean_deviation(box), known=known, starts=1, bound=False)
-    return pool.take(left[found.indices])
+    known = np.sqrt(PART_OF_PLAN) * plan.reshape(-1, model.p)
+    white = left.white(model)
+    found = select(white, count, mean_deviation(box), known=known, starts=1, bound=False)
+    return found.indices

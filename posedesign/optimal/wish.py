@@ -67,13 +67,23 @@ class Wish:
             ("the threshold", self.threshold),
         ):
             if value is not None and not (np.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} is not above zero", name="wanted", value=value)
+                raise InputError(
+                    f"{name} is not above zero and finite",
+                    hint="give a number above zero",
+                    name="wanted",
+                    value=value,
+                    bound=0.0,
+                )
         if self.count is not None and not 1 <= self.count <= MOST_POSES:
             raise InputError(
                 f"{self.count} poses", hint=f"ask for 1 to {MOST_POSES}, or auto", name="poses"
             )
         if not 0 <= self.validation <= MOST_POSES:
-            raise InputError(f"{self.validation} poses for validation", name="validation")
+            raise InputError(
+                f"{self.validation} poses for validation",
+                hint=f"ask for 0 to {MOST_POSES}",
+                name="validation",
+            )
         if self.robust not in ROBUST:
             raise InputError(
                 f"there is no robustness {self.robust[:40]!r}",
@@ -146,6 +156,8 @@ def wish_of_words(
     validation: int,
     refine: bool | None,
     robust: str = "none",
+    *,
+    keep: bool = False,
 ) -> Wish | None:
     """The wish of a command line; None where the grid of the paper is what is asked for.
 
@@ -165,11 +177,13 @@ def wish_of_words(
         "--validation": validation or None,
         "--refine": refine,
         "--robust": None if robust == "none" else robust,
+        "--keep": keep or None,
     }
     asked = [name for name, value in given.items() if value is not None]
     if method is None and not asked:
         return None
-    if method is not None and method.lower() == "wpr":
+    method = None if method is None else method.strip().lower()
+    if method == "wpr":
         if asked:
             raise InputError(
                 f"{asked[0]} does not go with --method wpr, whose poses are those of the grid",
@@ -182,7 +196,8 @@ def wish_of_words(
         for name, value in (
             ("--criterion", criterion),
             ("--target-accuracy", target_accuracy),
-            ("--wanted-sigma-..", sigma_mm if sigma_mm is not None else sigma_deg),
+            ("--wanted-sigma-mm", sigma_mm),
+            ("--wanted-sigma-deg", sigma_deg if sigma_mm is None else None),
         )
         if value is not None
     ]
@@ -192,13 +207,15 @@ def wish_of_words(
         )
     if threshold is not None and limit:
         raise InputError(
-            "--threshold is of --criterion; an accuracy is its own", hint="give one of the two"
+            f"--threshold is a value of --criterion, and {wants[0]} is one of its own",
+            hint="leave one of the two out",
+            name="--threshold",
         )
     count = USUAL_POSES if not (limit or threshold is not None) else None
     if poses is not None:
         count = parse_count(poses)
     return Wish(
-        method=(method or "exchange").lower(),
+        method="exchange" if method is None else method,
         count=count,
         criterion=criterion or "tcp",
         accuracy_m=None if target_accuracy is None else parse_length(target_accuracy),
@@ -208,5 +225,5 @@ def wish_of_words(
         validation=validation,
         # the fewest poses reach what is wanted as they are, and robust ones are for other robots
         refine=count is not None and robust == "none" if refine is None else refine,
-        robust=robust.lower(),
+        robust=robust.strip().lower(),
     )

@@ -8,7 +8,8 @@ from posedesign.selection.criteria.registry import (
     wanted_deviations,
 )
 from posedesign.selection.fewest import select_fewest
-from posedesign.selection.select import METHODS, select
+from posedesign.selection.search import METHODS
+from posedesign.selection.select import select
 from posedesign.selection.selection import Fewest, Selection
 
 __all__ = [

@@ -8,6 +8,7 @@ reach it. Where the two meet the number is proven.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import comb
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +18,7 @@ from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion
 from posedesign.selection.criteria.registry import criterion_by_name
 from posedesign.selection.select import STARTS, select
+from posedesign.selection.small import ENUMERATED
 from posedesign.selection.selection import Fewest, Selection
 
 ROUGH = 0.02
@@ -128,8 +130,8 @@ class _Search:
         objective = None if len(self._keep) else self._criterion.on(self._pool)
         while low < high:
             middle = (low + high) // 2
-            if middle in self._found:
-                bound = self._criterion.cost_of(self._found[middle].bound)
+            if middle in self._found or self._few_choices(middle):
+                bound = self._criterion.cost_of(self._choose(middle).bound)
             elif objective is not None:
                 bound = objective.relax(middle, ROUGH).bound
             else:
@@ -139,6 +141,11 @@ class _Search:
             else:
                 high = middle
         return low
+
+    def _few_choices(self, count: int) -> bool:
+        """Whether all choices are tried: what that proves is the most there is to prove."""
+        kept = len(self._keep)
+        return comb(self._offered - kept, count - kept) <= ENUMERATED
 
     def _does(self, count: int) -> bool:
         found = self._choose(count)

@@ -2,41 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, near_names
 from calib.se3 import IntArray
-from posedesign.selection import exchange as steps
-from posedesign.selection import small
 from posedesign.selection.candidates import Candidates
-from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
+from posedesign.selection.criteria.base import Criterion, covariance_of_root
 from posedesign.selection.criteria.registry import criterion_by_name
 from posedesign.selection.relaxation.relaxation import Relaxation
+from posedesign.selection.search import METHODS, Found, Search
 from posedesign.selection.selection import Selection
 
-METHODS = {
-    "exchange": "each pose exchanged for the best of the pool, until none helps; several starts",
-    "detmax": "exchange, then excursions to more and to fewer poses (DetMax)",
-    "greedy": "the best single pose taken in, again and again",
-    "rounding": "the poses that count most in the convex relaxation, as they are",
-}
-
 STARTS = 6
-"""Starts of the exchange. In 200 random pools of 20 candidates, 8 of which were chosen, one start
-found the best choice in 87 %, six in all."""
+"""Starts of the exchange. In small pools many more are made at once (see :mod:`~.small`); in large
+ones fewer, where they bring no more."""
 
 TOLERANCE = 1e-3
 """Part to which the bound is sharpened: nobody measures a thousandth of a pose."""
-
-GOOD_ENOUGH, SMALL = 0.98, 1000
-"""Efficiency from which no further start is made, in pools of more than so many candidates: what
-it could still gain is less than a pose in fifty. Small pools cost nothing, and are done in full."""
-
-SHORTLIST = 20_000
-"""Candidates that the exchange works on: the best by the relaxation, where there are more."""
 
 
 def select(
@@ -97,133 +83,58 @@ def select(
         The whole pool cannot identify some of the parameters, which are named.
     """
     pool = Candidates(blocks, known, names)
-    pool.check_identifiable()
-    distinct = pool.distinct()
     kept = _checked_keep(keep, pool.N)
-    offered = np.union1d(distinct, kept)
+    offered = np.union1d(pool.distinct(), kept)
     _check_count(n, len(kept), len(offered), pool.N)
-    if method not in METHODS:
-        raise InputError(
-            f"there is no method {method[:40]!r}",
-            hint=near_names(method, list(METHODS)),
-            name="method",
-        )
+    _check_options(method, starts, tolerance, threshold)
     chosen_by = (
         criterion
         if isinstance(criterion, Criterion)
         else criterion_by_name(criterion, pool.p, n, interest)
     )
+    pool.check_identifiable()
     work = pool if len(offered) == pool.N else pool.take(offered)
-    return _Choice(work, offered, chosen_by, n, np.searchsorted(offered, kept)).make(
-        method, starts, tolerance, bound, threshold, rng or np.random.default_rng(0), pool
+    search = Search(work, chosen_by, n, np.searchsorted(offered, kept))
+    tried = search.all_tried(method)
+    found, relaxed = tried if tried is not None else (None, None)
+    if relaxed is None and (bound or method == "rounding" or threshold is not None):
+        relaxed = search.relax(tolerance)
+    if threshold is not None and relaxed is not None:
+        check_threshold(chosen_by, threshold, relaxed.bound, n)
+    if found is None:
+        found = search.run(method, starts, relaxed, rng or np.random.default_rng(0))
+    return _selection(pool, offered, chosen_by, found, relaxed if bound else None)
+
+
+def _selection(
+    pool: Candidates,
+    offered: IntArray,
+    criterion: Criterion,
+    found: Found,
+    relaxed: Relaxation | None,
+) -> Selection:
+    indices, cost = offered[found.rows], min(found.costs)
+    C = covariance_of_root(pool.root(indices))
+    efficiency = np.nan
+    if relaxed is not None and np.isfinite(cost) and cost > 0.0:
+        efficiency = min(1.0, relaxed.bound / cost)
+    if relaxed is not None and len(offered) < pool.N:
+        weights = np.zeros(pool.N)
+        weights[offered] = relaxed.weights
+        relaxed = replace(relaxed, weights=weights)
+    return Selection(
+        indices=indices,
+        criterion=criterion,
+        value=criterion.shown(cost),
+        bound=criterion.shown(relaxed.bound) if relaxed is not None else np.nan,
+        efficiency=float(efficiency),
+        covariance=(
+            np.full((pool.p, pool.p), np.inf) if C is None else C / np.outer(pool.scale, pool.scale)
+        ),
+        relaxation=relaxed,
+        values_of_starts=tuple(criterion.shown(each) for each in found.costs),
+        duplicates=pool.N - len(offered),
     )
-
-
-class _Choice:
-    """One choice of n out of distinct candidates."""
-
-    def __init__(
-        self, work: Candidates, offered: IntArray, criterion: Criterion, n: int, kept: IntArray
-    ) -> None:
-        self._work, self._offered, self._criterion = work, offered, criterion
-        self._n, self._kept = n, kept
-        self._objective = criterion.on(work)
-
-    def make(
-        self,
-        method: str,
-        starts: int,
-        tolerance: float,
-        bound: bool,
-        threshold: float | None,
-        rng: np.random.Generator,
-        pool: Candidates,
-    ) -> Selection:
-        """Bound, search, result."""
-        relaxed = self._relax(tolerance) if bound or method == "rounding" else None
-        if threshold is not None and relaxed is not None:
-            check_threshold(self._criterion, threshold, relaxed.bound, self._n)
-        rows, costs = self._search(method, starts, relaxed, rng)
-        cost = min(costs)
-        C = covariance_of_root(self._work.root(rows))
-        p = self._work.p
-        scale = self._work.scale
-        efficiency = np.nan
-        if relaxed is not None and np.isfinite(cost) and cost > 0.0:
-            efficiency = min(1.0, relaxed.bound / cost)
-        return Selection(
-            indices=self._offered[rows],
-            criterion=self._criterion,
-            value=self._criterion.shown(cost),
-            bound=self._criterion.shown(relaxed.bound) if relaxed is not None else np.nan,
-            efficiency=float(efficiency),
-            covariance=np.full((p, p), np.inf) if C is None else C / np.outer(scale, scale),
-            relaxation=relaxed,
-            values_of_starts=tuple(self._criterion.shown(found) for found in costs),
-            duplicates=pool.N - len(self._offered),
-        )
-
-    def _relax(self, tolerance: float) -> Relaxation:
-        """The relaxation over what is free, with what is kept taken for known."""
-        free = np.setdiff1d(np.arange(self._work.N), self._kept)
-        part = self._work
-        if len(self._kept):
-            part = self._work.knowing(self._kept).take(free)
-        found = self._criterion.on(part).relax(self._n - len(self._kept), tolerance)
-        weights = np.ones(self._work.N)
-        weights[free] = found.weights
-        return Relaxation(weights, found.cost, found.certificate, found.bound)
-
-    def _search(
-        self, method: str, number: int, relaxed: Relaxation | None, rng: np.random.Generator
-    ) -> tuple[IntArray, list[float]]:
-        """The best choice found, and the cost of each start."""
-        weights = None if relaxed is None else relaxed.weights
-        short, objective, kept = self._shortlist(relaxed)
-        if method == "greedy":
-            rows = short[steps.greedy(objective, self._n, kept)]
-            return rows, [self._objective.cost(rows)]
-        improve: Callable[[Objective, IntArray, IntArray], IntArray] = {
-            "exchange": steps.exchange,
-            "detmax": steps.excursions,
-            "rounding": steps.as_given,
-        }[method]
-        own = None if weights is None else weights[short]
-        first = steps.starts(
-            objective.candidates, own, self._n, kept, 1 if method == "rounding" else number, rng
-        )
-        bound = 0.0 if relaxed is None else relaxed.bound
-        best, rows, costs, ends = np.inf, short[first[0]], [], []
-        for start in first:
-            found = short[improve(objective, start, kept)]
-            ends.append(found)
-            costs.append(self._objective.cost(found))
-            if costs[-1] < best:
-                best, rows = costs[-1], found
-            enough = GOOD_ENOUGH if self._work.N > SMALL else 1.0 - 1e-6
-            if relaxed is not None and enough * best <= relaxed.bound:
-                break
-        if method in ("exchange", "detmax") and best > (1.0 + 1e-6) * bound:
-            many = small.starts_for(self._work, self._n, self._kept)
-            if many:
-                found = small.many_starts(self._objective, np.array(ends), self._kept, many, rng)
-                costs.append(self._objective.cost(found))
-                rows = found if costs[-1] < best else rows
-        return rows, costs
-
-    def _shortlist(self, relaxed: Relaxation | None) -> tuple[IntArray, Objective, IntArray]:
-        """Candidates that the exchange works on: those that add most at the relaxation."""
-        N = self._work.N
-        if N <= SHORTLIST:
-            return np.arange(N), self._objective, self._kept
-        weights = np.ones(N) if relaxed is None else relaxed.weights
-        C = np.linalg.inv(self._work.weighted(weights * self._n / weights.sum()))
-        scores = self._work.scores(C)
-        scores[weights > 1e-6 if relaxed is not None else self._kept] = np.inf
-        scores[self._kept] = np.inf
-        short = np.sort(np.argpartition(scores, N - SHORTLIST)[N - SHORTLIST :])
-        part = self._work.take(short)
-        return short, self._criterion.on(part), np.searchsorted(short, self._kept)
 
 
 def check_threshold(criterion: Criterion, threshold: float, bound: float, n: int) -> None:
@@ -242,8 +153,6 @@ def check_threshold(criterion: Criterion, threshold: float, bound: float, n: int
     ------
     InputError
     """
-    if not np.isfinite(threshold) or threshold <= 0.0:
-        raise InputError(f"a threshold of {threshold:g}", hint="it must be above zero")
     if criterion.cost_of(threshold) >= bound:
         return
     side = "below" if criterion.smaller_is_better else "above"
@@ -266,6 +175,35 @@ def _checked_keep(keep: Sequence[int], N: int) -> IntArray:
             name="keep",
         )
     return rows
+
+
+def _check_options(
+    method: str, starts: int, tolerance: float, threshold: float | None
+) -> None:
+    if method not in METHODS:
+        raise InputError(
+            f"there is no method {method[:40]!r}",
+            hint=near_names(method, list(METHODS)),
+            name="method",
+        )
+    if starts < 1:
+        raise InputError(
+            f"{starts} starts", hint="give 1 or more", name="starts", value=starts, bound=1
+        )
+    if not 0.0 < tolerance < 1.0:
+        raise InputError(
+            f"a tolerance of {tolerance:g}",
+            hint="give a part between 0 and 1, such as 1e-3",
+            name="tolerance",
+            value=tolerance,
+        )
+    if threshold is not None and not (np.isfinite(threshold) and threshold > 0.0):
+        raise InputError(
+            f"a threshold of {threshold:g}",
+            hint="it must be above zero",
+            name="threshold",
+            value=threshold,
+        )
 
 
 def _check_count(n: int, kept: int, offered: int, N: int) -> None:

@@ -16,18 +16,21 @@ from posedesign.selection.information import Informations
 ENUMERATED = 5_000
 """Choices up to which all are tried: that takes less time than a search."""
 
-AT_ONCE = 6_000
+AT_ONCE = 5_000
 """Neighbours of all starts together that are judged in one step of the search."""
 
-MOST_STARTS = 64
+FEWEST_STARTS, MOST_STARTS = 12, 64
 """Starts of the search; of 20 candidates, 8 of which are chosen, each finds the best choice by a
 condition number in about one of ten."""
 
 NO_GAIN = 1e-9
 """Relative gains below are rounding."""
 
-_CONTENDERS = 8
-"""Choices that are judged again without squaring their condition."""
+NEAR = 1e-3
+"""Part of the best cost within which choices are judged again, without squaring their condition."""
+
+_UNCLEAR = 1_000
+"""Choices that see so little that only the same can tell, up to which that is done."""
 
 
 def number_of_choices(candidates: Candidates, count: int, kept: IntArray) -> int:
@@ -36,23 +39,26 @@ def number_of_choices(candidates: Candidates, count: int, kept: IntArray) -> int
 
 
 def best_of_all(objective: Objective, count: int, kept: IntArray) -> IntArray | None:
-    """The best of all choices; None where none of them clearly sees all parameters."""
+    """The best of all choices; None where too many of them cannot be judged all at once."""
     candidates = objective.candidates
     free = np.setdiff1d(np.arange(candidates.N), kept)
     drawn = np.array(list(combinations(free.tolist(), count - len(kept))), dtype=np.intp)
-    choices = np.column_stack([np.tile(kept, (len(drawn), 1)), drawn])
+    choices = np.sort(np.column_stack([np.tile(kept, (len(drawn), 1)), drawn]), axis=1)
     costs = objective.of_informations(_Choices(candidates, choices).informations)
-    best = choices[np.argsort(costs, kind="stable")[:_CONTENDERS]]
-    exact = [objective.cost(np.sort(rows)) for rows in best]
-    if not np.isfinite(exact).any() or not np.isfinite(costs).any():
+    unclear = ~np.isfinite(costs)
+    if count * candidates.m < candidates.p and not candidates.known.any():
+        return np.asarray(choices[0])  # too few rows, whatever is chosen
+    if unclear.sum() > _UNCLEAR:
         return None
-    return np.sort(best[int(np.argmin(exact))])
+    near = choices[unclear | (costs <= (1.0 + NEAR) * costs.min())]
+    return np.asarray(near[int(np.argmin([objective.cost(rows) for rows in near]))])
 
 
 def starts_for(candidates: Candidates, count: int, kept: IntArray) -> int:
     """How many starts :func:`many_starts` is worth; 0 in pools that are too large."""
     neighbours = (count - len(kept)) * (candidates.N - count)
-    return min(MOST_STARTS, AT_ONCE // max(neighbours, 1))
+    number = min(MOST_STARTS, AT_ONCE // max(neighbours, 1))
+    return number if number >= FEWEST_STARTS else 0
 
 
 def many_starts(
@@ -81,8 +87,8 @@ def many_starts(
         states = np.unique(np.sort(states, axis=1), axis=0)
         states, finished = _step(objective, states, kept)
         done.extend(finished)
-    exact = [objective.cost(rows) for rows in np.unique(done, axis=0)]
-    return np.asarray(np.unique(done, axis=0)[int(np.argmin(exact))])
+    ends = np.unique(done, axis=0)
+    return np.asarray(ends[int(np.argmin([objective.cost(rows) for rows in ends]))])
 
 
 def _step(

@@ -105,16 +105,17 @@ def markdown(table: list[dict[str, Any]]) -> str:
         cells = [row["says"], f"{row['measurements']}", f"{row['minutes']:.1f}"]
         cells += [_short(row["predicted_rms_mm"]), _short(row["rms_mm"])]
         cells += [f"{_short(row['rms_low_mm'])} to {_short(row['rms_high_mm'])}"]
-        cells += [_short(row["median_of_trials_mm"]), _short(row["worst_mm"])]
-        cells += [_two_digits(row["worth_a_minute"])]
+        cells += [_short(row["median_of_trials_mm"])]
+        cells += [_short(row["predicted_worst_mm"]), _short(row["worst_mm"])]
+        cells += [_digits(row["worth_a_minute"], 2)]
         if "deflecting_rms_mm" in row:
-            cells += [_two_digits(row["deflecting_rms_mm"])]
+            cells += [_digits(row["deflecting_rms_mm"], 3)]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def _two_digits(value: float) -> str:
-    return f"{float(f'{value:.2g}'):g}"
+def _digits(value: float, count: int) -> str:
+    return f"{float(f'{value:.{count}g}'):g}"
 
 
 def _short(value_mm: float) -> str:

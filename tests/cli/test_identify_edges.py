@@ -103,7 +103,7 @@ def test_units_are_trusted_when_asked(cli: Cli, work: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["point", "pose", "camera-pose", "distance"])
 def test_readings_in_order_are_identified(cli: Cli, work: Path, kind: str) -> None:
-    path = tracked(work, kind, 60)
+    path = tracked(work, kind, 40)
     said = cli("identify", work / "cell.toml", path, "--out", work)
     assert said.code == 0, said.err
     assert f"noise of {kind}, from the residuals: " in said.out

@@ -163,7 +163,7 @@ class ConditioningObjective(Objective):
             C = C - own[:, :, 0].T @ own[:, :, 0]
             M = M + self.candidates.J[near].T @ self.candidates.J[near]
             size = np.maximum(size, self.candidates.largest[near])
-        size = np.maximum(size, np.finfo(float).tiny)
+        size = np.where(size > 0.0, size, 1.0)
         rows = np.argsort(np.abs(M / size).sum(axis=1) / size)[-_ROWS:]
         columns = np.argsort(np.abs(C * size).sum(axis=1) * size)[-_ROWS:]
         moved, possible = ledger.change(part, 1.0)  # (m, p, n)
@@ -236,8 +236,12 @@ class ConditioningObjective(Objective):
         """O4 is O2 times the smallest singular value: no better than the best of both."""
         even = ConditioningObjective(self.candidates, "O2").relax(count, tolerance)
         large = Spectrum(np.inf, "E", "", float, float).on(self.candidates).relax(count, tolerance)
-        bound = even.bound * np.sqrt(large.bound)
-        return Relaxation(large.weights, even.cost * np.sqrt(large.cost), None, float(bound))
+        values = np.linalg.eigvalsh(
+            self.candidates.weighted(large.weights)
+            * np.outer(self.candidates.scale, self.candidates.scale)
+        )
+        cost = float(self._ratio(values[:1], values[-1:])[0])
+        return Relaxation(large.weights, cost, None, float(even.bound * np.sqrt(large.bound)))
 
 
 def _c_g(M: FloatArray, C: FloatArray, size: FloatArray) -> FloatArray:

@@ -156,8 +156,7 @@ class DeviationObjective(Objective):
         slopes = np.einsum("nmkr,nmkr->nk", moved, moved) / v
         mean = slopes @ share
         curvature += (s - 1.0) * (slopes * share) @ slopes.T - s * np.outer(mean, mean)
-        cost = v.max() * np.mean((v / v.max()) ** s) ** (1.0 / s) if K > 1 else v[0]
-        return Smooth(float(cost), P, curvature, weights_of_functions=share / v)
+        return Smooth(float(v.max()), P, curvature, weights_of_functions=share / v)
 
     def at_power(self, power: float) -> DeviationObjective:
         """The same with another power in the mean."""

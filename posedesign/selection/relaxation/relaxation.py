@@ -46,8 +46,9 @@ class Relaxation:
     cost : float
         Of these weights.
     certificate : Certificate or None
-        Proof that no weights, and so no choice, cost less than ``bound``; None where the criterion
-        has none.
+        Proof that no weights, and so no choice, cost less than ``bound``; None where the bound is
+        put together from several, or where all choices were tried: the weights are then those of
+        the best.
     bound : float
     """
 
@@ -67,10 +68,3 @@ def sum_of_largest(scores: FloatArray, count: int) -> float:
     if count >= len(scores):
         return float(scores.sum())
     return float(np.partition(scores, len(scores) - count)[len(scores) - count :].sum())
-
-
-def largest_ones(scores: FloatArray, count: int) -> FloatArray:
-    """Weights ``(N,)``: 1 for the ``count`` largest scores, 0 for the rest."""
-    weights = np.zeros(len(scores))
-    weights[np.argpartition(scores, len(scores) - count)[len(scores) - count :]] = 1.0
-    return weights

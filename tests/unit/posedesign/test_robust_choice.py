@@ -69,7 +69,7 @@ def test_what_is_said_of_other_robots_is_what_identification_finds_there(referen
     error = np.einsum("krp,tp->tkr", box, found - x)
     rms = np.sqrt((error**2).sum(axis=(1, 2)).mean() / len(box))
     # a few parameters carry most of the error: some 600 independent squares, five standard errors
-    assert rms == pytest.approx(predicted, rel=5 / np.sqrt(2 * trials))
+    assert 1e3 * rms == pytest.approx(predicted, rel=5 / np.sqrt(2 * trials))  # in mm
 
 
 def test_robustness_is_of_the_trials(reference):

@@ -126,14 +126,14 @@ def test_one_pair_slightly_off_is_named(method, pairs):
 @pytest.mark.parametrize("cone_deg", [None, 40.0])
 @pytest.mark.parametrize("pairs", [5, 10, 30])
 def test_good_pairs_raise_no_doubts(pairs, cone_deg):
-    """One warning in a hundred sets at most."""
+    """One warning in a hundred sets at most: three in forty are one chance in a hundred."""
     warned = 0
-    for seed in range(60):
+    for seed in range(40):
         noise = PairNoise(np.radians(0.2), 1e-3)
         result = solve(*measured(200 + seed, pairs, cone_deg, noise), noise=noise)
         assert result.status == "ok"
         warned += bool(result.warnings)
-    assert warned <= 3
+    assert warned <= 2
 
 
 def poses(rotation_vectors, seed=0):
@@ -190,7 +190,7 @@ def test_noise_does_not_make_it_identifiable(unfit, on):
     rng = np.random.default_rng(2)
     for sigma_deg in (0.01, 0.1, 1.0):
         noise = PairNoise(np.radians(sigma_deg), 1e-3, on)
-        for _ in range(5):
+        for _ in range(3):
             measured_pairs = add_noise(rng, A, seen(A), noise)
             with pytest.raises((NotIdentifiableError, InputError)):
                 solve(*measured_pairs, "ml", noise)

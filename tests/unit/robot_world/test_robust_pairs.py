@@ -51,7 +51,7 @@ def test_a_fifth_of_gross_errors_costs_no_more_than_their_loss(pairs, largest, g
 
     Of ten pairs, with the noise unknown, a good one is left out now and then.
     """
-    A, B, problems, bad = spoilt(pairs, 150, pairs, pairs // 5)
+    A, B, problems, bad = spoilt(pairs, 100, pairs, pairs // 5)
     noise = NOISE if given else None
     found = solve_batch(A, B, "ml-robust", noise)
     oracle = solve_batch(*without_the_bad(A, B, bad), "ml", noise)

@@ -1,0 +1,148 @@
+"""Poses turned off the pool: better, inside all constraints, on target, and at an optimum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.se3 import rotation_exp
+from posedesign.generation import touching_poses
+from posedesign.optimal import Wish
+from posedesign.optimal.goal import goal_of
+from posedesign.optimal.pool_of_cell import functions_over_box
+from posedesign.optimal.refinement import _Refinement, refine
+from posedesign.pools import cone_pool, joint_pool
+from posedesign.selection import select
+
+TILT = np.deg2rad(40.0)
+CRITERIA = ("tcp", "tcp-worst", "sigma:zero_offset.joint_2", "D", "A", "C_G", "cond_2")
+SMOOTH = ("tcp", "sigma:zero_offset.joint_2", "D", "A")
+
+
+def goal_in(cell, criterion):
+    model = cell.model()
+    box, _ = functions_over_box(cell, model)
+    return model, goal_of(Wish(count=8, criterion=criterion), model, box)
+
+
+def cost_of(model, goal, pool):
+    return goal.cost_of_blocks(goal.blocks(pool.linearise(model)))
+
+
+def best_of(cell, model, goal, pool, count=8):
+    found = select(goal.blocks(pool.linearise(model)), count, goal.criterion, starts=1, bound=False)
+    return pool.take(found.indices)
+
+
+def tilts(cell, postures):
+    z = cell.robot.fk(postures)[:, :3, 2]
+    return np.arccos(np.clip(z @ cell.robot.fk(cell.base_posture)[:3, 2], -1.0, 1.0))
+
+
+def turned(cell, pool, k, turn):
+    """Pose k turned, on the branch it was on: by the closed form, not as refinement turns it."""
+    R = pool.orientations[k] @ rotation_exp(np.asarray(turn))
+    T = touching_poses(R[None], cell.tool_m, pool.touched_m[[k]])
+    found = cell.robot.inverse(T, near=pool.postures[k], margin=cell.margin)
+    distance = np.abs(found.postures - pool.postures[k]).max(axis=1)
+    q = pool.postures.copy()
+    if not len(distance) or distance.min() > 20 * np.linalg.norm(turn):
+        return None
+    q[k] = found.postures[np.argmin(distance)]
+    orientations = pool.orientations.copy()
+    orientations[k] = R
+    return type(pool)(
+        q, orientations, pool.target, pool.targets_m, pool.target_names, pool.tried, ""
+    )
+
+
+@pytest.fixture(scope="module")
+def reference(make_cell):
+    cell = make_cell()
+    return cell, cone_pool(cell, TILT, 150, np.random.default_rng(3))
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_refined_poses_are_better_and_keep_every_constraint(reference, criterion):
+    cell, pool = reference
+    model, goal = goal_in(cell, criterion)
+    chosen = best_of(cell, model, goal, pool)
+    found = refine(cell, model, goal, chosen)
+    assert cost_of(model, goal, found) < 0.98 * cost_of(model, goal, chosen)
+    assert cell.checker.check(found.postures).feasible.all()
+    off = cell.robot.state(found.postures).point(cell.tool_m) - cell.target_m
+    assert np.abs(off).max() < 1e-9
+    np.testing.assert_allclose(cell.robot.fk(found.postures)[:, :3, :3], found.orientations)
+    assert tilts(cell, found.postures).max() <= tilts(cell, chosen.postures).max() + 1e-8
+
+
+def test_collisions_and_view_are_kept_too(demo_cell):
+    pool = cone_pool(demo_cell, TILT, 150, np.random.default_rng(3))
+    model, goal = goal_in(demo_cell, "tcp")
+    chosen = best_of(demo_cell, model, goal, pool)
+    found = refine(demo_cell, model, goal, chosen)
+    assert cost_of(model, goal, found) < 0.98 * cost_of(model, goal, chosen)
+    assert demo_cell.checker.check(found.postures).feasible.all()
+
+
+@pytest.mark.parametrize("criterion", SMOOTH)
+def test_slopes_are_those_of_the_whole_cost(reference, criterion):
+    cell, pool = reference
+    model, goal = goal_in(cell, criterion)
+    chosen = best_of(cell, model, goal, pool)
+    inside = chosen.take(np.flatnonzero(tilts(cell, chosen.postures) < TILT))
+    slopes = _Refinement(cell, model, goal, inside, 0)._slopes()
+    step, compared = 1e-3, 0
+    for k in range(len(inside)):
+        for axis in range(3):
+            ends = [turned(cell, inside, k, s * step * np.eye(3)[axis]) for s in (1, -1)]
+            if None in ends:
+                continue
+            ahead, behind = (np.log(cost_of(model, goal, end)) for end in ends)
+            expected = (ahead - behind) / (2 * step)
+            assert slopes[k, axis] == pytest.approx(expected, rel=2e-3, abs=2e-5)
+            compared += 1
+    assert compared > 2 * len(inside)
+
+
+@pytest.mark.parametrize("criterion", ["tcp", "D", "C_G"])
+def test_no_small_turn_helps_any_more(reference, criterion):
+    cell, pool = reference
+    model, goal = goal_in(cell, criterion)
+    chosen = best_of(cell, model, goal, pool)
+    found = refine(cell, model, goal, chosen)
+    before, after = cost_of(model, goal, chosen), cost_of(model, goal, found)
+    widest = tilts(cell, chosen.postures).max() + 1e-9
+    rng = np.random.default_rng(8)
+    gains = []
+    for turn in rng.normal(size=(150, 3)):
+        k = int(rng.integers(len(found)))
+        other = turned(cell, found, k, turn * rng.choice([0.003, 0.01, 0.03]))
+        if other is None or not cell.checker.check(other.postures).feasible.all():
+            continue
+        if tilts(cell, other.postures).max() <= widest:
+            gains.append(1.0 - cost_of(model, goal, other) / after)
+    assert len(gains) > 50
+    # what a turn of one pose still gains is little beside what refinement gained
+    assert max(gains) < 0.05 * (1.0 - after / before)
+
+
+def test_poses_that_are_fixed_stay(reference):
+    cell, pool = reference
+    model, goal = goal_in(cell, "tcp")
+    chosen = best_of(cell, model, goal, pool)
+    found = refine(cell, model, goal, chosen, fixed=3)
+    np.testing.assert_array_equal(found.postures[:3], chosen.postures[:3])
+    assert (np.abs(found.postures[3:] - chosen.postures[3:]).max(axis=1) > 1e-3).any()
+
+
+def test_without_a_touch_the_tool_point_stays_where_each_pose_has_it(make_cell):
+    cell = make_cell(measurement={"kind": "camera-pose"})
+    pool = joint_pool(cell, 60, np.random.default_rng(4), np.deg2rad(40.0))
+    model, goal = goal_in(cell, "tcp")
+    chosen = best_of(cell, model, goal, pool)
+    found = refine(cell, model, goal, chosen)
+    assert cost_of(model, goal, found) < cost_of(model, goal, chosen)
+    before, after = (cell.robot.state(p.postures).point(cell.tool_m) for p in (chosen, found))
+    np.testing.assert_allclose(after, before, atol=1e-9)
+    assert cell.checker.check(found.postures).feasible.all()

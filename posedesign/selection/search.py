@@ -35,9 +35,8 @@ OPTIMAL = 1e-6
 SHORTLIST = 20_000
 """Candidates that the exchange works on: the best by the relaxation, where there are more."""
 
-AGREED = 5
-"""Starts that come to the same from which it is taken for the best there is in small pools; where
-so many do not agree, many more are made at once."""
+BEFORE_MANY = 2
+"""Starts that are made one after the other in pools so small that many are made at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +113,9 @@ class Search:
         }[method]
         number = 1 if method == "rounding" else number
         many = 0
-        if number > 1:
+        if number > 1 and self._objective.rugged:
             many = small.starts_for(self._candidates, self._count, self._kept)
+            number = min(number, BEFORE_MANY) if many else number
         own = None if relaxed is None else relaxed.weights[short]
         first = steps.starts(objective.candidates, own, self._count, kept, number, rng)
         bound = 0.0 if relaxed is None else relaxed.bound
@@ -124,18 +124,16 @@ class Search:
         for start in first:
             ends.append(short[improve(objective, start, kept)])
             costs.append(self._objective.cost(ends[-1]))
-            if self._enough(costs, bound, small=many > 0):
+            if self._enough(costs, bound):
                 break
-        if many and not self._enough(costs, bound, small=True):
+        if many and not self._enough(costs, bound):
             found = small.many_starts(self._objective, np.array(ends), self._kept, many, rng)
             ends.append(found)
             costs.append(self._objective.cost(found))
         return Found(ends[int(np.argmin(costs))], costs)
 
-    def _enough(self, costs: list[float], bound: float, *, small: bool) -> bool:
+    def _enough(self, costs: list[float], bound: float) -> bool:
         best = min(costs)
-        if small and sum(cost <= (1.0 + OPTIMAL) * best for cost in costs) >= AGREED:
-            return True
         if self._candidates.N <= SMALL:
             return (1.0 - OPTIMAL) * best <= bound
         before = min(costs[:-PATIENCE], default=np.inf)

@@ -78,6 +78,11 @@ class Objective(ABC):
         return False
 
     @property
+    def rugged(self) -> bool:
+        """Whether the cost has edges, so that exchanges end in many places that are not the best."""
+        return False
+
+    @property
     def stages(self) -> Sequence[Objective]:
         """Objectives for the exchange, one after the other: smoother ones first."""
         return (self,)

@@ -123,6 +123,11 @@ class ConditioningObjective(Objective):
         return np.asarray(np.where(least > 0.0, ratio, np.inf))
 
     @property
+    def rugged(self) -> bool:
+        """See :attr:`Objective.rugged`."""
+        return True
+
+    @property
     def has_floor(self) -> bool:
         """See :attr:`Objective.has_floor`."""
         return True

@@ -99,6 +99,11 @@ class DeviationObjective(Objective):
         return self.candidates.m * 3 * len(self.L) * self.L.shape[1]
 
     @property
+    def rugged(self) -> bool:
+        """See :attr:`Objective.rugged`."""
+        return len(self.L) > 1
+
+    @property
     def stages(self) -> Sequence[DeviationObjective]:
         """See :attr:`Objective.stages`."""
         if len(self.L) == 1:

@@ -91,6 +91,11 @@ class SpectrumObjective(Objective):
         return k * (2 * k + 2 * self.candidates.m)
 
     @property
+    def rugged(self) -> bool:
+        """See :attr:`Objective.rugged`."""
+        return bool(np.isinf(self._order))
+
+    @property
     def stages(self) -> Sequence[SpectrumObjective]:
         """See :attr:`Objective.stages`."""
         orders = (*SHARPNESS, np.inf) if np.isinf(self._order) else (self._order,)

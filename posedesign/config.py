@@ -292,6 +292,7 @@ class PoolSection(Section):
     tilt_deg: Annotated[float, Field(strict=True, gt=0, le=180)] = 45.0
     candidates: Annotated[int, Field(strict=True, ge=1, le=100_000)] = 1500
     configurations: Literal["nearest", "front", "all"] = "front"
+    smallest_singular_value: Annotated[float, Field(strict=True, ge=0, lt=1)] = 0.03
     seed: Annotated[int, Field(strict=True, ge=0)] = 0
 
 

@@ -92,6 +92,7 @@ kind = "auto"                     # cone (touch-ups), wpr: all grids above (came
 tilt_deg = 45.0                   # of a cone: how far the tool is tilted; it rolls freely
 candidates = 1500                 # poses that are looked at
 configurations = "front"          # nearest: one posture a pose; all: over the back of the arm, too
+smallest_singular_value = 0.03    # distance from singularities, where a touch-up moves joints far
 seed = 0
 
 [parameters]

@@ -15,6 +15,7 @@ from posedesign.indices import evaluate
 from posedesign.optimal.accuracy import Accuracy, accuracy_of
 from posedesign.optimal.goal import goal_of
 from posedesign.optimal.pool_of_cell import (
+    away_from_singularities,
     functions_over_box,
     no_clear_way,
     pool_of,
@@ -126,6 +127,7 @@ class _Planning:
                 name="measurement.weighted",
             )
         check_base_pose(cell)
+        self._cell = away_from_singularities(cell)
         self._router = Router.of_cell(cell)
 
     def run(self) -> OptimalPlan:
@@ -186,16 +188,32 @@ class _Planning:
                 keep=range(len(self._kept)),
             )
             return fewest.selection, fewest
-        found = select(
-            blocks,
-            wish.count,
-            criterion,
-            wish.method,
-            names=self._model.names,
-            threshold=goal.limit,
-            keep=range(len(self._kept)),
-        )
+        try:
+            found = select(
+                blocks,
+                wish.count,
+                criterion,
+                wish.method,
+                names=self._model.names,
+                threshold=goal.limit,
+                keep=range(len(self._kept)),
+            )
+        except InputError as error:
+            raise self._in_own_words(error) from error
         return found, None
+
+    def _in_own_words(self, error: InputError) -> InputError:
+        """A refused threshold of deviations: in what the user gave, and not in parts of it."""
+        if error.name != "threshold" or not self._wish.wants_sigma:
+            return error
+        return InputError(
+            f"no {self._wish.count} poses of this pool reach the deviations wanted: those of the "
+            f"best are proven not to be below {error.bound:.4g} times them",
+            hint="take more poses (--poses auto: as many as it takes), or a wider pool",
+            name="threshold",
+            value=error.value,
+            bound=error.bound,
+        )
 
     def _blocks_and_criterion(self, pool: Pool) -> tuple[FloatArray, Criterion]:
         """Of the robot as described, or of several as it may be."""

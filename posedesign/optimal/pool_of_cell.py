@@ -53,6 +53,20 @@ def pool_of(cell: Cell) -> Pool:
     return cone_pool(cell, tilt, section.candidates, rng, section.configurations)
 
 
+def away_from_singularities(cell: Cell) -> Cell:
+    """The cell with the distance from singularities that chosen poses keep.
+
+    The best poses lie at the edge of what an arm can do. Near full reach a millimetre of correction
+    in a touch-up takes degrees of a joint, or cannot be made at all.
+    """
+    least = cell.config.pool.smallest_singular_value
+    section = cell.config.constraints
+    if cell.is_hand_eye or section.smallest_singular_value >= least:
+        return cell
+    stricter = section.model_copy(update={"smallest_singular_value": least})
+    return replace(cell, config=cell.config.model_copy(update={"constraints": stricter}))
+
+
 def with_kept(cell: Cell, pool: Pool, postures: FloatArray) -> Pool:
     """The pool with poses of the user's own ``(k, n)`` [rad] as its first ones."""
     k = len(postures)

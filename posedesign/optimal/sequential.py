@@ -27,6 +27,7 @@ from posedesign.optimal.goal import Goal, goal_of
 from posedesign.optimal.next_poses import NextPoses
 from posedesign.optimal.planning import ATTEMPTS, as_pose_set
 from posedesign.optimal.pool_of_cell import (
+    away_from_singularities,
     functions_over_box,
     no_clear_way,
     pool_of,
@@ -141,7 +142,8 @@ class _Choice:
         ``before`` are rows of what was known before measuring.
         """
         known = np.vstack([measured.white_jacobian.reshape(-1, self._model.p), before])
-        pool, router = pool_of(self._cell), Router.of_cell(self._cell)
+        pool = pool_of(away_from_singularities(self._cell))
+        router = Router.of_cell(self._cell)
         for attempt in range(ATTEMPTS):
             rows, white = self._rows(pool, measured, before, count)
             rows = _best_first(white, rows, known, self._box)

@@ -40,8 +40,6 @@ class Candidates:
         Rows of the same kind that are there anyway: poses already measured, priors.
     names : sequence of str, optional
         Of the parameters, for errors.
-    largest : array_like (N, p), optional
-        Largest absolute entries of the columns of each block, where not those of ``blocks``.
 
     Attributes
     ----------
@@ -71,22 +69,41 @@ class Candidates:
                 name="blocks",
             )
         p = given.shape[2]
-        rows = np.zeros((0, p)) if known is None else np.asarray(known, dtype=float).reshape(-1, p)
+        rows = np.zeros((0, p)) if known is None else np.asarray(known, dtype=float)
+        if rows.shape[-1] != p:
+            raise InputError(
+                f"known rows of shape {rows.shape} for {p} parameters",
+                hint="give one column for each parameter",
+                name="known",
+            )
+        rows = rows.reshape(-1, p)
         self.names = tuple(f"column {k + 1}" for k in range(p)) if names is None else tuple(names)
         if len(self.names) != p:
             raise InputError(f"{len(self.names)} names for {p} parameters", name="names")
-        squares = np.einsum("nmp,nmp->p", given, given)
-        if not np.isfinite(squares).all() or not np.isfinite(rows).all():
+        most = np.maximum(given.max(axis=(0, 1)), -given.min(axis=(0, 1)))
+        if not np.isfinite(most).all():
             raise InputError(
-                "the blocks contain numbers that are not finite"
-                + _first_not_finite(given) * (not np.isfinite(squares).all()),
+                "the blocks contain numbers that are not finite" + _first_not_finite(given),
                 hint="leave those poses out",
                 name="blocks",
             )
-        length = np.sqrt((squares + (rows**2).sum(axis=0)) / len(given))
-        self.scale = np.where(length > 0.0, length, 1.0)
-        self.J = np.ascontiguousarray(given / self.scale)
-        self._known_rows = rows / self.scale
+        if not np.isfinite(rows).all():
+            raise InputError(
+                "the known rows contain numbers that are not finite",
+                hint="leave those rows out",
+                name="known",
+            )
+        most = np.maximum(most, np.abs(rows).max(axis=0, initial=0.0))
+        most = np.where(most > 0.0, most, 1.0)
+        # by the largest first: squares of very large or small numbers are no numbers
+        self.J = np.ascontiguousarray(given / most)
+        self._known_rows = rows / most
+        squares = np.einsum("nmp,nmp->p", self.J, self.J) + (self._known_rows**2).sum(axis=0)
+        length = np.sqrt(squares / len(given))
+        length = np.where(length > 0.0, length, 1.0)
+        self.J /= length
+        self._known_rows /= length
+        self.scale = most * length
         self.known = self._known_rows.T @ self._known_rows
 
     @property
@@ -160,11 +177,32 @@ class Candidates:
         values, vectors = np.linalg.eigh(Z)
         seen = np.abs(values) > np.finfo(float).eps * np.abs(values).max(initial=0.0)
         V, signs = vectors[:, seen] * np.sqrt(np.abs(values[seen])), np.sign(values[seen])
+        return self.scores_of_root(V, signs)
+
+    def scores_of_root(self, root: FloatArray, signs: FloatArray | None = None) -> FloatArray:
+        """``|J root|²`` of every candidate ``(N,)``, of a root ``(p, r)``.
+
+        Parameters
+        ----------
+        root : ndarray (p, r)
+        signs : ndarray (r,), optional
+            By which the squares of each column count; 1 by default.
+        """
         out = np.empty(self.N)
-        for part in self.chunks(self.m * max(V.shape[1], 1)):
-            moved = self.J[part] @ V
-            out[part] = np.einsum("nmr,nmr,r->n", moved, moved, signs)
+        weights = np.ones(root.shape[1]) if signs is None else signs
+        for part in self.chunks(self.m * max(root.shape[1], 1)):
+            moved = self.J[part] @ root
+            out[part] = np.einsum("nmr,nmr,r->n", moved, moved, weights)
         return out
+
+    def known_by_root(self, root: FloatArray) -> float:
+        """``|J root|²`` of the known rows."""
+        return float(np.square(self._known_rows @ root).sum())
+
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """Squared length of each block, ``(N,)``."""
+        return np.asarray(np.einsum("nmp,nmp->n", self.J, self.J))
 
     @cached_property
     def by_row(self) -> FloatArray:
@@ -242,7 +280,4 @@ def _hidden(root: FloatArray) -> FloatArray:
 
 def _first_not_finite(blocks: FloatArray) -> str:
     bad = ~np.isfinite(blocks).all(axis=(1, 2))
-    # a sum of squares can overflow although every number is finite
-    return f": candidate {int(np.argmax(bad)) + 1} is the first of {int(bad.sum())}" * bool(
-        bad.any()
-    )
+    return f": candidate {int(np.argmax(bad))} is the first of {int(bad.sum())}"

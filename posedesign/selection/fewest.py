@@ -61,12 +61,9 @@ def select_fewest(
         raise InputError(f"a wanted value of {value:g}", hint="it must be above zero", name="value")
     pool = Candidates(blocks, known, names)
     pool.check_identifiable()
-    made = (
-        criterion
-        if isinstance(criterion, Criterion)
-        else criterion_by_name(criterion, pool.p, pool.N, interest)
-    )
-    return _Search(pool, blocks, made, value, keep, known, names, starts).run()
+    if not isinstance(criterion, Criterion):
+        criterion_by_name(criterion, pool.p, pool.N, interest)  # told before anything is computed
+    return _Search(pool, blocks, criterion, value, keep, known, interest, names, starts).run()
 
 
 class _Search:
@@ -76,21 +73,31 @@ class _Search:
         self,
         pool: Candidates,
         blocks: ArrayLike,
-        criterion: Criterion,
+        criterion: str | Criterion,
         value: float,
         keep: Sequence[int],
         known: ArrayLike | None,
+        interest: Sequence[int] | None,
         names: Sequence[str] | None,
         starts: int,
     ) -> None:
         self._pool, self._blocks, self._criterion, self._value = pool, blocks, criterion, value
         self._keep, self._known, self._names, self._starts = keep, known, names, starts
-        # rounding of the last digits must not ask for a pose more
-        self._target = criterion.cost_of(value) * (1.0 + 1e-9)
+        self._interest = interest
         self._offered = len(np.union1d(pool.distinct(), np.asarray(keep, dtype=np.intp)))
         self._found: dict[int, Selection] = {}
-        self._monotone = criterion.falls_with_poses
+        self._monotone = self._criterion_of(pool.N).falls_with_poses
         self._least = max(1, len(keep), 0 if known is not None else int(np.ceil(pool.p / pool.m)))
+
+    def _criterion_of(self, count: int) -> Criterion:
+        """The criterion; O1 is another one for each number of poses."""
+        if isinstance(self._criterion, Criterion):
+            return self._criterion
+        return criterion_by_name(self._criterion, self._pool.p, count, self._interest)
+
+    def _enough(self, cost: float, count: int) -> bool:
+        # rounding of the last digits must not ask for a pose more
+        return bool(cost <= self._criterion_of(count).cost_of(self._value) * (1.0 + 1e-9))
 
     def run(self) -> Fewest:
         """Bracket, halve, report."""
@@ -98,7 +105,8 @@ class _Search:
         upper = self._reached_from(most)
         if upper is None:
             best = self._choose(most)
-            return Fewest(best, None, self._value, reached=False, at_least=most)
+            least = most if self._monotone else self._least
+            return Fewest(best, None, self._value, reached=False, at_least=least)
         lower = self._proven_from(upper) if self._monotone else self._least
         low = lower
         while low < upper:
@@ -112,7 +120,7 @@ class _Search:
 
     def _reached_from(self, most: int) -> int | None:
         """A number of poses that does, by doubling."""
-        if self._monotone and not self._cost_of_all() <= self._target:
+        if self._monotone and not self._enough(self._cost_of_all(), self._offered):
             return None
         count = min(max(self._least, 4), most)
         while not self._does(count):
@@ -122,24 +130,23 @@ class _Search:
         return count
 
     def _cost_of_all(self) -> float:
-        return self._criterion.on(self._pool).cost(np.arange(self._pool.N))
+        return self._criterion_of(self._offered).on(self._pool).cost(np.arange(self._pool.N))
 
     def _proven_from(self, upper: int) -> int:
         """The fewest poses that are not proven to be too few."""
         low, high = self._least, upper
-        objective = None if len(self._keep) else self._criterion.on(self._pool)
+        objective = None if len(self._keep) else self._criterion_of(upper).on(self._pool)
         while low < high:
             middle = (low + high) // 2
-            if middle in self._found or self._few_choices(middle):
-                bound = self._criterion.cost_of(self._choose(middle).bound)
-            elif objective is not None:
+            if middle in self._found or self._few_choices(middle) or objective is None:
+                chosen = self._choose(middle)
+                bound = chosen.criterion.cost_of(chosen.bound)
+            else:
                 bound = objective.relax(middle, ROUGH).bound
-            else:
-                bound = self._criterion.cost_of(self._choose(middle).bound)
-            if bound > self._target:
-                low = middle + 1
-            else:
+            if self._enough(bound, middle):
                 high = middle
+            else:
+                low = middle + 1
         return low
 
     def _few_choices(self, count: int) -> bool:
@@ -149,7 +156,7 @@ class _Search:
 
     def _does(self, count: int) -> bool:
         found = self._choose(count)
-        return bool(self._criterion.cost_of(found.value) <= self._target)
+        return self._enough(found.criterion.cost_of(found.value), count)
 
     def _choose(self, count: int) -> Selection:
         if count not in self._found:
@@ -159,6 +166,7 @@ class _Search:
                 self._criterion,
                 known=self._known,
                 keep=self._keep,
+                interest=self._interest,
                 names=self._names,
                 starts=self._starts,
             )

@@ -1,13 +1,13 @@
-"""Information matrices of many choices at once."""
+"""Information matrices of many choices out of a small pool at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
 
-from calib.se3 import BoolArray, FloatArray
+from calib.se3 import BoolArray, FloatArray, IntArray
+from posedesign.selection.candidates import Candidates
 
 SEEN = 1e-11
 """Smallest eigenvalue, columns of unit length, from which a choice is taken to see everything; the
@@ -19,15 +19,22 @@ class Informations:
 
     Parameters
     ----------
+    candidates : Candidates
+    choices : ndarray of int (T, n)
+
+    Attributes
+    ----------
     M : ndarray (T, p, p)
-        Scaled.
-    largest : callable
-        Gives the largest absolute entry ``(T, p)`` of each column of the regressor.
+        Scaled, with the known.
     """
 
-    def __init__(self, M: FloatArray, largest: Callable[[], FloatArray]) -> None:
-        self.M = M
-        self._largest = largest
+    def __init__(self, candidates: Candidates, choices: IntArray) -> None:
+        self._candidates, self._choices = candidates, choices
+        T, p = len(choices), candidates.p
+        member = np.zeros((T, candidates.N))
+        member[np.arange(T)[:, None], choices] = 1.0
+        each = (np.swapaxes(candidates.J, 1, 2) @ candidates.J).reshape(candidates.N, -1)
+        self.M = (member @ each).reshape(T, p, p) + candidates.known
 
     @cached_property
     def length(self) -> FloatArray:
@@ -46,6 +53,7 @@ class Informations:
 
     @cached_property
     def largest(self) -> FloatArray:
-        """Largest absolute entry of each column ``(T, p)``; 1 where all are zero."""
-        found = self._largest()
+        """Largest absolute entry of each column of the regressor ``(T, p)``; 1 where all are 0."""
+        found = np.max(self._candidates.largest[self._choices], axis=1, initial=0.0)
+        found = np.maximum(found, self._candidates.largest_known)
         return np.where(found > 0.0, found, 1.0)

@@ -177,9 +177,7 @@ def _checked_keep(keep: Sequence[int], N: int) -> IntArray:
     return rows
 
 
-def _check_options(
-    method: str, starts: int, tolerance: float, threshold: float | None
-) -> None:
+def _check_options(method: str, starts: int, tolerance: float, threshold: float | None) -> None:
     if method not in METHODS:
         raise InputError(
             f"there is no method {method[:40]!r}",

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from itertools import combinations
 from math import comb
 
 import numpy as np
 
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Objective
-from posedesign.selection.information import Informations
 
 ENUMERATED = 5_000
 """Choices up to which all are tried: that takes less time than a search."""
 
 AT_ONCE = 5_000
 """Neighbours of all starts together that are judged in one step of the search."""
+
+USUAL = 24
+"""Parameters up to which that is so; with more each takes longer, with their cube."""
 
 FEWEST_STARTS, MOST_STARTS = 12, 64
 """Starts of the search; of 20 candidates, 8 of which are chosen, each finds the best choice by a
@@ -44,7 +45,7 @@ def best_of_all(objective: Objective, count: int, kept: IntArray) -> IntArray | 
     free = np.setdiff1d(np.arange(candidates.N), kept)
     drawn = np.array(list(combinations(free.tolist(), count - len(kept))), dtype=np.intp)
     choices = np.sort(np.column_stack([np.tile(kept, (len(drawn), 1)), drawn]), axis=1)
-    costs = objective.of_informations(_Choices(candidates, choices).informations)
+    costs = objective.of_choices(choices)
     unclear = ~np.isfinite(costs)
     if count * candidates.m < candidates.p and not candidates.known.any():
         return np.asarray(choices[0])  # too few rows, whatever is chosen
@@ -57,6 +58,7 @@ def best_of_all(objective: Objective, count: int, kept: IntArray) -> IntArray | 
 def starts_for(candidates: Candidates, count: int, kept: IntArray) -> int:
     """How many starts :func:`many_starts` is worth; 0 in pools that are too large."""
     neighbours = (count - len(kept)) * (candidates.N - count)
+    neighbours *= max(1, round((candidates.p / USUAL) ** 3))
     number = min(MOST_STARTS, AT_ONCE // max(neighbours, 1))
     return number if number >= FEWEST_STARTS else 0
 
@@ -110,31 +112,9 @@ def _step(
     gone = neighbours < 0
     neighbours[gone] = comes[gone]
     flat = neighbours.reshape(-1, n)
-    costs = objective.of_informations(_Choices(candidates, flat).informations).reshape(T, -1)
-    own = objective.of_informations(_Choices(candidates, states).informations)
+    costs = objective.of_choices(flat).reshape(T, -1)
+    own = objective.of_choices(states)
     best = np.argmin(costs, axis=1)
     better = costs[np.arange(T), best] < (1.0 - NO_GAIN) * own
     following = flat.reshape(T, -1, n)[np.arange(T), best]
     return following[better], list(states[~better])
-
-
-class _Choices:
-    """Choices ``(T, n)`` out of a small pool."""
-
-    def __init__(self, candidates: Candidates, choices: IntArray) -> None:
-        self._candidates, self._choices = candidates, choices
-
-    @cached_property
-    def informations(self) -> Informations:
-        """Of each of them."""
-        pool, T = self._candidates, len(self._choices)
-        member = np.zeros((T, pool.N))
-        member[np.arange(T)[:, None], self._choices] = 1.0
-        each = (np.swapaxes(pool.J, 1, 2) @ pool.J).reshape(pool.N, -1)
-        M = (member @ each).reshape(T, pool.p, pool.p) + pool.known
-
-        def largest() -> FloatArray:
-            found = np.max(pool.largest[self._choices], axis=1)
-            return np.asarray(np.maximum(found, pool.largest_known))
-
-        return Informations(M, largest)

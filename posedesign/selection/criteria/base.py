@@ -19,7 +19,6 @@ import numpy as np
 
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import RANK_TOLERANCE, Candidates
-from posedesign.selection.information import Informations
 from posedesign.selection.ledger import Ledger
 
 if TYPE_CHECKING:
@@ -109,8 +108,11 @@ class Objective(ABC):
         """
 
     @abstractmethod
-    def of_informations(self, informations: Informations) -> FloatArray:
-        """Of choices ``(T,)`` whose information matrices are given."""
+    def of_choices(self, choices: IntArray) -> FloatArray:
+        """Cost ``(T,)`` of choices ``(T, n)`` of a small pool, all at once.
+
+        To fewer digits than :meth:`cost`; infinite where few digits would be left.
+        """
 
     @abstractmethod
     def relax(self, count: int, tolerance: float) -> Relaxation:

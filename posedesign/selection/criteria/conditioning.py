@@ -194,8 +194,9 @@ class ConditioningObjective(Objective):
         size = np.where(size > 0.0, size, np.nan)
         return _c_g(M, C, size)
 
-    def of_informations(self, informations: Informations) -> FloatArray:
-        """See :meth:`Objective.of_informations`."""
+    def of_choices(self, choices: IntArray) -> FloatArray:
+        """See :meth:`Objective.of_choices`."""
+        informations = Informations(self.candidates, choices)
         if self._kind != "C_G":
             return self._of_spectrum(informations.M)
         C, seen = informations.covariance

@@ -137,8 +137,9 @@ class DeviationObjective(Objective):
         found = self._mean(self.squares(ledger.C)[:, None] - sign * change)
         return np.asarray(np.where(np.isfinite(found), found, np.inf))
 
-    def of_informations(self, informations: Informations) -> FloatArray:
-        """See :meth:`Objective.of_informations`."""
+    def of_choices(self, choices: IntArray) -> FloatArray:
+        """See :meth:`Objective.of_choices`."""
+        informations = Informations(self.candidates, choices)
         C, seen = informations.covariance
         K, r, p = self.L.shape
         rows = self.L.reshape(-1, p)

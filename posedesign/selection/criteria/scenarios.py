@@ -112,6 +112,15 @@ class ScenariosObjective(Objective):
         pairs = zip(self._each, ledger.each, strict=True)
         return self._over([objective.costs(own, part, sign) for objective, own in pairs])
 
+    def of_choices(self, choices: IntArray) -> FloatArray:
+        """See :meth:`Objective.of_choices`."""
+        return self._over([objective.of_choices(choices) for objective in self._each])
+
+    @property
+    def rugged(self) -> bool:
+        """See :attr:`Objective.rugged`."""
+        return self._worst or any(objective.rugged for objective in self._each)
+
     def relax(self, count: int, tolerance: float) -> Relaxation:
         """See :meth:`Objective.relax`."""
         found = [objective.relax(count, tolerance) for objective in self._each]

@@ -122,8 +122,9 @@ class SpectrumObjective(Objective):
         found = self._mean(np.linalg.eigvalsh(self.K.T @ ledger.C @ self.K - sign * change))
         return np.asarray(np.where(possible, found, np.inf))
 
-    def of_informations(self, informations: Informations) -> FloatArray:
-        """See :meth:`Objective.of_informations`."""
+    def of_choices(self, choices: IntArray) -> FloatArray:
+        """See :meth:`Objective.of_choices`."""
+        informations = Informations(self.candidates, choices)
         C, seen = informations.covariance
         return np.where(seen, self._mean(np.linalg.eigvalsh(self.K.T @ C @ self.K)), np.inf)
 

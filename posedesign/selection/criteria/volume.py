@@ -59,6 +59,8 @@ class RootVolume(Volume):
         Poses to be chosen.
     """
 
+    falls_with_poses = False
+
     def __init__(self, count: int) -> None:
         super().__init__(None, "O1", "geometric mean of the singular values over sqrt(poses)")
         self._count = count
@@ -111,8 +113,9 @@ class VolumeObjective(Objective):
             gain = _log_det(sign * rest)
         return np.asarray(self._of(ledger.C) * np.exp((gain - lost) / self.K.shape[1]))
 
-    def of_informations(self, informations: Informations) -> FloatArray:
-        """See :meth:`Objective.of_informations`."""
+    def of_choices(self, choices: IntArray) -> FloatArray:
+        """See :meth:`Objective.of_choices`."""
+        informations = Informations(self.candidates, choices)
         C, seen = informations.covariance
         log_det = np.linalg.slogdet(self.K.T @ C @ self.K)[1]
         return np.where(seen, np.exp(log_det / self.K.shape[1]), np.inf)

@@ -32,7 +32,7 @@ ROUNDING = 1e-9
 """Part by which a bound is weakened, so that rounding never claims more than there is."""
 
 _MOST_STEPS = 100
-"""Steps to the smallest ratio; each at least halves the distance, a handful is seen."""
+"""Steps to the smallest ratio; a handful is seen. Where they do not do, nothing is claimed."""
 
 
 class Certificate(ABC):
@@ -66,16 +66,13 @@ class MeanCertificate(Certificate):
 
     def bound(self, candidates: Candidates, count: int) -> float:
         """See :meth:`Certificate.bound`."""
-        Z = _positive(self.Z)
-        most = float(np.sum(Z * candidates.known))
-        most += sum_of_largest(candidates.scores(Z), count)
-        strength = self._strength(Z)
-        return (1.0 - ROUNDING) * strength / most if most > 0.0 else 0.0
+        root = _root(self.Z)
+        scores, known, error = _seen(candidates, root, count)
+        most = known + sum_of_largest(scores, count)
+        return (1.0 - error / most) * self._strength(root) / most if most > error else 0.0
 
-    def _strength(self, Z: FloatArray) -> float:
+    def _strength(self, root: FloatArray) -> float:
         # singular values of a root, not eigenvalues: what is zero stays zero under the root below
-        values, vectors = np.linalg.eigh(Z)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
         k = self.K.shape[1]
         found = np.linalg.svd(root.T @ self.K, compute_uv=False)
         roots = np.pad(found, (0, k - len(found)))
@@ -107,30 +104,36 @@ class ConditionCertificate(Certificate):
 
     def bound(self, candidates: Candidates, count: int) -> float:
         """See :meth:`Certificate.bound`."""
-        Y, Z = _positive(self.Y), _positive(self.Z)
+        Y, Z = _root(self.Y), _root(self.Z)
         ratio = self._of_choice(candidates, count, Y, Z) * self._of_scales(Y, Z)
-        return max(1.0, (1.0 - ROUNDING) * ratio)
+        return max(1.0, ratio)
 
     def _of_choice(self, candidates: Candidates, count: int, Y: FloatArray, Z: FloatArray) -> float:
-        """Smallest ``trace(Z M) / trace(Y M)`` over all choices."""
-        y, z = candidates.scores(Y), candidates.scores(Z)
-        y_known, z_known = float(np.sum(Y * candidates.known)), float(np.sum(Z * candidates.known))
-        ratio = 0.0
-        for _ in range(_MOST_STEPS):  # Dinkelbach 1967: from below, and never past it
-            rows = np.argsort(z - ratio * y)[:count]
-            below = z_known + z[rows].sum()
-            above = y_known + y[rows].sum()
-            following = below / above if above > 0.0 else np.inf
-            if abs(following - ratio) <= np.finfo(float).eps * abs(following):
-                break
-            if ratio > 0.0 and following >= ratio:
-                break
-            ratio = following
-        return float(ratio)
+        """Smallest ``trace(Z M) / trace(Y M)`` over all choices, of roots of Y and Z."""
+        y, y_known, y_error = _seen(candidates, Y, count)
+        z, z_known, z_error = _seen(candidates, Z, count)
+        most = y_known + float(y.sum())
+        if not most > 0.0:
+            return 0.0
+        ratio = (z_known + float(z.sum())) / most
+        before = None
+        for _ in range(_MOST_STEPS):  # Dinkelbach 1967
+            rows = np.sort(np.argsort(z - ratio * y, kind="stable")[:count])
+            below, above = z_known + z[rows].sum(), y_known + y[rows].sum()
+            if above <= y_error or below <= z_error:
+                return 0.0
+            if before is not None and np.array_equal(rows, before):
+                # the same choice again: no other has a smaller ratio
+                error = z_error / below + y_error / above
+                return float(max(0.0, 1.0 - error) * below / above)
+            before, ratio = rows, below / above
+        return 0.0
 
     def _of_scales(self, Y: FloatArray, Z: FloatArray) -> float:
         """Smallest ``sum(Y_jj E_j) / sum(Z_jj E_j)`` over the range of the scales."""
-        y, z = np.diag(Y), np.diag(Z)
+        y, z = np.square(Y).sum(axis=1), np.square(Z).sum(axis=1)
+        if not z.any():
+            return 0.0
         with np.errstate(divide="ignore", invalid="ignore"):
             own = np.where(z > 0.0, y / z, np.inf)
         if np.isinf(self.highest).any():
@@ -146,7 +149,26 @@ class ConditionCertificate(Certificate):
         return best
 
 
-def _positive(Z: FloatArray) -> FloatArray:
-    """The nearest positive semidefinite matrix: what a solver leaves below zero is cut off."""
+def _root(Z: FloatArray) -> FloatArray:
+    """A root ``(p, r)`` of the nearest positive semidefinite matrix.
+
+    What a solver leaves below zero is cut off, and what is rounding of zero. The proof is that of
+    the product of the root with itself, whatever was cut.
+    """
     values, vectors = np.linalg.eigh((Z + Z.T) / 2.0)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+    kept = values > np.finfo(float).eps * max(values[-1], 0.0)
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def _seen(candidates: Candidates, root: FloatArray, count: int) -> tuple[FloatArray, float, float]:
+    """``trace(Z Jᵀ J)`` of each candidate ``(N,)`` and of the known, Z by its root.
+
+    With how far a sum of ``count`` of them may be off by rounding: products of long vectors that are
+    nearly orthogonal have few digits.
+    """
+    scores, known = candidates.scores_of_root(root), candidates.known_by_root(root)
+    size = float(np.trace(candidates.known)) + sum_of_largest(candidates.lengths, count)
+    most = known + sum_of_largest(scores, count)
+    rounding = 4.0 * candidates.p * np.finfo(float).eps
+    length = float(np.square(root).sum()) * size
+    return scores, known, ROUNDING * most + rounding * float(np.sqrt(length * most))

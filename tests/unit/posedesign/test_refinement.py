@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -29,7 +32,7 @@ def cost_of(model, goal, pool):
     return goal.cost_of_blocks(goal.blocks(pool.linearise(model)))
 
 
-def best_of(cell, model, goal, pool, count=8):
+def best_of(model, goal, pool, count=8):
     found = select(goal.blocks(pool.linearise(model)), count, goal.criterion, starts=1, bound=False)
     return pool.take(found.indices)
 
@@ -51,9 +54,7 @@ def turned(cell, pool, k, turn):
     q[k] = found.postures[np.argmin(distance)]
     orientations = pool.orientations.copy()
     orientations[k] = R
-    return type(pool)(
-        q, orientations, pool.target, pool.targets_m, pool.target_names, pool.tried, ""
-    )
+    return replace(pool, postures=q, orientations=orientations)
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +63,24 @@ def reference(make_cell):
     return cell, cone_pool(cell, TILT, 150, np.random.default_rng(3))
 
 
-@pytest.mark.parametrize("criterion", CRITERIA)
-def test_refined_poses_are_better_and_keep_every_constraint(reference, criterion):
+@pytest.fixture(scope="module")
+def refined(reference):
+    """Model, goal, poses chosen and poses refined, by the criterion."""
     cell, pool = reference
-    model, goal = goal_in(cell, criterion)
-    chosen = best_of(cell, model, goal, pool)
-    found = refine(cell, model, goal, chosen)
+
+    @cache
+    def made(criterion):
+        model, goal = goal_in(cell, criterion)
+        chosen = best_of(model, goal, pool)
+        return model, goal, chosen, refine(cell, model, goal, chosen)
+
+    return made
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_refined_poses_are_better_and_keep_every_constraint(reference, refined, criterion):
+    cell, _ = reference
+    model, goal, chosen, found = refined(criterion)
     assert cost_of(model, goal, found) < 0.98 * cost_of(model, goal, chosen)
     assert cell.checker.check(found.postures).feasible.all()
     off = cell.robot.state(found.postures).point(cell.tool_m) - cell.target_m
@@ -79,17 +92,16 @@ def test_refined_poses_are_better_and_keep_every_constraint(reference, criterion
 def test_collisions_and_view_are_kept_too(demo_cell):
     pool = cone_pool(demo_cell, TILT, 150, np.random.default_rng(3))
     model, goal = goal_in(demo_cell, "tcp")
-    chosen = best_of(demo_cell, model, goal, pool)
+    chosen = best_of(model, goal, pool)
     found = refine(demo_cell, model, goal, chosen)
     assert cost_of(model, goal, found) < 0.98 * cost_of(model, goal, chosen)
     assert demo_cell.checker.check(found.postures).feasible.all()
 
 
 @pytest.mark.parametrize("criterion", SMOOTH)
-def test_slopes_are_those_of_the_whole_cost(reference, criterion):
-    cell, pool = reference
-    model, goal = goal_in(cell, criterion)
-    chosen = best_of(cell, model, goal, pool)
+def test_slopes_are_those_of_the_whole_cost(reference, refined, criterion):
+    cell, _ = reference
+    model, goal, chosen, _ = refined(criterion)
     inside = chosen.take(np.flatnonzero(tilts(cell, chosen.postures) < TILT))
     slopes = _Refinement(cell, model, goal, inside, 0)._slopes()
     step, compared = 1e-3, 0
@@ -106,11 +118,9 @@ def test_slopes_are_those_of_the_whole_cost(reference, criterion):
 
 
 @pytest.mark.parametrize("criterion", ["tcp", "D", "C_G"])
-def test_no_small_turn_helps_any_more(reference, criterion):
-    cell, pool = reference
-    model, goal = goal_in(cell, criterion)
-    chosen = best_of(cell, model, goal, pool)
-    found = refine(cell, model, goal, chosen)
+def test_no_small_turn_helps_any_more(reference, refined, criterion):
+    cell, _ = reference
+    model, goal, chosen, found = refined(criterion)
     before, after = cost_of(model, goal, chosen), cost_of(model, goal, found)
     widest = tilts(cell, chosen.postures).max() + 1e-9
     rng = np.random.default_rng(8)
@@ -127,10 +137,9 @@ def test_no_small_turn_helps_any_more(reference, criterion):
     assert max(gains) < 0.05 * (1.0 - after / before)
 
 
-def test_poses_that_are_fixed_stay(reference):
-    cell, pool = reference
-    model, goal = goal_in(cell, "tcp")
-    chosen = best_of(cell, model, goal, pool)
+def test_poses_that_are_fixed_stay(reference, refined):
+    cell, _ = reference
+    model, goal, chosen, _ = refined("tcp")
     found = refine(cell, model, goal, chosen, fixed=3)
     np.testing.assert_array_equal(found.postures[:3], chosen.postures[:3])
     assert (np.abs(found.postures[3:] - chosen.postures[3:]).max(axis=1) > 1e-3).any()
@@ -140,7 +149,7 @@ def test_without_a_touch_the_tool_point_stays_where_each_pose_has_it(make_cell):
     cell = make_cell(measurement={"kind": "camera-pose"})
     pool = joint_pool(cell, 60, np.random.default_rng(4), np.deg2rad(40.0))
     model, goal = goal_in(cell, "tcp")
-    chosen = best_of(cell, model, goal, pool)
+    chosen = best_of(model, goal, pool)
     found = refine(cell, model, goal, chosen)
     assert cost_of(model, goal, found) < cost_of(model, goal, chosen)
     before, after = (cell.robot.state(p.postures).point(cell.tool_m) for p in (chosen, found))

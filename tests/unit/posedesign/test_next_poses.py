@@ -1,0 +1,187 @@
+"""What to touch up next: what is known counts, what each pose gains, and when to stop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from calib.errors import InputError
+from calib.identification import covariance_of, identify
+from calib.measurement import touch_ups
+from calib.measurement.simulate import simulate
+from posedesign.optimal.pool_of_cell import functions_over_box, pool_of
+from posedesign.optimal.sequential import plan_next
+
+POOL = {"candidates": 80}
+
+
+@pytest.fixture(scope="module")
+def cell(make_cell):
+    return make_cell(pool=POOL)
+
+
+def touched(cell, count, seed=2, noise=1.0):
+    """Simulated touch-ups at poses drawn from the pool."""
+    pool, rng = pool_of(cell), np.random.default_rng(seed)
+    rows = rng.choice(len(pool), count, replace=False)
+    model = cell.model()
+    if noise != 1.0:
+        kind = type(model.measurement)(noise * model.measurement.sigma)
+        model = cell.model(measurement=kind)
+    x = model.nominal.copy()
+    x[:4] += np.deg2rad([0.1, -0.08, 0.05, 0.12])
+    return simulate(model, x, pool.postures[rows], rng)
+
+
+def tcp_rms(cell, postures, x):
+    """Error of the tool point over the box of one design of all poses [m]."""
+    model = cell.model()
+    box, _ = functions_over_box(cell, model)
+    C = covariance_of(model, postures, x)
+    return float(np.sqrt(np.einsum("kri,ij,krj->", box, C, box) / len(box)))
+
+
+@pytest.fixture(scope="module")
+def six(cell):
+    data = touched(cell, 6)
+    return data, plan_next(cell, data, 4)
+
+
+def test_errors_are_those_of_one_design_of_what_was_and_will_be_measured(cell, six):
+    data, found = six
+    x = identify(cell.model(), data).values
+    for k, error in enumerate(found.tcp_m):
+        together = np.concatenate([data.postures, found.poses.kept[:k]])
+        expected = tcp_rms(cell, together, x)
+        assert error / found.noise_scale == pytest.approx(expected, rel=1e-6)
+
+
+def test_each_pose_gains_and_none_of_the_rest_would_have_gained_more(cell, six):
+    data, found = six
+    assert (np.diff(found.tcp_m) < 0.0).all()
+    assert found.worth == 4
+    assert found.message.startswith("go on: tool point known to")
+    x = identify(cell.model(), data).values
+    kept = found.poses.kept
+    for k in range(len(kept)):
+        so_far = np.concatenate([data.postures, kept[:k]])
+        errors = [tcp_rms(cell, np.vstack([so_far, q]), x) for q in kept[k:]]
+        assert np.argmin(errors) == 0
+
+
+def test_a_first_pose_is_the_best_of_the_pool(cell, six):
+    data, _ = six
+    found = plan_next(cell, data, 1)
+    x = identify(cell.model(), data).values
+    errors = [tcp_rms(cell, np.vstack([data.postures, q]), x) for q in pool_of(cell).postures]
+    assert found.tcp_m[1] / found.noise_scale == pytest.approx(min(errors), rel=1e-6)
+    assert "one more is predicted" in found.message
+
+
+def test_poses_can_be_taken_and_are_named_on_from_those_measured(cell, six):
+    data, found = six
+    assert cell.checker.check(found.poses.kept).feasible.all()
+    off = cell.robot.state(found.poses.kept).point(cell.tool_m) - cell.target_m
+    assert np.abs(off).max() < 1e-9
+    assert found.poses.names == ("P07", "P08", "P09", "P10")
+    assert sorted(found.route.order) == [0, 1, 2, 3]
+    numbered = touch_ups(data.postures)
+    odd = type(numbered)(
+        numbered.postures,
+        numbered.setup,
+        numbered.targets,
+        numbered.tools,
+        None,
+        ("P01", "P12", "left", "P03", "P04", "x7"),
+    )
+    assert plan_next(cell, odd, 1).poses.names == ("P13",)
+
+
+def test_it_is_time_to_stop_where_a_pose_gains_little(cell):
+    data = touched(cell, 30)
+    found = plan_next(cell, data, 3, least_gain=0.2)
+    gain = 1.0 - found.tcp_m[1] / found.tcp_m[0]
+    assert gain < 0.2
+    assert found.worth == 0
+    assert found.message.startswith("stop: ")
+    assert "would gain less than 20 %" in found.message
+    assert plan_next(cell, data, 3, least_gain=0.9 * gain).worth > 0
+
+
+def test_it_is_time_to_stop_where_the_accuracy_is_reached(cell, six):
+    data, found = six
+    between = float(found.tcp_m[1:3].mean())
+    aimed = plan_next(cell, data, 4, accuracy_m=between)
+    assert aimed.worth == 2  # the second brings it below
+    there = plan_next(cell, data, 4, accuracy_m=float(found.tcp_m[0]) * 1.01)
+    assert there.worth == 0
+    assert there.message.startswith("stop: ")
+    assert "mm is reached" in there.message
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_before_everything_is_identified_poses_are_chosen_for_that(cell, count):
+    data = touched(cell, count)
+    found = plan_next(cell, data, 4)
+    assert found.identified is None
+    assert f"{3 * count} equations for 10 parameters" in found.why_not
+    assert found.message.startswith(f"go on: {count} touch-up")
+    assert found.worth == 4
+    assert found.noise_scale == 1.0
+    together = np.concatenate([data.postures, found.poses.kept])
+    assert np.isfinite(covariance_of(cell.model(), together)).all()
+
+
+def test_the_same_pose_again_and_again_identifies_nothing(cell):
+    data = touched(cell, 1)
+    same = touch_ups(np.repeat(data.postures, 6, axis=0))
+    found = plan_next(cell, same, 3)
+    assert found.identified is None
+    assert "cannot identify" in found.why_not
+
+
+def test_noise_is_scaled_by_what_the_residuals_say(cell):
+    scales = []
+    for noise in (1.0, 3.0):
+        data = touched(cell, 12, seed=6, noise=noise)
+        found = plan_next(cell, data, 1)
+        x = identify(cell.model(), data).values
+        assert found.tcp_m[0] == pytest.approx(found.noise_scale * tcp_rms(cell, data.postures, x))
+        scales.append(found.noise_scale)
+    freedom = 3 * 12 - 10
+    low, high = 3.0 * np.sqrt(chi2.ppf([1e-4, 1 - 1e-4], freedom) / freedom)
+    assert scales[0] == 1.0
+    assert low < scales[1] < high
+
+
+@pytest.mark.parametrize("criterion", ["tcp-worst", "D", "A", "C_G", "cond_2", "sigma:tool.x"])
+@pytest.mark.parametrize("count", [2, 6])
+def test_other_criteria_count_what_is_known_in_their_own_rows(cell, criterion, count):
+    data = touched(cell, count)
+    found = plan_next(cell, data, 2, criterion=criterion)
+    if count == 2:
+        return
+    # better by that criterion than poses drawn from the pool
+    model, pool = cell.model(), pool_of(cell)
+    x = identify(model, data).values
+    rng = np.random.default_rng(1)
+
+    def value(more):
+        postures = np.concatenate([data.postures, more])
+        return found.goal.cost_of_blocks(found.goal.blocks(model.linearise(postures, x)))
+
+    drawn = [value(pool.postures[rng.choice(len(pool), 2, replace=False)]) for _ in range(20)]
+    assert value(found.poses.kept) <= min(drawn) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("gain", [0.0, 1.0, 2.0, -1.0, np.nan])
+def test_a_least_gain_is_a_part(cell, six, gain):
+    with pytest.raises(InputError, match="between 0 and 1"):
+        plan_next(cell, six[0], 1, least_gain=gain)
+
+
+def test_other_cells_and_data_are_refused(cell, six, make_cell):
+    camera = make_cell(measurement={"kind": "camera-pose"})
+    with pytest.raises(InputError, match="camera calibrated"):
+        plan_next(camera, six[0], 1)

@@ -1,0 +1,238 @@
+"""Plans out of a pool: what they promise, what is proven of them, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.identification import covariance_of, identify_batch
+from calib.measurement.simulate import simulate
+from calib.prediction import predict_accuracy
+from posedesign.checks import off_target
+from posedesign.optimal import Wish, plan_optimal
+from posedesign.optimal.accuracy import accuracy_of
+from posedesign.optimal.goal import goal_of
+from posedesign.optimal.pool_of_cell import (
+    box_of_cell,
+    functions_over_box,
+    pool_of,
+    without_alike,
+)
+from posedesign.route import Router
+from posedesign.selection.candidates import Candidates
+from posedesign.selection.exchange import exchange
+from posedesign.task_box import predict_box, reached_points
+
+POOL = {"candidates": 80}
+FIVE_SIGMA = 5.0
+
+
+@pytest.fixture(scope="module")
+def cell(make_cell):
+    return make_cell(pool=POOL)
+
+
+@pytest.fixture(scope="module")
+def planned(cell):
+    return plan_optimal(cell, Wish(count=9, refine=True, validation=4))
+
+
+@pytest.fixture(scope="module")
+def fewest(cell):
+    return plan_optimal(cell, Wish(count=None, accuracy_m=1.5e-4))
+
+
+def box_rms(cell, model, postures):
+    """Root mean square errors over the box [m], by the prediction of identified robots."""
+    found = predict_box(cell, model, covariance_of(model, postures), box_of_cell(cell)[0])
+    return found.rms_m[found.reached]
+
+
+def mean_rms(values):
+    return float(np.sqrt((values**2).mean()))
+
+
+@pytest.mark.parametrize("criterion", ["tcp", "tcp-worst", "D", "sigma:tool.z"])
+def test_what_poses_promise_is_what_prediction_says_of_them(cell, criterion):
+    model, pool = cell.model(), pool_of(cell)
+    box, _ = functions_over_box(cell, model)
+    chosen = pool.take(np.arange(0, len(pool), 11))
+    found = accuracy_of(model, goal_of(Wish(criterion=criterion), model, box), box, chosen)
+    C = covariance_of(model, chosen.postures)
+    np.testing.assert_allclose(found.sigma, np.sqrt(np.diag(C)), rtol=1e-6)
+    points = reached_points(cell, box_of_cell(cell)[0])
+    spread = np.trace(predict_accuracy(model, C, points.q[points.feasible]), axis1=1, axis2=2)
+    assert found.tcp_m == pytest.approx(np.sqrt(spread.mean()), rel=1e-6)
+    assert found.tcp_worst_m == pytest.approx(np.sqrt(spread.max()), rel=1e-6)
+    sigma_z = 1e3 * np.sqrt(C[model.names.index("tool.z")] @ np.eye(model.p)[6])
+    # D: of columns per mrad and mm, over the parameters of the robot alone
+    robot = C[:4, :4]
+    expected = {
+        "tcp": 1e3 * found.tcp_m,
+        "tcp-worst": 1e3 * found.tcp_worst_m,
+        "D": np.linalg.det(1e6 * robot) ** -0.25,
+        "sigma:tool.z": sigma_z,
+    }
+    assert found.value == pytest.approx(expected[criterion], rel=1e-6)
+
+
+def test_too_few_poses_promise_nothing(cell):
+    model, pool = cell.model(), pool_of(cell)
+    box, _ = functions_over_box(cell, model)
+    found = accuracy_of(model, goal_of(Wish(), model, box), box, pool.take([0, 1, 2]))
+    assert np.isinf([*found.sigma, found.tcp_m, found.tcp_worst_m, found.value]).all()
+
+
+def test_the_error_predicted_is_that_of_simulated_calibrations(cell, planned):
+    model, trials = planned.model, 1000
+    rng = np.random.default_rng(4)
+    data = simulate(model, model.nominal, planned.postures, rng, trials=trials)
+    error = identify_batch(model, data) - model.nominal
+    points = reached_points(cell, box_of_cell(cell)[0])
+    q = points.q[points.feasible]
+    true = cell.robot.state(q).point(cell.tool_m)
+    squares = []
+    for x in error:  # where the arm goes that is corrected by what each trial found
+        offsets = np.zeros(6)
+        offsets[1:5] = x[:4]
+        moved = cell.robot.state(q + offsets).point(cell.tool_m + x[4:7])
+        squares.append(((moved - true) ** 2).sum(axis=1).mean())
+    ratio = np.sqrt(np.mean(squares)) / planned.accuracy.tcp_m
+    # one parameter may carry all of it: then the squares are of as many normal variates as trials
+    assert ratio == pytest.approx(1.0, abs=FIVE_SIGMA / np.sqrt(2 * trials))
+
+
+def test_refinement_is_better_than_the_pool_and_the_proof_is_of_the_pool(cell, planned):
+    assert planned.is_refined
+    assert planned.accuracy.tcp_m < planned.of_pool.tcp_m
+    assert planned.selection.bound <= planned.selection.value
+    at = planned.postures
+    assert cell.checker.check(at).feasible.all()
+    assert off_target(cell, planned.poses.names, at, 1e-9) == []
+    found = box_rms(cell, planned.model, at)
+    assert planned.accuracy.tcp_m == pytest.approx(mean_rms(found), rel=1e-6)
+    for other in planned.others:
+        assert abs(other.poses - 9) == 1
+        assert (other.tcp_m > planned.of_pool.tcp_m) == (other.poses < 9)
+
+
+def test_validation_poses_are_others_that_can_be_taken(cell, planned):
+    q = planned.validation.kept
+    assert len(q) == 4
+    assert planned.validation.names == ("V01", "V02", "V03", "V04")
+    apart = np.abs(q[:, None] - planned.postures).max(axis=2)
+    assert apart.min() > 1e-3
+    assert cell.checker.check(q).feasible.all()
+    assert off_target(cell, planned.validation.names, q, 1e-9) == []
+    assert sorted(planned.validation_route.order) == [0, 1, 2, 3]
+
+
+def test_validation_poses_would_tell_more_than_any(cell, planned):
+    """Than poses drawn from the pool, of how good the plan is over the box."""
+    model, pool = planned.model, pool_of(cell)
+
+    def told(q):
+        return mean_rms(box_rms(cell, model, q))
+
+    rng = np.random.default_rng(1)
+    drawn = [told(pool.postures[rng.choice(len(pool), 4, replace=False)]) for _ in range(20)]
+    assert told(planned.validation.kept) < np.median(drawn)
+
+
+def test_auto_takes_the_fewest_and_proves_it(cell, fewest):
+    assert fewest.reached
+    count = fewest.selection.count
+    assert box_rms(cell, fewest.model, fewest.postures).max() <= 1.5e-4 * (1 + 1e-6)
+    # no exchange from anywhere finds one fewer
+    pool, goal = pool_of(cell), fewest.goal
+    blocks = Candidates(goal.blocks(pool.linearise(fewest.model)))
+    objective = goal.criterion.on(blocks)
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        start = np.sort(rng.choice(blocks.N, count - 1, replace=False))
+        rows = exchange(objective, start, np.empty(0, dtype=np.intp))
+        assert goal.criterion.shown(objective.cost(rows)) > 0.15
+    assert f"{count} poses reach tcp-worst" in fewest.message
+    assert "0.15 mm is wanted" in fewest.message
+    assert "proven: fewer" in fewest.message
+    assert fewest.fewest.at_least <= count
+
+
+def test_what_is_out_of_reach_says_how_often_all_would_have_to_be_measured(cell):
+    found = plan_optimal(cell, Wish(count=None, accuracy_m=1e-6))
+    assert not found.reached
+    assert found.route is None
+    every = pool_of(cell)
+    best = box_rms(cell, found.model, every.postures).max()
+    times = int(np.ceil((best / 1e-6) ** 2))
+    assert f"all {len(every)} poses of the pool give tcp-worst {1e3 * best:.4g} mm" in found.message
+    assert f"each would have to be measured {times} times" in found.message
+
+
+def test_the_parameter_that_decides_is_named(cell):
+    found = plan_optimal(cell, Wish(count=12, sigma_m=1.5e-4))
+    sigma = np.sqrt(np.diag(covariance_of(found.model, found.postures)))
+    lengths = [k for k, unit in enumerate(found.model.units) if unit == "m"]
+    worst = max(lengths, key=lambda k: sigma[k])
+    assert found.decides == found.model.names[worst]
+    assert f"{sigma[worst] / 1.5e-4:.4g} times the deviation wanted" in found.message
+    assert f"({found.decides} decides)" in found.message
+
+
+@pytest.mark.parametrize(
+    ("wish", "words"),
+    [
+        (Wish(count=27, criterion="C_G", threshold=850.0), "no set of 27 poses .* below 850"),
+        (Wish(count=27, threshold=0.01), "no set of 27 poses .* below 0.01: tcp"),
+        (Wish(count=9, criterion="D", threshold=1e9), r"no set of 9 poses .* above 1e\+09"),
+        (Wish(count=12, sigma_m=1e-5), "no 12 poses .* deviations wanted: .* times them"),
+        (Wish(count=3), "3 poses give 9 equations for 10 parameters .*4 poses or more"),
+        (Wish(count=1, criterion="C_G"), "1 poses give 3 equations"),
+        (Wish(count=9, validation=900), "9 poses and 900 for validation"),
+        (Wish(count=900), "900 poses of"),
+        (Wish(method="guess"), "no method 'guess'"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_what_this_pool_cannot_give_is_refused(cell, monkeypatch, wish, words):
+    monkeypatch.setattr(Router, "route", None)  # before any way is looked for
+    with pytest.raises(InputError) as refused:
+        plan_optimal(cell, wish)
+    assert "\n" not in str(refused.value)
+    refused.match(words)
+
+
+def test_touch_ups_are_not_chosen_where_nothing_is_touched(make_cell):
+    with pytest.raises(InputError, match="do not touch the target"):
+        plan_optimal(make_cell(pool=POOL | {"kind": "joints"}), Wish())
+
+
+def test_what_no_way_leads_to_is_left_out(cell, monkeypatch):
+    route, cut = Router.route, []
+
+    def losing(self, postures):
+        lost = np.flatnonzero(postures[:, 3] > 0.5).tolist()
+        cut.append(len(lost))
+        return replace(route(self, postures), lost=dict.fromkeys(lost, "a wall"))
+
+    monkeypatch.setattr(Router, "route", losing)
+    found = plan_optimal(cell, Wish(count=9))
+    assert (found.postures[:, 3] <= 0.5).all()
+    assert cut[0] > 0
+    assert cut[-1] == 0
+    assert found.pool_size == len(pool_of(cell)) - sum(cut)
+
+
+def test_postures_like_those_go_with_them_in_the_end(make_cell):
+    pool = pool_of(make_cell(pool={"candidates": 1000}))
+    lost = np.array([5, 700])
+    assert len(without_alike(pool, lost, 0)) == len(pool) - 2
+    q = pool.postures
+    alike = [any(max(abs(q[i] - q[k])) <= 0.2 for k in lost) for i in range(len(pool))]
+    left = without_alike(pool, lost, 9, kept=6)
+    assert sum(alike) > 10
+    assert len(left) == len(pool) - sum(alike) + sum(alike[:6])
+    np.testing.assert_array_equal(left.postures[:6], q[:6])

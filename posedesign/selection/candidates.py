@@ -114,12 +114,12 @@ class Candidates:
     @property
     def m(self) -> int:
         """Rows of each."""
-        return self.J.shape[1]
+        return int(self.J.shape[1])
 
     @property
     def p(self) -> int:
         """Number of parameters."""
-        return self.J.shape[2]
+        return int(self.J.shape[2])
 
     def take(self, rows: IntArray) -> Candidates:
         """Some of the candidates, in the same scaling."""

@@ -18,8 +18,8 @@ from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion
 from posedesign.selection.criteria.registry import criterion_by_name
 from posedesign.selection.select import STARTS, select
-from posedesign.selection.small import ENUMERATED
 from posedesign.selection.selection import Fewest, Selection
+from posedesign.selection.small import ENUMERATED
 
 ROUGH = 0.02
 """Part to which bounds are sharpened while the number of poses is looked for."""

@@ -10,6 +10,8 @@ after every change all candidates can be judged without a matrix of parameters b
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -17,7 +19,7 @@ from posedesign.selection.candidates import Candidates
 
 FAINT = 1e-6
 """Part of the pool's mean information, for each pose chosen, that is there before the first: what
-is not yet determined is then known a thousand times worse than by the pool, not infinitely badly."""
+is not yet determined is known a thousand times worse than by the pool, not infinitely badly."""
 
 _AT_ONCE = 16
 """Entries of a diagonal that are multiplied: each is at most what a pose adds to what is faint."""
@@ -58,12 +60,12 @@ class Ledger:
         return np.flatnonzero(self.chosen)
 
     @property
-    def state(self) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    def state(self) -> tuple[object, ...]:
         """All that changes, to go back to."""
         return self.M, self.C, self.S.copy(), self.chosen.copy()
 
     @state.setter
-    def state(self, before: tuple[FloatArray, FloatArray, FloatArray, BoolArray]) -> None:
+    def state(self, before: tuple[Any, ...]) -> None:
         self.M, self.C, self.S, self.chosen = before
 
     def refresh(self) -> None:
@@ -122,14 +124,14 @@ class Ledger:
         CU = self.C if right is None else self.C @ right
         root = CU.T @ self.candidates.by_row[:, :, part]
         _solve_root(self.root_of_change(part, sign), root)
-        possible = np.isfinite(root).all(axis=(0, 1))
+        possible = np.asarray(np.isfinite(root).all(axis=(0, 1)))
         if not possible.all():
             root[:, :, ~possible] = np.nan
         return root, possible
 
     def root_of_change(self, part: slice | IntArray, sign: float) -> FloatArray:
-        """Triangular roots ``(m, m, n)`` of ``1 ± J C Jᵀ``, by columns; zero where there is none."""
-        A = sign * self.S[:, :, part]
+        """Triangular roots ``(m, m, n)`` of ``1 ± J C Jᵀ``; zero where there is none."""
+        A = np.asarray(sign * self.S[:, :, part])
         m = len(A)
         A[np.arange(m), np.arange(m)] += 1.0
         for a in range(m):

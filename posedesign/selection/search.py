@@ -23,7 +23,7 @@ METHODS = {
 
 GOOD_ENOUGH, SMALL = 0.98, 1000
 """Efficiency from which no further start is made, in pools of more than so many candidates: what
-it could still gain is less than a pose in fifty. Smaller pools cost little, and are done in full."""
+it could still gain is less than a pose in fifty. Smaller pools take little time."""
 
 PATIENCE, WORTH_IT = 2, 2e-3
 """In pools of more candidates no further start is made after so many in a row that brought less
@@ -37,6 +37,10 @@ SHORTLIST = 20_000
 
 BEFORE_MANY = 2
 """Starts that are made one after the other in pools so small that many are made at once."""
+
+
+UNSEEN = 1e-9
+"""Part of the pool's mean information that is added to that of the weights, lest it is singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +151,8 @@ class Search:
         weights: FloatArray = np.ones(N) if relaxed is None else relaxed.weights
         M = pool.weighted(weights * (self._count / float(weights.sum())))
         # what the weights leave unseen must not stop here
-        scores = pool.scores(np.linalg.inv(M + 1e-9 * self._count / N * pool.whole))
+        C = np.linalg.inv(M + UNSEEN * self._count / N * pool.whole)
+        scores = pool.scores(np.asarray(C))
         if relaxed is not None:
             scores[weights > OPTIMAL] = np.inf
         scores[self._kept] = np.inf

@@ -78,7 +78,7 @@ class Objective(ABC):
 
     @property
     def rugged(self) -> bool:
-        """Whether the cost has edges, so that exchanges end in many places that are not the best."""
+        """Whether the cost has edges: exchanges then end in many places that are not best."""
         return False
 
     @property

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.se3 import FloatArray, IntArray
 from posedesign.indices import condition_2, condition_inf, o2, o4
@@ -117,7 +118,7 @@ class ConditioningObjective(Objective):
         values = np.linalg.eigvalsh(M / scale[:, :, None] / scale[:, None, :])
         return self._ratio(values[:, 0], values[:, -1])
 
-    def _ratio(self, least: FloatArray, most: FloatArray) -> FloatArray:
+    def _ratio(self, least: NDArray[np.floating], most: NDArray[np.floating]) -> FloatArray:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.sqrt(most) / (least if self._kind == "O4" else np.sqrt(least))
         return np.asarray(np.where(least > 0.0, ratio, np.inf))

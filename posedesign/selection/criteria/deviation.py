@@ -25,7 +25,7 @@ from posedesign.selection.relaxation.relaxation import Relaxation, Smooth
 
 SHARPNESS = (2.0, 8.0, 32.0)
 """Powers of the variances whose mean stands in for the largest, one exchange after the other: the
-larger, the nearer to the largest, and the less does it say of how to lower the others on the way."""
+larger, the nearer to the largest, and the less does it say of how to lower the others."""
 
 SHARPEST = 512.0
 """The same in the relaxation: the mean of up to a hundred is then within 1 % of the largest."""
@@ -96,7 +96,7 @@ class DeviationObjective(Objective):
     @property
     def width(self) -> int:
         """See :attr:`Objective.width`."""
-        return self.candidates.m * 3 * len(self.L) * self.L.shape[1]
+        return self.candidates.m * 3 * len(self.L) * int(self.L.shape[1])
 
     @property
     def rugged(self) -> bool:
@@ -149,7 +149,7 @@ class DeviationObjective(Objective):
     def smooth(self, candidates: Candidates, weights: FloatArray) -> Smooth:
         """Logarithm of the cost of weights ``(n,)`` on candidates, with its derivatives."""
         K, r, p = self.L.shape
-        C = np.linalg.inv(candidates.weighted(weights))
+        C = np.asarray(np.linalg.inv(candidates.weighted(weights)))
         v = self.squares(C)
         s = 1.0 if K == 1 else min(self._power, SHARPEST)
         share = (v / v.max()) ** s
@@ -173,7 +173,8 @@ class DeviationObjective(Objective):
 
         The largest of the functions is never below any mean of them.
         """
-        share = smooth.weights_of_functions / smooth.weights_of_functions.sum()
+        parts = smooth.weights_of_functions
+        share = np.ones(len(self.L)) if parts is None else parts / parts.sum()
         weighted = (self.L * np.sqrt(share)[:, None, None]).reshape(-1, self.candidates.p)
         return MeanCertificate(smooth.Z, weighted.T, 1.0, total=True)
 

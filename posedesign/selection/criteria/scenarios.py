@@ -8,6 +8,7 @@ scenario is one for their mean, and the largest of them for the largest.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -143,13 +144,13 @@ class _Ledgers(Ledger):
         return self.each[0].chosen
 
     @property
-    def state(self) -> tuple[object, ...]:  # type: ignore[override]
+    def state(self) -> tuple[object, ...]:
         return tuple(ledger.state for ledger in self.each)
 
     @state.setter
-    def state(self, before: tuple[object, ...]) -> None:
+    def state(self, before: tuple[Any, ...]) -> None:
         for ledger, own in zip(self.each, before, strict=True):
-            ledger.state = own  # type: ignore[assignment]
+            ledger.state = own
 
     def refresh(self) -> None:
         for ledger in self.each:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
@@ -87,7 +88,7 @@ class SpectrumObjective(Objective):
     @property
     def width(self) -> int:
         """See :attr:`Objective.width`."""
-        k = self.K.shape[1]
+        k = int(self.K.shape[1])
         return k * (2 * k + 2 * self.candidates.m)
 
     @property
@@ -101,7 +102,7 @@ class SpectrumObjective(Objective):
         orders = (*SHARPNESS, np.inf) if np.isinf(self._order) else (self._order,)
         return [SpectrumObjective(self.candidates, self.K, order) for order in orders]
 
-    def _mean(self, variances: FloatArray) -> FloatArray:
+    def _mean(self, variances: NDArray[np.floating]) -> FloatArray:
         """Of variances ``(..., k)``."""
         values = np.maximum(variances, 0.0)
         if np.isinf(self._order):

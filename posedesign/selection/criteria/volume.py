@@ -92,7 +92,7 @@ class VolumeObjective(Objective):
     @property
     def width(self) -> int:
         """See :attr:`Objective.width`."""
-        return self.candidates.m * (self.candidates.m + 2 * self.K.shape[1] * (not self._all))
+        return self.candidates.m * (self.candidates.m + 2 * int(self.K.shape[1]) * (not self._all))
 
     def cost(self, rows: IntArray) -> float:
         """See :meth:`Objective.cost`."""
@@ -106,7 +106,7 @@ class VolumeObjective(Objective):
     def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
         """See :meth:`Objective.costs`."""
         lost = log_det_of_root(ledger.root_of_change(part, sign))
-        gain = 0.0
+        gain = np.zeros_like(lost)
         if not self._all:
             moved = self.candidates.J[part] @ root_of(self._seen(ledger.C))
             rest = ledger.S[:, :, part] - np.einsum("nar,nbr->abn", moved, moved)
@@ -128,7 +128,7 @@ class VolumeObjective(Objective):
     def smooth(self, candidates: Candidates, weights: FloatArray) -> Smooth:
         """Logarithm of the cost of weights ``(n,)`` on candidates, with its derivatives."""
         k = self.K.shape[1]
-        C = np.linalg.inv(candidates.weighted(weights))
+        C = np.asarray(np.linalg.inv(candidates.weighted(weights)))
         P = self._seen(C)
         curvature = products_by_pairs(candidates, P)
         if not self._all:

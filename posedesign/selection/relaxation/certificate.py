@@ -69,7 +69,7 @@ class MeanCertificate(Certificate):
         root = _root(self.Z)
         scores, known, error = _seen(candidates, root, count)
         most = known + sum_of_largest(scores, count)
-        return (1.0 - error / most) * self._strength(root) / most if most > error else 0.0
+        return float((1.0 - error / most) * self._strength(root) / most) if most > error else 0.0
 
     def _strength(self, root: FloatArray) -> float:
         # singular values of a root, not eigenvalues: what is zero stays zero under the root below
@@ -82,7 +82,7 @@ class MeanCertificate(Certificate):
         else:
             power = 1.0 if np.isinf(self.order) else self.order / (1.0 + self.order)
             mean = float(np.mean(roots ** (2.0 * power)) ** (1.0 / power))
-        return k * mean * (k if self.total else 1)
+        return float(k * mean * (k if self.total else 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +163,8 @@ def _root(Z: FloatArray) -> FloatArray:
 def _seen(candidates: Candidates, root: FloatArray, count: int) -> tuple[FloatArray, float, float]:
     """``trace(Z Jᵀ J)`` of each candidate ``(N,)`` and of the known, Z by its root.
 
-    With how far a sum of ``count`` of them may be off by rounding: products of long vectors that are
-    nearly orthogonal have few digits.
+    With how far a sum of ``count`` of them may be off by rounding: products of long vectors that
+    are nearly orthogonal have few digits.
     """
     scores, known = candidates.scores_of_root(root), candidates.known_by_root(root)
     size = float(np.trace(candidates.known)) + sum_of_largest(candidates.lengths, count)

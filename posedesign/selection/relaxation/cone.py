@@ -219,9 +219,9 @@ class _RatioSearch:
             own = self._own(point.w, point.x[:q])
             if own < self.ratio:
                 self.ratio, self.w, self._f = own, point.w, point.x[:q]
-            reached = ConditionCertificate(*point.Y, self._lowest, self._highest).bound(
-                part, self._count
-            )
+            reached = ConditionCertificate(
+                point.Y[0], point.Y[1], self._lowest, self._highest
+            ).bound(part, self._count)
             if reached > self.proven:
                 self.proven, (self.Y, self.Z) = reached, point.Y
             if self.proven >= (1.0 - tolerance) * self.ratio:

@@ -111,7 +111,7 @@ class Program:
         """
         point = Point(w.copy(), x.copy())
         S = self._matrices(point.w, point.x)
-        point.Y = [mu * np.linalg.inv(matrix) for matrix in S]
+        point.Y = [np.asarray(mu * np.linalg.inv(matrix)) for matrix in S]
         low, high = mu / w, mu / (1.0 - w)
         dual = mu / (self._rows @ x)
         aim, parts = BOLD, len(S) * self._part.p + 2 * len(w) + len(dual)
@@ -176,7 +176,7 @@ class Program:
         right = np.concatenate([mu / w - mu / (1.0 - w), self._rows.T @ (mu / Rx) - self._cost])
         matrix[np.arange(n), np.arange(n)] = low / w + high / (1.0 - w)
         matrix[n:, n:] = self._rows.T @ (self._rows * (dual / Rx)[:, None])
-        inverses = [np.linalg.inv(each) for each in S]
+        inverses = [np.asarray(np.linalg.inv(each)) for each in S]
         for rule, Y, inverse in zip(self._inequalities, point.Y, inverses, strict=True):
             flat = rule.extra.reshape(q, -1)
             moved = _symmetric(Y @ rule.extra @ inverse).reshape(q, -1)

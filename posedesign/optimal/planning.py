@@ -42,6 +42,10 @@ from posedesign.selection.criteria.scenarios import OverScenarios
 ATTEMPTS = 10
 """How often poses that no clear way leads to are left out of the pool and others are chosen."""
 
+TURNED_BACK = 3
+"""How often those of the refined poses that no clear way leads to are turned back to what they
+were, before all are."""
+
 Advance = Callable[[str, float], None]
 
 
@@ -141,12 +145,7 @@ class _Planning:
             selection, fewest = self._choose(pool)
             if fewest is not None and not fewest.reached:
                 return self._result(pool, selection, fewest, pool.take(selection.indices), None)
-            chosen = pool.take(selection.indices)
-            if self._wish.refine:
-                self._advance("refining", 0.6)
-                fixed = len(self._kept)  # they are the first of the pool, and so of the choice
-                chosen = refine(self._cell, self._model, self._goal, chosen, fixed=fixed)
-            route = self._router.route(chosen.postures)
+            chosen, route = self._with_way(pool.take(selection.indices), in_doubt=attempt > 0)
             if not route.lost:
                 return self._result(pool, selection, fewest, chosen, route)
             why = next(iter(route.lost.values()))
@@ -157,6 +156,33 @@ class _Planning:
             if len(pool) < len(chosen):
                 break
         raise no_clear_way(why)
+
+    def _with_way(self, chosen: Pool, *, in_doubt: bool) -> tuple[Pool, Route]:
+        """The poses, refined where that is wanted and a clear way leads to them then, and the way.
+
+        In doubt, the way through them as they are is looked for first: refinement takes long.
+        """
+        if in_doubt or not self._wish.refine:
+            plain = self._router.route(chosen.postures)
+            if plain.lost or not self._wish.refine:
+                return chosen, plain
+        self._advance("refining", 0.6)
+        fixed = len(self._kept)  # they are the first of the pool, and so of the choice
+        refined = refine(self._cell, self._model, self._goal, chosen, fixed=fixed)
+        route = self._router.route(refined.postures)
+        if not route.lost:
+            return refined, route
+        plain = self._router.route(chosen.postures)
+        if plain.lost:
+            return chosen, plain
+        q, R = refined.postures.copy(), refined.orientations.copy()
+        for _ in range(TURNED_BACK):
+            back = list(route.lost)
+            q[back], R[back] = chosen.postures[back], chosen.orientations[back]
+            route = self._router.route(q)
+            if not route.lost:
+                return replace(refined, postures=q, orientations=R), route
+        return chosen, plain
 
     def _check_pool(self, pool: Pool) -> None:
         """Refuse what this pool cannot give, before anything is chosen."""
@@ -236,8 +262,10 @@ class _Planning:
     ) -> OptimalPlan:
         linear = chosen.linearise(self._model)
         blocks, white = regressor(linear), linear.white_jacobian
-        of_pool = self._accuracy(pool.take(selection.indices))
-        accuracy = self._accuracy(chosen) if self._wish.refine else of_pool
+        as_they_were = pool.take(selection.indices)
+        of_pool = accuracy = self._accuracy(as_they_were)
+        if not np.array_equal(chosen.postures, as_they_were.postures):
+            accuracy = self._accuracy(chosen)
         if fewest is None and not np.isfinite(accuracy.sigma).all():
             self._refuse_too_few(white)
         self._advance("one pose more or fewer", 0.8)

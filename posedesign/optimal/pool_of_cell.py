@@ -13,7 +13,7 @@ from posedesign.cell import Cell
 from posedesign.pools import Pool, cone_pool, joint_pool, wpr_pool
 from posedesign.task_box import TaskBox, box_functions
 
-ALIKE_RAD = (0.0, 0.05, 0.1, 0.2)
+ALIKE_RAD = (0.0, 0.2, 0.4, 0.6)
 """Postures of which no joint differs by more from one that no clear way leads to are left out with
 it: none at first, then more and more of them, for a pool may have hundreds of such."""
 

@@ -19,16 +19,14 @@ from posedesign.selection.criteria.base import Criterion, Objective, covariance_
 from posedesign.selection.information import Informations
 from posedesign.selection.ledger import Ledger
 from posedesign.selection.products import products_by_pairs
-from posedesign.selection.relaxation.barrier import relax_smooth
+from posedesign.selection.relaxation.barrier import relax_by, relax_smooth
 from posedesign.selection.relaxation.certificate import MeanCertificate
+from posedesign.selection.relaxation.minimax import Errors, minimise_largest
 from posedesign.selection.relaxation.relaxation import Relaxation, Smooth
 
 SHARPNESS = (2.0, 8.0, 32.0)
-"""Powers of the variances whose mean stands in for the largest, one exchange after the other: the
+"""Powers of the errors whose mean stands in for the largest, one exchange after the other: the
 larger, the nearer to the largest, and the less does it say of how to lower the others."""
-
-SHARPEST = 512.0
-"""The same in the relaxation: the mean of up to a hundred is then within 1 % of the largest."""
 
 
 class Deviation(Criterion):
@@ -147,26 +145,31 @@ class DeviationObjective(Objective):
         return np.where(seen, self._mean(squares.T), np.inf)
 
     def smooth(self, candidates: Candidates, weights: FloatArray) -> Smooth:
-        """Logarithm of the cost of weights ``(n,)`` on candidates, with its derivatives."""
-        K, r, p = self.L.shape
-        C = np.asarray(np.linalg.inv(candidates.weighted(weights)))
-        v = self.squares(C)
-        s = 1.0 if K == 1 else min(self._power, SHARPEST)
-        share = (v / v.max()) ** s
-        share /= share.sum()
-        LC = self.L @ C  # (K, r, p)
-        stacked = (LC * np.sqrt(share / v)[:, None, None]).reshape(-1, p)
-        P = stacked.T @ stacked
-        curvature = 2.0 * products_by_pairs(candidates, P, C)
-        moved = (candidates.J @ LC.reshape(-1, p).T).reshape(candidates.N, candidates.m, K, r)
-        slopes = np.einsum("nmkr,nmkr->nk", moved, moved) / v
-        mean = slopes @ share
-        curvature += (s - 1.0) * (slopes * share) @ slopes.T - s * np.outer(mean, mean)
-        return Smooth(float(v.max()), P, curvature, weights_of_functions=share / v)
+        """Logarithm of the cost of weights ``(n,)``, where there is one function only."""
+        return self.lagrangian(candidates, weights, np.ones(1))
 
-    def at_power(self, power: float) -> DeviationObjective:
-        """The same with another power in the mean."""
-        return DeviationObjective(self.candidates, self.L, power)
+    def errors(self, candidates: Candidates, weights: FloatArray) -> Errors:
+        """Mean square errors of weights ``(n,)``, with the derivatives of their logarithms."""
+        C = np.asarray(np.linalg.inv(candidates.weighted(weights)))
+        return self._errors(candidates, C)
+
+    def _errors(self, candidates: Candidates, C: FloatArray) -> Errors:
+        v = self.squares(C)
+        n, (K, r, p) = candidates.N, self.L.shape
+        moved = candidates.J.reshape(-1, p) @ (self.L.reshape(-1, p) @ C).T
+        moved = np.square(moved, out=moved).reshape(n, candidates.m, K, r)
+        return Errors(v, moved.sum(axis=(1, 3)) / v)
+
+    def lagrangian(self, candidates: Candidates, weights: FloatArray, shares: FloatArray) -> Smooth:
+        """The largest error, with the derivatives of the mean of the logarithms by ``shares``."""
+        C = np.asarray(np.linalg.inv(candidates.weighted(weights)))
+        now = self._errors(candidates, C)
+        parts = shares / now.squares
+        half = (self.L @ C * np.sqrt(parts)[:, None, None]).reshape(-1, candidates.p)
+        P = half.T @ half
+        curvature = 2.0 * products_by_pairs(candidates, P, C)
+        curvature -= (now.slopes * shares) @ now.slopes.T
+        return Smooth(float(now.squares.max()), P, curvature, weights_of_functions=parts)
 
     def certificate_of(self, smooth: Smooth) -> MeanCertificate:
         """The proof that the derivative at some weights gives.
@@ -180,7 +183,13 @@ class DeviationObjective(Objective):
 
     def relax(self, count: int, tolerance: float) -> Relaxation:
         """See :meth:`Objective.relax`."""
-        return relax_smooth(self, self.candidates, count, tolerance)
+        if len(self.L) == 1:
+            return relax_smooth(self, self.candidates, count, tolerance)
+
+        def minimise(part: Candidates, sharp: float) -> tuple[FloatArray, Smooth]:
+            return minimise_largest(self, part, count, sharp)
+
+        return relax_by(minimise, self.certificate_of, self.candidates, count, tolerance)
 
 
 def _shortened(L: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ of a pass grows with the pool, all else with the working set alone.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,7 +17,7 @@ import scipy.linalg
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.relaxation.certificate import Certificate
-from posedesign.selection.relaxation.relaxation import Relaxation, Smooth, sum_of_largest
+from posedesign.selection.relaxation.relaxation import Relaxation, Smooth, room, sum_of_largest
 from posedesign.selection.relaxation.working import best_outside, first_set, threshold
 
 MOST_ROUNDS = 40
@@ -24,9 +25,6 @@ MOST_ROUNDS = 40
 
 MOST_STEPS = 60
 """Newton steps on one working set; about fifteen are seen."""
-
-TO_THE_WALL = 0.98
-"""Part of the way to the next bound that a step goes at most."""
 
 INNER = 0.2
 """Part of the tolerance to which a working set is solved."""
@@ -36,6 +34,9 @@ NEXT_IN_LINE = 0.8
 
 AT_ZERO = 1e-6
 """Weights below do not count, and leave the working set."""
+
+
+Minimise = Callable[[Candidates, float], tuple[FloatArray, Smooth]]
 
 
 class SmoothObjective(Protocol):
@@ -60,17 +61,40 @@ def relax_smooth(
     objective: SmoothObjective, candidates: Candidates, count: int, tolerance: float
 ) -> Relaxation:
     """The best weights, and a bound that is within a part ``tolerance`` of what they cost."""
+
+    def minimise(part: Candidates, sharp: float) -> tuple[FloatArray, Smooth]:
+        return _minimise(objective, part, count, sharp)
+
+    return relax_by(minimise, objective.certificate_of, candidates, count, tolerance)
+
+
+def relax_by(
+    minimise: Minimise,
+    certificate_of: Callable[[Smooth], Certificate],
+    candidates: Candidates,
+    count: int,
+    tolerance: float,
+) -> Relaxation:
+    """The best weights by any method that solves working sets.
+
+    Parameters
+    ----------
+    minimise : callable
+        Of a working set and a tolerance: weights, and the cost with its derivatives there.
+    certificate_of : callable
+        The proof that these give.
+    candidates : Candidates
+    count : int
+        Above 0, and less than there are candidates.
+    tolerance : float
+    """
     N = candidates.N
-    if count >= N:
-        smooth = objective.smooth(candidates, np.ones(N))
-        proof = objective.certificate_of(smooth)
-        return Relaxation(np.ones(N), smooth.cost, proof, proof.bound(candidates, count))
     working = _first(candidates, count)
     best = _Best()
     for _ in range(MOST_ROUNDS):
         part = candidates.take(working)
-        weights, smooth = _minimise(objective, part, count, INNER * tolerance)
-        proof = objective.certificate_of(smooth)
+        weights, smooth = minimise(part, INNER * tolerance)
+        proof = certificate_of(smooth)
         bound = proof.bound(candidates, count)
         if bound > best.bound:
             best = _Best(bound, proof)
@@ -116,26 +140,30 @@ def _minimise(
     steps.
     """
     n = part.N
-    if count >= n:
-        return np.ones(n), objective.smooth(part, np.ones(n))
+    # the distance to 1 is kept apart: a difference would round to zero
     w = np.full(n, count / n)
+    rest = 1.0 - w
     smooth = objective.smooth(part, w)
     scores = part.scores(smooth.Z)
     known = float(np.sum(smooth.Z * part.known))
     mu = 0.1 * float(scores.mean()) * min(1.0, count / n)
-    low, high = mu / w, mu / (1.0 - w)
+    low, high = mu / w, mu / rest
     for _ in range(MOST_STEPS):
         gap = known + sum_of_largest(scores, count) - (known + scores @ w)
-        complementarity = float(w @ low + (1.0 - w) @ high) / (2 * n)
+        complementarity = float(w @ low + rest @ high) / (2 * n)
         if gap <= tolerance:
             break
         target = 0.1 * complementarity
-        dw = _step(smooth.curvature, scores, w, low, high, target, count)
+        right = scores + target / w - target / rest
+        try:
+            dw = _step(smooth.curvature, low / w + high / rest, right, count - w.sum())
+        except np.linalg.LinAlgError:
+            break  # so near to the walls that rounding decides; what is proven so far stays
         d_low = target / w - low - low / w * dw
-        d_high = target / (1.0 - w) - high + high / (1.0 - w) * dw
-        length = min(_room(w, dw), _room(1.0 - w, -dw))
-        dual = min(_room(low, d_low), _room(high, d_high))
-        w = w + length * dw
+        d_high = target / rest - high + high / rest * dw
+        length = min(room(w, dw), room(rest, -dw))
+        dual = min(room(low, d_low), room(high, d_high))
+        w, rest = w + length * dw, rest - length * dw
         low, high = low + dual * d_low, high + dual * d_high
         smooth = objective.smooth(part, w)
         scores = part.scores(smooth.Z)
@@ -144,26 +172,12 @@ def _minimise(
 
 
 def _step(
-    curvature: FloatArray,
-    scores: FloatArray,
-    w: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    target: float,
-    count: int,
+    curvature: FloatArray, walls: FloatArray, right: FloatArray, missing: float
 ) -> FloatArray:
-    """Newton step ``(n,)`` of the weights that keeps their sum at ``count``."""
+    """Newton step ``(n,)`` of the weights that adds what is ``missing`` to their sum."""
     matrix = curvature.copy()
-    matrix[np.diag_indices(len(w))] += low / w + high / (1.0 - w)
+    matrix[np.diag_indices(len(walls))] += walls
     factor = scipy.linalg.cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
-    right = np.column_stack([scores + target / w - target / (1.0 - w), np.ones(len(w))])
-    a, b = scipy.linalg.cho_solve(factor, right, check_finite=False).T
-    return np.asarray(a + (count - w.sum() - a.sum()) / b.sum() * b)
-
-
-def _room(values: FloatArray, change: FloatArray) -> float:
-    """How far a step may go before some value is no longer above zero."""
-    falling = change < 0.0
-    if not falling.any():
-        return 1.0
-    return min(1.0, TO_THE_WALL * float((values[falling] / -change[falling]).min()))
+    both = np.column_stack([right, np.ones(len(walls))])
+    a, b = scipy.linalg.cho_solve(factor, both, check_finite=False).T
+    return np.asarray(a + (missing - a.sum()) / b.sum() * b)

@@ -68,3 +68,11 @@ def sum_of_largest(scores: FloatArray, count: int) -> float:
     if count >= len(scores):
         return float(scores.sum())
     return float(np.partition(scores, len(scores) - count)[len(scores) - count :].sum())
+
+
+def room(values: FloatArray, change: FloatArray, to_the_wall: float = 0.98) -> float:
+    """How far a step may go before some value is no longer above zero; 1 at most."""
+    falling = change < 0.0
+    if not falling.any():
+        return 1.0
+    return min(1.0, to_the_wall * float((values[falling] / -change[falling]).min()))

@@ -22,6 +22,7 @@ import scipy.linalg
 from calib.se3 import FloatArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.products import products_by_pairs
+from posedesign.selection.relaxation.relaxation import room
 
 MOST_STEPS = 60
 """Newton steps; fifteen are usual."""
@@ -112,28 +113,30 @@ class Program:
         point = Point(w.copy(), x.copy())
         S = self._matrices(point.w, point.x)
         point.Y = [np.asarray(mu * np.linalg.inv(matrix)) for matrix in S]
-        low, high = mu / w, mu / (1.0 - w)
+        # the distance to 1 is kept apart: a difference would round to zero
+        rest = 1.0 - w
+        low, high = mu / w, mu / rest
         dual = mu / (self._rows @ x)
         aim, parts = BOLD, len(S) * self._part.p + 2 * len(w) + len(dual)
-        point.gap = self._complementarity(point, S, low, high, dual)
+        point.gap = self._complementarity(point, S, rest @ high, low, dual)
         for _ in range(MOST_STEPS):
             mu = aim * point.gap / parts
             try:
-                step = self._step(point, S, low, high, dual, mu)
+                step = self._step(
+                    point, S, low / point.w + high / rest, mu / point.w - mu / rest, dual, mu
+                )
             except np.linalg.LinAlgError:
                 return
             dw, dx, dS, dY = step
             d_low = mu / point.w - low - low / point.w * dw
-            d_high = mu / (1.0 - point.w) - high + high / (1.0 - point.w) * dw
+            d_high = mu / rest - high + high / rest * dw
             Rx, dRx = self._rows @ point.x, self._rows @ dx
             d_dual = mu / Rx - dual - dual / Rx * dRx
-            primal = min(
-                _room(point.w, dw), _room(1.0 - point.w, -dw), _room(Rx, dRx), *map(_reach, S, dS)
-            )
+            primal = min(room(point.w, dw), room(rest, -dw), room(Rx, dRx), *map(_reach, S, dS))
             length = min(
-                _room(low, d_low),
-                _room(high, d_high),
-                _room(dual, d_dual),
+                room(low, d_low),
+                room(high, d_high),
+                room(dual, d_dual),
                 *map(_reach, point.Y, dY),
             )
             if min(primal, length) < 1e-4:
@@ -143,10 +146,11 @@ class Program:
                 point.x + primal * dx,
                 [Y + length * d for Y, d in zip(point.Y, dY, strict=True)],
             )
+            rest = rest - primal * dw
             low, high = low + length * d_low, high + length * d_high
             dual = dual + length * d_dual
             S = self._matrices(point.w, point.x)
-            point.gap = self._complementarity(point, S, low, high, dual)
+            point.gap = self._complementarity(point, S, rest @ high, low, dual)
             aim = BOLD if min(primal, length) > LONG else TIMID
             yield point
 
@@ -155,26 +159,25 @@ class Program:
         return [rule.share * M + np.tensordot(x, rule.extra, axes=1) for rule in self._inequalities]
 
     def _complementarity(
-        self, point: Point, S: list[FloatArray], low: FloatArray, high: FloatArray, dual: FloatArray
+        self, point: Point, S: list[FloatArray], total: float, low: FloatArray, dual: FloatArray
     ) -> float:
-        total = sum(float(np.sum(Y * matrix)) for Y, matrix in zip(point.Y, S, strict=True))
-        total += float(point.w @ low + (1.0 - point.w) @ high + dual @ (self._rows @ point.x))
-        return total
+        total += sum(float(np.sum(Y * matrix)) for Y, matrix in zip(point.Y, S, strict=True))
+        return total + float(point.w @ low + dual @ (self._rows @ point.x))
 
     def _step(
         self,
         point: Point,
         S: list[FloatArray],
-        low: FloatArray,
-        high: FloatArray,
+        walls: FloatArray,
+        pushed: FloatArray,
         dual: FloatArray,
         mu: float,
     ) -> tuple[FloatArray, FloatArray, list[FloatArray], list[FloatArray]]:
         n, q = len(point.w), len(point.x)
-        w, Rx = point.w, self._rows @ point.x
+        Rx = self._rows @ point.x
         matrix = np.zeros((n + q, n + q))
-        right = np.concatenate([mu / w - mu / (1.0 - w), self._rows.T @ (mu / Rx) - self._cost])
-        matrix[np.arange(n), np.arange(n)] = low / w + high / (1.0 - w)
+        right = np.concatenate([pushed, self._rows.T @ (mu / Rx) - self._cost])
+        matrix[np.arange(n), np.arange(n)] = walls
         matrix[n:, n:] = self._rows.T @ (self._rows * (dual / Rx)[:, None])
         inverses = [np.asarray(np.linalg.inv(each)) for each in S]
         for rule, Y, inverse in zip(self._inequalities, point.Y, inverses, strict=True):
@@ -190,7 +193,7 @@ class Program:
         ones = np.concatenate([np.ones(n), np.zeros(q)])
         factor = scipy.linalg.cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
         a, b = scipy.linalg.cho_solve(factor, np.column_stack([right, ones]), check_finite=False).T
-        change = a + (self._count - w.sum() - a[:n].sum()) / b[:n].sum() * b
+        change = a + (self._count - point.w.sum() - a[:n].sum()) / b[:n].sum() * b
         if not np.isfinite(change).all():
             raise np.linalg.LinAlgError
         dw, dx = change[:n], change[n:]
@@ -207,16 +210,8 @@ def _symmetric(matrices: FloatArray) -> FloatArray:
     return np.asarray((matrices + np.swapaxes(matrices, -1, -2)) / 2.0)
 
 
-def _room(values: FloatArray, change: FloatArray) -> float:
-    """How far a step may go before some value is no longer above zero."""
-    falling = change < 0.0
-    if not falling.any():
-        return 1.0
-    return min(1.0, TO_THE_WALL * float((values[falling] / -change[falling]).min()))
-
-
 def _reach(matrix: FloatArray, change: FloatArray) -> float:
-    """The same before a matrix is no longer positive definite."""
+    """How far a step may go before a matrix is no longer positive definite."""
     try:
         L = np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:

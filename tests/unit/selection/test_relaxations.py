@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -42,7 +44,8 @@ def best_by_cvxpy(candidates: Candidates, kind: str, L: np.ndarray | None = None
     else:
         worst = cp.max(cp.hstack([cp.matrix_frac(row, M) for row in L]))
         problem = cp.Problem(cp.Minimize(worst), rules)
-    problem.solve(solver=cp.CLARABEL, tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10)
+    sharp = 1e-8 if kind == "E" else 1e-9
+    problem.solve(solver=cp.CLARABEL, tol_gap_abs=sharp, tol_gap_rel=sharp, tol_feas=sharp)
     found = float(problem.value)
     return {"D": np.exp(-found / P), "E": 1.0 / found}.get(kind, found)
 
@@ -62,15 +65,15 @@ def test_as_cvxpy(kind, seed, known):
     assert found.weights.max() <= 1.0
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(6))
 def test_largest_deviation_as_cvxpy(seed):
-    """A mean of a high power stands in for the largest: the bound is below, the weights above."""
     candidates = pool(seed)
     L = np.random.default_rng(9).normal(size=(6, 1, P))
-    found = largest_deviation(L).on(candidates).relax(COUNT, 1e-4)
+    found = largest_deviation(L).on(candidates).relax(COUNT, SHARP)
     expected = best_by_cvxpy(candidates, "G", L[:, 0])
-    assert expected * (1 - 5e-3) <= found.bound <= expected * (1 + 1e-9)
-    assert expected * (1 - 1e-9) <= found.cost <= expected * (1 + 1e-2)
+    assert found.bound == pytest.approx(expected, rel=1e-6)
+    assert found.cost == pytest.approx(expected, rel=1e-6)
+    assert found.bound <= found.cost
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -125,8 +128,9 @@ def test_a_parameter_that_few_of_a_large_pool_see(kind):
     J[seeing, :, 0] = rng.normal(size=(3, 2))
     candidates = Candidates(J)
     found = criterion_by_name(kind, P, 10).on(candidates).relax(10, 1e-3)
-    assert found.gap < (0.02 if kind in ("C_G", "cond_2", "O2") else 2e-3)
-    assert found.weights[seeing].sum() > 1.0
+    assert found.gap < 2e-3
+    if kind not in ("C_G", "cond_2"):  # which can do with little, as the column is scaled up
+        assert found.weights[seeing].sum() > 1.0
 
 
 @pytest.mark.parametrize("order", [0.0, 0.5, 1.0, 3.0, np.inf])
@@ -174,8 +178,6 @@ def test_any_two_matrices_are_a_proof_of_a_condition():
 
 def test_the_smallest_ratio_over_choices_is_found():
     """Of two sums over the same choice, against all choices."""
-    from itertools import combinations
-
     candidates = pool(9).take(np.arange(10))
     rng = np.random.default_rng(3)
     for _ in range(20):

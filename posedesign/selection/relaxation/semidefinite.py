@@ -118,7 +118,7 @@ class Program:
         low, high = mu / w, mu / rest
         dual = mu / (self._rows @ x)
         aim, parts = BOLD, len(S) * self._part.p + 2 * len(w) + len(dual)
-        point.gap = self._complementarity(point, S, rest @ high, low, dual)
+        point.gap = self._complementarity(point, S, float(rest @ high), low, dual)
         for _ in range(MOST_STEPS):
             mu = aim * point.gap / parts
             try:
@@ -150,7 +150,7 @@ class Program:
             low, high = low + length * d_low, high + length * d_high
             dual = dual + length * d_dual
             S = self._matrices(point.w, point.x)
-            point.gap = self._complementarity(point, S, rest @ high, low, dual)
+            point.gap = self._complementarity(point, S, float(rest @ high), low, dual)
             aim = BOLD if min(primal, length) > LONG else TIMID
             yield point
 

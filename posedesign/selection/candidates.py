@@ -102,6 +102,7 @@ class Candidates:
         length = np.sqrt(squares / len(given))
         length = np.where(length > 0.0, length, 1.0)
         self.J /= length
+        self.J += 0.0  # no negative zeros, which are equal and yet look different
         self._known_rows /= length
         self.scale = most * length
         self.known = self._known_rows.T @ self._known_rows
@@ -255,10 +256,13 @@ class Candidates:
     def distinct(self) -> IntArray:
         """The first of each set of equal candidates, ascending."""
         flat = self.J.reshape(self.N, -1)
-        # equal blocks have equal keys; only those that share one are compared entry by entry
-        key = flat @ np.random.default_rng(0).normal(size=flat.shape[1])
+        # Equal blocks have equal keys; only those that share one are compared entry by entry. Of
+        # whole numbers, whose sums are the same in any order: of others the last digit is not.
+        rng = np.random.default_rng(0)
+        factors = rng.integers(1, 2**63, size=flat.shape[1], dtype=np.uint64) * 2 + 1
+        key = flat.view(np.uint64) @ factors
         order = np.lexsort((np.arange(self.N), key))
-        run = np.cumsum(np.diff(key[order], prepend=key[order[0]]) != 0.0)
+        run = np.cumsum(np.append(False, key[order[1:]] != key[order[:-1]]))
         keep = np.ones(self.N, dtype=bool)
         shared = np.flatnonzero(np.bincount(run)[run] > 1)
         for members in np.split(shared, np.flatnonzero(np.diff(run[shared])) + 1):

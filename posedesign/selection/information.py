@@ -13,6 +13,9 @@ SEEN = 1e-11
 """Smallest eigenvalue, columns of unit length, from which a choice is taken to see everything; the
 information is a square, and has lost half of the digits already."""
 
+_FAINT = 1e-15
+"""What is added to the information, columns of unit length: about its rounding."""
+
 
 class Informations:
     """Of choices of poses.
@@ -46,10 +49,12 @@ class Informations:
     def covariance(self) -> tuple[FloatArray, BoolArray]:
         """Covariances ``(T, p, p)``, and which of the choices ``(T,)`` see all parameters."""
         unit = self.length[:, :, None] * self.length[:, None, :]
-        values, vectors = np.linalg.eigh(self.M / unit)
-        seen = values[:, 0] > SEEN
-        half = vectors / np.sqrt(np.where(seen[:, None], values, 1.0))[:, None, :]
-        return half @ np.swapaxes(half, 1, 2) / unit, seen
+        # what is not seen is seen a little, so that there is an inverse, by which it is known
+        inverse = np.linalg.inv(self.M / unit + _FAINT * np.eye(unit.shape[1]))
+        trace = np.einsum("tpp->t", inverse)
+        seen = (trace > 0.0) & (trace < 1.0 / SEEN)
+        inverse[~seen] = np.eye(unit.shape[1])
+        return inverse / unit, seen
 
     @cached_property
     def largest(self) -> FloatArray:

@@ -91,13 +91,19 @@ class Search:
         weights[rows] = 1.0
         return Found(rows, [cost]), Relaxation(weights, cost, None, cost)
 
-    def relax(self, tolerance: float) -> Relaxation:
-        """The relaxation over what is free, with what is kept taken for known."""
+    def relax(self, tolerance: float) -> Relaxation | None:
+        """The relaxation over what is free, with what is kept taken for known.
+
+        None where the information is singular to the last digit, and nothing can be proven.
+        """
         free = np.setdiff1d(np.arange(self._candidates.N), self._kept)
         part = self._candidates
         if len(self._kept):
             part = part.knowing(self._kept).take(free)
-        found = self._criterion.on(part).relax(self._count - len(self._kept), tolerance)
+        try:
+            found = self._criterion.on(part).relax(self._count - len(self._kept), tolerance)
+        except np.linalg.LinAlgError:
+            return None
         weights = np.ones(self._candidates.N)
         weights[free] = found.weights
         return Relaxation(weights, found.cost, found.certificate, found.bound)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -167,7 +168,14 @@ def check_threshold(criterion: Criterion, threshold: float, bound: float, n: int
 
 
 def _checked_keep(keep: Sequence[int], N: int) -> IntArray:
-    rows = np.unique(np.asarray(keep, dtype=np.intp))
+    given = np.asarray(keep)
+    if given.size and not np.issubdtype(given.dtype, np.integer):
+        raise InputError(
+            f"poses to keep are whole numbers, not of type {given.dtype}",
+            hint=f"give indices 0 to {N - 1}",
+            name="keep",
+        )
+    rows = np.unique(given.astype(np.intp))
     if len(rows) != len(keep) or (len(rows) and (rows[0] < 0 or rows[-1] >= N)):
         raise InputError(
             f"poses to keep must be different candidates, 0 to {N - 1}",
@@ -205,6 +213,10 @@ def _check_options(method: str, starts: int, tolerance: float, threshold: float 
 
 
 def _check_count(n: int, kept: int, offered: int, N: int) -> None:
+    if not isinstance(n, Integral):
+        raise InputError(
+            f"{n} poses", hint="the number of poses is a whole number", name="n", value=n
+        )
     if n > offered:
         doubles = f" ({N - offered} more are there twice)" * (offered < N)
         raise InputError(

@@ -1,4 +1,8 @@
-"""How long choosing takes: figures for the record, and ratios that must hold."""
+"""How fast poses are selected. Run with ``make bench``; figures are for one core
+(OMP_NUM_THREADS=1).
+
+Absolute times depend on the machine: they are recorded, and only ratios are asserted.
+"""
 
 from __future__ import annotations
 
@@ -6,56 +10,92 @@ import time
 
 import numpy as np
 import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
 
-from posedesign.selection import criterion_by_name, select
+from calib.se3 import FloatArray
+from posedesign.selection import select, select_fewest, wanted_deviations
 from posedesign.selection.candidates import Candidates
+from posedesign.selection.criteria.registry import criterion_by_name
 from posedesign.selection.exchange import exchange
 
-LINEAR = 4.0
-"""Times that ten times the candidates may take more than ten times as long."""
+LINEAR = 6.0
+"""Four times the candidates, and half again for a busy machine; squares would make 16."""
 
 
-def blocks(count: int, m: int, p: int) -> np.ndarray:
+def blocks(N: int, m: int, p: int, spread: float = 0.5) -> FloatArray:
+    """Poses of unlike strength."""
     rng = np.random.default_rng(1)
-    return rng.normal(size=(count, m, p)) * np.exp(0.5 * rng.normal(size=(count, 1, p)))
+    return rng.normal(size=(N, m, p)) * np.exp(spread * rng.normal(size=(N, 1, p)))
 
 
-def test_relaxation_of_500_candidates_and_30_parameters(benchmark):
-    """Figaroh's SOCP takes 18.4 s for it."""
-    pool = Candidates(blocks(500, 3, 30))
-    objective = criterion_by_name("D", 30, 50).on(pool)
-    found = benchmark.pedantic(lambda: objective.relax(50, 1e-3), rounds=5)
-    assert found.gap < 1e-3
+def seconds(J: FloatArray, n: int, criterion: str) -> float:
+    """Of the processor, so that what else runs on it counts less; the better of two."""
+    times = []
+    for _ in range(2):
+        start = time.process_time()
+        select(J, n, criterion)
+        times.append(time.process_time() - start)
+    return min(times)
 
 
-def test_exchange_of_50_out_of_10_000_with_30_parameters(benchmark):
-    pool = Candidates(blocks(10_000, 3, 30))
-    objective = criterion_by_name("D", 30, 50).on(pool)
-    nothing = np.zeros(0, dtype=np.intp)
-    start = np.arange(50)
-    rows = benchmark.pedantic(lambda: exchange(objective, start, nothing), rounds=3)
+def test_the_bound_of_a_small_pool(benchmark: BenchmarkFixture) -> None:
+    """500 x 3 x 30, to a thousandth. To be at most 0.2 s."""
+    J = blocks(500, 3, 30, 0.0)
+    found = benchmark(select, J, 50, "D", "rounding")
+    assert found.relaxation is not None
+    assert found.relaxation.gap < 1e-3
+
+
+def test_one_exchange_of_ten_thousand(benchmark: BenchmarkFixture) -> None:
+    """n = 50 of 10,000 x 3 x 30 from a start that is as bad as any. To be at most 3 s."""
+    objective = criterion_by_name("D", 30, 50).on(Candidates(blocks(10_000, 3, 30)))
+    start, none = np.arange(50), np.array([], dtype=int)
+    rows = benchmark.pedantic(exchange, args=(objective, start, none), rounds=3, warmup_rounds=1)
     assert objective.cost(rows) < 0.8 * objective.cost(start)
 
 
 @pytest.mark.parametrize("m", [1, 3])
-def test_30_out_of_a_million(benchmark, m):
+def test_a_million(benchmark: BenchmarkFixture, m: int) -> None:
+    """1,000,000 x m x 10. To be under 60 s, in less than 2 GiB."""
     J = blocks(1_000_000, m, 10)
-    found = benchmark.pedantic(lambda: select(J, 30, "D"), rounds=1)
-    assert found.efficiency > 0.98
+    found = benchmark.pedantic(select, args=(J, 30), rounds=1)
+    assert found.efficiency > 0.95
 
 
-@pytest.mark.parametrize("criterion", ["C_G", "cond_2", "E"])
-def test_27_out_of_6000_by(benchmark, criterion):
-    J = blocks(6000, 3, 10)
-    found = benchmark.pedantic(lambda: select(J, 27, criterion), rounds=1)
-    assert np.isfinite(found.value)
+@pytest.mark.parametrize("criterion", ["C_G", "cond_2", "E", "A"])
+def test_conditions_of_thousands(benchmark: BenchmarkFixture, criterion: str) -> None:
+    """27 of 6,000 x 3 x 10, with the bound. To be at most 5 s."""
+    found = benchmark.pedantic(select, args=(blocks(6_000, 3, 10), 27, criterion), rounds=2)
+    assert found.efficiency > 0.0
 
 
-def test_time_is_linear_in_candidates():
-    taken = []
-    for count in (20_000, 200_000):
-        J = blocks(count, 3, 10)
-        start = time.perf_counter()
-        select(J, 30, "D")
-        taken.append(time.perf_counter() - start)
-    assert taken[1] < 10 * LINEAR * taken[0]
+@pytest.mark.parametrize("criterion", ["D", "E", "C_G", "cond_2"])
+def test_a_pool_of_twenty(benchmark: BenchmarkFixture, criterion: str) -> None:
+    """8 of 20, from many starts."""
+    assert benchmark.pedantic(select, args=(blocks(20, 2, 6), 8, criterion), rounds=5).count == 8
+
+
+def test_the_fewest_of_ten(benchmark: BenchmarkFixture) -> None:
+    """10 x 6 x 12, as of a hand-eye calibration, proven. To be at most 0.2 s."""
+    J = blocks(10, 6, 12)
+    rows = J.reshape(-1, 12)
+    sigma = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    found = benchmark(select_fewest, J, wanted_deviations(1.5 * sigma, 12))
+    assert found.at_least == found.selection.count
+
+
+@pytest.mark.parametrize("criterion", ["D", "cond_2"])
+def test_time_is_linear_in_the_candidates(criterion: str) -> None:
+    few, many = (seconds(blocks(N, 3, 10), 30, criterion) for N in (4_000, 16_000))
+    assert many < LINEAR * few
+
+
+def test_the_bound_is_linear_in_the_candidates() -> None:
+    times = []
+    for N in (100_000, 400_000):
+        pool = Candidates(blocks(N, 3, 10))
+        objective = criterion_by_name("D", 10, 30).on(pool)
+        start = time.process_time()
+        objective.relax(30, 1e-3)
+        times.append(time.process_time() - start)
+    assert times[1] < LINEAR * times[0]

@@ -77,8 +77,12 @@ def test_the_fewest_poses_for_an_accuracy(cli: Cli, cell: Path, tmp_path: Path) 
         limit = {"mm": 0.05, "deg": 0.02}[row["unit"]]
         assert row["wanted"] == pytest.approx(limit)
         assert row["predicted sigma"] <= limit * (1 + 1e-6)
-        over.append(row["with one pose fewer"] > limit)
+        over.append(row[f"with {told['poses'] - 1} poses"] > limit)
     assert any(over)
+    assert told["at_least"] <= told["poses"]
+    part = [r["predicted sigma"] / r["wanted"] for r in told["predicted"]]
+    assert told["decides"] == told["predicted"][part.index(max(part))]["parameter"]
+    assert f"({told['decides']} decides)" in told["message"]
     with (tmp_path / "few" / "poses.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert sum(row["status"] != "via" for row in rows) == told["poses"]
@@ -111,6 +115,7 @@ def test_what_is_out_of_reach_is_said_with_all_poses(cli: Cli, cell: Path, tmp_p
     assert said.code == 1
     assert "all " in said.out
     assert "times the deviation wanted" in said.out
+    assert " decides): each would have to be measured " in said.out
     assert "wrote nothing" in said.out
     assert not (tmp_path / "none").exists()
 

@@ -41,7 +41,7 @@ def pools(draw):
     J *= np.exp(draw(st.sampled_from([0.0, 3.0, 12.0])) * rng.normal(size=p))
     known = None
     if draw(st.booleans()):
-        known = rng.normal(size=(draw(st.integers(1, p)), p)) * np.abs(J).max()
+        known = rng.normal(size=(draw(st.integers(1, p)), p)) * np.abs(J).max(axis=(0, 1))
     keep = sorted(rng.choice(N, draw(st.integers(0, 2)), replace=False).tolist())
     n = draw(st.integers(max(len(keep), 1), N - 2))
     return J, n, known, keep, rng
@@ -58,6 +58,9 @@ def criterion_of(kind: str, p: int, n: int):
 @given(pools())
 def test_no_choice_is_better_than_the_bound(kind, pool):
     J, n, known, keep, _ = pool
+    # candidates that are there twice are offered once
+    first = np.unique(J, axis=0, return_index=True)[1]
+    n = min(n, len(np.union1d(first, keep)))
     criterion = criterion_of(kind, J.shape[2], n)
     candidates = Candidates(J, known)
     try:
@@ -67,8 +70,7 @@ def test_no_choice_is_better_than_the_bound(kind, pool):
             select(J, n, criterion, known=known, keep=keep)
         return
     objective = criterion.on(candidates)
-    # candidates that are there twice are offered once
-    free = np.setdiff1d(np.unique(J, axis=0, return_index=True)[1], keep)
+    free = np.setdiff1d(first, keep)
     costs = [
         objective.cost(np.sort(np.array([*keep, *rest], dtype=int)))
         for rest in combinations(free, n - len(keep))
@@ -82,7 +84,8 @@ def test_no_choice_is_better_than_the_bound(kind, pool):
         cost = objective.cost(found.indices)
         assert criterion.cost_of(found.value) == pytest.approx(cost, rel=1e-6)
         bound = criterion.cost_of(found.bound)
-        assert bound <= min(costs) * (1 + few_digits) or np.isinf(min(costs))
+        if found.status != "no bound":
+            assert bound <= min(costs) * (1 + few_digits) or np.isinf(min(costs))
         if method == "exchange" and np.isfinite(min(costs)):
             assert len(costs) <= ENUMERATED
             assert cost <= min(costs) * (1 + few_digits)
@@ -131,6 +134,7 @@ def test_what_is_called_too_few_is_too_few(kind, seed, share):
     better = min if criterion.smaller_is_better else max
     ends = better(value.values()), value[2]
     goal = float(ends[0] ** share * ends[1] ** (1 - share))
+    goal *= 1 + 1e-8 if criterion.smaller_is_better else 1 - 1e-8
     enough = [n for n in value if better(value[n], goal) == value[n]]
     found = select_fewest(J, criterion if kind == "G" else kind, goal)
     assert found.at_least <= min(enough)

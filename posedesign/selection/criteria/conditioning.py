@@ -17,7 +17,7 @@ from posedesign.indices import condition_2, condition_inf, o2, o4
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective
 from posedesign.selection.criteria.spectrum import Spectrum
-from posedesign.selection.information import Informations
+from posedesign.selection.information import SEEN, Informations
 from posedesign.selection.ledger import Ledger
 from posedesign.selection.relaxation.cone import relax_condition
 from posedesign.selection.relaxation.relaxation import Relaxation
@@ -113,10 +113,12 @@ class ConditioningObjective(Objective):
             return np.asarray(np.sqrt(np.maximum(diagonal, np.finfo(float).tiny)))
         return np.broadcast_to(1.0 / self.candidates.scale, diagonal.shape)
 
-    def _of_spectrum(self, M: FloatArray) -> FloatArray:
+    def _of_spectrum(self, M: FloatArray, seen: float = 0.0) -> FloatArray:
+        """Of informations ``(n, p, p)``; infinite where the ratio is not above ``seen``."""
         scale = self._scales(np.einsum("npp->np", M))
         values = np.linalg.eigvalsh(M / scale[:, :, None] / scale[:, None, :])
-        return self._ratio(values[:, 0], values[:, -1])
+        least = np.where(values[:, 0] > seen * values[:, -1], values[:, 0], 0.0)
+        return self._ratio(least, values[:, -1])
 
     def _ratio(self, least: NDArray[np.floating], most: NDArray[np.floating]) -> FloatArray:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -199,7 +201,7 @@ class ConditioningObjective(Objective):
         """See :meth:`Objective.of_choices`."""
         informations = Informations(self.candidates, choices)
         if self._kind != "C_G":
-            return self._of_spectrum(informations.M)
+            return self._of_spectrum(informations.M, SEEN)
         C, seen = informations.covariance
         return np.where(seen, _c_g(informations.M, C, informations.largest), np.inf)
 
@@ -227,9 +229,9 @@ class ConditioningObjective(Objective):
         if self._kind == "O2":
             lowest = highest = candidates.scale**-2.0
         elif self._kind == "C_G":
-            # n poses have entries as large as the n-th largest of all, and as the known ones
-            last = np.partition(candidates.largest, candidates.N - count, axis=0)
-            lowest = np.maximum(last[candidates.N - count], candidates.largest_known) ** 2
+            # n poses have an entry as large as the n-th smallest of all, and as the known ones
+            last = np.partition(candidates.largest, count - 1, axis=0)[count - 1]
+            lowest = np.maximum(last, candidates.largest_known) ** 2
             highest = np.maximum(candidates.largest.max(axis=0), candidates.largest_known) ** 2
             lowest = np.minimum(lowest, highest)
         else:

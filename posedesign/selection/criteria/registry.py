@@ -123,7 +123,9 @@ def _columns(parameters: int, interest: Sequence[int] | None) -> FloatArray:
     columns = sorted(set(interest))
     if not columns or columns[0] < 0 or columns[-1] >= parameters:
         raise InputError(
-            f"parameters of interest must be columns 0 to {parameters - 1}", name="interest"
+            f"parameters of interest must be columns 0 to {parameters - 1}",
+            hint="name one at least, and count from 0",
+            name="interest",
         )
     return np.asarray(np.eye(parameters)[:, columns])
 

@@ -152,11 +152,13 @@ class SpectrumObjective(Objective):
     def smooth(self, candidates: Candidates, weights: FloatArray) -> Smooth:
         """Logarithm of the cost of weights ``(n,)``, of all parameters, with its derivatives."""
         r = self._order
-        inverse = np.linalg.inv(self.K)  # information about K'x is that of x, moved by this
-        values, V = np.linalg.eigh(inverse @ candidates.weighted(weights) @ inverse.T)
+        CK = np.linalg.inv(candidates.weighted(weights)) @ self.K
+        variances, V = np.linalg.eigh(self.K.T @ CK)
+        # what is known far better than the rest is rounding, and counts for nothing
+        values = 1.0 / np.maximum(variances, np.finfo(float).eps * variances[-1])
         parts = values**-r
         total = parts.sum()
-        moved = inverse.T @ V
+        moved = CK @ (V * values)
         Z = (moved * (values ** (-r - 1.0) / total)) @ moved.T
         rows = candidates.J @ moved  # (n, m, p)
         each = np.swapaxes(rows, 1, 2) @ rows

@@ -72,13 +72,16 @@ class MeanCertificate(Certificate):
         return float((1.0 - error / most) * self._strength(root) / most) if most > error else 0.0
 
     def _strength(self, root: FloatArray) -> float:
+        # of a volume the units are taken out first: they have nothing to do with the digits
+        length = np.linalg.norm(self.K, axis=0) if self.order == 0.0 else np.ones(self.K.shape[1])
         # singular values of a root, not eigenvalues: what is zero stays zero under the root below
-        k = self.K.shape[1]
-        found = np.linalg.svd(root.T @ self.K, compute_uv=False)
-        roots = np.pad(found, (0, k - len(found)))
+        k = len(length)
+        found = np.linalg.svd(root.T @ (self.K / length), compute_uv=False)
+        rounding = 2.0 * len(self.K) * np.finfo(float).eps * found.max(initial=0.0)
+        roots = np.pad(np.maximum(found - rounding, 0.0), (0, k - len(found)))
         if self.order == 0.0:
             with np.errstate(divide="ignore"):
-                mean = float(np.exp(2.0 * np.mean(np.log(roots))))
+                mean = float(np.exp(2.0 * np.mean(np.log(roots) + np.log(length))))
         else:
             power = 1.0 if np.isinf(self.order) else self.order / (1.0 + self.order)
             mean = float(np.mean(roots ** (2.0 * power)) ** (1.0 / power))

@@ -182,7 +182,10 @@ class _RatioSearch:
         return np.asarray(f * max(values[0], np.finfo(float).eps * values[-1]))
 
     def _own(self, w: FloatArray, f: FloatArray) -> float:
-        scale = np.sqrt(f @ self._shape)
+        F = f @ self._shape
+        if not (F > 0.0).all():
+            return np.inf
+        scale = np.sqrt(F)
         values = np.linalg.eigvalsh(self._part.weighted(w) / np.outer(scale, scale))
         return float(values[-1] / values[0]) if values[0] > 0.0 else np.inf
 

@@ -15,7 +15,16 @@ POOL = 10
 
 
 def fewest_of(blocks, wanted):
-    return select_fewest(blocks, wanted_deviations(wanted, blocks.shape[-1]))
+    return select_fewest(
+        blocks, wanted_deviations(wanted, 2 if blocks.ndim < 3 else blocks.shape[-1])
+    )
+
+
+def value_of(blocks, wanted) -> float:
+    rows = blocks.reshape(-1, blocks.shape[-1])
+    if np.linalg.matrix_rank(rows) < rows.shape[1]:
+        return np.inf
+    return float((sigma_of(blocks) / wanted).max())
 
 
 def sigma_of(blocks) -> np.ndarray:
@@ -49,28 +58,24 @@ def hand_eye_pool(seed: int):
 
 
 def test_as_few_as_any_subset():
-    """In 178 of 180 such pools when measured, and one pose more in the other two."""
-    excess = []
-    for seed in range(24):
+    for seed in range(12):
         blocks, wanted = hand_eye_pool(seed)
         found = fewest_of(blocks, wanted)
         assert found.reached
-        np.testing.assert_allclose(found.sigma, sigma_of(blocks[found.indices]), rtol=1e-6)
-        assert (found.sigma <= wanted * (1 + 1e-8)).all()
+        chosen = found.selection
+        np.testing.assert_allclose(chosen.sigma, sigma_of(blocks[chosen.indices]), rtol=1e-6)
+        assert (chosen.sigma <= wanted * (1 + 1e-8)).all()
         sizes = range(2, POOL + 1)
         fewest = next(n for n in sizes if best_of_all(blocks, wanted, n) <= 1)
-        excess.append(found.count - fewest)
-        # not always the very best of one pose fewer
-        least = best_of_all(blocks, wanted, found.count - 1)
-        assert len(found.indices_of_fewer) == found.count - 1
-        assert found.value_of_fewer > 1
-        assert least * (1 - 1e-6) <= found.value_of_fewer
-        assert found.value_of_fewer <= 1.1 * least or np.isinf(least)
-    assert max(excess) <= 1
-    assert excess.count(0) >= len(excess) - 1
+        assert chosen.count == fewest
+        assert found.at_least <= fewest
+        least = best_of_all(blocks, wanted, chosen.count - 1)
+        assert found.fewer.count == chosen.count - 1
+        assert found.fewer.value > 1
+        assert least * (1 - 1e-6) <= found.fewer.value
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_blocks_of_any_model_will_do(seed):
     """Three rows, seven parameters, of which four may be known as badly as they like."""
     rng = np.random.default_rng(seed)
@@ -79,10 +84,10 @@ def test_blocks_of_any_model_will_do(seed):
     found = fewest_of(blocks, wanted)
     sizes = range(3, 13)
     subsets = ((n, s) for n in sizes for s in combinations(range(12), n))
-    fewest = next(n for n, s in subsets if (deviations(blocks[list(s)]) <= wanted).all())
-    assert found.count == fewest
-    assert (found.sigma <= wanted).all()
-    assert np.isfinite(found.sigma).all()
+    fewest = next(n for n, s in subsets if value_of(blocks[list(s)], wanted) <= 1)
+    assert found.selection.count == fewest
+    assert (found.selection.sigma <= wanted).all()
+    assert np.isfinite(found.selection.sigma).all()
 
 
 def test_one_number_is_meant_for_all():
@@ -99,72 +104,64 @@ def test_units_do_not_matter():
     scale = np.where(np.arange(12) % 6 < 3, 180 / np.pi, 1e3)
     found = fewest_of(blocks / scale, wanted * scale)
     expected = fewest_of(blocks, wanted)
-    np.testing.assert_array_equal(found.indices, expected.indices)
-    np.testing.assert_allclose(found.sigma, expected.sigma * scale, rtol=1e-9)
+    assert found.selection.count == expected.selection.count
+    assert found.selection.value == pytest.approx(expected.selection.value, rel=1e-6)
 
 
 def test_the_whole_pool_reaches_what_it_has():
     blocks, _ = hand_eye_pool(0)
-    everything = deviations(blocks)
-    found = fewest_of(blocks, everything)
+    found = fewest_of(blocks, sigma_of(blocks) * (1 + 1e-10))
     assert found.reached
-    assert found.count == POOL
-    assert found.value_of_fewer > 1
+    assert found.selection.count == POOL
+    assert found.fewer.value > 1
+    assert found.at_least > POOL / 2
 
 
 def test_out_of_reach_says_by_how_much():
     blocks, _ = hand_eye_pool(1)
     everything = sigma_of(blocks)
-    found = fewest_of(blocks, everything / 1.5)
+    found = fewest_of(blocks, everything / 1.3)
     assert not found.reached
-    assert found.status == "out of reach"
-    np.testing.assert_array_equal(found.indices, np.arange(POOL))
-    assert found.value == pytest.approx(1.5)
-    assert "1.5 times" in found.message
-    assert "measured 3 times" in found.message  # 2.25
-    # which would do
-    assert fewest_of(np.repeat(blocks, 3, axis=0), everything / 1.5).reached
+    np.testing.assert_array_equal(found.selection.indices, np.arange(POOL))
+    assert found.selection.value == pytest.approx(1.3)
+    assert "1.3" in found.message
+    assert "measured 2 times" in found.message  # 1.69
+    # two that are alike but for rounding would do
+    twice = np.concatenate([blocks * (1 + k * 1e-9) for k in range(2)])
+    assert fewest_of(twice, everything / 1.3).reached
 
 
-def test_a_pool_that_sees_nothing_of_a_parameter_is_out_of_reach():
+def test_a_pool_that_sees_nothing_of_a_parameter_is_refused():
     blocks = np.random.default_rng(0).normal(size=(6, 2, 3))
     blocks[..., 1] = 0.0
-    found = fewest_of(blocks, 1e9)
-    assert not found.reached
-    assert "do not determine" in found.message
+    with pytest.raises(NotIdentifiableError, match="column 2"):
+        fewest_of(blocks, 1e9)
     parallel = np.repeat(np.random.default_rng(1).normal(size=(6, 2, 1)), 2, axis=2)
-    assert not select_fewest(parallel, 1e9).reached
+    with pytest.raises(NotIdentifiableError, match="column 1, column 2"):
+        fewest_of(parallel, 1e9)
 
 
 def test_a_single_pose_may_do():
     blocks = np.random.default_rng(2).normal(size=(5, 4, 3))
     found = fewest_of(blocks, 100.0)
-    assert found.count == 1
-    assert found.value_of_fewer == np.inf
-    assert "would not determine" in found.message
-
-
-def test_gains_are_those_of_the_inverse():
-    rng = np.random.default_rng(3)
-    blocks, root = rng.normal(size=(8, 3, 5)), rng.normal(size=(5, 5))
-    C = np.linalg.inv(root @ root.T)
-    after = np.linalg.inv(root @ root.T + np.swapaxes(blocks, 1, 2) @ blocks)
-    expected = np.diag(C) - np.diagonal(after, axis1=1, axis2=2)
-    np.testing.assert_allclose(variance_gains(blocks, C), expected, rtol=1e-9, atol=1e-12)
+    assert found.selection.count == 1
+    assert found.fewer is None
+    assert found.at_least == 1
+    assert "fewer cannot" in found.message
 
 
 @pytest.mark.parametrize(
-    ("blocks", "wanted", "says"),
+    ("blocks", "wanted", "words"),
     [
-        (np.ones((4, 3)), 1.0, "blocks"),
-        (np.full((4, 3, 2), np.nan), 1.0, "finite"),
-        (np.ones((0, 3, 2)), 1.0, "blocks"),
-        (np.ones((4, 3, 2)), [1.0, 1.0, 1.0], "2 parameters"),
-        (np.ones((4, 3, 2)), 0.0, "above zero"),
-        (np.ones((4, 3, 2)), [1.0, np.nan], "above zero"),
-        (np.ones((4, 3, 2)), np.inf, "no standard deviation"),
+        (np.ones((3, 2)), 1.0, "blocks"),
+        (np.ones((0, 2, 2)), 1.0, "blocks"),
+        (np.full((3, 2, 2), np.nan), 1.0, "not finite"),
+        (np.ones((3, 2, 2)), [1.0, 1.0, 1.0], "2 parameters"),
+        (np.ones((3, 2, 2)), 0.0, "above zero"),
+        (np.ones((3, 2, 2)), [1.0, -1.0], "above zero"),
+        (np.ones((3, 2, 2)), np.inf, "no standard deviation"),
     ],
 )
-def test_what_cannot_be_chosen_from_is_refused(blocks, wanted, says):
-    with pytest.raises(InputError, match=says):
-        select_fewest(blocks, wanted)
+def test_what_cannot_be_chosen_from_is_refused(blocks, wanted, words):
+    with pytest.raises(InputError, match=words):
+        fewest_of(blocks, wanted)

@@ -6,8 +6,8 @@
                         the tip in the base frame; in the order in which they are visited. A pose
                         is of the ``grid``, ``repaired``, ``chosen`` out of a pool, or
                         ``dropped``, and then has no numbers; with the status ``via`` it is passed
-                        through and not measured. Where the pendant shows other joint values, they follow
-                        as ``pendant_j1_deg ..``.
+                        through and not measured. Where the pendant shows other joint values,
+                        they follow as ``pendant_j1_deg ..``.
 ``touchups.csv``        ``target, j1_deg .. jn_deg, pose``: one row a touch-up, joints as the
                         controller showed them, in URDF signs; ``pose`` may be left out. In place
                         of ``j1_deg ..`` there may be ``pendant_j1_deg ..``, as read off the

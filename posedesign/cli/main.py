@@ -78,4 +78,8 @@ def _one_line(text: str) -> str:
 
 def main() -> None:
     """Entry point of the console script."""
+    # matrices are small: threads that share them mostly wait, and a plan took four times as long
+    # where other programs were running; read when numpy is imported, which has not been yet
+    if "OMP_NUM_THREADS" not in os.environ:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(run())

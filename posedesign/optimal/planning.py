@@ -17,10 +17,8 @@ from posedesign.optimal.goal import goal_of
 from posedesign.optimal.pool_of_cell import (
     away_from_singularities,
     functions_over_box,
-    no_clear_way,
     pool_of,
     with_kept,
-    without_alike,
 )
 from posedesign.optimal.refinement import refine
 from posedesign.optimal.result import OptimalPlan
@@ -31,6 +29,7 @@ from posedesign.optimal.robust import (
     robustness,
 )
 from posedesign.optimal.validation import choose_validation
+from posedesign.optimal.ways import ATTEMPTS, no_clear_way, refined_with_way, without_alike
 from posedesign.optimal.wish import Wish
 from posedesign.planner import check_base_pose, regressor
 from posedesign.pools import Pool
@@ -38,13 +37,6 @@ from posedesign.pose_plan import PoseSet
 from posedesign.route import Route, Router
 from posedesign.selection import Criterion, Fewest, Selection, select, select_fewest
 from posedesign.selection.criteria.scenarios import OverScenarios
-
-ATTEMPTS = 10
-"""How often poses that no clear way leads to are left out of the pool and others are chosen."""
-
-TURNED_BACK = 3
-"""How often those of the refined poses that no clear way leads to are turned back to what they
-were, before all are."""
 
 Advance = Callable[[str, float], None]
 
@@ -145,7 +137,14 @@ class _Planning:
             selection, fewest = self._choose(pool)
             if fewest is not None and not fewest.reached:
                 return self._result(pool, selection, fewest, pool.take(selection.indices), None)
-            chosen, route = self._with_way(pool.take(selection.indices), in_doubt=attempt > 0)
+            chosen = pool.take(selection.indices)
+            if self._wish.refine:
+                self._advance("refining", 0.6)
+                chosen, route = refined_with_way(
+                    self._router, chosen, self._refined, in_doubt=attempt > 0
+                )
+            else:
+                route = self._router.route(chosen.postures)
             if not route.lost:
                 return self._result(pool, selection, fewest, chosen, route)
             why = next(iter(route.lost.values()))
@@ -157,32 +156,10 @@ class _Planning:
                 break
         raise no_clear_way(why)
 
-    def _with_way(self, chosen: Pool, *, in_doubt: bool) -> tuple[Pool, Route]:
-        """The poses, refined where that is wanted and a clear way leads to them then, and the way.
-
-        In doubt, the way through them as they are is looked for first: refinement takes long.
-        """
-        if in_doubt or not self._wish.refine:
-            plain = self._router.route(chosen.postures)
-            if plain.lost or not self._wish.refine:
-                return chosen, plain
-        self._advance("refining", 0.6)
-        fixed = len(self._kept)  # they are the first of the pool, and so of the choice
-        refined = refine(self._cell, self._model, self._goal, chosen, fixed=fixed)
-        route = self._router.route(refined.postures)
-        if not route.lost:
-            return refined, route
-        plain = self._router.route(chosen.postures)
-        if plain.lost:
-            return chosen, plain
-        q, R = refined.postures.copy(), refined.orientations.copy()
-        for _ in range(TURNED_BACK):
-            back = list(route.lost)
-            q[back], R[back] = chosen.postures[back], chosen.orientations[back]
-            route = self._router.route(q)
-            if not route.lost:
-                return replace(refined, postures=q, orientations=R), route
-        return chosen, plain
+    def _refined(self, chosen: Pool) -> Pool:
+        """Those that are kept are the first of the pool, and so of the choice."""
+        fixed = len(self._kept)
+        return refine(self._cell, self._model, self._goal, chosen, fixed=fixed)
 
     def _check_pool(self, pool: Pool) -> None:
         """Refuse what this pool cannot give, before anything is chosen."""

@@ -8,14 +8,10 @@ import numpy as np
 
 from calib.errors import InputError, UnreachableError
 from calib.model import CalibrationModel
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.pools import Pool, cone_pool, joint_pool, wpr_pool
 from posedesign.task_box import TaskBox, box_functions
-
-ALIKE_RAD = (0.0, 0.2, 0.4, 0.6)
-"""Postures of which no joint differs by more from one that no clear way leads to are left out with
-it: none at first, then more and more of them, for a pool may have hundreds of such."""
 
 BOX_OF_REACH = 0.1
 """Part of the reach that the usual task box extends to each side of the target."""
@@ -76,35 +72,6 @@ def with_kept(cell: Cell, pool: Pool, postures: FloatArray) -> Pool:
         orientations=np.concatenate([cell.robot.fk(postures)[:, :3, :3], pool.orientations]),
         target=np.concatenate([np.zeros(k, dtype=np.intp), pool.target]),
         tried=pool.tried + k,
-    )
-
-
-def without_alike(pool: Pool, lost: IntArray, attempt: int, kept: int = 0) -> Pool:
-    """The pool without postures that no clear way leads to, and those like them.
-
-    Parameters
-    ----------
-    pool : Pool
-    lost : ndarray of int
-        Rows of the pool.
-    attempt : int
-        How often others have been left out before.
-    kept : int
-        How many of the first postures stay in any case.
-    """
-    apart = np.abs(pool.postures[:, None] - pool.postures[lost]).max(axis=2).min(axis=1)
-    keep = apart > ALIKE_RAD[min(attempt, len(ALIKE_RAD) - 1)]
-    keep[lost] = False
-    keep[:kept] = True
-    return pool.take(keep)
-
-
-def no_clear_way(why: str) -> InputError:
-    """The error where poses are left that no clear way leads to."""
-    return InputError(
-        f"no clear way leads to some of the poses: {why}",
-        hint="move the base posture to the side of the target that has room, or what is in the way",
-        name="base_pose",
     )
 
 

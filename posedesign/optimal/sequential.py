@@ -25,14 +25,13 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.cell import Cell
 from posedesign.optimal.goal import Goal, goal_of
 from posedesign.optimal.next_poses import NextPoses
-from posedesign.optimal.planning import ATTEMPTS, as_pose_set
+from posedesign.optimal.planning import as_pose_set
 from posedesign.optimal.pool_of_cell import (
     away_from_singularities,
     functions_over_box,
-    no_clear_way,
     pool_of,
-    without_alike,
 )
+from posedesign.optimal.ways import ATTEMPTS, no_clear_way, without_alike
 from posedesign.optimal.wish import Wish
 from posedesign.pools import Pool
 from posedesign.route import Route, Router

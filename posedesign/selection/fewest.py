@@ -169,5 +169,6 @@ class _Search:
                 interest=self._interest,
                 names=self._names,
                 starts=self._starts,
+                tolerance=ROUGH,
             )
         return self._found[count]

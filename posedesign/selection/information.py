@@ -9,7 +9,7 @@ import numpy as np
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 
-SEEN = 1e-11
+SEEN = 1e-9
 """Smallest eigenvalue, columns of unit length, from which a choice is taken to see everything; the
 information is a square, and has lost half of the digits already."""
 

@@ -22,8 +22,8 @@ METHODS = {
 }
 
 GOOD_ENOUGH, SMALL = 0.98, 1000
-"""Efficiency from which no further start is made, in pools of more than so many candidates: what
-it could still gain is less than a pose in fifty. Smaller pools take little time."""
+"""Efficiency from which no further start is made, of smooth criteria in pools of more than so many
+candidates: what it could still gain is less than a pose in fifty. Others take little time."""
 
 PATIENCE, WORTH_IT = 2, 2e-3
 """In pools of more candidates no further start is made after so many in a row that brought less
@@ -147,7 +147,9 @@ class Search:
         if self._candidates.N <= SMALL:
             return (1.0 - OPTIMAL) * best <= bound
         before = min(costs[:-PATIENCE], default=np.inf)
-        return GOOD_ENOUGH * best <= bound or bool(before * (1.0 - WORTH_IT) < best < np.inf)
+        if not self._objective.rugged and GOOD_ENOUGH * best <= bound:
+            return True
+        return bool(before * (1.0 - WORTH_IT) < best < np.inf)
 
     def _shortlist(self, relaxed: Relaxation | None) -> tuple[IntArray, Objective, IntArray]:
         """Candidates that the exchange works on: those that add most at the relaxation."""

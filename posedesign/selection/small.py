@@ -15,7 +15,10 @@ ENUMERATED = 5_000
 """Choices up to which all are tried: that takes less time than a search."""
 
 AT_ONCE = 5_000
-"""Neighbours of all starts together that are judged in one step of the search."""
+"""Neighbours of all starts together that are judged in one step of the search, of
+:data:`_FEW_PARAMETERS`; fewer of more, by the time that a matrix takes."""
+
+_FEW_PARAMETERS = 6
 
 USUAL = 24
 """Parameters up to which that is so; with more each takes longer, with their cube."""
@@ -27,7 +30,7 @@ condition number in about one of ten."""
 NO_GAIN = 1e-9
 """Relative gains below are rounding."""
 
-NEAR = 1e-3
+NEAR = 1e-4
 """Part of the best cost within which choices are judged again, without squaring their condition."""
 
 _UNCLEAR = 1_000
@@ -59,7 +62,8 @@ def starts_for(candidates: Candidates, count: int, kept: IntArray) -> int:
     """How many starts :func:`many_starts` is worth; 0 in pools that are too large."""
     neighbours = (count - len(kept)) * (candidates.N - count)
     neighbours *= max(1, round((candidates.p / USUAL) ** 3))
-    number = min(MOST_STARTS, AT_ONCE // max(neighbours, 1))
+    at_once = int(AT_ONCE / max(1.0, (candidates.p / _FEW_PARAMETERS) ** 3))
+    number = min(MOST_STARTS, at_once // max(neighbours, 1))
     return number if number >= FEWEST_STARTS else 0
 
 

@@ -27,6 +27,9 @@ INNER = 0.3
 SEEN = 1e-3
 """Weights above are taken to count; the method leaves others a little above zero."""
 
+HOPELESS = 1e14
+"""Ratio from which nothing is tried: eigenvalues so far apart are rounding."""
+
 DECIDED = 0.1
 """Part of the slack at which a trial of a ratio has said what it can."""
 
@@ -191,7 +194,7 @@ class _RatioSearch:
 
     def run(self, tolerance: float) -> None:
         """Try ratios until the best is as small as what is proven, but for a part ``tolerance``."""
-        if self._count >= self._part.N:
+        if self._count >= self._part.N or not self.ratio < HOPELESS:
             return
         for _ in range(MOST_RATIOS):
             before = (self.ratio, self.proven)

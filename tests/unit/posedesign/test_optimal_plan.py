@@ -15,12 +15,8 @@ from posedesign.checks import off_target
 from posedesign.optimal import Wish, plan_optimal
 from posedesign.optimal.accuracy import accuracy_of
 from posedesign.optimal.goal import goal_of
-from posedesign.optimal.pool_of_cell import (
-    box_of_cell,
-    functions_over_box,
-    pool_of,
-    without_alike,
-)
+from posedesign.optimal.pool_of_cell import box_of_cell, functions_over_box, pool_of
+from posedesign.optimal.ways import without_alike
 from posedesign.route import Router
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.exchange import exchange

@@ -10,7 +10,7 @@ import pytest
 
 from calib.se3 import rotation_exp
 from posedesign.generation import touching_poses
-from posedesign.optimal import Wish
+from posedesign.optimal import Wish, refinement
 from posedesign.optimal.goal import goal_of
 from posedesign.optimal.pool_of_cell import functions_over_box
 from posedesign.optimal.refinement import _Refinement, refine
@@ -89,13 +89,24 @@ def test_refined_poses_are_better_and_keep_every_constraint(reference, refined, 
     assert tilts(cell, found.postures).max() <= tilts(cell, chosen.postures).max() + 1e-8
 
 
-def test_collisions_and_view_are_kept_too(demo_cell):
-    pool = cone_pool(demo_cell, TILT, 150, np.random.default_rng(3))
-    model, goal = goal_in(demo_cell, "tcp")
+@pytest.mark.parametrize(
+    ("keys", "tilt_deg"),
+    [({"safety_distance_mm": 60.0}, 40.0), ({"smallest_singular_value": 0.06}, 60.0)],
+    ids=["collisions", "singularities"],
+)
+def test_what_lies_in_the_way_of_better_poses_is_kept_clear_of(
+    make_demo_cell, monkeypatch, keys, tilt_deg
+):
+    cell = make_demo_cell(constraints=keys)
+    pool = cone_pool(cell, np.deg2rad(tilt_deg), 150, np.random.default_rng(3))
+    model, goal = goal_in(cell, "tcp")
     chosen = best_of(model, goal, pool)
-    found = refine(demo_cell, model, goal, chosen)
+    found = refine(cell, model, goal, chosen)
     assert cost_of(model, goal, found) < 0.98 * cost_of(model, goal, chosen)
-    assert demo_cell.checker.check(found.postures).feasible.all()
+    assert cell.checker.check(found.postures).feasible.all()
+    monkeypatch.setattr(refinement, "feasible", lambda cell, q, *at: np.isfinite(q).all(axis=1))
+    free = refine(cell, model, goal, chosen)
+    assert not cell.checker.check(free.postures).feasible.all()
 
 
 @pytest.mark.parametrize("criterion", SMOOTH)

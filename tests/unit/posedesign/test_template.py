@@ -72,7 +72,7 @@ def test_every_line_fits_and_every_key_says_its_unit() -> None:
         for key, value in (keys[0] if isinstance(keys, list) else keys).items():
             numbers = value if isinstance(value, list) else [value]
             if all(isinstance(v, float) for v in numbers):
-                units = ("_mm", "_deg", "_kg", "_s", "_px", "_urad_nm", "threshold")
+                units = ("_mm", "_deg", "_kg", "_s", "_px", "_urad_nm", "threshold", "_value")
                 assert key.endswith(units), key
 
 

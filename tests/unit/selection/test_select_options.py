@@ -1,4 +1,4 @@
-"""What select is asked for: known rows, kept poses, doubles, thresholds, methods, and its errors."""
+"""What select is asked for: known rows, kept poses, doubles, thresholds, methods; its errors."""
 
 from __future__ import annotations
 

@@ -141,6 +141,7 @@ def test_what_the_plan_predicts_is_what_the_pairs_predict(planned):
     np.testing.assert_allclose(chosen.selection.sigma[lengths], places, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_fewer_poses_do_where_they_turn_farther():
     wide, narrow = hand_eye_cell(), hand_eye_cell()
     variations = {"largest_deg": (20.0, 20.0, 20.0)}

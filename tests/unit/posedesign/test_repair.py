@@ -160,7 +160,7 @@ class NotBeyond(WayChecker):
         )
 
 
-@pytest.mark.parametrize("replace", [True, False])
+@pytest.mark.parametrize("replace", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_poses_that_no_way_leads_to(make_demo_cell: MakeCell, replace: bool) -> None:
     cell = make_demo_cell(plan={"repair": replace, "condition_threshold": 2e5})
     free = plan(cell)

@@ -4,7 +4,8 @@ Every criterion is brought to a *cost* that is made small. For all but the condi
 cost is a mean variance: geometric (D), arithmetic (A, I), largest (E, G). Its inverse is then a
 concave, homogeneous function of the information, an information function in the sense of
 Pukelsheim, Optimal Design of Experiments, 1993, chapter 5, and a bound that no choice of the pool
-can beat follows from any positive semidefinite matrix (:mod:`posedesign.selection.relaxation.certificate`).
+can beat follows from any positive semidefinite matrix: see
+:mod:`posedesign.selection.relaxation.certificate`.
 The efficiency of a choice is the bound over its cost: .97 says that the best that can be had from
 any n poses of the pool takes at least .97 n poses' worth of measuring.
 """

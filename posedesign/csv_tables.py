@@ -1,4 +1,9 @@
-"""CSV files: hostile until read. Size, encoding, header, every cell that should be a number."""
+"""CSV files: hostile until read. Size, encoding, header, every cell that should be a number.
+
+Lines that start with # may stand before the header, and say something of the whole table. A cell
+that holds a # is quoted, so that ``pandas.read_csv(path, comment="#")`` reads it as it is, with its
+usual engine; with ``engine="python"`` quotes do not protect it.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +25,16 @@ LARGEST_CSV_BYTES = 50_000_000
 DECIMALS = 9
 """Of mm and degrees in a file: 1e-12 m and 2e-11 rad, so that nothing is lost by writing."""
 
-_ESCAPED = ("=", "+", "-", "@", "\t", "\r", "#", "'")
+_ESCAPED = (*"=+-@\t\r#'", *"\uff1d\uff0b\uff0d\uff20")
 """First characters of a text that a spreadsheet would run, or that start a comment: such a text is
-written with an apostrophe before it, as in a spreadsheet, and read without."""
+written with an apostrophe before it, as in a spreadsheet, and read without. The last four are the
+wide forms of = + - @, which some spreadsheets take for the same."""
+
+_QUOTED = frozenset(',"#\n')
+"""Characters for which a cell is put between quotation marks."""
+
+_SPLITS = re.compile(r'[\x00-\x1f\x7f-\x9f\u2028\u2029,;"]+')
+"""What ends a line of comment, or what a spreadsheet would cut it at, into cells of its own."""
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 """``float()`` would take more: 1_0, nan, digits of other scripts."""
@@ -39,18 +51,64 @@ class Row:
     cells: dict[str, str]
 
 
-def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> Path:
-    """Write rows as CSV, whole or not at all; missing values are empty cells."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        writer.writerow([_cell(row.get(column)) for column in columns])
-    return write_text_atomic(path, text.getvalue())
+@dataclass(frozen=True)
+class Table:
+    """What stands in a CSV file.
+
+    Attributes
+    ----------
+    columns : list of str
+    rows : list of Row
+    comments : list of str
+        The lines before the header that start with #, without it.
+    """
+
+    columns: list[str]
+    rows: list[Row]
+    comments: list[str]
+
+
+class AsItIs(str):
+    """The digits of a number: written without an apostrophe, whatever sign they start with."""
+
+
+def as_read(text: str) -> str:
+    """A cell that was read, to be written again: a number as it is, all else as a text."""
+    return AsItIs(text) if _NUMBER.fullmatch(text) else text
+
+
+def write_table(
+    path: Path,
+    columns: Sequence[str],
+    rows: Iterable[Mapping[str, object]],
+    comments: Sequence[str] = (),
+) -> Path:
+    """Write rows as CSV, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    columns : sequence of str
+    rows : iterable of mapping
+        By column; missing values are empty cells.
+    comments : sequence of str
+        Lines to stand before the header, each with # before it. What would end such a line, or be
+        cut into cells by a spreadsheet, becomes a space.
+    """
+    lines = [f"# {_SPLITS.sub(' ', comment).strip()}" for comment in comments]
+    lines.append(_line(columns))
+    lines += [_line([row.get(column) for column in columns]) for row in rows]
+    return write_text_atomic(path, "\n".join([*lines, ""]))
 
 
 def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[Row]]:
-    """Header and rows of a CSV file; lines with # before them are passed over.
+    """Header and rows of a CSV file; see :func:`read_table`."""
+    table = read_table(path, header)
+    return table.columns, table.rows
+
+
+def read_table(path: Path, header: Sequence[str] = ()) -> Table:
+    """Header and rows of a CSV file, and the lines with # before them.
 
     Parameters
     ----------
@@ -74,10 +132,15 @@ def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[R
     reader = csv.reader(io.StringIO(text), strict=True)
     columns = list(header)
     rows: list[Row] = []
+    comments: list[str] = []
     try:
         for cells in reader:
+            if not any(cells):
+                continue
             at_start = not rows if header else not columns
-            if not any(cells) or (at_start and cells[0].startswith("#")):
+            if at_start and cells[0].startswith("#"):
+                # a spreadsheet that saves the table fills the line up with commas
+                comments.append(",".join(cells)[1:].strip(" ,"))
                 continue
             stripped = [_unescaped(cell.strip()) for cell in cells]
             if not columns:
@@ -105,7 +168,7 @@ def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[R
         raise FileFormatError("appears twice", path=path, column=double, hint="rename one")
     if not rows:
         raise FileFormatError("has no rows of data", path=path, hint="is it the right file?")
-    return columns, rows
+    return Table(columns, rows, comments)
 
 
 def _check_separator(path: Path, line: int, columns: Sequence[str]) -> None:
@@ -186,6 +249,17 @@ def numbers_of(path: Path, rows: Sequence[Row], columns: Sequence[str]) -> Float
     return out
 
 
+def _line(values: Iterable[object]) -> str:
+    """One line of a table. ``csv.writer`` would leave cells with a # without quotation marks."""
+    cells = [_cell(value) for value in values]
+    if cells == [""]:
+        return '""'  # an empty line would be no row
+    return ",".join(
+        '"' + cell.replace('"', '""') + '"' if _QUOTED.intersection(cell) else cell
+        for cell in cells
+    )
+
+
 def _cell(value: object) -> str:
     if value is None:
         return ""
@@ -193,9 +267,22 @@ def _cell(value: object) -> str:
         if not math.isfinite(value):
             return "" if math.isnan(value) else ("inf" if value > 0 else "-inf")
         return f"{round(float(value), DECIMALS) + 0.0:.{DECIMALS}f}".rstrip("0").rstrip(".") or "0"
-    text = str(value)
-    return "'" + text if text.startswith(_ESCAPED) else text
+    text = _with_line_ends(str(value))
+    if isinstance(value, AsItIs):
+        return text
+    return "'" + text if _is_escaped(text) else text
+
+
+def _with_line_ends(text: str) -> str:
+    """The same with one kind of line end: files have their own."""
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _is_escaped(text: str) -> bool:
+    """Whether a text needs an apostrophe; spreadsheets look past spaces before a formula."""
+    return text.startswith(_ESCAPED) or text.lstrip().startswith(_ESCAPED)
 
 
 def _unescaped(text: str) -> str:
-    return text[1:] if text[:1] == "'" and text[1:].startswith(_ESCAPED) else text
+    text = _with_line_ends(text)
+    return text[1:] if text[:1] == "'" and _is_escaped(text[1:]) else text

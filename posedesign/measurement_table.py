@@ -15,6 +15,8 @@
 ``distance_mm``         the same, for distances
 ======================  =========================================================================
 
+Columns of other names are kept: :attr:`MeasurementTable.extra`.
+
 A camera-pose is the pose of the target in the axes of the camera, a pose that of the tool in the
 axes of the target; W, P and R turn about fixed x, then y, then z.
 """
@@ -22,7 +24,7 @@ axes of the target; W, P and R turn about fixed x, then y, then z.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -43,12 +45,13 @@ from calib.se3 import (
 from posedesign.csv_tables import (
     LONGEST_SHOWN,
     Row,
+    as_read,
     check_columns,
     numbers_of,
     read_rows,
     write_table,
 )
-from posedesign.postures_table import joint_columns, postures_of
+from posedesign.postures_table import joint_columns, pendant_columns, postures_of
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
@@ -67,6 +70,8 @@ _READ = {
 
 _EVERY_READ = tuple(dict.fromkeys(column for columns in _READ.values() for column in columns))
 
+_LABELS = ("target", "pose", "kind", "tool", "payload")
+
 
 @dataclass(frozen=True, eq=False)
 class MeasurementTable:
@@ -83,6 +88,8 @@ class MeasurementTable:
         The file.
     notes : tuple of str
         What is odd in it.
+    extra : mapping of str to tuple of str
+        By name of the column, the cells of columns that posedesign does not know.
     """
 
     data: Measurements
@@ -90,6 +97,7 @@ class MeasurementTable:
     lines: tuple[int, ...]
     path: Path = field(default=Path("measurements.csv"))
     notes: tuple[str, ...] = ()
+    extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def of_kind(self, *names: str) -> IntArray:
         """Rows of the data that are of these kinds."""
@@ -99,11 +107,17 @@ class MeasurementTable:
     def some(self, rows: IntArray) -> MeasurementTable:
         """Some of the measurements, with the names of all."""
         lines = tuple(self.lines[i] for i in rows)
-        return replace(self, data=self.data[rows], lines=lines)
+        extra = {column: tuple(cells[i] for i in rows) for column, cells in self.extra.items()}
+        return replace(self, data=self.data[rows], lines=lines, extra=extra)
 
 
 def write_measurements(
-    path: Path, data: Measurements, kinds: Sequence[str] = (), payloads: Sequence[str] = ()
+    path: Path,
+    data: Measurements,
+    kinds: Sequence[str] = (),
+    payloads: Sequence[str] = (),
+    *,
+    extra: Mapping[str, Sequence[str]] | None = None,
 ) -> Path:
     """Write measurements so that :func:`read_measurements` reads them as they are.
 
@@ -117,6 +131,8 @@ def write_measurements(
         all are of the kind of the cell that they are read for.
     payloads : sequence of str
         Names of payloads besides the tool's own, which is the first.
+    extra : mapping of str to sequence of str, optional
+        Cells of further columns, one for each measurement.
 
     Raises
     ------
@@ -148,6 +164,11 @@ def write_measurements(
             row |= _as_read(data, i, kinds[setup.kind[i]])
         rows.append(row)
     columns += [column for column in _EVERY_READ if any(column in row for row in rows)]
+    for column, cells in (extra or {}).items():
+        if column not in columns:
+            columns.append(column)
+            for row, cell in zip(rows, cells, strict=True):
+                row[column] = as_read(cell)
     return write_table(path, columns, rows)
 
 
@@ -216,7 +237,10 @@ def read_measurements(
     _check_poses(path, rows, data)
     _check_planes(path, rows, kinds, data)
     lines = tuple(row.line for row in rows)
-    return MeasurementTable(data, kinds, lines, path, tuple(_not_read(rows, kinds, of_kind)))
+    known = {*_LABELS, *_EVERY_READ, *joint_columns(n), *pendant_columns(n)}
+    extra = {c: tuple(row.cells[c] for row in rows) for c in columns if c not in known}
+    notes = tuple(_not_read(rows, kinds, of_kind))
+    return MeasurementTable(data, kinds, lines, path, notes, extra)
 
 
 def _check_names(path: Path, rows: Sequence[Row]) -> None:
@@ -230,7 +254,7 @@ def _check_names(path: Path, rows: Sequence[Row]) -> None:
                 column="target",
                 hint="name the point that was touched, or the instrument",
             )
-        for column in ("target", "pose", "kind", "tool", "payload"):
+        for column in _LABELS:
             name = row.cells.get(column, "")
             if _CONTROL.search(name):
                 raise FileFormatError(

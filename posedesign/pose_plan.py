@@ -12,6 +12,7 @@ import numpy as np
 from calib.model import CalibrationModel
 from calib.parameters.base import Unit
 from calib.se3 import FloatArray
+from posedesign.csv_tables import DECIMALS
 from posedesign.indices import Indices
 from posedesign.route import Route
 
@@ -278,5 +279,7 @@ def displayed(model: CalibrationModel, values: FloatArray) -> list[tuple[str, st
 
 def fingerprint(postures: FloatArray) -> str:
     """Eight hex digits of postures ``(N, n)`` [rad], the same after a round trip through a file."""
-    degrees = np.round(np.rad2deg(postures), 4) + 0.0
+    # as a file has them first: a value on the edge of a step would fall to the other side of it
+    written = np.round(np.rad2deg(postures), DECIMALS)
+    degrees = np.round(written, 4) + 0.0
     return sha256(np.ascontiguousarray(degrees).tobytes()).hexdigest()[:8]

@@ -1,20 +1,118 @@
-"""Joint columns of tables: ``j1_deg ..`` in URDF signs, or ``pendant_j1_deg ..``."""
+"""Joint columns of tables: ``j1_deg ..`` in URDF signs, or ``pendant_j1_deg ..``.
+
+Of a robot that is known, the columns may have other names, too: see :class:`JointForm`.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 
 from calib.errors import FileFormatError
-from calib.robots import Controller
+from calib.robots import Controller, Robot
 from calib.se3 import FloatArray
-from posedesign.csv_tables import Row, check_columns, numbers_of
+from posedesign.csv_tables import AsItIs, Row, check_columns, numbers_of
 
 PENDANT_AGREES_DEG = 0.01
 """Joint values and pendant values of one row may differ by as much: pendants show few decimals."""
+
+LARGEST_RAD = 4.0 * math.pi
+"""No joint of an arm turns further from its zero than two turns: beyond it, values are degrees."""
+
+RADIAN_DECIMALS = 12
+"""Of radians in a file: as fine as nine decimals of a degree."""
+
+
+class JointForm(StrEnum):
+    """How the joint columns of a table are named, and what stands in them.
+
+    ==========  ====================================================================================
+    ``usual``   ``j1_deg ..`` [deg], signs of the URDF
+    ``ros``     ``<joint name>_rad ..`` [rad], signs of the URDF, names as in the robot's
+                description and so in ``sensor_msgs/JointState``; ``<joint name>_deg`` is read, too
+    ``robodk``  ``J1 ..`` [deg] as the controller shows them, before all other columns. Where no
+                controller is known: signs of the URDF
+    ==========  ====================================================================================
+
+    No public description of a CSV of joints that RoboDK itself imports was found, and the form was
+    not tried with RoboDK. It follows what its published sources show: ``LoadList`` of ``robodk``
+    takes a file as rows of numbers at fixed places, and its post-processors write joint values into
+    controllers' programs as they are, so that they are those of the pendant.
+    """
+
+    USUAL = "usual"
+    ROS = "ros"
+    ROBODK = "robodk"
+
+
+def columns_of(form: JointForm, robot: Robot) -> list[str]:
+    """Names of the joint columns of a robot in a form."""
+    if form is JointForm.ROS:
+        return [f"{name}_rad" for name in robot.joint_names]
+    if form is JointForm.ROBODK:
+        return [f"J{i + 1}" for i in range(robot.n)]
+    return joint_columns(robot.n)
+
+
+def cells_of(form: JointForm, robot: Robot, posture: FloatArray) -> list[object]:
+    """Cells of the joint columns for a posture ``(n,)`` [rad]."""
+    if form is JointForm.ROS:
+        return [AsItIs(f"{value + 0.0:.{RADIAN_DECIMALS}f}") for value in posture.tolist()]
+    if form is JointForm.ROBODK and robot.controller is not None:
+        return list(robot.controller.pendant(posture).tolist())
+    return list(np.rad2deg(posture).tolist())
+
+
+def find_form(columns: Sequence[str], robot: Robot) -> tuple[JointForm, list[str]]:
+    """The form that the columns of a table have, and the joint columns that it asks for.
+
+    That with most of its columns there; where none is there, ROS if anything is in radians.
+    """
+    n = robot.n
+    names = robot.joint_names
+    wanted = [
+        (JointForm.USUAL, joint_columns(n)),
+        (JointForm.USUAL, pendant_columns(n)),
+        (JointForm.ROS, [f"{name}_rad" for name in names]),
+        (JointForm.ROS, [f"{name}_deg" for name in names]),
+        (JointForm.ROBODK, columns_of(JointForm.ROBODK, robot)),
+    ]
+    counts = [len(set(needed) & set(columns)) for _, needed in wanted]
+    if not any(counts):
+        return wanted[2 if any(column.endswith("_rad") for column in columns) else 0]
+    return wanted[counts.index(max(counts))]
+
+
+def postures_in_any_form(
+    path: Path, columns: Sequence[str], rows: Sequence[Row], robot: Robot, trust_units: bool
+) -> FloatArray:
+    """Postures ``(rows, n)`` [rad] of a known robot, in whichever form its joints are named."""
+    form, needed = find_form(columns, robot)
+    if form is JointForm.USUAL:
+        return postures_of(path, columns, rows, robot.n, robot.controller, trust_units)
+    check_columns(path, columns, needed)
+    more = [c for c in columns if re.fullmatch(r"J\d+", c) and c not in needed]
+    if form is JointForm.ROBODK and more:
+        raise FileFormatError(
+            f"the robot has {robot.n} joints only",
+            path=path,
+            row=1,
+            column=more[0],
+            hint="is this the file of another robot?",
+        )
+    if not rows:
+        raise FileFormatError("has no pose that was not dropped", path=path)
+    if form is JointForm.ROS and needed[0].endswith("_rad"):
+        return _radians(path, rows, needed, trust_units)
+    degrees = _degrees(path, rows, needed, trust_units)
+    if form is JointForm.ROBODK and robot.controller is not None:
+        return robot.controller.posture(degrees)
+    return np.asarray(np.deg2rad(degrees))
 
 
 def joint_columns(n: int) -> list[str]:
@@ -82,3 +180,21 @@ def _degrees(
             bound=2 * math.pi,
         )
     return degrees
+
+
+def _radians(
+    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool
+) -> FloatArray:
+    radians = numbers_of(path, rows, columns)
+    largest = float(np.abs(radians).max())
+    if not trust_units and largest > LARGEST_RAD:
+        raise FileFormatError(
+            f"the joint values look like degrees (the largest is {largest:.4g})",
+            path=path,
+            column=f"{columns[0]} to {columns[-1]}",
+            hint="end the names of the columns with _deg, or pass --trust-units if they really "
+            "are radians",
+            value=largest,
+            bound=LARGEST_RAD,
+        )
+    return radians

@@ -27,6 +27,7 @@ from posedesign.checks import outside_limits, refuse_unfit
 from posedesign.csv_tables import write_table
 from posedesign.files import write_json_atomic
 from posedesign.identification_content import results_as_dict
+from posedesign.indices import Indices
 from posedesign.measurement_table import read_measurements
 from posedesign.optimal import OptimalPlan, Wish, plan_optimal
 from posedesign.optimal.next_poses import NextPoses
@@ -36,7 +37,8 @@ from posedesign.pairs_file import Pairs, read_pairs, write_pairs
 from posedesign.pairs_results import SolverOutcome, solve_pairs
 from posedesign.pairs_tables import write_outcomes
 from posedesign.planner import Progress, plan
-from posedesign.pose_plan import PosePlan, displayed, fingerprint
+from posedesign.pose_margins import Margins
+from posedesign.pose_plan import PosePlan, PoseSet, displayed, fingerprint
 from posedesign.programs import (
     PoseProgram,
     ProgramOptions,
@@ -47,9 +49,13 @@ from posedesign.programs import (
     write,
 )
 from posedesign.reading_checks import check_readings
+from posedesign.route import Route
 from posedesign.set_up import far_rows
 from posedesign.simulation import SimulatedRobot
 from posedesign.tables import PoseList, write_poses, write_touch_ups
+
+POSES, VALIDATION = "measuring poses", "validation poses"
+"""What tables of poses say that they are."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +101,7 @@ def plan_poses(cell: Cell, out: Path, progress: Progress | None = None) -> PoseP
     """Plan, and write ``poses.csv`` and ``rounds.csv`` into a folder."""
     result = plan(cell, progress)
     make_folder(out)
-    write_poses(out / "poses.csv", cell.robot, result.poses, result.route, cell.tool_m)
+    _write_poses(out / "poses.csv", cell, result.poses, result.route, result.indices)
     rows = round_rows(result)
     write_table(out / "rounds.csv", list(rows[0]), rows)
     return result
@@ -125,13 +131,13 @@ def plan_optimal_poses(
         refuse_unfit(cell, keep)
         kept = keep.measured.postures
     result = plan_optimal(cell, wish, advance, keep=kept)
-    for name, poses, route in (
-        ("poses.csv", result.poses, result.route),
-        ("validation.csv", result.validation, result.validation_route),
+    for name, title, poses, route, indices in (
+        ("poses.csv", POSES, result.poses, result.route, result.indices),
+        ("validation.csv", VALIDATION, result.validation, result.validation_route, None),
     ):
         if poses is not None and route is not None:
             make_folder(out)
-            write_poses(out / name, cell.robot, poses, route, cell.tool_m)
+            _write_poses(out / name, cell, poses, route, indices, title)
     return result
 
 
@@ -164,8 +170,28 @@ def plan_next_poses(
         accuracy_m=accuracy_m,
     )
     make_folder(out)
-    write_poses(out / "poses.csv", cell.robot, result.poses, result.route, cell.tool_m)
+    _write_poses(out / "poses.csv", cell, result.poses, result.route)
     return result
+
+
+def _write_poses(
+    path: Path,
+    cell: Cell,
+    poses: PoseSet,
+    route: Route,
+    indices: Indices | None = None,
+    title: str = POSES,
+) -> Path:
+    return write_poses(
+        path,
+        cell.robot,
+        poses,
+        route,
+        cell.tool_m,
+        margins=Margins.of_route(cell, route),
+        indices=indices,
+        title=title,
+    )
 
 
 def round_rows(result: PosePlan) -> list[dict[str, object]]:

@@ -15,6 +15,7 @@ from posedesign.cli import (
     plan_commands,
     robot_world_command,
     study_commands,
+    table_commands,
 )
 from posedesign.cli.output import BAD_INPUT, STOPPED
 
@@ -31,6 +32,7 @@ calibrate_commands.register(app)
 correct_commands.register(app)
 robot_world_command.register(app)
 study_commands.register(app)
+table_commands.register(app)
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

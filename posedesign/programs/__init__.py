@@ -1,14 +1,22 @@
 """Robot programs: written for a controller, read back, and strictly validated."""
 
-from posedesign.programs.controller_view import pendant_from_urdf, urdf_from_pendant
+from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
-from posedesign.programs.recorded import Problem, RecordedPosition, RecordedProgram
+from posedesign.programs.recorded import (
+    PlanMark,
+    Problem,
+    RecordedPosition,
+    RecordedProgram,
+    postures_of,
+)
 from posedesign.programs.registry import DIALECTS, find_dialect, read, validate, write
 
 __all__ = [
     "DIALECTS",
+    "Arm",
     "Dialect",
+    "PlanMark",
     "PoseProgram",
     "Problem",
     "ProgramOptions",
@@ -16,9 +24,8 @@ __all__ = [
     "RecordedPosition",
     "RecordedProgram",
     "find_dialect",
-    "pendant_from_urdf",
+    "postures_of",
     "read",
-    "urdf_from_pendant",
     "validate",
     "write",
 ]

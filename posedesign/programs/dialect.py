@@ -3,53 +3,148 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, get_args
 
-from posedesign.programs.program import PoseProgram
+import numpy as np
+
+from calib.errors import InputError
+from posedesign.files import write_text_atomic
+from posedesign.programs.arm import Arm
+from posedesign.programs.program import Form, PoseProgram
+from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Problem, RecordedProgram
+from posedesign.programs.writing import NameRule
 
 
 class Dialect(ABC):
-    """A controller's program format: one subclass, in one file, a controller.
+    """A controller's program format: one subclass, in one package, a controller.
 
     Attributes
     ----------
     name : str
         What a user calls it, e.g. ``fanuc-ls``.
-    maker : str
-        Whose controllers read it, a key of ``calib.robots.POSITIVE_AXES``.
+    title : str
+        What it is, in words.
+    maker : str or None
+        Whose controllers read it, a key of ``calib.robots.POSITIVE_AXES``; None: any robot.
     suffixes : tuple of str
-        Endings of its files in lower case, the usual one first, e.g. ``.ls``.
+        Endings of its files in lower case, e.g. ``.ls``; that of the file with the positions first.
+    forms : tuple of {"joint", "cartesian"}
+        How it can write positions.
+    names : NameRule
+        What it takes for the name of a program.
+    newline, encoding : str
+        Of its files.
     """
 
     name: ClassVar[str]
-    maker: ClassVar[str]
+    title: ClassVar[str]
+    maker: ClassVar[str | None]
     suffixes: ClassVar[tuple[str, ...]]
+    forms: ClassVar[tuple[Form, ...]] = get_args(Form)
+    names: ClassVar[NameRule]
+    newline: ClassVar[str] = "\n"
+    encoding: ClassVar[str] = "ascii"
 
     @abstractmethod
-    def write(self, program: PoseProgram, path: Path) -> None:
-        """Write the program for this controller.
+    def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
+        r"""Text of each file of a program by its name, lines ended by ``\n``.
+
+        The file that is read back, with the positions, comes first. The program is not too long,
+        its name is legal, and the arm is the maker's.
+
+        Raises
+        ------
+        InputError
+            The program cannot be said in this dialect.
+        """
+
+    @abstractmethod
+    def parse(self, data: bytes, path: Path) -> RecordedProgram:
+        """The program in the content of a file, tolerant of what controllers export.
+
+        ``path`` is for messages, and for companions of the file that hold no positions.
+
+        Raises
+        ------
+        FileFormatError
+            The file is not such a program, or holds no positions.
+        """
+
+    @abstractmethod
+    def check(self, data: bytes, path: Path) -> list[Problem]:
+        """What the controller would refuse, or run in another way than meant.
+
+        Shares no code with the writer and the reader. Never fails, whatever the content.
+        """
+
+    def most_poses(self, program: PoseProgram) -> int | None:
+        """Most poses of one file of such a program; None: any number."""
+        return None
+
+    def recognises(self, data: bytes) -> bool:
+        """Whether the content looks like this dialect's, where several have the same ending."""
+        return True
+
+    def parts(self, program: PoseProgram) -> Iterator[PoseProgram]:
+        """The program, or its parts where it is too long for one file."""
+        most = self.most_poses(program)
+        if most is None or len(program.poses) <= most:
+            yield program
+            return
+        for k, part in enumerate(program.split(most), start=1):
+            yield replace(part, name=self.names.part(program.name, k))
+
+    def files(self, program: PoseProgram) -> dict[str, str]:
+        """Text of all files of a program by name, in several parts where it is long.
+
+        Those with the positions come first, in the order of the visit.
+
+        Raises
+        ------
+        InputError
+            The program cannot be said in this dialect.
+        """
+        if program.options.form not in self.forms:
+            raise InputError(
+                f"{self.name} has no {program.options.form} form",
+                hint=f"write the {self.forms[0]} form",
+                name="form",
+                value=program.options.form,
+            )
+        self.names.check(program.name)
+        arm = self._arm_of(program)
+        parts = [list(self.render(part, arm).items()) for part in self.parts(program)]
+        return dict([part[0] for part in parts] + [file for part in parts for file in part[1:]])
+
+    def write(self, program: PoseProgram, folder: Path) -> tuple[Path, ...]:
+        """Write the files of a program into a folder; see :meth:`files`.
 
         Raises
         ------
         InputError
             The program cannot be said in this dialect.
         OutputError
-            The file cannot be written.
+            A file cannot be written.
         """
+        return tuple(
+            write_text_atomic(folder / name, text, newline=self.newline, encoding=self.encoding)
+            for name, text in self.files(program).items()
+        )
 
-    @abstractmethod
     def read(self, path: Path) -> RecordedProgram:
-        """Read a program of this controller, tolerant of what controllers export.
+        """Read a program of this controller.
 
         Raises
         ------
         FileFormatError
-            The file is not such a program, or holds no joint positions.
+            The file is not such a program, or holds no positions.
         """
+        return self.parse(read_program_bytes(path), path)
 
-    @abstractmethod
     def validate(self, path: Path) -> list[Problem]:
         """Check a file strictly against the controller's rules; an empty list is a good file.
 
@@ -58,3 +153,31 @@ class Dialect(ABC):
         FileFormatError
             The file cannot be opened or is far too large.
         """
+        found = self.check(read_program_bytes(path), path)
+        return sorted(found, key=lambda p: (p.line, p.rule, p.message))
+
+    def _arm_of(self, program: PoseProgram) -> Arm:
+        """The program's arm, or the maker's usual one."""
+        joints = program.poses[0].posture_rad.size
+        arm = program.arm or Arm.usual(self.maker, joints)
+        if arm.n != joints:
+            raise InputError(
+                f"the poses have {joints} joint values, the arm {arm.n}",
+                hint="one program moves one arm",
+                name="poses",
+            )
+        if self.maker is None:
+            # the description's joints, whatever a pendant shows
+            identity = replace(arm.controller, pendant_from_joints=np.eye(arm.n))
+            return replace(arm, controller=identity)
+        if arm.maker != self.maker:
+            known = f"a controller of {arm.maker}" if arm.maker else "an unknown controller"
+            robot = arm.robot.name if arm.robot is not None else "the arm"
+            raise InputError(
+                f"{robot} has {known}: its joints would be written in the wrong convention",
+                hint=f"if its controller is one of {self.maker}, set robot.controller = "
+                f'"{self.maker}"',
+                name="format",
+                value=self.name,
+            )
+        return arm

@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.errors import InputError
-
-if TYPE_CHECKING:
-    from posedesign.pose_plan import PosePlan
-
-FloatArray = NDArray[np.float64]
+from calib.errors import InputError, near_names
+from calib.se3 import FloatArray
+from posedesign.pose_plan import PosePlan
+from posedesign.programs.arm import Arm
+from posedesign.programs.recorded import PlanMark
 
 FIXED_DATE = datetime(2000, 1, 1)
 """Date written where none is given: the same plan then gives the same file, byte for byte."""
+
+Form = Literal["joint", "cartesian"]
+"""Positions as joint values, which leave no branch to choose, or as poses of the tool."""
+
+Keeping = Literal["position", "register"]
+"""Where the touched-up position is kept: in the position of the program that it was planned at, or
+in a register of its own."""
+
+MOST_ARGUMENT = 32767
+"""Largest whole number that every controller takes as an argument."""
 
 _FINGERPRINT = re.compile(r"[0-9A-Fa-f]{4,16}")
 
@@ -75,6 +84,8 @@ class ProgramOptions:
 
     Parameters
     ----------
+    form : {"joint", "cartesian"}
+        How positions are written.
     user_frame, tool_frame : int
         Numbers of the frames that are active at each pose.
     speed_percent : int
@@ -82,12 +93,25 @@ class ProgramOptions:
     settle_s : float
         Time the arm stands still before it is measured [s]; 0 for none.
     measure_call : str or None
-        Program called at each pose with the pose's number, counted from 1. None calls nothing.
+        Program called at each pose. None calls nothing.
+    measure_argument : "number", int or None
+        What it is called with: the pose's number, counted from 1 in the order of the visit; always
+        the same whole number; or nothing.
+    measure_output : int or None
+        Number of a digital output that is pulsed at each pose, before the call.
+    measure_pulse_s : float
+        How long [s].
+    keep : {"position", "register"}
+        Where the touched-up position is kept.
+    first_register : int
+        Number of the register of the first pose.
     comment : str
         Title of the program.
     fingerprint : str
         Short hexadecimal mark of the plan, 4 to 16 digits, which the program carries back with
         its measurements. Empty for none.
+    pulses_per_deg : tuple of float
+        Encoder pulses of each joint in one degree, signed: for controllers that store pulses.
     written : datetime
         Date in the program's header.
 
@@ -97,28 +121,43 @@ class ProgramOptions:
         A number out of its range, or a fingerprint that is not hexadecimal.
     """
 
+    form: Form = "joint"
     user_frame: int = 0
     tool_frame: int = 1
     speed_percent: int = 10
     settle_s: float = 1.0
     measure_call: str | None = "MEASURE"
+    measure_argument: Literal["number"] | int | None = "number"
+    measure_output: int | None = None
+    measure_pulse_s: float = 0.5
+    keep: Keeping = "position"
+    first_register: int = 1
     comment: str = ""
     fingerprint: str = ""
+    pulses_per_deg: tuple[float, ...] = ()
     written: datetime = FIXED_DATE
 
     def __post_init__(self) -> None:
-        for name in ("user_frame", "tool_frame", "speed_percent"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | np.integer):
-                raise InputError(f"{name} is {value!r}, not a whole number", name=name, value=value)
+        one_of("form", self.form, get_args(Form))
+        one_of("keep", self.keep, get_args(Keeping))
+        for name in ("user_frame", "tool_frame", "speed_percent", "first_register"):
+            _whole(name, getattr(self, name))
         in_range("speed_percent", self.speed_percent, 1, 100)
-        if not np.isfinite(self.settle_s) or self.settle_s < 0:
-            raise InputError(
-                f"settle_s is {self.settle_s}, not a time",
-                hint="give seconds, or 0 for no wait",
-                name="settle_s",
-                value=self.settle_s,
-            )
+        in_range("first_register", self.first_register, 1, MOST_ARGUMENT)
+        if self.measure_output is not None:
+            in_range("measure_output", _whole("measure_output", self.measure_output), 1, 4096)
+        if self.measure_argument not in ("number", None):
+            argument = _whole("measure_argument", self.measure_argument)
+            in_range("measure_argument", argument, -MOST_ARGUMENT, MOST_ARGUMENT)
+        for name in ("settle_s", "measure_pulse_s"):
+            value = getattr(self, name)
+            if not np.isfinite(value) or value < 0:
+                raise InputError(
+                    f"{name} is {value}, not a time",
+                    hint="give seconds, or 0 for none",
+                    name=name,
+                    value=value,
+                )
         if self.fingerprint and not _FINGERPRINT.fullmatch(self.fingerprint):
             raise InputError(
                 f"fingerprint {self.fingerprint!r} is not hexadecimal",
@@ -126,6 +165,10 @@ class ProgramOptions:
                 name="fingerprint",
                 value=self.fingerprint,
             )
+
+    def argument(self, number: int) -> int | None:
+        """What the measuring program is called with at the pose of this number."""
+        return number if self.measure_argument == "number" else self.measure_argument
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +183,12 @@ class PoseProgram:
         The poses in the order in which they are visited.
     options : ProgramOptions
         How they are visited and measured.
+    arm : Arm, optional
+        The arm as its controller knows it; by default each dialect takes its maker's usual one.
+    first : int
+        Number of the first measured pose: parts of a plan go on counting.
+    in_all : int, optional
+        Measured poses of the whole plan, where this is a part of it.
 
     Raises
     ------
@@ -150,6 +199,9 @@ class PoseProgram:
     name: str
     poses: tuple[ProgramPose, ...]
     options: ProgramOptions = field(default_factory=ProgramOptions)
+    arm: Arm | None = None
+    first: int = 1
+    in_all: int | None = None
 
     def __post_init__(self) -> None:
         poses = tuple(self.poses)
@@ -174,20 +226,44 @@ class PoseProgram:
     def of_plan(
         cls, plan: PosePlan, name: str, options: ProgramOptions | None = None
     ) -> PoseProgram:
-        """The program of a plan: its route, with the plan's fingerprint."""
+        """The program of a plan: its route, with the plan's fingerprint, for its robot."""
         poses = tuple(ProgramPose(name, posture, via=via) for name, posture, via in plan.stops)
-        return cls(name, poses, options or ProgramOptions(fingerprint=plan.fingerprint))
+        chosen = replace(options or ProgramOptions(), fingerprint=plan.fingerprint)
+        return cls(name, poses, chosen, Arm.of(plan.model.robot))
+
+    @property
+    def measured_count(self) -> int:
+        """Measured poses of the whole plan."""
+        own = sum(not pose.via for pose in self.poses)
+        return self.first - 1 + own if self.in_all is None else self.in_all
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """Number of each pose: those that are measured from 1 on, then those passed through."""
-        measured = sum(not pose.via for pose in self.poses)
-        counts = {False: 0, True: measured}
+        """Number of each pose: measured ones in their order, those passed through behind all."""
+        counts = {False: self.first - 1, True: self.measured_count}
         numbers = []
         for pose in self.poses:
             counts[pose.via] += 1
             numbers.append(counts[pose.via])
         return tuple(numbers)
+
+    @property
+    def mark(self) -> str:
+        """What a comment of the program says of its plan; empty without a fingerprint."""
+        fingerprint = self.options.fingerprint
+        return PlanMark(fingerprint, self.measured_count).words if fingerprint else ""
+
+    def split(self, most: int) -> Iterator[PoseProgram]:
+        """Parts of at most so many poses, each ending at one that is measured, where it can."""
+        rest, first = list(self.poses), self.first
+        while rest:
+            cut = len(rest)
+            if cut > most:
+                ends = [k + 1 for k, pose in enumerate(rest[:most]) if not pose.via]
+                cut = ends[-1] if ends else most
+            part, rest = tuple(rest[:cut]), rest[cut:]
+            yield replace(self, poses=part, first=first, in_all=self.measured_count)
+            first += sum(not pose.via for pose in part)
 
     @property
     def postures_rad(self) -> FloatArray:
@@ -205,3 +281,17 @@ def in_range(name: str, value: float, lower: float, upper: float) -> None:
             value=value,
             bound=(lower, upper),
         )
+
+
+def one_of(name: str, value: str, known: tuple[str, ...]) -> None:
+    """Raise InputError where a word is none of those that are known."""
+    if value not in known:
+        raise InputError(
+            f"{name} is {value!r}", hint=near_names(str(value), known), name=name, value=value
+        )
+
+
+def _whole(name: str, value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise InputError(f"{name} is {value!r}, not a whole number", name=name, value=value)
+    return int(value)

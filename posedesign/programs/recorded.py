@@ -2,37 +2,84 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
-from posedesign.programs.program import FloatArray
+from calib.errors import InputError
+from calib.se3 import FloatArray
+from posedesign.programs.arm import Arm
+from posedesign.programs.configuration import Configuration
+
+_MARK = re.compile(r"PLAN\s+([0-9A-Fa-f]{4,16})(?:\s+(\d{1,7}))?(?!\w)")
+
+
+@dataclass(frozen=True)
+class PlanMark:
+    """What a program says of the plan that it was written from, in a comment.
+
+    Attributes
+    ----------
+    fingerprint : str
+        Of the plan; empty for none.
+    measured : int or None
+        Number of poses that are measured, in the whole plan. Positions with higher numbers are
+        passed through.
+    """
+
+    fingerprint: str = ""
+    measured: int | None = None
+
+    @property
+    def words(self) -> str:
+        """As it stands in a comment: ``PLAN 1a2b3c4d 27``."""
+        return f"PLAN {self.fingerprint} {self.measured}"
+
+    @classmethod
+    def found_in(cls, text: str) -> PlanMark | None:
+        """The mark in a line of text, or None."""
+        found = _MARK.search(text)
+        if found is None:
+            return None
+        return cls(found[1].lower(), int(found[2]) if found[2] else None)
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedPosition:
-    """One position as a controller stores it.
+    """One position as a controller stores it: joint values, or a pose of the tool.
 
     Parameters
     ----------
     number : int
-        The number it has in the program, e.g. 3 for FANUC's ``P[3]``.
+        The number it has in the program, e.g. 3 for FANUC's ``P[3]``; counted from 1.
     name : str
         Its name on the controller; empty where it has none.
-    posture_rad : ndarray (n,)
-        Joint values [rad], in the signs of the URDF.
-    user_frame, tool_frame : int or None
-        Frames it was recorded in; None where the file leaves them open.
     line : int
         Line of the file where it starts, counted from 1.
+    shown_deg : ndarray (n,) or None
+        Joint values as the controller shows them [deg].
+    T_user_tool : ndarray (4, 4) or None
+        The tool frame in the user frame [m].
+    configuration : Configuration or None
+        Which arm position takes the pose; None where the file does not say.
+    user_frame, tool_frame : int or None
+        Frames it was recorded in; None where the file leaves them open.
     """
 
     number: int
     name: str
-    posture_rad: FloatArray
-    user_frame: int | None
-    tool_frame: int | None
     line: int
+    shown_deg: FloatArray | None = None
+    T_user_tool: FloatArray | None = None
+    configuration: Configuration | None = None
+    user_frame: int | None = None
+    tool_frame: int | None = None
+
+    @property
+    def label(self) -> str:
+        """Number and name, for messages."""
+        return f"position {self.number}" + f" ({self.name})" * bool(self.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,21 +90,86 @@ class RecordedProgram:
     ----------
     name, comment : str
         Name and title of the program.
-    fingerprint : str
-        Mark of the plan it was written from; empty where it carries none.
+    mark : PlanMark
+        The plan it was written from, where it says so.
     positions : tuple of RecordedPosition
         At least one, in the order of the file.
+    maker : str or None
+        Whose controller shows the joint values; None: they are those of the description.
     """
 
     name: str
     comment: str
-    fingerprint: str
+    mark: PlanMark
     positions: tuple[RecordedPosition, ...]
+    maker: str | None
 
     @property
-    def postures_rad(self) -> FloatArray:
-        """Postures of all positions, shape (N, n) [rad], in the signs of the URDF."""
-        return np.stack([position.posture_rad for position in self.positions])
+    def fingerprint(self) -> str:
+        """Of the plan it was written from; empty where it carries none."""
+        return self.mark.fingerprint
+
+    @property
+    def measured(self) -> tuple[RecordedPosition, ...]:
+        """Positions that are measured: all, unless the program says how many there are."""
+        most = self.mark.measured
+        return tuple(p for p in self.positions if most is None or p.number <= most)
+
+    def postures(self, arm: Arm | None = None) -> FloatArray:
+        """Postures of all positions ``(N, n)`` [rad]; see :func:`postures_of`."""
+        return postures_of(self.positions, self._arm(arm))
+
+    def _arm(self, arm: Arm | None) -> Arm:
+        if arm is not None:
+            return arm
+        joints = next((p.shown_deg for p in self.positions if p.shown_deg is not None), None)
+        return Arm.usual(self.maker, None if joints is None else len(joints))
+
+
+def postures_of(
+    positions: tuple[RecordedPosition, ...], arm: Arm, near: FloatArray | None = None
+) -> FloatArray:
+    """Postures ``(N, n)`` [rad] of stored positions.
+
+    Parameters
+    ----------
+    positions : tuple of RecordedPosition
+    arm : Arm
+        Turns shown joint values into postures, and poses by inverse kinematics.
+    near : array (N, n), optional
+        Where the arm was to be [rad]: settles which posture is meant where the file does not.
+
+    Raises
+    ------
+    InputError
+        A position has joint values of another arm, or a pose and nothing says which posture.
+    UnreachableError
+        No posture takes a stored pose.
+    """
+    out = np.empty((len(positions), arm.n))
+    at_joints = [i for i, p in enumerate(positions) if p.shown_deg is not None]
+    for i in at_joints:
+        values = positions[i].shown_deg
+        if values is None or len(values) != arm.n:
+            raise InputError(
+                f"{positions[i].label} has {0 if values is None else len(values)} joint values, "
+                f"the arm {arm.n}",
+                hint="is this the program of another robot?",
+                name=positions[i].label,
+            )
+        out[i] = values
+    if at_joints:
+        out[at_joints] = arm.postures(out[at_joints])
+    posed = [i for i, p in enumerate(positions) if p.shown_deg is None]
+    if posed:
+        poses = [positions[i].T_user_tool for i in posed]
+        out[posed] = arm.postures_at(
+            np.stack([T for T in poses if T is not None]),
+            [positions[i].configuration for i in posed],
+            None if near is None else near[posed],
+            [positions[i].label for i in posed],
+        )
+    return out
 
 
 @dataclass(frozen=True)

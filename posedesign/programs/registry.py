@@ -4,54 +4,57 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from calib.errors import InputError, near_names
+from calib.errors import FileFormatError, InputError, near_names
 from posedesign.pose_plan import PosePlan
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls import FanucLs
-from posedesign.programs.program import PoseProgram
+from posedesign.programs.program import PoseProgram, ProgramOptions
+from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Problem, RecordedProgram
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (FanucLs(),)}
 """All dialects by name. A new controller is a new file and one entry here."""
 
 
-def write(program: PoseProgram | PosePlan, dialect: str, path: Path | str) -> Path:
+def write(
+    program: PoseProgram | PosePlan,
+    dialect: str,
+    folder: Path | str,
+    options: ProgramOptions | None = None,
+    name: str = "CALIB01",
+) -> tuple[Path, ...]:
     """Write a program for a controller.
 
     Parameters
     ----------
     program : PoseProgram or PosePlan
-        What to write. A plan becomes a program of the usual options, named after the file.
+        What to write.
     dialect : str
         Name of the controller's format, a key of `DIALECTS`.
-    path : Path or str
-        The file, with the ending of the dialect. It is replaced whole or not at all.
+    folder : Path or str
+        Where to. Files in it are replaced whole or not at all.
+    options : ProgramOptions, optional
+        How the poses of a plan are visited and measured; a program has its own.
+    name : str
+        Of the program of a plan.
 
     Returns
     -------
-    Path
-        The file written.
+    tuple of Path
+        The files written: those with the positions first, several where a program is too long for
+        one.
 
     Raises
     ------
     InputError
-        An unknown dialect, another ending, or a program that the controller would refuse.
+        An unknown dialect, or a program that the controller would refuse.
     OutputError
         The file cannot be written.
     """
     chosen = find_dialect(dialect)
-    path = Path(path)
-    if path.suffix.lower() not in chosen.suffixes:
-        raise InputError(
-            f"{path} does not end in {chosen.suffixes[0]}",
-            hint=f"name it {path.with_suffix(chosen.suffixes[0]).name}" if path.name else "",
-            name="path",
-            value=str(path),
-        )
     if isinstance(program, PosePlan):
-        program = PoseProgram.of_plan(program, path.stem.upper())
-    chosen.write(program, path)
-    return path
+        program = PoseProgram.of_plan(program, name, options)
+    return chosen.write(program, Path(folder))
 
 
 def read(path: Path | str, dialect: str | None = None) -> RecordedProgram:
@@ -116,9 +119,19 @@ def find_dialect(name: str) -> Dialect:
 def _dialect_of(path: Path, name: str | None) -> Dialect:
     if name is not None:
         return find_dialect(name)
-    for dialect in DIALECTS.values():
-        if path.suffix.lower() in dialect.suffixes:
-            return dialect
+    fitting = [d for d in DIALECTS.values() if path.suffix.lower() in d.suffixes]
+    if len(fitting) == 1:
+        return fitting[0]
+    if fitting:
+        data = read_program_bytes(path)
+        for dialect in fitting:
+            if dialect.recognises(data):
+                return dialect
+        raise FileFormatError(
+            "is none of " + ", ".join(f"{d.name} ({d.title})" for d in fitting),
+            path=path,
+            hint="name the dialect with --format",
+        )
     known = ", ".join(f"{d.suffixes[0]} ({d.name})" for d in DIALECTS.values())
     raise InputError(
         f"{path}: no controller's programs end in {path.suffix or 'nothing'}",

@@ -114,9 +114,11 @@ def copied(source: Path, folder: Path) -> Path:
     """The files of a worked-on folder in a folder of their own."""
     for name in WORK_FILES:
         shutil.copy(source / name, folder / name)
-    # as tests change joint values one by one, what the pendant shows would contradict them
+    # as tests change joint values one by one, what the pendant shows would contradict them, and so
+    # would the fingerprint in the comments
     path = folder / "poses.csv"
-    rows = list(csv.reader(path.read_text().splitlines()))
+    lines = path.read_text().splitlines()
+    rows = list(csv.reader(line for line in lines if not line.startswith("#")))
     kept = [i for i, column in enumerate(rows[0]) if not column.startswith("pendant_")]
     with path.open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([[row[i] for i in kept] for row in rows])

@@ -263,7 +263,7 @@ def test_nearly_good_files_are_read_or_refused(tmp_path: Path, rows: list[list[s
         ("+1", "'+1"),
         ("@x", "'@x"),
         ("-1", "'-1"),
-        ("#1", "'#1"),
+        ("#1", '"\'#1"'),  # pandas takes what stands after a bare # for a comment
         ("'x", "''x"),
         ("plain", "plain"),
     ],

@@ -12,19 +12,22 @@ from hypothesis import strategies as st
 
 from calib.errors import FileFormatError
 from posedesign.programs import (
+    DIALECTS,
+    Arm,
     PoseProgram,
     ProgramOptions,
     ProgramPose,
     RecordedProgram,
     read,
-    urdf_from_pendant,
 )
-from posedesign.programs.fanuc_ls_read import MOST_BYTES, parse_fanuc_ls
-from posedesign.programs.fanuc_ls_validate import check_fanuc_ls
-from posedesign.programs.fanuc_ls_write import render_fanuc_ls
+from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls
+from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
+from posedesign.programs.reading import MOST_BYTES
 
 # In the manner of a controller with a positioner as second group and a rail: program lines in
 # another language, wrapped and nested lines, numbers without leading zero, comments of all kinds.
+FANUC = Arm.usual("fanuc")
+
 EXPORT = """\
 /PROG  TOUCHUP\t  Macro
 /ATTR
@@ -83,7 +86,7 @@ def parse(text: str) -> RecordedProgram:
 def test_a_controller_export_is_read() -> None:
     program = parse(EXPORT.replace("\n", "\r\n"))
     assert (program.name, program.comment) == ("TOUCHUP", "after service")
-    assert program.fingerprint == "00C0FFEE"
+    assert program.fingerprint == "00c0ffee"
     assert [p.number for p in program.positions] == [1, 2, 12]
     assert [p.name for p in program.positions] == ["left", "", ""]
     assert [(p.user_frame, p.tool_frame) for p in program.positions] == [
@@ -92,8 +95,8 @@ def test_a_controller_export_is_read() -> None:
         (9, 10),
     ]
     expected: list[list[float]] = [[10, 20, -0.25, 0.5, -90, 0], [1, 2, 3, 4, 5, 6], [0] * 6]
-    np.testing.assert_allclose(program.postures_rad, urdf_from_pendant(expected), atol=1e-15)
-    assert np.degrees(program.postures_rad[0, 2]) == pytest.approx(19.75)
+    np.testing.assert_allclose(program.postures(), FANUC.postures(expected), atol=1e-15)
+    assert np.degrees(program.postures()[0, 2]) == pytest.approx(19.75)
     lines = EXPORT.splitlines()
     assert [lines[p.line - 1][:2] for p in program.positions] == ["P[", "P[", "P "]
 
@@ -175,16 +178,37 @@ def test_what_is_wrong_is_named_with_its_line(
     assert "X.LS" in str(caught.value)
 
 
-@pytest.mark.parametrize("last_line_only", [False, True])
-def test_cartesian_positions_are_refused_with_the_remedy(last_line_only: bool) -> None:
-    header = '};\nP[2:"B"]{\n   GP1:\n'
-    text = SMALL.replace("};\n", header + CARTESIAN)
-    if last_line_only:
-        text = text.replace("\t\tCONFIG : 'N U T, 0, 0, 0',", "")
-    with pytest.raises(FileFormatError, match=r"P\[2\] is Cartesian") as caught:
-        parse(text)
-    assert caught.value.row == (15 if last_line_only else 14)
-    assert "Joint" in caught.value.hint
+def test_a_cartesian_position_stands_beside_joint_positions() -> None:
+    program = parse(SMALL.replace("};\n", '};\nP[2:"B"]{\n   GP1:\n' + CARTESIAN))
+    joints, pose = program.positions
+    assert joints.T_user_tool is None
+    assert pose.shown_deg is None
+    expected = [[-1, 0, 0, 0.9], [0, 1, 0, 0], [0, 0, -1, 0.5], [0, 0, 0, 1]]
+    np.testing.assert_allclose(pose.T_user_tool, expected, atol=1e-15)
+    assert pose.configuration is not None
+    assert pose.configuration.words == "N U T, 0, 0, 0"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("W =   180.000 deg,", "", 7, r"P\[1\]: W is missing"),
+        ("W =   180.000", "J1=   180.000", 10, r"P\[1\] has J1 beside X, Y, Z, W, P, R"),
+        ("N U T", "N U X", 7, r"P\[1\]: .*N U X"),
+        ("N U T, 0, 0, 0", "* * *, *, *, *", 7, "has no configuration"),
+        ("900.000  mm", "900.000 deg", 9, "X is in deg, not in mm"),
+        ("900.000", "900000.0", 9, "X is 900000.0 mm, beyond"),
+        ("X =", "RX=", 9, "is a matrix or an increment"),
+    ],
+)
+def test_what_is_wrong_with_a_pose_is_named_with_its_line(
+    old: str, new: str, line: int, message: str
+) -> None:
+    text = SMALL[: SMALL.index("\tUF")] + CARTESIAN + "/END\n"
+    assert parse(text).positions[0].configuration
+    with pytest.raises(FileFormatError, match=message) as caught:
+        parse(text.replace(old, new, 1))
+    assert caught.value.row == line
 
 
 def test_an_extended_axis_may_not_carry_the_arm() -> None:
@@ -244,16 +268,23 @@ def assert_refused_or_read(data: bytes) -> None:
         return
     assert program.name
     assert program.positions
-    assert program.postures_rad.shape == (len(program.positions), 6)
-    assert np.isfinite(program.postures_rad).all()
+    for position in program.positions:
+        values = position.shown_deg if position.T_user_tool is None else position.T_user_tool
+        assert values is not None
+        assert values.shape in ((6,), (4, 4))
+        assert np.isfinite(values).all()
 
 
-WRITTEN = render_fanuc_ls(
-    PoseProgram(
-        "CALPOSE",
-        tuple(ProgramPose(f"T{i}", np.radians([i, 20, -30, 0.1, -50, 60])) for i in range(3)),
-        ProgramOptions(fingerprint="abcdef12", comment="fuzzed"),
+(WRITTEN,) = (
+    DIALECTS["fanuc-ls"]
+    .files(
+        PoseProgram(
+            "CALPOSE",
+            tuple(ProgramPose(f"T{i}", np.radians([i, 20, -30, 0.1, -50, 60])) for i in range(3)),
+            ProgramOptions(fingerprint="abcdef12", comment="fuzzed"),
+        )
     )
+    .values()
 )
 PIECES = [*"{}[]():;,=.*!'\"/-+ \t\r\n", "\0", "é", "P[1]{", "};", "GP1:", "/END\r\n", "/POS\r\n"]
 PIECES += [

@@ -9,25 +9,30 @@ import pytest
 
 from calib.errors import FileFormatError
 from posedesign.programs import (
+    DIALECTS,
     PoseProgram,
     Problem,
     ProgramOptions,
     ProgramPose,
-    fanuc_ls_validate,
     validate,
 )
-from posedesign.programs.fanuc_ls_validate import MOST_BYTES, MOST_PROBLEMS, check_fanuc_ls
-from posedesign.programs.fanuc_ls_write import render_fanuc_ls
+from posedesign.programs.fanuc_ls import rules
+from posedesign.programs.fanuc_ls.rules import MOST_PROBLEMS, check_fanuc_ls
+from posedesign.programs.reading import MOST_BYTES
 
-GOOD = render_fanuc_ls(
-    PoseProgram(
-        "CALPOSE",
-        (
-            ProgramPose("T1", np.radians([1, 2, 3, 4, 5, 6])),
-            ProgramPose("T2", np.radians([-1, -2, -3, -4, -5, -6])),
-        ),
-        ProgramOptions(fingerprint="abcdef12"),
+(GOOD,) = (
+    DIALECTS["fanuc-ls"]
+    .files(
+        PoseProgram(
+            "CALPOSE",
+            (
+                ProgramPose("T1", np.radians([1, 2, 3, 4, 5, 6])),
+                ProgramPose("T2", np.radians([-1, -2, -3, -4, -5, -6])),
+            ),
+            ProgramOptions(fingerprint="abcdef12"),
+        )
     )
+    .values()
 )
 LINES = GOOD.splitlines()
 P2 = GOOD[GOOD.index("P[2:") : GOOD.index("/END")]
@@ -146,7 +151,7 @@ def test_a_file_that_breaks_one_rule(rule: str, old: str, new: str, message: str
 def test_every_rule_has_such_a_file() -> None:
     documented = {
         line[2 : line.index("``", 2)]
-        for line in (fanuc_ls_validate.__doc__ or "").splitlines()
+        for line in (rules.__doc__ or "").splitlines()
         if line.startswith("``")
     }
     assert documented == {rule for rule, *_ in ONE_RULE}

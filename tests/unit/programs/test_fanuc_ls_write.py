@@ -17,21 +17,21 @@ from calib.errors import InputError, OutputError
 from posedesign.cell import Cell
 from posedesign.planner import plan
 from posedesign.programs import (
+    DIALECTS,
+    Arm,
+    PlanMark,
     PoseProgram,
     ProgramOptions,
     ProgramPose,
-    pendant_from_urdf,
     read,
     validate,
     write,
 )
-from posedesign.programs.fanuc_ls_read import parse_fanuc_ls
-from posedesign.programs.fanuc_ls_validate import check_fanuc_ls
-from posedesign.programs.fanuc_ls_write import (
-    check_program_name,
-    legal_program_name,
-    render_fanuc_ls,
-)
+from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls
+from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
+from posedesign.programs.fanuc_ls.writer import NAMES
+
+FANUC = Arm.usual("fanuc")
 
 EXPECTED = """\
 /PROG  CALPOSE
@@ -55,7 +55,7 @@ TCD:  STACK_SIZE\t= 0,
 DEFAULT_GROUP\t= 1,*,*,*,*;
 CONTROL_CODE\t= 00000000 00000000;
 /MN
-   1:  !PLAN abcdef12 ;
+   1:  !PLAN abcdef12 2 ;
    2:  UFRAME_NUM=2 ;
    3:  UTOOL_NUM=3 ;
    4:J P[1] 25% FINE    ;
@@ -87,6 +87,11 @@ POSES = (
 )
 
 
+def render(program: PoseProgram) -> str:
+    (text,) = DIALECTS["fanuc-ls"].files(program).values()
+    return text
+
+
 def one_pose(**options: object) -> PoseProgram:
     return PoseProgram("CALPOSE", POSES[:1], ProgramOptions(**options))  # type: ignore[arg-type]
 
@@ -106,7 +111,7 @@ def test_a_whole_program(tmp_path: Path) -> None:
         fingerprint="abcdef12",
         written=datetime(2026, 3, 4, 5, 6, 7),
     )
-    path = write(PoseProgram("CALPOSE", poses, options), "fanuc-ls", tmp_path / "CALPOSE.LS")
+    path = write(PoseProgram("CALPOSE", poses, options), "fanuc-ls", tmp_path)[0]
     assert path.read_bytes() == EXPECTED.replace("\n", "\r\n").encode("ascii")
     assert validate(path) == []
 
@@ -118,16 +123,16 @@ def test_a_whole_program(tmp_path: Path) -> None:
         (2, 2, 3),
     ]
     assert path.read_text().splitlines()[back.positions[1].line - 1] == "P[2]{"
-    np.testing.assert_allclose(back.postures_rad[0], POSES[0].posture_rad, atol=1e-12)
+    np.testing.assert_allclose(back.postures()[0], POSES[0].posture_rad, atol=1e-12)
 
 
 def test_the_default_text_does_not_depend_on_the_clock() -> None:
-    assert render_fanuc_ls(one_pose()) == render_fanuc_ls(one_pose())
-    assert "CREATE\t\t= DATE 00-01-01  TIME 00:00:00;" in render_fanuc_ls(one_pose())
+    assert render(one_pose()) == render(one_pose())
+    assert "CREATE\t\t= DATE 00-01-01  TIME 00:00:00;" in render(one_pose())
 
 
 def instructions(program: PoseProgram) -> list[str]:
-    body = render_fanuc_ls(program).split("/MN\n")[1].split("/POS")[0]
+    body = render(program).split("/MN\n")[1].split("/POS")[0]
     return [line.split(":", 1)[1] for line in body.splitlines()]
 
 
@@ -150,7 +155,7 @@ def test_the_wait_has_no_leading_zero_and_is_never_rounded_to_none(
 
 @pytest.mark.parametrize("value", [0.0, -0.0, -0.0004, 0.0004])
 def test_zero_has_no_sign(value: float) -> None:
-    text = render_fanuc_ls(posed(value, 0, 0, 0, 0, 0))
+    text = render(posed(value, 0, 0, 0, 0, 0))
     assert "J1=     0.000 deg" in text
     assert "-0.000" not in text
 
@@ -186,15 +191,15 @@ def test_whatever_is_written_is_valid_and_read_back_to_three_decimals(
     ]
     name = "ZZZZZZZZ" if options.measure_call != "ZZZZZZZZ" else "A"
     program = PoseProgram(name, tuple(poses), options)
-    data = render_fanuc_ls(program).replace("\n", "\r\n").encode("ascii")
+    data = render(program).replace("\n", "\r\n").encode("ascii")
     assert check_fanuc_ls(data) == []
 
     back = parse_fanuc_ls(data, "X.LS")
     assert (back.name, back.fingerprint) == (program.name, options.fingerprint)
     assert back.comment == options.comment.strip()
-    written = np.round(pendant_from_urdf(program.postures_rad), 3)
-    np.testing.assert_allclose(pendant_from_urdf(back.postures_rad), written, atol=1e-9)
-    rounding = np.abs(np.degrees(back.postures_rad - program.postures_rad)).max(axis=0)
+    written = np.round(FANUC.shown(program.postures_rad), 3)
+    np.testing.assert_allclose(FANUC.shown(back.postures()), written, atol=1e-9)
+    rounding = np.abs(np.degrees(back.postures() - program.postures_rad)).max(axis=0)
     assert (rounding <= np.array([0.5, 0.5, 1.0, 0.5, 0.5, 0.5]) * 1e-3 + 1e-9).all()
     for pose, position in zip(poses, back.positions, strict=True):
         assert position.name in (pose.name, "")
@@ -220,7 +225,7 @@ def test_whatever_is_written_is_valid_and_read_back_to_three_decimals(
     ],
 )
 def test_a_pose_name_is_written_where_it_fits(name: str, fits: bool) -> None:
-    text = render_fanuc_ls(PoseProgram("CAL", (ProgramPose(name, np.zeros(6)),)))
+    text = render(PoseProgram("CAL", (ProgramPose(name, np.zeros(6)),)))
     assert (f'P[1:"{name}"]{{' in text) == fits
     assert ("P[1]{" in text) != fits
 
@@ -240,13 +245,13 @@ def test_a_pose_name_is_written_where_it_fits(name: str, fits: bool) -> None:
 )
 def test_an_illegal_name_comes_with_a_legal_one(name: str, proposal: str) -> None:
     with pytest.raises(InputError, match="is not a FANUC program name") as caught:
-        render_fanuc_ls(PoseProgram(name, POSES))
+        render(PoseProgram(name, POSES))
     assert f"for instance {proposal}:" in caught.value.hint
 
 
 @given(st.text())
 def test_every_proposed_name_is_legal(name: str) -> None:
-    check_program_name(legal_program_name(name))
+    NAMES.check(NAMES.legal(name))
 
 
 @pytest.mark.parametrize(
@@ -268,48 +273,62 @@ def test_every_proposed_name_is_legal(name: str) -> None:
 )
 def test_options_that_the_controller_would_refuse(options: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=re.escape(message)):
-        render_fanuc_ls(one_pose(**options))
+        render(one_pose(**options))
 
 
 @pytest.mark.parametrize("remark", ["x" * 33, "a;b", "a\r\nb"])
 def test_a_remark_that_would_break_the_line_is_refused(remark: str) -> None:
     pose = ProgramPose("T1", np.zeros(6), remark)
     with pytest.raises(InputError, match="comment of pose 'T1'"):
-        render_fanuc_ls(PoseProgram("CAL", (pose,)))
+        render(PoseProgram("CAL", (pose,)))
 
 
 @pytest.mark.parametrize("value", [720.01, -720.01, 1e308])
 def test_a_joint_beyond_two_turns_is_refused(value: float) -> None:
     with pytest.raises(InputError, match=r"pose 'T1': J4 is beyond \+-720 deg"):
-        render_fanuc_ls(posed(0, 0, 0, value, 0, 0))
+        render(posed(0, 0, 0, value, 0, 0))
 
 
 def test_the_pendant_value_is_what_must_stay_within_two_turns() -> None:
     with pytest.raises(InputError, match="J3 is beyond"):
-        render_fanuc_ls(posed(0, -400, 400, 0, 0, 0))
+        render(posed(0, -400, 400, 0, 0, 0))
 
 
 @pytest.mark.parametrize("n", [5, 7])
 def test_only_arms_of_six_joints(n: int) -> None:
-    with pytest.raises(InputError, match=f"has {n} joint values, a FANUC arm has 6"):
-        render_fanuc_ls(posed(*[0.0] * n))
+    with pytest.raises(InputError, match=f"has {n} joint values, an arm of fanuc has 6"):
+        render(posed(*[0.0] * n))
 
 
-def test_a_program_of_too_many_lines_is_refused() -> None:
-    program = PoseProgram("CAL", POSES[:1] * 3333)
-    with pytest.raises(InputError, match="needs 10001 lines, at most 9999 fit"):
-        render_fanuc_ls(program)
-    render_fanuc_ls(PoseProgram("CAL", POSES[:1] * 3332))
+def test_a_program_of_too_many_lines_is_split(tmp_path: Path) -> None:
+    """9,999 numbered lines: each part ends at a measured pose and goes on counting."""
+    way = ProgramPose("", np.radians([5.0, 0, 0, 0, 0, 0]), via=True)
+    poses = (POSES[0], way, POSES[0]) * 2000
+    options = ProgramOptions(fingerprint="abcdef12", settle_s=0.0)
+    paths = write(PoseProgram("LONGNAME", poses, options), "fanuc-ls", tmp_path)
+    assert [path.name for path in paths] == ["LONGNA_1.LS", "LONGNA_2.LS"]
+    calls: list[int] = []
+    for path in paths:
+        assert validate(path) == []
+        text = path.read_text()
+        lines = text.split("/MN\n")[1].split("/POS")[0].splitlines()
+        assert len(lines) <= 9999
+        assert "CALL MEASURE" in lines[-1]
+        calls += [int(k) for k in re.findall(r"CALL MEASURE\((\d+)\)", text)]
+        back = read(path)
+        assert back.mark == PlanMark("abcdef12", 4000)
+        assert [p.number for p in back.measured] == calls[-len(back.measured) :]
+    assert calls == list(range(1, 4001))
 
 
 def test_a_refused_program_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "CAL.LS"
     path.write_text("old")
     with pytest.raises(InputError):
-        write(PoseProgram("too long a name", POSES), "fanuc-ls", path)
+        write(PoseProgram("too long a name", POSES), "fanuc-ls", tmp_path)
     assert path.read_text() == "old"
     with pytest.raises(OutputError, match="there is no folder"):
-        write(PoseProgram("CAL", POSES), "fanuc-ls", tmp_path / "none" / "CAL.LS")
+        write(PoseProgram("CAL", POSES), "fanuc-ls", tmp_path / "none")
 
 
 def test_positions_on_the_way_are_passed_and_not_measured(tmp_path: Path) -> None:
@@ -318,13 +337,13 @@ def test_positions_on_the_way_are_passed_and_not_measured(tmp_path: Path) -> Non
     poses = (ProgramPose("P01", q[0]), ProgramPose("", q[1], via=True), ProgramPose("P02", q[2]))
     program = PoseProgram("VIA", poses)
     assert program.numbers == (1, 3, 2)
-    text = render_fanuc_ls(program)
+    text = render(program)
     moves = re.findall(r"J P\[(\d+)\]|CALL MEASURE\((\d+)\)", text)
     assert moves == [("1", ""), ("", "1"), ("3", ""), ("2", ""), ("", "2")]
     assert re.findall(r"^P\[(\d+)", text, re.MULTILINE) == ["1", "2", "3"]
-    path = write(program, "fanuc-ls", tmp_path / "VIA.LS")
+    path = write(program, "fanuc-ls", tmp_path)[0]
     assert validate(path) == []
-    np.testing.assert_allclose(read(path).postures_rad, q[[0, 2, 1]], atol=2e-5)
+    np.testing.assert_allclose(read(path).postures(), q[[0, 2, 1]], atol=2e-5)
 
 
 def test_an_approached_round_comes_back_as_it_was_planned(
@@ -333,9 +352,12 @@ def test_an_approached_round_comes_back_as_it_was_planned(
     """Before each CALL every URDF joint has moved by 1 deg to one side; the last move is home."""
     cell = make_cell(plan={"approach": "same-side"})
     found = plan(cell)
-    path = write(found, "fanuc-ls", tmp_path / "ROUND.LS")
+    (path,) = write(found, "fanuc-ls", tmp_path, name="ROUND")
     assert validate(path) == []
-    stored = {position.number: position.posture_rad for position in read(path).positions}
+    back = read(path)
+    stored = {
+        position.number: q for position, q in zip(back.positions, back.postures(), strict=True)
+    }
     steps = re.findall(r"J P\[(\d+)\]|CALL MEASURE\((\d+)\)", path.read_text())
     visited = [stored[int(move)] for move, _ in steps if move]
     np.testing.assert_allclose(visited, [q for _, q, _ in found.stops], atol=2e-5)

@@ -12,20 +12,20 @@ from hypothesis.extra.numpy import arrays
 
 from calib.errors import FileFormatError, InputError
 from posedesign.programs import (
+    Arm,
     DIALECTS,
     Dialect,
     PoseProgram,
     ProgramOptions,
     ProgramPose,
     find_dialect,
-    pendant_from_urdf,
     read,
-    urdf_from_pendant,
     validate,
     write,
 )
 
 POSE = ProgramPose("T1", np.zeros(6))
+FANUC = Arm.usual("fanuc")
 
 
 def test_a_posture_is_copied_and_closed() -> None:
@@ -81,30 +81,29 @@ def test_options_are_checked(option: str, value: object, message: str) -> None:
 
 def test_pendant_j3_is_the_angle_to_the_horizontal() -> None:
     posture = np.radians([0, 15, -25, 0, -50, 0])
-    np.testing.assert_allclose(pendant_from_urdf(posture), [0, 15, -40, 0, -50, 0], atol=1e-12)
+    np.testing.assert_allclose(FANUC.shown(posture), [0, 15, -40, 0, -50, 0], atol=1e-12)
 
 
 def test_moving_j2_alone_on_the_pendant_turns_both_urdf_joints() -> None:
     start = np.array([0.0, 10, -20, 0, 0, 0])
     moved = start + np.array([0, 5, 0, 0, 0, 0])
-    change = np.degrees(urdf_from_pendant(moved) - urdf_from_pendant(start))
+    change = np.degrees(FANUC.postures(moved) - FANUC.postures(start))
     np.testing.assert_allclose(change, [0, 5, 5, 0, 0, 0], atol=1e-12)
 
 
 @given(arrays(float, (3, 6), elements=st.floats(-10, 10)))
 def test_pendant_and_urdf_are_inverse(postures_rad: np.ndarray) -> None:
-    back = urdf_from_pendant(pendant_from_urdf(postures_rad))
+    back = FANUC.postures(FANUC.shown(postures_rad))
     np.testing.assert_allclose(back, postures_rad, atol=1e-12)
 
 
-@pytest.mark.parametrize("convert", [pendant_from_urdf, urdf_from_pendant])
+@pytest.mark.parametrize("convert", [FANUC.shown, FANUC.postures])
 @pytest.mark.parametrize("n", [5, 7])
-def test_only_six_joints_have_a_pendant_view(convert: object, n: int) -> None:
-    with pytest.raises(InputError, match=f"has {n} joint values") as caught:
+def test_only_six_joints_have_a_fanuc_view(convert: object, n: int) -> None:
+    with pytest.raises(InputError, match=f"has {n} joint values"):
         convert(np.zeros((2, n)))  # type: ignore[operator]
-    assert caught.value.value == n
-    with pytest.raises(InputError, match="has 0 joint values"):
-        convert(1.0)  # type: ignore[operator]
+    with pytest.raises(InputError, match=f"has {n} joint values, an arm of fanuc has 6"):
+        Arm.usual("fanuc", n)
 
 
 def test_dialects_are_listed_under_their_names() -> None:
@@ -117,19 +116,17 @@ def test_dialects_are_listed_under_their_names() -> None:
 
 def test_an_unknown_dialect_lists_the_near_ones(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"unknown dialect 'fanuc'.*did you mean fanuc-ls\?"):
-        write(PoseProgram("CAL", (POSE,)), "fanuc", tmp_path / "CAL.LS")
+        write(PoseProgram("CAL", (POSE,)), "fanuc", tmp_path)
     with pytest.raises(InputError, match="unknown dialect"):
         find_dialect("")
 
 
 def test_the_ending_names_the_dialect(tmp_path: Path) -> None:
     program = PoseProgram("CAL", (POSE,))
-    with pytest.raises(InputError, match=r"does not end in \.ls \(name it CAL\.ls\)"):
-        write(program, "fanuc-ls", tmp_path / "CAL.txt")
     for call in (read, validate):
-        with pytest.raises(InputError, match=r"no controller's programs end in \.txt"):
-            call(tmp_path / "CAL.txt")
-    path = write(program, "fanuc-ls", str(tmp_path / "CAL.LS"))
+        with pytest.raises(InputError, match=r"no controller's programs end in \.exe"):
+            call(tmp_path / "CAL.exe")
+    (path,) = write(program, "fanuc-ls", str(tmp_path))
     assert path == tmp_path / "CAL.LS"
     renamed = path.rename(tmp_path / "CAL.txt")
     assert read(renamed, "fanuc-ls").name == "CAL"

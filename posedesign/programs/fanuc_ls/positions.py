@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NoReturn
 
-from calib.errors import FileFormatError
+from posedesign.programs.fanuc_ls.stored import StoredGroup
+from posedesign.programs.reading import refuse
 
 # Repeats inside the brackets are bounded: a damaged line of megabytes must not be retried for
 # each way in which it could be divided.
@@ -18,23 +18,13 @@ _TOKEN = re.compile(
     | (?P<close>\}\s*;?)
     | GP(?P<group>\d{1,2})\s*:
     | (?P<frame>UF|UT)\s*:\s*(?P<frame_number>\d{1,3}|F)
-    | (?P<config>[CK]ONFIG)\s*:\s*'[^']*'
+    | [CK]ONFIG\s*:\s*'(?P<config>[^']{0,60})'
     | (?P<name>[A-Z]{1,2}\d?)\s*=\s*(?P<value>[^\s,;{}=]+?)\s*(?P<unit>deg|mm)?(?=[\s,;}]|$)
     | [,;]
     | $
     )""",
     re.VERBOSE,
 )
-
-
-@dataclass
-class StoredGroup:
-    """One motion group of a position, as it stands in the file."""
-
-    line: int
-    frames: dict[str, int | None] = field(default_factory=dict)
-    fields: dict[str, tuple[str, str, int]] = field(default_factory=dict)  # value, unit, line
-    config_line: int | None = None
 
 
 @dataclass
@@ -102,16 +92,9 @@ class PositionParser:
         elif token["frame"]:
             value = token["frame_number"]
             group.frames[token["frame"]] = None if value == "F" else int(value)
-        elif token["config"]:
-            group.config_line = row
+        elif token["config"] is not None:
+            group.config = token["config"]
         elif token["name"] in group.fields:
             refuse(f"P[{position.number}] has {token['name']} twice", self.path, row)
         else:
             group.fields[token["name"]] = (token["value"], token["unit"] or "", row)
-
-
-def refuse(
-    message: str, path: Path | str, row: int | None = None, hint: str = "save the program again"
-) -> NoReturn:
-    """Raise FileFormatError for a line of a file."""
-    raise FileFormatError(message, path=path, row=row, hint=hint)

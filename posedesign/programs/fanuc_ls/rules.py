@@ -32,14 +32,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from itertools import islice
-from pathlib import Path
 
-from posedesign.files import read_bytes_bounded
-from posedesign.programs.fanuc_ls_listing import Listing, Position, split_listing
+from posedesign.programs.fanuc_ls.listing import Listing, Position, split_listing
 from posedesign.programs.recorded import Problem
-
-MOST_BYTES = 20_000_000
-"""Largest file read: the largest program a controller holds is far smaller."""
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check: a file that is no program has one in each of its lines."""
@@ -62,29 +57,8 @@ _CARTESIAN_FORM = {"X", "Y", "Z", "W", "P", "R"}
 _EXTENDED = {"E1", "E2", "E3"}
 
 
-def validate_fanuc_ls(path: Path | str) -> list[Problem]:
-    """Check a FANUC program against the rules of this module.
-
-    Parameters
-    ----------
-    path : Path or str
-        The ``.LS`` file, at most 20 MB.
-
-    Returns
-    -------
-    list of Problem
-        In the order of the lines; empty for a good file.
-
-    Raises
-    ------
-    FileFormatError
-        The file cannot be opened or is too large.
-    """
-    return check_fanuc_ls(read_bytes_bounded(path, most_bytes=MOST_BYTES))
-
-
 def check_fanuc_ls(data: bytes) -> list[Problem]:
-    """Problems in the content of a file; see `validate_fanuc_ls`."""
+    """Problems in the content of a file, in the order of its lines."""
     listing = split_listing(data.decode("latin-1"))  # any byte is a character: none is lost
     checks = (
         _check_bytes(data),

@@ -1,0 +1,249 @@
+"""The arm as its controller knows it: joints as shown, poses in its frames, and the way back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError, UnreachableError, near_names
+from calib.robots import POSITIVE_AXES, Controller, Robot
+from calib.se3 import FloatArray, inverse
+from posedesign.programs.configuration import Configuration, configuration_of
+
+USUAL_JOINTS = 6
+"""Of the arms of every maker whose joint count is not given with its axes."""
+
+_BOUNDARY_RAD = 2e-5
+"""Stored poses are rounded, to 0.0005 deg and mm as a rule: an arm position so near to where the
+words for it change may have been stored with those of the other side. 0.001 deg."""
+
+_AT_ONCE = 500
+"""Poses solved at once: each has up to eight arm positions in up to 27 combinations of turns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """An arm as its controller shows it.
+
+    Attributes
+    ----------
+    controller : Controller
+        Turns postures into joint values as they are shown, and back.
+    robot : Robot or None
+        None where only joint values are known: then nothing is said of poses.
+    T_world_user : array (4, 4)
+        The user frame in the controller's world [m].
+    T_tip_tool : array (4, 4)
+        The controller's tool frame in the tip frame of the robot, its faceplate [m].
+    """
+
+    controller: Controller
+    robot: Robot | None = None
+    T_world_user: FloatArray = field(default_factory=lambda: np.eye(4))
+    T_tip_tool: FloatArray = field(default_factory=lambda: np.eye(4))
+
+    @classmethod
+    def usual(cls, maker: str | None, n: int | None = None) -> Arm:
+        """The arm of a maker in the signs of its own and ROS-Industrial's URDFs.
+
+        Parameters
+        ----------
+        maker : str or None
+            None: joints are shown as the description has them.
+        n : int, optional
+            Number of joints.
+
+        Raises
+        ------
+        InputError
+            The maker is unknown, or its arms have another number of joints.
+        """
+        if maker is None:
+            return cls(Controller("", np.eye(n or USUAL_JOINTS), np.eye(4)))
+        if maker not in POSITIVE_AXES:
+            raise InputError(
+                f"there is no controller {maker!r}", hint=near_names(maker, POSITIVE_AXES)
+            )
+        joints = len(POSITIVE_AXES[maker])
+        if n is not None and n != joints:
+            raise InputError(
+                f"the posture has {n} joint values, an arm of {maker} has {joints}",
+                hint=f"only arms of {joints} joints can be written for this controller",
+                name="posture",
+                value=n,
+                bound=joints,
+            )
+        matrix = np.eye(joints)
+        if maker == "fanuc":
+            matrix[2, 1] = -1.0  # J3 is the angle to the horizontal: q3 - q2
+        return cls(Controller(maker, matrix, np.eye(4)))
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        T_world_user: FloatArray | None = None,
+        T_tip_tool: FloatArray | None = None,
+    ) -> Arm:
+        """The arm of a robot's description, with its controller where that is known."""
+        return cls(
+            robot.controller or Controller("", np.eye(robot.n), np.eye(4)),
+            robot,
+            np.eye(4) if T_world_user is None else T_world_user,
+            np.eye(4) if T_tip_tool is None else T_tip_tool,
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.controller.pendant_from_joints)
+
+    @property
+    def maker(self) -> str | None:
+        """Whose controller it has; None where that is not known."""
+        return self.controller.maker or None
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Of the description; joint_1, joint_2, ... without one."""
+        if self.robot is not None:
+            return tuple(self.robot.joint_names)
+        return tuple(f"joint_{j + 1}" for j in range(self.n))
+
+    def shown(self, postures: ArrayLike) -> FloatArray:
+        """Joint values ``(..., n)`` [deg] as the controller shows postures ``(..., n)`` [rad]."""
+        return self.controller.pendant(postures)
+
+    def postures(self, shown_deg: ArrayLike) -> FloatArray:
+        """Postures ``(..., n)`` [rad] of joint values ``(..., n)`` [deg] as shown."""
+        return self.controller.posture(shown_deg)
+
+    def tool_poses(self, postures: ArrayLike) -> FloatArray:
+        """The tool frame in the user frame ``(..., 4, 4)`` at postures ``(..., n)`` [rad]."""
+        world = self.controller.in_world(self._described().fk(postures))
+        return np.asarray(inverse(self.T_world_user) @ world @ self.T_tip_tool)
+
+    def configurations(self, postures: ArrayLike) -> list[Configuration]:
+        """Arm positions and turns of postures ``(N, n)`` [rad] in the maker's words."""
+        kind = configuration_of(self.controller.maker)
+        if kind is None:
+            raise InputError(
+                f"the arm positions of a controller of {self.maker or 'an unknown maker'} have no "
+                "words",
+                hint="write joint positions",
+                name="form",
+            )
+        return list(kind.of(self._described(), np.atleast_2d(np.asarray(postures, dtype=float))))
+
+    def postures_at(
+        self,
+        T_user_tool: FloatArray,
+        meant: Sequence[Configuration | None],
+        near: FloatArray | None = None,
+        labels: Sequence[str] = (),
+    ) -> FloatArray:
+        """Postures ``(N, n)`` [rad] that bring the tool to poses, in the arm positions meant.
+
+        Parameters
+        ----------
+        T_user_tool : array (N, 4, 4)
+            [m]
+        meant : sequence of Configuration or None
+            None: the file does not say; the answer nearest to ``near`` is taken.
+        near : array (N, n), optional
+            Where the arm was to be [rad]; of answers that the words leave open the nearest is
+            taken.
+        labels : sequence of str
+            What to call the poses in errors.
+
+        Raises
+        ------
+        UnreachableError
+            No posture inside the limits takes a pose, or none in the arm position meant.
+        InputError
+            Nothing says which of several postures is meant, or the robot is not known.
+        """
+        names = labels or [f"position {i + 1}" for i in range(len(T_user_tool))]
+        T_base_tip = self.controller.in_base(
+            self.T_world_user @ T_user_tool @ inverse(self.T_tip_tool)
+        )
+        starts = [*range(0, len(T_base_tip), _AT_ONCE), len(T_base_tip)]
+        found = [
+            self._solve(
+                T_base_tip[a:b], meant[a:b], None if near is None else near[a:b], names[a:b]
+            )
+            for a, b in pairwise(starts)
+        ]
+        return np.concatenate(found) if found else np.empty((0, self.n))
+
+    def _solve(
+        self,
+        T_base_tip: FloatArray,
+        meant: Sequence[Configuration | None],
+        near: FloatArray | None,
+        names: Sequence[str],
+    ) -> FloatArray:
+        solutions = self._described().inverse(T_base_tip, every_turn=True)
+        inside = solutions.inside
+        postures, pose = solutions.postures[inside], solutions.pose[inside]
+        words = self._words(postures) if any(m is not None for m in meant) else None
+        out = np.empty((len(T_base_tip), self.n))
+        for i, name in enumerate(names):
+            first, last = np.searchsorted(pose, [i, i + 1])
+            answers = postures[first:last]
+            if not len(answers):
+                raise UnreachableError(
+                    f"{name}: no posture inside the joint limits takes it",
+                    hint="are tool frame, user frame and robot those it was recorded with?",
+                    name=name,
+                )
+            wanted = meant[i]
+            if wanted is not None and words is not None:
+                fits = [k for k in range(len(answers)) if _meant(wanted, words, first + k)]
+                if not fits:
+                    raise UnreachableError(
+                        f"{name}: no posture that takes it has the configuration {wanted.words}",
+                        hint="are tool frame, user frame and robot those it was recorded with?",
+                        name=name,
+                        value=wanted.words,
+                    )
+                answers = answers[fits]
+            out[i] = _nearest(answers, None if near is None else near[i], name)
+        return out
+
+    def _words(self, postures: FloatArray) -> list[list[Configuration]]:
+        """Configurations of postures, and of those just beside them on either side."""
+        beside = (postures, postures + _BOUNDARY_RAD, postures - _BOUNDARY_RAD)
+        return [self.configurations(q) for q in beside]
+
+    def _described(self) -> Robot:
+        if self.robot is None:
+            raise InputError(
+                "poses of the tool need the robot",
+                hint="pass --cell, or write joint positions",
+                name="robot",
+            )
+        return self.robot
+
+
+def _meant(wanted: Configuration, words: list[list[Configuration]], row: int) -> bool:
+    return any(wanted.allows(at[row]) for at in words)
+
+
+def _nearest(answers: FloatArray, near: FloatArray | None, name: str) -> FloatArray:
+    """The one answer; of several the nearest to where the arm was to be."""
+    if near is not None:
+        distance = np.linalg.norm(answers - near, axis=1)
+        return np.asarray(answers[int(np.argmin(distance))])
+    spread = np.ptp(answers, axis=0).max()
+    if spread > 2 * _BOUNDARY_RAD:
+        raise InputError(
+            f"{name}: {len(answers)} postures take it, and nothing says which is meant",
+            hint="pass the plan it belongs to, or store joint positions",
+            name=name,
+        )
+    return np.asarray(answers[0])

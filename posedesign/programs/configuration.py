@@ -1,0 +1,64 @@
+"""Which of several arm positions a stored Cartesian pose means, in the words of a controller.
+
+A pose of the tool is taken by up to eight arm positions, and by more where joints have several
+turns. Each maker has its own words for the one that is meant; they are derived from the joint
+values and the geometry of the arm, and serve to choose among the answers of the inverse kinematics.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, Self
+
+from calib.robots import Robot
+from calib.se3 import FloatArray
+
+
+class Configuration(ABC):
+    """Arm position and turns of joints: one subclass, a frozen dataclass in one file, a maker.
+
+    Attributes
+    ----------
+    maker : str
+        A key of ``calib.robots.POSITIVE_AXES``.
+    """
+
+    maker: ClassVar[str]
+
+    @classmethod
+    @abstractmethod
+    def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
+        """Of each posture ``(N, n)`` [rad, signs of the description].
+
+        Raises
+        ------
+        InputError
+            The arm is not of the kind that these words are for.
+        """
+
+    @property
+    @abstractmethod
+    def words(self) -> str:
+        """As the maker's programs write it."""
+
+    def allows(self, other: Configuration) -> bool:
+        """Whether an arm position with ``other`` is one that is meant by this.
+
+        Some makers' words leave open what they do not say.
+        """
+        return self == other
+
+
+def configuration_of(maker: str) -> type[Configuration] | None:
+    """The words of a maker for arm positions; None where it has none."""
+    from posedesign.programs.configurations import CONFIGURATIONS
+
+    return CONFIGURATIONS.get(maker)
+
+
+def words(robot: Robot, postures: FloatArray) -> list[str]:
+    """The configuration of each posture ``(N, n)`` [rad]; empty where the controller has no words."""
+    kind = configuration_of(robot.controller.maker) if robot.controller else None
+    if kind is None:
+        return [""] * len(postures)
+    return [found.words for found in kind.of(robot, postures)]

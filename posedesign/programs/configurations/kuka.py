@@ -1,0 +1,110 @@
+"""KUKA's words for arm positions: ``S 2,T 35`` of a POS or E6POS, Status and Turn."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.robots import Robot
+from calib.se3 import FloatArray
+from posedesign.programs.configuration import Configuration
+from posedesign.programs.configurations.boundaries import EXACT_DEG, ROUNDING_DEG
+from posedesign.programs.configurations.geometry import arm_positions
+
+_NUMBER = r"(\d{1,3}|'B[01]{1,8}')"
+_FORM = re.compile(rf"S\s*{_NUMBER}\s*,\s*T\s*{_NUMBER}", re.IGNORECASE)
+
+_ARM_BITS = 0b111
+"""Bits of S that say where the arm is."""
+
+_LARGEST_STATUS, _LARGEST_TURN = 0b11111, 0b111111
+
+
+@dataclass(frozen=True)
+class KukaConfiguration(Configuration):
+    """Status and Turn of a KUKA controller for a six-axis arm.
+
+    Attributes
+    ----------
+    status : int
+        Bit 0: wrist centre behind axis 1, the overhead area. Bit 1: wrist centre in front of the
+        line through axes 2 and 3, which is A3 above its in-line angle (0 for arms whose axes 3 and
+        4 meet, a few degrees for others). Bit 2: A5 in [-180, 0) deg, or from 180 deg. Bits 3 and 4
+        say nothing of the arm, and are written as zero.
+    turn : int
+        Bit i - 1: axis i negative, for A1 to A6.
+    loose : int
+        Bits of ``turn`` of axes so near to zero that the rounding of a pose may change their sign
+        (:mod:`.boundaries`); zero when read.
+
+    Notes
+    -----
+    Nothing here was measured on a controller. Bits of S as Beckhoff documents them for KUKA's kind
+    of arm (TF5200, Status & Turn: "in front of the straight line through axes A2 and A3" adds 2);
+    Siemens' manual of the same arms has bit 1 set for A3 >= 0 where axes 3 and 4 meet, which agrees
+    (SINUMERIK ONE, NC programming, STAT). One web page has bit 1 the other way round. The common
+    home posture (0, -90, 90, 0, 0, 0) has S 2 here. A5 beyond +-180 deg and bits 3 and 4 (4: taught
+    with an absolutely accurate arm) are from memory. KUKA's own manuals were not seen.
+
+    T tells a joint value from the same one a turn further only within +-360 deg. Controllers are
+    reported to ignore bits of T of axes within 2 deg of zero.
+    """
+
+    maker: ClassVar[str] = "kuka"
+    status: int
+    turn: int
+    loose: int = field(default=0, compare=False, repr=False)
+
+    @classmethod
+    def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
+        """See :meth:`Configuration.of`."""
+        arm = arm_positions(robot, postures, cls.maker)
+        angles = arm.pendant_deg
+        flipped = np.floor((angles[:, 4] + EXACT_DEG) / 180.0) % 2 == 1
+        status = 1 * arm.behind_axis_1 + 2 * ~arm.behind_line + 4 * flipped
+        bit = 1 << np.arange(angles.shape[1])
+        turn = (angles < -EXACT_DEG) @ bit
+        loose = (np.abs(angles) < ROUNDING_DEG) @ bit
+        columns = zip(status.tolist(), turn.tolist(), loose.tolist(), strict=True)
+        return [cls(*numbers) for numbers in columns]
+
+    @property
+    def words(self) -> str:
+        """As a POS has it: ``S 2,T 35``."""
+        return f"S {self.status},T {self.turn}"
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read ``S 2,T 35`` or ``S 'B010',T 'B100011'``.
+
+        Raises
+        ------
+        InputError
+            The text is not of this form, or a number has bits of no meaning.
+        """
+        found = _FORM.fullmatch(text.strip())
+        status, turn = map(_integer, found.groups()) if found else (-1, -1)
+        if not (0 <= status <= _LARGEST_STATUS and 0 <= turn <= _LARGEST_TURN):
+            raise InputError(
+                f"Status and Turn {text!r} are not those of a six-axis KUKA arm",
+                hint="write S from 0 to 31 and T from 0 to 63: S 2,T 35 or S 'B010',T 'B100011'",
+                name="S,T",
+                value=text,
+            )
+        return cls(status, turn)
+
+    def allows(self, other: Configuration) -> bool:
+        """See :meth:`Configuration.allows`: signs of axes near zero are left open."""
+        return (
+            isinstance(other, KukaConfiguration)
+            and self.status & _ARM_BITS == other.status & _ARM_BITS
+            and not (self.turn ^ other.turn) & ~(self.loose | other.loose)
+        )
+
+
+def _integer(text: str) -> int:
+    return int(text[2:-1], 2) if text.startswith("'") else int(text)

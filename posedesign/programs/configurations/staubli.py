@@ -1,0 +1,103 @@
+"""Staubli's words for arm positions: the config of a VAL 3 point."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from calib.errors import InputError
+from calib.robots import Robot
+from calib.se3 import FloatArray
+from posedesign.programs.configuration import Configuration
+from posedesign.programs.configurations.geometry import arm_positions
+
+SHOULDER = {"righty": True, "lefty": False, "sfree": None}
+ELBOW = {"enegative": True, "epositive": False, "efree": None}
+WRIST = {"wnegative": True, "wpositive": False, "wfree": None}
+"""What each word says of ``behind_axis_1``, ``elbow_negative``, ``wrist_negative``."""
+
+_AS_ATTRIBUTES = re.compile(r'shoulder="(\w+)"\s+elbow="(\w+)"\s+wrist="(\w+)"')
+_AS_LIST = re.compile(r"(\w+)[\s,]+(\w+)[\s,]+(\w+)")
+
+
+@dataclass(frozen=True)
+class StaubliConfiguration(Configuration):
+    """``config`` of a Staubli controller for a six-axis arm (RX, TX, TX2).
+
+    Attributes
+    ----------
+    righty : bool or None
+        Wrist centre behind axis 1; lefty: in front of it. None: free.
+    elbow_negative : bool or None
+        Wrist centre behind the line through axes 2 and 3, which is joint 3 negative where axes 3
+        and 4 meet. None: free.
+    wrist_negative : bool or None
+        Joint 5 negative; at zero it is positive. None: free.
+
+    Notes
+    -----
+    Nothing here was measured on a controller. The words are those of VAL 3 (Beckhoff documents them
+    as such, TF5130, eConfigShoulder and others). What they mean is from public post-processors:
+    RoboDK writes righty for its "rear", enegative for "lower arm" and wnegative for "flip", and
+    templates of others have lefty, epositive, wpositive for an arm that reaches to the front. The
+    manual's figures were not seen: which shoulder is righty is the least certain.
+
+    The words do not tell turns of joints 1, 4 and 6 apart; the controller takes the nearest. A
+    point may leave a word ``free``; ``same`` (as the arm stood before) says nothing of a posture
+    alone and is refused.
+    """
+
+    maker: ClassVar[str] = "staubli"
+    righty: bool | None
+    elbow_negative: bool | None
+    wrist_negative: bool | None
+
+    @classmethod
+    def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
+        """See :meth:`Configuration.of`."""
+        arm = arm_positions(robot, postures, cls.maker)
+        columns = arm.behind_axis_1, arm.behind_line, arm.pendant_deg[:, 4] < 0
+        return [cls(*flags) for flags in zip(*(c.tolist() for c in columns), strict=True)]
+
+    @property
+    def words(self) -> str:
+        """As a point of a data file has it: ``shoulder="lefty" elbow="..." wrist="..."``."""
+        shoulder, elbow, wrist = (
+            next(word for word, value in table.items() if value is flag)
+            for table, flag in zip((SHOULDER, ELBOW, WRIST), self._flags, strict=True)
+        )
+        return f'shoulder="{shoulder}" elbow="{elbow}" wrist="{wrist}"'
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read attributes of a point, or the three words alone.
+
+        Raises
+        ------
+        InputError
+            The text is not of this form, or a word is not one of its table.
+        """
+        stripped = text.strip()
+        found = _AS_ATTRIBUTES.fullmatch(stripped) or _AS_LIST.fullmatch(stripped)
+        tables = SHOULDER, ELBOW, WRIST
+        words = found.groups() if found else ("", "", "")
+        if not all(word in table for word, table in zip(words, tables, strict=True)):
+            raise InputError(
+                f"config {text!r} is not one of a six-axis Staubli arm",
+                hint="write one of each: " + "; ".join("/".join(table) for table in tables),
+                name="config",
+                value=text,
+            )
+        return cls(*(table[word] for word, table in zip(words, tables, strict=True)))
+
+    def allows(self, other: Configuration) -> bool:
+        """See :meth:`Configuration.allows`: what is free here may be either."""
+        return isinstance(other, StaubliConfiguration) and all(
+            wanted is None or wanted is found
+            for wanted, found in zip(self._flags, other._flags, strict=True)
+        )
+
+    @property
+    def _flags(self) -> tuple[bool | None, bool | None, bool | None]:
+        return self.righty, self.elbow_negative, self.wrist_negative

@@ -1,0 +1,139 @@
+"""Yaskawa's words for arm positions: ``///RCONF 1,0,0,0,0,0,0,0`` of a job."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Self
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.robots import Robot
+from calib.se3 import FloatArray, IntArray
+from posedesign.programs.configuration import Configuration
+from posedesign.programs.configurations.boundaries import EXACT_DEG, agree, beside
+from posedesign.programs.configurations.geometry import arm_positions
+
+_FORM = re.compile(r"(?:///RCONF\s+)?(\d(?:\s*,\s*\d)*)")
+
+LENGTHS = (8, 24)
+"""Values of a job up to NX100, and from DX100 on."""
+
+
+@dataclass(frozen=True)
+class YaskawaConfiguration(Configuration):
+    """``RCONF`` of a Yaskawa controller for a six-axis arm.
+
+    Attributes
+    ----------
+    no_flip : int
+        0, flip: R in (-90, 90] deg, or the same a turn further. 1, no flip: R elsewhere.
+    lower : int
+        0, upper arm: wrist centre in front of the line through axes 2 and 3 (L and U), the elbow
+        up. 1, lower arm: behind it.
+    rear : int
+        0, front: wrist centre in front of axis 1. 1, rear: behind it.
+    r_beyond, t_beyond, s_beyond : int
+        0: R, T, S in (-180, 180] deg. 1: beyond.
+    length : int
+        Number of values to write, the rest are zero: one of :data:`LENGTHS`.
+    beside : tuple of int
+        ``no_flip`` and the last three on the other side of a boundary nearby
+        (:mod:`.boundaries`); empty when read.
+
+    Notes
+    -----
+    Nothing here was measured on a controller. Order and values of RCONF as in the makers' manuals
+    (DX100, HW0482494 p. 4-5; NX100 the same); RoboDK's post-processor writes front/rear first,
+    against them. Flip by the angle of R, not by the sign of B as other makers have it: NX100
+    operator's manual, RE-CSO-A031 p. 3-76, with the intervals above. Whether later controllers
+    (DX200, YRC1000) do the same was not found. The half-open intervals of 180 deg are taken over
+    from those of flip. The figures for upper and lower arm, front and rear were not seen: the
+    meaning is that of the words, with the wrist centre (B axis) where the manual's list says TCP.
+
+    Turns are told apart within +-360 deg. Values from the seventh on are not of six-axis arms.
+    """
+
+    maker: ClassVar[str] = "yaskawa"
+    no_flip: int
+    lower: int
+    rear: int
+    r_beyond: int
+    t_beyond: int
+    s_beyond: int
+    length: int = field(default=LENGTHS[1], compare=False)
+    beside: tuple[int, ...] = field(default=(), compare=False, repr=False)
+
+    @classmethod
+    def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
+        """See :meth:`Configuration.of`."""
+        arm = arm_positions(robot, postures, cls.maker)
+        r, turning = arm.pendant_deg[:, [3]], arm.pendant_deg[:, [3, 5, 0]]
+        numbers = (
+            flip_numbers(r),
+            arm.behind_line[:, None],
+            arm.behind_axis_1[:, None],
+            beyond_numbers(turning),
+        )
+        other = np.hstack([beside(flip_numbers, r), beside(beyond_numbers, turning)])
+        rows = zip(np.hstack(numbers).tolist(), other.tolist(), strict=True)
+        return [cls(*_six(row), beside=tuple(sides)) for row, sides in rows]
+
+    @property
+    def words(self) -> str:
+        """As a job has it behind ``///RCONF``: ``1,0,0,0,0,0,0,0``."""
+        return ",".join(map(str, [*self._numbers, *[0] * (self.length - len(self._numbers))]))
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read 8 or 24 values, with or without ``///RCONF``.
+
+        Raises
+        ------
+        InputError
+            The text is not of this form, or has values that a six-axis arm does not have.
+        """
+        found = _FORM.fullmatch(text.strip())
+        values = [int(v) for v in found[1].split(",")] if found else []
+        if len(values) not in LENGTHS or max(values[:6]) > 1 or any(values[6:]):
+            raise InputError(
+                f"RCONF {text!r} is not one of a six-axis Yaskawa arm",
+                hint="write 8 or 24 values, the first six 0 or 1, the others 0: 1,0,0,0,0,0,0,0",
+                name="RCONF",
+                value=text,
+            )
+        return cls(*_six(values), length=len(values))
+
+    def allows(self, other: Configuration) -> bool:
+        """See :meth:`Configuration.allows`: R, S, T agree on either side of a boundary nearby."""
+        return (
+            isinstance(other, YaskawaConfiguration)
+            and (self.lower, self.rear) == (other.lower, other.rear)
+            and agree(self._of_angles, self.beside, other._of_angles, other.beside)
+        )
+
+    @property
+    def _numbers(self) -> tuple[int, ...]:
+        return (self.no_flip, self.lower, self.rear, self.r_beyond, self.t_beyond, self.s_beyond)
+
+    @property
+    def _of_angles(self) -> tuple[int, ...]:
+        return (self.no_flip, self.r_beyond, self.t_beyond, self.s_beyond)
+
+
+def _six(values: Sequence[int]) -> tuple[int, int, int, int, int, int]:
+    no_flip, lower, rear, r, t, s = values[:6]
+    return no_flip, lower, rear, r, t, s
+
+
+def flip_numbers(r_deg: FloatArray) -> IntArray:
+    """0 where the R axis [deg] stands for flip, 1 for no flip."""
+    return np.asarray(np.ceil((r_deg - 90.0 - EXACT_DEG) / 180.0) % 2, dtype=np.intp)
+
+
+def beyond_numbers(angles_deg: FloatArray) -> IntArray:
+    """0 where joint values [deg] are in (-180, 180], 1 beyond."""
+    high = angles_deg - 180.0 > EXACT_DEG
+    return np.asarray(high | (angles_deg + 180.0 <= EXACT_DEG), dtype=np.intp)

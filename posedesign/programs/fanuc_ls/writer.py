@@ -1,0 +1,241 @@
+"""FANUC teach pendant programs in ASCII (``.LS``): the writer.
+
+The layout is that of controller exports, as far as the oldest controllers of interest (R-J3iB) take
+it: names of 8 characters, five entries in DEFAULT_GROUP.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.programs.arm import Arm
+from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
+from posedesign.programs.writing import NameRule, shown_deg
+
+NAMES = NameRule("a FANUC program name", 8)
+"""What every controller takes (R-J3iB; newer ones take longer names)."""
+
+COMMENT_LENGTH = 16
+"""Characters that the pendant shows of a program's or a position's comment."""
+
+REMARK_LENGTH = 32
+"""Characters of a remark line on the pendant."""
+
+MOST_LINES = 9999
+"""Line numbers have four digits."""
+
+MOST_REGISTER = 100
+"""Position registers that controllers have as delivered; the number can be set higher."""
+
+LONGEST_WAIT_S = 327.67
+"""Largest constant of a WAIT: hundredths of a second in 15 bits."""
+
+MOST_USER_FRAME, MOST_TOOL_FRAME = 9, 10
+"""Frames that every controller has; a number past its own limit is refused at load."""
+
+_TEXT = re.compile(r"[ -~]*")
+_POSITION_NAME = re.compile(rf"[A-Za-z0-9_.+#/()-][A-Za-z0-9_.+#/() -]{{0,{COMMENT_LENGTH - 1}}}")
+
+
+def render_fanuc_ls(program: PoseProgram, arm: Arm) -> str:
+    r"""Text of the program, its lines ended by ``\n``.
+
+    Positions are rounded to three decimals: joints by at most 0.0005 deg on the pendant and 0.001
+    deg in the URDF's joint 3, which is the sum of two; poses by 0.0005 mm and deg. A pose's name
+    becomes its position's comment where it has 1 to 16 plain characters; longer or other ones are
+    left out.
+
+    Parameters
+    ----------
+    program : PoseProgram
+        What to write.
+    arm : Arm
+
+    Returns
+    -------
+    str
+        The program from ``/PROG`` to ``/END``.
+
+    Raises
+    ------
+    InputError
+        A text that the controller would refuse, a number out of its range, or a joint beyond
+        +-720 deg.
+    """
+    options = program.options
+    _check_options(program)
+    instructions = _instructions(program)
+    lines = [f"/PROG  {program.name}", *_attributes(options, len(instructions)), "/MN"]
+    lines += [f"{number:4d}:{text} ;" for number, text in enumerate(instructions, start=1)]
+    lines.append("/POS")
+    fields = _joint_fields if options.form == "joint" else _pose_fields
+    stored = zip(program.numbers, program.poses, fields(program, arm), strict=True)
+    for number, pose, values in sorted(stored, key=lambda entry: entry[0]):
+        lines += [f"P[{_label(number, pose)}]{{", "   GP1:", *values, "};"]
+    lines.append("/END")
+    return "\n".join(lines) + "\n"
+
+
+def lines_besides(program: PoseProgram) -> tuple[int, int]:
+    """Lines before the first pose, and most lines of one pose, remarks included."""
+    head = len(_head(program))
+    return head, max(1, len(_at_pose(program.options, program.poses[0], 1, measured=True)) + 1)
+
+
+def _check_options(program: PoseProgram) -> None:
+    options = program.options
+    in_range("user_frame", options.user_frame, 0, MOST_USER_FRAME)
+    in_range("tool_frame", options.tool_frame, 1, MOST_TOOL_FRAME)
+    in_range("settle_s", options.settle_s, 0, LONGEST_WAIT_S)
+    in_range("measure_pulse_s", options.measure_pulse_s, 0, LONGEST_WAIT_S)
+    _check_text("comment", options.comment, COMMENT_LENGTH)
+    if options.keep == "register":
+        last = options.first_register + program.measured_count - 1
+        if last > MOST_REGISTER:
+            raise InputError(
+                f"the touched-up positions would need PR[{last}], controllers have "
+                f"{MOST_REGISTER} as a rule",
+                hint="keep them in the positions of the program",
+                name="first_register",
+                value=last,
+                bound=MOST_REGISTER,
+            )
+    if options.measure_call is not None:
+        NAMES.check(options.measure_call)
+        if options.measure_call == program.name:
+            raise InputError(
+                f"program {program.name} would call itself",
+                hint="name the program that measures in measure_call",
+                name="measure_call",
+                value=options.measure_call,
+            )
+
+
+def _check_text(name: str, text: str, length: int) -> None:
+    """Refuse what would end a quoted text or a line, or what the pendant cannot show."""
+    if len(text) > length or not _TEXT.fullmatch(text) or any(c in "\"';" for c in text):
+        raise InputError(
+            f"{name} {text!a} cannot be shown on the pendant",
+            hint=f"use at most {length} ASCII characters, without quotes and semicolons",
+            name=name,
+            value=text,
+            bound=length,
+        )
+
+
+def _instructions(program: PoseProgram) -> list[str]:
+    """Lines of the program as they stand behind their number and colon."""
+    lines = _head(program)
+    for number, pose in zip(program.numbers, program.poses, strict=True):
+        if pose.comment:
+            _check_text(f"comment of pose {pose.name!r}", pose.comment, REMARK_LENGTH)
+            lines.append(f"  !{pose.comment.strip()}")
+        lines += _at_pose(program.options, pose, number, measured=not pose.via)
+    return lines
+
+
+def _head(program: PoseProgram) -> list[str]:
+    options = program.options
+    mark = [f"  !{program.mark}"] if program.mark else []
+    return [*mark, f"  UFRAME_NUM={options.user_frame}", f"  UTOOL_NUM={options.tool_frame}"]
+
+
+def _at_pose(
+    options: ProgramOptions, pose: ProgramPose, number: int, *, measured: bool
+) -> list[str]:
+    # The three further spaces before the semicolon are those of controller exports.
+    lines = [f"J P[{number}] {options.speed_percent}% FINE   "]
+    if not measured:
+        return lines
+    if options.settle_s > 0:
+        lines.append(f"  WAIT {_seconds(options.settle_s):>6}(sec)")
+    if options.measure_output is not None:
+        pulse = _seconds(options.measure_pulse_s)
+        lines.append(f"  DO[{options.measure_output}]=PULSE,{pulse}sec")
+    if options.measure_call is not None:
+        argument = options.argument(number)
+        # a negative constant stands in parentheses of its own
+        shown = "" if argument is None else f"({argument})" if argument >= 0 else f"(({argument}))"
+        lines.append(f"  CALL {options.measure_call}{shown}")
+    if options.keep == "register":
+        here = "JPOS" if options.form == "joint" else "LPOS"
+        lines.append(f"  PR[{options.first_register + number - 1}]={here}")
+    return lines
+
+
+def _seconds(value: float) -> str:
+    """Hundredths of a second, at least one: a wait that is asked for must not round to none."""
+    return f"{max(value, 0.01):.2f}".removeprefix("0")
+
+
+def _attributes(options: ProgramOptions, line_count: int) -> list[str]:
+    """The /ATTR section. Zero sizes are accepted: the controller computes its own."""
+    date = options.written.strftime("DATE %y-%m-%d  TIME %H:%M:%S")
+    return [
+        "/ATTR",
+        "OWNER\t\t= MNEDITOR;",
+        f'COMMENT\t\t= "{options.comment}";',
+        "PROG_SIZE\t= 0;",
+        f"CREATE\t\t= {date};",
+        f"MODIFIED\t= {date};",
+        "FILE_NAME\t= ;",
+        "VERSION\t\t= 0;",
+        f"LINE_COUNT\t= {line_count};",
+        "MEMORY_SIZE\t= 0;",
+        "PROTECT\t\t= READ_WRITE;",
+        "TCD:  STACK_SIZE\t= 0,",
+        "      TASK_PRIORITY\t= 50,",
+        "      TIME_SLICE\t= 0,",
+        "      BUSY_LAMP_OFF\t= 0,",
+        "      ABORT_REQUEST\t= 0,",
+        "      PAUSE_REQUEST\t= 0;",
+        "DEFAULT_GROUP\t= 1,*,*,*,*;",
+        "CONTROL_CODE\t= 00000000 00000000;",
+    ]
+
+
+def _label(number: int, pose: ProgramPose) -> str:
+    fits = _POSITION_NAME.fullmatch(pose.name) and not pose.name.endswith(" ")
+    return f'{number}:"{pose.name}"' if fits else f"{number}"
+
+
+def _joint_fields(program: PoseProgram, arm: Arm) -> list[list[str]]:
+    options = program.options
+    # + 0.0 turns the -0.0 of a rounded small number into 0.0, which is written without a sign.
+    values = np.round(shown_deg(arm, program.poses), 3) + 0.0
+    frames = f"\tUF : {options.user_frame}, UT : {options.tool_frame},\t"
+    return [
+        [frames, *_in_rows([f"J{j + 1}={v:10.3f} deg" for j, v in enumerate(q)])] for q in values
+    ]
+
+
+def _pose_fields(program: PoseProgram, arm: Arm) -> list[list[str]]:
+    options = program.options
+    shown_deg(arm, program.poses)  # refuses joints that no arm reaches
+    poses = arm.tool_poses(program.postures_rad)
+    words = arm.configurations(program.postures_rad)
+    place = np.round(1e3 * poses[:, :3, 3], 3) + 0.0
+    turn = _turns_deg(poses)
+    found = []
+    for config, xyz, wpr in zip(words, place, turn, strict=True):
+        frames = (
+            f"\tUF : {options.user_frame}, UT : {options.tool_frame},\t\tCONFIG : '{config.words}',"
+        )
+        fields = [f"{axis} ={v:10.3f}  mm" for axis, v in zip("XYZ", xyz, strict=True)]
+        fields += [f"{axis} ={v:10.3f} deg" for axis, v in zip("WPR", wpr, strict=True)]
+        found.append([frames, *_in_rows(fields)])
+    return found
+
+
+def _turns_deg(poses: FloatArray) -> FloatArray:
+    """W P R ``(N, 3)`` [deg] to three decimals, in (-180, 180]."""
+    turn = np.round(np.rad2deg(wpr_from_rotation(poses[:, :3, :3])), 3) + 0.0
+    return np.where(turn <= -180.0, 180.0, turn)
+
+
+def _in_rows(fields: list[str]) -> list[str]:
+    return ["\t" + ",\t".join(fields[:3]) + ",", "\t" + ",\t".join(fields[3:])]

@@ -1,0 +1,88 @@
+"""What the readers of all dialects share: files are hostile until read."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import NoReturn
+
+from calib.errors import FileFormatError
+from posedesign.files import read_bytes_bounded
+
+MOST_BYTES = 20_000_000
+"""Largest program file read: the largest that a controller holds is far smaller, and 10,000 poses
+take a tenth of it."""
+
+MOST_JOINT_DEG = 720.0
+"""No arm turns so far: a value beyond is a damaged file, or in another unit."""
+
+MOST_POSITION_MM = 100_000.0
+"""No arm on any track reaches so far."""
+
+_NUMBER = re.compile(r"[-+]?(?:\d{1,9}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][-+]?\d{1,3})?", re.ASCII)
+"""``float()`` would take more: 1_0, nan, infinity, digits of other scripts."""
+
+
+def refuse(
+    message: str, path: Path | str, row: int | None = None, hint: str = "save the program again"
+) -> NoReturn:
+    """Raise FileFormatError for a line of a file."""
+    raise FileFormatError(message, path=path, row=row, hint=hint)
+
+
+def read_program_bytes(path: Path | str) -> bytes:
+    """Content of a program file of at most 20 MB.
+
+    Raises
+    ------
+    FileFormatError
+        The file is missing, cannot be opened, or is larger.
+    """
+    return read_bytes_bounded(path, most_bytes=MOST_BYTES)
+
+
+def ascii_lines(data: bytes, path: Path | str, hint: str = "remove accented letters") -> list[str]:
+    """Lines of a file, without their ends, after checking that it is plain ASCII text.
+
+    Raises
+    ------
+    FileFormatError
+        Naming the first other byte and its line.
+    """
+    bad = re.search(rb"[^\t\r\n -~]", data)
+    if bad:
+        refuse(
+            f"holds the byte 0x{bad[0][0]:02x}, which is not plain ASCII text",
+            path,
+            data.count(b"\n", 0, bad.start()) + 1,
+            hint,
+        )
+    return [line.rstrip("\r") for line in data.decode("ascii").split("\n")]
+
+
+def number(text: str, what: str, path: Path | str, row: int, most: float, unit: str = "") -> float:
+    """A finite decimal number of a file, within ``+-most``.
+
+    Raises
+    ------
+    FileFormatError
+        Saying what is not such a number.
+    """
+    value = float(text) if _NUMBER.fullmatch(text) else math.nan
+    if not math.isfinite(value):
+        refuse(f"{what} is {text[:30]!r}, not a number", path, row)
+    if abs(value) > most:
+        reason = f"{what} is {text[:30]} {unit}".rstrip() + f", beyond +-{most:g} {unit}".rstrip()
+        refuse(reason, path, row, "is it in another unit?")
+    return value
+
+
+def joint_deg(text: str, what: str, path: Path | str, row: int) -> float:
+    """A joint value of a file [deg]."""
+    return number(text, what, path, row, MOST_JOINT_DEG, "deg")
+
+
+def millimetres(text: str, what: str, path: Path | str, row: int) -> float:
+    """A coordinate of a file [mm]."""
+    return number(text, what, path, row, MOST_POSITION_MM, "mm")

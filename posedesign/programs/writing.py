@@ -1,0 +1,111 @@
+"""What the writers of all dialects share: numbers as controllers take them, and legal names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError
+from calib.se3 import FloatArray
+from posedesign.programs.arm import Arm
+from posedesign.programs.program import ProgramPose
+from posedesign.programs.reading import MOST_JOINT_DEG
+
+
+def plain(value: float, decimals: int) -> str:
+    """A number with so many decimals: no exponent, and no sign before a zero."""
+    return f"{round(float(value), decimals) + 0.0:.{decimals}f}"
+
+
+def plain_all(values: ArrayLike, decimals: int) -> list[str]:
+    """Numbers with so many decimals each."""
+    return [plain(value, decimals) for value in np.ravel(np.asarray(values, dtype=float))]
+
+
+@dataclass(frozen=True)
+class NameRule:
+    """What a controller takes for a name.
+
+    Attributes
+    ----------
+    what : str
+        For messages: "a FANUC program name".
+    length : int
+        Most characters.
+    small : bool
+        Whether small letters are legal.
+    stand_in : str
+        A legal name, where nothing of the one given can be kept.
+    reserved : frozenset of str
+        Words of the language, in capitals, that are no names.
+    """
+
+    what: str
+    length: int
+    small: bool = False
+    stand_in: str = "CALPOSE"
+    reserved: frozenset[str] = frozenset()
+
+    def is_legal(self, name: str) -> bool:
+        """Whether a name is a letter and then letters, digits and underscores, not too long."""
+        letters = "A-Za-z" if self.small else "A-Z"
+        pattern = rf"[{letters}][{letters}0-9_]{{0,{self.length - 1}}}"
+        return bool(re.fullmatch(pattern, name)) and name.upper() not in self.reserved
+
+    def check(self, name: str) -> None:
+        """Raise InputError, with a name that would do, where a name is not legal."""
+        if not self.is_legal(name):
+            letters = "letters, digits and _" if self.small else "A-Z 0-9 _"
+            raise InputError(
+                f"{name!r} is not {self.what}",
+                hint=f"for instance {self.legal(name)}: a letter first, then {letters}, "
+                f"at most {self.length} characters",
+                name=name,
+                bound=self.length,
+            )
+
+    def legal(self, name: str) -> str:
+        """The nearest legal name: other characters as underscores, cut to length."""
+        given = name if self.small else name.upper()
+        letters = "A-Za-z0-9" if self.small else "A-Z0-9"
+        kept = re.sub(rf"[^{letters}]+", "_", given).strip("_")
+        if not kept:
+            return self.stand_in
+        cut = (kept if kept[0].isalpha() else "P" + kept)[: self.length].rstrip("_")
+        return self.stand_in if cut.upper() in self.reserved else cut
+
+    def part(self, name: str, k: int) -> str:
+        """The name of the k-th part of a program that is split, counted from 1."""
+        ending = f"_{k}"
+        return name[: self.length - len(ending)].rstrip("_") + ending
+
+
+def shown_deg(arm: Arm, poses: Iterable[ProgramPose]) -> FloatArray:
+    """Joint values ``(N, n)`` [deg] of poses as the controller shows them, each within +-720.
+
+    Raises
+    ------
+    InputError
+        A joint value is beyond, with its pose and joint, or the arm has other joints.
+    """
+    listed = list(poses)
+    postures = np.stack([pose.posture_rad for pose in listed])
+    # The description's values first: far larger ones would overflow when they become degrees.
+    too_far = np.abs(postures) > np.radians(MOST_JOINT_DEG)
+    if not too_far.any():
+        shown = arm.shown(postures)
+        too_far = np.abs(shown) > MOST_JOINT_DEG
+        if not too_far.any():
+            return shown
+    i, j = (int(k) for k in np.argwhere(too_far)[0])
+    raise InputError(
+        f"pose {listed[i].name!r}: J{j + 1} is beyond +-{MOST_JOINT_DEG:g} deg",
+        hint="postures are in radians, and no arm turns so far",
+        name=listed[i].name,
+        value=float(postures[i, j]),
+        bound=float(np.radians(MOST_JOINT_DEG)),
+    )

@@ -1,0 +1,5 @@
+"""Yaskawa INFORM jobs (``.JBI``)."""
+
+from posedesign.programs.yaskawa_jbi.dialect import YaskawaJbi
+
+__all__ = ["YaskawaJbi"]

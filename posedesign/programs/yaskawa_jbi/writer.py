@@ -1,0 +1,240 @@
+"""Yaskawa INFORM jobs (``.JBI``): the writer.
+
+Joint positions are encoder pulses (``///PULSE``), which need the six pulses/deg of the arm; they
+are written into comments of the job, because the format has no place for them. Poses of the tool
+(``///RECTAN``) stand in the base frame or in user frame n, in a relative job (``///ATTR SC,RW,RJ``
+and ``////FRAME``).
+
+The layout is that of the makers' manuals ("Job data format" of NX100 and DX100) and of exports;
+names of 8 characters are what NX100 takes. Nothing was loaded on a controller.
+
+* Before each move stands ``'POSE n name``: a controller numbers C variables anew when steps are
+  inserted or deleted, so their numbers alone would not say which pose is which.
+* The measuring job is called with its argument in I000 (``SET I000 n``): not every controller knows
+  arguments of CALL. With no argument I000 is left alone.
+* A touched-up position is kept where it was planned (MODIFY at its MOVJ step); or, with ``keep =
+  "register"``, ``GETS PX007 $PX000`` stores the current pulses in position variable P007 after the
+  call. ``$PX000`` is the current position in pulses in the maker's INFORM manuals and in jobs of
+  others; controllers have P000 to P127 as delivered.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.programs.arm import Arm
+from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
+from posedesign.programs.writing import NameRule, plain_all, shown_deg
+from posedesign.programs.yaskawa_jbi.pulses import checked, comments
+
+NAMES = NameRule("a Yaskawa job name", 8)
+"""What every controller takes (NX100; from DX100 on 32 characters)."""
+
+COMMENT_LENGTH = 32
+"""Characters of a job's comment and of a comment line."""
+
+MOST_LINES = 2000
+"""Instructions of one job: where public post-processors split."""
+
+MOST_FRAME = 63
+"""Highest number of a tool or a user frame; NX100 has fewer."""
+
+MOST_VARIABLE = 127
+"""Last position variable of controllers as delivered."""
+
+LONGEST_TIME_S = 655.35
+"""Of TIMER and PULSE: hundredths of a second in 16 bits."""
+
+MOST_INTEGER = 32767
+"""Largest value of an I variable."""
+
+_TEXT = re.compile(r"[ -~]*")
+_RESERVED = ("POSE ", "PLAN ", "PULSES ")
+"""Comments that mean something when the job is read back."""
+
+
+def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[float]) -> str:
+    r"""Text of the job, its lines ended by ``\n``.
+
+    Pulses are whole: joint values are rounded by at most half a pulse. Poses are rounded by at
+    most 0.0005 mm and 0.00005 deg (controllers up to NX100 keep two decimals of a degree). A
+    pose's name is left out where it does not fit into its comment.
+
+    Parameters
+    ----------
+    program : PoseProgram
+    arm : Arm
+    pulses_per_deg : sequence of float
+        Of S, L, U, R, B, T, signed; not used for poses of the tool.
+
+    Raises
+    ------
+    InputError
+        The pulses/deg are missing, a text that the pendant cannot show, a number out of its range,
+        a user frame that is not that of the job, or a joint beyond +-720 deg.
+    """
+    options = program.options
+    _check_options(program)
+    pulses = checked(pulses_per_deg) if options.form == "joint" else ()
+    positions = _pulses(program, arm, pulses) if pulses else _rectangular(program, arm)
+    return "\n".join(
+        [
+            "/JOB",
+            f"//NAME {program.name}",
+            "//POS",
+            f"///NPOS {len(program.poses)},0,0,0,0,0",
+            *positions,
+            "//INST",
+            f"///DATE {options.written:%Y/%m/%d %H:%M}",
+            *([f"///COMM {options.comment}"] if options.comment else []),
+            *_attributes(options),
+            "///GROUP1 RB1",
+            *_instructions(program, pulses),
+            "",
+        ]
+    )
+
+
+def lines_besides(program: PoseProgram) -> tuple[int, int]:
+    """Instructions besides those of the poses, and most of one pose, remarks included."""
+    pose = ProgramPose("", program.poses[0].posture_rad, comment="-")
+    return len(_head(program.mark, (1.0,) * 6)) + 1, len(_at_pose(program.options, pose, 0, 1))
+
+
+def _check_options(program: PoseProgram) -> None:
+    options = program.options
+    in_range("user_frame", options.user_frame, 0, MOST_FRAME)
+    in_range("tool_frame", options.tool_frame, 0, MOST_FRAME)
+    in_range("settle_s", options.settle_s, 0, LONGEST_TIME_S)
+    if options.measure_output is not None:
+        in_range("measure_pulse_s", options.measure_pulse_s, 0.01, LONGEST_TIME_S)
+    _check_text("comment", options.comment)
+    argument = options.argument(program.measured_count)
+    if options.measure_call is not None:
+        NAMES.check(options.measure_call)
+        in_range("measure_argument", argument or 0, -MOST_INTEGER - 1, MOST_INTEGER)
+        if options.measure_call == program.name:
+            raise InputError(
+                f"job {program.name} would call itself",
+                hint="name the job that measures in measure_call",
+                name="measure_call",
+                value=options.measure_call,
+            )
+    last = options.first_register + program.measured_count - 1
+    if options.keep == "register" and last > MOST_VARIABLE:
+        raise InputError(
+            f"the touched-up positions would need variable P{last}, controllers have "
+            f"P{MOST_VARIABLE} as their last",
+            hint="keep them in the positions of the job",
+            name="first_register",
+            value=last,
+            bound=MOST_VARIABLE,
+        )
+
+
+def _check_text(name: str, text: str) -> None:
+    """Refuse what would end a line, or what the pendant cannot show."""
+    if len(text) > COMMENT_LENGTH or not _TEXT.fullmatch(text):
+        raise InputError(
+            f"{name} {text!a} cannot be shown on the pendant",
+            hint=f"use at most {COMMENT_LENGTH} ASCII characters",
+            name=name,
+            value=text,
+            bound=COMMENT_LENGTH,
+        )
+
+
+def _pulses(program: PoseProgram, arm: Arm, pulses_per_deg: tuple[float, ...]) -> Iterator[str]:
+    counts = np.rint(shown_deg(arm, program.poses) * pulses_per_deg).astype(np.int64)
+    yield from (f"///TOOL {program.options.tool_frame}", "///POSTYPE PULSE", "///PULSE")
+    for k, row in enumerate(counts.tolist()):
+        yield f"C{k:05d}=" + ",".join(map(str, row))
+
+
+def _rectangular(program: PoseProgram, arm: Arm) -> Iterator[str]:
+    user = program.options.user_frame
+    if user == 0 and not np.array_equal(arm.T_world_user, np.eye(4)):
+        raise InputError(
+            "poses in a user frame need its number: frame 0 is the controller's base frame",
+            hint="set user_frame to the number that the frame has on the controller, 1 to 63",
+            name="user_frame",
+            value=user,
+        )
+    shown_deg(arm, program.poses)  # refuses joints that no arm has
+    poses = arm.tool_poses(program.postures_rad)
+    yield from [f"///USER {user}"] if user else []
+    yield f"///TOOL {program.options.tool_frame}"
+    yield from ("///POSTYPE USER" if user else "///POSTYPE BASE", "///RECTAN")
+    last = ""
+    words = (found.words for found in arm.configurations(program.postures_rad))
+    for k, (rconf, values) in enumerate(zip(words, _millimetres(poses), strict=True)):
+        if rconf != last:
+            yield f"///RCONF {rconf}"
+            last = rconf
+        yield f"C{k:05d}={values}"
+
+
+def _millimetres(poses: FloatArray) -> Iterator[str]:
+    angles_deg = np.round(np.rad2deg(wpr_from_rotation(poses[:, :3, :3])), 4)
+    angles_deg[angles_deg == -180.0] = 180.0  # one name for half a turn
+    for xyz, angles in zip(poses[:, :3, 3] * 1e3, angles_deg, strict=True):
+        yield ",".join(plain_all(xyz, 3) + plain_all(angles, 4))
+
+
+def _attributes(options: ProgramOptions) -> list[str]:
+    if options.form == "joint":
+        return ["///ATTR SC,RW"]
+    frame = f"USER {options.user_frame}" if options.user_frame else "BASE"
+    return ["///ATTR SC,RW,RJ", f"////FRAME {frame}"]
+
+
+def _instructions(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> list[str]:
+    lines = _head(program.mark, pulses_per_deg)
+    for k, (number, pose) in enumerate(zip(program.numbers, program.poses, strict=True)):
+        if pose.comment:
+            what = f"comment of pose {pose.name!r}"
+            _check_text(what, pose.comment)
+            if pose.comment.lstrip().startswith(_RESERVED):
+                raise InputError(
+                    f"{what} {pose.comment!a} would be read as what the job says of its poses",
+                    hint="begin it with another word",
+                    name=pose.name,
+                    value=pose.comment,
+                )
+        lines += _at_pose(program.options, pose, k, number)
+    return [*lines, "END"]
+
+
+def _head(mark: str, pulses_per_deg: tuple[float, ...]) -> list[str]:
+    notes = ([mark] if mark else []) + (comments(pulses_per_deg) if pulses_per_deg else [])
+    return ["NOP", *(f"'{note}" for note in notes)]
+
+
+def _at_pose(options: ProgramOptions, pose: ProgramPose, k: int, number: int) -> list[str]:
+    """Instructions of one pose, with position C ``k``."""
+    note = f"POSE {number} {pose.name}".rstrip()
+    if len(note) > COMMENT_LENGTH or not _TEXT.fullmatch(note):
+        note = f"POSE {number}"
+    lines = [f"'{note}"]
+    if pose.comment.strip():
+        lines.append(f"'{pose.comment.strip()}")
+    # PL=0: the step is over when the arm has arrived, not when it is near
+    lines.append(f"MOVJ C{k:05d} VJ={options.speed_percent:.2f} PL=0")
+    if pose.via:
+        return lines
+    if options.settle_s > 0:
+        lines.append(f"TIMER T={max(options.settle_s, 0.01):.2f}")
+    if options.measure_output is not None:
+        lines.append(f"PULSE OT#({options.measure_output}) T={options.measure_pulse_s:.2f}")
+    if options.measure_call is not None:
+        argument = options.argument(number)
+        lines += [f"SET I000 {argument}"] if argument is not None else []
+        lines.append(f"CALL JOB:{options.measure_call}")
+    if options.keep == "register":
+        lines.append(f"GETS PX{options.first_register + number - 1:03d} $PX000")
+    return lines

@@ -1,0 +1,236 @@
+"""Among all ways to take a pose, the words of a maker mean the one they were made of."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.robots import Robot
+from calib.se3 import BoolArray, FloatArray
+from posedesign.programs.configuration import configuration_of, words
+from posedesign.programs.configurations import CONFIGURATIONS, FanucConfiguration
+from posedesign.programs.configurations.boundaries import ROUNDING_DEG
+from posedesign.programs.configurations.geometry import arm_positions
+
+PRESETS = {
+    "fanuc": ("r2000ic165f", "lrmate200id", "m20ia"),
+    "kuka": ("kr6r900sixx",),
+    "abb": ("irb120", "irb6700_200_260"),
+    "yaskawa": ("mh5", "gp7", "hp3"),
+    "staubli": ("tx2_60", "tx2_90"),
+}
+POSTURES = 1000
+"""For each maker."""
+
+BOUNDARY = 1e-4
+"""[rad, and part of the arm's reach] from where an arm position becomes another one."""
+
+SAME = 1e-6
+"""[rad] between a posture and the answer that is the same one."""
+
+each_preset = pytest.mark.parametrize(
+    ("maker", "name"), [(maker, name) for maker, names in PRESETS.items() for name in names]
+)
+
+
+@cache
+def preset(name: str) -> Robot:
+    return Robot.preset(name)
+
+
+def random_postures(robot: Robot, count: int) -> FloatArray:
+    """Inside all limits, and not where words change: see :func:`at_a_boundary`."""
+    rng = np.random.default_rng(2026)
+    q = rng.uniform(robot.lower, robot.upper, (4 * count, robot.n))
+    for limit in robot.coupled_limits:
+        q = q[limit.room(q) >= 0]
+    q = q[~at_a_boundary(robot, q)][:count]
+    assert len(q) == count
+    return q
+
+
+def at_a_boundary(robot: Robot, q: FloatArray) -> BoolArray:
+    """A wrist that is straight, a wrist centre over axis 1 or an arm stretched, all within 1e-4;
+    axis 1, 4 or 6 at a quarter of a turn, within what the rounding of a pose is taken to be."""
+    arm = arm_positions(robot, q, robot.controller.maker)
+    reach = robot.chain.reach_m
+    quarter = np.remainder(arm.pendant_deg[:, [0, 3, 5]] + 45.0, 90.0) - 45.0
+    return (
+        (np.abs(np.sin(q[:, 4])) < BOUNDARY)
+        | (np.abs(arm.front_m) < BOUNDARY * reach)
+        | (np.abs(arm.line_m) < BOUNDARY * reach)
+        | (np.abs(quarter) < ROUNDING_DEG).any(axis=1)
+    )
+
+
+def test_every_maker_that_writes_poses_has_words() -> None:
+    assert set(CONFIGURATIONS) == set(PRESETS)
+    assert all(configuration_of(maker).maker == maker for maker in PRESETS)
+    assert configuration_of("ur") is None
+
+
+@each_preset
+def test_the_words_of_a_posture_mean_this_posture_alone(maker: str, name: str) -> None:
+    """All makers but Staubli tell turns apart; with Staubli's words only full turns remain."""
+    robot, kind = preset(name), CONFIGURATIONS[maker]
+    q = random_postures(robot, -(-POSTURES // len(PRESETS[maker])))
+    wanted = kind.of(robot, q)
+    answers = robot.inverse(robot.fk(q), near=q[0], every_turn=True)
+    postures, pose = answers.postures[answers.inside], answers.pose[answers.inside]
+    found = kind.of(robot, postures)
+    meant = np.array([wanted[p].allows(other) for p, other in zip(pose, found, strict=True)])
+    apart = postures - q[pose]
+    turned = np.abs(apart - 2.0 * np.pi * np.rint(apart / (2.0 * np.pi))).max(axis=1) < SAME
+    itself = np.abs(apart).max(axis=1) < SAME
+    assert (np.bincount(pose[itself], minlength=len(q)) == 1).all()
+    np.testing.assert_array_equal(meant, turned if maker == "staubli" else itself)
+    assert (~itself).sum() > 2 * len(q)  # there was something to choose from
+
+
+@pytest.mark.parametrize("maker", PRESETS)
+def test_random_postures_take_every_branch_and_turn(maker: str) -> None:
+    """Without this the test above could leave some out."""
+    seen = set()
+    for name in PRESETS[maker]:
+        robot = preset(name)
+        arm = arm_positions(robot, random_postures(robot, 500), maker)
+        turns = np.rint(arm.pendant_deg[:, 5] / 360.0).astype(int)
+        flags = arm.behind_axis_1, arm.behind_line, arm.pendant_deg[:, 4] < 0, turns
+        seen |= set(zip(*(f.tolist() for f in flags), strict=True))
+    branches = {flags[:3] for flags in seen}
+    assert len(branches) == 8
+    assert {flags[3] for flags in seen} == {-1, 0, 1}
+
+
+@each_preset
+def test_the_other_wrist_changes_the_wrist_alone(maker: str, name: str) -> None:
+    robot = preset(name)
+    q = random_postures(robot, 100)
+    other = q * [1, 1, 1, 1, -1, 1] + np.pi * np.array([0, 0, 0, 1, 0, 1])
+    np.testing.assert_allclose(robot.fk(other), robot.fk(q), atol=1e-9)
+    arm, turned = (arm_positions(robot, p, maker) for p in (q, other))
+    np.testing.assert_allclose(turned.front_m, arm.front_m, atol=1e-9)
+    np.testing.assert_allclose(turned.line_m, arm.line_m, atol=1e-9)
+    kind = CONFIGURATIONS[maker]
+    for a, b in zip(kind.of(robot, q), kind.of(robot, other), strict=True):
+        assert not a.allows(b)
+        assert not b.allows(a)
+
+
+@each_preset
+def test_front_and_behind_are_where_the_wrist_is_seen_from_axis_1(maker: str, name: str) -> None:
+    """From the tip alone: it is as far in front of the wrist centre in every posture."""
+    robot = preset(name)
+    q = random_postures(robot, 100)
+    straight = robot.fk(np.zeros(6))
+    wrist_at_zero = robot.state(np.zeros(6)).origins[4]
+    p_tip_wrist = straight[:3, :3].T @ (wrist_at_zero - straight[:3, 3])
+    if name == "gp7":  # its joint 5 is described at the wrist centre too
+        assert np.allclose(wrist_at_zero, [0.48, 0.0, 0.815])
+    T = robot.fk(q)
+    wrist = T[:, :3, :3] @ p_tip_wrist + T[:, :3, 3]
+    q1 = -q[:, 0] if maker == "kuka" else q[:, 0]
+    expected = wrist[:, 0] * np.cos(q1) + wrist[:, 1] * np.sin(q1)
+    np.testing.assert_allclose(arm_positions(robot, q, maker).front_m, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("maker", PRESETS)
+def test_words_survive_a_pose_that_is_rounded(maker: str) -> None:
+    """Axes 1, 4 and 6 at the very joint values where numbers change, moved by a hundredth of a
+    degree: the answers that the words mean have the posture among them."""
+    robot, kind = preset(PRESETS[maker][0]), CONFIGURATIONS[maker]
+    rng = np.random.default_rng(1)
+    at = rng.choice([-180.0, -90.0, 0.0, 90.0, 180.0], (200, 3))
+    pendant = np.array([0.0, 10.0, 20.0, 0.0, -50.0, 0.0]) * np.ones((200, 1))
+    pendant[:, [0, 3, 5]] = at
+    q = robot.controller.posture(pendant)
+    pendant[:, [0, 3, 5]] += rng.uniform(-0.01, 0.01, at.shape)
+    rounded = robot.controller.posture(pendant)
+    for exact, other in zip(kind.of(robot, q), kind.of(robot, rounded), strict=True):
+        assert kind.parse(exact.words).allows(other)
+    differ = [a != b for a, b in zip(kind.of(robot, q), kind.of(robot, rounded), strict=True)]
+    assert any(differ) or maker == "staubli"
+
+
+@pytest.mark.parametrize("maker", PRESETS)
+def test_words_are_read_as_they_are_written(maker: str) -> None:
+    kind = CONFIGURATIONS[maker]
+    robot = preset(PRESETS[maker][0])
+    q = random_postures(robot, 200)
+    for written, found in zip(words(robot, q), kind.of(robot, q), strict=True):
+        assert written == found.words
+        assert kind.parse(written) == found
+        assert kind.parse(f"  {written} ").words == written
+        assert hash(kind.parse(written)) == hash(found)
+
+
+def test_words_of_makers_are_not_mixed() -> None:
+    found = {
+        maker: kind.of(preset(PRESETS[maker][0]), np.full((1, 6), 0.1))[0]
+        for maker, kind in CONFIGURATIONS.items()
+    }
+    for maker, one in found.items():
+        assert [one.allows(other) for other in found.values()] == [maker == m for m in found]
+
+
+def test_joint_signs_of_the_description_do_not_matter() -> None:
+    """The controller's signs do."""
+    robot = preset("r2000ic165f")
+    q = random_postures(robot, 50)
+    expected = FanucConfiguration.of(robot, q)
+    flipped = robot.from_model(reversed_joints(robot)).controlled_by("fanuc")
+    np.testing.assert_allclose(flipped.state(-q).origins, robot.state(q).origins, atol=1e-12)
+    assert FanucConfiguration.of(flipped, -q) == expected
+
+
+def reversed_joints(robot: Robot) -> object:
+    """The model of the arm with every joint counted the other way."""
+    import pinocchio as pin
+
+    state = robot.state(np.zeros(6))
+    model = pin.Model()
+    parent, before = 0, np.zeros(3)
+    for name, axis, origin in zip(robot.joint_names, state.axes, state.origins, strict=True):
+        joint = pin.JointModelRevoluteUnaligned(-axis)
+        place = pin.SE3(np.eye(3), origin - before)
+        limits = [np.array([v]) for v in (1e3, 1e3, -7.0, 7.0)]
+        parent = model.addJoint(parent, joint, place, name, *limits)
+        model.addJointFrame(parent)
+        before = origin
+    tip = pin.SE3(state.R_base_tip, state.p_base_tip - before)
+    model.addBodyFrame("tool0", parent, tip, -1)
+    return model
+
+
+def test_a_wrist_of_axes_that_do_not_meet_has_no_words() -> None:
+    robot = preset("ur5e").controlled_by("ur")
+    with pytest.raises(InputError, match=r"no wrist centre: .* miss one point by 99.\d mm"):
+        arm_positions(robot, np.zeros((1, 6)), "ur")
+    assert words(robot, np.zeros((2, 6))) == ["", ""]
+
+
+@pytest.mark.parametrize("kind", CONFIGURATIONS.values())
+def test_words_are_for_the_controller_of_their_maker(kind: type) -> None:
+    with pytest.raises(InputError, match=f"ur10e has a controller of ur, .* words of {kind.maker}"):
+        kind.of(preset("ur10e"), np.zeros((1, 6)))
+    with pytest.raises(InputError, match="panda has a controller of franka"):
+        kind.of(preset("panda"), np.zeros((1, 7)))
+
+
+def test_a_robot_without_a_controller_has_no_words() -> None:
+    from dataclasses import replace
+
+    robot = replace(preset("irb120"), controller=None)
+    with pytest.raises(InputError, match="has no controller") as caught:
+        CONFIGURATIONS["abb"].of(robot, np.zeros((1, 6)))
+    assert "controlled_by('abb')" in caught.value.hint
+    assert words(robot, np.zeros((1, 6))) == [""]
+
+
+def test_postures_of_another_arm_are_refused() -> None:
+    with pytest.raises(InputError, match="6 joints, the posture has 7"):
+        FanucConfiguration.of(preset("m20ia"), np.zeros((1, 7)))
+    assert FanucConfiguration.of(preset("m20ia"), np.zeros((0, 6))) == []

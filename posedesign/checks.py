@@ -9,8 +9,6 @@ import numpy as np
 from calib.errors import InputError, JointLimitError
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
-from posedesign.programs import find_dialect
-from posedesign.programs.controller_view import ROS_INDUSTRIAL_FANUC
 from posedesign.tables import PoseList
 
 ON_TARGET_M = 1e-3
@@ -71,32 +69,6 @@ def refuse_hand_eye(cell: Cell, what: str) -> None:
             hint='set measurement.kind = "touch-up"',
             name="measurement.kind",
             value=cell.config.measurement.kind,
-        )
-
-
-def refuse_dialect(cell: Cell, dialect: str) -> None:
-    """Refuse to write a program for a controller that the robot is not known to have.
-
-    Raises
-    ------
-    InputError
-    """
-    controller = cell.robot.controller
-    if controller is None or find_dialect(dialect).maker != controller.maker:
-        known = f"a controller of {controller.maker}" if controller else "an unknown controller"
-        raise InputError(
-            f"{cell.robot.name} has {known}: its joints would be written in the wrong convention",
-            hint='if it is a FANUC in ROS-Industrial signs, set robot.controller = "fanuc"',
-            name="format",
-            value=dialect,
-        )
-    if not np.array_equal(controller.pendant_from_joints, ROS_INDUSTRIAL_FANUC.pendant_from_joints):
-        raise InputError(
-            f"{cell.robot.name} counts joints in other directions than ROS-Industrial's FANUCs: "
-            "its program would be wrong",
-            hint="use a description in ROS-Industrial signs",
-            name="format",
-            value=dialect,
         )
 
 

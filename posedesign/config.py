@@ -274,15 +274,36 @@ class TruthSection(Section):
     stiffness_nm_per_rad: tuple[Positive, ...] | None = None
 
 
+class FrameSection(Section):
+    """A frame by its place and its turns W P R about fixed x, y and z."""
+
+    at_mm: Vector = (0.0, 0.0, 0.0)
+    wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+
+
 class ProgramSection(Section):
-    """The robot program."""
+    """The robot program.
+
+    ``tool`` is the controller's tool frame in the tip frame, by default the tool point in the axes
+    of the tip; ``user`` the user frame in the controller's world. Only Cartesian positions need
+    them.
+    """
 
     name: str = "CALIB01"
-    user_frame: Annotated[int, Field(strict=True, ge=0, le=9)] = 0
-    tool_frame: Annotated[int, Field(strict=True, ge=1, le=10)] = 1
+    form: Literal["joint", "cartesian"] = "joint"
+    user_frame: Annotated[int, Field(strict=True, ge=0, le=99)] = 0
+    tool_frame: Annotated[int, Field(strict=True, ge=0, le=99)] = 1
+    tool: FrameSection | None = None
+    user: FrameSection | None = None
     speed_percent: Annotated[int, Field(strict=True, ge=1, le=100)] = 10
     settle_s: NotNegative = 1.0
     measure_call: str | None = "MEASURE"
+    measure_argument: Literal["number", "none"] | Annotated[int, Field(strict=True)] = "number"
+    measure_output: Annotated[int, Field(strict=True, ge=1, le=4096)] | None = None
+    measure_pulse_s: NotNegative = 0.5
+    keep: Literal["position", "register"] = "position"
+    first_register: Annotated[int, Field(strict=True, ge=1, le=32767)] = 1
+    pulses_per_deg: tuple[Finite, ...] = ()
 
 
 class PoolSection(Section):

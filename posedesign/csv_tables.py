@@ -95,7 +95,7 @@ def write_table(
         Lines to stand before the header, each with # before it. What would end such a line, or be
         cut into cells by a spreadsheet, becomes a space.
     """
-    lines = [f"# {_SPLITS.sub(' ', comment).strip()}" for comment in comments]
+    lines = ["# " + " ".join(_SPLITS.sub(" ", comment).split()) for comment in comments]
     lines.append(_line(columns))
     lines += [_line([row.get(column) for column in columns]) for row in rows]
     return write_text_atomic(path, "\n".join([*lines, ""]))

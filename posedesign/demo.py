@@ -14,18 +14,16 @@ from posedesign.cell import Cell
 from posedesign.files import write_text_atomic
 from posedesign.pairs_results import SolverOutcome
 from posedesign.pose_plan import PosePlan
+from posedesign.programming import WrittenProgram, program_options, write_program
 from posedesign.tables import read_poses
 from posedesign.template import cell_template
 from posedesign.workflow import (
-    WrittenProgram,
     camera_noise,
     identify_file,
     make_folder,
     plan_poses,
-    program_options,
     simulate,
     solve_file,
-    write_program,
     write_study,
 )
 
@@ -75,7 +73,7 @@ def run_demo(
     plan = plan_poses(cell, out)
     poses = read_poses(out / "poses.csv", cell.robot.n)
     name = cell.config.program.name
-    program = write_program(poses, out, "fanuc-ls", program_options(cell, poses), name)
+    program = write_program(poses, out, "fanuc-ls", program_options(cell, poses), name, cell)
     progress("touching up", 0.05)
     robot = simulate(cell, poses, out)
     identification = identify_file(cell, out / "touchups.csv", out)

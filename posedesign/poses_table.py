@@ -131,7 +131,7 @@ def _write(
 ) -> Path:
     shown = robot.controller if robot.controller and robot.controller.differs else None
     joints, words = columns_of(form, robot), _configurations(robot, poses.postures)
-    pendant = pendant_columns(robot.n) if shown and form is not JointForm.ROBODK else []
+    pendant = pendant_columns(robot.n) if shown and form is JointForm.USUAL else []
     known = {} if margins is None else margins.columns
     columns = [*_LABELS, *joints, *POSE_AXES, "configuration", *pendant, *known]
     if form is JointForm.ROBODK:
@@ -164,8 +164,8 @@ def _write(
 
 
 _UNITS = {
-    JointForm.USUAL: "mm and deg and px as the names of the columns end; base frame",
-    JointForm.ROS: "rad and mm and deg and px as the names of the columns end; base frame",
+    JointForm.USUAL: "mm and deg and px as the names of columns end - base frame",
+    JointForm.ROS: "rad and mm and deg and px as the names of columns end - base frame",
 }
 
 

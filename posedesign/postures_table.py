@@ -39,10 +39,11 @@ class JointForm(StrEnum):
                 controller is known: signs of the URDF
     ==========  ====================================================================================
 
-    No public description of a CSV of joints that RoboDK itself imports was found, and the form was
-    not tried with RoboDK. It follows what its published sources show: ``LoadList`` of ``robodk``
-    takes a file as rows of numbers at fixed places, and its post-processors write joint values into
-    controllers' programs as they are, so that they are those of the pendant.
+    How sure the form for RoboDK is: no public description of a CSV of joints that it imports was
+    found, and the form was not tried with it. It follows its published sources: ``LoadList`` of
+    ``robodk.robofileio`` takes a file as rows of cells at fixed places, without comments, and the
+    post-processor for FANUC (``Fanuc_R30iA.py``) writes joint values into programs as they are, so
+    that J3 is that of the pendant.
     """
 
     USUAL = "usual"
@@ -77,14 +78,14 @@ def find_form(columns: Sequence[str], robot: Robot) -> tuple[JointForm, list[str
     names = robot.joint_names
     wanted = [
         (JointForm.USUAL, joint_columns(n)),
-        (JointForm.USUAL, pendant_columns(n)),
         (JointForm.ROS, [f"{name}_rad" for name in names]),
         (JointForm.ROS, [f"{name}_deg" for name in names]),
         (JointForm.ROBODK, columns_of(JointForm.ROBODK, robot)),
+        (JointForm.USUAL, pendant_columns(n)),
     ]
     counts = [len(set(needed) & set(columns)) for _, needed in wanted]
     if not any(counts):
-        return wanted[2 if any(column.endswith("_rad") for column in columns) else 0]
+        return wanted[1 if any(column.endswith("_rad") for column in columns) else 0]
     return wanted[counts.index(max(counts))]
 
 

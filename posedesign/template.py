@@ -152,7 +152,16 @@ user_frame = 0
 tool_frame = 1
 speed_percent = 10
 settle_s = 1.0
-measure_call = "MEASURE"          # called at each pose with its number
+measure_call = "MEASURE"          # called at each pose; "" for none
+measure_argument = "number"       # with the pose's number; or always with a number of yours, "none"
+# measure_output = 1              # a digital output that is pulsed, too
+# measure_pulse_s = 0.5
+keep = "position"                 # where a touched-up position is kept; or "register"
+# first_register = 1
+# form = "cartesian"              # poses of the tool in place of joints; then also its frame:
+# tool = {{ at_mm = [0.0, 0.0, 100.0], wpr_deg = [0.0, 0.0, 0.0] }}  # in the axes of the tip
+# user = {{ at_mm = [0.0, 0.0, 0.0], wpr_deg = [0.0, 0.0, 0.0] }}    # in the controller's world
+# pulses_per_deg = [..]           # six, for Yaskawa's pulse jobs
 
 # [task_box]                      # where the arm works: posedesign predict tells its accuracy there
 # lowest_mm = [1000.0, -500.0, 300.0]   # corners, in the base frame

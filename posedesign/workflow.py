@@ -7,12 +7,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from calib.errors import InputError, OutputError
+from calib.errors import OutputError
 from calib.robot_world import PAPER_METHODS, PairNoise
 from calib.robot_world.noise import Noise
 from posedesign.accuracy_study import AccuracyStudy
@@ -38,16 +37,7 @@ from posedesign.pairs_results import SolverOutcome, solve_pairs
 from posedesign.pairs_tables import write_outcomes
 from posedesign.planner import Progress, plan
 from posedesign.pose_margins import Margins
-from posedesign.pose_plan import PosePlan, PoseSet, displayed, fingerprint
-from posedesign.programs import (
-    PoseProgram,
-    ProgramOptions,
-    ProgramPose,
-    find_dialect,
-    read,
-    validate,
-    write,
-)
+from posedesign.pose_plan import PosePlan, PoseSet, displayed
 from posedesign.reading_checks import check_readings
 from posedesign.route import Route
 from posedesign.set_up import far_rows
@@ -56,26 +46,6 @@ from posedesign.tables import PoseList, write_poses, write_touch_ups
 
 POSES, VALIDATION = "measuring poses", "validation poses"
 """What tables of poses say that they are."""
-
-
-@dataclass(frozen=True)
-class WrittenProgram:
-    """A robot program on disk, checked.
-
-    Attributes
-    ----------
-    path : Path
-    poses : int
-    problems : tuple of str
-        What the strict validator objects to; empty is good.
-    largest_rounding_deg : float
-        Largest joint difference between the plan and what is read back from the program.
-    """
-
-    path: Path
-    poses: int
-    problems: tuple[str, ...]
-    largest_rounding_deg: float
 
 
 def make_folder(path: Path) -> Path:
@@ -309,50 +279,6 @@ def solve_and_write(
     make_folder(out)
     write_outcomes(out, pairs, outcomes)
     return outcomes
-
-
-def write_program(
-    poses: PoseList, out: Path, dialect: str, options: ProgramOptions, name: str
-) -> WrittenProgram:
-    """Write a robot program, read it back, and validate it."""
-    suffix = find_dialect(dialect).suffixes[0].upper()
-    if poses.postures.shape[1] != 6:
-        raise InputError(
-            f"{dialect} programs are for six joints, the poses have {poses.postures.shape[1]}",
-            name="poses",
-        )
-    program = PoseProgram(
-        name,
-        tuple(
-            ProgramPose(name, q, via=bool(via))
-            for name, q, via in zip(poses.names, poses.postures, poses.via, strict=True)
-        ),
-        options,
-    )
-    make_folder(out)
-    path = write(program, dialect, out / f"{name}{suffix}")
-    recorded = read(path)
-    written = poses.postures[np.argsort(poses.via, kind="stable")]  # in a file, vias come last
-    rounding = np.abs(recorded.postures_rad - written).max()
-    problems = tuple(f"line {p.line}: {p.message}" for p in validate(path))
-    count = len(poses.measured.names)
-    return WrittenProgram(path, count, problems, float(np.rad2deg(rounding)))
-
-
-def program_options(cell: Cell | None, poses: PoseList) -> ProgramOptions:
-    """Options of a program as the cell wants them, with the fingerprint of the plan."""
-    postures = poses.measured.postures
-    if cell is None:
-        return ProgramOptions(fingerprint=fingerprint(postures))
-    section = cell.config.program
-    return ProgramOptions(
-        user_frame=section.user_frame,
-        tool_frame=section.tool_frame,
-        speed_percent=section.speed_percent,
-        settle_s=section.settle_s,
-        measure_call=section.measure_call,
-        fingerprint=fingerprint(postures),
-    )
 
 
 def camera_noise(cell: Cell) -> PairNoise:

@@ -13,6 +13,7 @@ from posedesign.cli import (
     calibrate_commands,
     correct_commands,
     plan_commands,
+    program_commands,
     robot_world_command,
     study_commands,
     table_commands,
@@ -28,6 +29,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 plan_commands.register(app)
+program_commands.register(app)
 calibrate_commands.register(app)
 correct_commands.register(app)
 robot_world_command.register(app)

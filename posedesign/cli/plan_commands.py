@@ -1,4 +1,4 @@
-"""Commands before measuring: robots, new, plan, score, program."""
+"""Commands before measuring: robots, new, plan, next, check, score."""
 
 from __future__ import annotations
 
@@ -45,7 +45,6 @@ def register(app: typer.Typer) -> None:
     app.command("next")(next_poses)
     app.command()(check)
     app.command()(score)
-    app.command()(program)
 
 
 def robots(as_json: AsJson = False) -> int:
@@ -414,60 +413,3 @@ def score(
         if scored.off_target:
             print(f"poses that do not touch the target: {len(scored.off_target)}")
     return DONE if good else NOT_REACHED
-
-
-def program(
-    poses: Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")],
-    dialect: Annotated[str, typer.Option("--format", help="Controller language.")] = "fanuc-ls",
-    out: OutFolder = Path(),
-    cell: Annotated[
-        Path | None, typer.Option(help="Cell with a [program] section; default: usual values.")
-    ] = None,
-    name: Annotated[str | None, typer.Option(help="Name of the program.")] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Write poses that break constraints of the cell, too.")
-    ] = False,
-    as_json: AsJson = False,
-    trust_units: TrustUnits = False,
-) -> int:
-    """Write the robot program that visits the poses."""
-    from posedesign.cell import Cell
-    from posedesign.checks import refuse_dialect, refuse_unfit
-    from posedesign.pose_check import refuse_blocked
-    from posedesign.tables import read_poses
-    from posedesign.workflow import program_options, write_program
-
-    loaded = Cell.load(cell) if cell is not None else None
-    listed = read_poses(
-        poses,
-        loaded.robot.n if loaded else None,
-        controller=loaded.robot.controller if loaded else None,
-        trust_units=trust_units,
-    )
-    if loaded:
-        refuse_dialect(loaded, dialect)
-        refuse_unfit(loaded, listed)
-        refuse_blocked(loaded, listed, force=force)
-    title = name or (loaded.config.program.name if loaded else "CALIB01")
-    written = write_program(listed, out, dialect, program_options(loaded, listed), title)
-    if as_json:
-        print_json(
-            {
-                "path": str(written.path),
-                "poses": written.poses,
-                "problems": written.problems,
-                "largest_rounding_deg": written.largest_rounding_deg,
-            }
-        )
-    else:
-        for problem in written.problems:
-            note(f"warning: {written.path}: {problem}")
-        print(
-            f"wrote {written.path}: {written.poses} poses, joints rounded by at most "
-            f"{written.largest_rounding_deg:.4f} deg"
-        )
-        if not loaded:
-            note(
-                "note: nothing was checked against a cell; pass --cell to check limits, target, ..."
-            )
-    return NOT_REACHED if written.problems else DONE

@@ -103,7 +103,7 @@ def demo(
         "leaves it out is off by more than its sigma."
     )
     print_solvers(results.robot_world)
-    print(f"wrote {program.path}: {program.poses} poses, {len(program.problems)} objections")
+    print(f"wrote {program.paths[0]}: {program.poses} poses, {len(program.problems)} objections")
     print_study(results.study)
     print(f"everything is in {out}: " + ", ".join(files))
     return code

@@ -17,9 +17,8 @@ from posedesign.programs.configuration import Configuration, configuration_of
 USUAL_JOINTS = 6
 """Of the arms of every maker whose joint count is not given with its axes."""
 
-_BOUNDARY_RAD = 2e-5
-"""Stored poses are rounded, to 0.0005 deg and mm as a rule: an arm position so near to where the
-words for it change may have been stored with those of the other side. 0.001 deg."""
+_SAME_RAD = 4e-5
+"""Answers all within this are one, found twice near a singularity: 0.002 deg."""
 
 _AT_ONCE = 500
 """Poses solved at once: each has up to eight arm positions in up to 27 combinations of turns."""
@@ -190,7 +189,8 @@ class Arm:
         solutions = self._described().inverse(T_base_tip, every_turn=True)
         inside = solutions.inside
         postures, pose = solutions.postures[inside], solutions.pose[inside]
-        words = self._words(postures) if any(m is not None for m in meant) else None
+        said = any(m is not None for m in meant)
+        words = self.configurations(postures) if said else []
         out = np.empty((len(T_base_tip), self.n))
         for i, name in enumerate(names):
             first, last = np.searchsorted(pose, [i, i + 1])
@@ -202,8 +202,8 @@ class Arm:
                     name=name,
                 )
             wanted = meant[i]
-            if wanted is not None and words is not None:
-                fits = [k for k in range(len(answers)) if _meant(wanted, words, first + k)]
+            if wanted is not None:
+                fits = [k for k in range(len(answers)) if wanted.allows(words[first + k])]
                 if not fits:
                     raise UnreachableError(
                         f"{name}: no posture that takes it has the configuration {wanted.words}",
@@ -215,11 +215,6 @@ class Arm:
             out[i] = _nearest(answers, None if near is None else near[i], name)
         return out
 
-    def _words(self, postures: FloatArray) -> list[list[Configuration]]:
-        """Configurations of postures, and of those just beside them on either side."""
-        beside = (postures, postures + _BOUNDARY_RAD, postures - _BOUNDARY_RAD)
-        return [self.configurations(q) for q in beside]
-
     def _described(self) -> Robot:
         if self.robot is None:
             raise InputError(
@@ -230,17 +225,13 @@ class Arm:
         return self.robot
 
 
-def _meant(wanted: Configuration, words: list[list[Configuration]], row: int) -> bool:
-    return any(wanted.allows(at[row]) for at in words)
-
-
 def _nearest(answers: FloatArray, near: FloatArray | None, name: str) -> FloatArray:
     """The one answer; of several the nearest to where the arm was to be."""
     if near is not None:
         distance = np.linalg.norm(answers - near, axis=1)
         return np.asarray(answers[int(np.argmin(distance))])
     spread = np.ptp(answers, axis=0).max()
-    if spread > 2 * _BOUNDARY_RAD:
+    if spread > _SAME_RAD:
         raise InputError(
             f"{name}: {len(answers)} postures take it, and nothing says which is meant",
             hint="pass the plan it belongs to, or store joint positions",

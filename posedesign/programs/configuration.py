@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar, Self
 
+from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import FloatArray
 
@@ -41,6 +42,17 @@ class Configuration(ABC):
     def words(self) -> str:
         """As the maker's programs write it."""
 
+    @classmethod
+    @abstractmethod
+    def parse(cls, text: str) -> Self:
+        """The arm position that words mean.
+
+        Raises
+        ------
+        InputError
+            They are not the maker's.
+        """
+
     def allows(self, other: Configuration) -> bool:
         """Whether an arm position with ``other`` is one that is meant by this.
 
@@ -57,8 +69,11 @@ def configuration_of(maker: str) -> type[Configuration] | None:
 
 
 def words(robot: Robot, postures: FloatArray) -> list[str]:
-    """The configuration of each posture ``(N, n)`` [rad]; empty where the controller has no words."""
+    """The configuration of each posture ``(N, n)`` [rad]; empty where there are no words for it."""
     kind = configuration_of(robot.controller.maker) if robot.controller else None
     if kind is None:
         return [""] * len(postures)
-    return [found.words for found in kind.of(robot, postures)]
+    try:
+        return [found.words for found in kind.of(robot, postures)]
+    except InputError:  # an arm with another wrist than the words are for
+        return [""] * len(postures)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar, get_args
@@ -85,6 +85,10 @@ class Dialect(ABC):
         """Most poses of one file of such a program; None: any number."""
         return None
 
+    def reading(self, pulses_per_deg: Sequence[float]) -> Dialect:
+        """The dialect that reads with what is known of the arm; most need nothing."""
+        return self
+
     def recognises(self, data: bytes) -> bool:
         """Whether the content looks like this dialect's, where several have the same ending."""
         return True
@@ -156,8 +160,33 @@ class Dialect(ABC):
         found = self.check(read_program_bytes(path), path)
         return sorted(found, key=lambda p: (p.line, p.rule, p.message))
 
+    def seen(self, arm: Arm) -> Arm:
+        """An arm as the programs of this dialect show it.
+
+        Raises
+        ------
+        InputError
+            Its controller is another maker's, or not known.
+        """
+        if self.maker is None:
+            # the description's joints, whatever a pendant shows
+            return replace(
+                arm, controller=replace(arm.controller, pendant_from_joints=np.eye(arm.n))
+            )
+        if arm.maker != self.maker:
+            known = f"a controller of {arm.maker}" if arm.maker else "an unknown controller"
+            robot = arm.robot.name if arm.robot is not None else "the arm"
+            raise InputError(
+                f"{robot} has {known}: its joints would be taken in the wrong convention",
+                hint=f"if its controller is one of {self.maker}, set robot.controller = "
+                f'"{self.maker}"',
+                name="format",
+                value=self.name,
+            )
+        return arm
+
     def _arm_of(self, program: PoseProgram) -> Arm:
-        """The program's arm, or the maker's usual one."""
+        """The program's arm, or the maker's usual one, as this dialect shows it."""
         joints = program.poses[0].posture_rad.size
         arm = program.arm or Arm.usual(self.maker, joints)
         if arm.n != joints:
@@ -166,18 +195,4 @@ class Dialect(ABC):
                 hint="one program moves one arm",
                 name="poses",
             )
-        if self.maker is None:
-            # the description's joints, whatever a pendant shows
-            identity = replace(arm.controller, pendant_from_joints=np.eye(arm.n))
-            return replace(arm, controller=identity)
-        if arm.maker != self.maker:
-            known = f"a controller of {arm.maker}" if arm.maker else "an unknown controller"
-            robot = arm.robot.name if arm.robot is not None else "the arm"
-            raise InputError(
-                f"{robot} has {known}: its joints would be written in the wrong convention",
-                hint=f"if its controller is one of {self.maker}, set robot.controller = "
-                f'"{self.maker}"',
-                name="format",
-                value=self.name,
-            )
-        return arm
+        return self.seen(arm)

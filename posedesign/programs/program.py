@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 
@@ -281,6 +281,12 @@ def in_range(name: str, value: float, lower: float, upper: float) -> None:
             value=value,
             bound=(lower, upper),
         )
+
+
+def form_of(word: str) -> Form:
+    """The form of this name; InputError with those that there are where it is none."""
+    one_of("form", word, get_args(Form))
+    return cast(Form, word)
 
 
 def one_of(name: str, value: str, known: tuple[str, ...]) -> None:

@@ -65,6 +65,8 @@ class RecordedPosition:
         Which arm position takes the pose; None where the file does not say.
     user_frame, tool_frame : int or None
         Frames it was recorded in; None where the file leaves them open.
+    joint_names : tuple of str
+        Joints of ``shown_deg`` in their order, where the file names them.
     """
 
     number: int
@@ -75,6 +77,7 @@ class RecordedPosition:
     configuration: Configuration | None = None
     user_frame: int | None = None
     tool_frame: int | None = None
+    joint_names: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -96,6 +99,8 @@ class RecordedProgram:
         At least one, in the order of the file.
     maker : str or None
         Whose controller shows the joint values; None: they are those of the description.
+    in_registers : bool
+        Positions are numbered as the registers that they were kept in.
     """
 
     name: str
@@ -103,6 +108,7 @@ class RecordedProgram:
     mark: PlanMark
     positions: tuple[RecordedPosition, ...]
     maker: str | None
+    in_registers: bool = False
 
     @property
     def fingerprint(self) -> str:
@@ -117,11 +123,11 @@ class RecordedProgram:
 
     def postures(self, arm: Arm | None = None) -> FloatArray:
         """Postures of all positions ``(N, n)`` [rad]; see :func:`postures_of`."""
-        return postures_of(self.positions, self._arm(arm))
+        return postures_of(self.positions, arm or self.arm)
 
-    def _arm(self, arm: Arm | None) -> Arm:
-        if arm is not None:
-            return arm
+    @property
+    def arm(self) -> Arm:
+        """The maker's usual arm, with as many joints as the positions have."""
         joints = next((p.shown_deg for p in self.positions if p.shown_deg is not None), None)
         return Arm.usual(self.maker, None if joints is None else len(joints))
 
@@ -157,7 +163,7 @@ def postures_of(
                 hint="is this the program of another robot?",
                 name=positions[i].label,
             )
-        out[i] = values
+        out[i] = values if arm.robot is None else _in_order(positions[i], values, arm)
     if at_joints:
         out[at_joints] = arm.postures(out[at_joints])
     posed = [i for i, p in enumerate(positions) if p.shown_deg is None]
@@ -170,6 +176,23 @@ def postures_of(
             [positions[i].label for i in posed],
         )
     return out
+
+
+def _in_order(position: RecordedPosition, values: FloatArray, arm: Arm) -> FloatArray:
+    """Joint values in the order of the arm's joints: ROS often lists joints by the alphabet."""
+    names = position.joint_names
+    if not names or names == arm.joint_names:
+        return values
+    other = sorted(set(names) ^ set(arm.joint_names))
+    if other:
+        raise InputError(
+            f"{position.label} has the joints {', '.join(names)}, "
+            f"the arm {', '.join(arm.joint_names)}",
+            hint="is this the program of another robot?",
+            name=position.label,
+            value=other,
+        )
+    return np.asarray(values[[names.index(name) for name in arm.joint_names]])
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,15 @@ from calib.errors import FileFormatError, InputError, near_names
 from posedesign.pose_plan import PosePlan
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls import FanucLs
+from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.program import PoseProgram, ProgramOptions
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Problem, RecordedProgram
+from posedesign.programs.yaskawa_jbi import YaskawaJbi
 
-DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (FanucLs(),)}
+DIALECTS: dict[str, Dialect] = {
+    dialect.name: dialect for dialect in (FanucLs(), KukaKrl(), YaskawaJbi())
+}
 """All dialects by name. A new controller is a new file and one entry here."""
 
 
@@ -79,7 +83,7 @@ def read(path: Path | str, dialect: str | None = None) -> RecordedProgram:
     FileFormatError
         The file is not such a program.
     """
-    return _dialect_of(Path(path), dialect).read(Path(path))
+    return dialect_of(Path(path), dialect).read(Path(path))
 
 
 def validate(path: Path | str, dialect: str | None = None) -> list[Problem]:
@@ -104,7 +108,7 @@ def validate(path: Path | str, dialect: str | None = None) -> list[Problem]:
     FileFormatError
         The file cannot be opened.
     """
-    return _dialect_of(Path(path), dialect).validate(Path(path))
+    return dialect_of(Path(path), dialect).validate(Path(path))
 
 
 def find_dialect(name: str) -> Dialect:
@@ -116,7 +120,16 @@ def find_dialect(name: str) -> Dialect:
     return DIALECTS[name]
 
 
-def _dialect_of(path: Path, name: str | None) -> Dialect:
+def dialect_of(path: Path, name: str | None = None) -> Dialect:
+    """The dialect of a file: the one that is named, or what its ending and content tell.
+
+    Raises
+    ------
+    InputError
+        There is none of this name, or none has this ending.
+    FileFormatError
+        Several have this ending, and the content is none of theirs.
+    """
     if name is not None:
         return find_dialect(name)
     fitting = [d for d in DIALECTS.values() if path.suffix.lower() in d.suffixes]

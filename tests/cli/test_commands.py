@@ -35,7 +35,7 @@ COMMANDS = (
 
 def rows_of(path: Path) -> list[dict[str, str]]:
     with path.open(newline="") as stream:
-        return list(csv.DictReader(stream))
+        return list(csv.DictReader(line for line in stream if not line.startswith("#")))
 
 
 def assert_table_shows(table: str, rows: list[dict[str, Any]], keys: tuple[str, ...]) -> None:

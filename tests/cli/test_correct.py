@@ -22,7 +22,7 @@ from posedesign.tables import read_poses
 Cli = Callable[..., Any]
 Refuse = Callable[..., Any]
 
-TEXTS = ("meaning", "joint", "pendant_joint", "name", "status", "reason")
+TEXTS = ("meaning", "joint", "pendant_joint", "name", "status", "reason", "configuration")
 
 
 @pytest.fixture(scope="session")

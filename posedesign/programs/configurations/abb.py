@@ -55,7 +55,7 @@ class AbbConfiguration(Configuration):
         """See :meth:`Configuration.of`."""
         arm = arm_positions(robot, postures, cls.maker)
         angles = arm.pendant_deg[:, [0, 3, 5]]
-        negative = arm.pendant_deg[:, 4] < 0
+        negative = arm.pendant_deg[:, 4] < -EXACT_DEG
         cfx = 1 * negative + 2 * arm.behind_line + 4 * arm.behind_axis_1
         columns = *quadrants(angles).T, cfx, beside(quadrants, angles)
         return [

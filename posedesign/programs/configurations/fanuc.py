@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray
 from posedesign.programs.configuration import Configuration
-from posedesign.programs.configurations.boundaries import agree, beside
+from posedesign.programs.configurations.boundaries import EXACT_DEG, agree, beside
 from posedesign.programs.configurations.geometry import arm_positions
 
 _FORM = re.compile(r"'?\s*([FN])\s*([UD])\s*([TB])" + r"\s*,\s*(-?\d)" * 3 + r"\s*'?")
@@ -46,6 +46,9 @@ class FanucConfiguration(Configuration):
     16 postures: LeroyDu56/CrossArm, tests/fixtures/probes); the tests repeat them. Two things were
     not: J5 = 0 and -180 deg. Web pages that state the opposite rule for F/N, or other axes for the
     turns, are wrong. How far turns go is not known; one digit is read.
+
+    There is no turn for J3, which goes beyond 360 deg on some arms (M-20iA: 458 deg): the words
+    mean both turns of it then.
     """
 
     maker: ClassVar[str] = "fanuc"
@@ -61,7 +64,7 @@ class FanucConfiguration(Configuration):
         arm = arm_positions(robot, postures, cls.maker)
         angles = arm.pendant_deg[:, [0, 3, 5]]
         columns = (
-            arm.pendant_deg[:, 4] > 0,
+            arm.pendant_deg[:, 4] > EXACT_DEG,
             arm.behind_line,
             arm.behind_axis_1,
             turn_numbers(angles),

@@ -10,6 +10,7 @@ from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import FloatArray
 from posedesign.programs.configuration import Configuration
+from posedesign.programs.configurations.boundaries import EXACT_DEG
 from posedesign.programs.configurations.geometry import arm_positions
 
 SHOULDER = {"righty": True, "lefty": False, "sfree": None}
@@ -57,7 +58,7 @@ class StaubliConfiguration(Configuration):
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
         """See :meth:`Configuration.of`."""
         arm = arm_positions(robot, postures, cls.maker)
-        columns = arm.behind_axis_1, arm.behind_line, arm.pendant_deg[:, 4] < 0
+        columns = arm.behind_axis_1, arm.behind_line, arm.pendant_deg[:, 4] < -EXACT_DEG
         return [cls(*flags) for flags in zip(*(c.tolist() for c in columns), strict=True)]
 
     @property

@@ -71,7 +71,7 @@ def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
         recorded(label, r.number, r.name, r.line, group, path)
         for r, (label, group) in zip(filled, groups.items(), strict=True)
     )
-    return RecordedProgram("POSREG", "", PlanMark(), positions, "fanuc")
+    return RecordedProgram("POSREG", "", PlanMark(), positions, "fanuc", in_registers=True)
 
 
 def _take(registers: list[_Register], line: str, path: Path | str, row: int) -> None:

@@ -48,10 +48,12 @@ def recorded(
             refuse(f"{label} is a matrix or an increment", path, row, _ON_THE_PENDANT)
         refuse(f"{label}: {strange[0]} is no joint of a six-joint arm", path, row)
     cartesian = [axis for axis in (*PLACE, *TURN) if axis in group.fields]
-    frames = {"user_frame": group.frames.get("UF"), "tool_frame": group.frames.get("UT")}
+    user, tool = group.frames.get("UF"), group.frames.get("UT")
     if not cartesian and group.config is None:
         values = [_number(label, joint, "deg", group, path) for joint in JOINTS]
-        return RecordedPosition(number, name, line, shown_deg=np.array(values), **frames)
+        return RecordedPosition(
+            number, name, line, shown_deg=np.array(values), user_frame=user, tool_frame=tool
+        )
     mixed = next((joint for joint in JOINTS if joint in group.fields), None)
     if mixed is not None:
         row = group.fields[mixed][2]
@@ -65,7 +67,8 @@ def recorded(
         line,
         T_user_tool=T_user_tool,
         configuration=_configuration(label, group, path),
-        **frames,
+        user_frame=user,
+        tool_frame=tool,
     )
 
 

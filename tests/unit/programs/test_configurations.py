@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.robots import Robot
+from calib.robots import ChainState, Robot
 from calib.se3 import BoolArray, FloatArray
 from posedesign.programs.configuration import configuration_of, words
 from posedesign.programs.configurations import CONFIGURATIONS, FanucConfiguration
 from posedesign.programs.configurations.boundaries import ROUNDING_DEG
-from posedesign.programs.configurations.geometry import arm_positions
+from posedesign.programs.configurations.geometry import arm_positions, wrist_centre
 
 PRESETS = {
     "fanuc": ("r2000ic165f", "lrmate200id", "m20ia"),
@@ -22,6 +23,19 @@ PRESETS = {
     "yaskawa": ("mh5", "gp7", "hp3"),
     "staubli": ("tx2_60", "tx2_90"),
 }
+TURNS_TOLD = {
+    "fanuc": (0, 3, 5),
+    "kuka": (0, 1, 2, 3, 4, 5),
+    "abb": (0, 3, 5),
+    "yaskawa": (0, 3, 5),
+    "staubli": (),
+}
+"""Joints whose full turns the words tell apart."""
+
+TURNS_OPEN = {"m20ia": {2}, "tx2_60": {3, 5}, "tx2_90": {3, 5}}
+"""Joints that have several turns inside the limits which the words do not tell apart: axis 3 of the
+M-20iA goes 458 deg, and CONFIG has no turn for it."""
+
 POSTURES = 1000
 """For each maker."""
 
@@ -74,7 +88,7 @@ def test_every_maker_that_writes_poses_has_words() -> None:
 
 @each_preset
 def test_the_words_of_a_posture_mean_this_posture_alone(maker: str, name: str) -> None:
-    """All makers but Staubli tell turns apart; with Staubli's words only full turns remain."""
+    """But for full turns of joints that the words say nothing of."""
     robot, kind = preset(name), CONFIGURATIONS[maker]
     q = random_postures(robot, -(-POSTURES // len(PRESETS[maker])))
     wanted = kind.of(robot, q)
@@ -83,10 +97,14 @@ def test_the_words_of_a_posture_mean_this_posture_alone(maker: str, name: str) -
     found = kind.of(robot, postures)
     meant = np.array([wanted[p].allows(other) for p, other in zip(pose, found, strict=True)])
     apart = postures - q[pose]
-    turned = np.abs(apart - 2.0 * np.pi * np.rint(apart / (2.0 * np.pi))).max(axis=1) < SAME
+    turns = np.rint(apart / (2.0 * np.pi))
+    position = np.abs(apart - 2.0 * np.pi * turns).max(axis=1) < SAME
     itself = np.abs(apart).max(axis=1) < SAME
     assert (np.bincount(pose[itself], minlength=len(q)) == 1).all()
-    np.testing.assert_array_equal(meant, turned if maker == "staubli" else itself)
+    told = list(TURNS_TOLD[maker])
+    np.testing.assert_array_equal(meant, position & (turns[:, told] == 0).all(axis=1))
+    several = set(np.flatnonzero((turns[meant] != 0).any(axis=0)).tolist())
+    assert several == TURNS_OPEN.get(name, set())
     assert (~itself).sum() > 2 * len(q)  # there was something to choose from
 
 
@@ -120,16 +138,26 @@ def test_the_other_wrist_changes_the_wrist_alone(maker: str, name: str) -> None:
         assert not b.allows(a)
 
 
+def test_the_other_wrist_changes_the_flip_and_turns_of_a_fanuc_arm() -> None:
+    robot = preset("r2000ic165f")
+    q = random_postures(robot, 200)
+    for half in (-np.pi, np.pi):
+        other = q * [1, 1, 1, 1, -1, 1] + half * np.array([0, 0, 0, 1, 0, 1])
+        pairs = zip(*(FanucConfiguration.of(robot, p) for p in (q, other)), strict=True)
+        for a, b in pairs:
+            assert (a.flip, a.down, a.back, a.turns[0]) == (not b.flip, b.down, b.back, b.turns[0])
+            assert set(np.sign(half) * np.subtract(b.turns, a.turns)) <= {0, 1}
+
+
 @each_preset
 def test_front_and_behind_are_where_the_wrist_is_seen_from_axis_1(maker: str, name: str) -> None:
-    """From the tip alone: it is as far in front of the wrist centre in every posture."""
+    """From the pose of the tip alone, which the wrist centre is fixed to; joint 5 of all presets is
+    described with its origin there."""
     robot = preset(name)
     q = random_postures(robot, 100)
     straight = robot.fk(np.zeros(6))
     wrist_at_zero = robot.state(np.zeros(6)).origins[4]
     p_tip_wrist = straight[:3, :3].T @ (wrist_at_zero - straight[:3, 3])
-    if name == "gp7":  # its joint 5 is described at the wrist centre too
-        assert np.allclose(wrist_at_zero, [0.48, 0.0, 0.815])
     T = robot.fk(q)
     wrist = T[:, :3, :3] @ p_tip_wrist + T[:, :3, 3]
     q1 = -q[:, 0] if maker == "kuka" else q[:, 0]
@@ -176,40 +204,31 @@ def test_words_of_makers_are_not_mixed() -> None:
         assert [one.allows(other) for other in found.values()] == [maker == m for m in found]
 
 
-def test_joint_signs_of_the_description_do_not_matter() -> None:
-    """The controller's signs do."""
-    robot = preset("r2000ic165f")
-    q = random_postures(robot, 50)
-    expected = FanucConfiguration.of(robot, q)
-    flipped = robot.from_model(reversed_joints(robot)).controlled_by("fanuc")
-    np.testing.assert_allclose(flipped.state(-q).origins, robot.state(q).origins, atol=1e-12)
-    assert FanucConfiguration.of(flipped, -q) == expected
-
-
-def reversed_joints(robot: Robot) -> object:
-    """The model of the arm with every joint counted the other way."""
-    import pinocchio as pin
-
-    state = robot.state(np.zeros(6))
-    model = pin.Model()
-    parent, before = 0, np.zeros(3)
-    for name, axis, origin in zip(robot.joint_names, state.axes, state.origins, strict=True):
-        joint = pin.JointModelRevoluteUnaligned(-axis)
-        place = pin.SE3(np.eye(3), origin - before)
-        limits = [np.array([v]) for v in (1e3, 1e3, -7.0, 7.0)]
-        parent = model.addJoint(parent, joint, place, name, *limits)
-        model.addJointFrame(parent)
-        before = origin
-    tip = pin.SE3(state.R_base_tip, state.p_base_tip - before)
-    model.addBodyFrame("tool0", parent, tip, -1)
-    return model
-
-
 def test_a_wrist_of_axes_that_do_not_meet_has_no_words() -> None:
     robot = preset("ur5e").controlled_by("ur")
     with pytest.raises(InputError, match=r"no wrist centre: .* miss one point by 99.\d mm"):
         arm_positions(robot, np.zeros((1, 6)), "ur")
     assert words(robot, np.zeros((2, 6))) == ["", ""]
+
+
+def wrist(slant: float) -> ChainState:
+    """An arm whose axes 4, 5 and 6 meet at (1, 2, 3), axis 5 slanted against axis 4 [rad]."""
+    axes = np.tile([0.0, 0.0, 1.0], (1, 6, 1))
+    axes[0, 4] = [np.sin(slant), 0.0, np.cos(slant)]
+    axes[0, 5] = [0.6, 0.8, 0.0]
+    origins = np.array([1.0, 2.0, 3.0]) + axes * np.arange(-3.0, 3.0)[:, None]
+    return ChainState(np.zeros((1, 6, 3, 3)), origins, axes, np.eye(3)[None], np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize("slant_deg", [30.0, 60.0, 90.0, 120.0])
+def test_the_wrist_centre_is_where_slanted_axes_meet(slant_deg: float) -> None:
+    centre = wrist_centre(wrist(np.radians(slant_deg)))
+    np.testing.assert_allclose(centre, [[1.0, 2.0, 3.0]], atol=1e-12)
+
+
+def test_a_wrist_of_parallel_axes_has_no_centre() -> None:
+    with pytest.raises(InputError, match="axes 4 and 5 are parallel"):
+        wrist_centre(wrist(1e-5))
 
 
 @pytest.mark.parametrize("kind", CONFIGURATIONS.values())
@@ -221,8 +240,6 @@ def test_words_are_for_the_controller_of_their_maker(kind: type) -> None:
 
 
 def test_a_robot_without_a_controller_has_no_words() -> None:
-    from dataclasses import replace
-
     robot = replace(preset("irb120"), controller=None)
     with pytest.raises(InputError, match="has no controller") as caught:
         CONFIGURATIONS["abb"].of(robot, np.zeros((1, 6)))

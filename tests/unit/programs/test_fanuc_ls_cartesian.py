@@ -72,7 +72,7 @@ def test_poses_come_back_to_their_joints_in_every_branch_and_turn(
     moved = np.linalg.norm((arm.tool_poses(back) - arm.tool_poses(q))[:, :3, 3], axis=1)
     reach = robot.chain.reach_m + 1.5
     assert moved.max() < 1e-3 * (5e-4 * 2) + np.deg2rad(5e-4) * 2 * reach
-    assert len({words for words in arm.configurations(q)}) > 8
+    assert len(set(arm.configurations(q))) > 8
 
 
 @pytest.mark.slow

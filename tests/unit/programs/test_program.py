@@ -12,8 +12,8 @@ from hypothesis.extra.numpy import arrays
 
 from calib.errors import FileFormatError, InputError
 from posedesign.programs import (
-    Arm,
     DIALECTS,
+    Arm,
     Dialect,
     PoseProgram,
     ProgramOptions,

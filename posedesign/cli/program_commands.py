@@ -1,0 +1,211 @@
+"""Commands for a controller's programs: program, validate, import."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table
+from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, TrustUnits
+
+if TYPE_CHECKING:
+    from posedesign.programming import WrittenProgram
+    from posedesign.touch_up_import import Imported
+
+USUAL_NAME = "CALIB01"
+
+Files = Annotated[list[Path], typer.Argument(help="Program files, backups, or lists in CSV.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    app.command()(program)
+    app.command()(validate)
+    app.command("import")(import_positions)
+
+
+def program(
+    poses: Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")],
+    dialect: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            help="fanuc-ls, kuka-krl, abb-rapid, ur-script, yaskawa-jbi, staubli-val3, "
+            "ros-trajectory, moveit-joints, robot-calibration, robodk-csv. [that of the robot's "
+            "controller]",
+        ),
+    ] = None,
+    out: OutFolder = Path(),
+    cell: Annotated[
+        Path | None, typer.Option(help="Cell with a [program] section; default: usual values.")
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the program.")] = None,
+    form: Annotated[
+        str | None,
+        typer.Option(help="joint, or cartesian: poses of the tool, with their configuration."),
+    ] = None,
+    approach_deg: Annotated[
+        float | None,
+        typer.Option(help="Let every joint come from one side to each pose, by this angle."),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write poses that break constraints of the cell, too.")
+    ] = False,
+    as_json: AsJson = False,
+    trust_units: TrustUnits = False,
+) -> int:
+    """Write the robot program that visits the poses."""
+    from posedesign.cell import Cell
+    from posedesign.checks import refuse_unfit
+    from posedesign.pose_check import refuse_blocked
+    from posedesign.programming import (
+        program_options,
+        usual_dialect,
+        with_approaches,
+        write_program,
+    )
+    from posedesign.tables import read_poses
+    from posedesign.workflow import make_folder
+
+    loaded = Cell.load(cell) if cell is not None else None
+    listed = read_poses(
+        poses,
+        loaded.robot.n if loaded else None,
+        controller=loaded.robot.controller if loaded else None,
+        trust_units=trust_units,
+    )
+    chosen = dialect or usual_dialect(loaded)
+    listed = with_approaches(loaded, listed, approach_deg)
+    if loaded:
+        refuse_unfit(loaded, listed)
+        refuse_blocked(loaded, listed, force=force)
+    title = name or (loaded.config.program.name if loaded else USUAL_NAME)
+    options = program_options(loaded, listed, form)
+    written = write_program(listed, make_folder(out), chosen, options, title, loaded)
+    if as_json:
+        print_json({**written.__dict__, "paths": [str(path) for path in written.paths]})
+    else:
+        _print_written(written, checked=loaded is not None)
+    return NOT_REACHED if written.problems else DONE
+
+
+def _print_written(written: WrittenProgram, *, checked: bool) -> None:
+    for problem in written.problems:
+        note(f"warning: {problem}")
+    files = ", ".join(str(path) for path in written.paths)
+    print(
+        f"wrote {files}: {written.poses} poses, joints rounded by at most "
+        f"{written.largest_rounding_deg:.4f} deg"
+    )
+    if written.c_g is not None and written.c_g_rounded is not None:
+        print(
+            f"C_G of the poses as planned {written.c_g:.5g}, as written {written.c_g_rounded:.5g}"
+        )
+    if written.warning:
+        note(f"warning: {written.warning}")
+    if not checked:
+        note("note: nothing was checked against a cell; pass --cell to check limits, target, ...")
+
+
+def validate(
+    files: Files,
+    dialect: Annotated[
+        str | None, typer.Option("--format", help="Of the files; default: what they look like.")
+    ] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Check program files strictly against the rules of their controllers."""
+    from posedesign.programs.registry import dialect_of
+
+    found = []
+    for path in files:
+        chosen = dialect_of(path, dialect)
+        found.append((path, chosen, chosen.validate(path)))
+    good = not any(problems for _, _, problems in found)
+    if as_json:
+        print_json(
+            {
+                "valid": good,
+                "files": [
+                    {
+                        "path": str(path),
+                        "format": chosen.name,
+                        "problems": [problem.__dict__ for problem in problems],
+                    }
+                    for path, chosen, problems in found
+                ],
+            }
+        )
+        return DONE if good else NOT_REACHED
+    for path, chosen, problems in found:
+        for problem in problems:
+            print(f"{path}: {problem}")
+        verdict = f"{len(problems)} problem(s)" if problems else "no problem found"
+        print(f"{path}: {chosen.title}: {verdict}")
+    return DONE if good else NOT_REACHED
+
+
+def import_positions(
+    cell: CellFile,
+    files: Files,
+    out: OutFolder = Path(),
+    poses: Annotated[
+        Path | None,
+        typer.Option(help="The plan that the program was written from: its poses.csv."),
+    ] = None,
+    dialect: Annotated[
+        str | None, typer.Option("--format", help="Of the files; default: what they look like.")
+    ] = None,
+    keep_untouched: Annotated[
+        bool,
+        typer.Option("--keep-untouched", help="Take positions that stand as planned, too."),
+    ] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Read touched-up positions back from the controller; write touchups.csv."""
+    from posedesign.cell import Cell
+    from posedesign.tables import read_poses, write_touch_ups
+    from posedesign.touch_up_import import import_touch_ups
+    from posedesign.workflow import make_folder
+
+    loaded = Cell.load(cell)
+    plan = None
+    if poses is not None:
+        plan = read_poses(poses, loaded.robot.n, controller=loaded.robot.controller)
+    imported = import_touch_ups(loaded, files, plan, dialect, keep_untouched=keep_untouched)
+    path = write_touch_ups(make_folder(out) / "touchups.csv", imported.touch_ups)
+    if as_json:
+        print_json(
+            {
+                "path": str(path),
+                "touch_ups": imported.touch_ups.count,
+                "moved_mm": imported.moved_mm,
+                "untouched": imported.untouched,
+                "missing": imported.missing,
+                "warnings": imported.warnings,
+            }
+        )
+    else:
+        _print_imported(imported, path, planned=plan is not None)
+    return DONE
+
+
+def _print_imported(imported: Imported, path: Path, *, planned: bool) -> None:
+    for line in imported.warnings:
+        note(f"warning: {line}")
+    if imported.untouched:
+        note(f"warning: as planned, so not touched up: {', '.join(imported.untouched)}")
+    if imported.missing:
+        note(f"warning: of the plan, not in the files: {', '.join(imported.missing)}")
+    names = imported.touch_ups.names
+    if planned:
+        moved = [
+            {"pose": name, "moved [mm]": round(float(far), 3)}
+            for name, far in zip(names, imported.moved_mm, strict=True)
+        ]
+        print_table("How far touch-up moved the tool point", moved)
+    else:
+        note("note: pass --poses to check that the file belongs to the plan, and was touched up")
+    print(f"wrote {path}: {len(names)} touch-ups")

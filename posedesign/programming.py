@@ -1,0 +1,259 @@
+"""From a pose list to a controller's program, checked, and how good its rounded poses still are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import FloatArray, rotation_from_wpr, transform
+from posedesign.approach import find_approaches
+from posedesign.cell import Cell
+from posedesign.config import FrameSection
+from posedesign.indices import evaluate
+from posedesign.passages import Passages
+from posedesign.planner import regressor
+from posedesign.pose_plan import fingerprint
+from posedesign.programs import (
+    DIALECTS,
+    Arm,
+    Dialect,
+    PoseProgram,
+    ProgramOptions,
+    ProgramPose,
+    find_dialect,
+    postures_of,
+)
+from posedesign.programs.program import form_of, in_range
+from posedesign.stops import Passing
+from posedesign.tables import PoseList
+
+MOST_CHANGE = 0.01
+"""Part by which rounding may change C_G before it is worth a warning."""
+
+
+@dataclass(frozen=True)
+class WrittenProgram:
+    """A robot program on disk, checked.
+
+    Attributes
+    ----------
+    paths : tuple of Path
+        Those with the positions first.
+    poses : int
+        That are measured.
+    problems : tuple of str
+        What the strict validator objects to; empty is good.
+    largest_rounding_deg : float
+        Largest joint difference between the plan and what is read back from the program.
+    c_g, c_g_rounded : float or None
+        Of the poses as planned, and as they stand in the program; None without a cell.
+    """
+
+    paths: tuple[Path, ...]
+    poses: int
+    problems: tuple[str, ...]
+    largest_rounding_deg: float
+    c_g: float | None = None
+    c_g_rounded: float | None = None
+
+    @property
+    def warning(self) -> str:
+        """What rounding did to the condition number, where it did something."""
+        if self.c_g is None or self.c_g_rounded is None:
+            return ""
+        change = self.c_g_rounded / self.c_g - 1.0
+        if abs(change) <= MOST_CHANGE:
+            return ""
+        return (
+            f"rounding moved C_G by {change:+.1%}, from {self.c_g:.4g} to {self.c_g_rounded:.4g}: "
+            "the poses hardly tell some parameters apart"
+        )
+
+
+def arm_of(cell: Cell) -> Arm:
+    """The arm of a cell as its controller knows it, with tool and user frame of ``[program]``.
+
+    Raises
+    ------
+    InputError
+        User frame 0, which is the world's on a FANUC, is given another place.
+    """
+    section = cell.config.program
+    tool = section.tool or FrameSection(at_mm=cell.config.tool.point_mm)
+    user = section.user or FrameSection()
+    T_world_user = _frame(user)
+    controller = cell.robot.controller
+    in_world = controller and controller.maker == "fanuc" and section.user_frame == 0
+    if in_world and not np.array_equal(T_world_user, np.eye(4)):
+        raise InputError(
+            "user frame 0 of a FANUC is the world: it cannot be elsewhere",
+            hint="set program.user_frame to the number that it has on the controller",
+            name="program.user",
+        )
+    return Arm.of(cell.robot, T_world_user, _frame(tool))
+
+
+def _frame(section: FrameSection) -> FloatArray:
+    rotation = rotation_from_wpr(np.deg2rad(section.wpr_deg))
+    return transform(rotation, np.array(section.at_mm) / 1e3)
+
+
+def program_options(cell: Cell | None, poses: PoseList, form: str | None = None) -> ProgramOptions:
+    """Options of a program as the cell wants them, with the fingerprint of the plan."""
+    mark = fingerprint(poses.measured.postures)
+    if cell is None:
+        return ProgramOptions(form=form_of(form or "joint"), fingerprint=mark)
+    section = cell.config.program
+    return ProgramOptions(
+        form=form_of(form or section.form),
+        user_frame=section.user_frame,
+        tool_frame=section.tool_frame,
+        speed_percent=section.speed_percent,
+        settle_s=section.settle_s,
+        measure_call=section.measure_call or None,
+        measure_argument=None if section.measure_argument == "none" else section.measure_argument,
+        measure_output=section.measure_output,
+        measure_pulse_s=section.measure_pulse_s,
+        keep=section.keep,
+        first_register=section.first_register,
+        pulses_per_deg=section.pulses_per_deg,
+        fingerprint=mark,
+    )
+
+
+def usual_dialect(cell: Cell | None) -> str:
+    """The dialect of the robot's controller; FANUC's without a cell.
+
+    Raises
+    ------
+    InputError
+        The controller is not known, or has no dialect here.
+    """
+    if cell is None:
+        return DIALECTS["fanuc-ls"].name
+    maker = cell.robot.controller.maker if cell.robot.controller else None
+    own = next((d.name for d in DIALECTS.values() if maker and d.maker == maker), None)
+    if own is None:
+        raise InputError(
+            f"{cell.robot.name} has a controller of {maker or 'an unknown maker'}",
+            hint="choose with --format: " + ", ".join(DIALECTS),
+            name="format",
+        )
+    return own
+
+
+def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | None) -> PoseList:
+    """The list with a posture short of each measured pose, so that joints arrive from one side.
+
+    Parameters
+    ----------
+    cell : Cell or None
+        Whose limits and obstacles tell which side.
+    poses : PoseList
+    approach_deg : float or None
+        Last movement of every joint; None: the list as it is.
+
+    Raises
+    ------
+    InputError
+        A pose that cannot be approached so, or that the list has approached already, or no cell.
+    """
+    if approach_deg is None:
+        return poses
+    in_range("approach_deg", approach_deg, 0.01, 30.0)
+    if cell is None:
+        raise InputError(
+            "which side is free is a matter of the cell", hint="pass --cell", name="approach"
+        )
+    if Passing.APPROACH in poses.reasons:
+        raise InputError(
+            "the poses are approached from one side already",
+            hint="leave --approach-deg out, or plan without plan.approach",
+            name="approach",
+        )
+    # only whether the short ways are clear is asked, so speeds do not matter
+    ways = Passages(cell.robot, cell.ways, cell.passing, cell.base_posture, np.ones(cell.robot.n))
+    angle = float(np.deg2rad(approach_deg))
+    found = find_approaches(poses.measured.postures, angle, cell.passing, ways)
+    if found.lost:
+        i, why = next(iter(found.lost.items()))
+        raise InputError(f"pose {poses.measured.names[i]} {why}", name="approach")
+    names: list[str] = []
+    postures: list[FloatArray] = []
+    via: list[bool] = []
+    short = iter(found.postures)
+    for name, posture, passed in zip(poses.names, poses.postures, poses.via, strict=True):
+        if not passed:
+            names.append(f"A{len(names):02d}")
+            postures.append(next(short))
+            via.append(True)
+        names.append(name)
+        postures.append(posture)
+        via.append(bool(passed))
+    return PoseList(tuple(names), np.stack(postures), np.array(via))
+
+
+def write_program(
+    poses: PoseList,
+    out: Path,
+    dialect: str,
+    options: ProgramOptions,
+    name: str,
+    cell: Cell | None = None,
+) -> WrittenProgram:
+    """Write a robot program, validate it, read it back, and judge what it has become.
+
+    Raises
+    ------
+    InputError
+        The program cannot be said in this dialect.
+    OutputError
+        A file cannot be written.
+    """
+    chosen = find_dialect(dialect)
+    stops = zip(poses.names, poses.postures, poses.via, strict=True)
+    listed = tuple(ProgramPose(label, q, via=bool(via)) for label, q, via in stops)
+    program = PoseProgram(name, listed, options, None if cell is None else arm_of(cell))
+    paths = chosen.write(program, out)
+    problems = [
+        f"{path.name}: {problem}"
+        for path in paths
+        if path.suffix.lower() in chosen.suffixes
+        for problem in chosen.validate(path)
+    ]
+    rounded = _read_back(chosen, program, paths)
+    planned = poses.measured.postures
+    return WrittenProgram(
+        paths,
+        len(planned),
+        tuple(problems),
+        float(np.rad2deg(np.abs(rounded - planned).max())),
+        None if cell is None else _c_g(cell, planned),
+        None if cell is None else _c_g(cell, rounded),
+    )
+
+
+def _read_back(dialect: Dialect, program: PoseProgram, paths: Sequence[Path]) -> FloatArray:
+    """Measured postures ``(N, n)`` [rad] as they stand in the files."""
+    found: dict[int, FloatArray] = {}
+    planned = [pose.posture_rad for pose in program.poses if not pose.via]
+    for _, path in zip(dialect.parts(program), paths, strict=False):
+        read = dialect.read(path)
+        numbers = [p.number for p in read.positions if p.number <= program.measured_count]
+        positions = tuple(p for p in read.positions if p.number <= program.measured_count)
+        near = np.stack([planned[number - 1] for number in numbers])
+        arm = program.arm if program.arm is not None else read.arm
+        found |= dict(zip(numbers, postures_of(positions, dialect.seen(arm), near), strict=True))
+    missing = next((k for k in range(1, len(planned) + 1) if k not in found), None)
+    if missing is not None:
+        raise InputError(f"pose {missing} is not in the program that was written", name="program")
+    return np.stack([found[k] for k in range(1, len(planned) + 1)])
+
+
+def _c_g(cell: Cell, postures: FloatArray) -> float:
+    linear = cell.model().linearise(postures)
+    return evaluate(regressor(linear), linear.white_jacobian).c_g

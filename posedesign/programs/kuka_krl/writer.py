@@ -1,0 +1,217 @@
+"""KUKA KRL programs (``.src`` and ``.dat``): the writer.
+
+The positions stand in the ``.dat``, as the pendant stores them: ``XP1`` and so on. They have no
+values of external axes, which KRL then leaves where they are. Joint positions do not depend on the
+tool and the base; poses of the tool do, so with them the plan's own frames are set by value, behind
+those of the numbers, which bring the load data.
+
+The first motion is the one to the first position (block coincidence, at reduced speed). No motion
+is approximated, and ``WAIT SEC``, with 0 where no time is asked for, stops the advance run: the
+measuring program is not called while the arm still moves.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.programs.arm import Arm
+from posedesign.programs.program import PoseProgram, in_range
+from posedesign.programs.writing import NameRule, plain, plain_all, shown_deg
+
+_RESERVED = """
+AND ANIN ANOUT AXIS B_AND B_EXOR B_NOT B_OR BAS BOOL BRAKE C_DIS C_ORI C_PTP C_SPL C_VEL CASE
+CAST_FROM CAST_TO CCLOSE CHANNEL CHAR CIRC CIRC_REL CONFIRM CONST CONTINUE COPEN CREAD CWRITE DECL
+DEF DEFAULT DEFDAT DEFFCT DELAY DIGIN DO E6AXIS E6POS ELSE END ENDDAT ENDFCT ENDFOR ENDIF ENDLOOP
+ENDSPLINE ENDSWITCH ENDWHILE ENUM EXIT EXOR EXT EXTFCT FALSE FOR FRAME GLOBAL GOTO HALT IF IMPORT
+INT INTERRUPT IS LIN LIN_REL LOOP MAXIMUM MINIMUM NOT OFF ON OR POS PRIO PTP PTP_REL PUBLIC PULSE
+REAL REPEAT RESUME RETURN SCIRC SEC SIGNAL SLIN SPL SPLINE SPTP SREAD STEP STRUC SWITCH SWRITE THEN
+TO TRIGGER TRUE UNTIL WAIT WHEN WHILE WITH XM
+"""
+
+NAMES = NameRule("a KUKA program name", 24, small=True, reserved=frozenset(_RESERVED.split()))
+"""Names of modules; letters of either case are the same."""
+
+MOST_TOOL, MOST_BASE = 16, 32
+"""Frames that controllers have as delivered. 0 is the flange, and the world."""
+
+LONGEST_WAIT_S = 3600.0
+"""No arm takes longer to settle: a larger number is in another unit."""
+
+SHORTEST_PULSE_S, LONGEST_PULSE_S = 0.1, 3.0
+"""Pulses that every controller gives."""
+
+TEXT_LENGTH = 80
+"""Characters of a comment, so that its line has fewer than 120."""
+
+JOINT_DECIMALS, PLACE_DECIMALS, TURN_DECIMALS = 5, 4, 5
+"""Of degrees, millimetres and degrees. The controller computes with numbers of 24 bits, whose steps
+at 180 and at 2000 are 0.00002 and 0.0001."""
+
+_TEXT = re.compile(rf"[ -~]{{1,{TEXT_LENGTH}}}")
+_FOLD = re.compile(r"\s*(?:END)?FOLD", re.IGNORECASE)
+_POSITION = re.compile(r"XP\d+", re.IGNORECASE)
+
+
+def render_kuka_krl(program: PoseProgram, arm: Arm) -> tuple[str, str]:
+    r"""Texts of the ``.dat`` and the ``.src``, their lines ended by ``\n``.
+
+    Joints are rounded to five decimals, by at most 0.000005 deg; poses to 0.00005 mm and 0.000005
+    deg. A pose's name becomes a comment where it has 1 to 80 plain characters; longer or other
+    ones are left out.
+
+    Raises
+    ------
+    InputError
+        A text that a comment cannot hold, a number out of its range, or a joint beyond +-720 deg.
+    """
+    _check_options(program)
+    return _data(program, arm), _source(program, arm)
+
+
+def _check_options(program: PoseProgram) -> None:
+    options = program.options
+    in_range("user_frame", options.user_frame, 0, MOST_BASE)
+    in_range("tool_frame", options.tool_frame, 0, MOST_TOOL)
+    in_range("settle_s", options.settle_s, 0, LONGEST_WAIT_S)
+    if options.measure_output is not None:
+        in_range("measure_pulse_s", options.measure_pulse_s, SHORTEST_PULSE_S, LONGEST_PULSE_S)
+    _check_text("comment", options.comment)
+    for pose in program.poses:
+        _check_text(f"comment of pose {pose.name!r}", pose.comment)
+    for what, name in (("name", program.name), ("measure_call", options.measure_call)):
+        if name is None:
+            continue
+        NAMES.check(name)
+        if _POSITION.fullmatch(name):
+            raise InputError(
+                f"{what} {name!r} is the name of a position",
+                hint="choose another one",
+                name=what,
+                value=name,
+            )
+    call = options.measure_call
+    if call is not None and call.upper() == program.name.upper():
+        raise InputError(
+            f"program {program.name} would call itself",
+            hint="name the program that measures in measure_call",
+            name="measure_call",
+            value=call,
+        )
+
+
+def _check_text(name: str, text: str) -> None:
+    if text and (not _TEXT.fullmatch(text) or _FOLD.match(text)):
+        raise InputError(
+            f"{name} {text!a} cannot stand in a comment",
+            hint=f"use at most {TEXT_LENGTH} ASCII characters, not beginning with FOLD",
+            name=name,
+            value=text,
+            bound=TEXT_LENGTH,
+        )
+
+
+def _head(program: PoseProgram) -> list[str]:
+    title = program.options.comment
+    return ["&ACCESS RVP", "&REL 1"] + ([f"&COMMENT {title}"] if title else [])
+
+
+def _data(program: PoseProgram, arm: Arm) -> str:
+    options = program.options
+    lines = [*_head(program), f"DEFDAT {program.name}"]
+    if program.mark:
+        lines.append(f";{program.mark}")
+    lines.append(f";TOOL {options.tool_frame} BASE {options.user_frame}")
+    lines.append("EXT BAS(BAS_COMMAND :IN,REAL :IN)")
+    kind, aggregates = (
+        ("E6AXIS", _joint_aggregates(program, arm))
+        if options.form == "joint"
+        else ("E6POS", _pose_aggregates(program, arm))
+    )
+    stored = zip(program.numbers, program.poses, aggregates, strict=True)
+    for number, pose, aggregate in sorted(stored, key=lambda entry: entry[0]):
+        if _TEXT.fullmatch(pose.name):
+            lines.append(f";P{number} {pose.name}")
+        lines.append(f"DECL {kind} XP{number}={aggregate}")
+    measured = [n for n, pose in zip(program.numbers, program.poses, strict=True) if not pose.via]
+    if options.keep == "register" and measured:
+        first, last = (options.first_register + n - 1 for n in (measured[0], measured[-1]))
+        lines += [f";XM[{first}] IS P{measured[0]}", f"DECL E6AXIS XM[{last}]"]
+    return "\n".join([*lines, "ENDDAT"]) + "\n"
+
+
+def _source(program: PoseProgram, arm: Arm) -> str:
+    options = program.options
+    lines = [*_head(program), f"DEF {program.name}( )"]
+    if program.mark:
+        lines.append(f";{program.mark}")
+    lines += [
+        "BAS(#INITMOV,0)",
+        f"BAS(#VEL_PTP,{options.speed_percent})",
+        f"BAS(#TOOL,{options.tool_frame})",
+        f"BAS(#BASE,{options.user_frame})",
+    ]
+    if options.form == "cartesian":
+        frames = np.stack([arm.T_tip_tool, arm.T_world_user])
+        tool, base = ("{" + fields + "}" for fields in _frames(frames))
+        lines += [f"$TOOL={tool}", f"$BASE={base}"]
+    for number, pose in zip(program.numbers, program.poses, strict=True):
+        if _TEXT.fullmatch(pose.name):
+            lines.append(f";P{number} {pose.name}")
+        if pose.comment:
+            lines.append(f";{pose.comment}")
+        lines.append(f"PTP XP{number}")
+        if not pose.via:
+            lines += _measuring(program, number)
+    return "\n".join([*lines, "END"]) + "\n"
+
+
+def _measuring(program: PoseProgram, number: int) -> list[str]:
+    options = program.options
+    # at least one hundredth: a wait that is asked for must not round to none
+    settle = plain(max(options.settle_s, 0.01), 2) if options.settle_s else "0"
+    lines = [f"WAIT SEC {settle}"]
+    if options.measure_output is not None:
+        pulse = plain(options.measure_pulse_s, 2)
+        lines.append(f"PULSE($OUT[{options.measure_output}],TRUE,{pulse})")
+    if options.measure_call is not None:
+        argument = options.argument(number)
+        lines.append(f"{options.measure_call}({' ' if argument is None else argument})")
+    if options.keep == "register":
+        lines.append(f"XM[{options.first_register + number - 1}]=$AXIS_ACT")
+    return lines
+
+
+def _joint_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
+    rows = shown_deg(arm, program.poses)
+    return ["{" + _fields(_AXES, plain_all(row, JOINT_DECIMALS)) + "}" for row in rows]
+
+
+def _pose_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
+    shown_deg(arm, program.poses)  # refuses joints that no arm reaches
+    postures = program.postures_rad
+    placed = _frames(arm.tool_poses(postures))
+    words = arm.configurations(postures)
+    return ["{" + fields + f",{at.words}" + "}" for fields, at in zip(placed, words, strict=True)]
+
+
+_AXES = ("A1", "A2", "A3", "A4", "A5", "A6")
+
+
+def _frames(T: FloatArray) -> list[str]:
+    """X Y Z [mm] and A B C [deg] of transforms ``(N, 4, 4)``; A and C in (-180, 180]."""
+    turn = np.round(np.rad2deg(wpr_from_rotation(T[:, :3, :3])), TURN_DECIMALS)
+    turn = np.where(turn <= -180.0, 180.0, turn)[:, ::-1]
+    return [
+        _fields("XYZ", plain_all(place, PLACE_DECIMALS))
+        + ","
+        + _fields("ABC", plain_all(abc, TURN_DECIMALS))
+        for place, abc in zip(1e3 * T[:, :3, 3], turn, strict=True)
+    ]
+
+
+def _fields(names: tuple[str, ...] | str, values: list[str]) -> str:
+    return ",".join(f"{name} {value}" for name, value in zip(names, values, strict=True))

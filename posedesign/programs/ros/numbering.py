@@ -1,0 +1,78 @@
+"""Which pose each entry of a list is, from the comments in front of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posedesign.programs.reading import refuse
+from posedesign.programs.recorded import RecordedPosition, RecordedProgram
+from posedesign.programs.ros.yaml_reading import Document, Label, labels_of
+
+
+def numbered(
+    document: Document, entries: list[tuple[int, tuple[str, ...], list[float]]]
+) -> RecordedProgram:
+    """The program of entries (line, joint names, joint values [rad]) in the order of the file.
+
+    An entry with the joint values of the one before is the arm standing there, and counts once.
+    Where no entry has a comment with its number, they are counted from 1.
+
+    Raises
+    ------
+    FileFormatError
+        Only some have one, one number is there twice, or the arm moves while it is to stand.
+    """
+    labels = labels_of(document, [line for line, _, _ in entries])
+    positions: list[RecordedPosition] = []
+    seen: set[int] = set()
+    before: list[float] | None = None
+    for (line, names, values), label in zip(entries, labels, strict=True):
+        stands = before is not None and values == before
+        if label is not None and label.kind == "hold":
+            _check_standing(document, label, positions, stands)
+        if stands and (label is None or label.kind == "hold"):
+            continue
+        before = values
+        number = _number(document, label, line, len(positions) + 1)
+        if number in seen:
+            refuse(f"pose {number} is there twice", document.path, line)
+        seen.add(number)
+        positions.append(
+            RecordedPosition(
+                number,
+                "" if label is None else label.name,
+                line,
+                np.degrees(values),
+                joint_names=names,
+            )
+        )
+    return RecordedProgram(document.name, document.title, document.mark, tuple(positions), None)
+
+
+def _number(document: Document, label: Label | None, line: int, counted: int) -> int:
+    if label is None and document.labels:
+        refuse(
+            "no comment says which pose this is, as others do",
+            document.path,
+            line,
+            "write a comment like '# pose 3: name' in front of it",
+        )
+    number = counted if label is None else label.number
+    if label is not None and number < 1:
+        refuse("poses are counted from 1", document.path, label.line)
+    measured = document.mark.measured
+    if label is not None and measured is not None and (number <= measured) != (label.kind != "via"):
+        reason = f"pose {number} is called {label.kind}, but the first {measured} are measured"
+        refuse(reason, document.path, label.line, "restore the number of the pose")
+    return number
+
+
+def _check_standing(
+    document: Document, label: Label, positions: list[RecordedPosition], stands: bool
+) -> None:
+    if not positions or positions[-1].number != label.number:
+        reason = f"the arm is to stand at pose {label.number}, but that is not the one before"
+        refuse(reason, document.path, label.line)
+    if not stands:
+        reason = f"the arm is to stand at pose {label.number}, but its joint values change"
+        refuse(reason, document.path, label.line, "change both points of the pose alike")

@@ -1,0 +1,312 @@
+"""What the readers of YAML lists share: the content as a tree with lines, and the comments.
+
+PyYAML's parser (libyaml where it is there) gives events, of which the tree is made here: nothing is
+constructed, no word becomes a number or a date in silence, and anchors, aliases, tags and deep
+nesting are refused at the first one, before a small file could become a large one.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import yaml
+
+from calib.errors import FileFormatError
+from posedesign.programs.reading import MOST_JOINT_DEG, number, refuse
+from posedesign.programs.recorded import PlanMark
+
+MOST_DEPTH = 12
+"""Deepest nesting; that of a trajectory in the goal of an action is 6. The parser's time grows with
+the square of the depth."""
+
+MOST_NODES = 3_000_000
+"""Most values and lists of a file: 10,000 measured poses of seven joints have 700,000."""
+
+MOST_JOINT_RAD = math.radians(MOST_JOINT_DEG)
+"""No arm turns so far."""
+
+Scalar: TypeAlias = tuple[str, int, bool]
+"""Text, line, and whether it stands without quotes."""
+
+Node: TypeAlias = "Scalar | YamlList | YamlMap"
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_LINE_END = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
+_LABEL = re.compile(r"(pose|via|hold)\s+(\d{1,7})(?::\s*(.*))?")
+_DIGITS = re.compile(r"[-+.0-9eE]+")
+
+
+@dataclass(frozen=True)
+class YamlList:
+    """A list, and the line where it begins."""
+
+    items: list[Node]
+    line: int
+
+
+@dataclass(frozen=True)
+class YamlMap:
+    """Values by their keys, and the line where it begins."""
+
+    items: dict[str, Node]
+    line: int
+
+
+@dataclass(frozen=True)
+class Label:
+    """A comment that says which pose comes next.
+
+    Attributes
+    ----------
+    kind : {"pose", "via", "hold"}
+        Measured, passed through, or the end of standing at a measured one.
+    number : int
+    name : str
+    line : int
+    """
+
+    kind: str
+    number: int
+    name: str
+    line: int
+
+
+@dataclass(frozen=True)
+class Document:
+    """A file: its content, and what its comments say.
+
+    Attributes
+    ----------
+    root : Node
+    path : Path
+    name, title : str
+        Of the program; the name of the file where comments do not say.
+    mark : PlanMark
+    labels : tuple of Label
+        In the order of the file.
+    """
+
+    root: Node
+    path: Path
+    name: str
+    title: str
+    mark: PlanMark
+    labels: tuple[Label, ...]
+
+
+def read_document(data: bytes, path: Path) -> Document:
+    """The content and the comments of a file.
+
+    Raises
+    ------
+    FileFormatError
+        It is not text in UTF-8, not one YAML document, has anchors, aliases or tags, is nested too
+        deeply, or is cut off.
+    """
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = data.count(b"\n", 0, error.start) + 1
+        reason = f"holds the byte 0x{data[error.start]:02x}, which is not text in UTF-8"
+        raise FileFormatError(reason, path=path, row=row, hint="save it in UTF-8") from error
+    root = _tree(text, path)
+    words: dict[str, str] = {}
+    mark, labels, ended = None, [], False
+    for line, comment in _comments(text):
+        found = _LABEL.fullmatch(comment)
+        key, colon, rest = comment.partition(":")
+        if found:
+            labels.append(Label(found[1], int(found[2]), (found[3] or "").strip(), line))
+        elif colon and key in ("program", "title", "remark"):
+            words.setdefault(key, rest.strip())
+        elif comment.startswith("end of "):
+            ended = True
+        else:
+            mark = mark or PlanMark.found_in(comment)
+    if "program" in words and not ended:
+        refuse(
+            f"is cut off: there is no comment '# end of {words['program'][:40]}'",
+            path,
+            hint="copy the file again",
+        )
+    return Document(
+        root,
+        path,
+        words.get("program") or path.stem,
+        words.get("title", ""),
+        mark or PlanMark(),
+        tuple(labels),
+    )
+
+
+def map_at(node: Node, what: str, path: Path) -> dict[str, Node]:
+    """The values of a node that is a map, by key."""
+    if not isinstance(node, YamlMap):
+        refuse(f"{what} is not a map of keys and values", path, line_of(node))
+    return node.items
+
+
+def list_at(node: Node | None, what: str, path: Path, line: int) -> list[Node]:
+    """The items of a node that is a list; ``line`` is where it is missed."""
+    if node is None:
+        refuse(f"{what} is missing", path, line)
+    if not isinstance(node, YamlList):
+        refuse(f"{what} is not a list", path, line_of(node))
+    return node.items
+
+
+def names_at(node: Node | None, what: str, path: Path, line: int) -> tuple[str, ...]:
+    """Joint names: at least one, each once."""
+    names: list[str] = []
+    for item in list_at(node, what, path, line):
+        if not isinstance(item, tuple) or not item[0].strip():
+            refuse(f"{what} holds something that is not a name", path, line_of(item))
+        if item[0] in names:
+            refuse(f"{what} has {item[0][:60]!r} twice", path, item[1])
+        names.append(item[0])
+    if not names:
+        refuse(f"{what} is empty", path, line)
+    return tuple(names)
+
+
+def values_at(
+    node: Node | None, names: tuple[str, ...], what: str, path: Path, line: int
+) -> list[float]:
+    """Joint values [rad], one for each name, finite and within +-720 deg."""
+    items = list_at(node, what, path, line)
+    if len(items) != len(names):
+        row = line if node is None else line_of(node)
+        refuse(f"{what} has {len(items)} values, there are {len(names)} joints", path, row)
+    try:
+        texts = [item[0] for item in items if isinstance(item, tuple) and item[2]]
+        if len(texts) == len(names) and _DIGITS.fullmatch("".join(texts)):
+            values = [float(text) for text in texts]
+            if max(map(abs, values)) <= MOST_JOINT_RAD:
+                return values
+    except ValueError:
+        pass  # said below, with the joint
+    return [_value(item, f"{what}: {n}", path) for item, n in zip(items, names, strict=True)]
+
+
+def line_of(node: Node) -> int:
+    """The line where a node begins."""
+    return node[1] if isinstance(node, tuple) else node.line
+
+
+def labels_of(document: Document, lines: list[int]) -> list[Label | None]:
+    """The comment in front of each entry, by the lines where entries begin.
+
+    Raises
+    ------
+    FileFormatError
+        Two stand in front of one entry, or one behind the last: an entry is lost.
+    """
+    found: list[Label | None] = [None] * len(lines)
+    at = 0
+    for label in document.labels:
+        while at < len(lines) and lines[at] < label.line:
+            at += 1
+        if at == len(lines) or found[at] is not None:
+            lost = label if at == len(lines) else found[at]
+            number_, row = (lost.number, lost.line) if lost else (0, label.line)
+            reason = f"the comment says that pose {number_} comes next, but it does not"
+            refuse(reason, document.path, row, "remove the comment with its pose")
+        found[at] = label
+    return found
+
+
+def _value(item: Node, what: str, path: Path) -> float:
+    if not isinstance(item, tuple):
+        refuse(f"{what} is not a number", path, line_of(item))
+    text, line, plain = item
+    if not plain:
+        refuse(f"{what} is {text[:30]!r}, a text in quotes, not a number", path, line)
+    return number(text, what, path, line, MOST_JOINT_RAD, "rad")
+
+
+def _comments(text: str) -> Iterator[tuple[int, str]]:
+    """Line and words of each line that is a comment."""
+    for line, content in enumerate(_LINE_END.split(text), start=1):
+        stripped = content.strip(" \t")
+        if stripped.startswith("#"):
+            yield line, stripped.lstrip("#").strip()
+
+
+def _tree(text: str, path: Path) -> Node:
+    """The one document of a text; empty ones behind it, as ``ros2 topic echo`` adds, count not."""
+    roots: list[Node] = []
+    try:
+        _fill(roots, text, path)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        row = None if mark is None else mark.line + 1
+        reason = f"is no YAML: {(error.problem or error.context or 'unreadable')[:200]}"
+        raise FileFormatError(reason, path=path, row=row, hint="is it the right file?") from error
+    except yaml.YAMLError as error:
+        reason = f"is no YAML: {str(error).splitlines()[0][:200]}"
+        raise FileFormatError(reason, path=path, hint="is it the right file?") from error
+    filled = [r for r in roots if not isinstance(r, tuple) or r[0] or not r[2]]
+    if not filled:
+        refuse("is empty", path, hint="is it the right file?")
+    if len(filled) > 1:
+        refuse("holds several documents", path, line_of(filled[1]), "keep one of them")
+    return filled[0]
+
+
+def _fill(roots: list[Node], text: str, path: Path) -> None:
+    """Append the documents of a text, from the parser's events."""
+    open_lists: list[tuple[list[Any], int]] = []
+    items: list[Any] = roots
+    nodes = 0
+    for event in yaml.parse(text, Loader=_LOADER):
+        kind = type(event)
+        if kind is yaml.ScalarEvent:
+            _refuse_extras(event, path)
+            items.append((event.value, event.start_mark.line + 1, not event.style))
+        elif kind is yaml.SequenceStartEvent or kind is yaml.MappingStartEvent:
+            _refuse_extras(event, path)
+            row = event.start_mark.line + 1
+            if len(open_lists) == MOST_DEPTH:
+                refuse(f"is nested more than {MOST_DEPTH} deep", path, row, "is it the right file?")
+            open_lists.append((items, row))
+            items = []
+        elif kind is yaml.SequenceEndEvent:
+            outer, row = open_lists.pop()
+            outer.append(YamlList(items, row))
+            items = outer
+        elif kind is yaml.MappingEndEvent:
+            outer, row = open_lists.pop()
+            outer.append(YamlMap(_by_key(items, path), row))
+            items = outer
+        elif kind is yaml.AliasEvent:
+            refuse("has an alias (*)", path, event.start_mark.line + 1, "write the values out")
+        else:
+            continue
+        nodes += 1
+        if nodes > MOST_NODES:
+            row = event.start_mark.line + 1
+            refuse(f"has more than {MOST_NODES} values", path, row, "is it the right file?")
+
+
+def _refuse_extras(event: Any, path: Path) -> None:
+    if event.anchor is not None:
+        refuse("has an anchor (&)", path, event.start_mark.line + 1, "write the values out")
+    if event.tag is not None:
+        reason = f"has a tag ({event.tag[:40]})"
+        refuse(reason, path, event.start_mark.line + 1, "write values without tags")
+
+
+def _by_key(items: list[Node], path: Path) -> dict[str, Node]:
+    out: dict[str, Node] = {}
+    for key, value in zip(items[::2], items[1::2], strict=True):
+        if not isinstance(key, tuple):
+            refuse("a key is not a word", path, line_of(key))
+        if key[0] in out:
+            refuse(f"has the key {key[0][:60]!r} twice", path, key[1])
+        out[key[0]] = value
+    return out

@@ -1,0 +1,125 @@
+"""What the writers of YAML lists share: what stands in comments, joint names, joint values.
+
+Plain YAML in block style, one value a line, so that any reader takes it and changes can be seen
+line by line. What the formats have no place for stands in comments that the readers of this package
+know: title, mark of the plan, number and name of each pose.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import FloatArray
+from posedesign.programs.arm import Arm
+from posedesign.programs.program import PoseProgram, ProgramPose
+from posedesign.programs.writing import shown_deg
+
+DECIMALS = 12
+"""Of joint values [rad]: they are rounded by at most 5e-13 rad."""
+
+_BARE = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
+_YAML_WORDS = {"y", "n", "yes", "no", "true", "false", "on", "off", "null"}
+"""What YAML reads as something else than text."""
+
+
+def heading(program: PoseProgram, what: str) -> list[str]:
+    """Comments above the content: what it is, for people and for the reader."""
+    options = program.options
+    lines = [f"# {what}, joint values in rad", f"# program: {program.name}"]
+    if options.comment:
+        lines.append(f"# title: {comment_text('comment', options.comment)}")
+    if program.mark:
+        lines.append(f"# {program.mark}")
+    lines.append(
+        f"# tool frame {options.tool_frame}, user frame {options.user_frame}, "
+        f"speed {options.speed_percent} percent, settling {options.settle_s:g} s"
+    )
+    return lines
+
+
+def ending(program: PoseProgram) -> str:
+    """The last line, without which a file is cut off."""
+    return f"# end of {program.name}"
+
+
+def label(number: int, pose: ProgramPose) -> list[str]:
+    """Comments above a pose: a remark where it has one, its number and its name."""
+    lines = []
+    if pose.comment:
+        lines.append(f"# remark: {comment_text(f'comment of pose {pose.name!r}', pose.comment)}")
+    kind = "via" if pose.via else "pose"
+    return [*lines, f"# {kind} {number}: {comment_text('name of a pose', pose.name)}".rstrip(" :")]
+
+
+def comment_text(what: str, text: str) -> str:
+    """A text that can stand in a comment, and comes back as it is.
+
+    Raises
+    ------
+    InputError
+        It has line ends or other characters that cannot be seen, or spaces around it.
+    """
+    if not text.isprintable() or text != text.strip():
+        raise InputError(
+            f"{what} {text!a} cannot stand in a comment",
+            hint="use one line of printable characters, without spaces around it",
+            name=what,
+            value=text,
+        )
+    return text
+
+
+def check_options(program: PoseProgram) -> None:
+    """Refuse what a list of joint values cannot do; calls are left to who runs it.
+
+    Raises
+    ------
+    InputError
+        A digital output is to be pulsed, or positions kept in registers.
+    """
+    options = program.options
+    if options.measure_output is not None:
+        raise InputError(
+            "a list of joint values switches no output",
+            hint="leave out measure_output, or write a program for the controller",
+            name="measure_output",
+            value=options.measure_output,
+        )
+    if options.keep != "position":
+        raise InputError(
+            "a list of joint values has no registers",
+            hint='keep positions with keep = "position"',
+            name="keep",
+            value=options.keep,
+        )
+
+
+def joint_values(arm: Arm, program: PoseProgram) -> FloatArray:
+    """Joint values ``(N, n)`` [rad], rounded as they are written.
+
+    Raises
+    ------
+    InputError
+        A joint value is beyond +-720 deg.
+    """
+    return np.round(np.radians(shown_deg(arm, program.poses)), DECIMALS) + 0.0
+
+
+def value_lines(values: FloatArray, indent: str) -> list[str]:
+    """One line for each value of a row."""
+    return [f"{indent}- {value:.{DECIMALS}f}" for value in values.tolist()]
+
+
+def name_lines(arm: Arm, indent: str) -> list[str]:
+    """One line for each joint name, in quotes where YAML would read something else."""
+    return [f"{indent}- {_text(name)}" for name in arm.joint_names]
+
+
+def _text(name: str) -> str:
+    if _BARE.fullmatch(name) and name.lower() not in _YAML_WORDS:
+        return name
+    return json.dumps(name)

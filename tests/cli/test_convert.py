@@ -1,0 +1,102 @@
+"""``posedesign convert``, and what the tables of a plan say before their header."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from posedesign.cell import Cell
+from posedesign.tables import read_poses, read_robot_poses
+
+Cli = Callable[..., Any]
+Refuse = Callable[..., Any]
+
+
+def test_there_and_back(cli: Cli, work: Path) -> None:
+    """Through ROS and RoboDK to the usual table, with columns of other makers."""
+    planned = work / "poses.csv"
+    table = pd.read_csv(planned)
+    table["who"] = ["'=me()"] * len(table)
+    table.to_csv(planned, index=False)
+    wanted = read_poses(planned, 6)
+    cell, last = work / "cell.toml", planned
+    for form in ("ros", "robodk", "usual"):
+        last, source = work / f"{form}.csv", last
+        said = cli("convert", source, "--cell", cell, "--to", form, "--out", last)
+        assert (said.code, said.err) == (0, "")
+        assert said.out == f"wrote {last}: 27 poses\n"
+    found = read_poses(last, 6)
+    assert found.names == wanted.names
+    assert found.status == wanted.status
+    assert found.reasons == wanted.reasons
+    assert dict(found.extra) == {"who": ("=me()",) * len(found.names)}
+    np.testing.assert_allclose(found.postures, wanted.postures, rtol=0, atol=1e-10)
+    assert found.fingerprint == wanted.fingerprint
+    robot = Cell.load(cell).robot
+    ros = pd.read_csv(work / "ros.csv", comment="#")
+    named = [f"{name}_rad" for name in robot.joint_names]
+    np.testing.assert_allclose(ros[named], wanted.postures, rtol=0, atol=1e-11)
+    assert pd.read_csv(work / "robodk.csv").columns[:6].tolist() == [f"J{i}" for i in range(1, 7)]
+
+
+def test_plan_and_header_agree(cli: Cli, work: Path) -> None:
+    out = work / "out"
+    told = json.loads(cli("plan", work / "cell.toml", "--out", out, "--json").out)
+    found = read_poses(out / "poses.csv", 6)
+    assert found.fingerprint_written == found.fingerprint
+    for name, value in told["indices"].items():
+        written = found.header["poses measured" if name == "poses" else name]
+        assert float(written) == pytest.approx(value, rel=1e-9), name
+    table = pd.read_csv(out / "poses.csv", comment="#")
+    assert table["order"].tolist() == list(range(1, 29))
+    assert table["limit_margin_deg"].min() > 0.0
+    assert table["configuration"].notna().all()  # the reference robot is a FANUC
+
+
+def test_changed_poses_are_told(cli: Cli, work: Path) -> None:
+    out, cell = work / "out", work / "cell.toml"
+    cli("plan", cell, "--out", out)
+    text = (out / "poses.csv").read_text()
+    first = read_poses(out / "poses.csv", 6)
+    changed = pd.read_csv(out / "poses.csv", comment="#", dtype=str)
+    changed = changed.drop(columns=[c for c in changed if c.startswith("pendant")])
+    changed.loc[0, "j4_deg"] = str(float(changed.loc[0, "j4_deg"]) + 0.01)
+    comments = [line for line in text.splitlines(keepends=True) if line.startswith("#")]
+    path = work / "changed.csv"
+    path.write_text("".join(comments) + changed.to_csv(index=False))
+    said = cli("convert", path, "--cell", cell, "--to", "ros", "--out", work / "ros.csv", "--json")
+    assert "the postures are others than those that were planned" in said.err
+    told = json.loads(said.out)
+    assert told["fingerprint_written"] == first.fingerprint != told["fingerprint"]
+    again = read_robot_poses(work / "ros.csv", Cell.load(cell).robot)
+    assert again.fingerprint_written == first.fingerprint
+
+
+def test_what_cannot_be_converted(refuse: Refuse, work: Path) -> None:
+    path, cell = work / "ros.csv", work / "cell.toml"
+    path.write_text("joint1_rad,joint2_rad,joint3_rad,joint4_rad,joint5_rad,joint6_rad\n" + "1,2,")
+    words = ("convert", path, "--cell", cell, "--out", work / "out.csv")
+    refuse(*words).says("has 3 cells")
+    path.write_text(
+        "joint1_rad,joint2_rad,joint3_rad,joint4_rad,joint5_rad,joint6_rad\n1,1,1,1,1,1\n"
+    )
+    refuse(*words).says("no column joint_1_rad", "did you mean", "joint1_rad")
+    refuse("score", cell, path).says("the robot must be known", "posedesign convert")
+    refuse(*words, "--to", "xml").says("'xml' is not one of")
+    assert not (work / "out.csv").exists()
+
+
+def test_poses_outside_the_limits_are_told(
+    cli: Cli, work: Path, change_csv: Callable[[str, int, str, str], Path]
+) -> None:
+    poses = change_csv("poses.csv", 2, "j2_deg", "170")
+    said = cli("convert", poses, "--cell", work / "cell.toml", "--out", work / "out.csv")
+    assert said.code == 0
+    assert "joint_2 170.0 deg is above" in said.err
+    assert pd.read_csv(work / "out.csv", comment="#").loc[1, "limit_margin_deg"] < 0.0

@@ -1,0 +1,262 @@
+"""Touched-up positions come back from a program as the touch-ups that they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import FileFormatError, InputError
+from posedesign.cell import Cell
+from posedesign.planner import plan
+from posedesign.programming import (
+    arm_of,
+    program_options,
+    usual_dialect,
+    with_approaches,
+    write_program,
+)
+from posedesign.programs import PoseProgram, ProgramPose, write
+from posedesign.simulation import SimulatedRobot
+from posedesign.tables import PoseList, write_pose_list
+from posedesign.template import cell_template
+from posedesign.touch_up_import import import_touch_ups
+
+
+@pytest.fixture(scope="module")
+def planned(reference_cell: Cell) -> PoseList:
+    found = plan(reference_cell)
+    stops = found.stops
+    return PoseList(
+        tuple(name for name, _, _ in stops),
+        np.stack([q for _, q, _ in stops]),
+        np.array([via for _, _, via in stops]),
+    )
+
+
+@pytest.fixture(scope="module")
+def touched(reference_cell: Cell, planned: PoseList) -> np.ndarray:
+    """Where the simulated robot, with its errors, stands when the tool meets the target."""
+    robot = SimulatedRobot.of(reference_cell)
+    postures = robot.touch_up(planned.measured.postures, np.random.default_rng(3)).postures
+    return np.asarray(postures)
+
+
+def returned(
+    cell: Cell,
+    planned: PoseList,
+    touched: np.ndarray,
+    folder: Path,
+    form: str = "joint",
+    **how: object,
+) -> Path:
+    """The program with positions re-taught, as a backup of the controller would have it."""
+    options = replace(program_options(cell, planned, form), **how)  # type: ignore[arg-type]
+    arrived = iter(touched)
+    poses = tuple(
+        ProgramPose(name, q if via else next(arrived), via=bool(via))
+        for name, q, via in zip(planned.names, planned.postures, planned.via, strict=True)
+    )
+    return write(PoseProgram("BACK", poses, options, arm_of(cell)), "fanuc-ls", folder)[0]
+
+
+@pytest.mark.parametrize(("form", "off_deg"), [("joint", 1.1e-3), ("cartesian", 2e-3)])
+def test_what_was_touched_up_comes_back(
+    form: str,
+    off_deg: float,
+    reference_cell: Cell,
+    planned: PoseList,
+    touched: np.ndarray,
+    tmp_path: Path,
+) -> None:
+    path = returned(reference_cell, planned, touched, tmp_path, form)
+    back = import_touch_ups(reference_cell, [path], planned)
+    assert back.touch_ups.names == planned.measured.names
+    assert np.abs(np.rad2deg(back.touch_ups.postures - touched)).max() < off_deg
+    point = reference_cell.robot.state
+    tool = reference_cell.tool_m
+    moved = point(touched).point(tool) - point(planned.measured.postures).point(tool)
+    np.testing.assert_allclose(back.moved_mm, 1e3 * np.linalg.norm(moved, axis=1), atol=0.06)
+    assert (back.untouched, back.missing, back.warnings) == ((), (), ())
+
+
+def test_the_order_of_measuring_is_that_of_the_plan_not_of_the_file(
+    make_cell: Callable[..., Cell], tmp_path: Path
+) -> None:
+    """With postures passed through in between, which never count as touch-ups."""
+    cell = make_cell(plan={"approach": "same-side"})
+    found = plan(cell)
+    listed = PoseList.of_route(found.poses, found.route)
+    assert listed.via.sum() >= 27
+    touched = SimulatedRobot.of(cell).touch_up(listed.measured.postures, None).postures
+    back = import_touch_ups(cell, [returned(cell, listed, touched, tmp_path)], listed)
+    assert back.touch_ups.names == found.names
+    np.testing.assert_allclose(back.touch_ups.postures, touched, atol=2e-5)
+
+
+def test_poses_that_were_not_touched_up_are_left_out(
+    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    some = touched.copy()
+    some[[2, 5]] = planned.measured.postures[[2, 5]]
+    path = returned(reference_cell, planned, some, tmp_path)
+    names = planned.measured.names
+    back = import_touch_ups(reference_cell, [path], planned)
+    assert back.untouched == (names[2], names[5])
+    assert back.touch_ups.names == tuple(n for n in names if n not in back.untouched)
+    kept = import_touch_ups(reference_cell, [path], planned, keep_untouched=True)
+    assert kept.touch_ups.names == names
+    blind = import_touch_ups(reference_cell, [path])
+    assert blind.touch_ups.count == len(names)
+    assert np.isnan(blind.moved_mm).all()
+
+
+@pytest.mark.parametrize("form", ["joint", "cartesian"])
+def test_a_program_as_it_was_planned_is_no_measurement(
+    form: str, reference_cell: Cell, planned: PoseList, tmp_path: Path
+) -> None:
+    path = returned(reference_cell, planned, planned.measured.postures, tmp_path, form)
+    with pytest.raises(InputError, match="no position differs from the plan"):
+        import_touch_ups(reference_cell, [path], planned)
+
+
+def test_a_program_of_another_plan_is_refused(
+    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    other = replace(planned, postures=planned.postures + np.deg2rad(0.01))
+    path = returned(reference_cell, other, touched, tmp_path)
+    with pytest.raises(InputError, match=r"was written from the plan [0-9a-f]{8}, the poses are"):
+        import_touch_ups(reference_cell, [path], planned)
+    path.write_text(path.read_text().replace("PLAN", "NOTE"))
+    back = import_touch_ups(reference_cell, [path], planned)
+    assert back.warnings == (f"{path}: does not say which plan it was written from",)
+
+
+def test_parts_of_a_program_are_put_together(
+    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    path = returned(reference_cell, planned, touched, tmp_path)
+    text = path.read_text()
+    stored, end = text.index("/POS\n") + 5, text.index("/END")
+    start = text.index("P[10:", stored)
+    first, second = tmp_path / "A.LS", tmp_path / "B.LS"
+    first.write_text(text[:start] + text[end:])
+    second.write_text(text[:stored] + text[start:])
+    back = import_touch_ups(reference_cell, [second, first], planned)
+    assert sorted(back.touch_ups.names) == sorted(planned.measured.names)
+    part = import_touch_ups(reference_cell, [first], planned)
+    assert part.missing == planned.measured.names[9:]
+    with pytest.raises(InputError, match=r"pose P\d\d is in a file before it, too"):
+        import_touch_ups(reference_cell, [first, first], planned)
+
+
+def test_registers_come_back_by_their_numbers(
+    make_cell: Callable[..., Cell], planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    cell = make_cell(program={"keep": "register", "first_register": 31})
+    lines = ["[*POSREG*]$POSREG  Storage: SHADOW  Access: RW  : ARRAY[1,100] OF Position Reg"]
+    lines += [
+        "    [1,1] =   'HOME'   Group: 1",
+        "  J1 = 1.000 deg   J2 = 2.000 deg   J3 = 3.000 deg",
+    ]
+    lines += ["  J4 = 4.000 deg   J5 = 5.000 deg   J6 = 6.000 deg"]
+    for k, q in enumerate(arm_of(cell).shown(touched)):
+        lines.append(f"    [1,{31 + k}] =   ''   Group: 1")
+        values = [f"  J{j + 1} = {value:.3f} deg" for j, value in enumerate(q)]
+        lines += ["".join(values[:3]), "".join(values[3:])]
+    path = tmp_path / "POSREG.VA"
+    path.write_text("\n".join(lines) + "\n")
+    back = import_touch_ups(cell, [path], planned)
+    assert back.touch_ups.names == planned.measured.names
+    np.testing.assert_allclose(back.touch_ups.postures, touched, atol=2e-5)
+
+
+def test_a_list_in_csv_comes_back_by_its_names(
+    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    measured = planned.measured
+    path = tmp_path / "results.csv"
+    plan_of = (f"fingerprint: {planned.fingerprint}",)  # as an edited poses.csv has it
+    turned = PoseList(measured.names[::-1], touched[::-1], measured.via, comments=plan_of)
+    write_pose_list(path, turned, reference_cell.robot, reference_cell.tool_m)
+    back = import_touch_ups(reference_cell, [path], planned)
+    assert back.touch_ups.names == measured.names[::-1]
+    np.testing.assert_allclose(back.touch_ups.postures, touched[::-1], atol=1e-10)
+    text = path.read_text().replace(f"{measured.names[3]},", "X9,", 1)
+    path.write_text(text)
+    with pytest.raises(InputError, match="pose X9 is not in the plan"):
+        import_touch_ups(reference_cell, [path], planned)
+
+
+def test_what_is_odd_is_said(
+    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    off = touched.copy()
+    off[0, 0] += np.deg2rad(20.0)
+    off[1, 4] = np.deg2rad(-126.0)
+    path = returned(reference_cell, planned, off, tmp_path)
+    warnings = import_touch_ups(reference_cell, [path], planned).warnings
+    assert any("from the target" in line for line in warnings)
+    assert any("-126" in line for line in warnings)
+
+
+def test_a_program_of_a_cell_is_judged_as_it_is_rounded(
+    reference_cell: Cell, planned: PoseList, tmp_path: Path
+) -> None:
+    options = program_options(reference_cell, planned)
+    written = write_program(planned, tmp_path, "fanuc-ls", options, "CALIB01", reference_cell)
+    assert written.problems == ()
+    assert written.largest_rounding_deg < 1.1e-3
+    assert written.c_g_rounded == pytest.approx(written.c_g, rel=1e-3)
+    assert written.c_g_rounded != written.c_g
+    assert not written.warning
+    worse = replace(written, c_g_rounded=1.02 * (written.c_g or 0.0))
+    assert "rounding moved C_G by +2.0%" in worse.warning
+
+
+def test_each_pose_is_approached_from_one_side(reference_cell: Cell, planned: PoseList) -> None:
+    listed = with_approaches(reference_cell, planned.measured, 1.0)
+    steps = np.rad2deg(listed.postures[1::2] - listed.postures[::2])
+    assert listed.via.tolist() == [True, False] * 27
+    np.testing.assert_allclose(np.abs(steps), 1.0)
+    assert (steps == steps[0]).all() or np.allclose(steps, steps[0])
+    assert listed.measured.names == planned.measured.names
+    with pytest.raises(InputError, match="pass --cell"):
+        with_approaches(None, planned, 1.0)
+    with pytest.raises(InputError, match="approach_deg is 0"):
+        with_approaches(reference_cell, planned, 0.0)
+
+
+def test_a_list_that_is_approached_is_not_approached_again(make_cell: Callable[..., Cell]) -> None:
+    cell = make_cell(plan={"approach": "same-side"})
+    found = plan(cell)
+    with pytest.raises(InputError, match="approached from one side already"):
+        with_approaches(cell, PoseList.of_route(found.poses, found.route), 1.0)
+
+
+def test_the_usual_dialect_is_that_of_the_controller(
+    reference_cell: Cell, make_cell: Callable[..., Cell]
+) -> None:
+    assert usual_dialect(reference_cell) == usual_dialect(None) == "fanuc-ls"
+    panda = Cell.from_text(cell_template("panda"))
+    with pytest.raises(InputError, match="has a controller of franka"):
+        usual_dialect(panda)
+
+
+def test_user_frame_zero_is_the_world(make_cell: Callable[..., Cell]) -> None:
+    cell = make_cell(program={"user": {"at_mm": [1.0, 0.0, 0.0]}})
+    with pytest.raises(InputError, match="user frame 0 of a FANUC is the world"):
+        arm_of(cell)
+    moved = arm_of(make_cell(program={"user_frame": 2, "user": {"at_mm": [1.0, 0.0, 0.0]}}))
+    np.testing.assert_allclose(moved.T_world_user[:3, 3], [1e-3, 0, 0])
+    np.testing.assert_allclose(moved.T_tip_tool[:3, 3], cell.tool_m)
+
+
+def test_files_that_are_no_programs_are_named(reference_cell: Cell, tmp_path: Path) -> None:
+    path = tmp_path / "X.LS"
+    path.write_text("nothing")
+    with pytest.raises(FileFormatError, match="does not start with /PROG"):
+        import_touch_ups(reference_cell, [path])

@@ -1,0 +1,388 @@
+"""KUKA KRL: the reader takes what pendants, people and generators write, and names what it refuses."""
+
+from __future__ import annotations
+
+import random
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import FileFormatError
+from calib.robots import Robot
+from calib.se3 import transform
+from posedesign.programs import PoseProgram, ProgramOptions, ProgramPose, RecordedProgram, read
+from posedesign.programs.arm import Arm
+from posedesign.programs.kuka_krl import KukaKrl
+from posedesign.programs.kuka_krl.writer import render_kuka_krl
+
+# In the manner of a controller: headers, folds, data of inline forms, a home, a track at rest.
+EXPORT = """\
+&ACCESS RVP
+&REL 12
+&COMMENT nach Wartung
+&PARAM TEMPLATE = C:\\KRC\\Roboter\\Template\\vorgabe
+DEFDAT  TOUCHUP PUBLIC
+;FOLD EXTERNAL DECLARATIONS;%{PE}%MKUKATPBASIS,%CEXT,%VCOMMON,%P
+;FOLD BASISTECH EXT;%{PE}%MKUKATPBASIS,%CEXT,%VEXT,%P
+EXT  BAS (BAS_COMMAND  :IN,REAL  :IN )
+DECL INT SUCCESS
+;ENDFOLD (BASISTECH EXT)
+;ENDFOLD (EXTERNAL DECLARATIONS)
+; PLAN 00C0FFEE 2
+DECL E6AXIS XHOME={A1 0.0,A2 -90.0,A3 90.0,A4 0.0,A5 0.0,A6 0.0,E1 0.0}
+DECL BASIS_SUGG_T LAST_BASIS={POINT1[] "P2;          ",POINT2[] "{A1 1,A2 2}",CP_PARAMS[] "X"}
+DECL E6POS XP1={X 525.0,Y -10.0,Z 890.25,A 10.5,B -1.20000005E+01,C -178.565933,S 2,T 35,E1 500.0,E2 0.0,E3 0.0,E4 0.0,E5 0.0,E6 0.0}
+DECL FDAT FP1={TOOL_NO 3,BASE_NO 4,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}
+DECL PDAT PPDAT1={VEL 100.000,ACC 100.000,APO_DIST 100.000,GEAR_JERK 50.0000,EXAX_IGN 0}
+DECL LDAT LCPDAT1={VEL 2.0,ACC 100.0,APO_DIST 100.0,ORI_TYP #VAR}
+DECL GLOBAL E6AXIS xP2={ E6AXIS: a1 1 , a2 -2.5, A3 +3 ,A4 .5,A5 -5.,A6 6,E1 500.001}  ; touched; up
+decl axis Xleft = {A6 6, A5 5, A4 4, A3 3, A2 2, A1 1}
+GLOBAL POS P7={X 1,Y 2,Z 3,A 0,B 0,C 90}
+DECL FRAME XOFFSET={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}
+DECL E6POS XSCRATCH, XOTHER
+DECL E6AXIS TABLE[2]
+TABLE[2]={A1 9,A2 8,A3 7,A4 6,A5 5,A6 4}
+DECL LOAD LNEW={M 5.0,CM {X 0.0,Y 0.0,Z 0.0,A 0.0,B 0.0,C 0.0},J {X 0.0,Y 0.0,Z 0.0}}
+ENDDAT
+"""
+
+# In the manner of a generator, with subroutine, loop and inline forms of a pendant.
+SOURCE = """\
+&ACCESS RVP
+DEF measure_all ( )
+  DECL INT I
+;FOLD INI;%{PE}
+  GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )
+  BAS (#INITMOV,0 )
+;ENDFOLD (INI)
+;PLAN abcd1234 3
+$TOOL=TOOL_DATA[5]
+BAS(#BASE, 6)
+;FOLD PTP HOME  Vel= 100 % DEFAULT;%{PE}%MKUKATPBASIS,%CMOVE,%VPTP,%P 1:PTP, 2:HOME, 3:, 5:100
+PTP  XHOME
+;ENDFOLD
+PTP $AXIS_ACT
+PTP {A1 10, A2 -90, A3 90, A4 0, A5 15, A6 0, E1 0, E2 0, E3 0, E4 0, E5 0, E6 0}
+measure(1) ; the first
+ptp {x 500.0,y 0.0,z 700.0,a 0.0,b 90.0,c 0.0,s 'B010',t 'B000010'} C_PTP
+$TOOL={X 0,Y 0,Z 100,A 0,B 0,C 0}
+LIN {X 510.0,Y 0.0,Z 700.0,A 0.0,B 90.0,C 0.0}
+FOR I=1 TO 3
+  WAIT SEC 0.1
+ENDFOR
+END
+
+DEF sub( )
+END
+"""
+
+SMALL = """\
+DEFDAT CAL
+;PLAN abcdef12 2
+DECL E6AXIS XP1={A1 1.0,A2 2.0,A3 3.0,A4 4.0,A5 5.0,A6 6.0}
+DECL E6POS XP2={X 1.0,Y 2.0,Z 3.0,A 4.0,B 5.0,C 6.0,S 2,T 35}
+ENDDAT
+"""
+
+
+def parse(text: str, name: str = "X.dat") -> RecordedProgram:
+    return KukaKrl().parse(text.encode("latin-1"), Path(name))
+
+
+def test_a_controller_export_is_read() -> None:
+    program = parse(EXPORT.replace("\n", "\r\n"))
+    assert (program.name, program.comment) == ("TOUCHUP", "nach Wartung")
+    assert (program.fingerprint, program.mark.measured) == ("00c0ffee", 2)
+    found = {p.number: p for p in program.positions}
+    assert [(p.number, p.name) for p in program.positions] == [
+        (8, "XHOME"),
+        (1, ""),
+        (2, ""),
+        (9, "Xleft"),
+        (7, ""),
+        (10, "TABLE[2]"),
+    ]
+    assert [p.number for p in program.measured] == [1, 2]
+    assert (found[1].tool_frame, found[1].user_frame) == (3, 4)
+    assert (found[2].tool_frame, found[2].user_frame) == (None, None)
+    np.testing.assert_array_equal(np.asarray(found[2].shown_deg), [1, -2.5, 3, 0.5, -5, 6])
+    np.testing.assert_array_equal(np.asarray(found[9].shown_deg), [1, 2, 3, 4, 5, 6])
+    np.testing.assert_array_equal(np.asarray(found[10].shown_deg), [9, 8, 7, 6, 5, 4])
+    assert found[1].configuration is not None
+    assert found[1].configuration.words == "S 2,T 35"
+    assert found[7].configuration is None
+    rotated = transform([[1, 0, 0], [0, 0, -1], [0, 1, 0]], [0.001, 0.002, 0.003])
+    np.testing.assert_allclose(np.asarray(found[7].T_user_tool), rotated, atol=1e-15)
+    a, b, c = np.radians([10.5, -12.0000005, -178.565933])
+    turn = about_z(a) @ about_y(b) @ about_x(c)
+    expected = transform(turn, [0.525, -0.01, 0.89025])
+    np.testing.assert_allclose(np.asarray(found[1].T_user_tool), expected, atol=1e-12)
+    lines = EXPORT.splitlines()
+    assert all(re.search(r"=\s*\{", lines[p.line - 1]) for p in program.positions)
+
+
+def about_x(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+
+
+def about_y(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def about_z(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def test_positions_in_motions_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "measure_all.src"
+    path.write_text(SOURCE)
+    program = read(path)
+    assert (program.name, program.maker) == ("measure_all", "kuka")
+    assert program.mark.words == "PLAN abcd1234 3"
+    first, second, third = program.positions
+    assert [p.number for p in program.positions] == [1, 2, 3]
+    assert [p.tool_frame for p in program.positions] == [5, 5, None]  # the last set by value
+    assert [p.user_frame for p in program.positions] == [6, 6, 6]
+    np.testing.assert_array_equal(np.asarray(first.shown_deg), [10, -90, 90, 0, 15, 0])
+    assert second.configuration is not None
+    assert second.configuration.words == "S 2,T 2"
+    assert third.configuration is None
+
+
+def test_remarks_in_other_letters_are_passed_over() -> None:
+    text = SMALL.replace(";PLAN", "; für die Übung\n;PLAN")
+    assert len(parse(text).positions) == 2
+    for encoding in ("utf-8", "utf-8-sig", "latin-1"):
+        assert len(KukaKrl().parse(text.encode(encoding), Path("X.dat")).positions) == 2
+
+
+def test_a_source_that_assigns_its_positions() -> None:
+    text = (
+        "DEF CAL( )\nDECL E6AXIS P1, P2\nP1={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\n"
+        "P2={A1 2,A2 2,A3 3,A4 4,A5 5,A6 6}\nPTP P2\nPTP P1\nEND\n"
+    )
+    assert [p.number for p in parse(text, "CAL.src").positions] == [1, 2]
+
+
+P1 = "XP1={A1 1.0,A2 2.0,A3 3.0,A4 4.0,A5 5.0,A6 6.0}"
+SRC = "DEF CAL( )\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("ENDDAT\n", "", 5, "is cut off: there is no ENDDAT"),
+        ("DEFDAT CAL\n", "", 2, "does not begin with DEFDAT or DEF"),
+        (SMALL, "\n", 1, "there is no DEFDAT and no DEF"),
+        (SMALL[SMALL.index("DECL") : SMALL.index("ENDDAT")], "", None, "holds no positions"),
+        ("ENDDAT", "DEFDAT A\nENDDAT", 5, "A begins inside CAL"),
+        ("ENDDAT", f"ENDDAT\nDECL E6AXIS {P1}", 6, "behind the end"),
+        (P1, "XP1", 3, "XP1 has no value"),
+        ("A2 2.0,", "", 3, "XP1: A2 is missing"),
+        ("Y 2.0,", "", 4, "XP2: Y is missing"),
+        ("A2 2.0", "A1 2.0", 3, "XP1 has A1 twice"),
+        ("A2 2.0", "A7 2.0", 3, "XP1: A7 is no joint"),
+        ("A2 2.0", "Z 2.0", 3, "XP1 has Z beside A1"),
+        ("A2 2.0", "A2 ****", 3, r"A2 is '\*\*\*\*', not a number"),
+        ("A2 2.0", "A2 2.0.0", 3, "A2 is '2.0.0', not a number"),
+        ("A2 2.0", "A2 nan", 3, "A2 is 'nan', not a number"),
+        ("A2 2.0", "A2 #X", 3, "A2 is '#X', not a number"),
+        ("A2 2.0", "A2 720.1", 3, r"A2 is 720.1 deg, beyond \+-720"),
+        ("X 1.0", "X 1e6", 4, r"X is 1e6 mm, beyond \+-100000"),
+        ("A2 2.0", "A2 2.0 deg", 3, "cannot make sense of 'A2 2.0 deg"),
+        ("A2 2.0", "A2", 3, "cannot make sense of 'A2"),
+        ("6.0}\n", "6.0,}\n", 3, "cannot make sense of ''"),
+        ("6.0}\n", "6.0\n", 3, "cannot make sense of"),
+        ("XP1={", "XP1={{", 3, "cannot make sense of"),
+        ("XP1=", "XP 1=", 3, "cannot make sense of '1="),
+        ("DECL E6AXIS", "DECL E6AXXIS", 3, "cannot make sense of 'DECL E6AXXIS"),
+        ("XP2=", "xp1=", 4, "xp1 is there twice"),
+        (",T 35", "", 4, "XP2 has S and no T"),
+        ("S 2,", "", 4, "XP2 has T and no S"),
+        ("S 2", "S 99", 4, "XP2: Status and Turn"),
+        ("S 2", "S 'B002'", 4, "XP2: Status and Turn"),
+        ("T 35}", "T 35,E1 1.0}", None, ""),
+        ("CAL\n", "CAL\n\0", 2, "holds the byte 0x00"),
+        (P1, "\u00e4" + P1, 3, "cannot make sense of"),
+        (SMALL, SRC.replace("END\n", ""), 3, "there is no END"),
+        (SMALL, SRC.replace("PTP {", "PTP_REL {"), 2, "PTP_REL: only PTP and LIN"),
+        (SMALL, SRC.replace("PTP {", "CIRC {"), 2, "CIRC: only PTP and LIN"),
+        (SMALL, SRC.replace("6}", "6}:XOFF"), 2, "with an offset"),
+        (SMALL, SRC.replace("END", "PTP XP3\nEND"), 3, "XP3 is stored elsewhere"),
+        (SMALL, SRC.replace("END", "PTP P3[1]\nEND"), 3, "P3 is stored elsewhere"),
+        (SMALL, SRC.replace("END", "PTP XP3:XOFF\nEND"), 3, "with an offset"),
+        (SMALL, SRC.replace("END", "DEF B( )\nEND"), 3, "B begins inside CAL"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(
+    old: str, new: str, line: int | None, message: str
+) -> None:
+    assert SMALL.count(old) == 1
+    text = SMALL.replace(old, new)
+    if not message:
+        assert len(parse(text).positions) == 2
+        return
+    with pytest.raises(FileFormatError, match=message) as caught:
+        parse(text)
+    assert caught.value.row == line
+    assert caught.value.hint
+    assert "X.dat" in str(caught.value)
+
+
+def test_an_external_axis_may_not_carry_the_arm() -> None:
+    both = SMALL.replace("6.0}", "6.0,E1 100.0}").replace("T 35}", "T 35,E1 100.009}")
+    assert len(parse(both).positions) == 2  # what is shown of an axis at rest flickers
+    with pytest.raises(FileFormatError, match="XP2: E1 differs from that of XP1") as caught:
+        parse(both.replace("100.009", "100.02"))
+    assert caught.value.row == 4
+    home = f"DECL E6AXIS {P1}\n".replace("XP1", "XHOME").replace("6.0}", "6.0,E1 0.0}")
+    assert len(parse(both.replace("ENDDAT", home + "ENDDAT")).positions) == 3
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "DECL " + " " * 200_000 + "x",
+        "DECL E6AXIS XP3" + " " * 200_000 + "={A1 1",
+        "XP3={A1 1," + " " * 200_000 + "x",
+        "XP3={" + "A1 1," * 40_000,
+        "XP3={A1 " + "9" * 200_000 + "}",
+        "X" * 200_000 + "={A1 1}",
+        "{" * 200_000,
+        '"' * 200_001 + ";",
+        "BAS(" + " " * 200_000,
+        "PTP " + " " * 200_000 + "x",
+        ";P1" + " " * 200_000,
+        "P[" * 100_000,
+        "DEF " * 50_000,
+    ],
+    ids=range(13),
+)
+@pytest.mark.parametrize("text", [SMALL, SRC])
+def test_a_damaged_line_is_not_tried_in_every_way(line: str, text: str) -> None:
+    # Quadratic work on a line like these would take minutes.
+    damaged = text.replace("\n", "\n" + line + "\n", 1).encode("ascii")
+    refused_or_read(damaged)
+    KukaKrl().check(damaged, Path("/nowhere/CAL.dat"))
+
+
+def refused_or_read(data: bytes) -> RecordedProgram | None:
+    try:
+        program = KukaKrl().parse(data, Path("X.dat"))
+    except FileFormatError as error:
+        assert re.match(r"X\.dat(, line \d+)?: .", error.message)  # noqa: PT017
+        return None
+    assert program.name
+    assert program.positions
+    for position in program.positions:
+        value = position.T_user_tool if position.shown_deg is None else position.shown_deg
+        assert value is not None
+        assert np.isfinite(value).all()
+    numbers = [position.number for position in program.positions]
+    assert len(set(numbers)) == len(numbers)
+    assert min(numbers) >= 1
+    return program
+
+
+ARM = Arm.of(Robot.preset("kr6r900sixx"))
+TURNS = np.random.default_rng(5).uniform(-1.5, 1.5, (4, 6))
+PLANNED = tuple(ProgramPose(f"T{i}", q, via=i == 2) for i, q in enumerate(TURNS))
+WRITTEN = [
+    render_kuka_krl(
+        PoseProgram("CALPOSE", PLANNED, ProgramOptions(form=form, fingerprint="abcdef12")), ARM
+    )[0]
+    for form in ("joint", "cartesian")
+]
+PIECES = [*"{}[]():;,=.*!'\"/-+#$ \t\r\n", "\0", "\xe9", "A1 ", "XP1=", "DECL ", "E6POS ", "ENDDAT"]
+PIECES += ["1e5", "-0.0", "9" * 30, "DEF A( )\n", "END\n", "PTP ", "XM[1]=", "S 2,", ";FOLD"]
+
+
+def damaged(source: str, rng: random.Random) -> str:
+    kind = rng.randrange(6)
+    lines = source.split("\n")
+    i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
+    if kind == 0:
+        lines[i], lines[j] = lines[j], lines[i]
+    elif kind == 1:
+        lines.insert(i, lines[j])
+    elif kind == 2:
+        del lines[i]
+    elif kind == 3:
+        return source[: rng.randrange(len(source))]
+    else:
+        for _ in range(rng.randint(1, 3)):
+            at = rng.randrange(len(source) + 1)
+            piece = rng.choice(PIECES) if rng.random() < 0.5 else chr(rng.randrange(256))
+            source = source[:at] + piece + source[at + rng.randint(0, 3) :]
+        return source
+    return "\n".join(lines)
+
+
+def number_of_lines(text: str) -> dict[str, int]:
+    """How often each line stands in a text, by its instruction."""
+    lines = [line.split(";")[0].strip() for line in text.split("\n")]
+    return {line: lines.count(line) for line in lines}
+
+
+def check_damaged(seed: int) -> None:
+    """A clear error; or each position is an original one, or one whose line was touched."""
+    rng = random.Random(seed)
+    source = rng.choice([*WRITTEN, EXPORT, SMALL])
+    text = damaged(source, rng)
+    data = text.encode("latin-1")
+    KukaKrl().check(data, Path("/nowhere/X.dat"))
+    program = refused_or_read(data)
+    if program is None:
+        return
+    original = {p.number: p for p in parse(source).positions}
+    lines, before = text.split("\n"), number_of_lines(source)
+    for position in program.positions:
+        line = lines[position.line - 1].split(";")[0].strip()
+        if line not in before or not re.search(r"P\d+=", line):
+            continue  # touched, or of a name without a number
+        kept = original[position.number]
+        for now, then in (
+            (position.shown_deg, kept.shown_deg),
+            (position.T_user_tool, kept.T_user_tool),
+        ):
+            assert (now is None) == (then is None)
+            if now is not None and then is not None:
+                np.testing.assert_array_equal(now, then)
+        assert position.configuration == kept.configuration
+
+
+def test_damaged_programs_are_refused_or_read() -> None:
+    for seed in range(500):
+        check_damaged(seed)
+
+
+@pytest.mark.slow
+def test_damaged_programs_are_refused_or_read_long() -> None:
+    for seed in range(5000):
+        check_damaged(seed)
+
+
+def test_sources_with_damage_are_refused_or_read() -> None:
+    rng = random.Random(1)
+    for _ in range(300):
+        data = damaged(SOURCE, rng).encode("latin-1")
+        refused_or_read(data)
+        KukaKrl().check(data, Path("/nowhere/measure_all.src"))
+
+
+def test_random_bytes_are_refused() -> None:
+    rng = random.Random(2)
+    for n in range(200):
+        data = rng.randbytes(n)
+        assert refused_or_read(data) is None
+        assert KukaKrl().check(data, Path("/nowhere/X.dat"))
+
+
+def test_what_looks_like_a_program_is_recognised() -> None:
+    assert all(KukaKrl().recognises(text.encode()) for text in (EXPORT, SOURCE, SMALL, SRC))
+    assert not KukaKrl().recognises(b"MODULE Cal\n")

@@ -1,0 +1,367 @@
+"""Yaskawa jobs: the reader takes what controllers save, and says the line of what it refuses."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import FileFormatError
+from posedesign.programs import RecordedProgram
+from posedesign.programs.configurations import YaskawaConfiguration
+from posedesign.programs.reading import MOST_BYTES
+from posedesign.programs.yaskawa_jbi import YaskawaJbi
+
+PULSES = (1000.0, -2000.0, 500.0, 100.0, -100.0, 50.0)
+PATH = Path("X.JBI")
+
+# In the manner of a controller with a rail, a station and a second robot: comments in another
+# character set, tabs, steps added by hand, variables of several kinds.
+EXPORT = """\
+/JOB
+//NAME Touch-up 1
+//POS
+///NPOS 6,2,2,2,0,1
+///TOOL 3
+///POSTYPE PULSE
+///PULSE
+C00000=1000,2000,500,100,100,50
+C00001= 2000 , -4000, 0,+0,0,0
+C00002=9,9,9,9,9,9
+///TOOL 3
+///POSTYPE BASE
+///RECTAN
+///RCONF 1,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0
+C00003=820.000,0.000,614.000,180.0000,0.0000,0.0000
+///USER 12
+///TOOL 4
+///POSTYPE USER
+///RECTAN
+///RCONF 0,0,0,0,0,0,0,0
+C00004=1120.945,125.866,693.276,174.98,-5.28,-4.32
+///POSTYPE ROBOT
+///RECTAN
+C00005=1.,-.5,0.000,180.00,0.00,0.00
+BC00000=0.000,0.000
+BC00001=168.151,-13.261
+///POSTYPE PULSE
+///PULSE
+EC00000=15505
+EC00001=15505
+P00007=3000,0,0,0,0,0
+P00008=0,0,0,0,0,0
+EX00001=7
+//INST
+///DATE 2008/10/23 12:00
+///COMM after service
+///ATTR SC,RW,RJ
+////FRAME BASE
+///GROUP1 RB1,BS1,ST1
+///GROUP2 RB2
+///LVARS 1,0,0,0,0,0,0,0
+NOP
+'\x83e\x83X\x83g
+'PLAN 00C0FFEE 2
+\t'PULSES S 1000
+'PULSES L -2000.000
+'PULSES U 500
+'PULSES R 100
+'PULSES B -100
+'PULSES T 50.
+*LOOP
+SET B000 1
+\tMOVJ C00001 BC00001 EC00001 VJ=50.00 +MOVJ C00002
+' POSE 2 left of it
+DOUT OT#(5) ON
+MOVL C00003 BC00000 EC00000 V=100.0 PL=0 NWAIT
+MSG "MOVJ C00099"
+'POSE 1
+MOVJ C00000 BC00000 EC00001 VJ=0.78 PL=0
+CALL JOB:MEASURE
+GETS PX007 $PX000
+MOVL C00004 BC00000 EC00000 V=100.0
+MOVJ C00005 BC00000 EC00000 VJ=3.00
+MOVJ P[I000] VJ=3.00
+MOVJ P0008 BC00000 EC00000 VJ=3.00
+JUMP *LOOP IF IN#(12)=ON
+END
+"""
+
+
+def parse(text: str, dialect: YaskawaJbi | None = None) -> RecordedProgram:
+    return (dialect or YaskawaJbi()).parse(text.encode("latin-1"), PATH)
+
+
+def shown(program: RecordedProgram) -> dict[int, list[float]]:
+    return {
+        p.number: [float(v) for v in p.shown_deg]
+        for p in program.positions
+        if p.shown_deg is not None
+    }
+
+
+def test_a_controllers_job_is_read() -> None:
+    program = parse(EXPORT.replace("\n", "\r\n"))
+    assert (program.name, program.comment) == ("Touch-up 1", "after service")
+    assert (program.mark.fingerprint, program.mark.measured) == ("00c0ffee", 2)
+    # C00001, C00004, C00005 and P00008 belong to no pose; C00002 is the second robot's
+    assert [p.number for p in program.positions] == [1, 3, 2, 4, 5, 6]
+    assert [p.name for p in program.positions] == ["", "", "left of it", "", "", ""]
+    assert shown(program) == {
+        1: [3, 0, 0, 0, 0, 0],  # what GETS stored behind the call
+        3: [2, 2, 0, 0, 0, 0],
+        6: [0] * 6,
+    }
+    assert [p.user_frame for p in program.positions] == [None, None, 0, 12, 0, None]
+    assert [p.tool_frame for p in program.positions] == [4, 3, 3, 4, 4, 4]
+    at_base = program.positions[2]
+    assert at_base.configuration == YaskawaConfiguration(1, 0, 0, 0, 0, 0)
+    assert at_base.T_user_tool is not None
+    np.testing.assert_allclose(at_base.T_user_tool[:3, 3], [0.82, 0, 0.614])
+    np.testing.assert_allclose(at_base.T_user_tool[:3, :3], np.diag([1, -1, -1]), atol=1e-15)
+    lines = EXPORT.splitlines()
+    names = [lines[p.line - 1].split("=")[0] for p in program.positions]
+    assert names == ["P00007", "C00001", "C00003", "C00004", "C00005", "P00008"]
+
+
+SMALL = """\
+/JOB
+//NAME CAL
+//POS
+///NPOS 2,0,0,0,0,0
+///TOOL 0
+///POSTYPE PULSE
+///PULSE
+C00000=1000,2000,500,100,100,50
+C00001=2000,2000,500,100,100,50
+//INST
+///DATE 2026/01/01 00:00
+///ATTR SC,RW
+///GROUP1 RB1
+NOP
+MOVJ C00000 VJ=10.00
+MOVJ C00001 VJ=10.00
+END
+"""
+RATIOS = "".join(f"'PULSES {a} {v}\n" for a, v in zip("SLURBT", PULSES, strict=True))
+NOTED = SMALL.replace("NOP\n", "NOP\n" + RATIOS + "'POSE 1\n").replace(
+    "MOVJ C00001", "'POSE 2\nMOVJ C00001"
+)
+RECTAN = SMALL.replace(
+    "POSTYPE PULSE\n///PULSE", "POSTYPE BASE\n///RECTAN\n///RCONF 1,0,0,0,0,0,0,0"
+)
+
+
+def test_jobs_without_ratios_need_them() -> None:
+    with pytest.raises(FileFormatError, match="does not say how many are a degree") as caught:
+        parse(SMALL)
+    assert caught.value.row == 8
+    assert "S L U R B T: YaskawaJbi(pulses_per_deg=...)" in caught.value.hint
+    given = YaskawaJbi(PULSES)
+    expected = {1: [1.0, -1, 1, 1, -1, 1], 2: [2.0, -1, 1, 1, -1, 1]}
+    assert (
+        shown(parse(SMALL, given)) == shown(parse(NOTED)) == shown(parse(NOTED, given)) == expected
+    )
+    with pytest.raises(FileFormatError, match="are not those given"):
+        parse(NOTED, YaskawaJbi((*PULSES[:5], 51.0)))
+    assert len(parse(RECTAN).positions) == 2  # poses need none
+
+
+@pytest.mark.parametrize(
+    ("source", "old", "new", "line", "message"),
+    [
+        (NOTED, "/JOB\n", "", 24, "is no whole job: .* there is //POS, //INST, END"),
+        (NOTED, "END\n", "", 10, "is no whole job"),
+        (NOTED, "END\n", "END\n/JOB\n", 26, "is no whole job"),
+        (NOTED, "//POS\n", "//INST\n", 25, "is no whole job"),
+        (NOTED, "//NAME CAL\n", "", 1, "has no name"),
+        (NOTED, "CAL", "C\0L", 2, "holds the byte 0x00"),
+        (NOTED, "///NPOS 2,0,0,0,0,0\n", "", 3, "has no ///NPOS"),
+        (NOTED, "NPOS 2,", "NPOS 3,", 4, "says 3 C positions, there are 2"),
+        (NOTED, "NPOS 2,0,0,0", "NPOS 2,0,0,1", 4, "says 1 P positions, there are 0"),
+        (NOTED, "NPOS 2,", "NPOS x,", 4, "is not six counts"),
+        (NOTED, "///TOOL 0", "///NPOS 2,0,0,0,0,0", 5, "NPOS is there twice"),
+        (NOTED, "TOOL 0", "TOOL x", 5, "///TOOL 'x' is not a number"),
+        (NOTED, "C00001=", "C00000=", 9, "C00000 is there twice"),
+        (NOTED, "C00001=", "rubbish", 9, "cannot make sense of 'rubbish"),
+        (NOTED, "///PULSE\n", "", 7, "neither in pulses nor in a frame"),
+        (NOTED, "POSTYPE PULSE", "POSTYPE BASE", 8, "neither in pulses nor in a frame"),
+        (NOTED, "=1000,", "=", 8, "C00000 has 5 values"),
+        (NOTED, "=1000,", "=1,2,", 8, "C00000 has 7 values"),
+        (NOTED, "=1000,", "=1000.5,", 8, "S is '1000.5', not a whole number"),
+        (NOTED, "=1000,", "=1e3,", 8, "S is '1e3', not a whole number"),
+        (NOTED, "=1000,", "=,", 8, "S is '', not a whole number"),
+        (NOTED, "=1000,", "=720001,", 8, "S is 720001 pulses, 720 deg"),
+        (NOTED, "'PULSES B -100.0\n", "", 8, "'PULSES B is lost"),
+        (NOTED, "'PULSES B", "'PULSES T", 20, "the pulses/deg of T twice"),
+        (NOTED, "'PULSES B -100.0", "'PULSES B 0.0", 8, "pulses_per_deg of B is 0"),
+        (NOTED, "MOVJ C00000", "MOVJ C00009", 22, "C00009 is moved to, but not there"),
+        (NOTED, "MOVJ C00000 VJ=10.00\n", "", 21, "POSE 1 is not followed by a move"),
+        (NOTED, "MOVJ C00001 VJ=10.00\n", "", 23, "POSE 2 is not followed by a move"),
+        (NOTED, "MOVJ C00000", "MOVJ P[I000]", 21, "POSE 1 is not followed by a move"),
+        (NOTED, "'POSE 2", "'POSE 1", 23, "POSE 1 stands before two moves"),
+        (NOTED, "'POSE 2", "'POSE 0", 23, "counted from 1"),
+        (NOTED, "MOVJ C00001", "MOVJ C00000", 23, "position of POSE 1 and of POSE 2"),
+        (RECTAN, "///RCONF 1,0,0,0,0,0,0,0\n", "", 8, "C00000 has no ///RCONF above"),
+        (RECTAN, "RCONF 1,", "RCONF 2,", 8, "is not one of a six-axis"),
+        (RECTAN, "POSTYPE BASE", "POSTYPE USER", 9, "no ///USER says which"),
+        (RECTAN, "POSTYPE BASE", "POSTYPE MTOOL", 9, "in the frame 'MTOOL'"),
+        (RECTAN, "=1000,", "=nan,", 9, "X is 'nan', not a number"),
+        (RECTAN, "=1000,", "=1000000,", 9, "beyond"),
+        (RECTAN, "=1000,2000,500,100", "=1000,2000,500,721", 9, "Rx .* beyond"),
+        (RECTAN, "2,0,0,0,0,0", "0,0,0,0,0,0", 4, "says 0 C positions"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(
+    source: str, old: str, new: str, line: int, message: str
+) -> None:
+    assert old in source
+    with pytest.raises(FileFormatError, match=message) as caught:
+        parse(source.replace(old, new, 1))
+    assert caught.value.row == line
+    assert caught.value.hint
+    assert "X.JBI" in str(caught.value)
+
+
+def test_a_job_without_positions() -> None:
+    text = re.sub(r"(?m)^(C0000|MOVJ).*\n", "", SMALL).replace("NPOS 2", "NPOS 0")
+    with pytest.raises(FileFormatError, match="holds no positions"):
+        parse(text)
+
+
+def test_axes_that_carry_the_arm_stand_still() -> None:
+    moved = EXPORT.replace("C00003 BC00000", "C00003 BC00001")
+    with pytest.raises(FileFormatError, match="axes stand elsewhere") as caught:
+        parse(moved)
+    # the poses are compared in the order of their positions, C00000 first
+    assert moved.splitlines()[(caught.value.row or 0) - 1].startswith("MOVL C00003")
+    with pytest.raises(FileFormatError, match="axes stand elsewhere"):
+        parse(EXPORT.replace("EC00001=15505", "EC00001=15506"))
+    with pytest.raises(FileFormatError, match="axes stand elsewhere"):
+        parse(EXPORT.replace("C00003 BC00000 EC00000", "C00003 EC00000"))
+
+
+def test_positions_are_counted_without_comments() -> None:
+    text = re.sub(r"(?m)^' ?POSE.*\n", "", EXPORT).replace("BC00001 EC", "BC00000 EC")
+    assert [p.number for p in parse(text).positions] == [1, 2, 4, 5, 6, 7]
+
+
+def test_a_huge_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "X.JBI"
+    with path.open("wb") as stream:
+        stream.truncate(MOST_BYTES + 1)
+    with pytest.raises(FileFormatError, match="is larger than 20 MB"):
+        YaskawaJbi().read(path)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "C00000=" + " " * 200_000 + "x",
+        "C00000=" + "1," * 100_000,
+        "C00000=" + "9" * 200_000 + ",1,1,1,1,1",
+        "///" + "A" * 200_000,
+        "///NPOS" + " " * 200_000 + "x",
+        "///NPOS " + "1," * 100_000,
+        "MOVJ " + "C" * 200_000,
+        "MOVJ " + "C00000 " * 30_000,
+        "'POSE " + " " * 200_000 + "x",
+        "'POSE " + "1" * 200_000,
+        "'PULSES S " + "1" * 200_000,
+        "'PLAN " + " " * 200_000,
+        "GETS" + " " * 200_000,
+        "CALL JOB:" + "A" * 200_000,
+    ],
+    ids=range(14),
+)
+@pytest.mark.parametrize("before", ["///TOOL 0\n", "MOVJ C00001"])
+def test_a_damaged_line_is_not_tried_in_every_way(line: str, before: str) -> None:
+    # Quadratic work on a line like these would take minutes.
+    data = NOTED.replace(before, line + "\n" + before).encode()
+    read_or_refused(data)
+    YaskawaJbi().check(data, PATH)
+
+
+def read_or_refused(data: bytes) -> RecordedProgram | None:
+    try:
+        program = YaskawaJbi(PULSES).parse(data, PATH)
+    except FileFormatError as error:
+        assert re.match(r"X\.JBI(, line \d+)?: .", error.message)  # noqa: PT017
+        return None
+    assert program.name
+    assert program.positions
+    return program
+
+
+def mutations(text: str, count: int, seed: int) -> Iterator[tuple[str, set[int]]]:
+    """Damaged texts, and the lines whose content is not that of the original at that place."""
+    rng = np.random.default_rng(seed)
+    pieces = [*"0123456789,.=-+ '/:\n", "C00000", "POSE 1", "///", "END\n", "1e5", "\xe9", "\0"]
+    for _ in range(count):
+        kind = rng.integers(5)
+        lines = text.split("\n")
+        i, j = (int(k) for k in rng.integers(len(lines), size=2))
+        if kind == 0:
+            at = int(rng.integers(len(text)))
+            damaged = text[:at] + str(rng.choice(pieces)) + text[at + int(rng.integers(3)) :]
+        elif kind == 1:
+            lines[i], lines[j] = lines[j], lines[i]
+            damaged = "\n".join(lines)
+        elif kind == 2:
+            damaged = "\n".join([*lines[:i], lines[j], *lines[i:]])
+        elif kind == 3:
+            damaged = "\n".join(lines[:i] + lines[i + 1 :])
+        else:
+            damaged = text[: int(rng.integers(len(text)))]
+        original = set(text.split("\n"))
+        yield (
+            damaged,
+            {row for row, line in enumerate(damaged.split("\n"), 1) if line not in original},
+        )
+
+
+def check_damaged(count: int, seed: int) -> None:
+    """A damaged job is refused, or its positions are right where their lines are untouched."""
+    source = NOTED
+    good = parse(source)
+    values = {source.split("\n")[p.line - 1]: shown(good)[p.number] for p in good.positions}
+    read = 0
+    for damaged, changed in mutations(source, count, seed):
+        data = damaged.encode("latin-1")
+        YaskawaJbi().check(data, PATH)
+        program = read_or_refused(data)
+        if program is None:
+            continue
+        read += 1
+        lines = damaged.split("\n")
+        for position in program.positions:
+            if position.line in changed or position.shown_deg is None:
+                continue
+            assert values[lines[position.line - 1]] == position.shown_deg.tolist()
+    assert 0.2 * count < read < 0.9 * count
+
+
+def test_damaged_jobs_are_refused_or_read_right() -> None:
+    check_damaged(500, seed=1)
+
+
+@pytest.mark.slow
+def test_many_damaged_jobs_are_refused_or_read_right() -> None:
+    check_damaged(5000, seed=2)
+
+
+def test_damaged_exports_raise_nothing_else() -> None:
+    for damaged, _ in mutations(EXPORT, 500, seed=3):
+        read_or_refused(damaged.encode("latin-1"))
+        YaskawaJbi().check(damaged.encode("latin-1"), PATH)
+
+
+def test_random_files_are_refused() -> None:
+    rng = np.random.default_rng(4)
+    for size in rng.integers(0, 300, 300):
+        data = rng.bytes(int(size))
+        assert read_or_refused(data) is None
+        assert YaskawaJbi().check(data, PATH)

@@ -83,7 +83,7 @@ def _kept(cell: Cell, checker: Checker, constraint: Constraint) -> float:
     if isinstance(constraint, (JointLimits, CoupledLimits)):
         return checker.margin
     if isinstance(constraint, Collision):
-        return 0.0
+        return constraint.keep_m
     if isinstance(constraint, InImage) and cell.config.camera is not None:
         return cell.config.camera.border_px
     return 0.0

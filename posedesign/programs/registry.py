@@ -12,10 +12,21 @@ from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.program import PoseProgram, ProgramOptions
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Problem, RecordedProgram
+from posedesign.programs.ros import MoveitJoints, RobotCalibration, RosTrajectory
+from posedesign.programs.ur_script import UrScript
 from posedesign.programs.yaskawa_jbi import YaskawaJbi
 
 DIALECTS: dict[str, Dialect] = {
-    dialect.name: dialect for dialect in (FanucLs(), KukaKrl(), YaskawaJbi())
+    dialect.name: dialect
+    for dialect in (
+        FanucLs(),
+        KukaKrl(),
+        YaskawaJbi(),
+        UrScript(),
+        RosTrajectory(),
+        MoveitJoints(),
+        RobotCalibration(),
+    )
 }
 """All dialects by name. A new controller is a new file and one entry here."""
 

@@ -36,7 +36,7 @@ _GLOBAL = {"XHOME", "HOME"}
 
 @dataclass(frozen=True)
 class Line:
-    """A line of the file; ``code`` is without comment and without blanks around it."""
+    """A line of the file; ``code`` is without comment, runs of blanks as one."""
 
     row: int
     text: str
@@ -80,7 +80,7 @@ def split_module(text: str) -> Module:
     """Sort the lines of a file; never fails."""
     module = Module()
     for row, raw in enumerate(text.split("\n"), start=1):
-        line = Line(row, raw.rstrip("\r"), _code(raw).strip())
+        line = Line(row, raw.rstrip("\r"), " ".join(_code(raw).split()))
         module.lines.append(line)
         if not line.code or line.code.startswith("&"):
             continue
@@ -122,7 +122,7 @@ def _sort(module: Module, line: Line) -> None:
             module.fields.append(_fields(line.row, name, value[1] or "", value[3]))
             module.declared.setdefault(name, []).append((line.row, "value"))
     elif declared:
-        for part in re.findall(r"[A-Z_]\w*(?: *\[[^\]]*\])?", declared[2], _IGNORE):
+        for part in re.findall(r"[A-Z_]\w*(?: *\[[^\]]{0,20}\])?", declared[2], _IGNORE):
             name = part.upper().replace(" ", "")
             module.declared.setdefault(name, []).append((line.row, ""))
 

@@ -87,7 +87,7 @@ def parse_kuka_krl(data: bytes, path: Path | str) -> RecordedProgram:
     module = _Module()
     lines = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1").split("\n")
     for row, raw in enumerate(lines, start=1):
-        code, remark = _divided(raw.strip())
+        code, remark = _divided(raw)
         if remark is not None:
             _take_remark(module, remark.strip())
         if code.startswith("&"):
@@ -110,16 +110,17 @@ def parse_kuka_krl(data: bytes, path: Path | str) -> RecordedProgram:
 
 
 def _divided(line: str) -> tuple[str, str | None]:
-    """The instruction, and the comment behind it."""
+    """The instruction, blanks in it as one, and the comment behind it."""
+    # runs of blanks as one: a damaged line must not be retried for each way to divide them
     if '"' not in line:
         code, semicolon, remark = line.partition(";")
-        return code.rstrip(), remark if semicolon else None
+        return " ".join(code.split()), remark if semicolon else None
     quoted = False
     for at, character in enumerate(line):
         quoted ^= character == '"'
         if character == ";" and not quoted:
-            return line[:at].rstrip(), line[at + 1 :]
-    return line, None
+            return " ".join(line[:at].split()), line[at + 1 :]
+    return " ".join(line.split()), None
 
 
 def _take_header(module: _Module, code: str) -> None:

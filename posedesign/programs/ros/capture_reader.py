@@ -42,7 +42,7 @@ def parse_moveit_joints(data: bytes, path: Path) -> RecordedProgram:
     for count, row in enumerate(rows, start=1):
         line = line_of(row)
         entries.append((line, names, values_at(row, names, f"row {count}", path, line)))
-    return numbered(document, entries)
+    return numbered(document, entries, timed=False)
 
 
 def parse_robot_calibration(data: bytes, path: Path) -> RecordedProgram:
@@ -74,8 +74,10 @@ def parse_robot_calibration(data: bytes, path: Path) -> RecordedProgram:
         names = names_at(joints, f"{what}: joints", path, line)
         values = values_at(positions, names, f"{what}: positions", path, line)
         if entries and set(names) != set(entries[0][1]):
-            refuse(f"{what} has other joints than entry 1", path, line, "keep the joints of one arm")
+            refuse(
+                f"{what} has other joints than entry 1", path, line, "keep the joints of one arm"
+            )
         entries.append((line, names, values))
     if not entries:
         refuse("holds no poses", path, line_of(root), "is it the right file?")
-    return numbered(document, entries)
+    return numbered(document, entries, timed=False)

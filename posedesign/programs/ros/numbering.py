@@ -10,12 +10,15 @@ from posedesign.programs.ros.yaml_reading import Document, Label, labels_of
 
 
 def numbered(
-    document: Document, entries: list[tuple[int, tuple[str, ...], list[float]]]
+    document: Document,
+    entries: list[tuple[int, tuple[str, ...], list[float]]],
+    *,
+    timed: bool,
 ) -> RecordedProgram:
     """The program of entries (line, joint names, joint values [rad]) in the order of the file.
 
-    An entry with the joint values of the one before is the arm standing there, and counts once.
-    Where no entry has a comment with its number, they are counted from 1.
+    In a list with times an entry with the joint values of the one before is the arm standing there,
+    and counts once. Where no entry has a comment with its number, they are counted from 1.
 
     Raises
     ------
@@ -27,7 +30,7 @@ def numbered(
     seen: set[int] = set()
     before: list[float] | None = None
     for (line, names, values), label in zip(entries, labels, strict=True):
-        stands = before is not None and values == before
+        stands = timed and values == before
         if label is not None and label.kind == "hold":
             _check_standing(document, label, positions, stands)
         if stands and (label is None or label.kind == "hold"):

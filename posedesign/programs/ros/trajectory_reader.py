@@ -49,7 +49,7 @@ def parse_trajectory(data: bytes, path: Path) -> RecordedProgram:
         positions = map_at(point, what, path).get("positions")
         values = values_at(positions, names, f"{what}: positions", path, line)
         entries.append((line, names, values))
-    return numbered(document, entries)
+    return numbered(document, entries, timed=True)
 
 
 def _trajectory(node: Node) -> Node:

@@ -162,13 +162,13 @@ def list_at(node: Node | None, what: str, path: Path, line: int) -> list[Node]:
 
 def names_at(node: Node | None, what: str, path: Path, line: int) -> tuple[str, ...]:
     """Joint names: at least one, each once."""
-    names: list[str] = []
+    names: dict[str, None] = {}
     for item in list_at(node, what, path, line):
         if not isinstance(item, tuple) or not item[0].strip():
             refuse(f"{what} holds something that is not a name", path, line_of(item))
         if item[0] in names:
             refuse(f"{what} has {item[0][:60]!r} twice", path, item[1])
-        names.append(item[0])
+        names[item[0]] = None
     if not names:
         refuse(f"{what} is empty", path, line)
     return tuple(names)
@@ -266,7 +266,8 @@ def _fill(roots: list[Node], text: str, path: Path) -> None:
     for event in yaml.parse(text, Loader=_LOADER):
         kind = type(event)
         if kind is yaml.ScalarEvent:
-            _refuse_extras(event, path)
+            if event.anchor is not None or event.tag is not None:
+                _refuse_extras(event, path)
             items.append((event.value, event.start_mark.line + 1, not event.style))
         elif kind is yaml.SequenceStartEvent or kind is yaml.MappingStartEvent:
             _refuse_extras(event, path)

@@ -51,8 +51,8 @@ def label(number: int, pose: ProgramPose) -> list[str]:
     lines = []
     if pose.comment:
         lines.append(f"# remark: {comment_text(f'comment of pose {pose.name!r}', pose.comment)}")
-    kind = "via" if pose.via else "pose"
-    return [*lines, f"# {kind} {number}: {comment_text('name of a pose', pose.name)}".rstrip(" :")]
+    words = f"# {'via' if pose.via else 'pose'} {number}"
+    return [*lines, f"{words}: {comment_text('name of a pose', pose.name)}" if pose.name else words]
 
 
 def comment_text(what: str, text: str) -> str:
@@ -106,7 +106,7 @@ def joint_values(arm: Arm, program: PoseProgram) -> FloatArray:
     InputError
         A joint value is beyond +-720 deg.
     """
-    return np.round(np.radians(shown_deg(arm, program.poses)), DECIMALS) + 0.0
+    return np.asarray(np.round(np.radians(shown_deg(arm, program.poses)), DECIMALS) + 0.0)
 
 
 def value_lines(values: FloatArray, indent: str) -> list[str]:

@@ -15,8 +15,8 @@ from posedesign.programs.configurations import YaskawaConfiguration
 from posedesign.programs.reading import MOST_JOINT_DEG, joint_deg, millimetres, refuse
 from posedesign.programs.yaskawa_jbi.pulses import AXES
 
-_HEADING = re.compile(r"///\s*([A-Z]+)\s*(.*?)\s*", re.ASCII)
-_VARIABLE = re.compile(r"(C|BC|EC|P|BP|EX)(\d{1,5})\s*=\s*(.*?)\s*", re.ASCII)
+_HEADING = re.compile(r"///\s*([A-Z]+)(.*)", re.ASCII)
+_VARIABLE = re.compile(r"(C|BC|EC|P|BP|EX)(\d{1,5})\s*=(.*)", re.ASCII)
 _WHOLE = re.compile(r"[-+]?\d{1,10}", re.ASCII)
 
 KINDS = ("C", "BC", "EC", "P", "BP", "EX")
@@ -59,7 +59,7 @@ class PositionSection:
         heading = _HEADING.fullmatch(text)
         variable = _VARIABLE.fullmatch(text)
         if heading:
-            self._head(heading[1], heading[2], row)
+            self._head(heading[1], heading[2].strip(), row)
         elif variable:
             self._take(variable[1], int(variable[2]), variable[3], row)
         else:

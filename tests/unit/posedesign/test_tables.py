@@ -262,6 +262,9 @@ def test_nearly_good_files_are_read_or_refused(tmp_path: Path, rows: list[list[s
         ("=SUM(A1)", "'=SUM(A1)"),
         ("+1", "'+1"),
         ("@x", "'@x"),
+        ("  =x", "'  =x"),  # spreadsheets look past the spaces
+        ("\N{FULLWIDTH EQUALS SIGN}x", "'\N{FULLWIDTH EQUALS SIGN}x"),
+        ("two\r\nlines", '"two\nlines"'),
         ("-1", "'-1"),
         ("#1", '"\'#1"'),  # pandas takes what stands after a bare # for a comment
         ("'x", "''x"),

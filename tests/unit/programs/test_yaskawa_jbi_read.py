@@ -261,6 +261,8 @@ def test_a_huge_file_is_refused(tmp_path: Path) -> None:
     "line",
     [
         "C00000=" + " " * 200_000 + "x",
+        "C00000=1" + " " * 200_000 + "x",
+        "///TOOL 0" + " " * 200_000 + "x",
         "C00000=" + "1," * 100_000,
         "C00000=" + "9" * 200_000 + ",1,1,1,1,1",
         "///" + "A" * 200_000,
@@ -275,7 +277,7 @@ def test_a_huge_file_is_refused(tmp_path: Path) -> None:
         "GETS" + " " * 200_000,
         "CALL JOB:" + "A" * 200_000,
     ],
-    ids=range(14),
+    ids=range(16),
 )
 @pytest.mark.parametrize("before", ["///TOOL 0\n", "MOVJ C00001"])
 def test_a_damaged_line_is_not_tried_in_every_way(line: str, before: str) -> None:

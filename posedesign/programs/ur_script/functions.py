@@ -1,0 +1,31 @@
+"""URScript as the strict validator knows it: the functions of the language."""
+
+_NAMES = """
+abs acos asin atan atan2 binary_list_to_integer ceil cos d2r end_force_mode end_freedrive_mode
+end_teach_mode floor force force_mode freedrive_mode get_actual_joint_positions
+get_actual_joint_speeds get_actual_tcp_pose get_actual_tcp_speed get_analog_in
+get_configurable_digital_in get_controller_temp get_digital_in get_flag get_forward_kin
+get_inverse_kin get_inverse_kin_has_solution get_joint_temp get_joint_torques get_list_length
+get_robot_current get_standard_analog_in get_standard_digital_in get_standard_digital_out
+get_steptime get_target_joint_positions get_target_joint_speeds get_target_payload
+get_target_tcp_pose get_tcp_force get_tcp_offset get_tool_digital_in halt integer_to_binary_list
+interpolate_pose inv is_steady is_within_safety_limits join kill length log make_list
+modbus_add_signal movec movej movel movep norm normalize point_dist popup pose_add pose_dist
+pose_inv pose_sub pose_trans position_deviation_warning pow powerdown protective_stop r2d random
+read_input_boolean_register read_input_float_register read_input_integer_register read_port_bit
+read_port_register request_boolean_from_primary_client request_float_from_primary_client
+request_integer_from_primary_client request_string_from_primary_client reset_revolution_counter
+rotvec2rpy rpc_factory rpy2rotvec rtde_set_watchdog run servoc servoj set_analog_out
+set_configurable_digital_out set_digital_out set_flag set_gravity set_payload set_payload_cog
+set_payload_mass set_standard_analog_out set_standard_digital_out set_target_payload set_tcp
+set_tool_communication set_tool_digital_out set_tool_voltage sin size sleep socket_close
+socket_get_var socket_open socket_read_ascii_float socket_read_binary_integer socket_read_line
+socket_read_string socket_send_byte socket_send_int socket_send_line socket_send_string
+socket_set_var speedj speedl sqrt stopj stopl str_at str_cat str_empty str_find str_len str_sub
+struct sync tan teach_mode textmsg time to_num to_str tool_contact wrench_trans
+write_output_boolean_register write_output_float_register write_output_integer_register
+write_port_bit write_port_register zero_ftsensor
+"""
+
+FUNCTIONS = frozenset(_NAMES.split())
+"""Of the URScript manual, for CB3 and e-Series; those of URCaps are not among them."""

@@ -1,0 +1,168 @@
+"""Universal Robots URScript programs (``.script``): the reader of what is written and generated.
+
+Positions are the targets of ``movej``, ``movel`` and ``movep`` in their order: lists of joints and
+poses ``p[...]``, there or in variables (``q1=[...]``, ``global Waypoint_1_q=[...]``), also inside
+``get_inverse_kin`` and ``pose_trans``; a target that is moved to again is one position. Without any
+move the lists of joints in variables are taken. Numbers are those of comments ``# POSE n name``
+above the moves, where there are any: other targets then stand behind all.
+
+A pose whose joints stand beside it has both: PolyScope stores ``Waypoint_1_p`` and ``Waypoint_1_q``
+together, and below ``# POSE n`` the joints are those planned. Any other ``qnear`` only says which
+arm position is near, and a pose with it is a pose alone. What cannot be known from the text, like
+``movej(pose_add(...))``, is refused, but for moves that are none of the numbered poses.
+
+What the robot did is in the log of a run, not in the script: see :mod:`.log`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.se3 import FloatArray, rotation_exp, transform
+from posedesign.programs.reading import refuse
+from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.ur_script.targets import Target, Variables, split_arguments
+from posedesign.programs.ur_script.values import decoded, joints_deg, pose_values
+
+_DEF = re.compile(r"\s*def\s+([A-Za-z]\w{0,63})\s*\(", re.ASCII)
+_OPENS = re.compile(r"\s*(?:def|thread|if|while|for|sec|switch)\b.*:\s*", re.ASCII)
+_ENDS = re.compile(r"\s*end\b", re.ASCII)
+_MOVE = re.compile(r"(?<![\w.])(movej|movel|movep|movec)\s*\(", re.ASCII)
+_POSE = re.compile(r"\s*POSE\s+(\d{1,6})(?!\w)\s*(.*)", re.ASCII)
+_TITLE = re.compile(r"\s*Title:\s*(.*)")
+_STRING = re.compile(r'"[^"]*"')
+
+
+def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
+    """Program in the content of a file; see the module.
+
+    Raises
+    ------
+    FileFormatError
+        The file is no script, is cut off, or holds a position that cannot be read.
+    """
+    reader = _ScriptReader(path)
+    lines = decoded(data, path).split("\n")
+    for row, line in enumerate(lines, start=1):
+        reader.feed(line, row)
+    if reader.depth > 0:
+        refuse("is cut off: a def, if, while, ... has no end", path, len(lines), "copy it again")
+    positions = reader.positions()
+    if not positions:
+        refuse("holds no positions", path, None, "name a script with movej, or the log of its run")
+    name = reader.name or Path(path).stem
+    return RecordedProgram(name, reader.title, reader.mark, positions, "ur")
+
+
+class _ScriptReader:
+    """Goes through the statements, one line at a time."""
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = path
+        self.name = self.title = ""
+        self.mark = PlanMark()
+        self.depth = 0
+        self._variables = Variables()
+        self._found: dict[tuple[str, int], Target] = {}
+        self._poses: dict[tuple[str, int], tuple[int, str]] = {}
+        self._numbers: dict[int, tuple[str, int]] = {}
+        self._pose: tuple[int, str, int] | None = None
+        self._unknown: tuple[str, int] | None = None
+
+    def feed(self, line: str, row: int) -> None:
+        """Take one more line."""
+        # texts in quotes may hold anything
+        code, mark, comment = (_STRING.sub('""', line) if '"' in line else line).partition("#")
+        if mark:
+            self._comment(comment, row)
+        if not code or code.isspace():
+            return
+        definition = _DEF.match(code)
+        if definition and not self.name:
+            self.name = definition[1]
+        if _OPENS.fullmatch(code):
+            self.depth += 1
+        elif _ENDS.match(code):
+            self.depth -= 1
+        move = _MOVE.search(code)
+        if move:
+            self._move(move[1], code, move.end(), row)
+        else:
+            self._variables.assign(code, row)
+
+    def positions(self) -> tuple[RecordedPosition, ...]:
+        """All positions, numbered."""
+        self._no_pose_left()
+        if self._unknown is not None and not self._poses:
+            text, row = self._unknown
+            reason = f"the target {text[:40]!a} cannot be known from the text"
+            refuse(reason, self.path, row, "move to a list of joints, or read the log of a run")
+        found = self._found or self._variables.joint_targets()
+        numbers = [number for number, _ in self._poses.values()]
+        last = max([*numbers, self.mark.measured or 0]) if numbers else 0
+        out: list[RecordedPosition] = []
+        posed: list[tuple[int, FloatArray]] = []
+        frame = next((target.frame for target in found.values() if target.pose is not None), "")
+        for key, target in found.items():
+            last += key not in self._poses
+            number, name = self._poses.get(key, (last, target.name))
+            what = f"position {number}"
+            shown = None
+            if target.joints is not None:
+                shown = joints_deg(target.joints, what, self.path, target.row)
+            if target.pose is not None:
+                posed.append((len(out), pose_values(target.pose, what, self.path, target.row)))
+                if target.frame != frame:
+                    reason = f"{what} is in another frame than positions before"
+                    hint = "use one frame in pose_trans, or joints"
+                    refuse(reason, self.path, target.row, hint)
+            out.append(RecordedPosition(number, name, target.row, shown))
+        if posed:
+            values = np.stack([row for _, row in posed])
+            poses = transform(rotation_exp(values[:, 3:]), values[:, :3])
+            for (i, _), pose in zip(posed, poses, strict=True):
+                out[i] = replace(out[i], T_user_tool=pose)
+        return tuple(out)
+
+    def _comment(self, text: str, row: int) -> None:
+        pose, title = _POSE.fullmatch(text), _TITLE.fullmatch(text)
+        if pose:
+            self._no_pose_left()
+            self._pose = (int(pose[1]), pose[2].strip(), row)
+        elif title:
+            self.title = self.title or title[1].strip()
+        elif text.lstrip().startswith("PLAN") and not self.mark.fingerprint:
+            self.mark = PlanMark.found_in(text) or self.mark
+
+    def _no_pose_left(self) -> None:
+        if self._pose is not None:
+            reason = f"POSE {self._pose[0]} is not followed by a move to a position"
+            refuse(reason, self.path, self._pose[2], "put the move back, or remove the comment")
+
+    def _move(self, kind: str, code: str, start: int, row: int) -> None:
+        arguments = split_arguments(code, start)
+        if arguments is None:
+            refuse(f"{kind} has no closing bracket", self.path, row)
+        target = None
+        if kind != "movec":
+            target = self._variables.target(arguments[0], row, planned=self._pose is not None)
+        if target is None:
+            self._no_pose_left()
+            self._unknown = self._unknown or (arguments[0].strip(), row)
+            return
+        key = (target.variable, target.row)
+        self._found.setdefault(key, target)
+        if self._pose is None:
+            return
+        number, name, line = self._pose
+        self._pose = None
+        if self._poses.setdefault(key, (number, name))[0] != number:
+            refuse("is the position of two poses", self.path, line, "give each its own")
+        if number < 1:
+            refuse("poses are counted from 1", self.path, line)
+        if self._numbers.setdefault(number, key) != key:
+            refuse(f"POSE {number} is there twice", self.path, line, "remove one of them")

@@ -1,0 +1,142 @@
+"""URScript expressions that a move can have as its target, as far as their text tells them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+from posedesign.programs.ur_script.values import JOINTS
+
+_ASSIGNED = re.compile(r"(?:(?:global|local)\s+)?([A-Za-z_]\w{0,99})\s*=(.*)", re.ASCII)
+_LIST = re.compile(r"(p?)\s*\[([^\[\]]*)\]", re.ASCII)
+_NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+_CALL = re.compile(r"(get_inverse_kin|pose_trans)\s*\(", re.ASCII)
+_NEAR = re.compile(r"qnear\s*=\s*", re.ASCII)
+_STEM = re.compile(r"(.+)_[qp]")
+_POINTS = re.compile(r"[()\[\],]")
+
+_DEEPEST = 4
+"""get_inverse_kin(pose_trans(frame, pose)) with variables needs no more."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A list of joints, or a pose, or both, as they stand.
+
+    Attributes
+    ----------
+    row : int
+        Line on which it stands.
+    variable : str
+        That holds it; empty where it stands in the move itself.
+    joints, pose : str or None
+        What is inside the brackets.
+    frame : str
+        What the pose is in, as it stands; empty for the base frame.
+    """
+
+    row: int
+    variable: str
+    joints: str | None = None
+    pose: str | None = None
+    frame: str = ""
+
+    @property
+    def name(self) -> str:
+        """The variable's name without PolyScope's _q and _p."""
+        stem = _STEM.fullmatch(self.variable)
+        return stem[1] if stem else self.variable
+
+
+class Variables:
+    """Lists that were assigned so far."""
+
+    def __init__(self) -> None:
+        self._lists: dict[str, Target] = {}
+
+    def assign(self, code: str, row: int) -> None:
+        """Take a statement; others than assignments are ignored."""
+        assigned = _ASSIGNED.fullmatch(code.strip())
+        if not assigned:
+            return
+        found = _LIST.fullmatch(assigned[2].strip())
+        if found:
+            joints, pose = (None, found[2]) if found[1] else (found[2], None)
+            self._lists[assigned[1]] = Target(row, assigned[1], joints, pose)
+        else:
+            self._lists.pop(assigned[1], None)
+
+    def joint_targets(self) -> dict[tuple[str, int], Target]:
+        """Variables that hold joints, each with the pose that PolyScope stores beside it."""
+        out = {}
+        for name, target in self._lists.items():
+            if target.joints is not None and target.joints.count(",") == JOINTS - 1:
+                beside = self._lists.get(f"{target.name}_p")
+                pose = beside.pose if beside is not None and name.endswith("_q") else None
+                out[name, target.row] = replace(target, pose=pose)
+        return out
+
+    def target(
+        self, text: str, row: int, *, planned: bool = False, depth: int = 0
+    ) -> Target | None:
+        """What an expression is; None where its text does not tell.
+
+        ``planned``: joints beside a pose in the move itself are those of the pose.
+        """
+        text = text.strip()
+        found = _LIST.fullmatch(text)
+        if found:
+            joints, pose = (None, found[2]) if found[1] else (found[2], None)
+            return Target(row, "", joints, pose)
+        if _NAME.fullmatch(text):
+            return self._lists.get(text)
+        call = _CALL.match(text)
+        arguments = split_arguments(text, call.end()) if call else None
+        if call is None or arguments is None or depth > _DEEPEST:
+            return None
+        if call[1] == "pose_trans":
+            return self._in_frame(arguments, row, depth)
+        return self._inverse(arguments, row, planned, depth)
+
+    def _in_frame(self, arguments: list[str], row: int, depth: int) -> Target | None:
+        if len(arguments) != 2:
+            return None
+        inner = self.target(arguments[1], row, depth=depth + 1)
+        frame = self.target(arguments[0], row, depth=depth + 1)
+        if inner is None or inner.pose is None or frame is None or frame.pose is None:
+            return None
+        return replace(inner, frame=f"{frame.pose} {inner.frame}".strip())
+
+    def _inverse(self, arguments: list[str], row: int, planned: bool, depth: int) -> Target | None:
+        pose = self.target(arguments[0], row, depth=depth + 1)
+        if pose is None or pose.pose is None:
+            return None
+        named = [text for text in arguments[1:] if _NEAR.match(text.strip())]
+        near_text = _NEAR.sub("", named[0].strip(), count=1) if named else "".join(arguments[1:2])
+        near = self.target(near_text, row, depth=depth + 1)
+        if near is None or near.joints is None:
+            return pose
+        in_pair = bool(pose.variable) and (pose.variable, near.variable) == (
+            f"{pose.name}_p",
+            f"{pose.name}_q",
+        )
+        in_move = planned and not pose.variable and not near.variable
+        return replace(pose, joints=near.joints) if in_pair or in_move else pose
+
+
+def split_arguments(text: str, start: int) -> list[str] | None:
+    """Arguments of a call, from behind its opening bracket on; None where it is not closed."""
+    arguments: list[str] = []
+    depth, begin = 0, start
+    for found in _POINTS.finditer(text, start):
+        character, at = found[0], found.start()
+        if character in "([":
+            depth += 1
+        elif character == ")" and depth == 0:
+            return [*arguments, text[begin:at]]
+        elif character in ")]":
+            depth -= 1
+        elif character == "," and depth == 0:
+            arguments.append(text[begin:at])
+            begin = at + 1
+    return None

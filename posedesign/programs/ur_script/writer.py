@@ -1,0 +1,240 @@
+"""Universal Robots URScript programs (``.script``): the writer.
+
+Joints are in radians, poses in metres with rotation vectors in radians, in the controller's base
+frame (turned by half a turn against ``base_link`` of the public descriptions), or in a user frame
+that is given by value (``pose_trans``). Numbers of frames mean nothing here. A pose is moved to by
+``movej(get_inverse_kin(p[...], qnear=[...]))``: with a bare pose the controller would choose the
+arm position. Each arm has its own kinematics from the factory, so that the joint values which take
+a pose differ from those of the description by what a calibration is after.
+
+A script cannot be touched up where it stands. It therefore reports: after the measuring call of
+pose 3 it writes ``POSE 3 q=[...]`` with the actual joint positions [rad] into the log, and at its
+start ``PROGRAM NAME PLAN 1a2b3c4d 27``; the saved log is read back (:mod:`.log`). This is so with
+either value of ``keep``. How many digits the log shows is the controller's choice.
+
+URScript refuses functions that it does not know: the measuring call is defined in the script. As
+written it lets the arm be guided by hand (freedrive), holds the program with a popup, and ends the
+freedrive when the operator goes on; put another body there to trigger an instrument instead.
+
+Facts: the URScript manual's functions, public post-processors (RoboDK) and scripts that PolyScope
+generates. Nothing was run on a controller.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import FloatArray, rotation_log
+from posedesign.programs.arm import Arm
+from posedesign.programs.program import PoseProgram, ProgramPose, in_range
+from posedesign.programs.writing import NameRule, plain, plain_all, shown_deg
+
+_WORDS = (
+    "AND BREAK CONTINUE DEF ELIF ELSE END ENTER_CRITICAL EXIT_CRITICAL FALSE FOR GLOBAL HALT IF "
+    "JOIN KILL LOCAL MOD NOT OR PASS RETURN RUN SEC STRUCT SWITCH THREAD TRUE WHILE XOR P "
+    "MOVEJ MOVEL MOVEP MOVEC SERVOJ SPEEDJ SPEEDL STOPJ STOPL SLEEP SYNC POPUP TEXTMSG SET_TCP "
+    "SET_PAYLOAD GET_INVERSE_KIN GET_FORWARD_KIN POSE_TRANS POSE_INV POSE_ADD FREEDRIVE_MODE "
+    "END_FREEDRIVE_MODE GET_ACTUAL_JOINT_POSITIONS GET_ACTUAL_TCP_POSE "
+    "SET_STANDARD_DIGITAL_OUT"
+)
+
+RESERVED = frozenset(_WORDS.split())
+"""Words of the language, and the functions that the script calls."""
+
+NAMES = NameRule("a URScript name", 32, small=True, reserved=RESERVED)
+"""Letters, digits and underscores; the length is that of other makers, no limit is known."""
+
+USUAL_SPEED_RAD_S = np.pi
+"""Joint speed of 100 percent where the robot is not known: that of UR3e and UR5e, 180 deg/s."""
+
+ACCELERATION_RAD_S2 = 1.4
+"""What ``movej`` has by default."""
+
+MOST_OUTPUT = 7
+"""Standard digital outputs are numbered 0 to 7."""
+
+MOST_JOINT_DEG = 363.0
+"""Joint limits of the arms are no wider."""
+
+TEXT_LENGTH = 80
+"""Characters of a remark: longer ones are cut in the log."""
+
+_TEXT = re.compile(r"[ !#-\[\]-~]*")
+"""Without quotes and backslashes."""
+
+
+def render_ur_script(program: PoseProgram, arm: Arm) -> str:
+    r"""Text of the script, its lines ended by ``\n``.
+
+    Joint values, rotation vectors and coordinates are rounded to seven decimals: 3e-6 deg, 0.05
+    micrometres.
+
+    Parameters
+    ----------
+    program : PoseProgram
+    arm : Arm
+        Its tool frame becomes the TCP; its user frame is written where it is not the base frame.
+
+    Raises
+    ------
+    InputError
+        A name or a text that URScript would refuse, a number out of its range, or a joint beyond
+        +-363 deg.
+    """
+    _check_options(program)
+    values = np.radians(_joints_deg(program, arm))
+    targets = (
+        _poses(program, arm, values) if program.options.form == "cartesian" else _lists(values)
+    )
+    lines = [*_head(program, arm)]
+    for number, pose, target in zip(program.numbers, program.poses, targets, strict=True):
+        lines += _at_pose(program, arm, pose, number, target)
+    body = "\n".join("  " + line for line in lines)
+    return f"def {program.name}():\n{body}\nend\n{program.name}()\n"
+
+
+def _check_options(program: PoseProgram) -> None:
+    options = program.options
+    _check_text("comment", options.comment)
+    in_range("settle_s", options.settle_s, 0, 1e4)
+    in_range("measure_pulse_s", options.measure_pulse_s, 0, 1e4)
+    if options.measure_output is not None:
+        in_range("measure_output", options.measure_output, 0, MOST_OUTPUT)
+    if options.measure_call is not None:
+        NAMES.check(options.measure_call)
+        if options.measure_call == program.name:
+            raise InputError(
+                f"program {program.name} would call itself",
+                hint="name the function that measures in measure_call",
+                name="measure_call",
+                value=options.measure_call,
+            )
+    for pose in program.poses:
+        what = f"comment of pose {pose.name!r}"
+        _check_text(what, pose.comment)
+        if pose.comment.lstrip().startswith(("POSE ", "PLAN ", "PROGRAM ", "Title:")):
+            raise InputError(
+                f"{what} {pose.comment!a} would be read as what the script says of its poses",
+                hint="begin it with another word",
+                name=pose.name,
+                value=pose.comment,
+            )
+
+
+def _check_text(name: str, text: str) -> None:
+    if len(text) > TEXT_LENGTH or not _TEXT.fullmatch(text):
+        raise InputError(
+            f"{name} {text!a} cannot stand in a script",
+            hint=f"use at most {TEXT_LENGTH} ASCII characters, without quotes and backslashes",
+            name=name,
+            value=text,
+            bound=TEXT_LENGTH,
+        )
+
+
+def _joints_deg(program: PoseProgram, arm: Arm) -> FloatArray:
+    shown = shown_deg(arm, program.poses)
+    beyond = np.argwhere(np.abs(shown) > MOST_JOINT_DEG)
+    if len(beyond):
+        i, j = (int(k) for k in beyond[0])
+        raise InputError(
+            f"pose {program.poses[i].name!r}: J{j + 1} is {shown[i, j]:.1f} deg, "
+            f"beyond +-{MOST_JOINT_DEG:g}",
+            hint="no joint of these arms turns so far",
+            name=program.poses[i].name,
+            value=float(shown[i, j]),
+            bound=MOST_JOINT_DEG,
+        )
+    return shown
+
+
+def _lists(values: FloatArray) -> Iterator[str]:
+    for row in values:
+        yield f"[{', '.join(plain_all(row, 7))}]"
+
+
+def _poses(program: PoseProgram, arm: Arm, values: FloatArray) -> Iterator[str]:
+    poses = arm.tool_poses(program.postures_rad)
+    in_frame = not np.array_equal(arm.T_world_user, np.eye(4))
+    for pose, near in zip(_pose_lists(poses), _lists(values), strict=True):
+        target = f"pose_trans(user_frame, {pose})" if in_frame else pose
+        yield f"get_inverse_kin({target}, qnear={near})"
+
+
+def _pose_lists(poses: FloatArray) -> Iterator[str]:
+    turns = rotation_log(poses[:, :3, :3])
+    for xyz, turn in zip(poses[:, :3, 3], turns, strict=True):
+        yield f"p[{', '.join(plain_all(xyz, 7) + plain_all(turn, 7))}]"
+
+
+def _head(program: PoseProgram, arm: Arm) -> Iterator[str]:
+    options = program.options
+    if options.comment:
+        yield f"# Title: {options.comment}"
+    if program.mark:
+        yield f"# {program.mark}"
+    if options.measure_call is not None:
+        yield from _measuring(program)
+    frames = np.stack([arm.T_tip_tool, arm.T_world_user])
+    tool, user = _pose_lists(frames)
+    yield f"set_tcp({tool})"
+    if options.form == "cartesian" and not np.array_equal(arm.T_world_user, np.eye(4)):
+        yield f"user_frame = {user}"
+    yield f'textmsg("PROGRAM {program.name} {program.mark}")'.replace(' ")', '")')
+
+
+def _measuring(program: PoseProgram) -> Iterator[str]:
+    """The function that is called at each pose."""
+    options = program.options
+    argument = "" if options.measure_argument is None else "number"
+    yield f"def {options.measure_call}({argument}):"
+    if argument:
+        yield '  textmsg("measuring ", number)'
+    yield "  freedrive_mode()"
+    yield (
+        f'  popup("Bring the tool to its target, then continue", title="{options.measure_call}", '
+        "blocking=True)"
+    )
+    yield "  end_freedrive_mode()"
+    if options.settle_s > 0:
+        yield f"  sleep({_seconds(options.settle_s)})"
+    yield "end"
+
+
+def _at_pose(
+    program: PoseProgram, arm: Arm, pose: ProgramPose, number: int, target: str
+) -> Iterator[str]:
+    options = program.options
+    named = _TEXT.fullmatch(pose.name) and len(pose.name) <= TEXT_LENGTH
+    yield f"# POSE {number} {pose.name if named else ''}".rstrip()
+    if pose.comment.strip():
+        yield f'textmsg("{pose.comment.strip()}")'
+    yield f"movej({target}, a={ACCELERATION_RAD_S2}, v={_speed(arm, options.speed_percent)})"
+    if pose.via:
+        return
+    if options.settle_s > 0:
+        yield f"sleep({_seconds(options.settle_s)})"
+    if options.measure_output is not None:
+        yield f"set_standard_digital_out({options.measure_output}, True)"
+        yield f"sleep({_seconds(options.measure_pulse_s)})"
+        yield f"set_standard_digital_out({options.measure_output}, False)"
+    if options.measure_call is not None:
+        argument = options.argument(number)
+        yield f"{options.measure_call}({'' if argument is None else argument})"
+    yield f'textmsg("POSE {number} q=", get_actual_joint_positions())'
+
+
+def _speed(arm: Arm, percent: int) -> str:
+    """Of the fastest joint of a move [rad/s]: that percentage of what the slowest joint can do."""
+    known = arm.robot.speed[np.isfinite(arm.robot.speed)] if arm.robot is not None else ()
+    most = min(known, default=USUAL_SPEED_RAD_S)
+    return plain(max(most * percent / 100, 1e-4), 4)
+
+
+def _seconds(value: float) -> str:
+    # At least a millisecond: a time that is asked for must not round to none.
+    return plain(max(value, 0.001), 3)

@@ -29,7 +29,7 @@ from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.checks import refuse_hand_eye
 from posedesign.csv_tables import read_rows, write_table
-from posedesign.files import write_bytes_atomic
+from posedesign.files import make_folder, write_bytes_atomic
 from posedesign.identification_file import IdentifiedModel, read_identification
 from posedesign.mastering import Mastering, mastering
 from posedesign.measurement_table import TOOL, MeasurementTable
@@ -38,7 +38,6 @@ from posedesign.pose_plan import PoseStatus
 from posedesign.postures_table import joint_columns, pendant_columns
 from posedesign.tables import POSE_AXES, PoseList, read_poses
 from posedesign.task_box import COLUMNS, BoxAccuracy, TaskBox, predict_box
-from posedesign.workflow import make_folder
 
 OTHER_TOOL_M = 0.02
 """Distance of the identified tool point from the cell's beyond which it is another point: of a

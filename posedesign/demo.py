@@ -11,7 +11,7 @@ from calib.se3 import FloatArray
 from posedesign.accuracy_study import AccuracyStudy, accuracy_study, effective_truth
 from posedesign.before_after import Identified
 from posedesign.cell import Cell
-from posedesign.files import write_text_atomic
+from posedesign.files import make_folder, write_text_atomic
 from posedesign.pairs_results import SolverOutcome
 from posedesign.pose_plan import PosePlan
 from posedesign.programming import WrittenProgram, program_options, write_program
@@ -20,7 +20,6 @@ from posedesign.template import cell_template
 from posedesign.workflow import (
     camera_noise,
     identify_file,
-    make_folder,
     plan_poses,
     simulate,
     solve_file,

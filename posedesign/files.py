@@ -166,3 +166,22 @@ def read_bytes_bounded(path: Path | str, *, most_bytes: int) -> bytes:
             f"is larger than {most_bytes / 1e6:g} MB", path=path, hint="is this the right file?"
         )
     return data
+
+
+def make_folder(path: Path) -> Path:
+    """Create the folder that results go to.
+
+    Raises
+    ------
+    OutputError
+        It cannot be created, or is a file.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{path}: the output folder cannot be made: {error.strerror}",
+            hint="name another one with --out",
+            name=str(path),
+        ) from error
+    return path

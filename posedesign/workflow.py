@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import OutputError
 from calib.robot_world import PAPER_METHODS, PairNoise
 from calib.robot_world.noise import Noise
 from posedesign.accuracy_study import AccuracyStudy
@@ -24,7 +23,7 @@ from posedesign.before_after import (
 from posedesign.cell import Cell
 from posedesign.checks import outside_limits, refuse_unfit
 from posedesign.csv_tables import write_table
-from posedesign.files import write_json_atomic
+from posedesign.files import make_folder, write_json_atomic
 from posedesign.identification_content import results_as_dict
 from posedesign.indices import Indices
 from posedesign.measurement_table import read_measurements
@@ -46,25 +45,6 @@ from posedesign.tables import PoseList, write_poses, write_touch_ups
 
 POSES, VALIDATION = "measuring poses", "validation poses"
 """What tables of poses say that they are."""
-
-
-def make_folder(path: Path) -> Path:
-    """Create the folder that results go to.
-
-    Raises
-    ------
-    OutputError
-        It cannot be created, or is a file.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"{path}: the output folder cannot be made: {error.strerror}",
-            hint="name another one with --out",
-            name=str(path),
-        ) from error
-    return path
 
 
 def plan_poses(cell: Cell, out: Path, progress: Progress | None = None) -> PosePlan:

@@ -67,7 +67,6 @@ def program(
         write_program,
     )
     from posedesign.tables import read_poses
-    from posedesign.workflow import make_folder
 
     loaded = Cell.load(cell) if cell is not None else None
     listed = read_poses(
@@ -83,7 +82,7 @@ def program(
         refuse_blocked(loaded, listed, force=force)
     title = name or (loaded.config.program.name if loaded else USUAL_NAME)
     options = program_options(loaded, listed, form)
-    written = write_program(listed, make_folder(out), chosen, options, title, loaded)
+    written = write_program(listed, out, chosen, options, title, loaded)
     if as_json:
         print_json({**written.__dict__, "paths": [str(path) for path in written.paths]})
     else:
@@ -166,9 +165,9 @@ def import_positions(
 ) -> int:
     """Read touched-up positions back from the controller; write touchups.csv."""
     from posedesign.cell import Cell
+    from posedesign.files import make_folder
     from posedesign.tables import read_poses, write_touch_ups
     from posedesign.touch_up_import import import_touch_ups
-    from posedesign.workflow import make_folder
 
     loaded = Cell.load(cell)
     plan = None

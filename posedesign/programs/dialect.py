@@ -11,7 +11,7 @@ from typing import ClassVar, get_args
 import numpy as np
 
 from calib.errors import InputError
-from posedesign.files import write_text_atomic
+from posedesign.files import make_folder, write_text_atomic
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import Form, PoseProgram
 from posedesign.programs.reading import read_program_bytes
@@ -125,7 +125,7 @@ class Dialect(ABC):
         return dict([part[0] for part in parts] + [file for part in parts for file in part[1:]])
 
     def write(self, program: PoseProgram, folder: Path) -> tuple[Path, ...]:
-        """Write the files of a program into a folder; see :meth:`files`.
+        """Write the files of a program into a folder, which is made; see :meth:`files`.
 
         Raises
         ------
@@ -134,9 +134,12 @@ class Dialect(ABC):
         OutputError
             A file cannot be written.
         """
+        files = {folder / name: text for name, text in self.files(program).items()}
+        for path in files:
+            make_folder(path.parent)
         return tuple(
-            write_text_atomic(folder / name, text, newline=self.newline, encoding=self.encoding)
-            for name, text in self.files(program).items()
+            write_text_atomic(path, text, newline=self.newline, encoding=self.encoding)
+            for path, text in files.items()
         )
 
     def read(self, path: Path) -> RecordedProgram:

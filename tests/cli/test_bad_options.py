@@ -48,7 +48,11 @@ def test_options_of_robot_world(
     ("options", "words"),
     [
         (("--format", "fanuc"), ("'fanuc'", "did you mean fanuc-ls?")),
-        (("--format", "kuka"), ("'kuka'", "known: fanuc-ls")),
+        (("--format", "kuka"), ("'kuka'", "did you mean kuka-krl?")),
+        (("--format", "siemens"), ("'siemens'", "known: fanuc-ls")),
+        (("--form", "polar"), ("form is 'polar'", "known: joint, cartesian")),
+        (("--form", "cartesian"), ("poses of the tool need the robot",)),
+        (("--approach-deg", "1"), ("pass --cell",)),
         (("--name", "../x"), ("'../x' is not a FANUC program name", "letter first")),
         (("--name", "A B"), ("'A B' is not a FANUC program name",)),
         (("--name", "TOOLONGNAME"), ("at most 8 characters",)),
@@ -69,7 +73,7 @@ def test_program_of_seven_joints(refuse: Refuse, work: Path) -> None:
     text = "name," + ",".join(f"j{i}_deg" for i in range(1, 8)) + "\nP1,10,20,30,40,50,60,70\n"
     (work / "poses.csv").write_text(text)
     line = refuse("program", work / "poses.csv", "--out", work / "out")
-    line.says("six joints", "have 7")
+    line.says("has 7 joint values", "an arm of fanuc has 6")
 
 
 WRITERS = {

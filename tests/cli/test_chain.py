@@ -94,7 +94,7 @@ def test_program_holds_the_planned_poses(cli: Cli, work: Path) -> None:
     chain(cli, work / "cell.toml", work / "out")
     planned = read_poses(work / "out" / "poses.csv", 6)
     recorded = read(work / "out" / "CALIB01.LS")
-    np.testing.assert_allclose(recorded.postures_rad, planned.postures, atol=np.deg2rad(1e-3))
+    np.testing.assert_allclose(recorded.postures(), planned.postures, atol=np.deg2rad(1e-3))
 
 
 def test_the_same_files_twice(cli: Cli, work: Path) -> None:

@@ -140,7 +140,10 @@ def test_a_fanuc_program_is_written_for_a_fanuc_only(cli: Cli, work: Path) -> No
     words = ("program", work / "poses.csv", "--cell", work / "other.toml", "--out", work)
     said = cli(*words)
     assert said.code == 2
-    assert "other has an unknown controller: its joints would be written in the wrong" in said.err
+    assert "other has a controller of an unknown maker (choose with --format: fanuc-ls" in said.err
+    said = cli(*words, "--format", "fanuc-ls")
+    assert said.code == 2
+    assert "other has an unknown controller: its joints would be taken in the wrong" in said.err
     assert not (work / "CALIB01.LS").exists()
     (work / "other.toml").write_text(new.out.replace("# controller =", "controller ="))
     assert cli(*words).code == 0

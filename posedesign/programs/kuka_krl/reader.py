@@ -193,7 +193,8 @@ def _take_declaration(module: _Module, code: str, path: Path | str, row: int) ->
 def _take_assignment(module: _Module, code: str, path: Path | str, row: int) -> None:
     """Add a position that is given its values; refuse other instructions that hold one."""
     assigned = _ASSIGNED.fullmatch(code)
-    if not _POSITION.search(code) or _OTHER.search(code):
+    bare = re.sub(r'"[^"]*"', '""', code)
+    if not _POSITION.search(bare) or _OTHER.search(bare):
         return
     if not assigned:
         refuse(f"cannot make sense of {code[:30]!r}", path, row)

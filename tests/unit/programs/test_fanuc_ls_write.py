@@ -327,8 +327,8 @@ def test_a_refused_program_leaves_the_old_file(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         write(PoseProgram("too long a name", POSES), "fanuc-ls", tmp_path)
     assert path.read_text() == "old"
-    with pytest.raises(OutputError, match="there is no folder"):
-        write(PoseProgram("CAL", POSES), "fanuc-ls", tmp_path / "none")
+    with pytest.raises(OutputError, match="the output folder cannot be made"):
+        write(PoseProgram("CAL", POSES), "fanuc-ls", path / "none")
 
 
 def test_positions_on_the_way_are_passed_and_not_measured(tmp_path: Path) -> None:

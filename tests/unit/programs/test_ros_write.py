@@ -201,7 +201,7 @@ def test_without_a_time_to_settle_the_arm_does_not_stand() -> None:
 
 
 def test_times_follow_the_slowest_joint_and_a_cubic_is_never_too_fast() -> None:
-    robot = Robot.preset("ur10") if "ur10" in preset_names() else Robot.preset("r2000ic165f")
+    robot = Robot.preset("r2000ic165f")
     arm = Arm.of(robot)
     rng = np.random.default_rng(3)
     path = rng.uniform(robot.lower, robot.upper, (200, robot.n))

@@ -1,0 +1,206 @@
+"""KUKA KRL: each rule of the strict validator, by a file that breaks it and no other."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posedesign.programs import PoseProgram, Problem, ProgramOptions, ProgramPose, validate
+from posedesign.programs.arm import Arm
+from posedesign.programs.kuka_krl import KukaKrl, rules
+from posedesign.programs.kuka_krl.rules import MOST_PROBLEMS
+from posedesign.programs.kuka_krl.writer import render_kuka_krl
+from posedesign.programs.reading import MOST_BYTES
+
+POSES = tuple(
+    ProgramPose(f"T{i}", np.radians([i + 1, -90, 90, 4, 5, 6]), via=i == 1) for i in range(3)
+)
+OPTIONS = ProgramOptions(fingerprint="abcdef12", measure_output=3, keep="register")
+DAT, SRC = render_kuka_krl(PoseProgram("CAL", POSES, OPTIONS), Arm.usual("kuka"))
+P1 = "XP1={A1 1.00000,A2 -90.00000,A3 90.00000,A4 4.00000,A5 5.00000,A6 6.00000}"
+POSE = "E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 4.0,B 5.0,C 6.0,S 2,T 35}"
+
+
+def check(folder: Path, dat: str | None, src: str | None, which: str) -> list[Problem]:
+    for text, name in ((dat, "CAL.dat"), (src, "CAL.src")):
+        if text is not None:
+            (folder / name).write_bytes(text.replace("\n", "\r\n").encode("latin-1"))
+    return validate(folder / f"CAL{which}")
+
+
+@pytest.mark.parametrize("which", [".dat", ".src"])
+def test_a_good_program_has_no_problems(tmp_path: Path, which: str) -> None:
+    assert check(tmp_path, DAT, SRC, which) == []
+
+
+@pytest.mark.parametrize(
+    ("which", "old", "new"),
+    [
+        (".src", "PTP XP1", ";FOLD PTP P1 " + "x" * 120 + "\nPTP XP1\n;ENDFOLD"),
+        (".src", "BAS(#TOOL,1)", "$TOOL=TOOL_DATA[1]"),
+        (".src", "BAS(#TOOL,1)", "$TOOL={X 0,Y 0,Z 0,A 0,B 0,C 0}"),
+        (".src", "BAS(#INITMOV,0)", "  bas ( #initmov , 0 )"),
+        (".src", "BAS(#INITMOV,0)", "DECL INT I\nINT K\nBAS(#INITMOV,0)"),
+        (".src", "END\n", "FOR I=1 TO 3\nIF A==1 THEN\nHALT\nENDIF\nENDFOR\nEND\n"),
+        (".src", "END\n", "REPEAT\nX[1].Y=3\nUNTIL TRUE\nLABEL:\nGOTO LABEL\nEND\n"),
+        (".src", "END\n", "END\nDEF SUB(N :IN)\nDECL REAL R\nR=N\nEND\n"),
+        (".src", "PTP XP1", "PTP XHOME"),
+        (".src", "PTP XP1", "PTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\nPTP XP1"),
+        (".src", "BAS(#INITMOV,0)", 'BAS(#INITMOV,0)\nMSG[]="a; b ("'),
+        (".src", "PTP XP1", "PTP $AXIS_ACT\nPTP XP1"),
+        (".src", "PTP XP3", "LIN XP3 C_DIS\nPTP XP3"),
+        (".src", "BAS(#INITMOV,0)", "INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )\n"
+         "BAS(#INITMOV,0)"),
+        (".dat", "EXT BAS", "DECL BASIS_SUGG_T L={POINT1[] \"P1\"}\nEXT BAS"),
+        (".dat", "EXT BAS", "DECL FDAT FP1={TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE}\nEXT BAS"),
+        (".dat", "EXT BAS", "INT N=3\nSTRUC MY REAL A,B\nEXT BAS"),
+        (".dat", "A2 -90.00000", "A2 -9.0E+01"),
+        (".dat", "A6 6.00000}", "A6 6.0,E1 0.0,E2 0.0}"),
+        (".dat", "E6AXIS " + P1, POSE),
+        (".dat", "E6AXIS " + P1, POSE.replace("S 2,T 35", "S 'B010',T 'B100011'")),
+        (".dat", "DEFDAT CAL", "DEFDAT CAL PUBLIC"),
+        (".dat", "ENDDAT", "XM[2]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nENDDAT"),
+    ],
+)  # fmt: skip
+def test_what_controllers_and_people_write_too_is_accepted(
+    tmp_path: Path, which: str, old: str, new: str
+) -> None:
+    text = DAT if which == ".dat" else SRC
+    assert text.count(old) >= 1
+    text = text.replace(old, new, 1)
+    pair = (text, SRC) if which == ".dat" else (DAT, text)
+    problems = check(tmp_path, *pair, which)
+    if "XHOME" in new:
+        problems = [p for p in problems if p.rule != "position-used"]
+    assert problems == []
+
+
+ONE_RULE = [
+    ("ascii", ".dat", ";P1 T0", ";P1 T\u00e4", "0xe4"),
+    ("ascii", ".src", ";P1 T0", ";P1 T\0", "0x00"),
+    ("line-length", ".dat", ";P1 T0", ";" + "x" * 119, "120 characters"),
+    ("line-length", ".src", "MEASURE(1)", "MEASURE(1)" + " " * 110, "120 characters"),
+    ("module", ".dat", "ENDDAT\n", "", "there is no ENDDAT"),
+    ("module", ".src", "END\n", "", "there is no END"),
+    ("module", ".src", "END\n", "END\nEND\n", "END closes nothing"),
+    ("module", ".src", "END\n", "END\nHALT\n", "in no routine"),
+    ("module", ".src", "DEF CAL", "HALT\nDEF CAL", "in no routine"),
+    ("module", ".src", "DEF CAL( )", "DEF CAL", "'' behind the name"),
+    ("module", ".src", "END\n", "DEF B( )\nEND\n", "DEF before END"),
+    ("module", ".dat", "DEFDAT CAL", "DEFDAT CAL LOCAL", "'LOCAL' behind the name"),
+    ("module-name", ".src", "END\n", "END\nDEF 1B( )\nEND\n", "'1B' is no name"),
+    ("module-name", ".src", "END\n", "END\nDEF WAIT( )\nEND\n", "'WAIT' is no name"),
+    ("module-name", ".src", "END\n", f"END\nDEF {'B' * 25}( )\nEND\n", "24 in all"),
+    ("brackets", ".src", "MEASURE(1)", "MEASURE(1", "( is not closed"),
+    ("brackets", ".src", "MEASURE(1)", "MEASURE(1))", ") closes nothing"),
+    ("brackets", ".src", "MEASURE(1)", "MEASURE([1)]", ") closes nothing"),
+    ("brackets", ".src", "MEASURE(1)", 'MEASURE("1)', "a quote is not closed"),
+    ("block", ".src", "END\n", "LOOP\nEND\n", "LOOP has no ENDLOOP"),
+    ("block", ".src", "END\n", "ENDIF\nEND\n", "ENDIF closes nothing"),
+    ("block", ".src", "END\n", "IF A==1 THEN\nLOOP\nENDIF\nENDLOOP\nEND\n", "closes nothing"),
+    ("instruction", ".src", "MEASURE(1)", "WAITSEC 1", "'WAITSEC 1' is no instruction"),
+    ("instruction", ".src", "MEASURE(1)", "MEASURE 1", "'MEASURE 1' is no instruction"),
+    ("instruction", ".dat", "EXT BAS", "HALT\nEXT BAS", "HALT in a data list"),
+    ("instruction", ".dat", "EXT BAS", "1 = 2\nEXT BAS", "is no instruction"),
+    ("declarations-first", ".src", "PTP XP1", "DECL INT I\nPTP XP1", "behind an instruction"),
+    ("position-format", ".dat", "A2 -90.00000,", "", "XP1 has A1 A3 A4 A5 A6, not A1 to A6"),
+    ("position-format", ".dat", "A2 -90.00000", "A1 -90.00000", "XP1 has A1 twice"),
+    ("position-format", ".dat", "A2 -90.00000", "A2", "'A2' is no name and value"),
+    ("position-format", ".dat", "6.00000}", "6.00000,}", "'' is no name and value"),
+    ("position-format", ".dat", "DECL E6AXIS XP1", "DECL E6POS XP1", "E6POS of A1"),
+    ("position-format", ".src", "END\n", "PTP {A1 1}\nEND\n", "the position has A1"),
+    ("position-defined", ".src", "END\n", "PTP XP4\nEND\n", "XP4 is not defined"),
+    ("position-unique", ".dat", "ENDDAT", f"DECL E6AXIS {P1}\nENDDAT", "XP1 is defined twice"),
+    ("position-used", ".dat", "ENDDAT", f"DECL E6AXIS {P1}\nENDDAT".replace("P1", "P4"), "XP4"),
+    ("number", ".dat", "A2 -90.00000", "A2 -0.000", "A2 '-0.000' is not a plain number"),
+    ("number", ".dat", "A2 -90.00000", "A2 ******", "A2 '******' is not a plain number"),
+    ("number", ".dat", "A2 -90.00000", "A2 1,5", "no name and value"),
+    ("number", ".dat", "E6AXIS " + P1, POSE.replace("A 4.0", "A 180.1"), "beyond +-180"),
+    ("number", ".dat", "E6AXIS " + P1, POSE.replace("S 2", "S 32"), "S '32' is not from 0 to 31"),
+    ("number", ".dat", "E6AXIS " + P1, POSE.replace("T 35", "T 64"), "T '64' is not from 0 to 63"),
+    ("number", ".src", "WAIT SEC 1.00", "WAIT SEC nan", "NaN"),
+    ("first-move", ".src", "PTP XP1", "LIN XP1", "LIN is the first motion"),
+    ("first-move", ".dat", "E6AXIS " + P1, POSE.replace(",S 2,T 35", ""), "no S and T"),
+    ("initialised", ".src", "BAS(#INITMOV,0)\n", "", "no BAS(#INITMOV,0)"),
+    ("frame", ".src", "BAS(#TOOL,1)\n", "", "$TOOL is not set"),
+    ("frame", ".src", "BAS(#BASE,0)\n", "", "$BASE is not set"),
+    ("standstill", ".src", "WAIT SEC 1.00\n", "", "the arm may still move"),
+    ("standstill", ".src", "PTP XP1", "PTP XP1 C_PTP", "approximated"),
+    ("array-bounds", ".src", "XM[2]=", "XM[3]=", "XM[3] of 2"),
+    ("array-bounds", ".dat", "ENDDAT", "XM[3]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nENDDAT", "of 2"),
+]
+
+
+@pytest.mark.parametrize(("rule", "which", "old", "new", "message"), ONE_RULE)
+def test_a_file_that_breaks_one_rule(
+    tmp_path: Path, rule: str, which: str, old: str, new: str, message: str
+) -> None:
+    if new == "A2 1,5":
+        rule = "position-format"  # a decimal comma
+    text = DAT if which == ".dat" else SRC
+    assert old in text
+    at = text.rindex(old) if old in ("END\n", "ENDDAT") else text.index(old)
+    text = text[:at] + new + text[at + len(old) :]
+    pair = (text, SRC) if which == ".dat" else (DAT, text)
+    problems = check(tmp_path, *pair, which)
+    if rule == "first-move" and which == ".dat":
+        problems = validate(tmp_path / "CAL.src")
+    assert {p.rule for p in problems} == {rule}, problems
+    assert any(message in p.message for p in problems)
+
+
+@pytest.mark.parametrize(
+    ("dat", "src", "which", "message"),
+    [
+        (DAT, None, ".dat", "CAL.src is not beside it"),
+        (None, SRC, ".src", "CAL.dat is not beside it"),
+        (DAT.replace("DEFDAT CAL", "DEFDAT COL"), SRC, ".src", "is the module 'COL'"),
+        (SRC, SRC, ".src", "not the other file"),
+    ],
+)
+def test_the_other_file_is_asked_for(
+    tmp_path: Path, dat: str | None, src: str | None, which: str, message: str
+) -> None:
+    (problem,) = check(tmp_path, dat, src, which)
+    assert problem.rule == "companion"
+    assert message in problem.message
+
+
+def test_a_companion_that_cannot_be_read_is_a_problem(tmp_path: Path) -> None:
+    with (tmp_path / "CAL.dat").open("wb") as stream:
+        stream.truncate(MOST_BYTES + 1)
+    (problem,) = check(tmp_path, None, SRC, ".src")
+    assert problem.rule == "companion"
+    assert "larger than 20 MB" in problem.message
+
+
+def test_a_source_without_variables_needs_no_other_file(tmp_path: Path) -> None:
+    inline = re.sub(r"XM.*\n", "", re.sub(r"XP\d", "{A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}", SRC))
+    assert check(tmp_path, None, inline, ".src") == []
+
+
+@pytest.mark.parametrize(("which", "text"), [(".dat", SRC), (".src", DAT)])
+def test_the_ending_is_that_of_the_module(tmp_path: Path, which: str, text: str) -> None:
+    (tmp_path / f"CAL{which}").write_text(text)
+    problems = validate(tmp_path / f"CAL{which}")
+    assert {p.rule for p in problems} >= {"module"}
+
+
+def test_the_name_is_that_of_the_file(tmp_path: Path) -> None:
+    (tmp_path / "OTHER.dat").write_text(DAT)
+    (tmp_path / "OTHER.src").write_text(SRC)
+    assert {p.rule for p in validate(tmp_path / "OTHER.src")} == {"module-name"}
+
+
+def test_every_rule_of_the_table_is_broken_by_a_file() -> None:
+    told = set(re.findall(r"^``([a-z-]+)``", rules.__doc__ or "", re.M))
+    assert told == {rule for rule, *_ in ONE_RULE} | {"companion"}
+
+
+def test_problems_are_told_up_to_a_number() -> None:
+    bad = "DEF CAL( )\n" + "\xe4 nan (\n" * 5000
+    problems = KukaKrl().check(bad.encode("latin-1"), Path("/nowhere/CAL.src"))
+    assert len(problems) == MOST_PROBLEMS

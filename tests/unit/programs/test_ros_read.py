@@ -1,0 +1,388 @@
+"""Lists for ROS: the readers take what people and ROS's tools write, and say what they refuse."""
+
+from __future__ import annotations
+
+import random
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib import Robot
+from calib.errors import FileFormatError, InputError
+from posedesign.programs import (
+    Arm,
+    PoseProgram,
+    ProgramOptions,
+    ProgramPose,
+    RecordedProgram,
+    find_dialect,
+)
+from posedesign.programs.registry import dialect_of
+from posedesign.programs.ros.yaml_reading import MOST_DEPTH
+
+LISTS = ("ros-trajectory", "moveit-joints", "robot-calibration")
+PATH = Path("X.yaml")
+
+
+def parse(text: str, dialect: str = "ros-trajectory") -> RecordedProgram:
+    return find_dialect(dialect).parse(text.encode(), PATH)
+
+
+# As ros2 topic echo prints a message: other order, flow style, a document end.
+ECHOED = """\
+header: {stamp: {sec: 12, nanosec: 5}, frame_id: ''}
+joint_names: [elbow_joint, "shoulder_joint"]
+points:
+- time_from_start:
+    sec: 1
+    nanosec: 0
+  positions: [0.1, -2.]
+- {velocities: [0, 0], positions: [1, 5.0e-1], effort: []}   # anything
+- positions: [+1.0, 0.5]
+---
+"""
+
+# The goal of an action, and a comment of somebody.
+GOAL = """\
+# my trajectory
+goal:
+  trajectory:
+    points: [{positions: [0.25]}, {positions: [0.5]}]
+    joint_names: [a]
+"""
+
+
+def test_what_ros_prints_is_read() -> None:
+    program = parse(ECHOED)
+    assert (program.name, program.comment, program.mark.fingerprint) == ("X", "", "")
+    assert [(p.number, p.name, p.line) for p in program.positions] == [(1, "", 4), (2, "", 8)]
+    np.testing.assert_allclose(program.postures(), [[0.1, -2], [1, 0.5]], atol=1e-15)
+    assert [p.number for p in parse(GOAL).positions] == [1, 2]
+    windows = find_dialect("ros-trajectory").parse(
+        b"\xef\xbb\xbf" + ECHOED.replace("\n", "\r\n").encode(), PATH
+    )
+    assert [p.line for p in windows.positions] == [4, 8]
+
+
+def test_joints_are_put_into_the_order_of_the_arm() -> None:
+    robot = Robot.preset("panda")
+    arm = find_dialect("ros-trajectory").seen(Arm.of(robot))
+    names = list(robot.joint_names)[::-1]
+    program = parse(f"joint_names: {names}\npoints: [{{positions: [7, 6, 5, 4, 3, 2, 1]}}]")
+    np.testing.assert_allclose(program.postures(arm), [[1, 2, 3, 4, 5, 6, 7]])
+    names[0] = "finger"
+    program = parse(f"joint_names: {names}\npoints: [{{positions: [7, 6, 5, 4, 3, 2, 1]}}]")
+    with pytest.raises(InputError, match="position 1 has the joints finger, "):
+        program.postures(arm)
+
+
+def test_capture_poses_may_be_messages_and_name_joints_in_any_order() -> None:
+    program = parse(
+        "- joint_states: {header: {}, name: [a, b], position: [1.0, 2.0], velocity: []}\n"
+        "  features: [camera]\n"
+        "- features: []\n"
+        "  positions: [4.0, 3.0]\n"
+        "  joints: [b, a]\n",
+        "robot-calibration",
+    )
+    assert [p.joint_names for p in program.positions] == [("a", "b"), ("b", "a")]
+    assert [p.line for p in program.positions] == [1, 3]
+
+
+def test_equal_captures_count_each_and_standing_counts_once() -> None:
+    assert len(parse("{joint_names: [a], joint_values: [[1.0], [1.0]]}", "moveit-joints").positions)
+    rows = parse("{joint_names: [a], joint_values: [[1.0], [1.0]]}", "moveit-joints").positions
+    assert [p.number for p in rows] == [1, 2]
+    stands = parse("{joint_names: [a], points: [{positions: [1.0]}, {positions: [1.0]}]}")
+    assert [p.number for p in stands.positions] == [1]
+
+
+@pytest.mark.parametrize(
+    ("text", "dialect"),
+    [
+        (ECHOED, "ros-trajectory"),
+        (GOAL, "ros-trajectory"),
+        ("{joint_names: [a], joint_values: [[1.0]]}", "moveit-joints"),
+        ("# points:\njoint_values:\n- [1.0]\njoint_names: [a]\n", "moveit-joints"),
+        ("[{joints: [a], positions: [1.0]}]", "robot-calibration"),
+        ("- positions:\n  - 1.0\n  joints:\n  - a\n", "robot-calibration"),
+        ("- joint_states:\n    name: [a]\n    position: [1.0]\n", "robot-calibration"),
+    ],
+)
+def test_files_of_one_ending_are_told_apart(text: str, dialect: str, tmp_path: Path) -> None:
+    for suffix in (".yaml", ".YML"):
+        path = tmp_path / ("X" + suffix)
+        path.write_text(text)
+        assert dialect_of(path).name == dialect
+
+
+def test_other_yaml_is_none_of_them(tmp_path: Path) -> None:
+    path = tmp_path / "X.yaml"
+    path.write_text("parameters: {eye_on_hand: true}\ntransformation: {x: 1.0}\n")
+    with pytest.raises(FileFormatError, match="is none of ros-trajectory"):
+        dialect_of(path)
+
+
+SMALL = """\
+# program: CAL
+# PLAN abcdef12 2
+joint_names:
+- a
+- b
+points:
+# pose 1: left
+- positions:
+  - 0.5
+  - 0.25
+# hold 1
+- positions:
+  - 0.5
+  - 0.25
+# pose 2: right
+- positions:
+  - 1.5
+  - 1.25
+# end of CAL
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("# end of CAL\n", "", None, "is cut off: there is no comment '# end of CAL'"),
+        ("joint_names:\n- a\n- b\n", "", 3, "joint_names is missing"),
+        ("- a\n- b\n", "", 3, "joint_names is not a list"),
+        ("- a\n- b\n", "  []\n", 3, "joint_names is empty"),
+        ("- b", "- a", 5, "joint_names has 'a' twice"),
+        ("- b", "- [b]", 5, "holds something that is not a name"),
+        ("- b\n", "- b\n- c\n", 10, "point 1: positions has 2 values, there are 3 joints"),
+        ("  - 1.5\n", "", 17, "point 3: positions has 1 values, there are 2 joints"),
+        ("  - 1.5", "  - .nan", 17, "point 3: positions: a is '.nan', not a number"),
+        ("  - 1.5", "  - -.inf", 17, "a is '-.inf', not a number"),
+        ("  - 1.25", "  - nan", 18, "b is 'nan', not a number"),
+        ("  - 1.25", "  - '1.25'", 18, "b is '1.25', a text in quotes"),
+        ("  - 1.25", "  - 1_0", 18, "b is '1_0', not a number"),
+        ("  - 1.25", "  - 1:30", 18, "b is '1:30', not a number"),
+        ("  - 1.25", "  - 1.2.5", 18, "b is '1.2.5', not a number"),
+        ("  - 1.25", "  - ١", 18, "b is '١', not a number"),
+        ("  - 1.25", "  - [1.25]", 18, "b is not a number"),
+        ("  - 1.25", "  - 90.0", 18, r"b is 90.0 rad, beyond \+-12.5664 rad"),
+        ("  - 1.25", "  - 1e999", 18, "b is '1e999', not a number"),
+        ("  - 1.25", "  - &x 1.25", 18, r"has an anchor \(&\)"),
+        ("  - 1.25", "  - *x", 18, r"has an alias \(\*\)"),
+        ("  - 1.25", "  - !!float 1.25", 18, "has a tag"),
+        ("  - 1.25", "  - ! 1.25", 18, "has a tag"),
+        ("  - 1.25", "  - @", 18, "is no YAML: while scanning|is no YAML: found character"),
+        ("  - 1.25", "  - 1.25\n ---", 19, "is no YAML"),
+        ("# end", "---\nnext: 1\n# end", 20, "holds several documents"),
+        ("points:", "points: 1\nothers:", 6, "points is not a list"),
+        ("points:", "points: []\nothers:", 3, "holds no points"),
+        ("points:", "others:", 3, "points is missing"),
+        ("points:", "points: []\npoints:", 7, "has the key 'points' twice"),
+        ("points:", "? [a]\n: 1\npoints:", 6, "a key is not a word"),
+        ("- positions:\n  - 1.5\n", "- positions: 1.5\n", 16, "positions is not a list"),
+        ("- positions:\n  - 1.5\n  - 1.25\n", "- 7\n", 16, "point 3 is not a map"),
+        ("# pose 2: right\n", "", 15, "no comment says which pose this is"),
+        ("# pose 2: right", "# pose 1: right", 16, "pose 1 is there twice"),
+        ("# pose 2: right", "# pose 0: right", 15, "poses are counted from 1"),
+        ("# pose 2: right", "# pose 3: right", 15, "pose 3 is called pose, but the first 2"),
+        ("# pose 2: right", "# via 2: right", 15, "pose 2 is called via, but the first 2"),
+        ("# pose 2: right", "# hold 2", 15, "is not the one before"),
+        ("# pose 2: right", "# hold 1", 15, "its joint values change"),
+        ("# pose 2: right", "# pose 4: x\n# pose 2: right", 15, "that pose 4 comes next, but"),
+        ("# end", "# pose 7: lost\n# end", 19, "that pose 7 comes next, but it does not"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(
+    old: str, new: str, line: int | None, message: str
+) -> None:
+    assert SMALL.count(old) == 1
+    with pytest.raises(FileFormatError, match=message) as caught:
+        parse(SMALL.replace(old, new))
+    assert caught.value.row == line
+    assert caught.value.hint
+    assert "X.yaml" in str(caught.value)
+
+
+def test_the_small_list_is_good() -> None:
+    program = parse(SMALL)
+    assert [(p.number, p.name) for p in program.positions] == [(1, "left"), (2, "right")]
+
+
+@pytest.mark.parametrize(
+    ("text", "dialect", "line", "message"),
+    [
+        ("[1]", "moveit-joints", 1, "the file is not a map"),
+        ("{joint_names: [a]}", "moveit-joints", 1, "joint_values is missing"),
+        ("{joint_names: [a], joint_values: []}", "moveit-joints", 1, "holds no joint values"),
+        ("joint_names: [a]\njoint_values:\n- [1.0, 2.0]", "moveit-joints", 3, "row 1 has 2 values"),
+        ("joint_names: [a]\njoint_values:\n- 1.0", "moveit-joints", 3, "row 1 is not a list"),
+        ("[]", "robot-calibration", 1, "holds no poses"),
+        ("- 1", "robot-calibration", 1, "entry 1 is not a map"),
+        ("- {joints: [a]}", "robot-calibration", 1, "entry 1: positions is missing"),
+        ("- {positions: [1.0]}", "robot-calibration", 1, "entry 1: joints is missing"),
+        (
+            "- {joints: [a], positions: [1.0]}\n- {joints: [b], positions: [1.0]}",
+            "robot-calibration",
+            2,
+            "entry 2 has other joints than entry 1",
+        ),
+        ("", "ros-trajectory", None, "is empty"),
+        ("# only\n---\n", "ros-trajectory", None, "is empty"),
+        ("\0", "ros-trajectory", None, "is no YAML"),
+    ],
+)
+def test_what_is_wrong_with_lists_is_named(
+    text: str, dialect: str, line: int | None, message: str
+) -> None:
+    with pytest.raises(FileFormatError, match=message) as caught:
+        parse(text, dialect)
+    assert caught.value.row == line
+
+
+def test_bytes_that_are_no_text_are_named_with_their_line() -> None:
+    with pytest.raises(FileFormatError, match="line 2: holds the byte 0xe9") as caught:
+        find_dialect("ros-trajectory").parse(b"# a\n# \xe9\n", PATH)
+    assert caught.value.hint == "save it in UTF-8"
+
+
+@pytest.mark.parametrize("dialect", LISTS)
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * 300_000,
+        "{" * 300_000,
+        "- " * 300_000,
+        "? " * 300_000,
+        "a: " * 100_000,
+        "[a," * 100_000,
+        "[\n" * 100_000,
+        "'" + "x" * 1_000_000,
+        "#" * 1_000_000,
+        "# pose 1: " + "(" * 1_000_000,
+        "\n".join(f"{' ' * k}a:" for k in range(500)),
+        "&a [" * 100_000,
+        "x: &a [1]\ny: [" + "*a," * 10_000 + "]",
+        "[" + "1" * 1_000_000 + "]",
+        "{" + "a," * 50_000 + "}",
+    ],
+    ids=range(15),
+)
+def test_hostile_files_are_refused_at_once(dialect: str, text: str) -> None:
+    # The parser's time grows with the square of the depth: minutes for the first of these.
+    with pytest.raises(FileFormatError):
+        parse(text, dialect)
+    assert find_dialect(dialect).check(text.encode(), PATH)
+    find_dialect(dialect).recognises(text.encode())
+
+
+def test_nesting_is_bounded() -> None:
+    deep = "[" * (MOST_DEPTH + 1) + "]" * (MOST_DEPTH + 1)
+    with pytest.raises(FileFormatError, match=f"nested more than {MOST_DEPTH} deep"):
+        parse(deep)
+
+
+ROBOT = Robot.preset("r2000ic165f")
+WRITTEN = {
+    name: find_dialect(name)
+    .files(
+        PoseProgram(
+            "CAL",
+            tuple(
+                ProgramPose(f"P{k}", np.linspace(-1, 1, 6) * (1 + 0.1 * k), via=k == 1)
+                for k in range(4)
+            ),
+            ProgramOptions(fingerprint="abcdef12", comment="fuzzed"),
+            Arm.of(ROBOT),
+        )
+    )["CAL.yaml"]
+    .encode()
+    for name in LISTS
+}
+PIECES = [b"0", b"9", b"-", b".", b"e", b" ", b"\n", b":", b"#", b"[", b"]", b"{", b"&a", b"*a"]
+PIECES += [b"- ", b"\x00", b"\xff", b"nan", b"# pose 3: P3", b"# hold 2", b"'", b'"', b"!!int "]
+
+
+def damaged(data: bytes, rng: random.Random) -> bytes:
+    """Bytes changed, lines shuffled, cut or doubled."""
+    kind = rng.randrange(5)
+    if kind == 0:
+        return data[: rng.randrange(len(data))]
+    if kind == 1:
+        lines = data.splitlines(keepends=True)
+        at, length = rng.randrange(len(lines)), rng.randrange(1, 12)
+        part = lines[at : at + length]
+        del lines[at : at + length]
+        to = rng.randrange(len(lines) + 1)
+        return b"".join([*lines[:to], *part, *lines[to:]])
+    if kind == 2:
+        lines = data.splitlines(keepends=True)
+        at, length = rng.randrange(len(lines)), rng.randrange(1, 25)
+        return b"".join([*lines[: at + length], *lines[at : at + length], *lines[at + length :]])
+    if kind == 3:
+        lines = data.splitlines(keepends=True)
+        at, length = rng.randrange(len(lines)), rng.randrange(1, 25)
+        return b"".join(lines[:at] + lines[at + length :])
+    at = rng.randrange(len(data))
+    return data[:at] + rng.choice(PIECES) + data[at + rng.randrange(4) :]
+
+
+def values_in(data: bytes) -> set[float]:
+    """Every number that stands in a text, in degrees."""
+    found = re.findall(rb"[-+]?[0-9.]+(?:e[-+]?[0-9]+)?", data, re.IGNORECASE)
+    numbers = set()
+    for text in found:
+        try:
+            numbers.add(float(np.degrees(float(text))))
+        except ValueError:
+            continue
+    return numbers
+
+
+def check_damage(dialect: str, count: int) -> None:
+    rng = random.Random(f"{dialect} {count}")  # noqa: S311
+    chosen = find_dialect(dialect)
+    original = WRITTEN[dialect]
+    good = chosen.parse(original, PATH)
+    for _ in range(count):
+        data = damaged(original, rng)
+        chosen.check(data, PATH)
+        chosen.recognises(data)
+        try:
+            program = chosen.parse(data, PATH)
+        except FileFormatError as error:
+            assert re.match(r"X\.yaml(, line \d+)?: .", error.message)  # noqa: PT017
+            continue
+        numbers = values_in(data)
+        for position in program.positions:
+            assert position.shown_deg is not None
+            assert position.shown_deg.shape == (6,)
+            # all of it is as it was, or stands in the damaged text just so
+            same = [p for p in good.positions if p.number == position.number]
+            if not (same and np.array_equal(same[0].shown_deg, position.shown_deg)):
+                assert set(position.shown_deg.tolist()) <= numbers
+
+
+@pytest.mark.parametrize("dialect", LISTS)
+def test_damaged_files_are_refused_or_read_as_they_stand(dialect: str) -> None:
+    check_damage(dialect, 170)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dialect", LISTS)
+def test_many_damaged_files_are_refused_or_read_as_they_stand(dialect: str) -> None:
+    check_damage(dialect, 5000)
+
+
+@pytest.mark.parametrize("dialect", LISTS)
+def test_every_cut_is_noticed(dialect: str) -> None:
+    data = WRITTEN[dialect]
+    for length in range(
+        len(b"# trajectory_msgs, joint values\n# program: CAL\n") + 80, len(data) - 6
+    ):
+        if data[:length].rstrip().endswith(b"# end of"):
+            continue
+        with pytest.raises(FileFormatError):
+            find_dialect(dialect).parse(data[:length], PATH)

@@ -1,0 +1,372 @@
+"""URScript: the readers of scripts and logs, and the line of what they refuse."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import FileFormatError
+from posedesign.programs import RecordedProgram, registry
+from posedesign.programs.reading import MOST_BYTES
+from posedesign.programs.ur_script import UrScript
+
+DIALECT = UrScript()
+PATH = Path("x.script")
+
+# In the manner of what PolyScope generates: waypoints as pairs, labels, threads, nested blocks.
+POLYSCOPE = """\
+def Touch_up():
+  global _hidden_verificationVariable=0
+  set_tcp(p[0.0,0.0,0.1,0.0,0.0,0.0])
+  # begin: URCap Program Node \xe9
+  if (get_standard_digital_in(0) == True):
+    set_payload(0.5, [0, 0, 0.05])
+  end
+  thread Thread_1():
+    while (True):
+      sync()
+    end
+  end
+  run Thread_1()
+  global Waypoint_1_p=p[.433025361705, -.467959205379, .522310714714, 1.500318891221, 0, 0]
+  global Waypoint_1_q=[1.5, -1.6684614620604457, 1.9E0, -2.7e-1, +1.32, .0036344528198242188]
+  global Waypoint_2_p=p[.1, .2, .3, 0, 0, 3.0]
+  global Waypoint_2_q=[0.5, -1.5, 1.5, -1.5, -1.5, 0]
+  while (True):
+    $ 2 "Robot Program # 1"
+    movej(get_inverse_kin(Waypoint_1_p, qnear=Waypoint_1_q), a=1.3962634015954636, v=1.047)
+    $ 4 "Waypoint_2" "breakAfter"
+    movel(Waypoint_2_p, a=1.2, v=0.25)
+    movej(get_inverse_kin(Waypoint_1_p, qnear=Waypoint_1_q), a=1.396, v=1.047) # back
+    q1 = [ d2r(90), 0, 0, 0, 0, 0 ]
+    movej( q1 )
+    q1 = [1, 1, 1, 1, 1, 1]
+    movej(q1, 1.2, 0.7, 0, 0)
+    movel([2, 2, 2, 2, 2, 2])
+    movej(get_inverse_kin(p[.4, .5, .6, 0, 0, 0], Waypoint_2_q), a=1.3)
+    popup("movej([9,9,9,9,9,9])")
+  end
+end
+"""
+
+
+def parse(text: str, path: Path = PATH) -> RecordedProgram:
+    return DIALECT.parse(text.encode("latin-1"), path)
+
+
+def joints(program: RecordedProgram) -> dict[int, list[float]]:
+    return {
+        p.number: np.radians(p.shown_deg).tolist()
+        for p in program.positions
+        if p.shown_deg is not None
+    }
+
+
+def test_what_polyscope_generates_is_read() -> None:
+    program = parse(POLYSCOPE.replace("\n", "\r\n"))
+    assert (program.name, program.comment, program.fingerprint) == ("Touch_up", "", "")
+    assert [p.number for p in program.positions] == [1, 2, 3, 4, 5, 6]
+    assert [p.name for p in program.positions] == ["Waypoint_1", "Waypoint_2", "q1", "q1", "", ""]
+    found = joints(program)
+    assert found.keys() == {1, 3, 4, 5}
+    np.testing.assert_allclose(
+        found[1], [1.5, -1.6684614620604457, 1.9, -0.27, 1.32, 0.0036344528198242188]
+    )
+    np.testing.assert_allclose(found[3], [np.pi / 2, 0, 0, 0, 0, 0])
+    np.testing.assert_allclose(found[4], np.ones(6))
+    np.testing.assert_allclose(found[5], np.full(6, 2.0))
+    first, second, *_, last = (p.T_user_tool for p in program.positions)
+    assert first is not None
+    assert second is not None
+    assert last is not None
+    np.testing.assert_allclose(first[:3, 3], [0.433025361705, -0.467959205379, 0.522310714714])
+    np.testing.assert_allclose(second[:3, 3], [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(second[:2, :2], [[np.cos(3), -np.sin(3)], [np.sin(3), np.cos(3)]])
+    np.testing.assert_allclose(last[:3, 3], [0.4, 0.5, 0.6])
+    lines = POLYSCOPE.splitlines()
+    assert "Waypoint_1_p=" in lines[program.positions[0].line - 1]
+    assert "movel([2" in lines[program.positions[4].line - 1]
+
+
+def test_lists_without_moves_are_positions() -> None:
+    text = "q1=[1,2,3,0,0,0]\nP1_q=[1,1,1,1,1,1]\nP1_p=p[1,0,0,0,0,0]\nx=[1,2]\nn=3\n"
+    program = parse(text)
+    assert joints(program) == {
+        1: pytest.approx([1, 2, 3, 0, 0, 0]),
+        2: pytest.approx([1] * 6),
+    }
+    assert program.name == "x"
+    assert program.positions[1].T_user_tool is not None
+
+
+SMALL = """\
+def cal():
+  # Title: cell 7
+  # PLAN abcdef12 2
+  # POSE 1 left
+  movej([0.1, -1.5, 1.5, -1.5, -1.5, 0.5], a=1.4, v=0.3)
+  textmsg("POSE 1 q=", get_actual_joint_positions())
+  # POSE 2
+  movej([0.2, -1.5, 1.5, -1.5, -1.5, 0.5], a=1.4, v=0.3)
+  textmsg("POSE 2 q=", get_actual_joint_positions())
+end
+cal()
+"""
+POSED = SMALL.replace("movej([0.1,", "movej(get_inverse_kin(p[0.4, 0.1, 0.5, 0, 0, 0], qnear=[0.1,")
+POSED = POSED.replace("0.5], a", "0.5]), a", 1)
+
+
+def test_added_moves_stand_behind_all() -> None:
+    added = SMALL.replace(
+        "  # POSE 2", "  movej([1,1,1,1,1,1])\n  movej(pose_add(a, b))\n  # POSE 2"
+    )
+    program = parse(added)
+    assert [p.number for p in program.positions] == [1, 3, 2]
+    assert (program.comment, program.mark.measured) == ("cell 7", 2)
+    assert [p.number for p in program.measured] == [1, 2]
+
+
+def test_joints_beside_a_pose_are_taken_below_its_number_only() -> None:
+    first = parse(POSED).positions[0]
+    assert first.shown_deg is not None
+    np.testing.assert_allclose(np.radians(first.shown_deg), [0.1, -1.5, 1.5, -1.5, -1.5, 0.5])
+    assert first.T_user_tool is not None
+    without = parse(re.sub(r"  # POSE.*\n", "", POSED)).positions[0]
+    assert without.shown_deg is None
+    assert without.T_user_tool is not None
+
+
+@pytest.mark.parametrize(
+    ("source", "old", "new", "line", "message"),
+    [
+        (SMALL, "end\n", "", 11, "is cut off"),
+        (SMALL, "cal():", "c\0l():", 1, "holds the byte 0x00"),
+        (SMALL, "[0.1, ", "[", 5, "position 1 has 5 values"),
+        (SMALL, "[0.1, ", "[0.1, 7, ", 5, "position 1 has 7 values"),
+        (SMALL, "0.1,", "nan,", 5, "value 1 is 'nan', not a number"),
+        (SMALL, "0.1,", "0..1,", 5, "value 1 is '0..1', not a number"),
+        (SMALL, "0.1,", "12.6,", 5, "value 1 is 12.6, beyond"),
+        (SMALL, "0.1,", "d2r(721),", 5, r"value 1 is d2r\(721\), beyond"),
+        (SMALL, "0.1,", "10.0*x,", 5, "not a number"),
+        (SMALL, "v=0.3)", "v=0.3", 5, "movej has no closing bracket"),
+        (SMALL, "movej([0.1", "stopj([0.1", 4, "POSE 1 is not followed by a move"),
+        (SMALL, "movej([0.2", "stopj([0.2", 7, "POSE 2 is not followed by a move"),
+        (SMALL, "movej([0.1, -1.5, 1.5, -1.5, -1.5, 0.5]", "movej(q7", 4, "POSE 1 is not followed"),
+        (SMALL, "movej([0.1", "movec([0.1", 4, "POSE 1 is not followed by a move"),
+        (SMALL, "# POSE 2", "# POSE 1", 7, "POSE 1 is there twice"),
+        (SMALL, "# POSE 2", "# POSE 0", 7, "counted from 1"),
+        (POSED, "p[0.4,", "p[400,", 5, "value 1 is 400, beyond"),
+        (POSED, "p[0.4, ", "p[", 5, "position 1 has 5 values"),
+        ("q=[1,1,1,1,1,1]\nmovej(f(q))\n", "f", "g", 2, r"target 'g\(q\)' cannot be known"),
+        ("movej(q)\n", "q", "q[0]", 1, r"target 'q\[0\]' cannot be known"),
+        (
+            "movep(p[1,0,0,0,0,0])\nmovel(pose_trans(p[1,0,0,0,0,0],p[0,0,0,0,0,0]))\n",
+            "1",
+            "2",
+            2,
+            "in another frame",
+        ),
+        ("def x():\nend\n", "x", "y", None, "holds no positions"),
+        ("nothing\n", "n", "m", None, "holds no positions"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(
+    source: str, old: str, new: str, line: int | None, message: str
+) -> None:
+    assert old in source
+    with pytest.raises(FileFormatError, match=message) as caught:
+        parse(source.replace(old, new, 1))
+    assert caught.value.row == line
+    assert caught.value.hint
+    assert "x.script" in str(caught.value)
+
+
+LOG = """\
+2026-03-04 05:06:07.123 :: PolyScope :: Program Calpose started
+2026-03-04 05:06:08.123 :: RTMachine :: PROGRAM Calpose PLAN 11111111 1
+2026-03-04 05:06:09.123 :: RTMachine :: POSE 1 q=[9, 9, 9, 9, 9, 9]
+2026-03-04 05:07:07.123 :: RTMachine :: PROGRAM Calpose PLAN abcdef12 2
+2026-03-04 05:07:08.123 :: RTMachine :: measuring 1
+2026-03-04 05:07:09.123 :: RTMachine :: POSE 1 q=[0.1,-1.5,1.5,-1.5,-1.5,-5.2e-05]
+2026-03-04 05:07:09.123 :: RTMachine :: POSE 2 q=[0.2, -1.5, 1.5, -1.5, -1.5, 0.5]
+"""
+
+
+def test_a_log_is_read_from_its_last_run() -> None:
+    program = parse(LOG, Path("history.log"))
+    assert (program.name, program.fingerprint, program.mark.measured) == ("Calpose", "abcdef12", 2)
+    assert joints(program) == {
+        1: pytest.approx([0.1, -1.5, 1.5, -1.5, -1.5, -5.2e-5]),
+        2: pytest.approx([0.2, -1.5, 1.5, -1.5, -1.5, 0.5]),
+    }
+    assert [p.line for p in program.positions] == [6, 7]
+    bare = parse("POSE 3 q=[1,1,1,1,1,1]\nPOSE 3 q = [1, 1, 1, 1, 1, 1]\n", Path("history.log"))
+    assert (bare.name, bare.mark.measured, list(joints(bare))) == ("history", None, [3])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("POSE 2", "POSE 1", 7, "POSE 1 is reported twice in one run"),
+        ("POSE 2", "POSE 0", 7, "counted from 1"),
+        ("0.5]", "0.5", 7, "POSE 2 has no whole list"),
+        ("[0.2, ", "[", 7, "POSE 2 has 5 values"),
+        ("[0.2, ", "[x, ", 7, "POSE 2: value 1 is 'x', not a number"),
+        ("[0.2, ", "[20, ", 7, "POSE 2: value 1 is 20, beyond"),
+        ("q=[0.2, -1.5, 1.5, -1.5, -1.5, 0.5]", "q=", 7, "POSE 2 has no whole list"),
+    ],
+)
+def test_what_is_wrong_in_a_log(old: str, new: str, line: int, message: str) -> None:
+    assert LOG.count(old) == 1
+    with pytest.raises(FileFormatError, match=message) as caught:
+        parse(LOG.replace(old, new))
+    assert caught.value.row == line
+
+
+def test_a_run_without_reports() -> None:
+    with pytest.raises(FileFormatError, match="last run in it reports no POSE"):
+        parse(LOG + "PROGRAM Calpose PLAN abcdef12 2\n")
+
+
+def test_files_are_recognised(tmp_path: Path) -> None:
+    assert all(DIALECT.recognises(text.encode("latin-1")) for text in (POLYSCOPE, SMALL, LOG))
+    assert not DIALECT.recognises(b"J1 J2 J3\n1 2 3\n")
+    path = tmp_path / "run.log"
+    path.write_text(LOG)
+    assert len(registry.read(path, "ur-script").positions) == 2
+    path = tmp_path / "cal.script"
+    path.write_text(SMALL)
+    assert len(registry.read(path).positions) == 2
+
+
+def test_a_huge_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.script"
+    with path.open("wb") as stream:
+        stream.truncate(MOST_BYTES + 1)
+    with pytest.raises(FileFormatError, match="is larger than 20 MB"):
+        DIALECT.read(path)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "movej(" + "[" * 200_000,
+        "movej(" + "(" * 200_000 + ")" * 200_000 + ")",
+        "movej(" + "get_inverse_kin(" * 30_000 + ")" * 30_001,
+        "movej(" + "pose_trans(x," * 30_000 + ")" * 30_001,
+        "movej" + " " * 200_000 + "x",
+        "movej " * 30_000,
+        "movej([" + "1," * 100_000 + "1])",
+        "movej([" + "9" * 200_000 + ",1,1,1,1,1])",
+        "q1 = [" + " " * 200_000 + "x",
+        "q1 =x" + " " * 200_000 + "y",
+        "q" * 200_000 + "=[1,1,1,1,1,1]",
+        "global" + " " * 200_000 + "x",
+        "if" + ": " * 100_000 + "x",
+        " " * 200_000 + "x",
+        '"' * 200_000,
+        '"x' * 100_000,
+        "# POSE 1" + " " * 200_000,
+        "# Title:" + " " * 200_000 + "x",
+        "POSE 1 q=[" * 20_000,
+        "POSE " * 40_000,
+        "PROGRAM " + "x" * 200_000,
+    ],
+    ids=range(21),
+)
+@pytest.mark.parametrize("source", [SMALL, LOG])
+def test_a_damaged_line_is_not_tried_in_every_way(line: str, source: str) -> None:
+    # Quadratic work on a line like these would take minutes.
+    lines = source.split("\n")
+    data = "\n".join([*lines[:4], line, *lines[4:]]).encode()
+    read_or_refused(data)
+    DIALECT.check(data, PATH)
+
+
+def read_or_refused(data: bytes) -> RecordedProgram | None:
+    try:
+        program = DIALECT.parse(data, PATH)
+    except FileFormatError as error:
+        assert re.match(r"x\.script(, line \d+)?: .", error.message)  # noqa: PT017
+        return None
+    assert program.name
+    assert program.positions
+    return program
+
+
+def mutations(text: str, count: int, seed: int) -> Iterator[tuple[str, set[int]]]:
+    """Damaged texts, and the lines whose content is not in the original."""
+    rng = np.random.default_rng(seed)
+    pieces = [*'0123456789,.=-+ []()p\n#"', "movej", "POSE 1", "end\n", "1e5", "\xe9", "\0"]
+    for _ in range(count):
+        kind = rng.integers(5)
+        lines = text.split("\n")
+        i, j = (int(k) for k in rng.integers(len(lines), size=2))
+        if kind == 0:
+            at = int(rng.integers(len(text)))
+            damaged = text[:at] + str(rng.choice(pieces)) + text[at + int(rng.integers(3)) :]
+        elif kind == 1:
+            lines[i], lines[j] = lines[j], lines[i]
+            damaged = "\n".join(lines)
+        elif kind == 2:
+            damaged = "\n".join([*lines[:i], lines[j], *lines[i:]])
+        elif kind == 3:
+            damaged = "\n".join(lines[:i] + lines[i + 1 :])
+        else:
+            damaged = text[: int(rng.integers(len(text)))]
+        original = set(text.split("\n"))
+        yield (
+            damaged,
+            {row for row, line in enumerate(damaged.split("\n"), 1) if line not in original},
+        )
+
+
+def check_damaged(source: str, count: int, seed: int) -> None:
+    """A damaged file is refused, or its positions are right where their lines are untouched."""
+    good = parse(source)
+    values = {source.split("\n")[p.line - 1]: joints(good)[p.number] for p in good.positions}
+    read = 0
+    for damaged, changed in mutations(source, count, seed):
+        data = damaged.encode("latin-1")
+        DIALECT.check(data, PATH)
+        program = read_or_refused(data)
+        if program is None:
+            continue
+        read += 1
+        lines = damaged.split("\n")
+        for position in program.positions:
+            if position.line in changed or position.shown_deg is None:
+                continue
+            # the first run of the log may have become the last
+            expected = values.get(lines[position.line - 1], [9.0] * 6)
+            assert np.radians(position.shown_deg).tolist() == pytest.approx(expected, abs=1e-12)
+    assert 0.2 * count < read < 0.95 * count
+
+
+@pytest.mark.parametrize("source", [SMALL, POSED, LOG])
+def test_damaged_files_are_refused_or_read_right(source: str) -> None:
+    check_damaged(source, 500, seed=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", [SMALL, POSED, LOG])
+def test_many_damaged_files_are_refused_or_read_right(source: str) -> None:
+    check_damaged(source, 5000, seed=2)
+
+
+def test_damaged_generated_scripts_raise_nothing_else() -> None:
+    for damaged, _ in mutations(POLYSCOPE, 500, seed=3):
+        read_or_refused(damaged.encode("latin-1"))
+        DIALECT.check(damaged.encode("latin-1"), PATH)
+
+
+def test_random_files_are_refused() -> None:
+    rng = np.random.default_rng(4)
+    for size in rng.integers(0, 300, 300):
+        data = rng.bytes(int(size))
+        assert read_or_refused(data) is None
+        assert DIALECT.check(data, PATH)

@@ -6,13 +6,13 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from typing import Literal, cast, get_args
+from typing import Literal, Protocol, cast, get_args, runtime_checkable
 
 import numpy as np
 
 from calib.errors import InputError, near_names
+from calib.model import CalibrationModel
 from calib.se3 import FloatArray
-from posedesign.pose_plan import PosePlan
 from posedesign.programs.arm import Arm
 from posedesign.programs.recorded import PlanMark
 
@@ -171,6 +171,23 @@ class ProgramOptions:
         return number if self.measure_argument == "number" else self.measure_argument
 
 
+@runtime_checkable
+class Planned(Protocol):
+    """A plan that can be written as a program: ``posedesign.PosePlan`` or ``OptimalPlan``."""
+
+    @property
+    def stops(self) -> list[tuple[str, FloatArray, bool]]:
+        """Name, posture ``(n,)`` [rad], and whether it is passed only, of every stop in order."""
+
+    @property
+    def fingerprint(self) -> str:
+        """Short digest of the measured postures."""
+
+    @property
+    def model(self) -> CalibrationModel:
+        """What it was planned for."""
+
+
 @dataclass(frozen=True, eq=False)
 class PoseProgram:
     """A program that visits measuring poses in order.
@@ -224,7 +241,7 @@ class PoseProgram:
 
     @classmethod
     def of_plan(
-        cls, plan: PosePlan, name: str, options: ProgramOptions | None = None
+        cls, plan: Planned, name: str, options: ProgramOptions | None = None
     ) -> PoseProgram:
         """The program of a plan: its route, with the plan's fingerprint, for its robot."""
         poses = tuple(ProgramPose(name, posture, via=via) for name, posture, via in plan.stops)

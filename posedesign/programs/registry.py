@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import FileFormatError, InputError, near_names
-from posedesign.pose_plan import PosePlan
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls import FanucLs
 from posedesign.programs.kuka_krl import KukaKrl
-from posedesign.programs.program import PoseProgram, ProgramOptions
+from posedesign.programs.program import Planned, PoseProgram, ProgramOptions
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Problem, RecordedProgram
+from posedesign.programs.robodk_csv import RobodkCsv
 from posedesign.programs.ros import MoveitJoints, RobotCalibration, RosTrajectory
 from posedesign.programs.ur_script import UrScript
 from posedesign.programs.yaskawa_jbi import YaskawaJbi
@@ -26,13 +26,14 @@ DIALECTS: dict[str, Dialect] = {
         RosTrajectory(),
         MoveitJoints(),
         RobotCalibration(),
+        RobodkCsv(),
     )
 }
 """All dialects by name. A new controller is a new file and one entry here."""
 
 
 def write(
-    program: PoseProgram | PosePlan,
+    program: PoseProgram | Planned,
     dialect: str,
     folder: Path | str,
     options: ProgramOptions | None = None,
@@ -42,7 +43,7 @@ def write(
 
     Parameters
     ----------
-    program : PoseProgram or PosePlan
+    program : PoseProgram, PosePlan or OptimalPlan
         What to write.
     dialect : str
         Name of the controller's format, a key of `DIALECTS`.
@@ -67,7 +68,7 @@ def write(
         The file cannot be written.
     """
     chosen = find_dialect(dialect)
-    if isinstance(program, PosePlan):
+    if not isinstance(program, PoseProgram):
         program = PoseProgram.of_plan(program, name, options)
     return chosen.write(program, Path(folder))
 

@@ -109,6 +109,8 @@ def test_ctrl_c_says_stopped_and_leaves_no_half_file(tmp_path: Path) -> None:
         [*COMMAND, "study", "accuracy", "--draws", "2000", "--out", str(folder)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        # a shell that runs the tests in the background has its children ignore Ctrl-C
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         until = time.monotonic() + 30.0
         while not folder.exists() and time.monotonic() < until:  # then it is at work

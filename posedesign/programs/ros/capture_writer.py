@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
+from posedesign.programs.lists import check_options
 from posedesign.programs.program import PoseProgram, ProgramPose
 from posedesign.programs.ros.yaml_writing import (
-    check_options,
     ending,
     heading,
     joint_values,

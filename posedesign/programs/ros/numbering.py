@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from posedesign.programs.reading import refuse
@@ -49,7 +51,11 @@ def numbered(
                 joint_names=names,
             )
         )
-    return RecordedProgram(document.name, document.title, document.mark, tuple(positions), None)
+    mark = document.mark
+    passed = [label.number for label in labels if label is not None and label.kind == "via"]
+    if passed and mark.measured is None:
+        mark = replace(mark, measured=min(passed) - 1)  # they are numbered behind all measured ones
+    return RecordedProgram(document.name, document.title, mark, tuple(positions), None)
 
 
 def _number(document: Document, label: Label | None, line: int, counted: int) -> int:

@@ -7,10 +7,10 @@ joint trajectory controller of ros2_control asks of points.
 from __future__ import annotations
 
 from posedesign.programs.arm import Arm
+from posedesign.programs.lists import check_options
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.ros.trajectory_times import point_times_ms
 from posedesign.programs.ros.yaml_writing import (
-    check_options,
     ending,
     heading,
     joint_values,

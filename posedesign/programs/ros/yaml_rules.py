@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -151,15 +150,16 @@ def fields(element: Element, keys: Sequence[str], what: str) -> Iterator[Problem
     """Problems with the keys of a map; Fault where it is none."""
     if element.keys is None:
         raise Fault(element.line, "keys", f"{what} is a {element.kind}, not a map")
-    names = [key.text or "" for key in element.keys]
-    counts = Counter(names)
-    for key, name in zip(element.keys, names, strict=True):
+    seen: set[str] = set()
+    for key in element.keys:
+        name = key.text or ""
         if name not in keys:
             yield Problem(key.line, "keys", f"{what} has no key {name[:60]!a}")
-        elif counts[name] > 1:
+        elif name in seen:
             yield Problem(key.line, "plain-yaml", f"{what} has the key {name} twice")
+        seen.add(name)
     for name in keys:
-        if name not in counts:
+        if name not in seen:
             yield Problem(element.line, "keys", f"{what} lacks the key {name}")
 
 

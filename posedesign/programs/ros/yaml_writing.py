@@ -12,9 +12,9 @@ import re
 
 import numpy as np
 
-from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
+from posedesign.programs.lists import comment_text
 from posedesign.programs.program import PoseProgram, ProgramPose
 from posedesign.programs.writing import shown_deg
 
@@ -53,49 +53,6 @@ def label(number: int, pose: ProgramPose) -> list[str]:
         lines.append(f"# remark: {comment_text(f'comment of pose {pose.name!r}', pose.comment)}")
     words = f"# {'via' if pose.via else 'pose'} {number}"
     return [*lines, f"{words}: {comment_text('name of a pose', pose.name)}" if pose.name else words]
-
-
-def comment_text(what: str, text: str) -> str:
-    """A text that can stand in a comment, and comes back as it is.
-
-    Raises
-    ------
-    InputError
-        It has line ends or other characters that cannot be seen, or spaces around it.
-    """
-    if not text.isprintable() or text != text.strip():
-        raise InputError(
-            f"{what} {text!a} cannot stand in a comment",
-            hint="use one line of printable characters, without spaces around it",
-            name=what,
-            value=text,
-        )
-    return text
-
-
-def check_options(program: PoseProgram) -> None:
-    """Refuse what a list of joint values cannot do; calls are left to who runs it.
-
-    Raises
-    ------
-    InputError
-        A digital output is to be pulsed, or positions kept in registers.
-    """
-    options = program.options
-    if options.measure_output is not None:
-        raise InputError(
-            "a list of joint values switches no output",
-            hint="leave out measure_output, or write a program for the controller",
-            name="measure_output",
-            value=options.measure_output,
-        )
-    if options.keep != "position":
-        raise InputError(
-            "a list of joint values has no registers",
-            hint='keep positions with keep = "position"',
-            name="keep",
-            value=options.keep,
-        )
 
 
 def joint_values(arm: Arm, program: PoseProgram) -> FloatArray:

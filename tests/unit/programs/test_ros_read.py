@@ -91,8 +91,15 @@ def test_capture_poses_may_be_messages_and_name_joints_in_any_order() -> None:
     assert [p.line for p in program.positions] == [1, 3]
 
 
+def test_poses_passed_through_are_known_without_a_mark() -> None:
+    points = "# via 2: over\n- {positions: [1.0]}\n# pose 1: left\n- {positions: [2.0]}\n"
+    program = parse("joint_names: [a]\npoints:\n" + points)
+    assert [p.number for p in program.positions] == [2, 1]
+    assert [p.name for p in program.measured] == ["left"]
+    assert program.fingerprint == ""
+
+
 def test_equal_captures_count_each_and_standing_counts_once() -> None:
-    assert len(parse("{joint_names: [a], joint_values: [[1.0], [1.0]]}", "moveit-joints").positions)
     rows = parse("{joint_names: [a], joint_values: [[1.0], [1.0]]}", "moveit-joints").positions
     assert [p.number for p in rows] == [1, 2]
     stands = parse("{joint_names: [a], points: [{positions: [1.0]}, {positions: [1.0]}]}")
@@ -182,7 +189,7 @@ points:
         ("points:", "others:", 3, "points is missing"),
         ("points:", "points: []\npoints:", 7, "has the key 'points' twice"),
         ("points:", "? [a]\n: 1\npoints:", 6, "a key is not a word"),
-        ("- positions:\n  - 1.5\n", "- positions: 1.5\n", 16, "positions is not a list"),
+        ("- positions:\n  - 1.5\n", "- positions: 1.5\n  x:\n", 16, "positions is not a list"),
         ("- positions:\n  - 1.5\n  - 1.25\n", "- 7\n", 16, "point 3 is not a map"),
         ("# pose 2: right\n", "", 15, "no comment says which pose this is"),
         ("# pose 2: right", "# pose 1: right", 16, "pose 1 is there twice"),

@@ -1,0 +1,222 @@
+"""ABB RAPID modules (``.mod``): the writer.
+
+Joint positions are moved to with ``MoveAbsJ``, which knows no arm position to choose and no work
+object; poses with ``MoveJ`` and their confdata. Tool and work object have names and no numbers in
+RAPID: where the arm's frames are those of the faceplate and of the world they are ``tool0`` and
+``wobj0``, else they are declared by value. The mass of such a tool is not known here; it is to be
+set on the pendant.
+
+All motions go to a stop point (``fine``), and ``WaitTime\\InPos``, with 0 where no time is asked
+for, waits until the arm stands. A digital output is the signal ``do`` with its number.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import FloatArray, quaternion_from_rotation
+from posedesign.programs.arm import Arm
+from posedesign.programs.program import PoseProgram, ProgramPose, in_range
+from posedesign.programs.writing import NameRule, plain, plain_all, shown_deg
+
+_RESERVED = """
+ALIAS AND BACKWARD BASE CASE CJOINTT CONFJ CONNECT CONST DEFAULT DIV DO ELSE ELSEIF ENDFOR ENDFUNC
+ENDIF ENDMODULE ENDPROC ENDRECORD ENDTEST ENDTRAP ENDWHILE ERROR EXIT FALSE FINE FOR FROM FUNC GOTO
+IF INOUT JMEASURED JOINTTARGET LOCAL MAIN MOD MODULE MOVEABSJ MOVEC MOVEJ MOVEL NOSTEPIN NOT NOVIEW
+OR PERS PROC PULSEDO RAISE READONLY RECORD RETRY RETURN ROBTARGET STEP SYSMODULE TASK TCALIB TEST
+THEN TO TOOL0 TOOLDATA TRAP TRUE TRYNEXT UNDO USER VAR VELSET VIEWONLY VMAX WAITTIME WCALIB WHILE
+WITH WOBJ0 WOBJDATA XOR
+"""
+
+NAMES = NameRule("a RAPID name", 32, small=True, reserved=frozenset(_RESERVED.split()))
+"""Names of modules and routines; letters of either case are the same."""
+
+TOOL, WORK_OBJECT, MEASURED = "tCalib", "wCalib", "jMeasured"
+"""Names of what the module declares beside positions."""
+
+TEXT_LENGTH = 80
+"""Characters of a comment."""
+
+LONGEST_WAIT_S = 3600.0
+"""No arm takes longer to settle: a larger number is in another unit."""
+
+SHORTEST_PULSE_S, LONGEST_PULSE_S = 0.001, 2000.0
+"""Pulses that PulseDO gives."""
+
+FASTEST_MM_S = 5000
+"""Limit of the tool's speed that VelSet leaves: that of ``vmax``."""
+
+JOINT_DECIMALS, PLACE_DECIMALS, QUATERNION_DECIMALS = 5, 4, 9
+"""The controller keeps numbers of 24 bits, whose steps at 180 deg and 2000 mm are 0.00002 and
+0.0001."""
+
+_TEXT = re.compile(rf"[ -~]{{1,{TEXT_LENGTH}}}")
+_POSITION = re.compile(r"J?P\d+", re.IGNORECASE)
+_NOT_CONNECTED = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+_LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"
+_IDENTITY_WITHIN = 1e-12
+
+
+def render_abb_rapid(program: PoseProgram, arm: Arm) -> str:
+    r"""Text of the module, its lines ended by ``\n``.
+
+    Joints are rounded to five decimals, by at most 0.000005 deg; poses to 0.00005 mm and 1e-9 of
+    the quaternion. A pose's name becomes a comment where it has 1 to 80 plain characters; longer or
+    other ones are left out.
+
+    Raises
+    ------
+    InputError
+        A text that a comment cannot hold, a number out of its range, or a joint beyond +-720 deg.
+    """
+    _check_options(program)
+    options = program.options
+    tool = _frame_name(arm.T_tip_tool, TOOL, "tool0")
+    work_object = _frame_name(arm.T_world_user, WORK_OBJECT, "wobj0")
+    lines = [f"MODULE {program.name}"]
+    lines += [f"  ! {text}" for text in (options.comment, program.mark) if text]
+    lines += _frames(arm, tool, work_object) + _positions(program, arm) + _measured(program)
+    lines += ["  PROC main()", f"    VelSet {options.speed_percent},{FASTEST_MM_S};"]
+    if options.form == "cartesian":
+        lines.append("    ConfJ\\On;")
+    for number, pose in zip(program.numbers, program.poses, strict=True):
+        lines += _named(number, pose, "    ")
+        if pose.comment:
+            lines.append(f"    ! {pose.comment}")
+        if options.form == "joint":
+            lines.append(f"    MoveAbsJ jp{number}\\NoEOffs,vmax,fine,{tool};")
+        else:
+            lines.append(f"    MoveJ p{number},vmax,fine,{tool}\\WObj:={work_object};")
+        if not pose.via:
+            lines += [f"    {line}" for line in _measuring(program, number)]
+    lines += [f"    VelSet 100,{FASTEST_MM_S};", "  ENDPROC", "ENDMODULE"]
+    return "\n".join(lines) + "\n"
+
+
+def _check_options(program: PoseProgram) -> None:
+    options = program.options
+    in_range("settle_s", options.settle_s, 0, LONGEST_WAIT_S)
+    if options.measure_output is not None:
+        in_range("measure_pulse_s", options.measure_pulse_s, SHORTEST_PULSE_S, LONGEST_PULSE_S)
+    _check_text("comment", options.comment)
+    for pose in program.poses:
+        _check_text(f"comment of pose {pose.name!r}", pose.comment)
+    for what, name in (("name", program.name), ("measure_call", options.measure_call)):
+        if name is None:
+            continue
+        NAMES.check(name)
+        if _POSITION.fullmatch(name):
+            raise InputError(
+                f"{what} {name!r} is the name of a position",
+                hint="choose another one",
+                name=what,
+                value=name,
+            )
+    call = options.measure_call
+    if call is not None and call.upper() == program.name.upper():
+        raise InputError(
+            f"the module {program.name} has the name of the program that measures",
+            hint="name another program in measure_call",
+            name="measure_call",
+            value=call,
+        )
+
+
+def _check_text(name: str, text: str) -> None:
+    if text and not _TEXT.fullmatch(text):
+        raise InputError(
+            f"{name} {text!a} cannot stand in a comment",
+            hint=f"use at most {TEXT_LENGTH} ASCII characters",
+            name=name,
+            value=text,
+            bound=TEXT_LENGTH,
+        )
+
+
+def _frame_name(T: FloatArray, name: str, usual: str) -> str:
+    return usual if np.abs(T - np.eye(4)).max() <= _IDENTITY_WITHIN else name
+
+
+def _frames(arm: Arm, tool: str, work_object: str) -> list[str]:
+    """Declarations of the frames that are not the usual ones."""
+    place_tool, place_user = _poses(np.stack([arm.T_tip_tool, arm.T_world_user]))
+    lines = []
+    if tool == TOOL:
+        lines += [
+            f"  ! the load of {TOOL} is not known: set its mass and centre",
+            f"  TASK PERS tooldata {TOOL}:=[TRUE,[{place_tool}],{_LOAD}];",
+        ]
+    if work_object == WORK_OBJECT:
+        lines.append(
+            f"  TASK PERS wobjdata {WORK_OBJECT}:="
+            f'[FALSE,TRUE,"",[{place_user}],[[0,0,0],[1,0,0,0]]];'
+        )
+    return lines
+
+
+def _positions(program: PoseProgram, arm: Arm) -> list[str]:
+    rows = shown_deg(arm, program.poses)  # refuses joints that no arm reaches
+    if program.options.form == "joint":
+        head = "jointtarget jp"
+        values = [f"[{','.join(plain_all(row, JOINT_DECIMALS))}]" for row in rows]
+    else:
+        head = "robtarget p"
+        postures = program.postures_rad
+        words = arm.configurations(postures)
+        placed = _poses(arm.tool_poses(postures))
+        values = [f"{pose},{at.words}" for pose, at in zip(placed, words, strict=True)]
+    lines = []
+    stored = zip(program.numbers, program.poses, values, strict=True)
+    for number, pose, value in sorted(stored, key=lambda entry: entry[0]):
+        lines += _named(number, pose, "  ")
+        lines.append(f"  LOCAL CONST {head}{number}:=[{value},{_NOT_CONNECTED}];")
+    return lines
+
+
+def _named(number: int, pose: ProgramPose, indent: str) -> list[str]:
+    return [f"{indent}! P{number} {pose.name}"] if _TEXT.fullmatch(pose.name) else []
+
+
+def _poses(T: FloatArray) -> list[str]:
+    """``[x,y,z],[q1,q2,q3,q4]`` of transforms ``(N, 4, 4)`` [mm]."""
+    quaternions = quaternion_from_rotation(T[:, :3, :3])
+    return [
+        f"[{','.join(plain_all(place, PLACE_DECIMALS))}],"
+        f"[{','.join(plain_all(turn, QUATERNION_DECIMALS))}]"
+        for place, turn in zip(1e3 * T[:, :3, 3], quaternions, strict=True)
+    ]
+
+
+def _measured(program: PoseProgram) -> list[str]:
+    """The array of touched-up positions, without values at first."""
+    options = program.options
+    measured = [n for n, pose in zip(program.numbers, program.poses, strict=True) if not pose.via]
+    if options.keep != "register" or not measured:
+        return []
+    first, last = (options.first_register + n - 1 for n in (measured[0], measured[-1]))
+    empty = f"[{_NOT_CONNECTED},{_NOT_CONNECTED}]"
+    return [
+        f"  ! {MEASURED}{{{first}}} IS P{measured[0]}",
+        f"  PERS jointtarget {MEASURED}{{{last}}}:=[",
+        *[f"    {empty},"] * (last - 1),
+        f"    {empty}];",
+    ]
+
+
+def _measuring(program: PoseProgram, number: int) -> list[str]:
+    options = program.options
+    # at least one hundredth: a wait that is asked for must not round to none
+    settle = plain(max(options.settle_s, 0.01), 2) if options.settle_s else "0"
+    lines = [f"WaitTime\\InPos,{settle};"]
+    if options.measure_output is not None:
+        pulse = plain(options.measure_pulse_s, 3)
+        lines.append(f"PulseDO\\PLength:={pulse},do{options.measure_output};")
+    if options.measure_call is not None:
+        argument = options.argument(number)
+        lines.append(options.measure_call + ("" if argument is None else f" {argument}") + ";")
+    if options.keep == "register":
+        lines.append(f"{MEASURED}{{{options.first_register + number - 1}}}:=CJointT();")
+    return lines

@@ -10,6 +10,9 @@ Conventions
 * ``W, P, R`` are FANUC's angles: rotations about the fixed X, Y and Z axes in that order,
   ``R = Rz(R) Ry(P) Rx(W)``. At P = +-90 deg W and R are degenerate: R is then set to zero and the
   matrix is still right. Compare rotations, never angles.
+* KUKA's ``A, B, C`` are ``R, P, W``: the same rotation, the other order. Yaskawa's Rx, Ry, Rz are
+  ``W, P, R``. Stäubli's ``rx, ry, rz`` are about the moving X, Y and Z axes: ``Rx(rx) Ry(ry)
+  Rz(rz)``. Universal Robots takes rotation vectors, ABB quaternions.
 * Quaternions are ``(w, x, y, z)``, of unit norm; q and -q are the same rotation.
 * All functions take leading batch dimensions: ``(..., 3, 3)``, ``(..., 4, 4)``, ``(..., 3)``.
 """
@@ -122,6 +125,22 @@ def wpr_from_rotation(rotation: ArrayLike) -> FloatArray:
     r = np.where(regular, np.arctan2(sin_r, cos_r), 0.0)
     wpr = np.stack([w, p, r], axis=-1)
     return np.where(wpr <= -np.pi, np.pi, wpr) + 0.0  # + 0.0 turns -0.0 into 0.0
+
+
+def rotation_from_moving_xyz(angles: ArrayLike) -> FloatArray:
+    """Rotations ``(..., 3, 3)`` from Stäubli's rx, ry, rz ``(..., 3)`` [rad]: ``Rx Ry Rz``."""
+    # the transpose of Rz(-rz) Ry(-ry) Rx(-rx)
+    return np.swapaxes(rotation_from_wpr(-np.asarray(angles, dtype=float)), -1, -2)
+
+
+def moving_xyz_from_rotation(rotation: ArrayLike) -> FloatArray:
+    """Stäubli's rx, ry, rz ``(..., 3)`` [rad] of rotations ``(..., 3, 3)``, each in (-pi, pi].
+
+    ry lies in [-pi/2, pi/2]. Where it is +-pi/2, rz is set to zero.
+    """
+    R = np.asarray(rotation, dtype=float)
+    angles = -wpr_from_rotation(np.swapaxes(R, -1, -2))
+    return np.where(angles <= -np.pi, np.pi, angles) + 0.0
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:

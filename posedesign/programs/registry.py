@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from calib.errors import FileFormatError, InputError, near_names
+from posedesign.programs.abb_rapid import AbbRapid
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls import FanucLs
 from posedesign.programs.kuka_krl import KukaKrl
@@ -19,6 +20,7 @@ from posedesign.programs.yaskawa_jbi import YaskawaJbi
 DIALECTS: dict[str, Dialect] = {
     dialect.name: dialect
     for dialect in (
+        AbbRapid(),
         FanucLs(),
         KukaKrl(),
         YaskawaJbi(),

@@ -33,11 +33,15 @@ _HEADER = re.compile(r"\s{0,99}%%%[^%]{0,999}%%%")
 _MODULE = re.compile(rf"\s*MODULE\s+({_NAME})(?:\s?\([\w ,]{{0,99}}\))?(?=\s|$)", _FLAGS)
 _END = re.compile(r"\bENDMODULE\s*$", _FLAGS)
 _DECLARED = re.compile(
-    rf"\b(CONST|PERS|VAR) (jointtarget|robtarget) ({_NAME}) ?(\{{[^}}]{{0,40}}\}})? ?(:= ?)?", _FLAGS
+    rf"\b(CONST|PERS|VAR) (jointtarget|robtarget) ({_NAME}) ?(\{{[^}}]{{0,40}}\}})? ?(:= ?)?",
+    _FLAGS,
 )
 _MOTION = re.compile(r"\b(MoveAbsJ|MoveJ|MoveL|MoveC)(?:\\\w+(?::=\w+)?)* ?,? ?(?=\[)", _FLAGS)
-_LOST = re.compile(r"\b(?:jointtarget|robtarget)\b|:= ?\[ ?\[ ?[-+.\d]", _FLAGS)
-_ALLOWED = re.compile(r"\b(?:PROC|FUNC|TRAP|RECORD|ALIAS|VAR|jointtarget|robtarget) ", _FLAGS)
+_QUAD, _SIX = (rf"\[(?:[^\[\],]{{1,30}},){{{n}}}[^\[\],]{{1,30}}\]" for n in (3, 5))
+_LOST = re.compile(rf"\[ ?{_SIX} ?, ?{_SIX} ?\]|{_QUAD} ?, ?{_QUAD} ?, ?{_SIX}", _FLAGS)
+_NUMBERS = re.compile(r"\bnum\b", _FLAGS)
+_ROUTINE = re.compile(rf"\b(?:PROC|FUNC {_NAME}) {_NAME} ?\([^()]*\)", _FLAGS)
+_PLACE = re.compile(r"\b(?:CONST|PERS|VAR|MoveAbsJ|MoveJ|MoveL|MoveC)\b", _FLAGS)
 _POSE_NAME = re.compile(r"P(\d{1,6}) (.*)")
 _FIRST_REGISTER = re.compile(r"jMeasured\{(\d{1,6})\} IS P(\d{1,6})\s*")
 _NUMBERED = re.compile(r"[JR]?P(\d{1,6})", _FLAGS)
@@ -86,7 +90,9 @@ def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
     for remark in remarks:
         _take_remark(module, remark)
     for row, statement in statements:
-        _take(module, " ".join(statement.split()), path, row)
+        place = _PLACE.search(statement)
+        at = row + statement.count("\n", 0, place.start()) if place else row
+        _take(module, _ROUTINE.sub("", " ".join(statement.split())), path, at)
     if not module.positions:
         refuse("holds no positions", path, hint="name the module that was touched up")
     positions = recorded(_numbered(module, path), path)
@@ -140,7 +146,7 @@ def _take(module: _Module, code: str, path: Path | str, row: int) -> None:
         _take_declaration(module, declared[0], code, path, row)
         return
     motion = _MOTION.search(code)
-    if declared or (motion is None and _LOST.search(code) and not _ALLOWED.search(code)):
+    if declared or (motion is None and _LOST.search(code) and not _NUMBERS.search(code)):
         refuse(f"cannot make sense of {code[:30]!r}", path, row)
     if motion is None:
         return

@@ -26,6 +26,8 @@ NORM_WITHIN = 2e-3
 _MOST_EXTERNAL = 1e6
 _MOST_DEPTH = 6
 _TOKEN = re.compile(r"\s*(?:([\[\],])|([^\s\[\],]{1,40}))", re.ASCII)
+_ROW = r"\[[-+.\dE]{1,40}(?:,[-+.\dE]{1,40})*\]"
+_LISTS = re.compile(rf"\[{_ROW}(?:,{_ROW})*\]", re.IGNORECASE | re.ASCII)
 _UNCONNECTED = re.compile(r"9\.?0*E\+?0*9", re.IGNORECASE)
 _SHAPES = {"jointtarget": (6, 6), "robtarget": (3, 4, 4, 6)}
 
@@ -69,6 +71,9 @@ def nested(text: str, label: str, path: Path | str, row: int) -> Nested:
     FileFormatError
         The text is not one list.
     """
+    if _LISTS.fullmatch(text):
+        # what nearly all positions are: lists of plain numbers
+        return [part.split(",") for part in text[2:-2].split("],[")]  # type: ignore[misc]
     root: Nested = []
     stack = [root]
     at, value_due = 0, True
@@ -95,9 +100,7 @@ def nested(text: str, label: str, path: Path | str, row: int) -> Nested:
     return root[0]
 
 
-def stored(
-    variable: str, kind: str, value: Nested, path: Path | str, row: int
-) -> StoredPosition:
+def stored(variable: str, kind: str, value: Nested, path: Path | str, row: int) -> StoredPosition:
     """A position from its nested numbers.
 
     Raises

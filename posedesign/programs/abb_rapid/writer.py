@@ -1,4 +1,4 @@
-"""ABB RAPID modules (``.mod``): the writer.
+r"""ABB RAPID modules (``.mod``): the writer.
 
 Joint positions are moved to with ``MoveAbsJ``, which knows no arm position to choose and no work
 object; poses with ``MoveJ`` and their confdata. Tool and work object have names and no numbers in
@@ -6,7 +6,7 @@ RAPID: where the arm's frames are those of the faceplate and of the world they a
 ``wobj0``, else they are declared by value. The mass of such a tool is not known here; it is to be
 set on the pendant.
 
-All motions go to a stop point (``fine``), and ``WaitTime\\InPos``, with 0 where no time is asked
+All motions go to a stop point (``fine``), and ``WaitTime\InPos``, with 0 where no time is asked
 for, waits until the arm stands. A digital output is the signal ``do`` with its number.
 """
 
@@ -200,7 +200,7 @@ def _measured(program: PoseProgram) -> list[str]:
     empty = f"[{_NOT_CONNECTED},{_NOT_CONNECTED}]"
     return [
         f"  ! {MEASURED}{{{first}}} IS P{measured[0]}",
-        f"  PERS jointtarget {MEASURED}{{{last}}}:=[",
+        f"  LOCAL PERS jointtarget {MEASURED}{{{last}}}:=[",
         *[f"    {empty},"] * (last - 1),
         f"    {empty}];",
     ]

@@ -1,0 +1,174 @@
+"""Staubli VAL 3 projects: the reader of their data (``NAME.dtx``).
+
+Of projects as they are written (they have ``sPlan``) the elements of ``jPose`` or ``pPose`` are
+read, element k - 1 as number k; where there is ``jActual``, its joints in place of those that were
+planned. Of other projects the elements of all arrays of joints and points are taken, in the order
+of the file; where ``start.pgx`` lies beside it and says which of them are moved to, these, in the
+order of their moves.
+
+A controller leaves out attributes that are zero; an element that is not there at all is refused,
+and so are points in several frames. Points whose arm position is ``same`` or not said are taken
+without one. XML with a DTD or entities is refused.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import FileFormatError, InputError
+from calib.se3 import FloatArray, rotation_from_wpr, transform
+from posedesign.programs.configurations import StaubliConfiguration
+from posedesign.programs.reading import joint_deg, millimetres, read_program_bytes, refuse
+from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.staubli_val3.database import DataArray, Element, read_database
+
+_JOINTS = ("j1", "j2", "j3", "j4", "j5", "j6")
+_POINT = ("x", "y", "z", "rx", "ry", "rz")
+_CONFIG = ("shoulder", "elbow", "wrist")
+_KINDS = {"jointRx": "joint", "joint": "joint", "pointRx": "point", "point": "point"}
+_MOVED = re.compile(
+    r"\bmove[jlc]\s{0,9}\(\s{0,9}([A-Za-z]\w{0,31})(?:\s{0,9}\[\s{0,9}(\d{1,6})\s{0,9}\])?"
+)
+_PLAIN_WHOLE = re.compile(r"\d{1,6}", re.ASCII)
+
+
+def parse_staubli_val3(data: bytes, path: Path | str) -> RecordedProgram:
+    """Project whose data are the content of a file; see the module.
+
+    Raises
+    ------
+    FileFormatError
+        The file holds no data of a VAL 3 project, or no position that can be read.
+    """
+    path = Path(path)
+    if path.suffix.lower() in (".pjx", ".pgx"):
+        refuse("holds no positions", path, None, "name the project's data file, NAME.dtx")
+    arrays = read_database(data, path)
+    title = _string(arrays, "sTitle")
+    plan = _string(arrays, "sPlan")
+    if "sPlan" in arrays:
+        positions = _own(arrays, path)
+    else:
+        positions = _others(arrays, path)
+    if not positions:
+        refuse("holds no positions", path, None, "save the application that was touched up")
+    mark = PlanMark.found_in(plan) or PlanMark()
+    return RecordedProgram(path.stem, title, mark, tuple(positions), "staubli")
+
+
+def _string(arrays: dict[str, DataArray], name: str) -> str:
+    first = arrays[name].elements.get(0) if name in arrays else None
+    return first.attributes.get("value", "") if first else ""
+
+
+def _own(arrays: dict[str, DataArray], path: Path) -> list[RecordedPosition]:
+    """Positions of a project as it is written, by their numbers."""
+    array = arrays.get("jPose") or arrays.get("pPose")
+    if array is None or array.type not in _KINDS:
+        refuse("has sPlan, but no jPose and no pPose", path, None, "save the application again")
+    sources = {k: (array, k) for k in range(array.size)}
+    actual = arrays.get("jActual")
+    if actual is not None:
+        first = _first(arrays, path)
+        sources |= {k: (actual, first + k) for k in range(min(actual.size - first, array.size))}
+    names = arrays["sPose"].elements if "sPose" in arrays else {}
+    listed = []
+    for k, (source, key) in sources.items():
+        name = names[k].attributes.get("value", "") if k in names else ""
+        listed.append((k + 1, name, source, key))
+    return _recorded(listed, path)
+
+
+def _first(arrays: dict[str, DataArray], path: Path) -> int:
+    element = arrays["nFirst"].elements.get(0) if "nFirst" in arrays else None
+    text = element.attributes.get("value", "") if element else ""
+    if not _PLAIN_WHOLE.fullmatch(text) or int(text) < 1:
+        row = element.line if element else None
+        refuse(f"nFirst is {text[:20]!r}, not a number from 1 on", path, row)
+    return int(text) - 1
+
+
+def _others(arrays: dict[str, DataArray], path: Path) -> list[RecordedPosition]:
+    """Positions of somebody's project."""
+    taught = {name: array for name, array in arrays.items() if array.type in _KINDS}
+    moved = [(n, k) for n, k in _moved(path) if n in taught and k in taught[n].elements]
+    keys = moved or [(name, k) for name, array in taught.items() for k in sorted(array.elements)]
+    return _recorded(
+        [(i, f"{name}[{k}]", taught[name], k) for i, (name, k) in enumerate(keys, start=1)], path
+    )
+
+
+def _moved(path: Path) -> list[tuple[str, int]]:
+    """What the program beside a data file moves to, each once."""
+    try:
+        text = read_program_bytes(path.with_name("start.pgx")).decode("latin-1")
+    except FileFormatError:
+        return []
+    code = re.sub(r"//[^\n]*", "", text)
+    return list(dict.fromkeys((name, int(key or 0)) for name, key in _MOVED.findall(code)))
+
+
+def _recorded(listed: list[tuple[int, str, DataArray, int]], path: Path) -> list[RecordedPosition]:
+    """Positions of elements: number, name, array and key of each."""
+    out: list[RecordedPosition] = []
+    points: list[list[float]] = []
+    father = ""
+    for number, name, array, key in listed:
+        element = array.elements.get(key)
+        label = f"{array.name}[{key}]"
+        if element is None:
+            refuse(f"{label} is not there", path, array.line, "save the application again")
+        if _KINDS[array.type] == "joint":
+            shown = np.array([_value(element, j, label, path) for j in _JOINTS])
+            out.append(RecordedPosition(number, name, element.line, shown))
+            continue
+        own = element.attributes.get("fatherId", "world[0]")
+        if own != (father or own):
+            reason = f"{label} is in {own[:30]!a}, points before in {father[:30]!a}"
+            refuse(reason, path, element.line, "teach all points in one frame")
+        father = own
+        points.append([_value(element, name, label, path) for name in _POINT])
+        configuration = _configuration(element, label, path)
+        out.append(RecordedPosition(number, name, element.line, None, _EMPTY, configuration))
+    return _with_poses(out, np.array(points)) if points else out
+
+
+_EMPTY = np.empty((4, 4))
+"""Stands for a pose until all are made at once."""
+
+
+def _with_poses(out: list[RecordedPosition], points: FloatArray) -> list[RecordedPosition]:
+    turned = rotation_from_wpr(-np.radians(points[:, 3:]))  # of Rx Ry Rz the transpose
+    poses = iter(transform(np.swapaxes(turned, -1, -2), points[:, :3] * 1e-3))
+    return [
+        position
+        if position.shown_deg is not None
+        else RecordedPosition(
+            position.number,
+            position.name,
+            position.line,
+            None,
+            next(poses),
+            position.configuration,
+        )
+        for position in out
+    ]
+
+
+def _value(element: Element, name: str, label: str, path: Path) -> float:
+    text = element.attributes.get(name, "0")
+    read = millimetres if name in ("x", "y", "z") else joint_deg
+    return read(text, f"{label}: {name}", path, element.line)
+
+
+def _configuration(element: Element, label: str, path: Path) -> StaubliConfiguration | None:
+    words = [element.attributes.get(name, "") for name in _CONFIG]
+    if not all(words) or any(word.endswith("same") for word in words):
+        return None
+    try:
+        return StaubliConfiguration.parse(" ".join(words))
+    except InputError as error:
+        refuse(f"{label}: {error.message}", path, element.line, error.hint)

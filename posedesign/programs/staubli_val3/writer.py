@@ -1,0 +1,277 @@
+"""Staubli VAL 3 projects: the writer.
+
+A project is a folder of its name: ``NAME.dtx`` holds the positions and all other data, ``NAME.pjx``
+lists the files, ``start.pgx`` and ``stop.pgx`` are run when the application is started and stopped,
+and the measuring call is a program of the project of its own, because VAL 3 calls no program that
+is not there. As written it shows a message and waits until the operator sets ``bGo``; put another
+body there to trigger an instrument.
+
+* Positions are ``jPose`` (``jointRx``, deg) or ``pPose`` (``pointRx``: mm, deg, the arm position,
+  in the frame ``fUser``), element k - 1 for pose k: those that are measured first. Frame and tool
+  are given by value (``fUser``, ``tTool``); their numbers mean nothing here.
+* A touched-up position is taught into its element (HERE on the pendant); or, with ``keep =
+  "register"``, stored as ``jActual[...]=herej()`` after the call, from element first_register - 1
+  on. Before the first run ``jActual`` holds the planned joints. Save the application afterwards.
+* ``sPlan``, ``sTitle`` and ``sPose`` carry mark, title and names of poses through the controller,
+  which does not keep comments of a data file.
+* The output is number n of the first BasicIO board (``BasicIO-1\\%Qn``); link it anew where the
+  cell has another one.
+
+Facts: RoboDK's post-processors and example project (VAL 3 s7.3), ros-industrial's driver (s7.9).
+Nothing was loaded on a controller. The words for arm positions do not tell turns of joints 1, 4
+and 6 apart: joint positions leave nothing open.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from html import escape
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.programs.arm import Arm
+from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
+from posedesign.programs.writing import NameRule, plain_all, shown_deg
+
+_WORDS = (
+    "AND BEGIN BOOL CALL CASE DEFAULT DO ELSE END ENDFOR ENDIF ENDSWITCH ENDWHILE FALSE FOR IF NOT "
+    "NUM OR RETURN START STEP STOP STRING SWITCH TASKCREATE THEN TO TRUE UNTIL WAIT WHILE XOR "
+    "DELAY FLANGE FRAME HEREJ JOINT MDESC MOVEC MOVEJ MOVEL POINT POPUPMSG RESETMOTION TOOL "
+    "WAITENDMOVE WORLD"
+)
+
+NAMES = NameRule("a VAL 3 name", 15, small=True, reserved=frozenset(_WORDS.split()))
+"""Names of programs and data have at most 15 characters."""
+
+TEXT_LENGTH = 60
+"""Characters of a title or of a name of a pose: they fit into a string and a line of the editor."""
+
+MOST_OUTPUT = 15
+"""Last output of a BasicIO board."""
+
+_TEXT = re.compile(r"[ -~]*")
+_XSI = 'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
+_VAL3 = "http://www.staubli.com/robotics/VAL3"
+_DECLARED = '<?xml version="1.0" encoding="utf-8" ?>'
+
+
+def render_staubli_val3(program: PoseProgram, arm: Arm) -> dict[str, str]:
+    r"""Text of each file by its path, ``NAME/NAME.dtx`` first, lines ended by ``\n``.
+
+    Joints and angles are rounded to 5e-6 deg, coordinates to 5e-5 mm. A pose's name is left out
+    where it is longer than 60 characters or not plain ASCII.
+
+    Parameters
+    ----------
+    program : PoseProgram
+    arm : Arm
+        Its tool frame becomes ``tTool``, its user frame ``fUser``.
+
+    Raises
+    ------
+    InputError
+        A name or a text that cannot stand in a project, a number out of its range, or a joint
+        beyond +-720 deg.
+    """
+    _check_options(program)
+    name, call = program.name, program.options.measure_call
+    programs = {"start": _start(program), "stop": ["resetMotion()"]}
+    if call is not None:
+        programs[call] = _MEASURING
+    files = {
+        f"{name}/{name}.dtx": _data_file(program, arm),
+        f"{name}/{name}.pjx": _project_file(name, list(programs)),
+    }
+    for called, lines in programs.items():
+        argument = called == call and program.options.measure_argument is not None
+        files[f"{name}/{called}.pgx"] = _program_file(called, lines, argument=argument)
+    return files
+
+
+_MEASURING = [
+    "// put here how a pose is measured",
+    "bGo=false",
+    'popUpMsg("Measure, then set bGo to true")',
+    "wait(bGo)",
+]
+
+
+def _check_options(program: PoseProgram) -> None:
+    options = program.options
+    in_range("settle_s", options.settle_s, 0, 1e4)
+    in_range("measure_pulse_s", options.measure_pulse_s, 0, 1e4)
+    if options.measure_output is not None:
+        in_range("measure_output", options.measure_output, 0, MOST_OUTPUT)
+    _check_text("comment", options.comment)
+    for pose in program.poses:
+        _check_text(f"comment of pose {pose.name!r}", pose.comment)
+    if options.measure_call is not None:
+        NAMES.check(options.measure_call)
+
+
+def _check_text(name: str, text: str) -> None:
+    if len(text) > TEXT_LENGTH or not _fits(text):
+        raise InputError(
+            f"{name} {text!a} cannot stand in a VAL 3 project",
+            hint=f"use at most {TEXT_LENGTH} ASCII characters, without ]]>",
+            name=name,
+            value=text,
+            bound=TEXT_LENGTH,
+        )
+
+
+def _fits(text: str) -> bool:
+    return len(text) <= TEXT_LENGTH and bool(_TEXT.fullmatch(text)) and "]]>" not in text
+
+
+def _start(program: PoseProgram) -> list[str]:
+    options = program.options
+    notes = [f"// {text}" for text in (options.comment, program.mark) if text]
+    lines = [*notes, "resetMotion()"]
+    for number, pose in zip(program.numbers, program.poses, strict=True):
+        lines += _at_pose(options, pose, number)
+    return lines
+
+
+def _at_pose(options: ProgramOptions, pose: ProgramPose, number: int) -> Iterator[str]:
+    yield f"// POSE {number} {pose.name if _fits(pose.name) else ''}".rstrip()
+    if pose.comment.strip():
+        yield f"// {pose.comment.strip()}"
+    array = "jPose" if options.form == "joint" else "pPose"
+    yield f"nTraj=movej({array}[{number - 1}],tTool[0],mMeasure)"
+    yield "waitEndMove()"
+    if pose.via:
+        return
+    if options.settle_s > 0:
+        # at least a millisecond: a time that is asked for must not round to none
+        yield f"delay({max(options.settle_s, 0.001):.3f})"
+    if options.measure_output is not None:
+        yield "doMeasure=true"
+        yield f"delay({max(options.measure_pulse_s, 0.001):.3f})"
+        yield "doMeasure=false"
+    if options.measure_call is not None:
+        argument = options.argument(number)
+        yield f"call {options.measure_call}({'' if argument is None else argument})"
+    if options.keep == "register":
+        yield f"jActual[{options.first_register + number - 2}]=herej()"
+
+
+def _data_file(program: PoseProgram, arm: Arm) -> str:
+    lines = [_DECLARED, f'<Database {_XSI} xmlns="{_VAL3}/Data/2">', "  <Datas>"]
+    for name, kind, values in _data(program, arm):
+        size = len(values)
+        head = (
+            f'    <Data name="{name}" access="public" xsi:type="array" type="{kind}" size="{size}">'
+        )
+        lines.append(head)
+        lines += [f'      <Value key="{k}" {value} />' for k, value in enumerate(values) if value]
+        lines.append("    </Data>")
+    return "\n".join([*lines, "  </Datas>", "</Database>", ""])
+
+
+def _data(program: PoseProgram, arm: Arm) -> Iterator[tuple[str, str, Sequence[str]]]:
+    """Name, type and values of each array, each as its attributes."""
+    options = program.options
+    order = np.argsort(program.numbers)
+    poses = [program.poses[i] for i in order]
+    joints = [_attributes(_JOINTS, row, 5) for row in shown_deg(arm, poses).tolist()]
+    frames = _points(np.stack([arm.T_world_user, arm.T_tip_tool]))
+    if options.form == "joint":
+        yield "jPose", "jointRx", joints
+    else:
+        postures = np.stack([pose.posture_rad for pose in poses])
+        words = (found.words for found in arm.configurations(postures))
+        points = zip(_points(arm.tool_poses(postures)), words, strict=True)
+        father = 'fatherId="fUser[0]"'
+        yield "pPose", "pointRx", [f"{point} {word} {father}" for point, word in points]
+    if options.keep == "register":
+        start = [""] * (options.first_register - 1)
+        measured = [row for row, pose in zip(joints, poses, strict=True) if not pose.via]
+        yield "jActual", "jointRx", start + measured
+        yield "nFirst", "num", [f'value="{options.first_register}"']
+    yield "fUser", "frame", [f'{next(frames)} fatherId="world[0]"']
+    yield "tTool", "tool", [f'{next(frames)} fatherId="flange[0]" ioLink="valve1"']
+    yield (
+        "mMeasure",
+        "mdesc",
+        [
+            f'accel="100" vel="{options.speed_percent}" decel="100" tmax="99999" rmax="99999" '
+            'blend="off" leave="50" reach="50"'
+        ],
+    )
+    yield "nTraj", "num", [""]
+    yield "sPlan", "string", [_text(program.mark)]
+    yield "sTitle", "string", [_text(options.comment)]
+    yield "sPose", "string", [_text(pose.name if _fits(pose.name) else "") for pose in poses]
+    if options.measure_call is not None:
+        yield "bGo", "bool", [""]
+    if options.measure_output is not None:
+        yield "doMeasure", "dio", [f'link="BasicIO-1\\%Q{options.measure_output}"']
+
+
+_JOINTS = ("j1", "j2", "j3", "j4", "j5", "j6")
+
+
+def _text(text: str) -> str:
+    return f'value="{escape(text)}"' if text else ""
+
+
+def _attributes(names: Iterable[str], values: Sequence[float], decimals: int) -> str:
+    texts = plain_all(values, decimals)
+    return " ".join(f'{name}="{text}"' for name, text in zip(names, texts, strict=True))
+
+
+def _points(poses: FloatArray) -> Iterator[str]:
+    """Coordinates [mm] and angles about X, Y', Z'' [deg] of poses ``(N, 4, 4)``."""
+    # R = Rx Ry Rz, so that the transpose is Rz(-rz) Ry(-ry) Rx(-rx)
+    transposed = np.swapaxes(poses[:, :3, :3], -1, -2)
+    angles = np.round(-np.rad2deg(wpr_from_rotation(transposed)), 5)
+    angles[angles == -180.0] = 180.0  # one name for half a turn
+    for xyz, turned in zip((poses[:, :3, 3] * 1e3).tolist(), angles.tolist(), strict=True):
+        yield f"{_attributes('xyz', xyz, 4)} {_attributes(('rx', 'ry', 'rz'), turned, 5)}"
+
+
+def _project_file(name: str, programs: list[str]) -> str:
+    return "\n".join(
+        [
+            _DECLARED,
+            f'<Project xmlns="{_VAL3}/Project/3">',
+            '  <Parameters version="s7.3.1" stackSize="5000" millimeterUnit="true" />',
+            "  <Programs>",
+            *(f'    <Program file="{program}.pgx" />' for program in programs),
+            "  </Programs>",
+            "  <Database>",
+            f'    <Data file="{name}.dtx" />',
+            "  </Database>",
+            "  <Libraries>",
+            "  </Libraries>",
+            "</Project>",
+            "",
+        ]
+    )
+
+
+def _program_file(name: str, lines: list[str], *, argument: bool) -> str:
+    parameters = [
+        f'    <Parameters xmlns="{_VAL3}/Param/1">',
+        '      <Parameter name="x_nNumber" type="num" use="value" xsi:type="element" '
+        'dimensions="1" />',
+        "    </Parameters>",
+    ]
+    return "\n".join(
+        [
+            _DECLARED,
+            f'<Programs {_XSI} xmlns="{_VAL3}/Program/2">',
+            f'  <Program name="{name}" access="{"private" if name == "stop" else "public"}">',
+            *(parameters if argument else []),
+            "    <Code><![CDATA[begin",
+            *(f"  {line}" for line in lines),
+            "end]]></Code>",
+            "  </Program>",
+            "</Programs>",
+            "",
+        ]
+    )

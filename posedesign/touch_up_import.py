@@ -37,6 +37,10 @@ UNMOVED_CARTESIAN_DEG = 2e-2
 singularity above all."""
 
 
+WORTH_A_WORD = 0.3
+"""Part of the noise of touching up from which that of rounding is worth a word: it adds 4 %."""
+
+
 @dataclass(frozen=True, eq=False)
 class Imported:
     """Touch-ups that came back.
@@ -63,11 +67,15 @@ class Imported:
 
 @dataclass(frozen=True, eq=False)
 class _Positions:
-    """Measured positions of one file: names ``(N,)``, postures ``(N, n)``, and their rounding."""
+    """Measured positions of one file: names ``(N,)``, postures ``(N, n)``, and their rounding.
+
+    ``step_rad`` is that of joint values as they are shown; 0 where it does not matter.
+    """
 
     names: tuple[str, ...]
     postures: FloatArray
     unmoved_rad: FloatArray
+    step_rad: float = 0.0
 
 
 def import_touch_ups(
@@ -132,6 +140,8 @@ def import_touch_ups(
     warnings += summed_up(
         off_target(cell, labels, q, NEAR_TARGET_M), "positions far off the target"
     )
+    step = max(part.step_rad for part in parts)
+    warnings += _rounding_words(cell, q, step)
     tool = cell.robot.state(q).point(cell.tool_m) - cell.robot.state(planned[kept]).point(
         cell.tool_m
     )
@@ -218,7 +228,8 @@ def _of_program(
     arm = dialect.seen(arm_of(cell))
     joint = np.array([p.shown_deg is not None for p in positions])
     unmoved = np.deg2rad(np.where(joint, UNMOVED_DEG, UNMOVED_CARTESIAN_DEG))
-    return _Positions(names, postures_of(positions, arm, near), unmoved)
+    step = float(np.deg2rad(dialect.joint_step_deg))
+    return _Positions(names, postures_of(positions, arm, near), unmoved, step)
 
 
 def _planned(names: Sequence[str], q: FloatArray, plan: PoseList | None) -> FloatArray:
@@ -233,3 +244,32 @@ def _unmoved(q: FloatArray, planned: FloatArray, unmoved_rad: FloatArray) -> Boo
     if q is planned:
         return np.zeros(len(q), dtype=bool)
     return np.asarray(np.abs(q - planned).max(axis=1) <= unmoved_rad)
+
+
+def _rounding_words(cell: Cell, q: FloatArray, step_rad: float) -> list[str]:
+    """What the controller's rounding of joints adds to the noise, where that is worth a word."""
+    robot, controller = cell.robot, cell.robot.controller
+    if not step_rad or controller is None:
+        return []
+    state = robot.state(q)
+    tip = robot.jacobian(q)  # shape (N, 6, n)
+    lever = state.R_base_tip @ cell.tool_m  # shape (N, 3)
+    place = tip[:, :3] + np.cross(tip[:, 3:], lever[:, :, None], axis=1)
+    shown = place @ np.linalg.inv(controller.pendant_from_joints)
+    added_m = float(np.sqrt((shown**2).sum(axis=(1, 2)).mean() * step_rad**2 / 12.0))
+    noise_m = _touch_up_noise_m(cell)
+    if noise_m is None or added_m < WORTH_A_WORD * noise_m:
+        return []
+    return [
+        f"joints are stored to {np.rad2deg(step_rad):g} deg: that moves the tool point by "
+        f"{1e3 * added_m:.2g} mm rms, touching up by {1e3 * noise_m:.2g} mm; raise "
+        "measurement.three_sigma_mm, or let measurement.estimate_noise find both"
+    ]
+
+
+def _touch_up_noise_m(cell: Cell) -> float | None:
+    """Length of the standard deviation of a touch-up [m]; None where it is not given."""
+    kind = cell.measurement
+    if kind.estimated:
+        return None
+    return float(np.linalg.norm(kind.sigma[: kind.rows - kind.turns]))

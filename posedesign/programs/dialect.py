@@ -38,6 +38,8 @@ class Dialect(ABC):
         What it takes for the name of a program.
     newline, encoding : str
         Of its files.
+    joint_step_deg : float
+        Step that the controller stores joint values in [deg]; 0 where it does not matter.
     """
 
     name: ClassVar[str]
@@ -48,6 +50,7 @@ class Dialect(ABC):
     names: ClassVar[NameRule]
     newline: ClassVar[str] = "\n"
     encoding: ClassVar[str] = "ascii"
+    joint_step_deg: ClassVar[float] = 0.0
 
     @abstractmethod
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:

@@ -14,6 +14,7 @@ from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Problem, RecordedProgram
 from posedesign.programs.robodk_csv import RobodkCsv
 from posedesign.programs.ros import MoveitJoints, RobotCalibration, RosTrajectory
+from posedesign.programs.staubli_val3 import StaubliVal3
 from posedesign.programs.ur_script import UrScript
 from posedesign.programs.yaskawa_jbi import YaskawaJbi
 
@@ -25,6 +26,7 @@ DIALECTS: dict[str, Dialect] = {
         KukaKrl(),
         YaskawaJbi(),
         UrScript(),
+        StaubliVal3(),
         RosTrajectory(),
         MoveitJoints(),
         RobotCalibration(),

@@ -59,7 +59,8 @@ def test_the_way_there_and_back(cli: Cli, work: Path) -> None:
     names = touch_up(out / "CALIB01.LS", work / "touchups.csv", poses)
     assert cli("validate", out / "CALIB01.LS").code == 0
     back = cli("import", cell, out / "CALIB01.LS", "--poses", poses, "--out", out)
-    assert (back.code, back.err) == (0, "")
+    assert back.code == 0
+    assert re.search(r"stored to 0.001 deg: that moves the tool point by 0\.0\d+ mm", back.err)
     assert f"wrote {out / 'touchups.csv'}: 27 touch-ups" in back.out
     with (out / "touchups.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -68,8 +69,10 @@ def test_the_way_there_and_back(cli: Cli, work: Path) -> None:
         cli("identify", cell, path, "--out", out, "--json").out
         for path in (work / "touchups.csv", out / "touchups.csv")
     ]
-    offsets = [[p["value"] for p in json.loads(text)["models"][1]["parameters"]] for text in found]
-    np.testing.assert_allclose(offsets[0][:4], offsets[1][:4], atol=2e-3)
+    models = [json.loads(text)["models"][1]["parameters"] for text in found]
+    off = [abs(a["value"] - b["value"]) / a["sigma"] for a, b in zip(*models, strict=True)]
+    assert max(off) < 3.0  # the program's third decimal is as large as the noise
+    assert max(off[:4]) > 0.0
 
 
 def test_import_says_what_it_did_as_json(cli: Cli, work: Path) -> None:
@@ -80,7 +83,8 @@ def test_import_says_what_it_did_as_json(cli: Cli, work: Path) -> None:
     program.write_text(text.replace(text[text.index("P[27:") : text.index("P[28:")], "", 1))
     said = json.loads(cli("import", cell, program, "--poses", poses, "--out", work, "--json").out)
     assert said["missing"] == [names[26]]
-    assert said["untouched"] == said["warnings"] == []
+    assert said["untouched"] == []
+    assert len(said["warnings"]) == 1  # of the rounding
     assert len(said["moved_mm"]) == said["touch_ups"] == 26
     assert 0.0 < max(said["moved_mm"]) < 20.0
 

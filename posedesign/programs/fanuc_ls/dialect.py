@@ -28,6 +28,7 @@ class FanucLs(Dialect):
     suffixes: ClassVar[tuple[str, ...]] = (".ls", REGISTERS)
     names: ClassVar[NameRule] = NAMES
     newline: ClassVar[str] = "\r\n"
+    joint_step_deg: ClassVar[float] = 1e-3
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
         """The program; see `render_fanuc_ls` for what is refused."""

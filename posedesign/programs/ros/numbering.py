@@ -8,7 +8,7 @@ import numpy as np
 
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import RecordedPosition, RecordedProgram
-from posedesign.programs.ros.yaml_reading import Document, Label, labels_of
+from posedesign.programs.ros.yaml_reading import Document, Label
 
 
 def numbered(
@@ -27,7 +27,7 @@ def numbered(
     FileFormatError
         Only some have one, one number is there twice, or the arm moves while it is to stand.
     """
-    labels = labels_of(document, [line for line, _, _ in entries])
+    labels = _labels_of(document, [line for line, _, _ in entries])
     positions: list[RecordedPosition] = []
     seen: set[int] = set()
     before: list[float] | None = None
@@ -56,6 +56,28 @@ def numbered(
     if passed and mark.measured is None:
         mark = replace(mark, measured=min(passed) - 1)  # they are numbered behind all measured ones
     return RecordedProgram(document.name, document.title, mark, tuple(positions), None)
+
+
+def _labels_of(document: Document, lines: list[int]) -> list[Label | None]:
+    """The comment in front of each entry, by the lines where entries begin.
+
+    Raises
+    ------
+    FileFormatError
+        Two stand in front of one entry, or one behind the last: an entry is lost.
+    """
+    found: list[Label | None] = [None] * len(lines)
+    at = 0
+    for label in document.labels:
+        while at < len(lines) and lines[at] < label.line:
+            at += 1
+        if at == len(lines) or found[at] is not None:
+            lost = label if at == len(lines) else found[at]
+            number_, row = (lost.number, lost.line) if lost else (0, label.line)
+            reason = f"the comment says that pose {number_} comes next, but it does not"
+            refuse(reason, document.path, row, "remove the comment with its pose")
+        found[at] = label
+    return found
 
 
 def _number(document: Document, label: Label | None, line: int, counted: int) -> int:

@@ -24,8 +24,8 @@ MOST_DEPTH = 12
 """Deepest nesting; that of a trajectory in the goal of an action is 6. The parser's time grows with
 the square of the depth."""
 
-MOST_NODES = 3_000_000
-"""Most values and lists of a file: 10,000 measured poses of seven joints have 700,000."""
+MOST_NODES = 1_500_000
+"""Most values and lists of a file: 10,000 measured poses of seven joints have 600,000."""
 
 MOST_JOINT_RAD = math.radians(MOST_JOINT_DEG)
 """No arm turns so far."""
@@ -196,28 +196,6 @@ def values_at(
 def line_of(node: Node) -> int:
     """The line where a node begins."""
     return node[1] if isinstance(node, tuple) else node.line
-
-
-def labels_of(document: Document, lines: list[int]) -> list[Label | None]:
-    """The comment in front of each entry, by the lines where entries begin.
-
-    Raises
-    ------
-    FileFormatError
-        Two stand in front of one entry, or one behind the last: an entry is lost.
-    """
-    found: list[Label | None] = [None] * len(lines)
-    at = 0
-    for label in document.labels:
-        while at < len(lines) and lines[at] < label.line:
-            at += 1
-        if at == len(lines) or found[at] is not None:
-            lost = label if at == len(lines) else found[at]
-            number_, row = (lost.number, lost.line) if lost else (0, label.line)
-            reason = f"the comment says that pose {number_} comes next, but it does not"
-            refuse(reason, document.path, row, "remove the comment with its pose")
-        found[at] = label
-    return found
 
 
 def _value(item: Node, what: str, path: Path) -> float:

@@ -8,7 +8,7 @@ rule                what it asks
 ``utf-8``           text in UTF-8
 ``yaml``            one well-formed YAML document
 ``plain-yaml``      no anchors, aliases and tags, no key twice, nothing nested more than 16 deep,
-                    at most 5,000,000 values: tools read them in different ways or not at all
+                    at most 2,000,000 values: tools read them in different ways or not at all
 ``keys``            the keys of the format, all of them and no others
 ``joint-names``     at least one joint name, texts that YAML reads as texts, each once
 ``length``          as many values as joint names
@@ -38,7 +38,7 @@ MOST_PROBLEMS = 1000
 LIMIT_RAD = math.radians(720.0)
 
 _DEEPEST = 16
-_MOST_VALUES = 5_000_000
+_MOST_VALUES = 2_000_000
 _PARSER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _DECIMAL = re.compile(r"-?(?:0|[1-9][0-9]{0,8})(?:\.[0-9]{1,20})?")
 _WHOLE = re.compile(r"0|[1-9][0-9]{0,18}")
@@ -57,7 +57,7 @@ class Fault(Exception):
         self.problem = Problem(line, rule, message)
 
 
-@dataclass
+@dataclass(slots=True)
 class Element:
     """A value, a list or a map of the file.
 

@@ -52,8 +52,7 @@ class _Tree:
 
     def data(self, text: str) -> None:
         node = self.open[-1]
-        if not node.text.strip():
-            # where the first line with something in it begins
+        if not node.text:
             node.text_line = self.parser.parser.CurrentLineNumber
         node.text += text
 
@@ -62,11 +61,14 @@ class _Tree:
 
 
 def parsed(data: bytes) -> tuple[Node | None, int, str]:
-    """Root of a file, or the line and what is wrong with it as XML. Never fails."""
+    """Root of a file, or the line and what is wrong with it as XML. Never fails.
+
+    Whatever is in the file, the parser must not end a check: hence all exceptions.
+    """
     tree = _Tree()
     try:
         tree.parser.feed(data)
         tree.parser.close()
-    except Exception as error:  # noqa: BLE001: whatever the content, the parser must not end a check
+    except Exception as error:
         return None, int(tree.parser.parser.CurrentLineNumber), str(error)[:200]
     return tree.root, 0, ""

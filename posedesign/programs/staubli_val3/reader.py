@@ -49,10 +49,7 @@ def parse_staubli_val3(data: bytes, path: Path | str) -> RecordedProgram:
     arrays = read_database(data, path)
     title = _string(arrays, "sTitle")
     plan = _string(arrays, "sPlan")
-    if "sPlan" in arrays:
-        positions = _own(arrays, path)
-    else:
-        positions = _others(arrays, path)
+    positions = _own(arrays, path) if "sPlan" in arrays else _others(arrays, path)
     if not positions:
         refuse("holds no positions", path, None, "save the application that was touched up")
     mark = PlanMark.found_in(plan) or PlanMark()

@@ -45,10 +45,11 @@ _ROOTS = {
     ".pgx": ("Programs", "Program"),
 }
 _XSI_TYPE = "{http://www.w3.org/2001/XMLSchema-instance}type"
-_TYPES = frozenset(
-    ["aio", "bool", "config", "dio", "frame", "jointRx", "jointRs", "mdesc", "num", "pointRx"]
-    + ["pointRs", "sio", "string", "tool", "trsf", "screen"]
+_NAMES_OF_TYPES = (
+    "aio bool config dio frame jointRs jointRx mdesc num pointRs pointRx screen sio string tool "
+    "trsf"
 )
+_TYPES = frozenset(_NAMES_OF_TYPES.split())
 _IDENTIFIER = re.compile(r"[A-Za-z]\w{0,14}", re.ASCII)
 _WHOLE = re.compile(r"0|[1-9]\d{0,5}", re.ASCII)
 _NUMBER = re.compile(r"(-?)(\d{1,6})(?:\.(\d{0,12}))?", re.ASCII)
@@ -187,9 +188,8 @@ def _check_code(lines: list[tuple[int, str]], row: int) -> Iterator[Problem]:
         word = re.split(r"[^A-Za-z]", line, maxsplit=1)[0].lower()
         if word in _CLOSERS:
             opened.append((at, _CLOSERS[word]))
-        elif word in _CLOSERS.values():
-            if not opened or opened.pop()[1] != word:
-                yield Problem(at, "code", f"{word} closes nothing")
+        elif word in _CLOSERS.values() and (not opened or opened.pop()[1] != word):
+            yield Problem(at, "code", f"{word} closes nothing")
         moved, called = _MOVE.search(line), _CALL.match(line)
         for name in (moved, called):
             if name and not _IDENTIFIER.fullmatch(name[1]):

@@ -1,4 +1,4 @@
-"""Staubli VAL 3 projects: the writer.
+r"""Staubli VAL 3 projects: the writer.
 
 A project is a folder of its name: ``NAME.dtx`` holds the positions and all other data, ``NAME.pjx``
 lists the files, ``start.pgx`` and ``stop.pgx`` are run when the application is started and stopped,
@@ -14,7 +14,7 @@ body there to trigger an instrument.
   on. Before the first run ``jActual`` holds the planned joints. Save the application afterwards.
 * ``sPlan``, ``sTitle`` and ``sPose`` carry mark, title and names of poses through the controller,
   which does not keep comments of a data file.
-* The output is number n of the first BasicIO board (``BasicIO-1\\%Qn``); link it anew where the
+* The output is number n of the first BasicIO board (``BasicIO-1\%Qn``); link it anew where the
   cell has another one.
 
 Facts: RoboDK's post-processors and example project (VAL 3 s7.3), ros-industrial's driver (s7.9).
@@ -188,7 +188,7 @@ def _data(program: PoseProgram, arm: Arm) -> Iterator[tuple[str, str, Sequence[s
         father = 'fatherId="fUser[0]"'
         yield "pPose", "pointRx", [f"{point} {word} {father}" for point, word in points]
     if options.keep == "register":
-        start = [""] * (options.first_register - 1)
+        start = [_attributes(_JOINTS, [0.0] * 6, 5)] * (options.first_register - 1)
         measured = [row for row, pose in zip(joints, poses, strict=True) if not pose.via]
         yield "jActual", "jointRx", start + measured
         yield "nFirst", "num", [f'value="{options.first_register}"']

@@ -80,7 +80,25 @@ def test_what_was_touched_up_comes_back(
     tool = reference_cell.tool_m
     moved = point(touched).point(tool) - point(planned.measured.postures).point(tool)
     np.testing.assert_allclose(back.moved_mm, 1e3 * np.linalg.norm(moved, axis=1), atol=0.06)
-    assert (back.untouched, back.missing, back.warnings) == ((), (), ())
+    assert (back.untouched, back.missing) == ((), ())
+    (rounding,) = back.warnings
+    assert "joints are stored to 0.001 deg" in rounding
+
+
+def test_what_rounding_adds_is_what_it_moves_the_tool_by(
+    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    """Against the real thing: positions rounded, and where the tool point then is."""
+    q = np.concatenate([touched + k * 1.234e-5 for k in range(40)])
+    arm = arm_of(reference_cell)
+    rounded = arm.postures(np.round(arm.shown(q), 3))
+    point = reference_cell.robot.state
+    tool = reference_cell.tool_m
+    moved = np.linalg.norm(point(rounded).point(tool) - point(q).point(tool), axis=1)
+    path = returned(reference_cell, planned, touched, tmp_path)
+    (said,) = import_touch_ups(reference_cell, [path], planned).warnings
+    told = float(said.split("tool point by ")[1].split(" mm")[0])
+    assert told == pytest.approx(1e3 * np.sqrt((moved**2).mean()), rel=0.1)
 
 
 def test_the_order_of_measuring_is_that_of_the_plan_not_of_the_file(
@@ -132,7 +150,7 @@ def test_a_program_of_another_plan_is_refused(
         import_touch_ups(reference_cell, [path], planned)
     path.write_text(path.read_text().replace("PLAN", "NOTE"))
     back = import_touch_ups(reference_cell, [path], planned)
-    assert back.warnings == (f"{path}: does not say which plan it was written from",)
+    assert back.warnings[0] == f"{path}: does not say which plan it was written from"
 
 
 def test_parts_of_a_program_are_put_together(

@@ -262,7 +262,7 @@ def _rounding_words(cell: Cell, q: FloatArray, step_rad: float) -> list[str]:
         return []
     return [
         f"joints are stored to {np.rad2deg(step_rad):g} deg: that moves the tool point by "
-        f"{1e3 * added_m:.2g} mm rms, touching up by {1e3 * noise_m:.2g} mm; raise "
+        f"{1e3 * added_m:.2g} mm rms, beside the {1e3 * noise_m:.2g} mm of touching up; raise "
         "measurement.three_sigma_mm, or let measurement.estimate_noise find both"
     ]
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from functools import cached_property
 
 _IGNORE = re.IGNORECASE | re.ASCII
 _BLOCK_WORDS = r"MODULE|PROC|FUNC|TRAP|RECORD"
@@ -15,6 +16,7 @@ _HEADING = re.compile(
     r"|WHILE|TEST|CASE|DEFAULT|ERROR|UNDO|BACKWARD)\b",
     _IGNORE,
 )
+_WORD = re.compile(r"(?:(?:LOCAL|TASK) )?([A-Z]\w*)", _IGNORE)
 _DATA = re.compile(
     r"(LOCAL |TASK )?(CONST|PERS|VAR) (\w+) (\w+) ?(\{[^{}]{0,40}\})? ?(?::= ?(.*))?", _IGNORE
 )
@@ -29,10 +31,10 @@ class Statement:
     code: str
     end: str
 
-    @property
+    @cached_property
     def word(self) -> str:
         """Its first word, in capitals, without LOCAL or TASK."""
-        found = re.match(r"(?:(?:LOCAL|TASK) )?([A-Z]\w*)", self.code, _IGNORE)
+        found = _WORD.match(self.code)
         return found[1].upper() if found else ""
 
 

@@ -106,25 +106,32 @@ def _divided(text: str, row: int) -> tuple[list[tuple[int, str]], list[str]]:
     remarks: list[str] = []
     parts: list[str] = []
     begun, last = row, 0
-    for piece in _PIECE.finditer(text):
-        between = text[last : piece.start()]
-        if not any(map(str.strip, parts)):
-            parts = []
-            lead = len(between) - len(between.lstrip())
-            begun = row + between.count("\n", 0, lead)
-        parts.append(between)
-        row += between.count("\n")
-        last = piece.end()
-        if piece[0] == ";":
+    for at, end, mark in _pieces(text):
+        between = text[last:at]
+        code = between.lstrip()
+        if not parts and (code or mark == '"'):
+            begun = row + between.count("\n", 0, len(between) - len(code))
+            between = code
+        if parts or code:
+            parts.append(between)
+        row += text.count("\n", last, at)
+        last = end
+        if mark == ";":
             statements.append((begun, "".join(parts)))
             parts = []
-        elif piece[0].startswith("!"):
-            remarks.append(piece[0][1:].strip())
-        else:
+        elif mark == "!":
+            remarks.append(text[at + 1 : end].strip())
+        elif mark == '"':
             parts.append('""')
-    rest = "".join(parts) + text[last:]
-    statements.append((row, rest))
+    statements.append((begun if parts else row, "".join(parts)))
     return statements, remarks
+
+
+def _pieces(text: str) -> Iterator[tuple[int, int, str]]:
+    """Where strings, remarks and semicolons begin and end, and the end of the text."""
+    for piece in _PIECE.finditer(text):
+        yield piece.start(), piece.end(), piece[0][0]
+    yield len(text), len(text), ""
 
 
 def _take_remark(module: _Module, remark: str) -> None:

@@ -61,7 +61,7 @@ _INSTRUCTION = re.compile(
     r"[A-Z]\w*(?: *\{[^{}]*\})*(?:\.[A-Z]\w*)* ?(?::=.*|:|(?:[\\ ].*)?)", _IGNORE
 )
 _TWO_WORDS = re.compile(r"[A-Z]\w* [A-Z]\w* [A-Z]", _IGNORE)
-_ODD_NUMBER = re.compile(r"(?:[\[(,=]|:=|[A-Z]\w* )\s?-?(?:nan|inf)\b", _IGNORE)
+_ODD_NUMBER = re.compile(r"(?:[\[(,=]|:=|\b[A-Z]\w{0,31} )\s?-?(?:nan|inf)\b", _IGNORE)
 _NEGATIVE_ZERO = re.compile(r"(?<![\w.)\]}])-0+(?:\.0*)?(?![\d.])")
 _BLOCKS = {"PROC", "FUNC", "TRAP", "RECORD", "FOR", "WHILE", "TEST", "MODULE"}
 _CLOSING = {")": "(", "]": "[", "}": "{"}

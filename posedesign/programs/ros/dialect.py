@@ -18,8 +18,11 @@ from posedesign.programs.ros.trajectory_rules import check_trajectory
 from posedesign.programs.ros.trajectory_writer import render_trajectory
 from posedesign.programs.writing import NameRule
 
-_COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
-_KEY = re.compile(rb"""(?m)(?:^|[{,-])[ \t]*['"]?(\w{1,20})['"]?[ \t]*:""")
+
+def _has_key(data: bytes, key: bytes) -> bool:
+    """Whether a key of YAML stands in a text, outside comments."""
+    pattern = rb"(?m)^[^#\n]*?(?<!\w)" + key + rb"['\"]?[ \t]*:"
+    return key in data and re.search(pattern, data) is not None
 
 
 class RosList(Dialect):
@@ -35,8 +38,7 @@ class RosList(Dialect):
 
     def recognises(self, data: bytes) -> bool:
         """Whether the keys of such a file stand in the text, outside comments."""
-        found = set(_KEY.findall(_COMMENT.sub(b"", data)))
-        return any(keys <= found for keys in self.keys)
+        return any(all(_has_key(data, key) for key in keys) for keys in self.keys)
 
 
 class RosTrajectory(RosList):

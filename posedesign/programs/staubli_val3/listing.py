@@ -48,13 +48,12 @@ class _Tree:
         self.open.append(node)
 
     def end(self, tag: str) -> None:
-        self.open.pop()
+        # the parser keeps text back until it ends: its first line is told from its last
+        node = self.open.pop()
+        node.text_line = self.parser.parser.CurrentLineNumber - node.text.count("\n")
 
     def data(self, text: str) -> None:
-        node = self.open[-1]
-        if not node.text:
-            node.text_line = self.parser.parser.CurrentLineNumber
-        node.text += text
+        self.open[-1].text += text
 
     def close(self) -> None:
         pass

@@ -69,6 +69,9 @@ def _own(arrays: dict[str, DataArray], path: Path) -> list[RecordedPosition]:
     sources = {k: (array, k) for k in range(array.size)}
     actual = arrays.get("jActual")
     if actual is not None:
+        if _KINDS.get(actual.type) != "joint":
+            reason = f"jActual is of type {actual.type[:20]!a}, not jointRx"
+            refuse(reason, path, actual.line, "save the application again")
         first = _first(arrays, path)
         sources |= {k: (actual, first + k) for k in range(min(actual.size - first, array.size))}
     names = arrays["sPose"].elements if "sPose" in arrays else {}

@@ -52,6 +52,9 @@ TEXT_LENGTH = 60
 MOST_OUTPUT = 15
 """Last output of a BasicIO board."""
 
+_DATA_NAMES = (
+    "jPose pPose jActual nFirst fUser tTool mMeasure nTraj sPlan sTitle sPose bGo doMeasure"
+)
 _TEXT = re.compile(r"[ -~]*")
 _XSI = 'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
 _VAL3 = "http://www.staubli.com/robotics/VAL3"
@@ -110,6 +113,13 @@ def _check_options(program: PoseProgram) -> None:
         _check_text(f"comment of pose {pose.name!r}", pose.comment)
     if options.measure_call is not None:
         NAMES.check(options.measure_call)
+        if options.measure_call in _DATA_NAMES.split():
+            raise InputError(
+                f"{options.measure_call} is the name of data of the project",
+                hint="name another program in measure_call",
+                name="measure_call",
+                value=options.measure_call,
+            )
 
 
 def _check_text(name: str, text: str) -> None:

@@ -401,3 +401,26 @@ def test_ros_takes_the_capture_poses() -> None:
         assert back.name == ["joint_1", "joint_2"]
         np.testing.assert_array_equal(back.position, position)
         assert raw["features"] == []
+
+
+@pytest.mark.parametrize("dialect", LISTS)
+def test_a_reader_of_yaml_1_2_finds_the_same_content(dialect: str) -> None:
+    # yaml-cpp, which ROS's tools use, reads YAML 1.2; PyYAML reads 1.1
+    ruamel = pytest.importorskip("ruamel.yaml", reason="ruamel.yaml comes with rosbags")
+    names = ("1", "yes", 'a "b": c', "é", "010", "1:30")
+    robot = replace(Robot.preset("r2000ic165f"), joint_names=names)
+    postures = np.random.default_rng(5).uniform(robot.lower, robot.upper, (4, 6))
+    poses = tuple(ProgramPose(f"{k}: # {{x}}", q) for k, q in enumerate(postures))
+    program = PoseProgram("CAL", poses, OPTIONS, Arm.of(robot))
+    text = find_dialect(dialect).files(program)["CAL.yaml"]
+    content = ruamel.YAML(typ="safe", pure=True).load(text)
+    assert content == yaml.safe_load(text)
+    if dialect == "ros-trajectory":
+        rows = [point["positions"] for point in content["points"][::2]]
+    elif dialect == "moveit-joints":
+        rows = content["joint_values"]
+    else:
+        rows = [entry["positions"] for entry in content]
+    np.testing.assert_allclose(rows, postures, atol=1e-12, rtol=0)
+    found = content[0]["joints"] if dialect == "robot-calibration" else content["joint_names"]
+    assert tuple(found) == names

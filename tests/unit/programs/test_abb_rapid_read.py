@@ -1,0 +1,319 @@
+"""ABB RAPID: the reader takes what controllers and people write, and names what it refuses."""
+
+from __future__ import annotations
+
+import random
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import FileFormatError
+from calib.robots import Robot
+from calib.se3 import transform
+from posedesign.programs import PoseProgram, ProgramOptions, ProgramPose, RecordedProgram, read
+from posedesign.programs.abb_rapid import AbbRapid
+from posedesign.programs.abb_rapid.writer import render_abb_rapid
+from posedesign.programs.arm import Arm
+
+# In the manner of a controller and of people: header, attributes, statements divided among lines,
+# arrays, positions in motions, data of other types.
+EXPORT = r"""%%%
+  VERSION:1
+  LANGUAGE:ENGLISH
+%%%
+
+MODULE TouchUp(SYSMODULE, NOSTEPIN)
+  ! after service; "not a string
+  ! PLAN 00C0FFEE 10
+  PERS tooldata tProbe:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+  TASK PERS wobjdata wTable:=[FALSE,TRUE,"",[[500,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
+  CONST robtarget p10:=[[600.5,-10,700.25],[0.70710678,0,0.70710678,0],[0,-1,0,1],
+    [9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];
+  LOCAL CONST
+    jointtarget jp2 := [ [ 10 , -5.5 , +20 ,
+       .5, 45., -30 ] , [ 500 , 9E9,9E9, 9E9,9E9,9E9 ] ] ; ! touched ; up
+  PERS jointtarget jHome:=[[0,0,0,0,30,0],[0,9E9,9E9,9E9,9E9,9E9]];
+  pers robtarget Corner:=[[1,2,3],[1,0,0,0],[0,0,0,0],[500.001,9E9,9E9,9E9,9E9,9E9]];
+  CONST jointtarget jTable{2}:=[[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]],
+    [[6,5,4,3,2,1],[9E9,9E9,9E9,9E9,9E9,9E9]]];
+  VAR robtarget pScratch;
+  VAR num values{2,3}:=[[1,2,3],[4,5,6]];
+  CONST pose frame1:=[[1,2,3],[1,0,0,0]];
+  CONST string text:="CONST jointtarget p5:=[[1]]; ! x";
+
+  LOCAL PROC go(VAR robtarget target, num n)
+    MoveL Offs(target,0,0,50),v100,z10,tProbe\WObj:=wTable;
+  ENDPROC
+
+  PROC main()
+    VAR robtarget here;
+    here:=CRobT(\Tool:=tProbe);
+    MoveAbsJ jHome\NoEOffs,v200,fine,tool0;
+    MoveAbsJ [[7,8,9,10,11,12],[500,9E9,9E9,9E9,9E9,9E9]]\NoEOffs,v200,fine,tool0;
+    MoveJ\Conc, [[1,2,3],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]], v200, z5, tool0;
+    IF TRUE THEN
+      go p10,1;
+    ENDIF
+  ENDPROC
+ENDMODULE
+"""
+
+SMALL = """\
+MODULE CAL
+  ! PLAN abcdef12 2
+  CONST jointtarget jp1:=[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST robtarget p2:=[[7,8,9],[0,0,1,0],[0,-1,2,3],[9E9,9E9,9E9,9E9,9E9,9E9]];
+ENDMODULE
+"""
+
+
+def parse(text: str, name: str = "X.mod") -> RecordedProgram:
+    return AbbRapid().parse(text.encode("latin-1"), Path(name))
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_a_controller_export_is_read(newline: str) -> None:
+    program = parse(EXPORT.replace("\n", newline))
+    assert (program.name, program.maker) == ("TouchUp", "abb")
+    assert program.comment == 'after service; "not a string'
+    assert (program.fingerprint, program.mark.measured) == ("00c0ffee", 10)
+    found = {p.number: p for p in program.positions}
+    lines = EXPORT.splitlines()
+    assert [(p.number, p.name, lines[p.line - 1].strip()[:12]) for p in program.positions] == [
+        (10, "", "CONST robtar"),
+        (2, "", "LOCAL CONST"),
+        (11, "jHome", "PERS jointta"),
+        (12, "Corner", "pers robtarg"),
+        (13, "jTable{1}", "CONST jointt"),
+        (14, "jTable{2}", "CONST jointt"),
+        (15, "", "MoveAbsJ [[7"),
+        (16, "", "MoveJ\\Conc, "),
+    ]
+    np.testing.assert_array_equal(np.asarray(found[2].shown_deg), [10, -5.5, 20, 0.5, 45, -30])
+    np.testing.assert_array_equal(np.asarray(found[14].shown_deg), [6, 5, 4, 3, 2, 1])
+    np.testing.assert_array_equal(np.asarray(found[15].shown_deg), [7, 8, 9, 10, 11, 12])
+    assert found[10].configuration is not None
+    assert found[10].configuration.words == "[0,-1,0,1]"
+    up = transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.6005, -0.01, 0.70025])
+    np.testing.assert_allclose(np.asarray(found[10].T_user_tool), up, atol=1e-8)
+    flat = transform(np.diag([1, -1, -1]), [0.001, 0.002, 0.003])
+    np.testing.assert_allclose(np.asarray(found[16].T_user_tool), flat, atol=1e-15)
+
+
+def test_a_modx_in_utf8_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "CAL.modx"
+    for encoding in ("utf-8", "utf-8-sig", "latin-1"):
+        path.write_bytes(SMALL.replace("! PLAN", '! für "Übung\n! PLAN').encode(encoding))
+        assert [p.number for p in read(path).positions] == [1, 2]
+
+
+J1 = "jp1:=[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("ENDMODULE\n", "", 5, "is cut off: ENDMODULE is not its end"),
+        ("ENDMODULE\n", "ENDMODULE\nmore\n", 7, "is cut off: ENDMODULE is not its end"),
+        ("MODULE CAL\n", "", 1, "does not begin with MODULE"),
+        (SMALL, "", 1, "does not begin with MODULE"),
+        (SMALL[SMALL.index("  CONST") : SMALL.index("ENDM")], "", None, "holds no positions"),
+        (J1, "jp1", 3, "jp1 has no value"),
+        (J1, "jp1{1}", 3, None),
+        (J1, J1.replace(":=", "="), 3, "jp1: cannot make sense of '=[["),
+        (J1, J1.replace("1,2,3", "1,2"), 3, r"jp1 has not the lists of 6, 6 numbers"),
+        (J1, J1.replace("[9E9", "9E9"), 3, "jp1: cannot make sense of"),
+        (J1, J1 + "]", 3, "jp1: cannot make sense of"),
+        (J1, J1.replace("2,3", "2 3"), 3, "jp1: cannot make sense of"),
+        (J1, J1.replace("2,3", "2,,3"), 3, "jp1: cannot make sense of ','"),
+        (J1, J1.replace("2,3", "2,3[1]"), 3, r"jp1: cannot make sense of '\['"),
+        (J1, J1.replace("2,3", "9E9,3"), 3, r"jp1: axis 2 has no value \(9E9\)"),
+        (J1, J1.replace("2,3", "x,3"), 3, "jp1: axis 2 is 'x', not a number"),
+        (J1, J1.replace("2,3", "nan,3"), 3, "jp1: axis 2 is 'nan', not a number"),
+        (J1, J1.replace("2,3", "2.0.0,3"), 3, "jp1: axis 2 is '2.0.0', not a number"),
+        (J1, J1.replace("2,3", "720.5,3"), 3, r"jp1: axis 2 is 720.5 deg, beyond \+-720"),
+        (J1, J1.replace(",9E9]", ",x]"), 3, "eax_f is 'x', not a number"),
+        (J1, "j p1:=[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]]", 3, "j: cannot make sense of"),
+        (J1, J1.replace("jp1", "jp1{2}"), 3, r"jp1\{2\} has 2 elements|cannot make sense|not the"),
+        (J1, J1.replace("jp1", "jp1{2,3}"), 3, r"jp1\{2,3\} has 2 elements"),
+        (J1 + ";", J1, 3, "cannot make sense of"),
+        ("CONST jointtarget", "CONST jointarget", 3, "cannot make sense of 'MODULE CAL CONST"),
+        ("CONST jointtarget", "CNST jointtarget", 1, "cannot make sense of 'MODULE CAL CNST"),
+        ("p2:=", "JP1:=", 4, "JP1 is there twice"),
+        ("[7,8,9]", "[7,8,1e6]", 4, r"p2: z is 1e6 mm, beyond \+-100000"),
+        ("[0,0,1,0]", "[0,0,1,0.1]", 4, "p2: the quaternion's norm is 1.0050, not 1"),
+        ("[0,0,1,0]", "[0,0,1.1,0]", 4, r"p2: q3 is 1.1, beyond \+-1.002"),
+        ("[0,-1,2,3]", "[0,-1,2,8]", 4, "p2: confdata"),
+        ("[0,-1,2,3]", "[0,-1,2]", 4, "p2 has not the lists of 3, 4, 4, 6 numbers"),
+        ("CAL\n", "CAL\n\0", 2, "holds the byte 0x00"),
+        ("ENDMODULE", "MoveC p2,[[1]],v1,fine,tool0;\nENDMODULE", None, None),
+        ("ENDMODULE", "MoveC [[1]],p2,v1,fine,tool0;\nENDMODULE", 5, "MoveC: only MoveAbsJ"),
+        ("ENDMODULE", "MoveJ [[1]],v1,fine,tool0;\nENDMODULE", 5, "the position has not the"),
+        ("ENDMODULE", "MoveJ [[1],v1,fine,tool0;\nENDMODULE", 5, "cannot make sense of"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(
+    old: str, new: str, line: int | None, message: str | None
+) -> None:
+    assert SMALL.count(old) == 1 or not old
+    text = SMALL.replace(old, new)
+    if message is None and line is None:
+        assert len(parse(text).positions) == 2
+        return
+    with pytest.raises(FileFormatError, match=message or "has no value") as caught:
+        parse(text)
+    assert caught.value.row == line
+    assert caught.value.hint
+    assert "X.mod" in str(caught.value)
+
+
+def test_an_external_axis_may_not_carry_the_arm() -> None:
+    both = SMALL.replace("6],[9E9", "6],[100.0").replace("3],[9E9", "3],[100.009")
+    assert len(parse(both).positions) == 2  # what is shown of an axis at rest flickers
+    with pytest.raises(FileFormatError, match="p2: eax_a differs from that of jp1") as caught:
+        parse(both.replace("100.009", "100.02"))
+    assert caught.value.row == 4
+    home = f"CONST jointtarget {J1};\n".replace("jp1", "home").replace("6],[9E9", "6],[0")
+    assert len(parse(both.replace("ENDMODULE", home + "ENDMODULE")).positions) == 3
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "CONST " + " " * 200_000 + "x",
+        "CONST jointtarget jp3" + " " * 200_000 + ":=[[1",
+        "CONST jointtarget jp3:=[[" + "1," * 100_000,
+        "CONST jointtarget jp3:=" + "[" * 200_000 + ";",
+        "CONST jointtarget jp3:=[[" + "9" * 200_000 + "]];",
+        "CONST jointtarget " + "x" * 200_000 + ":=[[1]];",
+        "CONST " * 40_000,
+        "CONST jointtarget " * 20_000,
+        "[" * 200_000,
+        '"' * 200_001,
+        "!" * 200_000,
+        ";" * 200_000,
+        "MoveAbsJ" + "\\x" * 100_000,
+        "MoveJ " * 40_000,
+        "PROC a(" * 40_000,
+        "PROC a " * 40_000,
+        "[1,2,3,4,5" * 20_000,
+        "%%%" * 60_000,
+        "x{" * 100_000,
+        "x " * 100_000,
+        "-0" * 100_000,
+        "END" * 70_000,
+    ],
+    ids=range(22),
+)
+@pytest.mark.parametrize("before", ["MODULE", "  CONST j", "ENDMODULE"])
+def test_a_damaged_line_is_not_tried_in_every_way(line: str, before: str) -> None:
+    # Quadratic work on a line like these would take minutes.
+    text = SMALL.replace(before, line + "\n" + before, 1).encode("ascii")
+    refused_or_read(text)
+    AbbRapid().check(text, Path("CAL.mod"))
+
+
+def refused_or_read(data: bytes) -> RecordedProgram | None:
+    try:
+        program = AbbRapid().parse(data, Path("X.mod"))
+    except FileFormatError as error:
+        assert re.match(r"X\.mod(, line \d+)?: .", error.message)  # noqa: PT017
+        return None
+    assert program.name
+    assert program.positions
+    for position in program.positions:
+        value = position.T_user_tool if position.shown_deg is None else position.shown_deg
+        assert value is not None
+        assert np.isfinite(value).all()
+    numbers = [position.number for position in program.positions]
+    assert len(set(numbers)) == len(numbers)
+    assert min(numbers) >= 1
+    return program
+
+
+ARM = Arm.of(Robot.preset("irb120"))
+TURNS = np.random.default_rng(5).uniform(-1.5, 1.1, (4, 6))
+PLANNED = tuple(ProgramPose(f"T{i}", q, via=i == 2) for i, q in enumerate(TURNS))
+WRITTEN = [
+    render_abb_rapid(
+        PoseProgram("CALPOSE", PLANNED, ProgramOptions(form=form, fingerprint="abcdef12")), ARM
+    )
+    for form in ("joint", "cartesian")
+]
+PIECES = [*"{}[]():;,=.*!'\"/-+#$\\ \t\r\n", "\0", "\xe9", "9E9", "jp1:=", "CONST ", "robtarget "]
+PIECES += ["1e5", "-0.0", "9" * 30, "MODULE A\n", "ENDMODULE\n", "MoveJ ", "PROC x()", "[[", "%%%"]
+
+
+def damaged(source: str, rng: random.Random) -> str:
+    kind = rng.randrange(6)
+    lines = source.split("\n")
+    i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
+    if kind == 0:
+        lines[i], lines[j] = lines[j], lines[i]
+    elif kind == 1:
+        lines.insert(i, lines[j])
+    elif kind == 2:
+        del lines[i]
+    elif kind == 3:
+        return source[: rng.randrange(len(source))]
+    else:
+        for _ in range(rng.randint(1, 3)):
+            at = rng.randrange(len(source) + 1)
+            piece = rng.choice(PIECES) if rng.random() < 0.5 else chr(rng.randrange(256))
+            source = source[:at] + piece + source[at + rng.randint(0, 3) :]
+        return source
+    return "\n".join(lines)
+
+
+def check_damaged(seed: int) -> None:
+    """A clear error; or each position is an original one, or one whose line was touched."""
+    rng = random.Random(seed)  # noqa: S311
+    source = rng.choice([*WRITTEN, EXPORT, SMALL])
+    text = damaged(source, rng)
+    data = text.encode("latin-1")
+    AbbRapid().check(data, Path("X.mod"))
+    program = refused_or_read(data)
+    if program is None:
+        return
+    original = {p.number: p for p in parse(source).positions}
+    lines = text.split("\n")
+    before = {line.strip() for line in source.split("\n")}
+    for position in program.positions:
+        line = lines[position.line - 1].strip()
+        if line not in before or not re.search(r" j?p\d+:=.*;$", line):
+            continue  # touched, or of a name without a number
+        kept = original[position.number]
+        for now, then in (
+            (position.shown_deg, kept.shown_deg),
+            (position.T_user_tool, kept.T_user_tool),
+        ):
+            assert (now is None) == (then is None)
+            if now is not None and then is not None:
+                np.testing.assert_array_equal(now, then)
+        assert position.configuration == kept.configuration
+
+
+def test_damaged_programs_are_refused_or_read() -> None:
+    for seed in range(500):
+        check_damaged(seed)
+
+
+@pytest.mark.slow
+def test_damaged_programs_are_refused_or_read_long() -> None:
+    for seed in range(5000):
+        check_damaged(seed)
+
+
+def test_random_bytes_are_refused() -> None:
+    rng = random.Random(2)  # noqa: S311
+    for n in range(200):
+        data = rng.randbytes(n)
+        assert refused_or_read(data) is None
+        assert AbbRapid().check(data, Path("X.mod"))
+
+
+def test_what_looks_like_a_module_is_recognised() -> None:
+    assert all(AbbRapid().recognises(text.encode()) for text in (EXPORT, SMALL, *WRITTEN))
+    assert not AbbRapid().recognises(b"DEFDAT CAL\n")

@@ -1,0 +1,301 @@
+"""ABB RAPID: what is written, word by word, and read back again."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib.errors import InputError
+from calib.robots import Robot
+from calib.se3 import transform
+from posedesign.programs import (
+    PoseProgram,
+    ProgramOptions,
+    ProgramPose,
+    RecordedProgram,
+    read,
+    validate,
+    write,
+)
+from posedesign.programs.abb_rapid import AbbRapid
+from posedesign.programs.abb_rapid.writer import render_abb_rapid
+from posedesign.programs.arm import Arm
+
+IRB120 = Robot.preset("irb120")
+TOOL = transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.01, -0.02, 0.15])
+USER = transform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.5, 0.1, -0.05])
+ARM = Arm.of(IRB120, USER, TOOL)
+
+POSES = (
+    ProgramPose("T1", np.radians([10.0, -5.0, 20.0, -0.000001, 45.0, 30.0])),
+    ProgramPose("way", np.radians([20.0, 10.0, 30.0, 5.0, 25.123456, 0.0]), via=True),
+    ProgramPose("Ö", np.radians([-10.0, 20.0, 10.0, -5.0, 35.0, 130.0]), comment="mind the jig"),
+)
+JOINT = PoseProgram(
+    "CalPose",
+    POSES,
+    ProgramOptions(
+        fingerprint="00c0ffee",
+        comment="after service",
+        measure_output=7,
+        keep="register",
+        first_register=2,
+        speed_percent=20,
+        settle_s=1.5,
+        measure_argument=-4,
+    ),
+)
+
+JOINT_MODULE = r"""MODULE CalPose
+  ! after service
+  ! PLAN 00c0ffee 2
+  ! P1 T1
+  LOCAL CONST jointtarget jp1:=[[10.00000,-5.00000,20.00000,0.00000,45.00000,30.00000],[#]];
+  LOCAL CONST jointtarget jp2:=[[-10.00000,20.00000,10.00000,-5.00000,35.00000,130.00000],[#]];
+  ! P3 way
+  LOCAL CONST jointtarget jp3:=[[20.00000,10.00000,30.00000,5.00000,25.12346,0.00000],[#]];
+  ! jMeasured{2} IS P1
+  LOCAL PERS jointtarget jMeasured{3}:=[
+    [[#],[#]],
+    [[#],[#]],
+    [[#],[#]]];
+  PROC main()
+    VelSet 20,5000;
+    ! P1 T1
+    MoveAbsJ jp1\NoEOffs,vmax,fine,tool0;
+    WaitTime\InPos,1.50;
+    PulseDO\PLength:=0.500,do7;
+    MEASURE -4;
+    jMeasured{2}:=CJointT();
+    ! P3 way
+    MoveAbsJ jp3\NoEOffs,vmax,fine,tool0;
+    ! mind the jig
+    MoveAbsJ jp2\NoEOffs,vmax,fine,tool0;
+    WaitTime\InPos,1.50;
+    PulseDO\PLength:=0.500,do7;
+    MEASURE -4;
+    jMeasured{3}:=CJointT();
+    VelSet 100,5000;
+  ENDPROC
+ENDMODULE
+""".replace("#", "9E9,9E9,9E9,9E9,9E9,9E9")
+
+
+def test_a_joint_program_word_by_word(tmp_path: Path) -> None:
+    (file,) = write(JOINT, "abb-rapid", tmp_path)
+    assert file.name == "CalPose.mod"
+    assert file.read_bytes() == JOINT_MODULE.replace("\n", "\r\n").encode("ascii")
+
+
+def test_a_cartesian_program_word_by_word() -> None:
+    # at zero the flange of the IRB 120 is at x = 302 + 72, z = 290 + 270 + 70 mm, and looks along x
+    pose = ProgramPose("T1", np.zeros(6))
+    options = ProgramOptions(form="cartesian", measure_argument=None, settle_s=0)
+    arm = Arm.of(IRB120, transform(np.eye(3), [0.3, 0, 0]), transform(np.eye(3), [0, 0, 0.1]))
+    half = "0.707106781,0.000000000,0.707106781,0.000000000"
+    one = "1.000000000,0.000000000,0.000000000,0.000000000"
+    assert render_abb_rapid(PoseProgram("CAL", (pose,), options), arm) == (
+        "MODULE CAL\n"
+        "  ! the load of tCalib is not known: set its mass and centre\n"
+        f"  TASK PERS tooldata tCalib:=[TRUE,[[0.0000,0.0000,100.0000],[{one}]],"
+        "[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+        f'  TASK PERS wobjdata wCalib:=[FALSE,TRUE,"",[[300.0000,0.0000,0.0000],[{one}]],'
+        "[[0,0,0],[1,0,0,0]]];\n"
+        "  ! P1 T1\n"
+        f"  LOCAL CONST robtarget p1:=[[174.0000,0.0000,630.0000],[{half}],[0,0,0,0],"
+        "[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
+        "  PROC main()\n    VelSet 10,5000;\n    ConfJ\\On;\n    ! P1 T1\n"
+        "    MoveJ p1,vmax,fine,tCalib\\WObj:=wCalib;\n    WaitTime\\InPos,0;\n    MEASURE;\n"
+        "    VelSet 100,5000;\n  ENDPROC\nENDMODULE\n"
+    )
+
+
+def test_frames_of_faceplate_and_world_have_their_own_names() -> None:
+    text = render_abb_rapid(
+        PoseProgram("CAL", POSES, ProgramOptions(form="cartesian")), Arm.of(IRB120)
+    )
+    assert "tooldata" not in text
+    assert "wobjdata" not in text
+    assert text.count("fine,tool0\\WObj:=wobj0;") == 3
+
+
+def random_program(seed: int, **options: Any) -> PoseProgram:
+    """A plan over the whole range of the joints, some of its stops passed."""
+    rng = np.random.default_rng(seed)
+    postures = rng.uniform(IRB120.lower, IRB120.upper, (int(rng.integers(1, 12)), 6)) * 0.99
+    via = rng.random(len(postures)) < 0.2
+    stops = enumerate(zip(postures, via, strict=True))
+    poses = tuple(ProgramPose(f"T{i}", q, via=bool(v)) for i, (q, v) in stops)
+    return PoseProgram("CALIB01", poses, ProgramOptions(fingerprint="abcdef12", **options))
+
+
+def by_number(program: PoseProgram) -> np.ndarray:
+    """Postures in the order of their numbers, as they are declared."""
+    return program.postures_rad[np.argsort(program.numbers)]
+
+
+def check_round_trip(seed: int, form: str, folder: Path) -> None:
+    program = replace(random_program(seed, form=form, keep="register"), arm=ARM)
+    (file,) = write(program, "abb-rapid", folder)
+    assert validate(file) == []
+    found = read(file)
+    assert [p.number for p in found.positions] == sorted(program.numbers)
+    assert len(found.measured) == found.mark.measured == program.measured_count
+    order = np.argsort(program.numbers)
+    assert [p.name for p in found.positions] == [program.poses[i].name for i in order]
+    expected = by_number(program)
+    if form == "joint":
+        shown = np.stack([p.shown_deg for p in found.positions if p.shown_deg is not None])
+        np.testing.assert_allclose(shown, ARM.shown(expected), rtol=0, atol=5.001e-6)
+        np.testing.assert_allclose(found.postures(ARM), expected, rtol=0, atol=1e-7)
+        return
+    poses = np.stack([p.T_user_tool for p in found.positions if p.T_user_tool is not None])
+    wanted = ARM.tool_poses(expected)
+    np.testing.assert_allclose(poses[:, :3, 3], wanted[:, :3, 3], rtol=0, atol=5.001e-8)
+    # four numbers of a quaternion, each within 5e-10
+    np.testing.assert_allclose(poses[:, :3, :3], wanted[:, :3, :3], rtol=0, atol=4e-9)
+    assert [p.configuration for p in found.positions] == ARM.configurations(expected)
+    regular = np.abs(np.linalg.det(IRB120.jacobian(expected))) > 1e-3
+    postures = found.postures(ARM)
+    np.testing.assert_allclose(postures[regular], expected[regular], rtol=0, atol=2e-4)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["joint", "cartesian"]))
+def test_round_trip(tmp_path_factory: pytest.TempPathFactory, seed: int, form: str) -> None:
+    check_round_trip(seed, form, tmp_path_factory.mktemp("rapid"))
+
+
+@pytest.mark.slow
+@settings(max_examples=1000, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["joint", "cartesian"]))
+def test_round_trip_long(tmp_path_factory: pytest.TempPathFactory, seed: int, form: str) -> None:
+    check_round_trip(seed, form, tmp_path_factory.mktemp("rapid"))
+
+
+def test_quaternions_are_those_of_another_library() -> None:
+    robomath = pytest.importorskip("robodk.robomath")
+    program = random_program(3, form="cartesian")
+    text = render_abb_rapid(program, ARM)
+    found = re.findall(r"robtarget p\d+:=\[\[(.*?)\],\[(.*?)\]", text)
+    for (place, turn), posture in zip(found, by_number(program), strict=True):
+        pose = robomath.quaternion_2_pose([float(q) for q in turn.split(",")])
+        T = np.array(pose.Rows())
+        T[:3, 3] = [float(x) / 1e3 for x in place.split(",")]
+        np.testing.assert_allclose(T, ARM.tool_poses(posture), rtol=0, atol=6e-8)
+
+
+def test_numbers_are_plain() -> None:
+    tiny = np.array([1e-9, -1e-9, 0.0, -0.0, 1e-7, -1e-7])
+    for form in ("joint", "cartesian"):
+        program = PoseProgram("CAL", (ProgramPose("T", tiny),), ProgramOptions(form=form))
+        text = render_abb_rapid(program, ARM).replace("9E9", "")
+        assert not re.search(r"-0\.?0*(?![\d.])|\d[eE]|nan\b|\binf\b", text)
+
+
+def test_quaternions_have_norm_one() -> None:
+    text = render_abb_rapid(random_program(9, form="cartesian"), ARM)
+    found = re.findall(r"\],\[(-?[\d.]+,-?[\d.]+,-?[\d.]+,-?[\d.]+)\],\[-?\d", text)
+    assert found
+    for turn in found:
+        assert min(len(q.split(".")[1]) for q in turn.split(",")) >= 7
+        assert np.linalg.norm([float(q) for q in turn.split(",")]) == pytest.approx(1, abs=2e-9)
+
+
+def test_names_that_no_comment_holds_are_left_out() -> None:
+    poses = [ProgramPose(name, np.zeros(6)) for name in ("Ö", "a\nb", "", "x" * 81, 'a "b"; !')]
+    text = render_abb_rapid(PoseProgram("CAL", tuple(poses)), Arm.usual("abb"))
+    assert AbbRapid().check(text.encode(), Path("CAL.mod")) == []
+    found = AbbRapid().parse(text.encode(), Path("CAL.mod"))
+    assert [p.name for p in found.positions] == ["", "", "", "", 'a "b"; !']
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"comment": "für"}, "comment"),
+        ({"comment": "a\nENDMODULE"}, "comment"),
+        ({"comment": "x" * 81}, "comment"),
+        ({"measure_call": "my prog"}, "is not a RAPID name"),
+        ({"measure_call": "M" * 33}, "is not a RAPID name"),
+        ({"measure_call": "endproc"}, "is not a RAPID name"),
+        ({"measure_call": "main"}, "is not a RAPID name"),
+        ({"measure_call": "jP3"}, "is the name of a position"),
+        ({"measure_call": "cal"}, "has the name of the program that measures"),
+        ({"settle_s": 1e6}, "settle_s"),
+        ({"measure_output": 1, "measure_pulse_s": 0.0}, "measure_pulse_s"),
+    ],
+)
+def test_options_that_no_controller_takes(
+    changes: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    program = PoseProgram("CAL", POSES[:1], ProgramOptions(**changes))
+    with pytest.raises(InputError, match=message) as caught:
+        write(program, "abb-rapid", tmp_path)
+    assert caught.value.hint
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "name", ["1CAL", "MY CAL", "C" * 33, "", "module", "Base", "jMeasured", "p1", "Ä"]
+)
+def test_names_that_no_controller_takes(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        write(PoseProgram(name, POSES[:1]), "abb-rapid", tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_bad_comment_names_its_pose(tmp_path: Path) -> None:
+    poses = (ProgramPose("T9", np.zeros(6), comment='say "é"'),)
+    with pytest.raises(InputError, match="comment of pose 'T9'"):
+        write(PoseProgram("CAL", poses), "abb-rapid", tmp_path)
+
+
+def test_a_joint_beyond_all_arms_names_its_pose(tmp_path: Path) -> None:
+    poses = (POSES[0], ProgramPose("T9", np.array([0, 0, 0, 13.0, 0, 0])))
+    for form in ("joint", "cartesian"):
+        program = PoseProgram("CAL", poses, ProgramOptions(form=form), ARM)
+        with pytest.raises(InputError, match="pose 'T9': J4 is beyond"):
+            write(program, "abb-rapid", tmp_path)
+
+
+def test_cartesian_needs_the_robot(tmp_path: Path) -> None:
+    program = PoseProgram("CAL", POSES, ProgramOptions(form="cartesian"))
+    with pytest.raises(InputError, match="need the robot"):
+        write(program, "abb-rapid", tmp_path)
+
+
+def test_nothing_is_called_or_waited_for_where_nothing_is_asked() -> None:
+    options = ProgramOptions(measure_call=None, settle_s=0.001)
+    text = render_abb_rapid(PoseProgram("CAL", POSES, options), Arm.usual("abb"))
+    assert "MEASURE" not in text
+    assert "PulseDO" not in text
+    assert text.count("WaitTime\\InPos,0.01;") == 2  # a wait asked for does not round to none
+
+
+def touched_up(text: str) -> RecordedProgram:
+    return AbbRapid().parse(text.encode("ascii"), Path("CalPose.mod"))
+
+
+def test_touched_up_positions_stand_in_the_place_of_the_planned_ones() -> None:
+    assert [p.number for p in touched_up(JOINT_MODULE).positions] == [1, 2, 3]
+    empty = "    [[9E9,9E9,9E9,9E9,9E9,9E9],[9E9,9E9,9E9,9E9,9E9,9E9]]];"
+    value = "    [[-10.5,20.5,10.5,-5.5,35.5,130.5],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]];"
+    assert JOINT_MODULE.count(empty) == 1
+    program = touched_up(JOINT_MODULE.replace(empty, value))
+    # pose 1 is not measured yet: its planned position is no measurement
+    assert [(p.number, p.name) for p in program.positions] == [(2, ""), (3, "way")]
+    assert [p.number for p in program.measured] == [2]
+    np.testing.assert_array_equal(
+        np.asarray(program.positions[0].shown_deg), [-10.5, 20.5, 10.5, -5.5, 35.5, 130.5]
+    )
+    half = value.replace("-10.5", "9E9")
+    with pytest.raises(Exception, match="axis 1 has no value"):
+        touched_up(JOINT_MODULE.replace(empty, half))

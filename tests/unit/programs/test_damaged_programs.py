@@ -1,0 +1,169 @@
+"""Damaged programs of every dialect: a clear error, or numbers that really stand in the file."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import CalibError, FileFormatError, InputError
+from calib.robots import Robot
+from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs.recorded import RecordedProgram
+
+PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)
+ARMS = {
+    "fanuc": "r2000ic165f",
+    "kuka": "kr6r900sixx",
+    "abb": "irb120",
+    "ur": "ur5e",
+    "yaskawa": "gp7",
+    "staubli": "tx2_60",
+    None: "panda",
+}
+CASES = [(name, form) for name, dialect in DIALECTS.items() for form in dialect.forms]
+_TOKEN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+
+
+@cache
+def written(name: str, form: str) -> tuple[str, str]:
+    """Name and text of the file with the positions."""
+    robot = Robot.preset(ARMS[DIALECTS[name].maker])
+    rng = np.random.default_rng(5)
+    middle = (robot.lower + robot.upper) / 2.0
+    q = middle + rng.uniform(-0.35, 0.35, (6, robot.n)) * (robot.upper - robot.lower) * 0.5
+    poses = tuple(ProgramPose(f"P0{i}", posture, via=i == 3) for i, posture in enumerate(q))
+    options = ProgramOptions(form=form, fingerprint="abcdef12", pulses_per_deg=PULSES)  # type: ignore[arg-type]
+    program = PoseProgram("FUZZED", poses, options, Arm.of(robot))
+    return next(iter(DIALECTS[name].files(program).items()))
+
+
+def damaged(text: str, rng: np.random.Generator) -> str:
+    """One to three changes: characters, lines, or the end of the file."""
+    pieces = [
+        "",
+        " ",
+        "-",
+        ".",
+        ",",
+        "9",
+        "e5",
+        "}",
+        "{",
+        "[",
+        "]",
+        "=",
+        ";",
+        '"',
+        "\n",
+        "NaN",
+        "\0",
+    ]
+    for _ in range(rng.integers(1, 4)):
+        lines = text.split("\n")
+        i, j = rng.integers(len(lines), size=2)
+        at, length = int(rng.integers(len(text) + 1)), int(rng.integers(8))
+        match rng.integers(6):
+            case 0:
+                text = text[:at] + str(rng.choice(pieces)) + text[at + length :]
+            case 1:
+                text = text[:at] + chr(int(rng.integers(32, 127))) + text[at + 1 :]
+            case 2:
+                lines[i], lines[j] = lines[j], lines[i]
+                text = "\n".join(lines)
+            case 3:
+                text = "\n".join([*lines[:i], lines[i], *lines[i:]])
+            case 4:
+                text = "\n".join([*lines[:i], *lines[i + 1 :]])
+            case _:
+                text = text[:at] if rng.random() < 0.3 else text[:at] + text[at + length :]
+    return text
+
+
+def numbers_of(program: RecordedProgram) -> np.ndarray:
+    """Everything that was read, as numbers: joints in deg, places in mm."""
+    found = [p.shown_deg for p in program.positions if p.shown_deg is not None]
+    places = [1e3 * p.T_user_tool[:3, 3] for p in program.positions if p.T_user_tool is not None]
+    return np.concatenate([np.ravel(values) for values in [*found, *places]])
+
+
+def assert_stand_in(values: np.ndarray, text: str) -> None:
+    """Each number read is one of the file: as it is, in radians, in metres, or in pulses."""
+    raw = np.array([float(token) for token in _TOKEN.findall(text)])
+    raw = np.concatenate([raw, -raw])  # a sign may be taken for an operator by this test's pattern
+    pulses = (raw[:, None] / np.array(PULSES)).ravel()
+    scales = re.findall(r"PULSES?\D*([-\d.]+(?:[ ,]+[-\d.]+)*)", text)
+    own = [float(t) for line in scales for t in _TOKEN.findall(line)]
+    more = [raw / scale for scale in own if scale]
+    known = np.sort(np.concatenate([raw, np.rad2deg(raw), 1e3 * raw, pulses, *more]))
+    known = known[np.isfinite(known)]
+    at = np.clip(np.searchsorted(known, values), 1, len(known) - 1)
+    off = np.minimum(np.abs(known[at] - values), np.abs(known[at - 1] - values))
+    assert (off <= 1e-6 * np.maximum(1.0, np.abs(values))).all(), values[np.argmax(off)]
+
+
+def run(name: str, form: str, count: int) -> tuple[int, int]:
+    dialect = DIALECTS[name].reading(PULSES)
+    file, text = written(name, form)
+    rng = np.random.default_rng(sum(map(ord, name + form)))
+    refused = 0
+    for _ in range(count):
+        broken = damaged(text, rng)
+        data = broken.encode("utf-8", "surrogatepass")
+        assert isinstance(dialect.check(data, Path(file)), list)
+        try:
+            program = dialect.parse(data, Path(file))
+        except (FileFormatError, InputError) as error:
+            assert len(str(error)) < 1000
+            assert "\n" not in error.message
+            refused += 1
+            continue
+        assert program.positions
+        assert np.isfinite(numbers_of(program)).all()
+        assert_stand_in(numbers_of(program), broken)
+    return refused, count
+
+
+@pytest.mark.parametrize(("name", "form"), CASES)
+def test_damaged_programs(name: str, form: str) -> None:
+    file, text = written(name, form)
+    whole = DIALECTS[name].reading(PULSES).parse(text.encode(), Path(file))
+    assert_stand_in(numbers_of(whole), text)
+    refused, count = run(name, form, 120)
+    assert 0 < refused < count
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "form"), CASES)
+def test_five_thousand_damaged_programs(name: str, form: str) -> None:
+    run(name, form, 5000)
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"\0", b"\xff\xfe\x00", b"{" * 50_000, b"[" * 50_000, b"a" * 300_000, b"- " * 50_000]
+    + [b"1," * 100_000, b"<!--" * 20_000, b'"' * 100_000, b"(" * 100_000, b"\n" * 300_000],
+    ids=range(12),
+)
+def test_rubbish_is_refused_at_once(name: str, data: bytes) -> None:
+    dialect = DIALECTS[name].reading(PULSES)
+    path = Path(f"X{dialect.suffixes[0]}")
+    with pytest.raises(CalibError) as caught:
+        dialect.parse(data, path)
+    assert isinstance(caught.value, FileFormatError | InputError)
+    assert dialect.check(data, path)
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_a_huge_file_is_refused_without_being_read(name: str, tmp_path: Path) -> None:
+    dialect = DIALECTS[name]
+    path = tmp_path / f"X{dialect.suffixes[0]}"
+    with path.open("wb") as stream:
+        stream.truncate(100_000_000)
+    for call in (dialect.read, dialect.validate):
+        with pytest.raises(FileFormatError, match="is larger than 20 MB"):
+            call(path)

@@ -1,0 +1,347 @@
+"""VAL 3 projects: the reader takes what controllers save, and says the line of what it refuses."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import FileFormatError
+from posedesign.programs import RecordedProgram, registry
+from posedesign.programs.configurations import StaubliConfiguration
+from posedesign.programs.reading import MOST_BYTES
+from posedesign.programs.staubli_val3 import StaubliVal3
+
+DIALECT = StaubliVal3()
+PATH = Path("x.dtx")
+
+HEAD = """\
+<?xml version="1.0" encoding="utf-8"?>
+<Database xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xmlns="http://www.staubli.com/robotics/VAL3/Data/2">
+  <Datas>
+"""
+TAIL = """\
+  </Datas>
+</Database>
+"""
+# In the manner of a controller: zeros left out, other data around, comments, attributes anywhere.
+EXPORT = (
+    HEAD
+    + """\
+    <Data name="fPart" access="public" xsi:type="array" type="frame" size="1">
+      <Value key="0" x="100" fatherId="world[0]" />
+    </Data>
+    <Data name="jPark" access="public" xsi:type="array" type="jointRx" size="1">
+      <Value key="0" j3="90" j5="90" />
+    </Data>
+    <!-- caf\u00e9 -->
+    <Data size="3" type="jointRx" name="jJoint" access="public" xsi:type="array">
+      <Value j6="-79.46655" key="0" j1="-8.97077"
+             j2="0.68477" />
+      <Value key="2" j1=" 1e1 " j4="-.5" />
+    </Data>
+    <Data name="dict" access="public" xsi:type="collection" type="num">
+      <Value key="word" value="1" />
+    </Data>
+    <Data name="pPoint" access="public" xsi:type="array" type="pointRx" size="2">
+      <Value key="0" x="885.000" y="-122.343" z="737.831" ry="90.000" shoulder="lefty" \
+elbow="efree" wrist="wpositive" fatherId="fPart[0]" />
+      <Value key="1" x="881.362" shoulder="ssame" elbow="esame" wrist="wsame" fatherId="fPart[0]" />
+    </Data>
+"""
+    + TAIL
+)
+
+
+def parse(text: str, path: Path = PATH) -> RecordedProgram:
+    return DIALECT.parse(text.encode("utf-8"), path)
+
+
+def shown(program: RecordedProgram) -> dict[int, list[float]]:
+    return {
+        p.number: [float(v) for v in p.shown_deg]
+        for p in program.positions
+        if p.shown_deg is not None
+    }
+
+
+EXPORT = EXPORT.replace(" 1e1 ", "1e1")
+
+
+def test_a_project_of_others_is_read() -> None:
+    program = parse(EXPORT.replace("\n", "\r\n"))
+    assert (program.name, program.comment, program.fingerprint) == ("x", "", "")
+    assert [p.name for p in program.positions] == [
+        "jPark[0]",
+        "jJoint[0]",
+        "jJoint[2]",
+        "pPoint[0]",
+        "pPoint[1]",
+    ]
+    assert shown(program) == {
+        1: [0, 0, 90, 0, 90, 0],
+        2: [-8.97077, 0.68477, 0, 0, 0, -79.46655],
+        3: [10, 0, 0, -0.5, 0, 0],
+    }
+    first, second = program.positions[3:]
+    assert first.T_user_tool is not None
+    np.testing.assert_allclose(first.T_user_tool[:3, 3], [0.885, -0.122343, 0.737831])
+    np.testing.assert_allclose(
+        first.T_user_tool[:3, :3], [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-15
+    )
+    assert first.configuration == StaubliConfiguration(False, None, False)
+    assert second.configuration is None
+    lines = EXPORT.splitlines()
+    assert "79.46655" in lines[program.positions[1].line - 1]
+
+
+def test_the_program_beside_says_which_positions_are_moved_to(tmp_path: Path) -> None:
+    path = tmp_path / "x.dtx"
+    path.write_text(EXPORT)
+    (tmp_path / "start.pgx").write_text(
+        "begin\n  nTraj=movel( pPoint[1] ,tTool,mFast)\n  // movej(jPark,tTool,mFast)\n"
+        "  movej(jJoint[2],tTool,mFast)\n movej(jJoint[2],tTool,mFast)\n movej(jNone[0],t,m)\nend"
+    )
+    program = DIALECT.read(path)
+    assert [(p.number, p.name) for p in program.positions] == [(1, "pPoint[1]"), (2, "jJoint[2]")]
+    (tmp_path / "start.pgx").write_text("begin\nend")
+    assert len(registry.read(path).positions) == 5
+
+
+SMALL = (
+    HEAD
+    + """\
+    <Data name="jPose" access="public" xsi:type="array" type="jointRx" size="3">
+      <Value key="0" j1="1.5" j2="2" j3="3" j4="4" j5="5" j6="6" />
+      <Value key="1" j1="2.5" j2="2" j3="3" j4="4" j5="5" j6="6" />
+      <Value key="2" j1="3.5" j2="2" j3="3" j4="4" j5="5" j6="6" />
+    </Data>
+    <Data name="sPlan" access="public" xsi:type="array" type="string" size="1">
+      <Value key="0" value="PLAN abcdef12 2" />
+    </Data>
+    <Data name="sPose" access="public" xsi:type="array" type="string" size="3">
+      <Value key="1" value="left" />
+    </Data>
+"""
+    + TAIL
+)
+POSED = (
+    SMALL.replace("jPose", "pPose")
+    .replace("jointRx", "pointRx")
+    .replace('j1="', 'fatherId="fUser[0]" shoulder="lefty" elbow="epositive" wrist="wpositive" x="')
+    .replace("j2", "y")
+    .replace("j3", "z")
+    .replace("j4", "rx")
+    .replace("j5", "ry")
+    .replace("j6", "rz")
+)
+KEPT = SMALL.replace(
+    '    <Data name="sPlan"',
+    """\
+    <Data name="jActual" access="public" xsi:type="array" type="jointRx" size="3">
+      <Value key="1" j1="1.25" j2="2" j3="3" j4="4" j5="5" j6="6" />
+      <Value key="2" j1="2.25" j2="2" j3="3" j4="4" j5="5" j6="6" />
+    </Data>
+    <Data name="nFirst" access="public" xsi:type="array" type="num" size="1">
+      <Value key="0" value="2" />
+    </Data>
+    <Data name="sPlan\"""",
+)
+
+
+def test_projects_as_they_are_written() -> None:
+    program = parse(SMALL)
+    assert [(p.number, p.name) for p in program.positions] == [(1, ""), (2, "left"), (3, "")]
+    assert [p.number for p in program.measured] == [1, 2]
+    assert shown(program)[2] == [2.5, 2, 3, 4, 5, 6]
+    assert {number: row[0] for number, row in shown(parse(KEPT)).items()} == {
+        1: 1.25,
+        2: 2.25,
+        3: 3.5,
+    }
+    assert all(p.T_user_tool is not None for p in parse(POSED).positions)
+
+
+@pytest.mark.parametrize(
+    ("source", "old", "new", "line", "message"),
+    [
+        (SMALL, "</Database>\n", "", 16, "is no whole XML file"),
+        (SMALL, "Database", "Project", 2, "is no whole XML file|is no data file"),
+        (SMALL, 'j1="1.5"', 'j1="1.5', 5, "is no whole XML file"),
+        (SMALL, 'encoding="utf-8"', 'encoding="foo"', 1, "is no whole XML file: unknown encoding"),
+        (SMALL, "<Datas>", "<Datas>&x;", 3, "is no whole XML file"),
+        (SMALL, "<Database", "<!DOCTYPE a [<!ENTITY x 'y'>]>\n<Database", 2, "has a DTD or ent"),
+        (SMALL, 'key="1" j1', 'key="0" j1', 6, r"jPose\[0\] is there twice"),
+        (SMALL, 'key="2"', 'key="3"', 7, r"jPose\[3\] is beyond its size"),
+        (SMALL, 'size="3"', 'size="4"', 4, r"jPose\[3\] is not there"),
+        (SMALL, 'size="3"', 'size="x"', 4, "jPose has the size 'x'"),
+        (SMALL, 'size="3"', 'size="100001"', 4, "jPose has the size"),
+        (SMALL, '"sPlan"', '"jPose"', 9, "'jPose' is there twice"),
+        (SMALL, 'name="sPlan"', "", 9, "an array has no name"),
+        (SMALL, '"jPose"', '"jJoint"', None, "has sPlan, but no jPose"),
+        (SMALL, "jointRx", "string", None, "has sPlan, but no jPose"),
+        (SMALL, 'j1="1.5"', 'j1="nan"', 5, r"jPose\[0\]: j1 is 'nan', not a number"),
+        (SMALL, 'j1="1.5"', 'j1="1_5"', 5, r"jPose\[0\]: j1 is '1_5', not a number"),
+        (SMALL, 'j1="1.5"', 'j1=""', 5, r"jPose\[0\]: j1 is '', not a number"),
+        (SMALL, 'j1="1.5"', 'j1="721"', 5, r"jPose\[0\]: j1 .* beyond"),
+        (SMALL, 'size="3"', 'size="0"', 5, r"jPose\[0\] is beyond its size"),
+        (POSED, 'x="1.5"', 'x="1e9"', 5, r"pPose\[0\]: x .* beyond"),
+        (POSED, "lefty", "left", 5, r"pPose\[0\]: config"),
+        (POSED, "fUser[0]", "fPart[0]", 6, r"pPose\[1\] is in 'fUser\[0\]', points before in"),
+        (KEPT, 'value="2"', 'value="x"', 14, "nFirst is 'x'"),
+        (KEPT, 'value="2"', 'value="0"', 14, "nFirst is '0'"),
+        (KEPT, 'value="2"', 'value="1"', 9, r"jActual\[0\] is not there"),
+        (
+            KEPT,
+            'type="jointRx" size="3">\n      <Value key="1" j1="1.25',
+            'size="3">\n      <Value key="1" j1="1.25',
+            9,
+            "jActual is of type ''",
+        ),
+        (KEPT, '"nFirst"', '"nLast"', None, "nFirst is ''"),
+        (HEAD + TAIL, "utf-8", "UTF-8", None, "holds no positions"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(
+    source: str, old: str, new: str, line: int | None, message: str
+) -> None:
+    assert old in source
+    with pytest.raises(FileFormatError, match=message) as caught:
+        parse(source.replace(old, new, 1))
+    assert caught.value.row == line
+    assert caught.value.hint
+    assert "x.dtx" in str(caught.value)
+
+
+def test_another_root_is_refused() -> None:
+    with pytest.raises(FileFormatError, match="is no data file of a VAL 3 project"):
+        parse("<?xml version='1.0'?>\n<svg/>")
+
+
+@pytest.mark.parametrize("name", ["x.pjx", "start.pgx"])
+def test_the_other_files_of_a_project_hold_no_positions(name: str) -> None:
+    with pytest.raises(FileFormatError, match="holds no positions") as caught:
+        parse(SMALL, Path(name))
+    assert "NAME.dtx" in caught.value.hint
+
+
+def test_entities_are_not_expanded() -> None:
+    bomb = '<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa">' + "".join(
+        f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(9)
+    )
+    text = SMALL.replace("<Database", bomb + "]>\n<Database", 1).replace("left", "&j;")
+    with pytest.raises(FileFormatError, match="has a DTD or entities"):
+        parse(text)
+    assert [p.rule for p in DIALECT.check(text.encode(), PATH)] == ["xml"]
+
+
+def test_a_huge_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.dtx"
+    with path.open("wb") as stream:
+        stream.truncate(MOST_BYTES + 1)
+    with pytest.raises(FileFormatError, match="is larger than 20 MB"):
+        DIALECT.read(path)
+
+
+@pytest.mark.parametrize(
+    "piece",
+    [
+        "<a>" * 100_000,
+        "<a>" * 100_000 + "</a>" * 100_000,
+        f'<Value key="{"1" * 200_000}" />',
+        f'<Value key="0" j1="{"1" * 200_000}" />',
+        f'<Data name="{"x" * 200_000}" type="jointRx" size="1" />',
+        f'<Data name="y" type="jointRx" size="{"9" * 200_000}" />',
+        " " * 500_000,
+        "&#65;" * 50_000,
+    ],
+    ids=range(8),
+)
+def test_a_damaged_line_is_not_tried_in_every_way(piece: str) -> None:
+    for before in ("  <Datas>\n", "  </Datas>\n"):
+        data = SMALL.replace(before, before + piece + "\n").encode()
+        read_or_refused(data)
+        DIALECT.check(data, PATH)
+
+
+def read_or_refused(data: bytes) -> RecordedProgram | None:
+    try:
+        program = DIALECT.parse(data, PATH)
+    except FileFormatError as error:
+        assert re.match(r"x\.dtx(, line \d+)?: .", error.message)  # noqa: PT017
+        return None
+    assert program.name
+    assert program.positions
+    return program
+
+
+def mutations(text: str, count: int, seed: int) -> Iterator[str]:
+    rng = np.random.default_rng(seed)
+    pieces = [*'0123456789.-+ <>"/=&x\n', 'j1="', "<Value", "/>", "&amp;", "1e5", "\u00e9", "\0"]
+    for _ in range(count):
+        kind = rng.integers(6)
+        lines = text.split("\n")
+        i, j = (int(k) for k in rng.integers(len(lines), size=2))
+        if kind in (0, 5):
+            at = int(rng.integers(len(text)))
+            yield text[:at] + str(rng.choice(pieces)) + text[at + int(rng.integers(3)) :]
+        elif kind == 1:
+            lines[i], lines[j] = lines[j], lines[i]
+            yield "\n".join(lines)
+        elif kind == 2:
+            yield "\n".join([*lines[:i], lines[j], *lines[i:]])
+        elif kind == 3:
+            yield "\n".join(lines[:i] + lines[i + 1 :])
+        else:
+            yield text[: int(rng.integers(len(text)))]
+
+
+def check_damaged(source: str, count: int, seed: int) -> None:
+    """A damaged file is refused, or its positions are right where their lines are untouched."""
+    good = parse(source)
+    values = {source.split("\n")[p.line - 1]: shown(good)[p.number] for p in good.positions}
+    planned = shown(parse(SMALL))
+    values |= {SMALL.split("\n")[p.line - 1]: planned[p.number] for p in parse(SMALL).positions}
+    read = 0
+    for damaged in mutations(source, count, seed):
+        data = damaged.encode()
+        DIALECT.check(data, PATH)
+        program = read_or_refused(data)
+        if program is None:
+            continue
+        read += 1
+        lines = damaged.split("\n")
+        for position in program.positions:
+            line = lines[position.line - 1]
+            if line in values and position.shown_deg is not None:
+                assert position.shown_deg.tolist() == values[line]
+    assert 0.1 * count < read < 0.9 * count
+
+
+@pytest.mark.parametrize("source", [SMALL, KEPT])
+def test_damaged_files_are_refused_or_read_right(source: str) -> None:
+    check_damaged(source, 500, seed=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", [SMALL, KEPT])
+def test_many_damaged_files_are_refused_or_read_right(source: str) -> None:
+    check_damaged(source, 5000, seed=2)
+
+
+@pytest.mark.parametrize("source", [EXPORT, POSED])
+def test_damaged_exports_raise_nothing_else(source: str) -> None:
+    for damaged in mutations(source, 500, seed=3):
+        read_or_refused(damaged.encode())
+        DIALECT.check(damaged.encode(), PATH)
+
+
+def test_random_files_are_refused() -> None:
+    rng = np.random.default_rng(4)
+    for size in rng.integers(0, 300, 300):
+        data = rng.bytes(int(size))
+        assert read_or_refused(data) is None
+        assert DIALECT.check(data, PATH)

@@ -178,6 +178,8 @@ def check_motions(listing: Listing) -> Iterator[Problem]:
     stands = stopped = True
     for statement in listing.statements:
         row, code, word = statement.row, statement.code, statement.word
+        if word in ("PROC", "FUNC", "TRAP"):
+            stands = stopped = True  # whoever calls it sees to that
         if statement.end == "line" or not code:
             continue
         if row in motions and word.startswith("MOVE"):

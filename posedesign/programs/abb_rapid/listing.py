@@ -13,7 +13,7 @@ _IGNORE = re.IGNORECASE | re.ASCII
 _BLOCK_WORDS = r"MODULE|PROC|FUNC|TRAP|RECORD"
 _HEADING = re.compile(
     rf"(?:LOCAL )?(?:{_BLOCK_WORDS}|END(?:{_BLOCK_WORDS}|IF|FOR|WHILE|TEST)|IF|ELSE|ELSEIF|FOR"
-    r"|WHILE|TEST|CASE|DEFAULT|ERROR|UNDO|BACKWARD)\b",
+    r"|WHILE|TEST|CASE|DEFAULT|ERROR|UNDO|BACKWARD)\b|[A-Z]\w* ?:$",
     _IGNORE,
 )
 _WORD = re.compile(r"(?:(?:LOCAL|TASK) )?([A-Z]\w*)", _IGNORE)
@@ -74,12 +74,15 @@ def split_listing(text: str) -> Listing:
         if legacy == 1:
             continue
         code = _code(line, row, listing.strings)
+        if _HEADING.match(code):
+            # headings of blocks and labels end with their line
+            if open_code:
+                _add(listing, begun, " ".join(open_code), "")
+                open_code = []
+            listing.statements.append(Statement(row, code.rstrip("; "), "line"))
+            continue
         if not open_code:
             begun = row
-        if not open_code and _HEADING.match(code):
-            # headings of blocks end with their line
-            listing.statements.append(Statement(begun, code.rstrip("; "), "line"))
-            continue
         *whole, rest = code.split(";")
         for part in whole:
             _add(listing, begun, " ".join([*open_code, part]), ";")
@@ -113,7 +116,9 @@ def _add(listing: Listing, row: int, text: str, end: str) -> None:
         kind, name, size = data[3].lower(), data[4], data[5] or ""
         listing.data.append(Data(row, data[2].upper(), kind, name, size, data[6]))
     elif motion:
-        listing.motions.append((row, motion[1].upper(), arguments(motion[2])))
+        parts = arguments(motion[2])
+        switches = parts[0].startswith("\\") and len(parts) > 1  # MoveJ \Conc, p1, ...
+        listing.motions.append((row, motion[1].upper(), parts[1:] if switches else parts))
 
 
 def arguments(text: str) -> list[str]:

@@ -191,7 +191,11 @@ def _take_declaration(
         refuse(f"{name} is there twice", path, row, "remove one of them")
     module.variables.add(name.upper())
     if not size:
-        module.positions.append(stored(name, kind.lower(), value, path, row))
+        position = stored(name, kind.lower(), value, path, row)
+        if not position.is_empty:
+            module.positions.append(position)
+        elif _NUMBERED.fullmatch(name):
+            refuse(f"{name} has no value", path, row, "touch the position up")
         return
     count = re.fullmatch(r"\{ ?(\d{1,6}) ?\}", size)
     if count is None or int(count[1]) != len(value):

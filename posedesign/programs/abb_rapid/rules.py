@@ -60,7 +60,9 @@ _IGNORE = re.IGNORECASE | re.ASCII
 _INSTRUCTION = re.compile(
     r"[A-Z]\w*(?: *\{[^{}]*\})*(?:\.[A-Z]\w*)* ?(?::=.*|:|(?:[\\ ].*)?)", _IGNORE
 )
-_TWO_WORDS = re.compile(r"[A-Z]\w* [A-Z]\w* [A-Z]", _IGNORE)
+_OPERATOR = re.compile(r" (?:AND|OR|XOR|DIV|MOD|WITH)(?= )| NOT\b", _IGNORE)
+_AGAIN = re.compile(r":=.*[^ ] (?:CONST|PERS|VAR) \w+ \w", _IGNORE)
+_ADJACENT = re.compile(r"[\w)\]}\"] [\w\"]")
 _ODD_NUMBER = re.compile(r"(?:[\[(,=]|:=|\b[A-Z]\w{0,31} )\s?-?(?:nan|inf)\b", _IGNORE)
 _NEGATIVE_ZERO = re.compile(r"(?<![\w.)\]}])-0+(?:\.0*)?(?![\d.])")
 _BLOCKS = {"PROC", "FUNC", "TRAP", "RECORD", "FOR", "WHILE", "TEST", "MODULE"}
@@ -133,12 +135,11 @@ def _check_statements(listing: Listing) -> Iterator[Problem]:
             continue
         row, code = statement.row, statement.code
         declares = statement.word in ("CONST", "PERS", "VAR")
-        inside = re.search(r"[ \]](?:LOCAL|CONST|PERS|VAR|END[A-Z]+|Move[A-Z]\w*) ", code, _IGNORE)
-        lost = re.search(r" END(?:PROC|MODULE|IF|FOR|WHILE|TEST|FUNC|TRAP)\b", code, _IGNORE)
-        within = inside and not re.match(r"(?:LOCAL|TASK) (?:CONST|PERS|VAR) ", code, _IGNORE)
-        if not statement.end or lost or within:
+        # behind its first word an instruction has no two words with nothing between them
+        rest = "" if declares else _OPERATOR.sub("+", code.partition(" ")[2])
+        if not statement.end or _ADJACENT.search(rest) or (declares and _AGAIN.search(code)):
             yield Problem(row, "semicolon", f"{code[:30]!a} is not ended by a semicolon")
-        elif not declares and (not _INSTRUCTION.fullmatch(code) or _TWO_WORDS.match(code)):
+        elif not declares and not _INSTRUCTION.fullmatch(code):
             yield Problem(row, "statement", f"{code[:30]!a} is no statement")
         elif declares and row not in declared:
             yield Problem(row, "statement", f"{code[:30]!a} is no declaration")

@@ -54,8 +54,10 @@ class StoredPosition:
 
     @property
     def is_empty(self) -> bool:
-        """Whether it is a jointtarget without any value: a place for one."""
-        return self.kind == "jointtarget" and all(map(is_unconnected, self.parts[0]))
+        """Whether it is a place for a position and no position of the arm."""
+        if self.kind == "jointtarget":
+            return all(map(is_unconnected, self.parts[0]))
+        return set(self.parts[1]) == {"0"}
 
 
 def is_unconnected(text: str) -> bool:

@@ -19,7 +19,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray, quaternion_from_rotation
 from posedesign.programs.arm import Arm
-from posedesign.programs.program import PoseProgram, ProgramPose, in_range
+from posedesign.programs.program import Form, PoseProgram, ProgramPose, in_range
 from posedesign.programs.writing import NameRule, plain, plain_all, shown_deg
 
 _RESERVED = """
@@ -78,7 +78,11 @@ def render_abb_rapid(program: PoseProgram, arm: Arm) -> str:
     work_object = _frame_name(arm.T_world_user, WORK_OBJECT, "wobj0")
     lines = [f"MODULE {program.name}"]
     lines += [f"  ! {text}" for text in (options.comment, program.mark) if text]
-    lines += _frames(arm, tool, work_object) + _positions(program, arm) + _measured(program)
+    lines += (
+        _frames(arm, tool, work_object, options.form)
+        + _positions(program, arm)
+        + _measured(program)
+    )
     lines += ["  PROC main()", f"    VelSet {options.speed_percent},{FASTEST_MM_S};"]
     if options.form == "cartesian":
         lines.append("    ConfJ\\On;")
@@ -140,8 +144,8 @@ def _frame_name(T: FloatArray, name: str, usual: str) -> str:
     return usual if np.abs(T - np.eye(4)).max() <= _IDENTITY_WITHIN else name
 
 
-def _frames(arm: Arm, tool: str, work_object: str) -> list[str]:
-    """Declarations of the frames that are not the usual ones."""
+def _frames(arm: Arm, tool: str, work_object: str, form: Form) -> list[str]:
+    """Declarations of the frames that are not the usual ones; joints need no work object."""
     place_tool, place_user = _poses(np.stack([arm.T_tip_tool, arm.T_world_user]))
     lines = []
     if tool == TOOL:
@@ -149,7 +153,7 @@ def _frames(arm: Arm, tool: str, work_object: str) -> list[str]:
             f"  ! the load of {TOOL} is not known: set its mass and centre",
             f"  TASK PERS tooldata {TOOL}:=[TRUE,[{place_tool}],{_LOAD}];",
         ]
-    if work_object == WORK_OBJECT:
+    if work_object == WORK_OBJECT and form == "cartesian":
         lines.append(
             f"  TASK PERS wobjdata {WORK_OBJECT}:="
             f'[FALSE,TRUE,"",[{place_user}],[[0,0,0],[1,0,0,0]]];'

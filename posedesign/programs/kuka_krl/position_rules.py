@@ -117,9 +117,14 @@ def check_motions(source: Module, data: Module | None) -> Iterator[Problem]:
     ready: set[str] = set()
     moved = approximated = False
     stands = True
+    begins = {row for row, _, _, _ in source.begins}
     for line in instructions(source):
+        if line.row in begins:
+            stands, approximated = True, False  # whoever calls the routine sees to that
+            continue
         motion = motions.get(line.row)
         if motion:
+            ready |= {what for what in ("tool", "base") if f"${what.upper()}=" in motion[1].upper()}
             if not moved:
                 yield from _check_first(line.row, motion, ready, source, data)
             moved, stands = True, False

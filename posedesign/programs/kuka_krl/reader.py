@@ -208,6 +208,11 @@ def _take_instruction(module: _Module, code: str, path: Path | str, row: int) ->
         kind = (active[1] or active[3]).upper()
         module.frames[kind] = int(given) if given else None
         return
+    if code.upper().startswith("FDAT_ACT"):
+        given_frames = dict(_FDAT_FRAME.findall(code.upper()))
+        for kind in ("TOOL", "BASE"):
+            module.frames[kind] = int(given_frames[kind]) if kind in given_frames else None
+        return
     motion = _MOTION.match(code)
     if motion is None:
         if not _take_declaration(module, code, path, row):

@@ -9,8 +9,8 @@ other file look for it beside the one that is checked, with the same name.
 rule                     what it asks
 =======================  ========================================================================
 ``ascii``                plain ASCII characters
-``line-length``          fewer than 120 characters, but for FOLD lines and headers: controllers
-                         differ in what they take
+``line-length``          a ``.src`` fewer than 120 characters a line, but for headers and what the
+                         pendant writes (FOLD, WITH), a ``.dat`` 255: controllers differ
 ``module``               a ``.dat`` is DEFDAT ... ENDDAT, a ``.src`` routines, DEF ... END
 ``module-name``          a letter, then letters, digits, ``_``, 24 in all, no word of the
                          language; the same as the name of the file
@@ -66,8 +66,8 @@ from posedesign.programs.recorded import Problem
 MOST_PROBLEMS = 1000
 """Most problems told by one check: a file that is no program has one in each of its lines."""
 
-MOST_LENGTH = 119
-"""Characters of a line."""
+MOST_LENGTH, MOST_LENGTH_OF_DATA = 119, 255
+"""Characters of a line of a ``.src`` and of a ``.dat``, which the pendant writes itself."""
 
 _IGNORE = re.IGNORECASE | re.ASCII
 _FIRST_WORDS = """
@@ -153,14 +153,16 @@ def _moves_to_variables(module: Module) -> bool:
 
 
 def _check_lines(module: Module) -> Iterator[Problem]:
+    most = MOST_LENGTH_OF_DATA if module.is_data else MOST_LENGTH
     for line in module.lines:
         bad = re.search(r"[^\t -~]", line.text)
         if bad:
             reason = f"the byte 0x{ord(bad[0]):02x} is not plain ASCII text"
             yield Problem(line.row, "ascii", reason)
-        free = line.text.lstrip().upper().startswith((";FOLD", "&"))
-        if len(line.text) > MOST_LENGTH and not free:
-            reason = f"{len(line.text)} characters, more than {MOST_LENGTH}"
+        # lines of inline forms, which the pendant writes itself
+        free = line.text.lstrip().upper().startswith((";FOLD", "&")) or " WITH $" in line.code
+        if len(line.text) > most and not free:
+            reason = f"{len(line.text)} characters, more than {most}"
             yield Problem(line.row, "line-length", reason)
 
 

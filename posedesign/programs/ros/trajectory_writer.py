@@ -11,12 +11,12 @@ from posedesign.programs.lists import check_options
 from posedesign.programs.program import PoseProgram
 from posedesign.programs.ros.trajectory_times import point_times_ms
 from posedesign.programs.ros.yaml_writing import (
+    DECIMALS,
     ending,
     heading,
     joint_values,
     label,
     name_lines,
-    value_lines,
 )
 
 _STAMP = ["header:", "  stamp:", "    sec: 0", "    nanosec: 0", '  frame_id: ""']
@@ -26,7 +26,7 @@ _STAMP = ["header:", "  stamp:", "    sec: 0", "    nanosec: 0", '  frame_id: ""
 def render_trajectory(program: PoseProgram, arm: Arm) -> str:
     r"""Text of the trajectory, its lines ended by ``\n``.
 
-    The arm comes to rest at every point: velocities are zero. A pose that is measured has two
+    One point a line, in the form of YAML that is JSON, too. The arm comes to rest at every point: velocities are zero. A pose that is measured has two
     points, one where the arm arrives and one, after the time to settle, with the same positions.
     Nothing is called: who runs the trajectory measures while the arm stands. Joint values are
     rounded by 5e-13 rad, times up to whole milliseconds.
@@ -50,20 +50,21 @@ def render_trajectory(program: PoseProgram, arm: Arm) -> str:
     moving, standing = point_times_ms(postures, arm, options.speed_percent, options.settle_s)
     lines = heading(program, "trajectory_msgs/msg/JointTrajectory")
     lines += [*_STAMP, "joint_names:", *name_lines(arm, ""), "points:"]
-    rest = "  velocities:\n" + "  - 0.0\n" * arm.n + "  accelerations: []\n  effort: []"
+    rest = f'"velocities": [{", ".join(["0.0"] * arm.n)}], "accelerations": [], "effort": []'
     now = 0
     for number, pose, posture, move in zip(
         program.numbers, program.poses, postures, moving, strict=True
     ):
-        point = "\n".join(["- positions:", *value_lines(posture, "  "), rest])
+        values = ", ".join(f"{value:.{DECIMALS}f}" for value in posture.tolist())
+        point = f'- {{"positions": [{values}], {rest}, '
         now += move
-        lines += [*label(number, pose), point, _time(now)]
+        lines += [*label(number, pose), point + _time(now)]
         if standing and not pose.via:
             now += standing
-            lines += [f"# hold {number}", point, _time(now)]
+            lines += [f"# hold {number}", point + _time(now)]
     return "\n".join([*lines, ending(program)]) + "\n"
 
 
 def _time(milliseconds: int) -> str:
     seconds, rest = divmod(milliseconds, 1000)
-    return f"  time_from_start:\n    sec: {seconds}\n    nanosec: {rest * 1_000_000}"
+    return f'"time_from_start": {{"sec": {seconds}, "nanosec": {rest * 1_000_000}}}}}'

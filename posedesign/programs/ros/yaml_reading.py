@@ -7,9 +7,10 @@ nesting are refused at the first one, before a small file could become a large o
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -19,6 +20,7 @@ import yaml
 from calib.errors import FileFormatError
 from posedesign.programs.reading import MOST_JOINT_DEG, number, refuse
 from posedesign.programs.recorded import PlanMark
+from posedesign.programs.ros.yaml_lines import Pairs, Word, json_items
 
 MOST_DEPTH = 12
 """Deepest nesting; that of a trajectory in the goal of an action is 6. The parser's time grows with
@@ -33,7 +35,7 @@ MOST_JOINT_RAD = math.radians(MOST_JOINT_DEG)
 Scalar: TypeAlias = tuple[str, int, bool]
 """Text, line, and whether it stands without quotes."""
 
-Node: TypeAlias = "Scalar | YamlList | YamlMap"
+Node: TypeAlias = "Scalar | YamlList | YamlMap | JsonNode"
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _LINE_END = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
@@ -54,6 +56,14 @@ class YamlMap:
     """Values by their keys, and the line where it begins."""
 
     items: dict[str, Node]
+    line: int
+
+
+@dataclass(frozen=True)
+class JsonNode:
+    """A list, or a map as :class:`.Pairs`, that was read as JSON and is not yet made of nodes."""
+
+    value: list[Any]
     line: int
 
 
@@ -146,6 +156,13 @@ def read_document(data: bytes, path: Path) -> Document:
 
 def map_at(node: Node, what: str, path: Path) -> dict[str, Node]:
     """The values of a node that is a map, by key."""
+    if isinstance(node, JsonNode) and isinstance(node.value, Pairs):
+        out: dict[str, Node] = {}
+        for key, value in node.value:
+            if key in out:
+                refuse(f"has the key {key[:60]!r} twice", path, node.line)
+            out[key] = _of_json(value, node.line)
+        return out
     if not isinstance(node, YamlMap):
         refuse(f"{what} is not a map of keys and values", path, line_of(node))
     return node.items
@@ -155,6 +172,8 @@ def list_at(node: Node | None, what: str, path: Path, line: int) -> list[Node]:
     """The items of a node that is a list; ``line`` is where it is missed."""
     if node is None:
         refuse(f"{what} is missing", path, line)
+    if isinstance(node, JsonNode) and not isinstance(node.value, Pairs):
+        return [_of_json(value, node.line) for value in node.value]
     if not isinstance(node, YamlList):
         refuse(f"{what} is not a list", path, line_of(node))
     return node.items
@@ -178,6 +197,13 @@ def values_at(
     node: Node | None, names: tuple[str, ...], what: str, path: Path, line: int
 ) -> list[float]:
     """Joint values [rad], one for each name, finite and within +-720 deg."""
+    if isinstance(node, JsonNode):
+        numbers = [float(v) for v in node.value if type(v) in (int, float)]
+        if (
+            len(numbers) == len(node.value) == len(names)
+            and max(map(abs, numbers)) <= MOST_JOINT_RAD
+        ):
+            return numbers
     items = list_at(node, what, path, line)
     if len(items) != len(names):
         row = line if node is None else line_of(node)
@@ -217,9 +243,12 @@ def _comments(text: str) -> Iterator[tuple[int, str]]:
 
 def _tree(text: str, path: Path) -> Node:
     """The one document of a text; empty ones behind it, as ``ros2 topic echo`` adds, count not."""
+    short, quick = json_items(text)
     roots: list[Node] = []
     try:
-        _fill(roots, text, path)
+        if _fill(roots, short, path, quick) != len(quick):
+            roots = []  # something that looks like an item is part of a text
+            _fill(roots, text, path, {})
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         row = None if mark is None else mark.line + 1
@@ -236,8 +265,12 @@ def _tree(text: str, path: Path) -> Node:
     return filled[0]
 
 
-def _fill(roots: list[Node], text: str, path: Path) -> None:
-    """Append the documents of a text, from the parser's events."""
+def _fill(roots: list[Node], text: str, path: Path, quick: Mapping[str, tuple[Pairs, int]]) -> int:
+    """Append the documents of a text, from the parser's events.
+
+    Words of ``quick`` that are items of lists are what these stand for; returns how many were.
+    """
+    taken = 0
     open_lists: list[tuple[list[Any], int]] = []
     items: list[Any] = roots
     nodes = 0
@@ -246,7 +279,12 @@ def _fill(roots: list[Node], text: str, path: Path) -> None:
         if kind is yaml.ScalarEvent:
             if event.anchor is not None or event.tag is not None:
                 _refuse_extras(event, path)
-            items.append((event.value, event.start_mark.line + 1, not event.style))
+            stood_for = quick.get(event.value)
+            if stood_for is None:
+                items.append((event.value, event.start_mark.line + 1, not event.style))
+            else:
+                items.append(JsonNode(*stood_for))
+                taken += 1
         elif kind is yaml.SequenceStartEvent or kind is yaml.MappingStartEvent:
             _refuse_extras(event, path)
             row = event.start_mark.line + 1
@@ -270,6 +308,16 @@ def _fill(roots: list[Node], text: str, path: Path) -> None:
         if nodes > MOST_NODES:
             row = event.start_mark.line + 1
             refuse(f"has more than {MOST_NODES} values", path, row, "is it the right file?")
+    return taken
+
+
+def _of_json(value: Any, line: int) -> Node:
+    """The node of a value that was read as JSON."""
+    if isinstance(value, list):
+        return JsonNode(value, line)
+    if isinstance(value, str):
+        return value, line, isinstance(value, Word)
+    return json.dumps(value), line, True
 
 
 def _refuse_extras(event: Any, path: Path) -> None:

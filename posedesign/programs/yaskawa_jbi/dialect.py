@@ -44,6 +44,8 @@ class YaskawaJbi(Dialect):
     suffixes: ClassVar[tuple[str, ...]] = (".jbi",)
     names: ClassVar[NameRule] = NAMES
     newline: ClassVar[str] = "\r\n"
+    joint_step_deg: ClassVar[float] = 1e-3
+    """About a pulse: arms have some hundreds to thousands in a degree."""
 
     def __init__(self, pulses_per_deg: Sequence[float] = ()) -> None:
         self.pulses_per_deg = checked(pulses_per_deg) if len(pulses_per_deg) else ()
@@ -57,6 +59,10 @@ class YaskawaJbi(Dialect):
         """As many as fit into the lines of one job."""
         besides, each = lines_besides(program)
         return (MOST_LINES - besides) // each
+
+    def reading(self, pulses_per_deg: Sequence[float]) -> YaskawaJbi:
+        """The dialect that reads with the pulses/deg of an arm, where they are given."""
+        return YaskawaJbi(pulses_per_deg) if len(pulses_per_deg) else self
 
     def parse(self, data: bytes, path: Path) -> RecordedProgram:
         """A job; see `reader`."""

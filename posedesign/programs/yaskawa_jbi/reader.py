@@ -56,7 +56,8 @@ def parse_yaskawa_jbi(
     FileFormatError
         The file is no job, is cut off, or holds no position that can be read.
     """
-    bad = _CONTROL.search(data.replace(b"\r\n", b"\n"))
+    data = data.replace(b"\r\n", b"\n")
+    bad = _CONTROL.search(data)
     if bad:
         row = data.count(b"\n", 0, bad.start()) + 1
         refuse(f"holds the byte 0x{bad[0][0]:02x}: it is no text", path, row, _JOB)
@@ -194,8 +195,9 @@ def _ratios(
                 "positions are in encoder pulses, and the job does not say how many are a degree",
                 path,
                 row,
-                "give the six of S L U R B T: YaskawaJbi(pulses_per_deg=...), or comments like "
-                "'PULSES S 1638.4 in the job; they stand in the controller's parameter file",
+                "give the six of S L U R B T as pulses_per_deg (of the cell's program, or of "
+                "YaskawaJbi), or in comments like 'PULSES S 1638.4 of the job; they stand in the "
+                "controller's parameter file",
             )
         return given
     ratios = tuple(steps.ratios[axis] for axis in AXES)

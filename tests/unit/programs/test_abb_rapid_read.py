@@ -39,6 +39,8 @@ MODULE TouchUp(SYSMODULE, NOSTEPIN)
   CONST jointtarget jTable{2}:=[[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]],
     [[6,5,4,3,2,1],[9E9,9E9,9E9,9E9,9E9,9E9]]];
   VAR robtarget pScratch;
+  PERS robtarget pEmpty:=[[0,0,0],[0,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  PERS jointtarget jTrack:=[[9E9,9E9,9E9,9E9,9E9,9E9],[7220,9E9,9E9,9E9,9E9,9E9]];
   VAR num values{2,3}:=[[1,2,3],[4,5,6]];
   CONST pose frame1:=[[1,2,3],[1,0,0,0]];
   CONST string text:="CONST jointtarget p5:=[[1]]; ! x";
@@ -122,9 +124,10 @@ J1 = "jp1:=[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]]"
         (SMALL[SMALL.index("  CONST") : SMALL.index("ENDM")], "", None, "holds no positions"),
         (J1, "jp1", 3, "jp1 has no value"),
         (J1, "jp1{1}", 3, None),
-        (J1, J1.replace(":=", "="), 3, "jp1: cannot make sense of '=[["),
+        (J1, J1.replace(":=", "="), 3, r"jp1: cannot make sense of '=\[\["),
         (J1, J1.replace("1,2,3", "1,2"), 3, r"jp1 has not the lists of 6, 6 numbers"),
         (J1, J1.replace("[9E9", "9E9"), 3, "jp1: cannot make sense of"),
+        (J1, J1.replace("1,2,3,4,5,6", "9E9,9E9,9E9,9E9,9E9,9E+09"), 3, "jp1 has no value"),
         (J1, J1 + "]", 3, "jp1: cannot make sense of"),
         (J1, J1.replace("2,3", "2 3"), 3, "jp1: cannot make sense of"),
         (J1, J1.replace("2,3", "2,,3"), 3, "jp1: cannot make sense of ','"),
@@ -182,27 +185,27 @@ def test_an_external_axis_may_not_carry_the_arm() -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        "CONST " + " " * 200_000 + "x",
-        "CONST jointtarget jp3" + " " * 200_000 + ":=[[1",
-        "CONST jointtarget jp3:=[[" + "1," * 100_000,
-        "CONST jointtarget jp3:=" + "[" * 200_000 + ";",
-        "CONST jointtarget jp3:=[[" + "9" * 200_000 + "]];",
-        "CONST jointtarget " + "x" * 200_000 + ":=[[1]];",
+        "CONST " + " " * 50_000 + "x",
+        "CONST jointtarget jp3" + " " * 50_000 + ":=[[1",
+        "CONST jointtarget jp3:=[[" + "1," * 25_000,
+        "CONST jointtarget jp3:=" + "[" * 50_000 + ";",
+        "CONST jointtarget jp3:=[[" + "9" * 50_000 + "]];",
+        "CONST jointtarget " + "x" * 50_000 + ":=[[1]];",
         "CONST " * 40_000,
         "CONST jointtarget " * 20_000,
-        "[" * 200_000,
-        '"' * 200_001,
-        "!" * 200_000,
-        ";" * 200_000,
-        "MoveAbsJ" + "\\x" * 100_000,
+        "[" * 50_000,
+        '"' * 50_001,
+        "!" * 50_000,
+        ";" * 20_000,
+        "MoveAbsJ" + "\\x" * 25_000,
         "MoveJ " * 40_000,
         "PROC a(" * 40_000,
         "PROC a " * 40_000,
         "[1,2,3,4,5" * 20_000,
         "%%%" * 60_000,
-        "x{" * 100_000,
-        "x " * 100_000,
-        "-0" * 100_000,
+        "x{" * 25_000,
+        "x " * 25_000,
+        "-0" * 25_000,
         "END" * 70_000,
     ],
     ids=range(22),

@@ -126,6 +126,13 @@ def test_frames_of_faceplate_and_world_have_their_own_names() -> None:
     assert text.count("fine,tool0\\WObj:=wobj0;") == 3
 
 
+def test_the_tool_of_a_joint_program_is_declared_too() -> None:
+    text = render_abb_rapid(PoseProgram("CAL", POSES), ARM)
+    assert "TASK PERS tooldata tCalib:=[TRUE,[[10.0000,-20.0000,150.0000],[0.707106781," in text
+    assert "wobjdata" not in text  # MoveAbsJ knows no work object
+    assert text.count("fine,tCalib;") == 3
+
+
 def random_program(seed: int, **options: Any) -> PoseProgram:
     """A plan over the whole range of the joints, some of its stops passed."""
     rng = np.random.default_rng(seed)

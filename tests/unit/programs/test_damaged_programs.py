@@ -109,7 +109,7 @@ def run(name: str, form: str, count: int) -> tuple[int, int]:
     dialect = DIALECTS[name].reading(PULSES)
     file, text = written(name, form)
     rng = np.random.default_rng(sum(map(ord, name + form)))
-    refused = 0
+    refused, said = 0, [""]
     for _ in range(count):
         broken = damaged(text, rng)
         data = broken.encode("utf-8", "surrogatepass")
@@ -117,13 +117,14 @@ def run(name: str, form: str, count: int) -> tuple[int, int]:
         try:
             program = dialect.parse(data, Path(file))
         except (FileFormatError, InputError) as error:
-            assert len(str(error)) < 1000
-            assert "\n" not in error.message
             refused += 1
+            said.append(error.message)
             continue
         assert program.positions
         assert np.isfinite(numbers_of(program)).all()
         assert_stand_in(numbers_of(program), broken)
+    assert max(map(len, said)) < 1000
+    assert not any("\n" in message for message in said)
     return refused, count
 
 
@@ -145,8 +146,20 @@ def test_five_thousand_damaged_programs(name: str, form: str) -> None:
 @pytest.mark.parametrize("name", DIALECTS)
 @pytest.mark.parametrize(
     "data",
-    [b"", b"\0", b"\xff\xfe\x00", b"{" * 50_000, b"[" * 50_000, b"a" * 300_000, b"- " * 50_000]
-    + [b"1," * 100_000, b"<!--" * 20_000, b'"' * 100_000, b"(" * 100_000, b"\n" * 300_000],
+    [
+        b"",
+        b"\x00",
+        b"\xff\xfe\x00",
+        b"{" * 50000,
+        b"[" * 50000,
+        b"a" * 300000,
+        b"- " * 50000,
+        b"1," * 100000,
+        b"<!--" * 20000,
+        b'"' * 100000,
+        b"(" * 100000,
+        b"\n" * 300000,
+    ],
     ids=range(12),
 )
 def test_rubbish_is_refused_at_once(name: str, data: bytes) -> None:

@@ -68,6 +68,8 @@ PTP {A1 10, A2 -90, A3 90, A4 0, A5 15, A6 0, E1 0, E2 0, E3 0, E4 0, E5 0, E6 0
 measure(1) ; the first
 ptp {x 500.0,y 0.0,z 700.0,a 0.0,b 90.0,c 0.0,s 'B010',t 'B000010'} C_PTP
 $TOOL={X 0,Y 0,Z 100,A 0,B 0,C 0}
+PTP {A1 11,A2 -90,A3 90,A4 0,A5 15,A6 0}
+FDAT_ACT={TOOL_NO 7,BASE_NO 8,IPO_FRAME #BASE}
 LIN {X 510.0,Y 0.0,Z 700.0,A 0.0,B 90.0,C 0.0}
 FOR I=1 TO 3
   WAIT SEC 0.1
@@ -144,14 +146,14 @@ def test_positions_in_motions_are_read(tmp_path: Path) -> None:
     program = read(path)
     assert (program.name, program.maker) == ("measure_all", "kuka")
     assert program.mark.words == "PLAN abcd1234 3"
-    first, second, third = program.positions
-    assert [p.number for p in program.positions] == [1, 2, 3]
-    assert [p.tool_frame for p in program.positions] == [5, 5, None]  # the last set by value
-    assert [p.user_frame for p in program.positions] == [6, 6, 6]
+    first, second, _, last = program.positions
+    assert [p.number for p in program.positions] == [1, 2, 3, 4]
+    assert [p.tool_frame for p in program.positions] == [5, 5, None, 7]  # once by value
+    assert [p.user_frame for p in program.positions] == [6, 6, 6, 8]
     np.testing.assert_array_equal(np.asarray(first.shown_deg), [10, -90, 90, 0, 15, 0])
     assert second.configuration is not None
     assert second.configuration.words == "S 2,T 2"
-    assert third.configuration is None
+    assert last.configuration is None
 
 
 def test_remarks_in_other_letters_are_passed_over() -> None:

@@ -47,7 +47,10 @@ def test_a_good_program_has_no_problems(tmp_path: Path, which: str) -> None:
         (".src", "END\n", "FOR I=1 TO 3\nIF A==1 THEN\nHALT\nENDIF\nENDFOR\nEND\n"),
         (".src", "END\n", "REPEAT\nX[1].Y=3\nUNTIL TRUE\nLABEL:\nGOTO LABEL\nEND\n"),
         (".src", "END\n", "END\nDEF SUB(N :IN)\nDECL REAL R\nR=N\nEND\n"),
+        (".src", "END\n", "PTP XP1\nEND\nDEF SUB( )\nMEASURE(1)\nEND\n"),
         (".src", "PTP XP1", "PTP XHOME"),
+        (".src", "PTP XP1", "SPTP XP1 WITH $VEL_AXIS[1]=SVEL_JOINT(100.0),$TOOL=STOOL2(FP1),"
+         "$BASE=SBASE(FP1.BASE_NO),$LOAD=SLOAD(FP1.TOOL_NO),$ACC_AXIS[1]=SACC_JOINT(PPDAT1)"),
         (".src", "PTP XP1", "PTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\nPTP XP1"),
         (".src", "BAS(#INITMOV,0)", 'BAS(#INITMOV,0)\nMSG[]="a; b ("'),
         (".src", "PTP XP1", "PTP $AXIS_ACT\nPTP XP1"),
@@ -81,7 +84,7 @@ def test_what_controllers_and_people_write_too_is_accepted(
 ONE_RULE = [
     ("ascii", ".dat", ";P1 T0", ";P1 T\u00e4", "0xe4"),
     ("ascii", ".src", ";P1 T0", ";P1 T\0", "0x00"),
-    ("line-length", ".dat", ";P1 T0", ";" + "x" * 119, "120 characters"),
+    ("line-length", ".dat", ";P1 T0", ";" + "x" * 255, "256 characters"),
     ("line-length", ".src", "MEASURE(1)", "MEASURE(1)" + " " * 110, "120 characters"),
     ("module", ".dat", "ENDDAT\n", "", "there is no ENDDAT"),
     ("module", ".src", "END\n", "", "there is no END"),

@@ -159,8 +159,9 @@ def test_jobs_without_ratios_need_them() -> None:
     with pytest.raises(FileFormatError, match="does not say how many are a degree") as caught:
         parse(SMALL)
     assert caught.value.row == 8
-    assert "S L U R B T: YaskawaJbi(pulses_per_deg=...)" in caught.value.hint
-    given = YaskawaJbi(PULSES)
+    assert "the six of S L U R B T as pulses_per_deg" in caught.value.hint
+    given = YaskawaJbi().reading(PULSES)
+    assert given.reading(()) is given
     expected = {1: [1.0, -1, 1, 1, -1, 1], 2: [2.0, -1, 1, 1, -1, 1]}
     assert (
         shown(parse(SMALL, given)) == shown(parse(NOTED)) == shown(parse(NOTED, given)) == expected
@@ -178,6 +179,7 @@ def test_jobs_without_ratios_need_them() -> None:
         (NOTED, "END\n", "END\n/JOB\n", 26, "is no whole job"),
         (NOTED, "//POS\n", "//INST\n", 25, "is no whole job"),
         (NOTED, "//NAME CAL\n", "", 1, "has no name"),
+        (NOTED.replace("\n", "\r\n"), "END", "\0", 25, "holds the byte 0x00"),
         (NOTED, "CAL", "C\0L", 2, "holds the byte 0x00"),
         (NOTED, "///NPOS 2,0,0,0,0,0\n", "", 3, "has no ///NPOS"),
         (NOTED, "NPOS 2,", "NPOS 3,", 4, "says 3 C positions, there are 2"),

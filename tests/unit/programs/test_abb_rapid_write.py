@@ -174,7 +174,7 @@ def check_round_trip(seed: int, form: str, folder: Path) -> None:
     np.testing.assert_allclose(postures[regular], expected[regular], rtol=0, atol=2e-4)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["joint", "cartesian"]))
 def test_round_trip(tmp_path_factory: pytest.TempPathFactory, seed: int, form: str) -> None:
     check_round_trip(seed, form, tmp_path_factory.mktemp("rapid"))

@@ -1,4 +1,4 @@
-"""Every preset in the language of its own controller: written, checked, scored again, touched up."""
+"""Every preset in its own controller's language: written, checked, scored again, touched up."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def _print_written(written: WrittenProgram, *, checked: bool) -> None:
     files = ", ".join(str(path) for path in written.paths)
     print(
         f"wrote {files}: {written.poses} poses, joints rounded by at most "
-        f"{written.largest_rounding_deg:.4f} deg"
+        f"{written.largest_rounding_deg:.1g} deg"
     )
     if written.c_g is not None and written.c_g_rounded is not None:
         print(

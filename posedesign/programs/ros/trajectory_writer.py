@@ -28,8 +28,9 @@ def render_trajectory(program: PoseProgram, arm: Arm) -> str:
 
     One point a line, in the form of YAML that is JSON, too. The arm comes to rest at every point:
     velocities are zero. A pose that is measured has two points, one where the arm arrives and one,
-    after the time to settle, with the same positions. Nothing is called: who runs the trajectory measures while the arm stands. Joint values are
-    rounded by 5e-13 rad, times up to whole milliseconds.
+    after the time to settle, with the same positions. Nothing is called: who runs the trajectory
+    measures while the arm stands. Joint values are rounded by 5e-13 rad, times up to whole
+    milliseconds.
 
     Parameters
     ----------

@@ -21,11 +21,11 @@ from posedesign.programs.yaskawa_jbi import YaskawaJbi
 DIALECTS: dict[str, Dialect] = {
     dialect.name: dialect
     for dialect in (
-        AbbRapid(),
         FanucLs(),
         KukaKrl(),
-        YaskawaJbi(),
+        AbbRapid(),
         UrScript(),
+        YaskawaJbi(),
         StaubliVal3(),
         RosTrajectory(),
         MoveitJoints(),

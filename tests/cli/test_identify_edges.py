@@ -258,6 +258,7 @@ def poses_in(text: str) -> set[str]:
     return set(re.findall(r"P\d\d", text))
 
 
+@pytest.mark.slow
 def test_gross_errors_are_left_out_by_name(cli: Cli, change_cell: ChangeCell, work: Path) -> None:
     """A fifth of the touch-ups are wrong."""
     path, wrong = knocked(work, 0.2)

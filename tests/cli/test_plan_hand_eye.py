@@ -100,6 +100,7 @@ def test_the_fewest_poses_for_an_accuracy(cli: Cli, cell: Path, tmp_path: Path) 
     assert checked["feasible"] is True
 
 
+@pytest.mark.slow
 def test_a_finer_accuracy_takes_more_poses(cli: Cli, cell: Path, tmp_path: Path) -> None:
     counts = [
         json.loads(

@@ -73,6 +73,7 @@ def test_a_plan_out_of_a_pool(cli: Cli, cell: Path, tmp_path: Path) -> None:
     assert "8 poses" in program.out
 
 
+@pytest.mark.slow
 def test_a_plan_reads_well_in_a_narrow_terminal(
     cli: Cli, cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -223,6 +224,7 @@ def test_cells_that_cannot_be_planned_for(
     refuse("plan", path, *EXCHANGE, "--out", path.parent / "out").says(*said)
 
 
+@pytest.mark.slow
 def test_a_plan_that_is_stopped_leaves_the_last_one_whole(
     cli: Cli, cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,11 +11,29 @@ from typing import Any
 
 import pytest
 
+from posedesign.cell import Cell
+from posedesign.programming import program_options
+from posedesign.programs import PoseProgram, ProgramPose, write
+from posedesign.simulation import SimulatedRobot
+from posedesign.tables import read_poses
+
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 
 
 def blocks(language: str = "") -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+
+
+def touched_up(poses: Path, program: Path) -> None:
+    """The program as it is saved on the controller after touching up."""
+    cell = Cell.load("cell.toml")
+    listed = read_poses(poses, cell.robot.n)
+    measured = SimulatedRobot.of(cell).touch_up(listed.measured.postures, None).postures
+    postures = listed.postures.copy()
+    postures[~listed.via] = measured
+    stops = zip(listed.names, postures, listed.via, strict=True)
+    taught = tuple(ProgramPose(name, q, via=bool(via)) for name, q, via in stops)
+    write(PoseProgram("CALIB01", taught, program_options(cell, listed)), "fanuc-ls", program.parent)
 
 
 def test_commands_and_python_of_the_readme(
@@ -24,12 +42,14 @@ def test_commands_and_python_of_the_readme(
     monkeypatch.chdir(tmp_path)
     (steps,) = (block for block in blocks() if block.startswith("posedesign new"))
     lines = [line.partition("#")[0].strip() for line in steps.splitlines()]
-    assert len(lines) == 12
+    assert len(lines) == 14
     for line in lines:
         words = shlex.split(line.replace("--robot arm.urdf", "").partition(">")[0])
         assert words.pop(0) == "posedesign"
         if words[0] == "study":
             words += ["--draws", "10"]
+        if words[0] == "import":
+            touched_up(Path("run/poses.csv"), Path("CALIB01.LS"))
         said = cli(*words)
         assert said.code == 0, (line, said.err)
         if words[0] == "new":

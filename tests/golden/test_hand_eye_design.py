@@ -152,6 +152,7 @@ def test_fewer_poses_do_where_they_turn_farther():
     assert 2 * counts[0] < counts[1]
 
 
+@pytest.mark.slow
 def test_the_noise_of_a_camera_may_differ_from_axis_to_axis():
     """Three times the depth noise takes more poses, and is what [[noise]] says."""
     raw = tomllib.loads(cell_template(surroundings=False))

@@ -189,12 +189,12 @@ def test_the_plan_goes_into_a_program_and_back(reference_cell: Cell, tmp_path) -
     from posedesign import programs
 
     result = plan(reference_cell)
-    path = programs.write(result, "fanuc-ls", tmp_path / "CALIB01.LS")
+    (path,) = programs.write(result, "fanuc-ls", tmp_path)
     assert programs.validate(path) == []
     recorded = programs.read(path)
     assert recorded.fingerprint == result.fingerprint
     # three decimals of a degree, of two joints in J3
-    measured, passed = np.split(recorded.postures_rad, [len(result.postures)])
+    measured, passed = np.split(recorded.postures(), [len(result.postures)])
     assert np.abs(np.rad2deg(measured - result.postures)).max() <= 0.001 + 1e-9
     assert np.abs(np.rad2deg(passed - reference_cell.base_posture)).max() <= 0.001 + 1e-9
     again = condition_inf(reference_cell.model().jacobian(measured))

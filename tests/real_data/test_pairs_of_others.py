@@ -27,6 +27,7 @@ def assert_left_over(row: dict[str, str], deg: float, mm: float, rel: float = 0.
     assert float(row["residual_translation_mm"]) == pytest.approx(mm, rel=rel)
 
 
+@pytest.mark.slow
 def test_matlab_file_of_a_ur3e(
     data_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

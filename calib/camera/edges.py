@@ -1,0 +1,124 @@
+"""Where the edge of a circle is, to a hundredth of a pixel, along the normals of an ellipse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.camera.conic import ellipse_axes, half_axes
+from calib.camera.rendering import GreyImage
+from calib.se3 import BoolArray, FloatArray
+
+_REACH_PX = 4.5
+"""Half length of a profile: the edge within a pixel of its middle, and a plateau on each side
+beyond three standard deviations of a blur of one pixel."""
+
+_PLATEAU_PX = 1.5
+"""Length at each end of a profile that counts as plateau."""
+
+_STEP_PX = 0.5
+"""Between samples of a profile: two in a pixel lose nothing of it."""
+
+_SPACING_PX = 1.5
+"""Between profiles along the rim: closer ones share their pixels."""
+
+_FEWEST, _MOST = 32, 256
+"""Profiles: enough for five unknowns and outliers; more than that the noise does not need."""
+
+_NEIGHBOURS = 4
+"""Profiles on each side whose plateaus are averaged: light varies slowly along the rim, and the
+noise of a plateau shifts the edge by as much as the reach is long."""
+
+_LEAST_CONTRAST = 0.5
+"""Of the median contrast: with less, something stands before that part of the rim."""
+
+_SOFTEST = 6.0
+"""Grey levels of contrast below which there is no edge."""
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """Points of the edge ``(K, 2)`` [px] and whether each was found ``(K,)``."""
+
+    points: FloatArray
+    found: BoolArray
+
+
+def find_edges(image: GreyImage, ellipse: FloatArray, *, dark: bool) -> Edges:
+    """Edges along the normals of an ellipse that is within two pixels of them.
+
+    The edge is where a step between the two plateaus of a profile has the same area in the sector
+    between its neighbours: ``∫ f (1 + t / rho) dt`` is kept, with f the profile from 1 inside to 0
+    outside, t the way along the normal and rho the radius of curvature. A blur moves the half
+    height of a curved edge inwards, by ``sigma² / (2 rho)``, but keeps that area.
+
+    Parameters
+    ----------
+    image : ndarray (height, width) of uint8
+    ellipse : ndarray (5,)
+        [px].
+    dark : bool
+        Whether the inside is the darker side.
+
+    Returns
+    -------
+    Edges
+    """
+    long, short, _ = (float(v) for v in ellipse_axes(ellipse))
+    count = int(np.clip(np.pi * (long + short) / 2 / _SPACING_PX, _FEWEST, _MOST))
+    reach = min(_REACH_PX, short / 4)
+    on_rim, normal, radius = _rim(ellipse, count)
+    samples = 2 * max(round(reach / _STEP_PX), 3)
+    step = 2 * reach / samples
+    t = (np.arange(samples) + 0.5) * step - reach
+    grey = _bilinear(image, on_rim[:, None] + t[:, None] * normal[:, None])  # (K, samples)
+
+    ends = max(round(_PLATEAU_PX / step), 1)
+    inside = _smooth(grey[:, :ends].mean(axis=1))
+    outside = _smooth(grey[:, -ends:].mean(axis=1))
+    contrast = outside - inside if dark else inside - outside
+    bound = max(_LEAST_CONTRAST * float(np.nanmedian(contrast)), _SOFTEST)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = contrast > bound
+        share = (outside[:, None] - grey) / (outside - inside)[:, None]
+        area = (share * (1.0 + t / radius[:, None])).sum(axis=1) * step
+        g = area - reach + reach**2 / (2.0 * radius)
+        shift = g - g**2 / (2.0 * radius)
+        found &= np.abs(shift) < reach / 2
+    return Edges(on_rim + np.where(found, shift, 0.0)[:, None] * normal, found)
+
+
+def _rim(ellipse: FloatArray, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points ``(K, 2)``, outward normals ``(K, 2)``, radii of curvature ``(K,)`` of an ellipse."""
+    S = half_axes(ellipse)
+    angle = (np.arange(count) + 0.5) * (2.0 * np.pi / count)
+    unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    along = np.stack([-unit[:, 1], unit[:, 0]], axis=-1) @ S
+    speed = np.linalg.norm(along, axis=1)
+    normal = np.stack([along[:, 1], -along[:, 0]], axis=-1) / speed[:, None]
+    return ellipse[:2] + unit @ S, normal, speed**3 / np.linalg.det(S)
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    """Mean of each of ``(K,)`` values about a ring with its neighbours; NaN where one is NaN."""
+    ring = np.concatenate([values[-_NEIGHBOURS:], values, values[:_NEIGHBOURS]])
+    width = 2 * _NEIGHBOURS + 1
+    return np.convolve(ring, np.full(width, 1.0 / width), mode="valid")
+
+
+def _bilinear(image: GreyImage, pixels: FloatArray) -> FloatArray:
+    """Grey levels ``(...)`` at pixels ``(..., 2)``; NaN outside the middles of the image's pixels.
+
+    Not OpenCV's ``remap``, which rounds places to 1/32 of a pixel.
+    """
+    height, width = image.shape
+    x, y = pixels[..., 0] - 0.5, pixels[..., 1] - 0.5
+    outside = (x < 0.0) | (y < 0.0) | (x > width - 1) | (y > height - 1)
+    column = np.clip(np.floor(x), 0, width - 2).astype(np.intp)
+    row = np.clip(np.floor(y), 0, height - 2).astype(np.intp)
+    fx, fy = x - column, y - row
+    flat, at = image.ravel(), row * width + column
+    top = flat[at] * (1.0 - fx) + flat[at + 1] * fx
+    bottom = flat[at + width] * (1.0 - fx) + flat[at + width + 1] * fx
+    return np.where(outside, np.nan, top * (1.0 - fy) + bottom * fy)

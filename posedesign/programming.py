@@ -9,17 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
-from calib.se3 import FloatArray, rotation_from_wpr, transform
+from calib.se3 import FloatArray
 from posedesign.approach import find_approaches
 from posedesign.cell import Cell
-from posedesign.config import FrameSection
 from posedesign.indices import evaluate
 from posedesign.passages import Passages
 from posedesign.planner import regressor
 from posedesign.pose_plan import fingerprint
+from posedesign.program_frames import arm_of, check_frames, tool_note
 from posedesign.programs import (
     DIALECTS,
-    Arm,
     Dialect,
     PoseProgram,
     ProgramOptions,
@@ -51,6 +50,8 @@ class WrittenProgram:
         Largest joint difference between the plan and what is read back from the program.
     c_g, c_g_rounded : float or None
         Of the poses as planned, and as they stand in the program; None without a cell.
+    note : str
+        What the program takes for granted; empty for nothing.
     """
 
     paths: tuple[Path, ...]
@@ -59,11 +60,14 @@ class WrittenProgram:
     largest_rounding_deg: float
     c_g: float | None = None
     c_g_rounded: float | None = None
+    note: str = ""
 
     @property
     def warning(self) -> str:
         """What rounding did to the condition number, where it did something."""
         if self.c_g is None or self.c_g_rounded is None:
+            return ""
+        if not np.isfinite([self.c_g, self.c_g_rounded]).all():
             return ""
         change = self.c_g_rounded / self.c_g - 1.0
         if abs(change) <= MOST_CHANGE:
@@ -72,34 +76,6 @@ class WrittenProgram:
             f"rounding moved C_G by {change:+.1%}, from {self.c_g:.4g} to {self.c_g_rounded:.4g}: "
             "the poses hardly tell some parameters apart"
         )
-
-
-def arm_of(cell: Cell) -> Arm:
-    """The arm of a cell as its controller knows it, with tool and user frame of ``[program]``.
-
-    Raises
-    ------
-    InputError
-        User frame 0, which is the world's on a FANUC, is given another place.
-    """
-    section = cell.config.program
-    tool = section.tool or FrameSection(at_mm=cell.config.tool.point_mm)
-    user = section.user or FrameSection()
-    T_world_user = _frame(user)
-    controller = cell.robot.controller
-    in_world = controller and controller.maker == "fanuc" and section.user_frame == 0
-    if in_world and not np.array_equal(T_world_user, np.eye(4)):
-        raise InputError(
-            "user frame 0 of a FANUC is the world: it cannot be elsewhere",
-            hint="set program.user_frame to the number that it has on the controller",
-            name="program.user",
-        )
-    return Arm.of(cell.robot, T_world_user, _frame(tool))
-
-
-def _frame(section: FrameSection) -> FloatArray:
-    rotation = rotation_from_wpr(np.deg2rad(section.wpr_deg))
-    return transform(rotation, np.array(section.at_mm) / 1e3)
 
 
 def program_options(cell: Cell | None, poses: PoseList, form: str | None = None) -> ProgramOptions:
@@ -215,6 +191,10 @@ def write_program(
         A file cannot be written.
     """
     chosen = find_dialect(dialect)
+    note = ""
+    if cell is not None and options.form == "cartesian":
+        check_frames(cell, chosen)
+        note = tool_note(cell, chosen)
     stops = zip(poses.names, poses.postures, poses.via, strict=True)
     listed = tuple(ProgramPose(label, q, via=bool(via)) for label, q, via in stops)
     program = PoseProgram(name, listed, options, None if cell is None else arm_of(cell))
@@ -234,6 +214,7 @@ def write_program(
         float(np.rad2deg(np.abs(rounded - planned).max())),
         None if cell is None else _c_g(cell, planned),
         None if cell is None else _c_g(cell, rounded),
+        note,
     )
 
 

@@ -22,8 +22,8 @@ from posedesign.cell import Cell
 from posedesign.checks import NEAR_TARGET_M, off_target, outside_limits
 from posedesign.files import read_bytes_bounded
 from posedesign.pose_plan import fingerprint
-from posedesign.programming import arm_of
-from posedesign.programs import Dialect, RecordedProgram, postures_of
+from posedesign.program_frames import arm_of, check_recorded_frames
+from posedesign.programs import Dialect, RecordedPosition, RecordedProgram, postures_of
 from posedesign.programs.reading import MOST_BYTES
 from posedesign.programs.registry import dialect_of
 from posedesign.tables import PoseList, read_poses
@@ -114,7 +114,7 @@ def import_touch_ups(
     warnings: list[str] = []
     parts: list[_Positions] = []
     for path in files:
-        part = _positions(cell, path, plan, dialect, warnings)
+        part = _positions(cell, path, plan, dialect, warnings, keep_untouched=keep_untouched)
         before = {name for other in parts for name in other.names}
         twice = next((name for name in part.names if name in before), None)
         if twice is not None:
@@ -142,12 +142,9 @@ def import_touch_ups(
     )
     step = max(part.step_rad for part in parts)
     warnings += _rounding_words(cell, q, step)
-    tool = cell.robot.state(q).point(cell.tool_m) - cell.robot.state(planned[kept]).point(
-        cell.tool_m
-    )
     return Imported(
         Measurements(q, Setup.of(len(q)), names=labels),
-        1e3 * np.linalg.norm(tool, axis=1) * (1.0 if plan else np.nan),
+        1e3 * _tool_moved_m(cell, q, planned[kept]) * (1.0 if plan else np.nan),
         tuple(names[i] for i in np.flatnonzero(unmoved)),
         tuple(name for name in (plan.measured.names if plan else ()) if name not in names),
         tuple(warnings),
@@ -155,7 +152,13 @@ def import_touch_ups(
 
 
 def _positions(
-    cell: Cell, path: Path, plan: PoseList | None, dialect: str | None, warnings: list[str]
+    cell: Cell,
+    path: Path,
+    plan: PoseList | None,
+    dialect: str | None,
+    warnings: list[str],
+    *,
+    keep_untouched: bool,
 ) -> _Positions:
     """Measured positions of one file, under the names of the plan."""
     chosen = _dialect(cell, path, dialect)
@@ -174,8 +177,21 @@ def _positions(
         unmoved = np.full(len(measured.names), np.deg2rad(UNMOVED_DEG))
         return _Positions(measured.names, measured.postures, unmoved)
     program = chosen.read(path)
+    if program.empty_registers:
+        raise InputError(
+            f"{path}: no register holds a touched-up position",
+            hint="run the program, touch up, then save the backup",
+            name=str(path),
+        )
+    if program.fingerprint and plan is None and not keep_untouched:
+        raise InputError(
+            f"{path} was written from the plan {program.fingerprint}: without it nobody can say "
+            "what was touched up",
+            hint="pass its poses.csv with --poses, or --keep-untouched to take all as they are",
+            name=str(path),
+        )
     _check_plan(path, program.fingerprint, plan, warnings)
-    return _of_program(cell, chosen, program, path, plan)
+    return _of_program(cell, chosen, program, path, plan, warnings)
 
 
 def _dialect(cell: Cell, path: Path, name: str | None) -> Dialect | None:
@@ -205,7 +221,12 @@ def _check_plan(path: Path, written: str, plan: PoseList | None, warnings: list[
 
 
 def _of_program(
-    cell: Cell, dialect: Dialect, program: RecordedProgram, path: Path, plan: PoseList | None
+    cell: Cell,
+    dialect: Dialect,
+    program: RecordedProgram,
+    path: Path,
+    plan: PoseList | None,
+    warnings: list[str],
 ) -> _Positions:
     first = cell.config.program.first_register - 1 if program.in_registers else 0
     measured = plan.measured if plan is not None else None
@@ -219,17 +240,50 @@ def _of_program(
             hint="are program.first_register and the poses right?",
             name=str(path),
         )
+    warnings += check_recorded_frames(cell, dialect, positions, path)
     near = None
     if measured is not None:
         near = measured.postures[[p.number - first - 1 for p in positions]]
         names = tuple(measured.names[p.number - first - 1] for p in positions)
     else:
-        names = tuple(p.name or f"P{p.number - first:02d}" for p in positions)
-    arm = dialect.seen(arm_of(cell))
+        names = _own_names(positions, first)
+    q = postures_of(positions, dialect.seen(arm_of(cell)), near)
+    if near is not None and not program.fingerprint:
+        _refuse_far(cell, names, q, near, path)
     joint = np.array([p.shown_deg is not None for p in positions])
     unmoved = np.deg2rad(np.where(joint, UNMOVED_DEG, UNMOVED_CARTESIAN_DEG))
-    step = float(np.deg2rad(dialect.joint_step_deg))
-    return _Positions(names, postures_of(positions, arm, near), unmoved, step)
+    step = float(np.deg2rad(dialect.joint_step_deg)) if joint.any() else 0.0
+    return _Positions(names, q, unmoved, step)
+
+
+def _own_names(positions: Sequence[RecordedPosition], first: int) -> tuple[str, ...]:
+    """Names as the file has them, with the number where several have the same."""
+    names = [p.name or f"P{p.number - first:02d}" for p in positions]
+    return tuple(
+        f"{name}_{p.number}" if names.count(name) > 1 else name
+        for name, p in zip(names, positions, strict=True)
+    )
+
+
+def _refuse_far(
+    cell: Cell, names: Sequence[str], q: FloatArray, near: FloatArray, path: Path
+) -> None:
+    """Refuse what does not say which plan it is of, and is far from this one."""
+    moved = _tool_moved_m(cell, q, near)
+    worst = int(np.argmax(moved))
+    if moved[worst] > NEAR_TARGET_M:
+        raise InputError(
+            f"{path}: position {worst + 1} is {1e3 * moved[worst]:.0f} mm from where the plan has "
+            f"{names[worst]}, and the file does not say which plan it is of",
+            hint="is it the program of another plan? Without --poses it is read as it is",
+            name=str(path),
+        )
+
+
+def _tool_moved_m(cell: Cell, q: FloatArray, planned: FloatArray) -> FloatArray:
+    """How far the tool point of the nominal arm is apart at postures ``(N, n)``, ``(N,)`` [m]."""
+    here, there = (cell.robot.state(at).point(cell.tool_m) for at in (q, planned))
+    return np.asarray(np.linalg.norm(here - there, axis=1))
 
 
 def _planned(names: Sequence[str], q: FloatArray, plan: PoseList | None) -> FloatArray:

@@ -44,6 +44,11 @@ class Edges:
     points: FloatArray
     found: BoolArray
 
+    @property
+    def share(self) -> float:
+        """Share of the rim where the edge was found."""
+        return float(self.found.mean())
+
 
 def find_edges(image: GreyImage, ellipse: FloatArray, *, dark: bool) -> Edges:
     """Edges along the normals of an ellipse that is within two pixels of them.
@@ -69,24 +74,60 @@ def find_edges(image: GreyImage, ellipse: FloatArray, *, dark: bool) -> Edges:
     count = int(np.clip(np.pi * (long + short) / 2 / _SPACING_PX, _FEWEST, _MOST))
     reach = min(_REACH_PX, short / 4)
     on_rim, normal, radius = _rim(ellipse, count)
+    return steps_along(image, on_rim, normal, reach, radius=radius, dark=dark)
+
+
+def steps_along(
+    image: GreyImage,
+    points: FloatArray,
+    normals: FloatArray,
+    reach: float,
+    *,
+    dark: bool,
+    radius: FloatArray | float = np.inf,
+    ring: bool = True,
+) -> Edges:
+    """Edges along normals ``(K, 2)`` through points ``(K, 2)`` [px]; see :func:`find_edges`.
+
+    Parameters
+    ----------
+    image : ndarray (height, width) of uint8
+    points, normals : ndarray (K, 2)
+    reach : float
+        Half length of a profile [px].
+    dark : bool
+        Whether the side that the normals come from is the darker.
+    radius : ndarray (K,) or float
+        Radius of curvature [px], positive where the normals point away from its centre.
+    ring : bool
+        Whether neighbouring points follow each other about a closed edge, so that their plateaus
+        may be averaged.
+
+    Returns
+    -------
+    Edges
+    """
     samples = 2 * max(round(reach / _STEP_PX), 3)
     step = 2 * reach / samples
     t = (np.arange(samples) + 0.5) * step - reach
-    grey = _bilinear(image, on_rim[:, None] + t[:, None] * normal[:, None])  # (K, samples)
+    grey = _bilinear(image, points[:, None] + t[:, None] * normals[:, None])  # (K, samples)
 
-    ends = max(round(_PLATEAU_PX / step), 1)
-    inside = _smooth(grey[:, :ends].mean(axis=1))
-    outside = _smooth(grey[:, -ends:].mean(axis=1))
+    ends = max(round(min(_PLATEAU_PX, reach / 3) / step), 1)
+    inside, outside = grey[:, :ends].mean(axis=1), grey[:, -ends:].mean(axis=1)
+    if ring:
+        inside, outside = _smooth(inside), _smooth(outside)
     contrast = outside - inside if dark else inside - outside
-    bound = max(_LEAST_CONTRAST * float(np.nanmedian(contrast)), _SOFTEST)
+    measured = contrast[np.isfinite(contrast)]
+    bound = max(_LEAST_CONTRAST * float(np.median(measured)), _SOFTEST) if measured.size else np.inf
+    weight = 1.0 + t / np.asarray(radius)[..., None]
     with np.errstate(invalid="ignore", divide="ignore"):
         found = contrast > bound
         share = (outside[:, None] - grey) / (outside - inside)[:, None]
-        area = (share * (1.0 + t / radius[:, None])).sum(axis=1) * step
+        area = (share * weight).sum(axis=1) * step
         g = area - reach + reach**2 / (2.0 * radius)
         shift = g - g**2 / (2.0 * radius)
         found &= np.abs(shift) < reach / 2
-    return Edges(on_rim + np.where(found, shift, 0.0)[:, None] * normal, found)
+    return Edges(points + np.where(found, shift, 0.0)[:, None] * normals, found)
 
 
 def _rim(ellipse: FloatArray, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from calib.camera.conic import ellipse_axes, ellipse_points, is_sound
-from calib.camera.contours import Candidate, find_candidates
+from calib.camera.contours import find_candidates
 from calib.camera.edges import find_edges
 from calib.camera.rendering import GreyImage
 from calib.camera.robust import fit_robust
@@ -140,7 +140,7 @@ def measure_ellipse(
     whole, cut = find_candidates(image, dark=dark, smallest_px=smallest_px)
     if not whole:
         if cut:
-            x, y = cut[0].ellipse[:2]
+            x, y = cut[0][:2]
             return EllipseMeasurement.failed(
                 "touches the edge", f"the target near ({x:.0f}, {y:.0f}) px is cut by the edge"
             )
@@ -149,19 +149,18 @@ def measure_ellipse(
             "no target", f"no {kind} ellipse of {smallest_px:g} px or more in the image"
         )
     if len(whole) > 1 and near_px is None:
-        places = ", ".join(f"({c.ellipse[0]:.0f}, {c.ellipse[1]:.0f})" for c in whole)
+        places = ", ".join(f"({e[0]:.0f}, {e[1]:.0f})" for e in whole)
         return EllipseMeasurement.failed("several", f"{len(whole)} targets, at {places} px")
     return _refined(image, _nearest(whole, near_px), dark)
 
 
-def _nearest(candidates: list[Candidate], near_px: FloatArray | None) -> Candidate:
+def _nearest(ellipses: list[FloatArray], near_px: FloatArray | None) -> FloatArray:
     if near_px is None:
-        return candidates[0]
-    return min(candidates, key=lambda c: float(np.linalg.norm(c.ellipse[:2] - near_px)))
+        return ellipses[0]
+    return min(ellipses, key=lambda e: float(np.linalg.norm(e[:2] - near_px)))
 
 
-def _refined(image: GreyImage, candidate: Candidate, dark: bool) -> EllipseMeasurement:
-    ellipse = candidate.ellipse
+def _refined(image: GreyImage, ellipse: FloatArray, dark: bool) -> EllipseMeasurement:
     size = np.array(image.shape[::-1])
     for _ in range(_REFINEMENTS):
         rim = ellipse_points(ellipse, 16)
@@ -170,8 +169,8 @@ def _refined(image: GreyImage, candidate: Candidate, dark: bool) -> EllipseMeasu
                 "touches the edge", "a part of the target's rim is outside the image"
             )
         edges = find_edges(image, ellipse, dark=dark)
-        if edges.found.sum() < LEAST_SHARE * len(edges.found):
-            return _poor(ellipse, np.nan, float(edges.found.mean()))
+        if edges.share < LEAST_SHARE:
+            return _poor(ellipse, np.nan, edges.share)
         fit = fit_robust(edges.points[edges.found], ellipse, _EDGE_FLOOR_PX)
         ellipse = fit.ellipse
     share = float(fit.kept.sum() / len(edges.found))

@@ -26,7 +26,7 @@ _SIDE = np.linspace(0.0, 1.0, 9)[:, None]
 
 @dataclass(frozen=True)
 class Occluder:
-    """Something near the lens that hides a part of the image.
+    """Something near the lens that hides a part of the image; its outline is good to a pixel.
 
     Attributes
     ----------

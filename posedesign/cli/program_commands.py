@@ -102,6 +102,8 @@ def _print_written(written: WrittenProgram, *, checked: bool) -> None:
         print(
             f"C_G of the poses as planned {written.c_g:.5g}, as written {written.c_g_rounded:.5g}"
         )
+    if written.note:
+        note(f"note: {written.note}")
     if written.warning:
         note(f"warning: {written.warning}")
     if not checked:

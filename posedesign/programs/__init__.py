@@ -1,6 +1,6 @@
 """Robot programs: written for a controller, read back, and strictly validated."""
 
-from posedesign.programs.arm import Arm
+from posedesign.programs.arm import Arm, Load
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.recorded import (
@@ -16,6 +16,7 @@ __all__ = [
     "DIALECTS",
     "Arm",
     "Dialect",
+    "Load",
     "PlanMark",
     "PoseProgram",
     "Problem",

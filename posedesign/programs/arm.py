@@ -25,6 +25,21 @@ _AT_ONCE = 500
 
 
 @dataclass(frozen=True, eq=False)
+class Load:
+    """What the flange carries.
+
+    Attributes
+    ----------
+    mass_kg : float
+    com_m : array (3,)
+        Its centre in the tip frame [m].
+    """
+
+    mass_kg: float
+    com_m: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Arm:
     """An arm as its controller shows it.
 
@@ -38,12 +53,15 @@ class Arm:
         The user frame in the controller's world [m].
     T_tip_tool : array (4, 4)
         The controller's tool frame in the tip frame of the robot, its faceplate [m].
+    load : Load or None
+        None where it is not known.
     """
 
     controller: Controller
     robot: Robot | None = None
     T_world_user: FloatArray = field(default_factory=lambda: np.eye(4))
     T_tip_tool: FloatArray = field(default_factory=lambda: np.eye(4))
+    load: Load | None = None
 
     @classmethod
     def usual(cls, maker: str | None, n: int | None = None) -> Arm:
@@ -87,6 +105,7 @@ class Arm:
         robot: Robot,
         T_world_user: FloatArray | None = None,
         T_tip_tool: FloatArray | None = None,
+        load: Load | None = None,
     ) -> Arm:
         """The arm of a robot's description, with its controller where that is known."""
         return cls(
@@ -94,6 +113,7 @@ class Arm:
             robot,
             np.eye(4) if T_world_user is None else T_world_user,
             np.eye(4) if T_tip_tool is None else T_tip_tool,
+            load,
         )
 
     @property

@@ -38,6 +38,8 @@ class Dialect(ABC):
         What it takes for the name of a program.
     newline, encoding : str
         Of its files.
+    numbered_frames : bool
+        Whether poses are stored in frames of which programs have only the numbers.
     joint_step_deg : float
         Step that the controller stores joint values in [deg]; 0 where it does not matter.
     """
@@ -50,6 +52,7 @@ class Dialect(ABC):
     names: ClassVar[NameRule]
     newline: ClassVar[str] = "\n"
     encoding: ClassVar[str] = "ascii"
+    numbered_frames: ClassVar[bool] = False
     joint_step_deg: ClassVar[float] = 0.0
 
     @abstractmethod

@@ -29,7 +29,7 @@ in a register of its own."""
 MOST_ARGUMENT = 32767
 """Largest whole number that every controller takes as an argument."""
 
-_FINGERPRINT = re.compile(r"[0-9A-Fa-f]{4,16}")
+_FINGERPRINT = re.compile(r"[0-9a-f]{4,16}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NoReturn
 
@@ -20,6 +21,10 @@ MOST_JOINT_DEG = 720.0
 MOST_POSITION_MM = 100_000.0
 """No arm on any track reaches so far."""
 
+EXTERNAL_AT_REST = 0.01
+"""Largest difference of an external axis at rest [mm or deg]: what is shown of it flickers."""
+
+_MOST_EXTERNAL = 1e6
 _NUMBER = re.compile(r"[-+]?(?:\d{1,9}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][-+]?\d{1,3})?", re.ASCII)
 """``float()`` would take more: 1_0, nan, infinity, digits of other scripts."""
 
@@ -42,23 +47,26 @@ def read_program_bytes(path: Path | str) -> bytes:
     return read_bytes_bounded(path, most_bytes=MOST_BYTES)
 
 
-def ascii_lines(data: bytes, path: Path | str, hint: str = "remove accented letters") -> list[str]:
-    """Lines of a file, without their ends, after checking that it is plain ASCII text.
+def text_lines(data: bytes, path: Path | str, hint: str = "") -> list[str]:
+    """Lines of a file, without their ends, after checking that it is text.
+
+    Comments of people may have letters of any language: bytes that are not ASCII are one character
+    each, whatever the controller's code page.
 
     Raises
     ------
     FileFormatError
-        Naming the first other byte and its line.
+        Naming the first byte that is not, and its line.
     """
-    bad = re.search(rb"[^\t\r\n -~]", data)
+    bad = re.search(rb"[^\t\r\n -~\x80-\xff]", data)
     if bad:
         refuse(
-            f"holds the byte 0x{bad[0][0]:02x}, which is not plain ASCII text",
+            f"holds the byte 0x{bad[0][0]:02x}, which is not text",
             path,
             data.count(b"\n", 0, bad.start()) + 1,
             hint,
         )
-    return [line.rstrip("\r") for line in data.decode("ascii").split("\n")]
+    return [line.rstrip("\r") for line in data.decode("latin-1").split("\n")]
 
 
 def number(text: str, what: str, path: Path | str, row: int, most: float, unit: str = "") -> float:
@@ -86,3 +94,28 @@ def joint_deg(text: str, what: str, path: Path | str, row: int) -> float:
 def millimetres(text: str, what: str, path: Path | str, row: int) -> float:
     """A coordinate of a file [mm]."""
     return number(text, what, path, row, MOST_POSITION_MM, "mm")
+
+
+def at_rest(values: Iterable[tuple[str, str, str, int]], path: Path | str) -> None:
+    """Refuse positions between which an external axis moves: it could carry the arm's base.
+
+    Parameters
+    ----------
+    values : iterable of (str, str, str, int)
+        Label of the position, name of the axis, its value [mm or deg] as text, and the line: of
+        every position in order, axes that are not there left out.
+    path : Path or str
+        For the messages.
+
+    Raises
+    ------
+    FileFormatError
+        A value is no number, or differs by more than 0.01 from the first of its axis.
+    """
+    first: dict[str, tuple[str, float]] = {}
+    for label, axis, text, row in values:
+        value = number(text, f"{label}: {axis}", path, row, _MOST_EXTERNAL)
+        there, rest = first.setdefault(axis, (label, value))
+        if abs(value - rest) > EXTERNAL_AT_REST:
+            hint = "measure with the external axes at rest"
+            refuse(f"{label}: {axis} differs from that of {there}", path, row, hint)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError
-from calib.se3 import FloatArray
+from calib.se3 import FloatArray, inverse
 from posedesign.programs.arm import Arm
 from posedesign.programs.configuration import Configuration
 
-_MARK = re.compile(r"PLAN\s+([0-9A-Fa-f]{4,16})(?:\s+(\d{1,7}))?(?!\w)")
+_MARK = re.compile(r"PLAN ([0-9a-f]{4,16}) (\d{1,7})")
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,9 @@ class PlanMark:
 
     @classmethod
     def found_in(cls, text: str) -> PlanMark | None:
-        """The mark in a line of text, or None."""
-        found = _MARK.search(text)
-        if found is None:
-            return None
-        return cls(found[1].lower(), int(found[2]) if found[2] else None)
+        """The mark that a comment is, or None: a person's remark may hold the word, too."""
+        found = _MARK.fullmatch(text.strip())
+        return None if found is None else cls(found[1], int(found[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +62,9 @@ class RecordedPosition:
     configuration : Configuration or None
         Which arm position takes the pose; None where the file does not say.
     user_frame, tool_frame : int or None
-        Frames it was recorded in; None where the file leaves them open.
+        Numbers of the frames it was recorded in; None where the file leaves them open.
+    T_world_user, T_tip_tool : ndarray (4, 4) or None
+        These frames, where the file gives them by value [m].
     joint_names : tuple of str
         Joints of ``shown_deg`` in their order, where the file names them.
     """
@@ -77,6 +77,8 @@ class RecordedPosition:
     configuration: Configuration | None = None
     user_frame: int | None = None
     tool_frame: int | None = None
+    T_world_user: FloatArray | None = None
+    T_tip_tool: FloatArray | None = None
     joint_names: tuple[str, ...] = ()
 
     @property
@@ -101,6 +103,9 @@ class RecordedProgram:
         Whose controller shows the joint values; None: they are those of the description.
     in_registers : bool
         Positions are numbered as the registers that they were kept in.
+    empty_registers : bool
+        The program keeps touched-up positions in registers of its own, and none holds a value yet:
+        the positions are the planned ones.
     """
 
     name: str
@@ -109,6 +114,7 @@ class RecordedProgram:
     positions: tuple[RecordedPosition, ...]
     maker: str | None
     in_registers: bool = False
+    empty_registers: bool = False
 
     @property
     def fingerprint(self) -> str:
@@ -168,9 +174,8 @@ def postures_of(
         out[at_joints] = arm.postures(out[at_joints])
     posed = [i for i, p in enumerate(positions) if p.shown_deg is None]
     if posed:
-        poses = [positions[i].T_user_tool for i in posed]
         out[posed] = arm.postures_at(
-            np.stack([T for T in poses if T is not None]),
+            np.stack([_in_frames_of(arm, positions[i]) for i in posed]),
             [positions[i].configuration for i in posed],
             None if near is None else near[posed],
             [positions[i].label for i in posed],
@@ -193,6 +198,16 @@ def _in_order(position: RecordedPosition, values: FloatArray, arm: Arm) -> Float
             value=other,
         )
     return np.asarray(values[[names.index(name) for name in arm.joint_names]])
+
+
+def _in_frames_of(arm: Arm, position: RecordedPosition) -> FloatArray:
+    """The pose ``(4, 4)`` of a position in the arm's own user and tool frame."""
+    T = np.eye(4) if position.T_user_tool is None else position.T_user_tool
+    if position.T_world_user is not None:
+        T = inverse(arm.T_world_user) @ position.T_world_user @ T
+    if position.T_tip_tool is not None:
+        T = T @ inverse(position.T_tip_tool) @ arm.T_tip_tool
+    return np.asarray(T)
 
 
 @dataclass(frozen=True)

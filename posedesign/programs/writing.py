@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
-from posedesign.programs.program import ProgramPose
+from posedesign.programs.program import ProgramOptions, ProgramPose
 from posedesign.programs.reading import MOST_JOINT_DEG
 
 
@@ -79,9 +79,60 @@ class NameRule:
         return self.stand_in if cut.upper() in self.reserved else cut
 
     def part(self, name: str, k: int) -> str:
-        """The name of the k-th part of a program that is split, counted from 1."""
+        """The name of the k-th part of a program that is split, counted from 1.
+
+        Where it is too long its middle is left out: programs are told apart by their last digits.
+        """
         ending = f"_{k}"
-        return name[: self.length - len(ending)].rstrip("_") + ending
+        room = self.length - len(ending)
+        if len(name) > room:
+            kept = min(3, room - 1)
+            name = name[: room - kept] + name[len(name) - kept :]
+        return name + ending
+
+
+def check_text(what: str, text: str, length: int, forbidden: str = "") -> None:
+    """Raise InputError where a text has other characters than printable ASCII, or too many.
+
+    Parameters
+    ----------
+    what : str
+        For messages: "comment", "comment of pose 'P01'".
+    text : str
+        An empty one is legal.
+    length : int
+        Most characters.
+    forbidden : str
+        Characters that the language gives a meaning.
+    """
+    if len(text) <= length and re.fullmatch(r"[ -~]*", text) and not set(text) & set(forbidden):
+        return
+    without = f", without {' '.join(forbidden)}" if forbidden else ""
+    raise InputError(
+        f"{what} {text!a} cannot stand in a comment",
+        hint=f"use at most {length} ASCII characters{without}",
+        name=what,
+        value=text,
+        bound=length,
+    )
+
+
+def check_call(names: NameRule, options: ProgramOptions, program_name: str) -> None:
+    """Raise InputError where the measuring program has no legal name, or that of the program.
+
+    Letters of either case are the same: most languages make no difference, and a person none.
+    """
+    call = options.measure_call
+    if call is None:
+        return
+    names.check(call)
+    if call.upper() == program_name.upper():
+        raise InputError(
+            f"program {program_name} would call itself",
+            hint="name the program that measures in measure_call",
+            name="measure_call",
+            value=call,
+        )
 
 
 def shown_deg(arm: Arm, poses: Iterable[ProgramPose]) -> FloatArray:

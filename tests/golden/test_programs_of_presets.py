@@ -12,7 +12,8 @@ import pytest
 from calib.robots import Robot, preset_names
 from posedesign.cell import Cell
 from posedesign.planner import plan
-from posedesign.programming import arm_of, program_options, write_program
+from posedesign.program_frames import arm_of
+from posedesign.programming import program_options, write_program
 from posedesign.programs import DIALECTS, PoseProgram, ProgramPose
 from posedesign.simulation import SimulatedRobot
 from posedesign.tables import PoseList

@@ -3,8 +3,9 @@ r"""ABB RAPID modules (``.mod``): the writer.
 Joint positions are moved to with ``MoveAbsJ``, which knows no arm position to choose and no work
 object; poses with ``MoveJ`` and their confdata. Tool and work object have names and no numbers in
 RAPID: where the arm's frames are those of the faceplate and of the world they are ``tool0`` and
-``wobj0``, else they are declared by value. The mass of such a tool is not known here; it is to be
-set on the pendant.
+``wobj0``, else they are declared by value, the tool with mass and centre of what the arm carries.
+Where that is not known, joint positions are moved to with ``tool0``, and the tool that poses need
+has a stand-in, with a comment that asks to set it on the pendant.
 
 All motions go to a stop point (``fine``), and ``WaitTime\InPos``, with 0 where no time is asked
 for, waits until the arm stands. A digital output is the signal ``do`` with its number.
@@ -18,9 +19,16 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.se3 import FloatArray, quaternion_from_rotation
-from posedesign.programs.arm import Arm
+from posedesign.programs.arm import Arm, Load
 from posedesign.programs.program import Form, PoseProgram, ProgramPose, in_range
-from posedesign.programs.writing import NameRule, plain, plain_all, shown_deg
+from posedesign.programs.writing import (
+    NameRule,
+    check_call,
+    check_text,
+    plain,
+    plain_all,
+    shown_deg,
+)
 
 _RESERVED = """
 ALIAS AND BACKWARD BASE CASE CJOINTT CONFJ CONNECT CONST DEFAULT DIV DO ELSE ELSEIF ENDFOR ENDFUNC
@@ -49,6 +57,9 @@ SHORTEST_PULSE_S, LONGEST_PULSE_S = 0.001, 2000.0
 FASTEST_MM_S = 5000
 """Limit of the tool's speed that VelSet leaves: that of ``vmax``."""
 
+LEAST_MASS_KG = 0.001
+"""The controller refuses a tool without mass."""
+
 JOINT_DECIMALS, PLACE_DECIMALS, QUATERNION_DECIMALS = 5, 4, 9
 """The controller keeps numbers of 24 bits, whose steps at 180 deg and 2000 mm are 0.00002 and
 0.0001."""
@@ -56,7 +67,7 @@ JOINT_DECIMALS, PLACE_DECIMALS, QUATERNION_DECIMALS = 5, 4, 9
 _TEXT = re.compile(rf"[ -~]{{1,{TEXT_LENGTH}}}")
 _POSITION = re.compile(r"J?P\d+", re.IGNORECASE)
 _NOT_CONNECTED = "[9E9,9E9,9E9,9E9,9E9,9E9]"
-_LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"
+_UNKNOWN_LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"
 _IDENTITY_WITHIN = 1e-12
 
 
@@ -74,7 +85,7 @@ def render_abb_rapid(program: PoseProgram, arm: Arm) -> str:
     """
     _check_options(program)
     options = program.options
-    tool = _frame_name(arm.T_tip_tool, TOOL, "tool0")
+    tool = _tool_name(arm, options.form)
     work_object = _frame_name(arm.T_world_user, WORK_OBJECT, "wobj0")
     lines = [f"MODULE {program.name}"]
     lines += [f"  ! {text}" for text in (options.comment, program.mark) if text]
@@ -105,39 +116,29 @@ def _check_options(program: PoseProgram) -> None:
     in_range("settle_s", options.settle_s, 0, LONGEST_WAIT_S)
     if options.measure_output is not None:
         in_range("measure_pulse_s", options.measure_pulse_s, SHORTEST_PULSE_S, LONGEST_PULSE_S)
-    _check_text("comment", options.comment)
+    check_text("comment", options.comment, TEXT_LENGTH)
     for pose in program.poses:
-        _check_text(f"comment of pose {pose.name!r}", pose.comment)
+        check_text(f"comment of pose {pose.name!r}", pose.comment, TEXT_LENGTH)
+    check_call(NAMES, options, program.name)
     for what, name in (("name", program.name), ("measure_call", options.measure_call)):
-        if name is None:
-            continue
-        NAMES.check(name)
-        if _POSITION.fullmatch(name):
+        if name is not None and _POSITION.fullmatch(name):
             raise InputError(
                 f"{what} {name!r} is the name of a position",
                 hint="choose another one",
                 name=what,
                 value=name,
             )
-    call = options.measure_call
-    if call is not None and call.upper() == program.name.upper():
-        raise InputError(
-            f"the module {program.name} has the name of the program that measures",
-            hint="name another program in measure_call",
-            name="measure_call",
-            value=call,
-        )
 
 
-def _check_text(name: str, text: str) -> None:
-    if text and not _TEXT.fullmatch(text):
-        raise InputError(
-            f"{name} {text!a} cannot stand in a comment",
-            hint=f"use at most {TEXT_LENGTH} ASCII characters",
-            name=name,
-            value=text,
-            bound=TEXT_LENGTH,
-        )
+def _tool_name(arm: Arm, form: Form) -> str:
+    """The tool: one of our own for what the arm says of it, and tool0 for what it does not.
+
+    Joint positions do not depend on the tool's frame, so for them a tool would only stand for a
+    load, and one that is made up is worse than none.
+    """
+    if arm.load is None and form == "joint":
+        return "tool0"
+    return TOOL if arm.load is not None else _frame_name(arm.T_tip_tool, TOOL, "tool0")
 
 
 def _frame_name(T: FloatArray, name: str, usual: str) -> str:
@@ -148,17 +149,25 @@ def _frames(arm: Arm, tool: str, work_object: str, form: Form) -> list[str]:
     """Declarations of the frames that are not the usual ones; joints need no work object."""
     place_tool, place_user = _poses(np.stack([arm.T_tip_tool, arm.T_world_user]))
     lines = []
+    if tool == TOOL and arm.load is None:
+        lines.append(f"  ! the load of {TOOL} is not known: set its mass and centre")
     if tool == TOOL:
-        lines += [
-            f"  ! the load of {TOOL} is not known: set its mass and centre",
-            f"  TASK PERS tooldata {TOOL}:=[TRUE,[{place_tool}],{_LOAD}];",
-        ]
+        load = _load(arm.load)
+        lines.append(f"  TASK PERS tooldata {TOOL}:=[TRUE,[{place_tool}],{load}];")
     if work_object == WORK_OBJECT and form == "cartesian":
         lines.append(
             f"  TASK PERS wobjdata {WORK_OBJECT}:="
             f'[FALSE,TRUE,"",[{place_user}],[[0,0,0],[1,0,0,0]]];'
         )
     return lines
+
+
+def _load(load: Load | None) -> str:
+    """Mass [kg] and centre in the wrist's frame [mm], as a point mass; at least one gram."""
+    if load is None:
+        return _UNKNOWN_LOAD
+    mass = plain(max(load.mass_kg, LEAST_MASS_KG), 3)
+    return f"[{mass},[{','.join(plain_all(1e3 * load.com_m, 2))}],[1,0,0,0],0,0,0]"
 
 
 def _positions(program: PoseProgram, arm: Arm) -> list[str]:

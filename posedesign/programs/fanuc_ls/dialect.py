@@ -28,6 +28,7 @@ class FanucLs(Dialect):
     suffixes: ClassVar[tuple[str, ...]] = (".ls", REGISTERS)
     names: ClassVar[NameRule] = NAMES
     newline: ClassVar[str] = "\r\n"
+    numbered_frames: ClassVar[bool] = True
     joint_step_deg: ClassVar[float] = 1e-3
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
@@ -46,5 +47,7 @@ class FanucLs(Dialect):
         return parse_fanuc_ls(data, path)
 
     def check(self, data: bytes, path: Path) -> list[Problem]:
-        """Check a program strictly; see `rules`."""
+        """Check a program strictly; see `rules`. There are none for a backup of registers."""
+        if path.suffix.lower() == REGISTERS:
+            return [Problem(1, "program", "a backup of registers is no program: nothing to check")]
         return check_fanuc_ls(data)

@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 
 _SECTION = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)(?![A-Za-z_])")
 _MOTION = re.compile(r"[JLCAS](?= )")
-_HEADER = re.compile(r'P\[(\d{1,6})(?::"[^"\[\]]{0,99}")?\]\{')
+_HEADER = re.compile(r'P\[(\d{1,6})(?::"[^"\[\]]{0,99}")?\] ?\{')
 _GROUP = re.compile(r"GP(\d):")
-_FRAMES = re.compile(r"UF : (\d{1,3}), UT : (\d{1,3})(?:,\s{0,9}CONFIG : '[^']{0,99}')?,")
-_FIELD = re.compile(r"\s*([JXYZWPRE]\d?) ?=\s*(\S+?)\s*(?:deg|mm)\s*")
+_FRAMES = re.compile(r"UF : (\d{1,3}|F), UT : (\d{1,3}|F)(?:,\s{0,9}CONFIG : '([^']{0,99})')?,")
+_FIELD = re.compile(r"\s*([JXYZWPRE]\d?) ?=\s*(\S+?)\s*(deg|mm)\s*")
+_SUB_LINE = re.compile(r" {5,20}(?:\d{1,4}| *)")
 
 
 @dataclass(frozen=True)
@@ -29,12 +30,17 @@ class Instruction:
 
 @dataclass
 class Position:
-    """A position of /POS: the frames of its first group, and all values of the position."""
+    """A position of /POS: frames, CONFIG and fields of its first group, all values of all.
+
+    A frame is None where the file leaves it open (F).
+    """
 
     line: int
     number: int
-    frames: tuple[int, int] | None = None
+    frames: tuple[int | None, int | None] | None = None
+    config: str | None = None
     values: list[tuple[int, str, str]] = field(default_factory=list)  # line, name, text
+    own: list[tuple[int, str, str, str]] = field(default_factory=list)  # and unit, of GP1
     joints: set[str] = field(default_factory=set)
     faults: list[tuple[int, str]] = field(default_factory=list)
 
@@ -78,6 +84,8 @@ def _split_instructions(lines: list[tuple[int, str]], listing: Listing) -> None:
         if colon and not head.strip() and joined:
             # A long instruction goes on in lines that have a colon, but no number.
             joined[-1][2].append(body.strip())
+        elif joined and (_SUB_LINE.fullmatch(head) if colon else line.startswith("       ---")):
+            continue  # instructions inside an instruction (TC_ONLINE) have numbers of their own
         else:
             joined.append((row, head, [body.rstrip()]) if colon else (row, "", [line]))
     listing.instructions.extend(_instruction(row, head, " ".join(b)) for row, head, b in joined)
@@ -135,7 +143,8 @@ def _take_fields(position: Position, row: int, text: str, first: bool, comma: bo
     frames = _FRAMES.fullmatch(text)
     if frames:
         if first:
-            position.frames = (int(frames[1]), int(frames[2]))
+            user, tool = (None if f == "F" else int(f) for f in frames.groups()[:2])
+            position.frames, position.config = (user, tool), frames[3]
         return True
     if not comma:
         position.faults.append((row, "has no comma before this line"))
@@ -149,4 +158,5 @@ def _take_fields(position: Position, row: int, text: str, first: bool, comma: bo
         position.values.append((row, found[1], found[2]))
         if first:
             position.joints.add(found[1])
+            position.own.append((row, found[1], found[2], found[3]))
     return ends_in_comma

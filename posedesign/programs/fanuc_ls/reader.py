@@ -2,9 +2,9 @@
 
 Only ``/POS`` is interpreted, so programs with any instructions, in any language of the controller,
 can be read. Fields may stand in any order and on any lines. Of several motion groups the first,
-GP1, is the arm. Positions are joint values, or poses of the tool with their CONFIG. What would be
-read wrong in silence is refused with its line: increments, positions without a value, an extended
-axis that carries the arm from one position to another.
+GP1, is the arm; the others have to rest. Positions are joint values, or poses of the tool with
+their CONFIG. What would be read wrong in silence is refused with its line: increments, positions
+without a value, an extended axis that carries the arm from one position to another.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import re
 from pathlib import Path
 
 from posedesign.programs.fanuc_ls.positions import PositionParser, StoredPosition
-from posedesign.programs.fanuc_ls.stored import StoredGroup, check_extended_axes, recorded
-from posedesign.programs.reading import ascii_lines, refuse
+from posedesign.programs.fanuc_ls.stored import StoredGroup, check_other_axes, recorded
+from posedesign.programs.reading import refuse, text_lines
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 _SECTION = re.compile(r"\s*/(PROG|ATTR|APPL|MN|POS|END)(?![A-Za-z_])\s*(\S*)")
 _COMMENT = re.compile(r'COMMENT\s*=\s*"([^"]*)"')
-_REMARK = re.compile(r"\s*\d+\s*:\s*!(.{0,99})")
+_REMARK = re.compile(r"\s*\d+\s*:\s*!([^;]{0,99})")
 _LISTING = "name a program saved in ASCII, .LS"
-_ASCII = "save a binary .TP as .LS; remove accented letters from comments"
+_TEXT = "save a binary .TP as .LS"
 
 
 def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
@@ -38,7 +38,7 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         The file is not a FANUC program in ASCII, is cut off, or holds a position that is neither
         six joint angles nor a pose.
     """
-    lines = ascii_lines(data, path, _ASCII)
+    lines = text_lines(data, path, _TEXT)
     name = section = comment = ""
     mark: PlanMark | None = None
     parser = PositionParser(path)
@@ -68,7 +68,7 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
     if not parser.positions:
         refuse("holds no positions", path, hint="save the program that was touched up")
     positions = tuple(_position(position, path) for position in parser.positions)
-    check_extended_axes({f"P[{p.number}]": p.groups[1] for p in parser.positions}, path)
+    check_other_axes({f"P[{p.number}]": p.groups for p in parser.positions}, path)
     return RecordedProgram(name, comment, mark or PlanMark(), positions, "fanuc")
 
 

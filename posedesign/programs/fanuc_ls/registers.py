@@ -22,8 +22,8 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from posedesign.programs.fanuc_ls.stored import StoredGroup, check_extended_axes, recorded
-from posedesign.programs.reading import ascii_lines, refuse
+from posedesign.programs.fanuc_ls.stored import StoredGroup, check_other_axes, recorded
+from posedesign.programs.reading import refuse, text_lines
 from posedesign.programs.recorded import PlanMark, RecordedProgram
 
 _HEADING = re.compile(r"\s*\[\*POSREG\*\]\s*\$POSREG\b")
@@ -52,21 +52,22 @@ def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
         The file is no such backup, holds no positions, or one that is damaged.
     """
     registers: list[_Register] = []
+    numbers: set[int] = set()
     inside = found = False
-    for row, line in enumerate(ascii_lines(data, path), start=1):
+    for row, line in enumerate(text_lines(data, path), start=1):
         if _HEADING.match(line):
             inside = found = True
         elif _OTHER.match(line):
             inside = False
         elif inside and line.strip():
-            _take(registers, line, path, row)
+            _take(registers, numbers, line, path, row)
     if not found:
         refuse("is no backup of position registers: there is no $POSREG", path, 1, "POSREG.VA")
     filled = [r for r in registers if r.group is not None]
     if not filled:
         refuse("holds no positions: all registers are empty", path, hint="save the backup again")
     groups = {f"PR[{r.number}]": r.group for r in filled if r.group is not None}
-    check_extended_axes(groups, path)
+    check_other_axes({label: {1: group} for label, group in groups.items()}, path)
     positions = tuple(
         recorded(label, r.number, r.name, r.line, group, path)
         for r, (label, group) in zip(filled, groups.items(), strict=True)
@@ -74,14 +75,17 @@ def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
     return RecordedProgram("POSREG", "", PlanMark(), positions, "fanuc", in_registers=True)
 
 
-def _take(registers: list[_Register], line: str, path: Path | str, row: int) -> None:
-    """Add one line of the table to what is known of its registers."""
+def _take(
+    registers: list[_Register], numbers: set[int], line: str, path: Path | str, row: int
+) -> None:
+    """Add one line of the table to what is known of its registers, and their numbers."""
     entry = _ENTRY.match(line)
     if entry:
         arm = int(entry[1]) == 1
         number = int(entry[2]) if arm else 0  # 0: of another group, which is passed over
-        if arm and any(r.number == number for r in registers[-1:]):
+        if arm and number in numbers:
             refuse(f"PR[{number}] is there twice", path, row, "remove one of them")
+        numbers.add(number)
         registers.append(_Register(number, entry[3].strip(), row))
         line = entry[4]
         if line.strip() == "Uninitialized":

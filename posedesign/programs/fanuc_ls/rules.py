@@ -10,11 +10,16 @@ rule                   what it asks
 ``ascii``              plain ASCII characters
 ``crlf``               each line ended by CR LF
 ``sections``           /PROG, /ATTR, /APPL (optional), /MN, /POS, /END, in this order
-``program-name``       a capital letter, then A-Z 0-9 _, 8 in all
+``program-name``       a capital letter, then A-Z 0-9 _, 36 in all (R-J3iB: 8, which we write)
 ``line-format``        number, colon, instruction, semicolon
 ``line-number``        line numbers consecutive from 1
 ``line-count``         LINE_COUNT is the number of lines
 ``position-format``    each position complete: frames, six joints or X Y Z W P R, commas, ``};``
+``configuration``      CONFIG with a pose, F or N, U or D, T or B and three turns; none with joints
+``unit``               joints, W P R in deg, X Y Z in mm
+``range``              joints within +-720 deg, W P R in (-180, 180], within 100 m
+``motion``             position, speed, FINE or CNT, known options; none that move elsewhere
+``instruction``        instructions of the base language
 ``position-defined``   each position that is used is defined
 ``position-unique``    each position is defined once
 ``position-used``      each position that is defined is used
@@ -33,13 +38,14 @@ import re
 from collections.abc import Iterator
 from itertools import islice
 
+from posedesign.programs.fanuc_ls.instructions import instruction_fault, motion_fault
 from posedesign.programs.fanuc_ls.listing import Listing, Position, split_listing
 from posedesign.programs.recorded import Problem
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check: a file that is no program has one in each of its lines."""
 
-_PROG = re.compile(r"/PROG  ([A-Z][A-Z0-9_]{0,7})(?:\t  Macro)?")
+_PROG = re.compile(r"/PROG  ([A-Z][A-Z0-9_]{0,35})(?:\t  Macro)?")
 _LINE_COUNT = re.compile(r"LINE_COUNT\s*=\s*(\d{1,9})\s*;")
 _USED = re.compile(r"\bP\[(\d{1,6})\]")
 _INDIRECT = re.compile(r"\bP\[(?!\d)")
@@ -50,6 +56,9 @@ _ODD_NUMBER = re.compile(
     r"(?<![\w.])[\d.]{1,40}[eE][-+]?\d|(?:[=(,<>]|WAIT )\s*[-+]?(?:nan|inf)\b", re.IGNORECASE
 )
 _NEGATIVE = re.compile(r"(?:[=<>,]|\bTO|\bCALL \w{1,40}\()\s*-\s*[\d.]")
+
+_CONFIG = re.compile(r"[FN] [UD] [TB], ?-?\d, ?-?\d, ?-?\d")
+_MOST_DEG, _MOST_MM = 720.0, 100_000.0
 
 _ORDER = ["PROG", "ATTR", "MN", "POS", "END"]
 _JOINT_FORM = {"J1", "J2", "J3", "J4", "J5", "J6"}
@@ -65,6 +74,7 @@ def check_fanuc_ls(data: bytes) -> list[Problem]:
         _check_headings(listing),
         _check_lines(listing),
         _check_positions(listing),
+        _check_values(listing),
         _check_use(listing),
         _check_motion(listing),
         _check_numbers(listing),
@@ -104,7 +114,7 @@ def _check_headings(listing: Listing) -> Iterator[Problem]:
         yield Problem(row, "sections", "the line is in no section")
     for row, section, text in listing.headings:
         if section == "PROG" and not _PROG.fullmatch(text):
-            reason = "behind /PROG and two spaces: a letter, then A-Z 0-9 _, 8 characters in all"
+            reason = "behind /PROG and two spaces: a letter, then A-Z 0-9 _, 36 characters in all"
             yield Problem(row, "program-name", reason)
 
 
@@ -146,6 +156,31 @@ def _check_positions(listing: Listing) -> Iterator[Problem]:
         seen.add(position.number)
 
 
+def _check_values(listing: Listing) -> Iterator[Problem]:
+    """Units, ranges and CONFIG of the first group of each position."""
+    for position in listing.positions:
+        label = f"P[{position.number}]"
+        cartesian = bool(position.joints & _CARTESIAN_FORM)
+        if position.frames is not None and cartesian != (position.config is not None):
+            reason = f"{label} has {'no' if cartesian else 'a'} CONFIG"
+            yield Problem(position.line, "configuration", reason)
+        elif position.config is not None and not _CONFIG.fullmatch(position.config):
+            reason = f"{label}: there is no CONFIG {position.config[:30]!a}"
+            yield Problem(position.line, "configuration", reason)
+        for row, name, text, unit in position.own:
+            wanted = "mm" if name in "XYZ" else "deg"
+            if name not in _EXTENDED and unit != wanted:
+                yield Problem(row, "unit", f"{label}: {name} is in {unit}, not in {wanted}")
+            elif _DECIMAL.fullmatch(text) and not _in_range(name, float(text)):
+                yield Problem(row, "range", f"{label}: {name} is {text}")
+
+
+def _in_range(name: str, value: float) -> bool:
+    if name in ("W", "P", "R"):
+        return -180.0 < value <= 180.0
+    return abs(value) <= (_MOST_MM if name in "XYZ" or name in _EXTENDED else _MOST_DEG)
+
+
 def _check_use(listing: Listing) -> Iterator[Problem]:
     defined = {position.number for position in listing.positions}
     used: set[int] = set()
@@ -171,7 +206,11 @@ def _check_motion(listing: Listing) -> Iterator[Problem]:
         frame = _FRAME.search(instruction.code)
         if frame:
             active[frame[1]] = int(frame[2]) if frame[2] else None
-        if instruction.motion:
+        motion = instruction.motion
+        fault = "" if instruction.fault else _fault(motion, instruction.code)
+        if fault:
+            yield Problem(instruction.line, "motion" if motion else "instruction", fault)
+        if motion:
             stands = re.search(r"\bFINE\b", instruction.code) is not None
             for number in _USED.findall(instruction.code):
                 reason = _frame_fault(stored.get(int(number)), active)
@@ -182,10 +221,18 @@ def _check_motion(listing: Listing) -> Iterator[Problem]:
             yield Problem(instruction.line, "fine-before-call", reason)
 
 
+def _fault(motion: str, code: str) -> str:
+    return motion_fault(motion, code) if motion else instruction_fault(code)
+
+
 def _frame_fault(position: Position | None, active: dict[str, int | None]) -> str:
     if position is None or position.frames is None:
         return ""  # other rules say so
     for name, letters, frame in zip(active, ("UF", "UT"), position.frames, strict=True):
+        if frame is None:
+            continue  # left open: whatever is active
+        if letters == "UT" and frame == 0:
+            return f"P[{position.number}] has UT 0: tool frames count from 1"
         if active[name] is None:
             return f"{name}_NUM is not set to a number before the motion"
         if active[name] != frame:

@@ -12,7 +12,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import rotation_from_wpr, transform
 from posedesign.programs.configurations.fanuc import FanucConfiguration
-from posedesign.programs.reading import joint_deg, millimetres, refuse
+from posedesign.programs.reading import at_rest, joint_deg, millimetres, refuse
 from posedesign.programs.recorded import RecordedPosition
 
 JOINTS = tuple(f"J{j}" for j in range(1, 7))
@@ -100,12 +100,24 @@ def _number(label: str, name: str, unit: str, group: StoredGroup, path: Path | s
     return read(text, f"{label}: {name}", path, row)
 
 
-def check_extended_axes(groups: Mapping[str, StoredGroup], path: Path | str) -> None:
-    """Refuse positions between which an extended axis moves: it would carry the arm's base."""
-    labels = list(groups)
-    first = groups[labels[0]].fields if labels else {}
-    for label, group in groups.items():
-        for axis in EXTENDED:
-            if group.fields.get(axis, ("",))[0] != first.get(axis, ("",))[0]:
-                reason = f"{label}: {axis} differs from {labels[0]}"
-                refuse(reason, path, group.line, "measure with the extended axes at rest")
+def check_other_axes(groups: Mapping[str, Mapping[int, StoredGroup]], path: Path | str) -> None:
+    """Refuse positions between which an extended axis or another motion group moves.
+
+    A rail may be either, and a positioner carries the target. Axes without a value are passed over.
+    """
+    owned = {label: set(of[1].fields) & set(EXTENDED) for label, of in groups.items() if 1 in of}
+    first = next(iter(owned), "")
+    for label, axes in owned.items():
+        other = sorted(axes ^ owned[first])
+        if other:
+            refuse(f"{label}: {other[0]} is not there as in {first}", path, groups[label][1].line)
+    at_rest(
+        (
+            (label, axis if number == 1 else f"GP{number} {axis}", text, row)
+            for label, of_position in groups.items()
+            for number, group in of_position.items()
+            for axis, (text, _, row) in group.fields.items()
+            if (axis in EXTENDED or number != 1) and set(text) != {"*"}
+        ),
+        path,
+    )

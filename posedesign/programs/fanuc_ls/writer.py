@@ -14,7 +14,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
-from posedesign.programs.writing import NameRule, shown_deg
+from posedesign.programs.writing import NameRule, check_call, check_text, shown_deg
 
 NAMES = NameRule("a FANUC program name", 8)
 """What every controller takes (R-J3iB; newer ones take longer names)."""
@@ -34,10 +34,15 @@ MOST_REGISTER = 100
 LONGEST_WAIT_S = 327.67
 """Largest constant of a WAIT: hundredths of a second in 15 bits."""
 
+SHORTEST_PULSE_S, LONGEST_PULSE_S = 0.1, 25.5
+"""Of a digital output, as FANUC's manuals have it (from general knowledge)."""
+
 MOST_USER_FRAME, MOST_TOOL_FRAME = 9, 10
 """Frames that every controller has; a number past its own limit is refused at load."""
 
-_TEXT = re.compile(r"[ -~]*")
+_SPECIAL = "\"';"
+"""What ends a quoted text or a line."""
+
 _POSITION_NAME = re.compile(rf"[A-Za-z0-9_.+#/()-][A-Za-z0-9_.+#/() -]{{0,{COMMENT_LENGTH - 1}}}")
 
 
@@ -91,8 +96,9 @@ def _check_options(program: PoseProgram) -> None:
     in_range("user_frame", options.user_frame, 0, MOST_USER_FRAME)
     in_range("tool_frame", options.tool_frame, 1, MOST_TOOL_FRAME)
     in_range("settle_s", options.settle_s, 0, LONGEST_WAIT_S)
-    in_range("measure_pulse_s", options.measure_pulse_s, 0, LONGEST_WAIT_S)
-    _check_text("comment", options.comment, COMMENT_LENGTH)
+    if options.measure_output is not None:
+        in_range("measure_pulse_s", options.measure_pulse_s, SHORTEST_PULSE_S, LONGEST_PULSE_S)
+    check_text("comment", options.comment, COMMENT_LENGTH, _SPECIAL)
     if options.keep == "register":
         last = options.first_register + program.measured_count - 1
         if last > MOST_REGISTER:
@@ -104,27 +110,7 @@ def _check_options(program: PoseProgram) -> None:
                 value=last,
                 bound=MOST_REGISTER,
             )
-    if options.measure_call is not None:
-        NAMES.check(options.measure_call)
-        if options.measure_call == program.name:
-            raise InputError(
-                f"program {program.name} would call itself",
-                hint="name the program that measures in measure_call",
-                name="measure_call",
-                value=options.measure_call,
-            )
-
-
-def _check_text(name: str, text: str, length: int) -> None:
-    """Refuse what would end a quoted text or a line, or what the pendant cannot show."""
-    if len(text) > length or not _TEXT.fullmatch(text) or any(c in "\"';" for c in text):
-        raise InputError(
-            f"{name} {text!a} cannot be shown on the pendant",
-            hint=f"use at most {length} ASCII characters, without quotes and semicolons",
-            name=name,
-            value=text,
-            bound=length,
-        )
+    check_call(NAMES, options, program.name)
 
 
 def _instructions(program: PoseProgram) -> list[str]:
@@ -132,7 +118,7 @@ def _instructions(program: PoseProgram) -> list[str]:
     lines = _head(program)
     for number, pose in zip(program.numbers, program.poses, strict=True):
         if pose.comment:
-            _check_text(f"comment of pose {pose.name!r}", pose.comment, REMARK_LENGTH)
+            check_text(f"comment of pose {pose.name!r}", pose.comment, REMARK_LENGTH, _SPECIAL)
             lines.append(f"  !{pose.comment.strip()}")
         lines += _at_pose(program.options, pose, number, measured=not pose.via)
     return lines

@@ -18,7 +18,9 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from posedesign.programs.kuka_krl.frames import ActiveFrames, Frame, Frames
 from posedesign.programs.kuka_krl.stored import StoredPosition, fields_of, recorded
+from posedesign.programs.numbering import Numbering
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import PlanMark, RecordedProgram
 
@@ -38,16 +40,13 @@ _MOTION = re.compile(r"(S?PTP|S?LIN|S?CIRC|SPL)(_REL)?(?![\w$])\s*(.*)", _FLAGS)
 _INLINE = re.compile(r"\{([^{}]*)\}\s*(.*)", _FLAGS)
 _FDAT = re.compile(rf"(?:DECL\s+)?(?:GLOBAL\s+)?FDAT\s+({_NAME})\s*=\s*\{{(.*)\}}", _FLAGS)
 _FDAT_FRAME = re.compile(r"\b(TOOL|BASE)_NO\s+(\d{1,3})\b", _FLAGS)
-_ACTIVE = re.compile(
-    r"BAS\s*\(\s*#(TOOL|BASE)\s*,\s*(\d{1,3})\s*\)"
-    r"|\$(TOOL|BASE)\s*=\s*(?:(?:TOOL|BASE)_DATA\s*\[\s*(\d{1,3})\s*\])?",
-    _FLAGS,
-)
+_EXTERNAL_TOOL = re.compile(r"\bIPO_FRAME\s+#TCP\b", _FLAGS)
 _ALL_FRAMES = re.compile(r"TOOL\s+(\d{1,3})\s+BASE\s+(\d{1,3})\s*", _FLAGS)
 _POSE_NAME = re.compile(r"P(\d{1,6}) (.*)")
 _FIRST_REGISTER = re.compile(r"XM\[(\d{1,6})\] IS P(\d{1,6})\s*")
 _NUMBERED = re.compile(r"X?P(\d{1,6})", _FLAGS)
-_ELEMENT = re.compile(r"XM\[(\d{1,6})\]")
+_ELEMENT = re.compile(r"XM\[(\d{1,6})\]", _FLAGS)
+_CHANGED = re.compile(rf"({_NAME})\s*(\[[^\]]{{0,20}}\])?\s*(\.\s*\w{{1,24}}\s*)?=(?!=)", _FLAGS)
 
 _BINARY = re.compile(rb"[^\t\r\n -~\x80-\xff]")
 _WHAT = "name the .dat of a KRL program, or a .src with positions in its motions"
@@ -63,10 +62,12 @@ class _Module:
     mark: PlanMark | None = None
     closed: bool = False
     positions: list[StoredPosition] = field(default_factory=list)
-    variables: set[str] = field(default_factory=set)
+    variables: dict[str, StoredPosition] = field(default_factory=dict)
     pose_names: dict[int, str] = field(default_factory=dict)
     fdat: dict[str, dict[str, int]] = field(default_factory=dict)
-    frames: dict[str, int | None] = field(default_factory=dict)
+    forgotten: dict[str, int] = field(default_factory=dict)
+    external_tools: set[str] = field(default_factory=set)
+    frames: ActiveFrames = field(default_factory=ActiveFrames)
     first_register: tuple[int, int] | None = None
     elsewhere: tuple[str, int] | None = None
 
@@ -104,9 +105,19 @@ def parse_kuka_krl(data: bytes, path: Path | str) -> RecordedProgram:
         refuse(f"{name} is stored elsewhere", path, row, "name the .dat of the program")
     if not module.positions:
         refuse("holds no positions", path, hint="name the file that was touched up")
-    positions = recorded(_numbered(module, path), path)
-    mark = module.mark or PlanMark()
-    return RecordedProgram(module.name, module.comment, mark, positions, "kuka")
+    _take_fdat(module, path)
+    numbering = Numbering(
+        _NUMBERED, _ELEMENT, module.mark, module.pose_names, module.first_register
+    )
+    positions = recorded(numbering.of(module.positions, path), path)
+    return RecordedProgram(
+        module.name,
+        module.comment,
+        module.mark or PlanMark(),
+        positions,
+        "kuka",
+        empty_registers=numbering.is_untouched(module.positions),
+    )
 
 
 def _divided(line: str) -> tuple[str, str | None]:
@@ -137,7 +148,7 @@ def _take_remark(module: _Module, remark: str) -> None:
         module.pose_names.setdefault(int(named[1]), named[2].strip())
     frames = _ALL_FRAMES.fullmatch(remark)
     if frames:
-        module.frames |= {"TOOL": int(frames[1]), "BASE": int(frames[2])}
+        module.frames.give(int(frames[1]), int(frames[2]))
     register = _FIRST_REGISTER.fullmatch(remark)
     if register:
         module.first_register = int(register[1]), int(register[2])
@@ -152,6 +163,8 @@ def _take(module: _Module, code: str, path: Path | str, row: int) -> None:
             refuse(f"{begins[2]} begins inside {module.name}", path, row, "copy the file again")
         module.name, module.kind = module.name or begins[2], module.kind or begins[1].upper()
         module.closed = False
+        if module.kind != "DEFDAT":
+            module.frames = ActiveFrames()  # those of whoever calls the routine
     elif not module.kind:
         refuse("is no KRL program: it does not begin with DEFDAT or DEF", path, row, _WHAT)
     elif module.closed:
@@ -170,6 +183,8 @@ def _take_data(module: _Module, code: str, path: Path | str, row: int) -> None:
     if frames:
         numbers = {kind.upper(): int(n) for kind, n in _FDAT_FRAME.findall(frames[2])}
         module.fdat[frames[1].upper()] = numbers
+        if _EXTERNAL_TOOL.search(frames[2]):
+            module.external_tools.add(frames[1].upper())
     elif not _take_declaration(module, code, path, row):
         _take_assignment(module, code, path, row)
 
@@ -194,6 +209,9 @@ def _take_assignment(module: _Module, code: str, path: Path | str, row: int) -> 
     """Add a position that is given its values; refuse other instructions that hold one."""
     assigned = _ASSIGNED.fullmatch(code)
     bare = re.sub(r'"[^"]*"', '""', code)
+    changed = _CHANGED.match(bare)
+    if changed and (changed[3] or not assigned):
+        _forget(module, changed, path, row)
     if not _POSITION.search(bare) or _OTHER.search(bare):
         return
     if not assigned:
@@ -202,16 +220,7 @@ def _take_assignment(module: _Module, code: str, path: Path | str, row: int) -> 
 
 
 def _take_instruction(module: _Module, code: str, path: Path | str, row: int) -> None:
-    active = _ACTIVE.match(code)
-    if active:
-        given = active[2] or active[4]
-        kind = (active[1] or active[3]).upper()
-        module.frames[kind] = int(given) if given else None
-        return
-    if code.upper().startswith("FDAT_ACT"):
-        given_frames = dict(_FDAT_FRAME.findall(code.upper()))
-        for kind in ("TOOL", "BASE"):
-            module.frames[kind] = int(given_frames[kind]) if kind in given_frames else None
+    if module.frames.take(code):
         return
     motion = _MOTION.match(code)
     if motion is None:
@@ -226,6 +235,7 @@ def _take_instruction(module: _Module, code: str, path: Path | str, row: int) ->
         if inline[2].startswith(":"):
             refuse("a position with an offset cannot be read", path, row)
         _add(module, "", inline[1], path, row)
+        _use(module, module.positions[-1], inline[2], path, row)
     elif "{" in motion[3]:
         refuse(f"cannot make sense of {motion[3][:30]!r}", path, row)
     else:
@@ -239,68 +249,60 @@ def _take_target(module: _Module, text: str, path: Path | str, row: int) -> None
         return  # $AXIS_ACT, where the arm is; the home of all programs
     if name[3]:
         refuse("a position with an offset cannot be read", path, row)
-    if name[1].upper() + re.sub(r"\s", "", name[2] or "") not in module.variables:
+    variable = name[1].upper() + re.sub(r"\s", "", name[2] or "").upper()
+    position = module.variables.get(variable)
+    changed = max(module.forgotten.get(key, 0) for key in (variable, name[1].upper()))
+    if position is not None and position.line > changed:
+        _use(module, position, text[name.end() :], path, row)
+    else:
         module.elsewhere = module.elsewhere or (name[1], row)
+
+
+def _use(module: _Module, position: StoredPosition, rest: str, path: Path | str, row: int) -> None:
+    """A motion goes to a position: in the frames that are active there."""
+    frames = module.frames.of_motion(rest)
+    if position.cartesian and frames.external_tool:
+        reason = f"{position.label}: a tool that stands in the cell ($IPO_MODE #TCP) cannot be read"
+        refuse(reason, path, row, "measure with the tool at the flange")
+    if position.cartesian and position.frames is not None and position.frames != frames:
+        reason = f"{position.label} is used in other frames than before"
+        refuse(reason, path, row, "use each position with one tool and one base")
+    position.frames = frames
+
+
+def _forget(module: _Module, changed: re.Match[str], path: Path | str, row: int) -> None:
+    """A variable gets values that are not in the file; which it had at motions before stays."""
+    name, index = changed[1].upper(), re.sub(r"\s", "", changed[2] or "")
+    # of an index that is computed nobody knows which element it is
+    key = name + index if index[1:-1].isdigit() else name
+    if module.kind == "DEFDAT" and key in module.variables:
+        refuse(f"{changed[1]} is changed in part", path, row, "store the position whole")
+    module.forgotten[key] = row
 
 
 def _add(module: _Module, variable: str, text: str, path: Path | str, row: int) -> None:
     fields = fields_of(text, variable or "the position", path, row)
     position = StoredPosition(variable, row, fields)
-    position.tool_frame = module.frames.get("TOOL")
-    position.user_frame = module.frames.get("BASE")
+    if module.kind == "DEFDAT":
+        position.frames = module.frames.of_motion("")
     module.positions.append(position)
     if variable:
-        if variable.upper() in module.variables:
+        name = variable.upper()
+        if name in module.variables:
             refuse(f"{variable} is there twice", path, row, "remove one of them")
-        module.variables.add(variable.upper())
+        module.variables[name] = position
 
 
-def _numbered(module: _Module, path: Path | str) -> list[tuple[int, StoredPosition]]:
-    """Positions with their numbers: measured ones in the place of the planned ones."""
+def _take_fdat(module: _Module, path: Path | str) -> None:
+    """Frames of positions that inline forms touched up, as the data beside them say."""
     for position in module.positions:
-        frames = module.fdat.get("F" + position.variable.upper().removeprefix("X"))
-        if frames is not None and position.variable:
-            position.tool_frame = frames.get("TOOL", position.tool_frame)
-            position.user_frame = frames.get("BASE", position.user_frame)
-    touched = _touched(module)
-    kept = {id(position) for position in touched.values()}
-    chosen = _by_number([p for p in module.positions if id(p) not in kept])
-    if touched:
-        measured = module.mark.measured if module.mark else None
-        vias = [(n, p) for n, p in chosen if measured is not None and n > measured]
-        chosen = sorted(touched.items()) + vias
-        if chosen[0][0] < 1:
-            position = chosen[0][1]
-            refuse(f"{position.variable} is before the first one", path, position.line)
-    for n, position in chosen:
-        position.other = bool(position.variable) and not (
-            _NUMBERED.fullmatch(position.variable) or touched.get(n) is position
-        )
-        position.name = module.pose_names.get(n, position.variable if position.other else "")
-    return chosen
-
-
-def _touched(module: _Module) -> dict[int, StoredPosition]:
-    """Touched-up positions that the program keeps in XM, by the numbers of their poses."""
-    if module.first_register is None:
-        return {}
-    register, first = module.first_register
-    found = ((p, _ELEMENT.fullmatch(p.variable.upper())) for p in module.positions)
-    return {int(element[1]) - register + first: p for p, element in found if element}
-
-
-def _by_number(positions: list[StoredPosition]) -> list[tuple[int, StoredPosition]]:
-    """Positions by the number in their name, those without behind all others."""
-    numbers: list[int | None] = []
-    taken: set[int] = set()
-    for position in positions:
-        found = _NUMBERED.fullmatch(position.variable)
-        n = int(found[1]) if found else 0
-        numbers.append(n if n and n not in taken else None)
-        taken.add(n)
-    free = max((n for n in numbers if n is not None), default=0)
-    out = []
-    for given, position in zip(numbers, positions, strict=True):
-        free += given is None
-        out.append((free if given is None else given, position))
-    return out
+        name = "F" + position.variable.upper().removeprefix("X")
+        frames = module.fdat.get(name)
+        if frames is None or not position.variable:
+            continue
+        if position.cartesian and name in module.external_tools:
+            reason = f"{position.label}: a tool that stands in the cell (#TCP) cannot be read"
+            refuse(reason, path, position.line, "measure with the tool at the flange")
+        position.frames = position.frames or Frames()
+        for kind, n in frames.items():
+            position.frames = position.frames.with_frame(kind, Frame(n))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +12,8 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import rotation_from_wpr, transform
 from posedesign.programs.configurations.kuka import KukaConfiguration
-from posedesign.programs.reading import joint_deg, millimetres, number, refuse
+from posedesign.programs.kuka_krl.frames import Frames
+from posedesign.programs.reading import at_rest, joint_deg, millimetres, refuse
 from posedesign.programs.recorded import RecordedPosition
 
 AXES = ("A1", "A2", "A3", "A4", "A5", "A6")
@@ -20,10 +21,6 @@ PLACE, TURN = ("X", "Y", "Z"), ("A", "B", "C")
 EXTERNAL = ("E1", "E2", "E3", "E4", "E5", "E6")
 CONFIGURATION = ("S", "T")
 
-EXTERNAL_AT_REST = 0.01
-"""Largest difference of an external axis at rest [mm or deg]: what is shown of it flickers."""
-
-_MOST_EXTERNAL = 1e6
 _KNOWN = {*AXES, *PLACE, *TURN, *EXTERNAL, *CONFIGURATION}
 _TYPE = re.compile(r"\s*[A-Z]\w{0,23}\s*:", re.IGNORECASE | re.ASCII)
 _FIELD = re.compile(
@@ -37,7 +34,7 @@ class StoredPosition:
 
     ``variable`` is empty for one that stands in a motion instruction. ``fields`` hold the texts of
     the values by their names in capitals. ``other``: no numbered position of the program, such as
-    its home.
+    its home. ``frames``: those that it is used in; None where no motion goes to it.
     """
 
     variable: str
@@ -45,8 +42,7 @@ class StoredPosition:
     fields: dict[str, str]
     name: str = ""
     other: bool = False
-    user_frame: int | None = None
-    tool_frame: int | None = None
+    frames: Frames | None = None
     cartesian: bool = field(init=False)
 
     def __post_init__(self) -> None:
@@ -93,22 +89,27 @@ def recorded(
     for _, position in numbered:
         _check_names(position, path)
     numbered_ones = [position for _, position in numbered if not position.other]
-    _check_external_axes(numbered_ones or [position for _, position in numbered], path)
+    at_rest(_external_axes(numbered_ones or [position for _, position in numbered]), path)
     posed = [position for _, position in numbered if position.cartesian]
     poses = iter(_poses(posed, path))
-    return tuple(
-        RecordedPosition(
-            n,
-            position.name,
-            position.line,
-            shown_deg=None if position.cartesian else _joints(position, path),
-            T_user_tool=next(poses) if position.cartesian else None,
-            configuration=_configuration(position, path) if position.cartesian else None,
-            user_frame=position.user_frame,
-            tool_frame=position.tool_frame,
+    found = []
+    for n, position in numbered:
+        frames, posed_one = position.frames or Frames(), position.cartesian
+        found.append(
+            RecordedPosition(
+                n,
+                position.name,
+                position.line,
+                shown_deg=None if posed_one else _joints(position, path),
+                T_user_tool=next(poses) if posed_one else None,
+                configuration=_configuration(position, path) if posed_one else None,
+                user_frame=frames.base.number,
+                tool_frame=frames.tool.number,
+                T_world_user=frames.base.value if posed_one else None,
+                T_tip_tool=frames.tool.value if posed_one else None,
+            )
         )
-        for n, position in numbered
-    )
+    return tuple(found)
 
 
 def _check_names(position: StoredPosition, path: Path | str) -> None:
@@ -157,16 +158,8 @@ def _configuration(position: StoredPosition, path: Path | str) -> KukaConfigurat
         refuse(f"{position.label}: {error.message}", path, position.line, error.hint)
 
 
-def _check_external_axes(positions: Sequence[StoredPosition], path: Path | str) -> None:
-    """Refuse positions between which an external axis moves: it could carry the arm's base."""
-    for axis in EXTERNAL:
-        first: tuple[str, float] | None = None
-        for position in positions:
-            if axis not in position.fields:
-                continue
-            label, row = position.label, position.line
-            value = number(position.fields[axis], f"{label}: {axis}", path, row, _MOST_EXTERNAL)
-            first = first or (label, value)
-            if abs(value - first[1]) > EXTERNAL_AT_REST:
-                hint = "measure with the external axes at rest"
-                refuse(f"{label}: {axis} differs from that of {first[0]}", path, row, hint)
+def _external_axes(positions: Sequence[StoredPosition]) -> Iterator[tuple[str, str, str, int]]:
+    for position in positions:
+        for axis in EXTERNAL:
+            if axis in position.fields:
+                yield position.label, axis, position.fields[axis], position.line

@@ -20,7 +20,14 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, in_range
-from posedesign.programs.writing import NameRule, plain, plain_all, shown_deg
+from posedesign.programs.writing import (
+    NameRule,
+    check_call,
+    check_text,
+    plain,
+    plain_all,
+    shown_deg,
+)
 
 _RESERVED = """
 AND ANIN ANOUT AXIS B_AND B_EXOR B_NOT B_OR BAS BOOL BRAKE C_DIS C_ORI C_PTP C_SPL C_VEL CASE
@@ -82,35 +89,25 @@ def _check_options(program: PoseProgram) -> None:
     _check_text("comment", options.comment)
     for pose in program.poses:
         _check_text(f"comment of pose {pose.name!r}", pose.comment)
+    check_call(NAMES, options, program.name)
     for what, name in (("name", program.name), ("measure_call", options.measure_call)):
-        if name is None:
-            continue
-        NAMES.check(name)
-        if _POSITION.fullmatch(name):
+        if name is not None and _POSITION.fullmatch(name):
             raise InputError(
                 f"{what} {name!r} is the name of a position",
                 hint="choose another one",
                 name=what,
                 value=name,
             )
-    call = options.measure_call
-    if call is not None and call.upper() == program.name.upper():
-        raise InputError(
-            f"program {program.name} would call itself",
-            hint="name the program that measures in measure_call",
-            name="measure_call",
-            value=call,
-        )
 
 
 def _check_text(name: str, text: str) -> None:
-    if text and (not _TEXT.fullmatch(text) or _FOLD.match(text)):
+    check_text(name, text, TEXT_LENGTH)
+    if _FOLD.match(text):
         raise InputError(
-            f"{name} {text!a} cannot stand in a comment",
-            hint=f"use at most {TEXT_LENGTH} ASCII characters, not beginning with FOLD",
+            f"{name} {text!a} would hide the lines behind it",
+            hint="begin it with another word than FOLD and ENDFOLD",
             name=name,
             value=text,
-            bound=TEXT_LENGTH,
         )
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.robots import POSITIVE_AXES
-from posedesign.programs.reading import ascii_lines, joint_deg, read_program_bytes, refuse
+from posedesign.programs.reading import text_lines, joint_deg, read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 MOST_COLUMNS = 64
@@ -84,7 +84,7 @@ def _rows(
     """Line and fields of each row, and of the header where there is one."""
     rows: list[tuple[int, list[str]]] = []
     header = None
-    for line, content in enumerate(ascii_lines(data.removeprefix(b"\xef\xbb\xbf"), path), start=1):
+    for line, content in enumerate(text_lines(data.removeprefix(b"\xef\xbb\xbf"), path), start=1):
         text = content.strip()
         if not text or text.startswith(("#", "%", "//")):
             continue

@@ -20,7 +20,10 @@ from posedesign.programs.ur_script.values import decoded, joints_deg
 _REPORT = re.compile(
     r"\bPOSE\s{1,9}(\d{1,6})\s{0,9}q\s{0,9}=\s{0,9}(?:\[([^\[\]]{0,999})(\]?))?", re.ASCII
 )
-_START = re.compile(r"\bPROGRAM\s{1,9}([A-Za-z]\w{0,63})(?!\w)(.{0,99})", re.ASCII)
+_START = re.compile(
+    r"\bPROGRAM\s{1,9}([A-Za-z]\w{0,63})(?!\w)(?:\s{1,9}(PLAN [0-9a-f]{4,16} \d{1,7})(?!\w))?",
+    re.ASCII,
+)
 _IS_LOG = re.compile(rb"\bPOSE\s{1,9}\d{1,6}\s{0,9}q\s{0,9}=\s{0,9}\[")
 _IS_SCRIPT = re.compile(rb"^[ \t]*def[ \t]+\w", re.MULTILINE)
 
@@ -43,7 +46,7 @@ def parse_log(data: bytes, path: Path | str) -> RecordedProgram:
     for row, line in enumerate(lines, start=1):
         start = _START.search(line)
         if start:
-            name, mark, first = start[1], PlanMark.found_in(start[2]) or PlanMark(), row
+            name, mark, first = start[1], PlanMark.found_in(start[2] or "") or PlanMark(), row
     found: dict[int, RecordedPosition] = {}
     for row, line in enumerate(lines[first:], start=first + 1):
         report = _REPORT.search(line)

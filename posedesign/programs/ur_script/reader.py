@@ -9,7 +9,13 @@ above the moves, where there are any: other targets then stand behind all.
 A pose whose joints stand beside it has both: PolyScope stores ``Waypoint_1_p`` and ``Waypoint_1_q``
 together, and below ``# POSE n`` the joints are those planned. Any other ``qnear`` only says which
 arm position is near, and a pose with it is a pose alone. What cannot be known from the text, like
-``movej(pose_add(...))``, is refused, but for moves that are none of the numbered poses.
+``movej(pose_add(...))`` or a list that an element of was assigned to, is refused, but for moves
+that are none of the numbered poses.
+
+Poses are in the base frame, or in the frames of ``pose_trans``, and of the TCP that ``set_tcp`` has
+set above the move, or that ``get_inverse_kin`` names. A TCP that cannot be known from the text, or
+is set in a branch, a loop or a function in another way, leaves the tool frame open. A pose that is
+moved to with two TCPs is refused.
 
 What the robot did is in the log of a run, not in the script: see :mod:`.log`.
 """
@@ -25,13 +31,14 @@ import numpy as np
 from calib.se3 import FloatArray, rotation_exp, transform
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
-from posedesign.programs.ur_script.targets import Target, Variables, split_arguments
+from posedesign.programs.ur_script.targets import Target, Variables, by_name, split_arguments
 from posedesign.programs.ur_script.values import decoded, joints_deg, pose_values
 
 _DEF = re.compile(r"\s*def\s+([A-Za-z]\w{0,63})\s*\(", re.ASCII)
 _OPENS = re.compile(r"\s*(?:def|thread|if|while|for|sec|switch)\b.*:\s*", re.ASCII)
 _ENDS = re.compile(r"\s*end\b", re.ASCII)
 _MOVE = re.compile(r"(?<![\w.])(movej|movel|movep|movec)\s*\(", re.ASCII)
+_SET_TCP = re.compile(r"(?<![\w.])set_tcp\s*\(", re.ASCII)
 _POSE = re.compile(r"\s*POSE\s+(\d{1,6})(?!\w)\s*(.*)", re.ASCII)
 _TITLE = re.compile(r"\s*Title:\s*(.*)")
 _STRING = re.compile(r'"[^"]*"')
@@ -67,6 +74,7 @@ class _ScriptReader:
         self.mark = PlanMark()
         self.depth = 0
         self._variables = Variables()
+        self._tcp: str | None = None
         self._found: dict[tuple[str, int], Target] = {}
         self._poses: dict[tuple[str, int], tuple[int, str]] = {}
         self._numbers: dict[int, tuple[str, int]] = {}
@@ -88,7 +96,9 @@ class _ScriptReader:
             self.depth += 1
         elif _ENDS.match(code):
             self.depth -= 1
-        move = _MOVE.search(code)
+        move, tcp = _MOVE.search(code), _SET_TCP.search(code)
+        if tcp:
+            self._set_tcp(code, tcp.end(), row)
         if move:
             self._move(move[1], code, move.end(), row)
         else:
@@ -101,12 +111,12 @@ class _ScriptReader:
             text, row = self._unknown
             reason = f"the target {text[:40]!a} cannot be known from the text"
             refuse(reason, self.path, row, "move to a list of joints, or read the log of a run")
-        found = self._found or self._variables.joint_targets()
+        found = self._found or self._listed()
         numbers = [number for number, _ in self._poses.values()]
         last = max([*numbers, self.mark.measured or 0]) if numbers else 0
         out: list[RecordedPosition] = []
-        posed: list[tuple[int, FloatArray]] = []
-        frame = next((target.frame for target in found.values() if target.pose is not None), "")
+        posed: list[tuple[int, Target]] = []
+        frames = next((target.frames for target in found.values() if target.pose is not None), ())
         for key, target in found.items():
             last += key not in self._poses
             number, name = self._poses.get(key, (last, target.name))
@@ -115,18 +125,55 @@ class _ScriptReader:
             if target.joints is not None:
                 shown = joints_deg(target.joints, what, self.path, target.row)
             if target.pose is not None:
-                posed.append((len(out), pose_values(target.pose, what, self.path, target.row)))
-                if target.frame != frame:
+                posed.append((len(out), target))
+                if target.frames != frames:
                     reason = f"{what} is in another frame than positions before"
                     hint = "use one frame in pose_trans, or joints"
                     refuse(reason, self.path, target.row, hint)
             out.append(RecordedPosition(number, name, target.row, shown))
         if posed:
-            values = np.stack([row for _, row in posed])
-            poses = transform(rotation_exp(values[:, 3:]), values[:, :3])
-            for (i, _), pose in zip(posed, poses, strict=True):
-                out[i] = replace(out[i], T_user_tool=pose)
+            self._add_poses(out, posed, frames)
         return tuple(out)
+
+    def _listed(self) -> dict[tuple[str, int], Target]:
+        """Lists of joints of a file without moves."""
+        if self._variables.forgotten is not None:
+            name, row = self._variables.forgotten
+            reason = f"an element of {name[:30]} is changed: what it is then is not known"
+            refuse(reason, self.path, row, "give whole lists")
+        return self._variables.joint_targets()
+
+    def _add_poses(
+        self,
+        out: list[RecordedPosition],
+        posed: list[tuple[int, Target]],
+        frames: tuple[str, ...],
+    ) -> None:
+        """Give positions their poses and frames, all in the same user frame."""
+        row = posed[0][1].row
+        T_world_user = np.eye(4)
+        for text in frames:
+            T_world_user = T_world_user @ self._transforms([(text, "the frame", row)])[0]
+        tools = {
+            target.tcp: self._transforms([(target.tcp, "the TCP", target.row)])[0]
+            for _, target in posed
+            if target.tcp is not None
+        }
+        poses = self._transforms(
+            [(t.pose or "", f"position {out[i].number}", t.row) for i, t in posed]
+        )
+        for (i, target), pose in zip(posed, poses, strict=True):
+            out[i] = replace(
+                out[i],
+                T_user_tool=pose,
+                T_world_user=T_world_user,
+                T_tip_tool=None if target.tcp is None else tools[target.tcp],
+            )
+
+    def _transforms(self, texts: list[tuple[str, str, int]]) -> FloatArray:
+        """Poses ``(N, 4, 4)`` of what stands in brackets, with what it is and its line."""
+        values = np.stack([pose_values(text, what, self.path, row) for text, what, row in texts])
+        return transform(rotation_exp(values[:, 3:]), values[:, :3])
 
     def _comment(self, text: str, row: int) -> None:
         pose, title = _POSE.fullmatch(text), _TITLE.fullmatch(text)
@@ -143,19 +190,34 @@ class _ScriptReader:
             reason = f"POSE {self._pose[0]} is not followed by a move to a position"
             refuse(reason, self.path, self._pose[2], "put the move back, or remove the comment")
 
+    def _set_tcp(self, code: str, start: int, row: int) -> None:
+        arguments = split_arguments(code, start) or [""]
+        given = by_name(arguments, ("pose",)).get("pose", "")
+        target = self._variables.target(given, row)
+        known = target is not None and not target.frames
+        tcp = target.pose if target is not None and known else None
+        # inside a branch, a loop or a function nobody knows when it is set
+        self._tcp = tcp if self.depth <= 1 or tcp == self._tcp else None
+
     def _move(self, kind: str, code: str, start: int, row: int) -> None:
         arguments = split_arguments(code, start)
         if arguments is None:
             refuse(f"{kind} has no closing bracket", self.path, row)
+        given = by_name(arguments, ("q",))
+        text = given.get("q", given.get("pose", arguments[0]))
         target = None
         if kind != "movec":
-            target = self._variables.target(arguments[0], row, planned=self._pose is not None)
+            target = self._variables.target(text, row, planned=self._pose is not None)
         if target is None:
             self._no_pose_left()
-            self._unknown = self._unknown or (arguments[0].strip(), row)
+            self._unknown = self._unknown or (text.strip(), row)
             return
+        if target.pose is not None and target.tcp is None:
+            target = replace(target, tcp=self._tcp)
         key = (target.variable, target.row)
-        self._found.setdefault(key, target)
+        if self._found.setdefault(key, target).tcp != target.tcp:
+            reason = f"moves to {target.variable[:30]} with another TCP than before"
+            refuse(reason, self.path, row, "give it one TCP, or move to joints")
         if self._pose is None:
             return
         number, name, line = self._pose

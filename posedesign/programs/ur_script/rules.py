@@ -7,11 +7,14 @@ Nothing was run on a controller.
 rule                   what it asks
 =====================  ==========================================================================
 ``ascii``              plain ASCII characters
-``program``            ``def NAME():`` first, and the call ``NAME()`` last; the name a letter, then
-                       letters, digits, _
+``log``                it is a script: there are no rules for the log of a run
+``program``            ``def NAME():`` first, and its end or the call ``NAME()`` last; the name a
+                       letter, then letters, digits, _
 ``blocks``             each def, thread, if, for, while is closed by its end
 ``brackets``           brackets and quotes are closed on their line
 ``known-function``     each function that is called is one of URScript's, or defined above
+``arguments``          calls that move, wait or measure have as many arguments as they need, and no
+                       keywords but theirs
 ``joints``             a list of joints that is moved to has six numbers within +-363 deg [rad]
 ``pose``               a pose has six numbers, within 10 m and two turns
 ``arm-position``       no ``movej(p[...])``; ``get_inverse_kin`` has qnear: else the controller
@@ -43,21 +46,49 @@ _KNOWN = FUNCTIONS | {"if", "elif", "while", "for", "not", "and", "or", "return"
 
 _DEF = re.compile(r"def ([A-Za-z]\w{0,63})\(\w*(?:, ?\w+)*\):", re.ASCII)
 _OPENS = re.compile(r"(?:def|thread|if|for|while|sec|switch)\b.*:")
-_LIST = re.compile(r"(p?)\[([^\[\]]*)\]")
+_LIST = re.compile(r"(?<!\w)(p?)\[([^\[\]]*)\]")
 _NUMBER = re.compile(r"-?(?:\d{1,6}(?:\.\d{0,20})?|\.\d{1,20})", re.ASCII)
 _ODD = re.compile(r"(?<![\w.])(?:\d[\d.]{0,39}[eE][-+]?\d|nan\b|inf\b|-0(?:\.0*)?(?![\d.]))", re.I)
 _REPORT = re.compile(r"POSE (\d{1,6}) q=")
 _MOST_JOINT_RAD = math.radians(363.0) + 1e-6
 
 
+_LOG = re.compile(rb"\bPOSE {1,9}\d{1,6} {0,9}q {0,9}= {0,9}\[")
+_KEYWORD = re.compile(r"([A-Za-z_]\w{0,99})=(?!=)", re.ASCII)
+_SIGNATURES = {
+    "movej": (1, "q pose a v t r"),
+    "movel": (1, "pose q a v t r"),
+    "movep": (1, "pose q a v r"),
+    "movec": (2, "pose_via pose_to a v r mode"),
+    "get_inverse_kin": (1, "x qnear maxPositionError maxOrientationError tcp"),
+    "pose_trans": (2, "p_from p_from_to"),
+    "set_tcp": (1, "pose tcp_name"),
+    "set_payload": (1, "m cog inertia_matrix"),
+    "sleep": (1, "t"),
+    "popup": (1, "s title warning error blocking"),
+    "textmsg": (1, "s1 s2"),
+    "set_standard_digital_out": (2, "n b"),
+    "set_digital_out": (2, "n b"),
+    "get_actual_joint_positions": (0, ""),
+    "freedrive_mode": (0, "freeAxes feature"),
+    "end_freedrive_mode": (0, ""),
+}
+"""Arguments that a call must have, and the names of all that it can have."""
+
+
 def check_ur_script(data: bytes) -> list[Problem]:
     """Problems in the content of a file, at most 1000; none is a good script. Never fails."""
+    log = _LOG.search(data)
+    if log and not re.search(rb"^[ \t]*def\b", data, re.MULTILINE):
+        row = data.count(b"\n", 0, log.start()) + 1
+        return [Problem(row, "log", "this is the log of a run, for which there are no rules")]
     found = list(statements(data.decode("latin-1")))  # any byte is a character: none is lost
     checks = (
         _check_bytes(data),
         _check_program(found),
         _check_blocks(found),
         _check_functions(found),
+        _check_arguments(found),
         _check_moves(found),
         _check_numbers(found),
         _check_measuring(found),
@@ -80,7 +111,7 @@ def _check_program(found: list[Statement]) -> Iterator[Problem]:
     definition = _DEF.fullmatch(first.code)
     if not definition or not first.code.endswith("():"):
         yield Problem(first.line, "program", f"{first.code[:40]!a} where def NAME(): is due")
-    elif last.code != f"{definition[1]}()":
+    elif last.code not in (f"{definition[1]}()", "end"):
         reason = f"{last.code[:40]!a} where the call {definition[1]}() is due"
         yield Problem(last.line, "program", reason)
 
@@ -112,12 +143,35 @@ def _check_functions(found: list[Statement]) -> Iterator[Problem]:
                 yield Problem(statement.line, "known-function", f"{name} is not defined above")
 
 
+def _check_arguments(found: list[Statement]) -> Iterator[Problem]:
+    for statement in found:
+        for name in dict.fromkeys(statement.calls):
+            given = arguments(statement.code, name) if name in _SIGNATURES else None
+            if given is None:
+                continue
+            least, names = _SIGNATURES[name]
+            count = 0 if given == [""] else len(given)
+            # a name beside that of the first argument is the same one's: q or pose
+            most = len(names.split()) - (name in ("movej", "movel", "movep"))
+            keywords = [found[1] for text in given if (found := _KEYWORD.match(text))]
+            odd = sorted(set(keywords) - set(names.split()))
+            empty = count > 0 and "" in given
+            if odd or empty or len(set(keywords)) < len(keywords):
+                what = f"{name} has no {odd[0][:30]}" if odd else f"{name}: one is empty or twice"
+                yield Problem(statement.line, "arguments", what)
+            elif not least <= count <= most:
+                reason = f"{name} has {count} arguments, not {least} to {most}"
+                yield Problem(statement.line, "arguments", reason)
+
+
 def _check_moves(found: list[Statement]) -> Iterator[Problem]:
     has_tcp = False
     for statement in found:
         calls = statement.calls
         has_tcp = has_tcp or "set_tcp" in calls
         move = next((name for name in calls if name in ("movej", "movel", "movep")), "")
+        for rule, reason in _list_faults(statement.code, joints=bool(move)):
+            yield Problem(statement.line, rule, reason)
         if not move:
             continue
         given = arguments(statement.code, move) or [""]
@@ -136,7 +190,13 @@ def _target_faults(move: str, target: str, code: str) -> Iterator[tuple[str, str
         given = arguments(code, "get_inverse_kin") or []
         if len(given) < 2 or not given[1]:
             yield "arm-position", "get_inverse_kin without qnear"
+
+
+def _list_faults(code: str, *, joints: bool) -> Iterator[tuple[str, str]]:
+    """Of poses, and of lists of joints in a move."""
     for is_pose, body in _LIST.findall("".join(code.split())):
+        if not is_pose and not joints:
+            continue
         values = [float(part) if _NUMBER.fullmatch(part) else None for part in body.split(",")]
         if any(value is None for value in values):
             continue  # an expression, or a number that another rule refuses

@@ -10,13 +10,21 @@ from posedesign.programs.ur_script.values import JOINTS
 _ASSIGNED = re.compile(r"(?:(?:global|local)\s+)?([A-Za-z_]\w{0,99})\s*=(.*)", re.ASCII)
 _LIST = re.compile(r"(p?)\s*\[([^\[\]]*)\]", re.ASCII)
 _NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+_ELEMENT = re.compile(r"(?:(?:global|local)\s+)?([A-Za-z_]\w{0,99})\s*[\[.][^=]*=", re.ASCII)
 _CALL = re.compile(r"(get_inverse_kin|pose_trans)\s*\(", re.ASCII)
-_NEAR = re.compile(r"qnear\s*=\s*", re.ASCII)
+_KEYWORD = re.compile(r"\s*([A-Za-z_]\w{0,99})\s*=(?!=)(.*)", re.ASCII | re.DOTALL)
 _STEM = re.compile(r"(.+)_[qp]")
 _POINTS = re.compile(r"[()\[\],]")
 
 _DEEPEST = 4
 """get_inverse_kin(pose_trans(frame, pose)) with variables needs no more."""
+
+
+_INVERSE = ("x", "qnear", "maxPositionError", "maxOrientationError", "tcp")
+"""Parameters of get_inverse_kin."""
+
+_ACTIVE_TCP = "active_tcp"
+"""Its default: the TCP that was set."""
 
 
 @dataclass(frozen=True)
@@ -31,15 +39,18 @@ class Target:
         That holds it; empty where it stands in the move itself.
     joints, pose : str or None
         What is inside the brackets.
-    frame : str
-        What the pose is in, as it stands; empty for the base frame.
+    frames : tuple of str
+        Poses of the frames that the pose is in, as they stand, from the base frame on.
+    tcp : str or None
+        Pose of the TCP that is brought there, as it stands, where the expression says which.
     """
 
     row: int
     variable: str
     joints: str | None = None
     pose: str | None = None
-    frame: str = ""
+    frames: tuple[str, ...] = ()
+    tcp: str | None = None
 
     @property
     def name(self) -> str:
@@ -53,11 +64,19 @@ class Variables:
 
     def __init__(self) -> None:
         self._lists: dict[str, Target] = {}
+        self.forgotten: tuple[str, int] | None = None
 
     def assign(self, code: str, row: int) -> None:
-        """Take a statement; others than assignments are ignored."""
-        assigned = _ASSIGNED.fullmatch(code.strip())
+        """Take a statement; others than assignments are ignored.
+
+        A list that an element of is assigned to is not known any more.
+        """
+        code = code.strip()
+        assigned = _ASSIGNED.fullmatch(code)
         if not assigned:
+            element = _ELEMENT.match(code)
+            if element and self._lists.pop(element[1], None):
+                self.forgotten = self.forgotten or (element[1], row)
             return
         found = _LIST.fullmatch(assigned[2].strip())
         if found:
@@ -94,26 +113,32 @@ class Variables:
         arguments = split_arguments(text, call.end()) if call else None
         if call is None or arguments is None or depth > _DEEPEST:
             return None
+        if call.end() + sum(len(part) + 1 for part in arguments) != len(text):
+            return None  # something is behind its closing bracket
         if call[1] == "pose_trans":
             return self._in_frame(arguments, row, depth)
         return self._inverse(arguments, row, planned, depth)
 
     def _in_frame(self, arguments: list[str], row: int, depth: int) -> Target | None:
-        if len(arguments) != 2:
-            return None
-        inner = self.target(arguments[1], row, depth=depth + 1)
-        frame = self.target(arguments[0], row, depth=depth + 1)
+        given = by_name(arguments, ("p_from", "p_from_to"))
+        inner = self.target(given.get("p_from_to", ""), row, depth=depth + 1)
+        frame = self.target(given.get("p_from", ""), row, depth=depth + 1)
         if inner is None or inner.pose is None or frame is None or frame.pose is None:
             return None
-        return replace(inner, frame=f"{frame.pose} {inner.frame}".strip())
+        return replace(inner, frames=(*frame.frames, frame.pose, *inner.frames))
 
     def _inverse(self, arguments: list[str], row: int, planned: bool, depth: int) -> Target | None:
-        pose = self.target(arguments[0], row, depth=depth + 1)
+        given = by_name(arguments, _INVERSE)
+        pose = self.target(given.get("x", ""), row, depth=depth + 1)
         if pose is None or pose.pose is None:
             return None
-        named = [text for text in arguments[1:] if _NEAR.match(text.strip())]
-        near_text = _NEAR.sub("", named[0].strip(), count=1) if named else "".join(arguments[1:2])
-        near = self.target(near_text, row, depth=depth + 1)
+        tcp = given.get("tcp", _ACTIVE_TCP).strip()
+        if tcp not in (_ACTIVE_TCP, '""'):
+            named = self.target(tcp, row, depth=depth + 1)
+            if named is None or named.pose is None or named.frames:
+                return None
+            pose = replace(pose, tcp=named.pose)
+        near = self.target(given.get("qnear", ""), row, depth=depth + 1)
         if near is None or near.joints is None:
             return pose
         in_pair = bool(pose.variable) and (pose.variable, near.variable) == (
@@ -122,6 +147,18 @@ class Variables:
         )
         in_move = planned and not pose.variable and not near.variable
         return replace(pose, joints=near.joints) if in_pair or in_move else pose
+
+
+def by_name(arguments: list[str], names: tuple[str, ...]) -> dict[str, str]:
+    """Arguments of a call by the names of its parameters, given by place or ``name=value``."""
+    given = {}
+    for k, text in enumerate(arguments):
+        keyword = _KEYWORD.match(text)
+        if keyword:
+            given[keyword[1]] = keyword[2]
+        elif k < len(names):
+            given[names[k]] = text
+    return given
 
 
 def split_arguments(text: str, start: int) -> list[str] | None:

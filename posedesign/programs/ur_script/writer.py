@@ -29,9 +29,16 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.se3 import FloatArray, rotation_log
-from posedesign.programs.arm import Arm
+from posedesign.programs.arm import Arm, Load
 from posedesign.programs.program import PoseProgram, ProgramPose, in_range
-from posedesign.programs.writing import NameRule, plain, plain_all, shown_deg
+from posedesign.programs.writing import (
+    NameRule,
+    check_call,
+    check_text,
+    plain,
+    plain_all,
+    shown_deg,
+)
 
 _WORDS = (
     "AND BREAK CONTINUE DEF ELIF ELSE END ENTER_CRITICAL EXIT_CRITICAL FALSE FOR GLOBAL HALT IF "
@@ -63,8 +70,16 @@ MOST_JOINT_DEG = 363.0
 TEXT_LENGTH = 80
 """Characters of a remark: longer ones are cut in the log."""
 
+FORBIDDEN = '"\\'
+"""Quotes and backslashes end or change a text."""
+
+MOST_MASS_KG = 1000.0
+"""No arm carries so much."""
+
+MOST_CENTRE_M = 5.0
+"""Nor so far from its flange."""
+
 _TEXT = re.compile(r"[ !#-\[\]-~]*")
-"""Without quotes and backslashes."""
 
 
 def render_ur_script(program: PoseProgram, arm: Arm) -> str:
@@ -78,6 +93,7 @@ def render_ur_script(program: PoseProgram, arm: Arm) -> str:
     program : PoseProgram
     arm : Arm
         Its tool frame becomes the TCP; its user frame is written where it is not the base frame.
+        Its load becomes the payload; where it is not known, that of the installation stays.
 
     Raises
     ------
@@ -99,23 +115,15 @@ def render_ur_script(program: PoseProgram, arm: Arm) -> str:
 
 def _check_options(program: PoseProgram) -> None:
     options = program.options
-    _check_text("comment", options.comment)
+    check_text("comment", options.comment, TEXT_LENGTH, FORBIDDEN)
     in_range("settle_s", options.settle_s, 0, 1e4)
     in_range("measure_pulse_s", options.measure_pulse_s, 0, 1e4)
     if options.measure_output is not None:
         in_range("measure_output", options.measure_output, 0, MOST_OUTPUT)
-    if options.measure_call is not None:
-        NAMES.check(options.measure_call)
-        if options.measure_call == program.name:
-            raise InputError(
-                f"program {program.name} would call itself",
-                hint="name the function that measures in measure_call",
-                name="measure_call",
-                value=options.measure_call,
-            )
+    check_call(NAMES, options, program.name)
     for pose in program.poses:
         what = f"comment of pose {pose.name!r}"
-        _check_text(what, pose.comment)
+        check_text(what, pose.comment, TEXT_LENGTH, FORBIDDEN)
         if pose.comment.lstrip().startswith(("POSE ", "PLAN ", "PROGRAM ", "Title:")):
             raise InputError(
                 f"{what} {pose.comment!a} would be read as what the script says of its poses",
@@ -123,17 +131,6 @@ def _check_options(program: PoseProgram) -> None:
                 name=pose.name,
                 value=pose.comment,
             )
-
-
-def _check_text(name: str, text: str) -> None:
-    if len(text) > TEXT_LENGTH or not _TEXT.fullmatch(text):
-        raise InputError(
-            f"{name} {text!a} cannot stand in a script",
-            hint=f"use at most {TEXT_LENGTH} ASCII characters, without quotes and backslashes",
-            name=name,
-            value=text,
-            bound=TEXT_LENGTH,
-        )
 
 
 def _joints_deg(program: PoseProgram, arm: Arm) -> FloatArray:
@@ -182,9 +179,19 @@ def _head(program: PoseProgram, arm: Arm) -> Iterator[str]:
     frames = np.stack([arm.T_tip_tool, arm.T_world_user])
     tool, user = _pose_lists(frames)
     yield f"set_tcp({tool})"
+    if arm.load is not None:
+        yield _payload(arm.load)
     if options.form == "cartesian" and not np.array_equal(arm.T_world_user, np.eye(4)):
         yield f"user_frame = {user}"
     yield f'textmsg("PROGRAM {program.name} {program.mark}")'.replace(' ")', '")')
+
+
+def _payload(load: Load) -> str:
+    """Mass and centre of what the flange carries: in freedrive the arm sinks or rises without."""
+    in_range("mass of the load", load.mass_kg, 0.0, MOST_MASS_KG)
+    for value in load.com_m:
+        in_range("centre of the load", float(value), -MOST_CENTRE_M, MOST_CENTRE_M)
+    return f"set_payload({plain(load.mass_kg, 4)}, [{', '.join(plain_all(load.com_m, 6))}])"
 
 
 def _measuring(program: PoseProgram) -> Iterator[str]:

@@ -44,6 +44,7 @@ class YaskawaJbi(Dialect):
     suffixes: ClassVar[tuple[str, ...]] = (".jbi",)
     names: ClassVar[NameRule] = NAMES
     newline: ClassVar[str] = "\r\n"
+    numbered_frames: ClassVar[bool] = True
     joint_step_deg: ClassVar[float] = 1e-3
     """About a pulse: arms have some hundreds to thousands in a degree."""
 

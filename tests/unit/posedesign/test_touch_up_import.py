@@ -12,8 +12,8 @@ import pytest
 from calib.errors import FileFormatError, InputError
 from posedesign.cell import Cell
 from posedesign.planner import plan
+from posedesign.program_frames import arm_of
 from posedesign.programming import (
-    arm_of,
     program_options,
     usual_dialect,
     with_approaches,
@@ -81,8 +81,8 @@ def test_what_was_touched_up_comes_back(
     moved = point(touched).point(tool) - point(planned.measured.postures).point(tool)
     np.testing.assert_allclose(back.moved_mm, 1e3 * np.linalg.norm(moved, axis=1), atol=0.06)
     assert (back.untouched, back.missing) == ((), ())
-    (rounding,) = back.warnings
-    assert "joints are stored to 0.001 deg" in rounding
+    assert len(back.warnings) == (form == "joint")
+    assert all("joints are stored to 0.001 deg" in line for line in back.warnings)
 
 
 def test_what_rounding_adds_is_what_it_moves_the_tool_by(
@@ -127,7 +127,9 @@ def test_poses_that_were_not_touched_up_are_left_out(
     assert back.touch_ups.names == tuple(n for n in names if n not in back.untouched)
     kept = import_touch_ups(reference_cell, [path], planned, keep_untouched=True)
     assert kept.touch_ups.names == names
-    blind = import_touch_ups(reference_cell, [path])
+    with pytest.raises(InputError, match=r"was written from the plan .*: without it nobody"):
+        import_touch_ups(reference_cell, [path])
+    blind = import_touch_ups(reference_cell, [path], keep_untouched=True)
     assert blind.touch_ups.count == len(names)
     assert np.isnan(blind.moved_mm).all()
 
@@ -278,3 +280,79 @@ def test_files_that_are_no_programs_are_named(reference_cell: Cell, tmp_path: Pa
     path.write_text("nothing")
     with pytest.raises(FileFormatError, match="does not start with /PROG"):
         import_touch_ups(reference_cell, [path])
+
+
+def test_a_foreign_program_is_not_joined_by_its_numbers(
+    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    """Without a mark of the plan, positions have to be near those of the plan."""
+    path = returned(reference_cell, planned, touched[::-1], tmp_path)
+    path.write_text(path.read_text().replace("!PLAN", "!NOTE"))
+    back = import_touch_ups(reference_cell, [path], planned)  # all touch the same target
+    assert back.warnings
+    far = touched.copy()
+    far[3, 1] += np.deg2rad(3.0)
+    path = returned(reference_cell, planned, far, tmp_path)
+    path.write_text(path.read_text().replace("!PLAN", "!NOTE"))
+    name = planned.measured.names[3]
+    with pytest.raises(InputError, match=rf"position 4 is .* mm from where the plan has {name}"):
+        import_touch_ups(reference_cell, [path], planned)
+    # the way back to the base posture cannot be told from a pose
+    assert import_touch_ups(reference_cell, [path]).touch_ups.count == 28
+
+
+def test_names_that_several_positions_have_are_told_apart(
+    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    path = returned(reference_cell, planned, touched, tmp_path)
+    text = path.read_text().replace("!PLAN", "!NOTE")
+    for name in planned.measured.names[:3]:
+        text = text.replace(f'"{name}"', '"App"')
+    path.write_text(text)
+    names = import_touch_ups(reference_cell, [path]).touch_ups.names
+    assert names[:3] == ("App_1", "App_2", "App_3")
+    assert len(set(names)) == len(names)
+
+
+def test_poses_in_other_frames_are_refused(
+    make_cell: Callable[..., Cell], planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    user = {"user_frame": 3, "user": {"at_mm": [100.0, 0.0, 0.0]}}
+    cell = make_cell(program=user)
+    path = returned(cell, planned, touched, tmp_path, "cartesian")
+    assert import_touch_ups(cell, [path], planned).touch_ups.count == 27
+    for other, message in (
+        ({"user_frame": 2, "user": user["user"]}, "is in user frame 3, the cell has 2"),
+        ({**user, "tool_frame": 5}, "is in tool frame 1, the cell has 5"),
+        ({"user_frame": 3}, "poses in user frame 3 need to know where it is"),
+    ):
+        with pytest.raises(InputError, match=message):
+            import_touch_ups(make_cell(program=other), [path], planned)
+    text = path.read_text()
+    path.write_text(text.replace("\tUF : 3, UT : 1,", "\tUF : F, UT : F,"))
+    warnings = import_touch_ups(cell, [path], planned).warnings
+    assert any("does not say in which frames" in line for line in warnings)
+
+
+def test_poses_are_not_written_into_a_frame_that_nobody_knows(
+    make_cell: Callable[..., Cell], planned: PoseList, tmp_path: Path
+) -> None:
+    cell = make_cell(program={"user_frame": 3, "form": "cartesian"})
+    options = program_options(cell, planned)
+    with pytest.raises(InputError, match="poses in user frame 3 need to know where it is"):
+        write_program(planned, tmp_path, "fanuc-ls", options, "CAL", cell)
+    joint = replace(options, form="joint")
+    assert not write_program(planned, tmp_path, "fanuc-ls", joint, "CAL", cell).note
+    world = make_cell(program={"form": "cartesian"})
+    written = write_program(
+        planned, tmp_path, "fanuc-ls", program_options(world, planned), "CAL", world
+    )
+    assert "tool frame 1 is taken to be the cell's tool point (200, -50, 350) mm" in written.note
+
+
+def test_one_pose_has_no_condition_to_move(
+    reference_cell: Cell, planned: PoseList, tmp_path: Path
+) -> None:
+    one = PoseList(planned.names[:1], planned.postures[:1], planned.via[:1])
+    options = program_options(reference_cell, one)
+    assert not write_program(one, tmp_path, "fanuc-ls", options, "CAL", reference_cell).warning

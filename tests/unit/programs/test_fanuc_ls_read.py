@@ -42,7 +42,7 @@ LOCAL_REGISTERS\t= 0,0,0;
 AUTO_SINGULARITY_HEADER;
   ENABLE_SINGULARITY_AVOIDANCE   : FALSE;
 /MN
-   1:  !PLAN 00C0FFEE ;
+   1:  !PLAN 00c0ffee 12 ;
    2:  WKZ_NUM=1 ;
    3:J P[1:left] 10% FINE    ;
    4:J P[2] 100% CNT0 ACC100 ZEIT VOR    .10sek,P-SPS    ;
@@ -215,17 +215,38 @@ def test_an_extended_axis_may_not_carry_the_arm() -> None:
     rail = ("6.000 deg\n", "6.000 deg,\n\tE1=   100.000  mm\n")
     both = SMALL.replace("/END", SECOND + "/END").replace(*rail)
     assert len(parse(both).positions) == 2
-    with pytest.raises(FileFormatError, match=r"P\[2\]: E1 differs from P\[1\]") as caught:
-        parse(both[::-1].replace("100.000"[::-1], "100.001"[::-1], 1)[::-1])
-    assert caught.value.row == 14
-    with pytest.raises(FileFormatError, match="E1 differs"):
+    assert len(parse(both[::-1].replace("100.000"[::-1], "100.001"[::-1], 1)[::-1]).positions) == 2
+    with pytest.raises(FileFormatError, match=r"P\[2\]: E1 differs from that of P\[1\]") as caught:
+        parse(both[::-1].replace("100.000"[::-1], "100.100"[::-1], 1)[::-1])
+    assert caught.value.row == 18
+    with pytest.raises(FileFormatError, match=r"P\[2\]: E1 is not there as in P\[1\]"):
         parse(SMALL.replace(*rail).replace("/END", SECOND + "/END"))
+    zeros = both[::-1].replace("100.000"[::-1], "-.000"[::-1], 1)[::-1].replace("100.000", "0.000")
+    assert len(parse(zeros).positions) == 2
 
 
-def test_bytes_that_are_not_ascii_are_named_with_their_line() -> None:
-    with pytest.raises(FileFormatError, match="line 2: holds the byte 0xe9") as caught:
-        parse_fanuc_ls(SMALL.replace("/ATTR", "/ATTR é").encode("latin-1"), "X.LS")
+def test_another_motion_group_may_not_move_either() -> None:
+    group = "6.000 deg\n   GP2:\n\tUF : 0, UT : 1,\t\n\tJ1=   100.000  mm\n"
+    both = SMALL.replace("/END", SECOND + "/END").replace("6.000 deg\n", group)
+    assert len(parse(both).positions) == 2
+    with pytest.raises(FileFormatError, match=r"P\[2\]: GP2 J1 differs from that of P\[1\]"):
+        parse(both[::-1].replace("100.000"[::-1], "200.000"[::-1], 1)[::-1])
+
+
+def test_letters_of_any_language_are_taken_and_other_bytes_named() -> None:
+    text = SMALL.replace("   1:J", "   1:  !Prise pi\xe8ce ;\n   2:J")
+    assert parse_fanuc_ls(text.encode("latin-1"), "X.LS").positions
+    with pytest.raises(FileFormatError, match="line 2: holds the byte 0x01") as caught:
+        parse_fanuc_ls(SMALL.replace("/ATTR", "/ATTR \x01").encode("latin-1"), "X.LS")
     assert caught.value.row == 2
+
+
+def test_a_remark_of_a_person_is_no_mark_of_a_plan() -> None:
+    for remark in ("SEE PLAN face 2", "FLOORPLAN 4711 2", "PLAN BEAD 1", "PLAN beef"):
+        text = SMALL.replace("   1:J", f"   1:  !{remark} ;\n   2:J")
+        assert parse(text).fingerprint == ""
+    text = SMALL.replace("   1:J", "   1:  !PLAN 1a2b3c4d 27 ;\n   2:J")
+    assert (parse(text).mark.fingerprint, parse(text).mark.measured) == ("1a2b3c4d", 27)
 
 
 def test_a_huge_file_is_refused(tmp_path: Path) -> None:

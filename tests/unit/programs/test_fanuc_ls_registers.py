@@ -62,9 +62,10 @@ def test_a_backup_is_read_by_register(tmp_path: Path) -> None:
         ("J3 =", "J2 =", 3, r"PR\[1\] has J2 twice"),
         ("W:    90.594", "", 9, r"PR\[3\]: W is missing"),
         ("Config: N U T", "Config: N Q T", 9, r"PR\[3\]"),
-        ("EXT1:     0.000 mm\n    [1,8]", "EXT1:     1.000 mm\n    [1,8]", 9, "E1 differs"),
+        ("EXT1:     0.000 mm\n    [1,8]", "EXT1:     1.000 mm\n    [1,8]", 12, "E1 differs"),
         ("    [1,1] =   'HOME'   Group: 1\n", "", 2, "cannot make sense of"),
         ("J3 =", "?3 =", 3, "cannot make sense of"),
+        ("    [1,8] = '' Uni", "    [1,1] = '' Uni", 13, r"PR\[1\] is there twice"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(old: str, new: str, line: int, message: str) -> None:

@@ -72,11 +72,11 @@ def test_a_good_file_has_no_problems(tmp_path: Path) -> None:
         ("/MN\n", "/APPL\n/APPL\n\nAUTO_SINGULARITY_HEADER;\n/MN\n"),
         ("J P[1] 10% FINE    ;", "J P[1:T1 CNT -1] 10% FINE;"),
         ("WAIT   1.00(sec) ;\n   6:", "WAIT R[1:CALL X(-1)]                  ;\n   6:"),
-        ("!PLAN abcdef12", "!CALL X(-1) at 1e5"),
-        ("!PLAN abcdef12", "//CALL X(-1)"),
-        ("!PLAN abcdef12", "WAIT (R[1]<(-2.5))"),
-        ("!PLAN abcdef12", "R[1]=R[2]-1"),
-        ("!PLAN abcdef12", "MESSAGE[a]"),
+        ("!PLAN abcdef12 2", "!CALL X(-1) at 1e5"),
+        ("!PLAN abcdef12 2", "//CALL X(-1)"),
+        ("!PLAN abcdef12 2", "WAIT (R[1]<(-2.5))"),
+        ("!PLAN abcdef12 2", "R[1]=R[2]-1"),
+        ("!PLAN abcdef12 2", "MESSAGE[a]"),
         ("MEASURE(1)", "MEASURE((-1))"),
         ("MEASURE(1)", "MEASURE('it, -1, was 1e5')"),
         ("J P[1] 10% FINE    ;", "C P[1]    \n    :  P[1] 10mm/sec FINE    ;"),
@@ -97,7 +97,7 @@ ONE_RULE = [
     ("sections", "/END\n", "/END\nmore\n", "in no section"),
     ("sections", "/PROG", "first\n/PROG", "in no section"),
     ("sections", "/POS\n", "/APPL\n/POS\n", "/APPL stands between"),
-    ("program-name", "/PROG  CALPOSE", "/PROG  CALPOSES1", "8 characters"),
+    ("program-name", "/PROG  CALPOSE", "/PROG  " + 37 * "C", "36 characters"),
     ("program-name", "/PROG  CALPOSE", "/PROG  calpose", "a letter"),
     ("program-name", "/PROG  CALPOSE", "/PROG  7CAL", "a letter"),
     ("program-name", "/PROG  CALPOSE", "/PROG CALPOSE", "two spaces"),
@@ -117,7 +117,21 @@ ONE_RULE = [
     ("position-format", "J6=     6.000 deg", "J6=     6.000 deg, J7=     6.000 deg", "J7"),
     ("position-format", "J6=     6.000 deg", "J6=     6.000 deg; rubbish", "cannot be under"),
     ("position-format", "   GP1:\n", "", "no group GP1"),
-    ("position-defined", "MEASURE(2)", "MEASURE(2) P[3]", "P[3] is not defined"),
+    ("configuration", "UT : 1,\t", "UT : 1,\tCONFIG : 'N U T, 0, 0, 0',", "P[1] has a CONFIG"),
+    ("unit", "J1=     1.000 deg", "J1=     1.000  mm", "J1 is in mm, not in deg"),
+    ("range", "J1=     1.000", "J1=   721.000", "J1 is 721.000"),
+    ("motion", "P[1] 10% FINE", "P[1] 0% FINE", "from 1% to 100%"),
+    ("motion", "P[1] 10% FINE", "P[1] 150% FINE", "from 1% to 100%"),
+    ("motion", "P[1] 10% FINE", "P[1] FINE", "a position, a speed"),
+    ("motion", "P[1] 10% FINE", "P[1] 10mm/sec FINE", "a position, a speed"),
+    ("motion", "P[1] 10% FINE", "P[1] 10% FINE INC", "INC moves to another place"),
+    ("motion", "P[1] 10% FINE", "P[1] 10% FINE Offset,PR[1]", "moves to another place"),
+    ("motion", "P[1] 10% FINE", "P[1] 10% FINE FAST", "'FAST' is not known"),
+    ("instruction", "!PLAN abcdef12 2", "FOO BAR", "no instruction 'FOO BAR'"),
+    ("instruction", "!PLAN abcdef12 2", "WAIT", "no instruction 'WAIT'"),
+    ("instruction", "!PLAN abcdef12 2", "WAIT 0.5 sec", "no instruction"),
+    ("instruction", "CALL MEASURE(2)", "CALL", "no instruction 'CALL'"),
+    ("position-defined", "!PLAN abcdef12 2", "PR[1]=P[3]", "P[3] is not defined"),
     ("position-unique", "/END", P2 + "/END", "P[2] is defined twice"),
     ("position-used", "/END", P2.replace("P[2", "P[3") + "/END", "P[3] is never used"),
     ("frame", "UFRAME_NUM=0", "UFRAME_NUM=1", "P[1] has UF 0, UFRAME_NUM is 1"),
@@ -125,17 +139,17 @@ ONE_RULE = [
     ("frame", "UTOOL_NUM=1", "UTOOL_NUM=R[1]", "UTOOL_NUM is not set"),
     ("frame", "  CALL MEASURE(1)", "  UTOOL_NUM=2", "P[2] has UT 1, UTOOL_NUM is 2"),
     ("fine-before-call", "P[1] 10% FINE", "P[1] 10% CNT0", "standstill (FINE) before the CALL"),
-    ("fine-before-call", "!PLAN abcdef12", "CALL INIT", "standstill"),
+    ("fine-before-call", "!PLAN abcdef12 2", "CALL INIT", "standstill"),
     ("number", "1.000 deg,\tJ2=    -2", "1e0 deg,\tJ2=    -2", "J1 is '-1e0'"),
     ("number", "1.000 deg,\tJ2=     2", "NaN deg,\tJ2=     2", "J1 is 'NaN'"),
     ("number", "J1=     1.000", "J1=    -0.000", "J1 is '-0.000'"),
     ("number", "J1=     1.000", "J1=  ********", "J1 is '********'"),
-    ("number", "!PLAN abcdef12", "R[1]=1.5E-6", "exponents"),
-    ("number", "!PLAN abcdef12", "WAIT nan(sec)", "NaN"),
+    ("number", "!PLAN abcdef12 2", "R[1]=1.5E-6", "exponents"),
+    ("number", "!PLAN abcdef12 2", "R[1]=nan", "NaN"),
     ("negative-argument", "MEASURE(1)", "MEASURE(-1)", "(-1)"),
     ("negative-argument", "MEASURE(1)", "MEASURE(1,-1)", "(-1)"),
-    ("negative-argument", "!PLAN abcdef12", "IF (R[1]<-2.5),JMP LBL[1]", "(-1)"),
-    ("negative-argument", "!PLAN abcdef12", "FOR R[1]=1 TO -2", "(-1)"),
+    ("negative-argument", "!PLAN abcdef12 2", "IF (R[1]<-2.5),JMP LBL[1]", "(-1)"),
+    ("negative-argument", "!PLAN abcdef12 2", "FOR R[1]=1 TO -2", "(-1)"),
 ]
 
 
@@ -146,6 +160,33 @@ def test_a_file_that_breaks_one_rule(rule: str, old: str, new: str, message: str
     problems = check(text)
     assert {problem.rule for problem in problems} == {rule}
     assert message in " ".join(problem.message for problem in problems)
+
+
+@pytest.mark.parametrize(
+    ("rule", "old", "new", "message"),
+    [
+        ("configuration", "\t\tCONFIG : 'N U T, 0, 0, 0',", "", "P[2] has no CONFIG"),
+        ("configuration", "'N U T", "'Q U T", "no CONFIG 'Q U T"),
+        ("range", "180.000 deg,\tP", "270.000 deg,\tP", "W is 270.000"),
+        ("range", "180.000 deg,\tP", "-180.000 deg,\tP", "W is -180.000"),
+        ("unit", "900.000  mm", "900.000 deg", "X is in deg, not in mm"),
+        ("frame", "UF : 0, UT : 1,\t\tCON", "UF : 0, UT : 0,\t\tCON", "count from 1"),
+    ],
+)
+def test_a_pose_that_breaks_one_rule(rule: str, old: str, new: str, message: str) -> None:
+    text = GOOD.replace(P2[P2.index("\tUF") :], CARTESIAN)
+    assert text.count(old) == 1
+    problems = check(text.replace(old, new))
+    assert [problem.rule for problem in problems] == [rule]
+    assert message in problems[0].message
+
+
+def test_frames_left_open_and_sub_lines_are_what_controllers_write() -> None:
+    text = GOOD.replace("UF : 0, UT : 1,", "UF : F, UT : F,").replace('P[2:"T2"]{', "P[2] {")
+    text = text.replace(
+        "!PLAN abcdef12 2 ;", "TC_ONLINE ON ;\n      1:  A[1]=ON ;\n       ------ ;"
+    )
+    assert check(text) == []
 
 
 def test_every_rule_has_such_a_file() -> None:

@@ -262,11 +262,11 @@ def test_every_proposed_name_is_legal(name: str) -> None:
         ({"tool_frame": 0}, "tool_frame is 0, outside 1 to 10"),
         ({"tool_frame": 11}, "tool_frame is 11"),
         ({"settle_s": 327.68}, "settle_s is 327.68"),
-        ({"comment": "seventeen letters"}, "comment 'seventeen letters' cannot be shown"),
-        ({"comment": 'a "b"'}, "cannot be shown"),
-        ({"comment": "a; b"}, "cannot be shown"),
-        ({"comment": "é"}, "cannot be shown"),
-        ({"comment": "a\nb"}, "cannot be shown"),
+        ({"comment": "seventeen letters"}, "comment 'seventeen letters' cannot stand"),
+        ({"comment": 'a "b"'}, "cannot stand in a comment"),
+        ({"comment": "a; b"}, "cannot stand in a comment"),
+        ({"comment": "é"}, "cannot stand in a comment"),
+        ({"comment": "a\nb"}, "cannot stand in a comment"),
         ({"measure_call": "measure"}, "for instance MEASURE:"),
         ({"measure_call": "CALPOSE"}, "CALPOSE would call itself"),
     ],
@@ -306,7 +306,7 @@ def test_a_program_of_too_many_lines_is_split(tmp_path: Path) -> None:
     poses = (POSES[0], way, POSES[0]) * 2000
     options = ProgramOptions(fingerprint="abcdef12", settle_s=0.0)
     paths = write(PoseProgram("LONGNAME", poses, options), "fanuc-ls", tmp_path)
-    assert [path.name for path in paths] == ["LONGNA_1.LS", "LONGNA_2.LS"]
+    assert [path.name for path in paths] == ["LONAME_1.LS", "LONAME_2.LS"]
     calls: list[int] = []
     for path in paths:
         assert validate(path) == []

@@ -16,6 +16,7 @@ from posedesign.programs import PoseProgram, ProgramOptions, ProgramPose, Record
 from posedesign.programs.arm import Arm
 from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.kuka_krl.writer import render_kuka_krl
+from posedesign.programs.recorded import RecordedPosition
 
 # In the manner of a controller: headers, folds, data of inline forms, a home, a track at rest.
 EXPORT = """\
@@ -30,7 +31,7 @@ EXT  BAS (BAS_COMMAND  :IN,REAL  :IN )
 DECL INT SUCCESS
 ;ENDFOLD (BASISTECH EXT)
 ;ENDFOLD (EXTERNAL DECLARATIONS)
-; PLAN 00C0FFEE 2
+; PLAN 00c0ffee 2
 DECL E6AXIS XHOME={A1 0.0,A2 -90.0,A3 90.0,A4 0.0,A5 0.0,A6 0.0,E1 0.0}
 DECL BASIS_SUGG_T LAST_BASIS={POINT1[] "P2;          ",POINT2[] "{A1 1,A2 2}",CP_PARAMS[] "X"}
 DECL E6POS XP1={X 525.0,Y -10.0,Z 890.25,A 10.5,B -1.2E+01,C -178.565933,S 2,T 35,E1 500.0}
@@ -147,7 +148,9 @@ def test_positions_in_motions_are_read(tmp_path: Path) -> None:
     assert (program.name, program.maker) == ("measure_all", "kuka")
     assert program.mark.words == "PLAN abcd1234 3"
     first, second, _, last = program.positions
-    assert [p.number for p in program.positions] == [1, 2, 3, 4]
+    # behind the three of the plan: they are others, and count as no measurements
+    assert [p.number for p in program.positions] == [4, 5, 6, 7]
+    assert program.measured == ()
     assert [p.tool_frame for p in program.positions] == [5, 5, None, 7]  # once by value
     assert [p.user_frame for p in program.positions] == [6, 6, 6, 8]
     np.testing.assert_array_equal(np.asarray(first.shown_deg), [10, -90, 90, 0, 15, 0])
@@ -182,6 +185,7 @@ SRC = "DEF CAL( )\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n"
         ("DEFDAT CAL\n", "", 2, "does not begin with DEFDAT or DEF"),
         (SMALL, "\n", 1, "there is no DEFDAT and no DEF"),
         (SMALL[SMALL.index("DECL") : SMALL.index("ENDDAT")], "", None, "holds no positions"),
+        ("ENDDAT", "XP1.A1=3\nENDDAT", 5, "XP1 is changed in part"),
         ("ENDDAT", "DEFDAT A\nENDDAT", 5, "A begins inside CAL"),
         ("ENDDAT", f"ENDDAT\nDECL E6AXIS {P1}", 6, "behind the end"),
         (P1, "XP1", 3, "XP1 has no value"),
@@ -234,6 +238,111 @@ def test_what_is_wrong_is_named_with_its_line(
     assert caught.value.row == line
     assert caught.value.hint
     assert "X.dat" in str(caught.value)
+
+
+A = "DECL E6POS A\nA={X 1.0,Y 2.0,Z 3.0,A 4.0,B 5.0,C 6.0,S 2,T 35}\n"
+
+
+@pytest.mark.parametrize(
+    "change", ["A.X=20", "A . X = 20", "A=B", "A=$POS_ACT", "a=A:C", "A=FLIP(A)"]
+)
+def test_a_variable_that_changes_is_not_known_any_more(change: str) -> None:
+    text = f"DEF CAL( )\n{A}PTP A\n{change}\nPTP A\nEND\n"
+    with pytest.raises(FileFormatError, match="A is stored elsewhere") as caught:
+        parse(text, "CAL.src")
+    assert caught.value.row == 6
+    without = text.replace(change, "IF A==B THEN\nENDIF")
+    assert len(parse(without, "CAL.src").positions) == 1
+    # what it was at a motion before stays
+    assert len(parse(text.replace("\nPTP A\nEND", "\nEND"), "CAL.src").positions) == 1
+
+
+@pytest.mark.parametrize("change", ["P[2].X=1", "P[I].X=1", "P[I]=Q[1]", "P[2]=Q"])
+def test_an_element_that_changes_is_not_known_any_more(change: str) -> None:
+    text = f"DEF CAL( )\n{A}P[2]={{A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}}\n{change}\nPTP P[2]\nEND\n"
+    with pytest.raises(FileFormatError, match="P is stored elsewhere"):
+        parse(text, "CAL.src")
+    assert len(parse(text.replace(change, "P[3].X=1"), "CAL.src").positions) == 2
+
+
+TOOL = "$TOOL={X 10.0,Y 0.0,Z 100.0,A 0.0,B 90.0,C 0.0}\n"
+BASE = "$BASE={FRAME: X 500.0,Y 0.0,Z 0.0,A 90.0,B 0.0,C 0.0}\n"
+
+
+def in_frames(before: str, motion: str = "PTP A", behind: str = "") -> RecordedPosition:
+    text = f"DEF CAL( )\n{A}{before}\n{motion}\n{behind}END\n"
+    (position,) = parse(text, "CAL.src").positions
+    return position
+
+
+def test_frames_by_value_are_those_of_the_motion() -> None:
+    # the one that is active where the position is assigned is not that of the motion
+    position = in_frames("$TOOL=TOOL_DATA[3]\n" + TOOL + BASE, behind=TOOL.replace("10.0", "20.0"))
+    tip_tool = transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.01, 0, 0.1])
+    world_user = transform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.5, 0, 0])
+    np.testing.assert_allclose(np.asarray(position.T_tip_tool), tip_tool, atol=1e-15)
+    np.testing.assert_allclose(np.asarray(position.T_world_user), world_user, atol=1e-15)
+    assert (position.tool_frame, position.user_frame) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("before", "motion", "tool", "base"),
+    [
+        ("", "PTP A", None, None),
+        ("$TOOL=TOOL_DATA[3]\nBAS(#BASE,4)", "PTP A", 3, 4),
+        (TOOL + "BAS(#TOOL,3)\n$BASE=$NULLFRAME", "LIN A C_DIS", 3, "value"),
+        ("$TOOL=TOOL_DATA[3]:OFF\n$BASE=BASE_DATA[I]", "PTP A", None, None),
+        ("BAS(#TOOL,3)\n$TOOL.X=20", "PTP A", None, None),
+        ("BAS(#TOOL,3)\nBAS(#TOOL,N)", "PTP A", None, None),
+        ("BAS(#TOOL,3)\n$TOOL={X 1}", "PTP A", None, None),
+        (TOOL + "FDAT_ACT={TOOL_NO 7,BASE_NO 8,IPO_FRAME #BASE}", "PTP A", 7, 8),
+        (TOOL + BASE + "FDAT_ACT=FP1", "PTP A", None, None),
+        ("BAS(#TOOL,3)\nIF B THEN\nBAS(#TOOL,4)\nENDIF", "PTP A", None, None),
+        ("BAS(#TOOL,3)\nIF B THEN\nBAS(#BASE,4)\nENDIF", "PTP A", 3, None),
+        ("BAS(#TOOL,3)\nBAS(#BASE,4)", "SPTP A WITH $TOOL=STOOL2(FP1)", None, 4),
+        ("BAS(#TOOL,3)\nEND\nDEF SUB( )", "PTP A", None, None),
+    ],
+)
+def test_frames_are_known_as_far_as_the_file_says(
+    before: str, motion: str, tool: int | None, base: int | str | None
+) -> None:
+    position = in_frames(before, motion)
+    assert position.tool_frame == tool
+    assert position.user_frame == (base if base != "value" else None)
+    assert position.T_tip_tool is None
+    assert (position.T_world_user is None) == (base != "value")
+
+
+@pytest.mark.parametrize(
+    "change", [TOOL, BASE, "BAS(#TOOL,5)\n", "BAS(#BASE,5)\n", "$TOOL.X=1\n", "FDAT_ACT=F\n"]
+)
+def test_a_position_in_two_frames_is_refused(change: str) -> None:
+    with pytest.raises(FileFormatError, match="A is used in other frames than before") as caught:
+        in_frames("BAS(#TOOL,3)\n$BASE=$NULLFRAME", behind=change + "PTP A\n")
+    assert caught.value.row == 8
+    # the same ones, said again
+    again = in_frames(TOOL + BASE, behind=TOOL + BASE + "PTP A\n")
+    assert again.T_tip_tool is not None
+    # joints do not depend on frames
+    text = f"DEF CAL( )\nP={{A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}}\nPTP P\n{change}PTP P\nEND\n"
+    assert len(parse(text, "CAL.src").positions) == 1
+
+
+def test_a_tool_that_stands_in_the_cell_is_refused() -> None:
+    with pytest.raises(FileFormatError, match="IPO_MODE #TCP"):
+        in_frames("$IPO_MODE=#TCP")
+    assert in_frames("$IPO_MODE=#TCP\n$IPO_MODE=#BASE").number == 1
+    data = "DECL FDAT FP2={TOOL_NO 3,BASE_NO 4,IPO_FRAME #TCP}\nENDDAT"
+    with pytest.raises(FileFormatError, match="stands in the cell"):
+        parse(SMALL.replace("ENDDAT", data))
+
+
+def test_a_position_of_the_operator_is_none_of_the_plan() -> None:
+    text = SMALL.replace(";PLAN abcdef12 2", ";PLAN abcdef12 3\n;P1 T1\n;P2 T2\n;P3 T3\n;P4 via")
+    extra = f"DECL E6AXIS {P1}\nENDDAT".replace("XP1", "XLEFT")
+    program = parse(text.replace("ENDDAT", extra))  # and XP3 was deleted
+    assert [(p.number, p.name) for p in program.positions] == [(1, "T1"), (2, "T2"), (5, "XLEFT")]
+    assert [p.number for p in program.measured] == [1, 2]
 
 
 def test_an_external_axis_may_not_carry_the_arm() -> None:

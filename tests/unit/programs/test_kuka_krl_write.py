@@ -364,12 +364,15 @@ def touched_up(dat: str) -> RecordedProgram:
 
 
 def test_touched_up_positions_stand_in_the_place_of_the_planned_ones() -> None:
-    assert [p.number for p in touched_up(JOINT_DAT).positions] == [1, 2, 3]
+    planned = touched_up(JOINT_DAT)
+    assert [p.number for p in planned.positions] == [1, 2, 3]
+    assert planned.empty_registers
     measured = (
         "XM[12]={A1 -10.5,A2 -70.5,A3 60.5,A4 -5.5,A5 35.5,A6 130.5,E1 0.0,E2 0.0,E3 0.0,"
         "E4 0.0,E5 0.0,E6 0.0}\nENDDAT"
     )
     program = touched_up(JOINT_DAT.replace("ENDDAT", measured))
+    assert not program.empty_registers
     # pose 1 is not measured yet: its planned position is no measurement
     assert [(p.number, p.name) for p in program.positions] == [(2, ""), (3, "way")]
     assert [p.number for p in program.measured] == [2]

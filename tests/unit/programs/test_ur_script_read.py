@@ -161,6 +161,23 @@ def test_joints_beside_a_pose_are_taken_below_its_number_only() -> None:
         (SMALL, "# POSE 2", "# POSE 0", 7, "counted from 1"),
         (POSED, "p[0.4,", "p[400,", 5, "value 1 is 400, beyond"),
         (POSED, "p[0.4, ", "p[", 5, "position 1 has 5 values"),
+        (
+            "q=[1,1,1,1,1,1]\nq[0]=0.5\nmovej(q)\n",
+            "0.5",
+            "0.6",
+            3,
+            "target 'q' cannot be known",
+        ),
+        ("q=[1,1,1,1,1,1]\np1=p[1,0,0,0,0,0]\np1 [2]= 3\nmovel(p1)\n", "1", "2", 4, "'p1' cannot"),
+        ("q=[1,1,1,1,1,1]\nglobal q[0] = 0.5\n", "1", "2", 2, "an element of q is changed"),
+        (
+            SMALL,
+            "  movej([0.1",
+            "  q=[1,1,1,1,1,1]\n  q[5]=2\n  movej(q)\n  movej([0.1",
+            4,
+            "POSE 1 is not",
+        ),
+        ("movej(get_inverse_kin(p[1,0,0,0,0,0])+[1])\n", "1", "2", 1, "cannot be known"),
         ("q=[1,1,1,1,1,1]\nmovej(f(q))\n", "f", "g", 2, r"target 'g\(q\)' cannot be known"),
         ("movej(q)\n", "q", "q[0]", 1, r"target 'q\[0\]' cannot be known"),
         (
@@ -170,6 +187,15 @@ def test_joints_beside_a_pose_are_taken_below_its_number_only() -> None:
             2,
             "in another frame",
         ),
+        (
+            "p1=p[1,0,0,0,0,0]\nset_tcp(p[0,0,1,0,0,0])\nmovel(p1)\nset_tcp(p[0,0,2,0,0,0])\n"
+            "movel(p1)\n",
+            "1",
+            "1",
+            5,
+            "moves to p1 with another TCP than before",
+        ),
+        ("set_tcp(p[800,0,x,0,0,0])\nmovel(p[1,0,0,0,0,0])\n", "x", "y", 2, "the TCP: value 1"),
         ("def x():\nend\n", "x", "y", None, "holds no positions"),
         ("nothing\n", "n", "m", None, "holds no positions"),
     ],
@@ -183,6 +209,47 @@ def test_what_is_wrong_is_named_with_its_line(
     assert caught.value.row == line
     assert caught.value.hint
     assert "x.script" in str(caught.value)
+
+
+def test_frames_that_are_given_by_value() -> None:
+    program = parse(
+        "a=p[1,0,0,0,0,0]\nset_tcp(p[0,0,0.1,0,0,0])\nb=p[0,0,0,0,0,d2r(90)]\n"
+        "movel(pose_trans(pose_trans(a, b), p[0.5,0,0,0,0,0]))\n"
+        "set_tcp(other())\n"
+        "movel(pose=pose_trans(a, p_from_to=pose_trans(b, p[0.6,0,0,0,0,0])), a=1)\n"
+        "movej(get_inverse_kin(pose_trans(a, pose_trans(b, p[0.7,0,0,0,0,0])), tcp=p[0,0,3,0,0,0]))\n"
+    )
+    # a turn about z in a frame that is 1 m along x: user x is the base's y
+    for position, x in zip(program.positions, (0.5, 0.6, 0.7), strict=True):
+        assert position.T_world_user is not None
+        assert position.T_user_tool is not None
+        both = position.T_world_user @ position.T_user_tool
+        np.testing.assert_allclose(both[:3, 3], [1.0, x, 0.0], atol=1e-12)
+    first, second, third = (p.T_tip_tool for p in program.positions)
+    assert first is not None
+    assert third is not None
+    np.testing.assert_allclose(first[:3, 3], [0, 0, 0.1])
+    assert second is None
+    np.testing.assert_allclose(third[:3, 3], [0, 0, 3.0])
+
+
+def test_the_tcp_of_polyscope_and_of_branches() -> None:
+    first = parse(POLYSCOPE).positions[0]
+    assert first.T_tip_tool is not None
+    np.testing.assert_allclose(first.T_tip_tool[:3, 3], [0, 0, 0.1])
+    np.testing.assert_array_equal(first.T_world_user, np.eye(4))
+    branch = POLYSCOPE.replace("set_payload(0.5, [0, 0, 0.05])", "set_tcp(p[0,0,9,0,0,0])")
+    assert parse(branch).positions[0].T_tip_tool is None
+    same = POLYSCOPE.replace(
+        "set_payload(0.5, [0, 0, 0.05])", "set_tcp(p[0.0,0.0,0.1,0.0,0.0,0.0])"
+    )
+    assert parse(same).positions[0].T_tip_tool is not None
+
+
+def test_targets_given_by_name() -> None:
+    program = parse("movej(q=[1, 2, 3, 0, 0, 0], a=1.4)\nmovel(a=1, pose = p[1,0,0,0,0,0])\n")
+    assert joints(program) == {1: pytest.approx([1, 2, 3, 0, 0, 0])}
+    assert program.positions[1].T_user_tool is not None
 
 
 LOG = """\
@@ -206,6 +273,13 @@ def test_a_log_is_read_from_its_last_run() -> None:
     assert [p.line for p in program.positions] == [6, 7]
     bare = parse("POSE 3 q=[1,1,1,1,1,1]\nPOSE 3 q = [1, 1, 1, 1, 1, 1]\n", Path("history.log"))
     assert (bare.name, bare.mark.measured, list(joints(bare))) == ("history", None, [3])
+
+
+def test_the_mark_of_a_log_may_be_followed_by_anything() -> None:
+    for behind in (" (from RTMachine)", '"', " 9"):
+        program = parse(LOG.replace("PLAN abcdef12 2", "PLAN abcdef12 2" + behind))
+        assert (program.fingerprint, program.mark.measured) == ("abcdef12", 2)
+    assert parse(LOG.replace("PLAN abcdef12 2", "PLAN abcdef12 2x")).fingerprint == ""
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,9 @@ def test_good_files_have_no_problems(tmp_path: Path) -> None:
         'popup("[1e5 # (not code")  # 1e5 [',
         '$ 3 "Waypoint_1" "breakAfter"',
         "x = norm(a) - 0.5",
+        "temp[0] = 3",
+        "movej(q=[0, 0, 0, 0, 0, 0], a=1.4)",
+        "set_payload(1.25, [0, 0, 0.05])",
         "def other(a, b):\n  return a + b\n  end\n  other(1, 2)",
     ],
 )
@@ -57,11 +60,47 @@ def test_what_others_write_too_is_accepted(line: str) -> None:
     assert check(GOOD.replace("  # POSE 2 T-1", f"  {line}\n  # POSE 2 T-1")) == []
 
 
+# What PolyScope puts before a program of somebody, and there is no call behind it.
+POLYSCOPE = """\
+def Touch_up():
+  set_safety_mode_transition_hardness(1)
+  modbus_add_signal("192.168.1.3", 255, 1, 0, "MODBUS_1", False)
+  modbus_set_signal_update_frequency("MODBUS_1", 10)
+  modbus_set_runstate_dependent_choice("MODBUS_1", 0)
+  set_standard_analog_input_domain(0, 1)
+  set_tool_analog_input_domain(0, 1)
+  set_analog_outputdomain(0, 0)
+  set_input_actions_to_default()
+  set_tcp(p[-0.018457705833652818,-0.06671608895162245,0.19891377627880122,0.0,0.0,0.0])
+  set_gravity([0.0, 0.0, 9.82])
+  set_tool_communication(False, 115200, 0, 1, 1.5, 3.5)
+  set_tool_output_mode(0)
+  set_tool_digital_output_mode(0, 1)
+  set_tool_voltage(0)
+  step_count_1 = 0
+  thread Step_Counter_Thread_1():
+    while (True):
+      step_count_1 = step_count_1 + 1
+      sync()
+    end
+  end
+  run Step_Counter_Thread_1()
+  set_target_payload(1.0, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+  $ 1 "Robot Program"
+  movej(get_inverse_kin(Waypoint_1_p, qnear=Waypoint_1_q), a=1.3962634015954636, v=1.0471975511965976)
+end
+"""
+
+
+def test_what_polyscope_puts_before_a_program_is_accepted() -> None:
+    assert check(POLYSCOPE) == []
+
+
 MOVE = "movej([0.0174533,"
 ONE_RULE = [
     ("ascii", GOOD, "# PLAN", "# PL\u00e4N", "0xe4"),
     ("ascii", GOOD, "# PLAN", "# PL\0N", "0x00"),
-    ("program", GOOD, "end\nCalpose()\n", "end\n", "where the call Calpose() is due"),
+    ("log", "POSE 1 q=[0, 0, 0, 0, 0, 0]\n", "POSE", "x\nPOSE", "the log of a run"),
     ("program", GOOD, "end\nCalpose()\n", "end\ncalpose = 1\n", "where the call Calpose() is due"),
     ("program", GOOD, "def Calpose():", "def Calpose(x):", "where def NAME(): is due"),
     ("program", GOOD, "def Calpose():", "x = 1\ndef Calpose():", "where def NAME(): is due"),
@@ -73,9 +112,18 @@ ONE_RULE = [
     ("brackets", GOOD, 'q=", get', "q=, get", "a quote is not closed"),
     ("known-function", GOOD, "  def MEASURE(number):", "  def probe(number):", "MEASURE is not"),
     ("known-function", GOOD, "sleep(", "wait(", "wait is not defined above"),
+    ("arguments", GOOD, "sleep(1.000)", "sleep()", "sleep has 0 arguments, not 1 to 1"),
+    ("arguments", GOOD, "v=0.3142)", "v=0.3142, speed=3)", "movej has no speed"),
+    ("arguments", GOOD, "v=0.3142)", "a=1.3)", "one is empty or twice"),
+    ("arguments", GOOD, "v=0.3142)", "v=0.3142,)", "one is empty or twice"),
+    ("arguments", GOOD, "digital_out(3, True)", "digital_out(3)", "has 1 arguments, not 2"),
+    ("arguments", GOOD, "freedrive_mode()", "freedrive_mode(on=1)", "freedrive_mode has no on"),
+    ("arguments", POSED, "qnear=", "near=", "get_inverse_kin has no near"),
     ("joints", GOOD, MOVE, "movej([6.4,", "is not six joint values"),
     ("joints", GOOD, MOVE, "movej([", "is not six joint values"),
     ("joints", POSED, "qnear=[0.0174533,", "qnear=[57.3,", "is not six joint values"),
+    ("pose", GOOD, "set_tcp(p[0.0000000", "set_tcp(p[350", "in metres"),
+    ("pose", GOOD, "  set_tcp", "  part = p[350, 0, 0, 0, 0, 0]\n  set_tcp", "in metres"),
     ("pose", POSED, "set_tcp", "movel(p[800, 0, 0, 0, 0, 0])\n  set_tcp", "in metres"),
     ("pose", POSED, "set_tcp", "movel(p[0, 0, 0, 180, 0, 0])\n  set_tcp", "in metres"),
     ("pose", POSED, "set_tcp", "movel(p[0, 0, 0, 0, 0])\n  set_tcp", "in metres"),

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import transform
-from posedesign.programs import Arm, PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs import Arm, PoseProgram, ProgramOptions, ProgramPose, postures_of
+from posedesign.programs.arm import Load
 from posedesign.programs.ur_script import UrScript
 
 ARM = Arm.of(Robot.preset("ur5e"))
@@ -172,16 +173,17 @@ def test_the_speed_is_a_share_of_that_of_the_slowest_joint() -> None:
     [
         ({"measure_output": 8}, "measure_output is 8"),
         ({"settle_s": 1e5}, "settle_s is 1"),
-        ({"comment": 'say "go"'}, "cannot stand in a script"),
-        ({"comment": "back\\slash"}, "cannot stand in a script"),
-        ({"comment": "two\nlines"}, "cannot stand in a script"),
-        ({"comment": "Stra\u00dfe"}, "cannot stand in a script"),
-        ({"comment": "x" * 81}, "cannot stand in a script"),
+        ({"comment": 'say "go"'}, "cannot stand in a comment"),
+        ({"comment": "back\\slash"}, "cannot stand in a comment"),
+        ({"comment": "two\nlines"}, "cannot stand in a comment"),
+        ({"comment": "Stra\u00dfe"}, "cannot stand in a comment"),
+        ({"comment": "x" * 81}, "cannot stand in a comment"),
         ({"measure_call": "my measure"}, "is not a URScript name"),
         ({"measure_call": "7up"}, "is not a URScript name"),
         ({"measure_call": "while"}, "is not a URScript name"),
         ({"measure_call": "sleep"}, "is not a URScript name"),
         ({"measure_call": "Calpose"}, "would call itself"),
+        ({"measure_call": "CALPOSE"}, "would call itself"),
     ],
 )
 def test_what_urscript_would_refuse(options: dict[str, object], message: str) -> None:
@@ -216,6 +218,39 @@ def test_no_minus_zero_and_no_exponent() -> None:
     for form in ("joint", "cartesian"):
         text = text_of(PoseProgram("Calpose", tiny, replace(OPTIONS, form=form)))
         assert not re.search(r"-0(\.0*)?(?![\d.])|\de-", text)
+
+
+def test_the_payload_is_that_of_the_load() -> None:
+    assert "set_payload" not in text_of(one_pose())
+    text = text_of(one_pose(), replace(ARM, load=Load(2.5, np.array([0.0, -0.01, 0.06]))))
+    lines = [line.strip() for line in text.splitlines()]
+    k = lines.index("set_payload(2.5000, [0.000000, -0.010000, 0.060000])")
+    assert lines[k - 1].startswith("set_tcp(")
+    assert DIALECT.check(text.encode(), PATH) == []
+
+
+@pytest.mark.parametrize(
+    "load", [Load(-1.0, np.zeros(3)), Load(np.nan, np.zeros(3)), Load(1.0, np.array([0, 0, 60.0]))]
+)
+def test_loads_that_no_arm_carries(load: Load) -> None:
+    with pytest.raises(InputError, match="of the load is"):
+        text_of(one_pose(), replace(ARM, load=load))
+
+
+def test_poses_are_read_in_the_frames_of_the_script() -> None:
+    arm = replace(ARM, T_world_user=T_USER, T_tip_tool=T_TOOL)
+    program = PoseProgram("Calpose", POSES[:2], replace(OPTIONS, form="cartesian"))
+    # without numbers: joints beside a pose then only say which arm position is near
+    text = re.sub(r"  # POSE.*\n", "", text_of(program, arm))
+    back = DIALECT.parse(text.encode(), PATH)
+    for position in back.positions:
+        assert position.shown_deg is None
+        np.testing.assert_allclose(position.T_world_user, T_USER, atol=2e-7)
+        np.testing.assert_allclose(position.T_tip_tool, T_TOOL, atol=2e-7)
+    # whatever the cell's own tool and user frame: the arm is where the script moves it
+    elsewhere = replace(ARM, T_tip_tool=transform(np.eye(3), [0.0, 0.0, 0.3]))
+    found = postures_of(back.positions, elsewhere, program.postures_rad)
+    np.testing.assert_allclose(found, program.postures_rad, atol=2e-6)
 
 
 seeds = st.integers(0, 2**32 - 1)

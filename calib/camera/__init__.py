@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         make_observer,
         noise_from_images,
     )
+    from calib.camera.pattern_pose import pose_from_image
     from calib.camera.pinhole import PinholeCamera
     from calib.camera.pnp import TargetPose, pose_from_points
     from calib.camera.rendering import Glare, Imaging, Occluder, render
@@ -51,6 +52,7 @@ __all__ = [
     "make_observer",
     "measure_ellipse",
     "noise_from_images",
+    "pose_from_image",
     "pose_from_points",
     "render",
 ]
@@ -76,6 +78,7 @@ _WHERE = {
     "make_observer": "calib.camera.observers",
     "measure_ellipse": "calib.camera.ellipse",
     "noise_from_images": "calib.camera.observers",
+    "pose_from_image": "calib.camera.pattern_pose",
     "pose_from_points": "calib.camera.pnp",
     "render": "calib.camera.rendering",
 }

@@ -84,6 +84,10 @@ def circle_center(
 ) -> FloatArray:
     """Where the middle of the circle is seen ``(..., 2)`` [px], from its ellipse alone.
 
+    The ellipse tells the tilt by the ratio of its axes, which hardly changes for a face that is
+    turned to the lens: below five degrees or so the noise of the correction (0.02 px for 20 mm at
+    350 mm through 1600 px) is larger than a tenth of the bias, and it is better left alone.
+
     Parameters
     ----------
     camera : Camera

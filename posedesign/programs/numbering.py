@@ -58,18 +58,19 @@ class Numbering:
         Raises
         ------
         FileFormatError
-            A touched-up position is before the first one.
+            A touched-up position is that of no measured pose.
         """
         touched = self._touched(positions)
         kept = {id(position) for position in touched.values()}
         chosen = self._by_number([p for p in positions if id(p) not in kept], touched)
         measured = self.mark.measured if self.mark else None
         if touched:
+            for n, position in touched.items():
+                if n < 1 or (measured is not None and n > measured):
+                    reason = f"{position.variable} is the place of no pose that is measured"
+                    refuse(reason, path, position.line, "copy the file again")
             vias = [(n, p) for n, p in chosen if measured is not None and n > measured]
             chosen = sorted(touched.items()) + vias
-            n, position = chosen[0]
-            if n < 1:
-                refuse(f"{position.variable} is before the first one", path, position.line)
         for n, position in chosen:
             own = touched.get(n) is position or self._number(position) == n
             position.other = bool(position.variable) and not own

@@ -8,6 +8,7 @@ from bisect import bisect_left
 from collections.abc import Iterator
 
 from posedesign.programs.abb_rapid.listing import Data, Listing, elements
+from posedesign.programs.abb_rapid.motion_rules import parameters
 from posedesign.programs.recorded import Problem
 
 NORM_WITHIN = 1e-5
@@ -108,7 +109,7 @@ def _norm_fault(texts: list[str]) -> str:
 
 def check_use(listing: Listing) -> Iterator[Problem]:
     """Rules ``position-defined`` and ``position-used``."""
-    known = {data.name.upper() for data in listing.data}
+    known = {data.name.upper() for data in listing.data} | parameters(listing).keys()
     for row, _, parts in listing.motions:
         target = re.match(r"[A-Z]\w*", parts[0], _IGNORE)
         if target and not re.match(r"\w+ ?\(", parts[0]) and target[0].upper() not in known:
@@ -183,7 +184,8 @@ def check_motions(listing: Listing) -> Iterator[Problem]:
         if statement.end == "line" or not code:
             continue
         if row in motions and word.startswith("MOVE"):
-            stopped = len(motions[row]) > 2 and motions[row][-2].lower() == "fine"
+            zone = motions[row][-2] if len(motions[row]) > 2 else ""
+            stopped = zone.partition("\\")[0].strip().lower() == "fine"
             stands = False
             continue
         speed = re.fullmatch(r"VelSet (\d{1,3}) ?, ?\d{1,5}", code, _IGNORE)

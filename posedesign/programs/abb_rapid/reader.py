@@ -4,10 +4,11 @@ All jointtargets and robtargets that are declared with a value are read, arrays 
 those that stand in MoveAbsJ, MoveJ and MoveL themselves. ``p3`` and ``jp3`` are position 3; other
 names are numbered behind, in the order of the file. Statements may be divided among lines in any
 way. Where a program keeps the touched-up positions in ``jMeasured``, those stand in the place of
-the planned ones, and poses not yet measured are left out as soon as one is measured.
+the planned ones, and poses not yet measured are left out as soon as one is measured. Poses have the
+frames of the motion to them, where the module declares those with their values.
 
 What would be read wrong in silence is refused with its line: circles, positions without a value,
-an external axis that moves.
+an external axis that moves, a pose in two frames, or of a part that the arm holds.
 """
 
 from __future__ import annotations
@@ -17,12 +18,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from posedesign.programs.abb_rapid.frames import MotionFrames
 from posedesign.programs.abb_rapid.stored import (
     StoredPosition,
     nested,
     recorded,
     stored,
 )
+from posedesign.programs.numbering import Numbering
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import PlanMark, RecordedProgram
 
@@ -41,7 +44,9 @@ _QUAD, _SIX = (rf"\[(?:[^\[\],]{{1,30}},){{{n}}}[^\[\],]{{1,30}}\]" for n in (3,
 _LOST = re.compile(rf"\[ ?{_SIX} ?, ?{_SIX} ?\]|{_QUAD} ?, ?{_QUAD} ?, ?{_SIX}", _FLAGS)
 _NUMBERS = re.compile(r"\bnum\b", _FLAGS)
 _ROUTINE = re.compile(rf"\b(?:PROC|FUNC {_NAME}) {_NAME} ?\([^()]*\)", _FLAGS)
-_PLACE = re.compile(r"\b(?:CONST|PERS|VAR|MoveAbsJ|MoveJ|MoveL|MoveC)\b", _FLAGS)
+_PLACE = re.compile(
+    r"\b(?:CONST|PERS|VAR|MoveAbsJ|MoveJ|MoveL|MoveC|PDispOn|PDispSet)\b|:=", _FLAGS
+)
 _POSE_NAME = re.compile(r"P(\d{1,6}) (.*)")
 _FIRST_REGISTER = re.compile(r"jMeasured\{(\d{1,6})\} IS P(\d{1,6})\s*")
 _NUMBERED = re.compile(r"[JR]?P(\d{1,6})", _FLAGS)
@@ -61,6 +66,7 @@ class _Module:
     variables: set[str] = field(default_factory=set)
     pose_names: dict[int, str] = field(default_factory=dict)
     first_register: tuple[int, int] | None = None
+    frames: MotionFrames = field(default_factory=MotionFrames)
 
 
 def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
@@ -95,9 +101,18 @@ def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
         _take(module, _ROUTINE.sub("", " ".join(statement.split())), path, at)
     if not module.positions:
         refuse("holds no positions", path, hint="name the module that was touched up")
-    positions = recorded(_numbered(module, path), path)
-    mark = module.mark or PlanMark()
-    return RecordedProgram(module.name, module.comment, mark, positions, "abb")
+    module.frames.give(module.positions, path)
+    numbering = Numbering(
+        _NUMBERED, _ELEMENT, module.mark, module.pose_names, module.first_register
+    )
+    return RecordedProgram(
+        module.name,
+        module.comment,
+        module.mark or PlanMark(),
+        recorded(numbering.of(module.positions, path), path),
+        "abb",
+        empty_registers=numbering.is_untouched(module.positions),
+    )
 
 
 def _divided(text: str, row: int) -> tuple[list[tuple[int, str]], list[str]]:
@@ -152,6 +167,7 @@ def _take(module: _Module, code: str, path: Path | str, row: int) -> None:
     if len(declared) == 1:
         _take_declaration(module, declared[0], code, path, row)
         return
+    module.frames.take(code, row)
     motion = _MOTION.search(code)
     if declared or (motion is None and _LOST.search(code) and not _NUMBERS.search(code)):
         refuse(f"cannot make sense of {code[:30]!r}", path, row)
@@ -206,47 +222,3 @@ def _take_declaration(
         position = stored(f"{name}{{{k}}}", kind.lower(), item, path, row)
         if not position.is_empty:
             module.positions.append(position)
-
-
-def _numbered(module: _Module, path: Path | str) -> list[tuple[int, StoredPosition]]:
-    """Positions with their numbers: measured ones in the place of the planned ones."""
-    touched = dict(_touched(module))
-    kept = {id(position) for position in touched.values()}
-    chosen = list(_by_number([p for p in module.positions if id(p) not in kept]))
-    if touched:
-        measured = module.mark.measured if module.mark else None
-        vias = [(n, p) for n, p in chosen if measured is not None and n > measured]
-        chosen = sorted(touched.items()) + vias
-        if chosen[0][0] < 1:
-            position = chosen[0][1]
-            refuse(f"{position.variable} is before the first one", path, position.line)
-    for n, position in chosen:
-        plain = not position.variable or _NUMBERED.fullmatch(position.variable)
-        position.other = not plain and touched.get(n) is not position
-        position.name = module.pose_names.get(n, position.variable if position.other else "")
-    return chosen
-
-
-def _touched(module: _Module) -> Iterator[tuple[int, StoredPosition]]:
-    """Touched-up positions that the program keeps in jMeasured, by the numbers of their poses."""
-    if module.first_register is not None:
-        register, first = module.first_register
-        for position in module.positions:
-            element = _ELEMENT.fullmatch(position.variable)
-            if element:
-                yield int(element[1]) - register + first, position
-
-
-def _by_number(positions: list[StoredPosition]) -> Iterator[tuple[int, StoredPosition]]:
-    """Positions by the number in their name, those without behind all others."""
-    numbers: list[int] = []
-    taken = {0}
-    for position in positions:
-        found = _NUMBERED.fullmatch(position.variable)
-        n = int(found[1]) if found else 0
-        numbers.append(0 if n in taken else n)
-        taken.add(n)
-    free = max(taken)
-    for n, position in zip(numbers, positions, strict=True):
-        free += n == 0
-        yield n or free, position

@@ -25,6 +25,9 @@ rule                     what it asks
 ``confdata``             whole numbers, the last from 0 to 7
 ``frame-format``         tooldata and wobjdata: PERS, complete, quaternions of norm 1, mass above 0
 ``frame``                tool and work object of a motion are declared, or tool0 and wobj0
+``motion``               MoveAbsJ to a jointtarget, MoveJ, MoveL, MoveC to robtargets; then a speed,
+                         a zone and a tool of these types, each with its own switches only
+``wait``                 WaitTime: \InPos, or nothing, and a time
 ``speed``                VelSet from 1 to 100 percent
 ``standstill``           between a motion and a call, a pulse or the keeping of a position: WaitTime
                          \InPos, and the motion to a stop point (fine)
@@ -48,6 +51,7 @@ from posedesign.programs.abb_rapid.data_rules import (
     check_use,
 )
 from posedesign.programs.abb_rapid.listing import Listing, split_listing
+from posedesign.programs.abb_rapid.motion_rules import check_words
 from posedesign.programs.recorded import Problem
 
 MOST_PROBLEMS = 1000
@@ -89,6 +93,7 @@ def check_abb_rapid(data: bytes, path: Path) -> list[Problem]:
         check_use(listing),
         check_frames(listing),
         check_motions(listing),
+        check_words(listing),
         check_arrays(listing),
     )
     problems = [problem for check in checks for problem in islice(check, MOST_PROBLEMS)]

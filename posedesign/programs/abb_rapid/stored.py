@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,18 +12,14 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray, rotation_from_quaternion, transform
 from posedesign.programs.configurations.abb import AbbConfiguration
-from posedesign.programs.reading import joint_deg, millimetres, number, refuse
+from posedesign.programs.reading import at_rest, joint_deg, millimetres, number, refuse
 from posedesign.programs.recorded import RecordedPosition
 
 Nested = list["Nested | str"]
 
-EXTERNAL_AT_REST = 0.01
-"""Largest difference of an external axis at rest [mm or deg]: what is shown of it flickers."""
-
 NORM_WITHIN = 2e-3
 """Of a quaternion's norm from 1, as people type them; the controller asks for less."""
 
-_MOST_EXTERNAL = 1e6
 _MOST_DEPTH = 6
 _TOKEN = re.compile(r"\s*(?:([\[\],])|([^\s\[\],]{1,40}))", re.ASCII)
 _ROW = r"\[[-+.\dE]{1,40}(?:,[-+.\dE]{1,40})*\]"
@@ -37,7 +33,8 @@ class StoredPosition:
     """One position as it stands in the file.
 
     ``variable`` is empty for one that stands in a motion instruction; ``parts`` are the texts of
-    its numbers. ``other``: no numbered position of the program.
+    its numbers. ``other``: no numbered position of the program. The frames are those of the motion
+    to it, where the module gives their values.
     """
 
     variable: str
@@ -46,6 +43,8 @@ class StoredPosition:
     parts: list[list[str]]
     name: str = ""
     other: bool = False
+    T_world_user: FloatArray | None = None
+    T_tip_tool: FloatArray | None = None
 
     @property
     def label(self) -> str:
@@ -137,7 +136,7 @@ def recorded(
         moves between two positions.
     """
     numbered_ones = [position for _, position in numbered if not position.other]
-    _check_external_axes(numbered_ones or [position for _, position in numbered], path)
+    at_rest(_external_axes(numbered_ones or [position for _, position in numbered]), path)
     posed = [position for _, position in numbered if position.kind == "robtarget"]
     poses = iter(_poses(posed, path))
     found = []
@@ -151,6 +150,8 @@ def recorded(
                 shown_deg=_joints(position, path) if joint else None,
                 T_user_tool=None if joint else next(poses),
                 configuration=None if joint else _configuration(position, path),
+                T_world_user=position.T_world_user,
+                T_tip_tool=position.T_tip_tool,
             )
         )
     return tuple(found)
@@ -194,17 +195,8 @@ def _configuration(position: StoredPosition, path: Path | str) -> AbbConfigurati
         refuse(f"{position.label}: {error.message}", path, position.line, error.hint)
 
 
-def _check_external_axes(positions: Sequence[StoredPosition], path: Path | str) -> None:
-    """Refuse positions between which an external axis moves: it could carry the arm's base."""
-    first: dict[int, tuple[str, float]] = {}
+def _external_axes(positions: Sequence[StoredPosition]) -> Iterator[tuple[str, str, str, int]]:
     for position in positions:
-        label, row = position.label, position.line
-        for axis, text in enumerate(position.parts[-1]):
-            if is_unconnected(text):
-                continue
-            name = f"eax_{'abcdef'[axis]}"
-            value = number(text, f"{label}: {name}", path, row, _MOST_EXTERNAL)
-            there, rest = first.setdefault(axis, (label, value))
-            if abs(value - rest) > EXTERNAL_AT_REST:
-                hint = "measure with the external axes at rest"
-                refuse(f"{label}: {name} differs from that of {there}", path, row, hint)
+        for letter, text in zip("abcdef", position.parts[-1], strict=True):
+            if not is_unconnected(text):
+                yield position.label, f"eax_{letter}", text, position.line

@@ -68,6 +68,7 @@ _TEXT = re.compile(rf"[ -~]{{1,{TEXT_LENGTH}}}")
 _POSITION = re.compile(r"J?P\d+", re.IGNORECASE)
 _NOT_CONNECTED = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 _UNKNOWN_LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"
+_LEAST_LOAD = f"[{LEAST_MASS_KG},[0,0,0.001],[1,0,0,0],0,0,0]"
 _IDENTITY_WITHIN = 1e-12
 
 
@@ -136,9 +137,10 @@ def _tool_name(arm: Arm, form: Form) -> str:
     Joint positions do not depend on the tool's frame, so for them a tool would only stand for a
     load, and one that is made up is worse than none.
     """
-    if arm.load is None and form == "joint":
-        return "tool0"
-    return TOOL if arm.load is not None else _frame_name(arm.T_tip_tool, TOOL, "tool0")
+    carries = arm.load is not None and arm.load.mass_kg >= LEAST_MASS_KG
+    if form == "joint":
+        return TOOL if carries else "tool0"
+    return TOOL if carries else _frame_name(arm.T_tip_tool, TOOL, "tool0")
 
 
 def _frame_name(T: FloatArray, name: str, usual: str) -> str:
@@ -166,8 +168,11 @@ def _load(load: Load | None) -> str:
     """Mass [kg] and centre in the wrist's frame [mm], as a point mass; at least one gram."""
     if load is None:
         return _UNKNOWN_LOAD
-    mass = plain(max(load.mass_kg, LEAST_MASS_KG), 3)
-    return f"[{mass},[{','.join(plain_all(1e3 * load.com_m, 2))}],[1,0,0,0],0,0,0]"
+    if load.mass_kg < LEAST_MASS_KG:
+        return _LEAST_LOAD
+    return (
+        f"[{plain(load.mass_kg, 3)},[{','.join(plain_all(1e3 * load.com_m, 2))}],[1,0,0,0],0,0,0]"
+    )
 
 
 def _positions(program: PoseProgram, arm: Arm) -> list[str]:

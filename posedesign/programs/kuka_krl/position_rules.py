@@ -14,6 +14,9 @@ from posedesign.programs.kuka_krl.listing import (
 )
 from posedesign.programs.recorded import Problem
 
+MOST_JOINT_DEG = 720.0
+"""No arm turns so far."""
+
 _IGNORE = re.IGNORECASE | re.ASCII
 _DECIMAL = re.compile(r"[-+]?(?:\d{1,9}(?:\.\d{0,20})?|\.\d{1,20})(?:E[-+]?\d{1,3})?", _IGNORE)
 _NEGATIVE_ZERO = re.compile(r"-0*\.?0*(?:E[-+]?\d+)?", _IGNORE)
@@ -76,6 +79,8 @@ def _number_fault(name: str, text: str) -> str:
         return "is not a plain number"
     if name in ("A", "B", "C") and abs(float(text)) > 180.0:
         return "is beyond +-180 deg"
+    if name in _JOINTS and abs(float(text)) > MOST_JOINT_DEG:
+        return f"is beyond +-{MOST_JOINT_DEG:g} deg"
     return ""
 
 

@@ -10,7 +10,8 @@ rule                     what it asks
 =======================  ========================================================================
 ``ascii``                plain ASCII characters
 ``line-length``          a ``.src`` fewer than 120 characters a line, but for headers and what the
-                         pendant writes (FOLD, WITH), a ``.dat`` 255: controllers differ
+                         pendant writes (FOLD, WITH), a ``.dat`` 255, but for what the pendant
+                         keeps of its forms (MODULEPARAM_T, SUGG_T): controllers differ
 ``module``               a ``.dat`` is DEFDAT ... ENDDAT, a ``.src`` routines, DEF ... END
 ``module-name``          a letter, then letters, digits, ``_``, 24 in all, no word of the
                          language; the same as the name of the file
@@ -25,9 +26,14 @@ rule                     what it asks
 ``position-unique``      each position is defined once
 ``position-used``        each position ``XP1``, ``XP2``, ... of a ``.dat`` is used
 ``number``               plain decimal numbers: no NaN, no ``-0.0``; angles within +-180 deg in a
-                         pose; S from 0 to 31, T from 0 to 63
+                         pose; joints within +-720 deg; S from 0 to 31, T from 0 to 63
 ``first-move``           the first motion is PTP, and to a position that says all: the controller
                          goes there in block coincidence
+``motion``               a target, then only C_PTP, C_DIS, C_ORI, C_VEL, C_SPL, #BASE, #TOOL, WITH;
+                         LIN, CIRC and SPL go to poses
+``speed``                VEL_PTP and ACC_PTP from 1 to 100 percent
+``frame-value``          tools 0 to 16, bases 0 to 32; a value of $TOOL or $BASE has all of X Y Z
+                         A B C
 ``initialised``          BAS(#INITMOV,0) before the first motion
 ``frame``                $TOOL and $BASE set before the first motion
 ``standstill``           between a motion and a call, a pulse or the keeping of a position: WAIT,
@@ -51,6 +57,7 @@ from posedesign.programs.kuka_krl.listing import (
     named_target,
     split_module,
 )
+from posedesign.programs.kuka_krl.motion_rules import check_settings, check_words
 from posedesign.programs.kuka_krl.position_rules import (
     check_bounds,
     check_fields,
@@ -89,6 +96,7 @@ _TYPED = re.compile(r"[A-Z_]\w* +[A-Z_$]\w*(?: *\[[^\]]*\])?(?: *,.*| *=.*)?", _
 _STATEMENT = re.compile(
     r"[A-Z_$][\w$]*(?:\[[^\]]*\])?(?:\.[A-Z_$][\w$\[\]]*)* *(?:=|\(|:$)", _IGNORE
 )
+_OF_THE_PENDANT = re.compile(r"DECL (?:GLOBAL )?(?:MODULEPARAM_T|[A-Z]\w{0,23}_SUGG_T) ", _IGNORE)
 _BLOCKS = {
     "IF": "ENDIF",
     "FOR": "ENDFOR",
@@ -121,7 +129,12 @@ def check_kuka_krl(data: bytes, path: Path) -> list[Problem]:
     if module.is_data:
         checks.append(check_use(module, other))
     else:
-        checks += [check_targets(module, other), check_motions(module, other)]
+        checks += [
+            check_targets(module, other),
+            check_motions(module, other),
+            check_words(module, other),
+            check_settings(module),
+        ]
     if data_module is not None and source is not None:
         checks.append(check_bounds(module, data_module, source))
     problems = [problem for check in checks for problem in islice(check, MOST_PROBLEMS)]
@@ -161,6 +174,7 @@ def _check_lines(module: Module) -> Iterator[Problem]:
             yield Problem(line.row, "ascii", reason)
         # lines of inline forms, which the pendant writes itself
         free = line.text.lstrip().upper().startswith((";FOLD", "&")) or " WITH $" in line.code
+        free = free or (module.is_data and _OF_THE_PENDANT.match(line.code) is not None)
         if len(line.text) > most and not free:
             reason = f"{len(line.text)} characters, more than {most}"
             yield Problem(line.row, "line-length", reason)

@@ -2,18 +2,21 @@
 
 Of projects as they are written (they have ``sPlan``) the elements of ``jPose`` or ``pPose`` are
 read, element k - 1 as number k; where there is ``jActual``, its joints in place of those that were
-planned. Of other projects the elements of all arrays of joints and points are taken, in the order
-of the file; where ``start.pgx`` lies beside it and says which of them are moved to, these, in the
-order of their moves.
+planned: poses of which it holds nothing but zeros were not measured and are left out; where it
+holds nothing else, the planned positions are read, and marked as such. Of other projects the
+elements of all arrays of joints and points are taken, in the order of the file; where ``start.pgx``
+lies beside it and says which of them are moved to, these, in the order of their moves.
 
-A controller leaves out attributes that are zero; an element that is not there at all is refused,
-and so are points in several frames. Points whose arm position is ``same`` or not said are taken
-without one. XML with a DTD or entities is refused.
+A controller leaves out attributes that are zero; an element of other arrays that is not there at
+all is refused, and so are points in several frames. Where the frame of the points is in the file,
+and the tool ``tTool`` of a project as it is written, they are taken by value. Points whose arm
+position is ``same`` or not said are taken without one. XML with a DTD or entities is refused.
 """
 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +35,8 @@ _KINDS = {"jointRx": "joint", "joint": "joint", "pointRx": "point", "point": "po
 _MOVED = re.compile(
     r"\bmove[jlc]\s{0,9}\(\s{0,9}([A-Za-z]\w{0,31})(?:\s{0,9}\[\s{0,9}(\d{1,6})\s{0,9}\])?"
 )
+_ELEMENT = re.compile(r"([A-Za-z]\w{0,31})\[(\d{1,6})\]", re.ASCII)
+_DEEPEST = 20  # frames in frames
 _PLAIN_WHOLE = re.compile(r"\d{1,6}", re.ASCII)
 
 
@@ -49,11 +54,16 @@ def parse_staubli_val3(data: bytes, path: Path | str) -> RecordedProgram:
     arrays = read_database(data, path)
     title = _string(arrays, "sTitle")
     plan = _string(arrays, "sPlan")
-    positions = _own(arrays, path) if "sPlan" in arrays else _others(arrays, path)
+    empty = False
+    if "sPlan" in arrays:
+        positions, empty = _own(arrays, path)
+    else:
+        positions = _others(arrays, path)
     if not positions:
         refuse("holds no positions", path, None, "save the application that was touched up")
     mark = PlanMark.found_in(plan) or PlanMark()
-    return RecordedProgram(path.stem, title, mark, tuple(positions), "staubli")
+    found = tuple(positions)
+    return RecordedProgram(path.stem, title, mark, found, "staubli", empty_registers=empty)
 
 
 def _string(arrays: dict[str, DataArray], name: str) -> str:
@@ -61,25 +71,39 @@ def _string(arrays: dict[str, DataArray], name: str) -> str:
     return first.attributes.get("value", "") if first else ""
 
 
-def _own(arrays: dict[str, DataArray], path: Path) -> list[RecordedPosition]:
-    """Positions of a project as it is written, by their numbers."""
+def _own(arrays: dict[str, DataArray], path: Path) -> tuple[list[RecordedPosition], bool]:
+    """Positions of a project as it is written, by their numbers.
+
+    And whether it has a place of its own for touched-up ones, with none in it.
+    """
     array = arrays.get("jPose") or arrays.get("pPose")
     if array is None or array.type not in _KINDS:
         refuse("has sPlan, but no jPose and no pPose", path, None, "save the application again")
     sources = {k: (array, k) for k in range(array.size)}
-    actual = arrays.get("jActual")
+    actual, empty = arrays.get("jActual"), False
     if actual is not None:
         if _KINDS.get(actual.type) != "joint":
             reason = f"jActual is of type {actual.type[:20]!a}, not jointRx"
             refuse(reason, path, actual.line, "save the application again")
         first = _first(arrays, path)
-        sources |= {k: (actual, first + k) for k in range(min(actual.size - first, array.size))}
+        kept = range(min(actual.size - first, array.size))
+        stored = {k: (actual, first + k) for k in kept if not _is_empty(actual, first + k)}
+        empty = not stored
+        if stored:
+            sources = {k: own for k, own in sources.items() if k not in kept} | stored
     names = arrays["sPose"].elements if "sPose" in arrays else {}
     listed = []
-    for k, (source, key) in sources.items():
+    for k, (source, key) in sorted(sources.items(), key=lambda item: item[0]):
         name = names[k].attributes.get("value", "") if k in names else ""
         listed.append((k + 1, name, source, key))
-    return _recorded(listed, path)
+    return _in_frames(_recorded(listed, arrays, path), arrays.get("tTool"), path), empty
+
+
+def _is_empty(array: DataArray, key: int) -> bool:
+    """Whether an element has no joint value but zeros, or is not there."""
+    element = array.elements.get(key)
+    texts = [] if element is None else [element.attributes.get(j, "0") for j in _JOINTS]
+    return not any(re.search(r"[^-+.0]", text) for text in texts)
 
 
 def _first(arrays: dict[str, DataArray], path: Path) -> int:
@@ -97,7 +121,9 @@ def _others(arrays: dict[str, DataArray], path: Path) -> list[RecordedPosition]:
     moved = [(n, k) for n, k in _moved(path) if n in taught and k in taught[n].elements]
     keys = moved or [(name, k) for name, array in taught.items() for k in sorted(array.elements)]
     return _recorded(
-        [(i, f"{name}[{k}]", taught[name], k) for i, (name, k) in enumerate(keys, start=1)], path
+        [(i, f"{name}[{k}]", taught[name], k) for i, (name, k) in enumerate(keys, start=1)],
+        arrays,
+        path,
     )
 
 
@@ -111,7 +137,9 @@ def _moved(path: Path) -> list[tuple[str, int]]:
     return list(dict.fromkeys((name, int(key or 0)) for name, key in _MOVED.findall(code)))
 
 
-def _recorded(listed: list[tuple[int, str, DataArray, int]], path: Path) -> list[RecordedPosition]:
+def _recorded(
+    listed: list[tuple[int, str, DataArray, int]], arrays: dict[str, DataArray], path: Path
+) -> list[RecordedPosition]:
     """Positions of elements: number, name, array and key of each."""
     out: list[RecordedPosition] = []
     points: list[list[float]] = []
@@ -133,29 +161,58 @@ def _recorded(listed: list[tuple[int, str, DataArray, int]], path: Path) -> list
         points.append([_value(element, name, label, path) for name in _POINT])
         configuration = _configuration(element, label, path)
         out.append(RecordedPosition(number, name, element.line, None, _EMPTY, configuration))
-    return _with_poses(out, np.array(points)) if points else out
+    return _with_poses(out, points, _frame(father, arrays, path)) if points else out
 
 
 _EMPTY = np.empty((4, 4))
 """Stands for a pose until all are made at once."""
 
 
-def _with_poses(out: list[RecordedPosition], points: FloatArray) -> list[RecordedPosition]:
-    turned = rotation_from_wpr(-np.radians(points[:, 3:]))  # of Rx Ry Rz the transpose
-    poses = iter(transform(np.swapaxes(turned, -1, -2), points[:, :3] * 1e-3))
+def _with_poses(
+    out: list[RecordedPosition], points: list[list[float]], T_world_user: FloatArray | None
+) -> list[RecordedPosition]:
+    poses = iter(_transforms(points))
     return [
         position
         if position.shown_deg is not None
-        else RecordedPosition(
-            position.number,
-            position.name,
-            position.line,
-            None,
-            next(poses),
-            position.configuration,
-        )
+        else replace(position, T_user_tool=next(poses), T_world_user=T_world_user)
         for position in out
     ]
+
+
+def _transforms(points: list[list[float]]) -> FloatArray:
+    """Poses ``(N, 4, 4)`` [m] of x, y, z [mm] and rx, ry, rz [deg]."""
+    values = np.array(points)
+    turned = rotation_from_wpr(-np.radians(values[:, 3:]))  # of Rx Ry Rz the transpose
+    return transform(np.swapaxes(turned, -1, -2), values[:, :3] * 1e-3)
+
+
+def _frame(father: str, arrays: dict[str, DataArray], path: Path) -> FloatArray | None:
+    """The frame of this name in the world, by the values in the file; None where it is not."""
+    T = np.eye(4)
+    for _ in range(_DEEPEST):
+        if father == "world[0]":
+            return T
+        named = _ELEMENT.fullmatch(father)
+        array = arrays.get(named[1]) if named else None
+        element = array.elements.get(int(named[2])) if named and array is not None else None
+        if array is None or array.type != "frame" or element is None:
+            return None
+        values = [_value(element, name, father, path) for name in _POINT]
+        T = _transforms([values])[0] @ T
+        father = element.attributes.get("fatherId", "world[0]")
+    return None
+
+
+def _in_frames(
+    positions: list[RecordedPosition], tool: DataArray | None, path: Path
+) -> list[RecordedPosition]:
+    """Poses with the tool of the project, where it is on the flange."""
+    element = tool.elements.get(0) if tool is not None and tool.type == "tool" else None
+    if element is None or element.attributes.get("fatherId", "flange[0]") != "flange[0]":
+        return positions
+    T_tip_tool = _transforms([[_value(element, name, "tTool[0]", path) for name in _POINT]])[0]
+    return [replace(p, T_tip_tool=T_tip_tool) if p.shown_deg is None else p for p in positions]
 
 
 def _value(element: Element, name: str, label: str, path: Path) -> float:

@@ -11,9 +11,9 @@ rule                   what it asks
 ``data-name``          names of data: a letter, then letters, digits, _, 15 in all; each once
 ``data-type``          a type of VAL 3, ``xsi:type="array"``, a size
 ``keys``               values with keys from 0 to size - 1, each once
-``attributes``         joints have j1 to j6, points x y z rx ry rz, arm position and fatherId, and
-                       no others
-``number``             plain decimal numbers: no exponent, no NaN, no ``-0.000``
+``attributes``         joints have j1 to j6, points x y z rx ry rz (where they are not zero), arm
+                       position and fatherId, and no others
+``number``             plain decimal numbers: no exponent, no NaN
 ``range``              joints within +-720 deg, coordinates within 10 m, angles in (-180, 180]
 ``config``             lefty, righty; epositive, enegative; wpositive, wnegative; free, same
 ``father``             fatherId is world, flange, or a frame or tool of the file
@@ -21,6 +21,10 @@ rule                   what it asks
 ``program-name``       one program, with the name of its file
 ``code``               begin first, end last, each if, for, while, switch closed
 ``identifier``         names in calls and moves have at most 15 characters
+``instruction``        lines of code are assignments, calls, or begin with words of VAL 3
+``target``             where the data file lies beside: movej moves to joints or points, movel and
+                       movec to points, that are in it, with a tool and a motion of it, and calls
+                       are of programs beside
 ``wait-to-measure``    waitEndMove() between a move and a call or herej()
 =====================  ==========================================================================
 """
@@ -33,7 +37,10 @@ from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
+from calib.errors import FileFormatError
+from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Problem
+from posedesign.programs.staubli_val3.instructions import line_fault
 from posedesign.programs.staubli_val3.listing import NAMESPACE, Node, parsed
 
 MOST_PROBLEMS = 1000
@@ -52,7 +59,7 @@ _NAMES_OF_TYPES = (
 _TYPES = frozenset(_NAMES_OF_TYPES.split())
 _IDENTIFIER = re.compile(r"[A-Za-z]\w{0,14}", re.ASCII)
 _WHOLE = re.compile(r"0|[1-9]\d{0,5}", re.ASCII)
-_NUMBER = re.compile(r"(-?)(\d{1,6})(?:\.(\d{0,12}))?", re.ASCII)
+_NUMBER = re.compile(r"-?\d{1,6}(?:\.\d{0,12})?", re.ASCII)
 _JOINTS = ("j1", "j2", "j3", "j4", "j5", "j6")
 _COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 _CONFIG = {
@@ -66,6 +73,10 @@ _EXPECTED = {
 }
 _CLOSERS = {"if": "endif", "for": "endfor", "while": "endwhile", "switch": "endswitch"}
 _MOVE = re.compile(r"\bmove[jlc]\s*\(\s*(\w+)", re.ASCII)
+_WHOLE_MOVE = re.compile(r"\bmove([jlc])\s*\(([^()]*)\)", re.ASCII)
+_VARIABLE = re.compile(
+    r"([A-Za-z]\w{0,31})\s{0,9}(?:\[\s{0,9}([^\[\]]{1,40}?)\s{0,9}\])?", re.ASCII
+)
 _CALL = re.compile(r"call\s+(\w+)", re.ASCII)
 
 
@@ -120,8 +131,9 @@ def _value_faults(
     kind: str, attributes: dict[str, str], frames: set[str]
 ) -> Iterator[tuple[str, str]]:
     expected = _EXPECTED.get(kind)
-    if expected is not None and set(attributes) != expected:
-        wrong = " ".join(sorted(set(attributes) ^ expected))
+    zeros = {*_JOINTS, *_COORDINATES} - set(attributes)  # what is left out is zero
+    if expected is not None and set(attributes) | (expected & zeros) != expected:
+        wrong = " ".join(sorted((set(attributes) | (expected & zeros)) ^ expected))
         yield "attributes", f"lacks or should not have {wrong[:80]}"
     for name in (*_JOINTS, *_COORDINATES):
         if name in attributes:
@@ -137,8 +149,7 @@ def _value_faults(
 
 
 def _number_faults(name: str, text: str) -> Iterator[tuple[str, str]]:
-    found = _NUMBER.fullmatch(text)
-    if found is None or (found[1] and not (found[2] + (found[3] or "")).strip("0")):
+    if not _NUMBER.fullmatch(text):
         yield "number", f"{name} is {text[:30]!a}, not a plain number"
         return
     value = float(text)
@@ -176,6 +187,7 @@ def _check_programs(root: Node, path: Path) -> Iterator[Problem]:
         lines = [line.partition("//")[0].strip() for line in code.text.split("\n")]
         numbered = [(row, line) for row, line in enumerate(lines, code.text_line) if line]
         yield from _check_code(numbered, code.line)
+        yield from _check_targets(numbered, path)
 
 
 def _check_code(lines: list[tuple[int, str]], row: int) -> Iterator[Problem]:
@@ -197,5 +209,65 @@ def _check_code(lines: list[tuple[int, str]], row: int) -> Iterator[Problem]:
         if not waited and (called or "herej(" in line):
             yield Problem(at, "wait-to-measure", "no waitEndMove() since the last move")
         waited = "waitEndMove(" in line or (waited and not moved)
+    for at, line in lines[1:-1]:
+        fault = line_fault(line)
+        if fault:
+            yield Problem(at, "instruction", fault)
     for at, word in opened:
         yield Problem(at, "code", f"{word} is missing")
+
+
+def _check_targets(lines: list[tuple[int, str]], path: Path) -> Iterator[Problem]:
+    beside = _data_beside(path)
+    if beside is None:
+        return
+    for at, line in lines:
+        moved, called = _WHOLE_MOVE.search(line), _CALL.match(line)
+        if called and not path.with_name(f"{called[1]}.pgx").is_file():
+            yield Problem(at, "target", f"there is no program {called[1][:30]}")
+        if not moved:
+            continue
+        given = [part.strip() for part in moved[2].split(",")]
+        targets = 2 if moved[1] == "c" else 1
+        kinds = [("pointRx", "jointRx") if moved[1] == "j" else ("pointRx",)] * targets
+        kinds += [("tool",), ("mdesc",)]
+        if len(given) != len(kinds):
+            yield Problem(at, "target", f"move{moved[1]} takes {len(kinds)} arguments")
+            continue
+        for text, known in zip(given, kinds, strict=True):
+            fault = _data_fault(text, known, beside)
+            if fault:
+                yield Problem(at, "target", fault)
+
+
+def _data_fault(text: str, kinds: tuple[str, ...], beside: dict[str, tuple[str, int]]) -> str:
+    """What is wrong with an argument of a move; expressions are not looked into."""
+    named = _VARIABLE.fullmatch(text)
+    if named is None or named[1] in ("flange",):
+        return "" if text and (named or not text[0].isdigit()) else f"{text[:30]!a} is no target"
+    if named[1] not in beside:
+        return f"{named[1]} is not in the data file"
+    kind, size = beside[named[1]]
+    if kind not in kinds:
+        return f"{named[1]} is of type {kind[:20]}, not {' or '.join(kinds)}"
+    index = named[2] or "0"
+    if index.isdecimal() and int(index) >= size:
+        return f"{named[1]}[{index}] is beyond its size {size}"
+    return ""
+
+
+def _data_beside(path: Path) -> dict[str, tuple[str, int]] | None:
+    """Type and size of the data of the project by name; None where its file is not beside."""
+    try:
+        files = sorted(path.parent.glob("*.dtx"))
+        root = parsed(read_program_bytes(files[0]))[0] if len(files) == 1 else None
+    except (OSError, FileFormatError):
+        return None
+    if root is None:
+        return None
+    out = {}
+    for array in root.all("Data"):
+        size = array.attributes.get("size", "1")
+        whole = int(size) if _WHOLE.fullmatch(size) else 0
+        out[array.attributes.get("name", "")] = (array.attributes.get("type", ""), whole)
+    return out

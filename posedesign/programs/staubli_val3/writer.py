@@ -11,7 +11,8 @@ body there to trigger an instrument.
   are given by value (``fUser``, ``tTool``); their numbers mean nothing here.
 * A touched-up position is taught into its element (HERE on the pendant); or, with ``keep =
   "register"``, stored as ``jActual[...]=herej()`` after the call, from element first_register - 1
-  on. Before the first run ``jActual`` holds the planned joints. Save the application afterwards.
+  on. Before the first run ``jActual`` holds zeros, so that what was never stored is not taken for
+  what was touched up. Save the application afterwards.
 * ``sPlan``, ``sTitle`` and ``sPose`` carry mark, title and names of poses through the controller,
   which does not keep comments of a data file.
 * The output is number n of the first BasicIO board (``BasicIO-1\%Qn``); link it anew where the
@@ -34,7 +35,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
-from posedesign.programs.writing import NameRule, plain_all, shown_deg
+from posedesign.programs.writing import NameRule, check_text, plain_all, shown_deg
 
 _WORDS = (
     "AND BEGIN BOOL CALL CASE DEFAULT DO ELSE END ENDFOR ENDIF ENDSWITCH ENDWHILE FALSE FOR IF NOT "
@@ -122,14 +123,14 @@ def _check_options(program: PoseProgram) -> None:
             )
 
 
-def _check_text(name: str, text: str) -> None:
-    if len(text) > TEXT_LENGTH or not _fits(text):
+def _check_text(what: str, text: str) -> None:
+    check_text(what, text, TEXT_LENGTH)
+    if "]]>" in text:
         raise InputError(
-            f"{name} {text!a} cannot stand in a VAL 3 project",
-            hint=f"use at most {TEXT_LENGTH} ASCII characters, without ]]>",
-            name=name,
+            f"{what} {text!a} would end the code of a program",
+            hint="leave out ]]>",
+            name=what,
             value=text,
-            bound=TEXT_LENGTH,
         )
 
 
@@ -198,9 +199,9 @@ def _data(program: PoseProgram, arm: Arm) -> Iterator[tuple[str, str, Sequence[s
         father = 'fatherId="fUser[0]"'
         yield "pPose", "pointRx", [f"{point} {word} {father}" for point, word in points]
     if options.keep == "register":
-        start = [_attributes(_JOINTS, [0.0] * 6, 5)] * (options.first_register - 1)
-        measured = [row for row, pose in zip(joints, poses, strict=True) if not pose.via]
-        yield "jActual", "jointRx", start + measured
+        measured = sum(not pose.via for pose in poses)
+        empty = [_attributes(_JOINTS, [0.0] * 6, 5)] * (options.first_register - 1 + measured)
+        yield "jActual", "jointRx", empty
         yield "nFirst", "num", [f'value="{options.first_register}"']
     yield "fUser", "frame", [f'{next(frames)} fatherId="world[0]"']
     yield "tTool", "tool", [f'{next(frames)} fatherId="flange[0]" ioLink="valve1"']

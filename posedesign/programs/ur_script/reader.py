@@ -96,7 +96,8 @@ class _ScriptReader:
             self.depth += 1
         elif _ENDS.match(code):
             self.depth -= 1
-        move, tcp = _MOVE.search(code), _SET_TCP.search(code)
+        move = _MOVE.search(code)
+        tcp = _SET_TCP.search(code) if "set_tcp" in code else None
         if tcp:
             self._set_tcp(code, tcp.end(), row)
         if move:

@@ -145,6 +145,8 @@ def _check_functions(found: list[Statement]) -> Iterator[Problem]:
 
 def _check_arguments(found: list[Statement]) -> Iterator[Problem]:
     for statement in found:
+        if statement.fault:
+            continue
         for name in dict.fromkeys(statement.calls):
             given = arguments(statement.code, name) if name in _SIGNATURES else None
             if given is None:
@@ -153,7 +155,7 @@ def _check_arguments(found: list[Statement]) -> Iterator[Problem]:
             count = 0 if given == [""] else len(given)
             # a name beside that of the first argument is the same one's: q or pose
             most = len(names.split()) - (name in ("movej", "movel", "movep"))
-            keywords = [found[1] for text in given if (found := _KEYWORD.match(text))]
+            keywords = [word[1] for text in given if (word := _KEYWORD.match(text))]
             odd = sorted(set(keywords) - set(names.split()))
             empty = count > 0 and "" in given
             if odd or empty or len(set(keywords)) < len(keywords):

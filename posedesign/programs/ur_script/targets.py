@@ -153,7 +153,7 @@ def by_name(arguments: list[str], names: tuple[str, ...]) -> dict[str, str]:
     """Arguments of a call by the names of its parameters, given by place or ``name=value``."""
     given = {}
     for k, text in enumerate(arguments):
-        keyword = _KEYWORD.match(text)
+        keyword = _KEYWORD.match(text) if "=" in text else None
         if keyword:
             given[keyword[1]] = keyword[2]
         elif k < len(names):

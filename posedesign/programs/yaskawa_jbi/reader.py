@@ -3,8 +3,11 @@
 All C variables are taken, in pulses or as poses, and the P variables that steps move to. Their
 numbers are those of the comments ``'POSE n name`` before the moves, where the job has such
 comments: other positions, of steps that were added, then stand behind all. Without any comment
-C00000 is number 1. Where ``GETS PX007 $PX000`` stands behind a move and the file holds P00007,
-that is what was measured, and is taken in place of the C variable.
+C00000 is number 1. Where ``GETS PX007 $PX000`` stands behind a move, P00007 is what was measured,
+and is taken in place of the C variable: where the file holds some of them, poses whose own is not
+there are left out; where it holds none, the planned positions are read, and marked as such.
+
+The numbers of ``///USER`` and ``///TOOL`` go with the positions; frame 0 is the base frame.
 
 Pulses become degrees with the ratios in the comments ``'PULSES S 1638.4``, or with those that the
 dialect was made with. Steps of a second robot (``+MOVJ``) are left out. What would be read wrong in
@@ -88,7 +91,9 @@ def parse_yaskawa_jbi(
     positions = _positions(section, steps.found, pulses_per_deg, path)
     if not positions:
         refuse("holds no positions", path, pos, "save the job that was touched up")
-    return RecordedProgram(name, comment, steps.found.mark, positions, "yaskawa")
+    empty = _is_untouched(section, steps.found)
+    mark = steps.found.mark
+    return RecordedProgram(name, comment, mark, positions, "yaskawa", empty_registers=empty)
 
 
 def _positions(
@@ -97,20 +102,21 @@ def _positions(
     pulses_per_deg: tuple[float, ...],
     path: Path | str,
 ) -> tuple[RecordedPosition, ...]:
+    untouched = _is_untouched(section, steps)
     wanted = [
         key
         for key in section.variables
         if (key[0] == "C" and not (key in steps.other_robot and key not in steps.used))
         or (key[0] == "P" and key in steps.used)
     ]
+    wanted = [key for key in wanted if untouched or steps.kept.get(key, key) in section.variables]
     _check_carriers(section, steps, wanted, path)
     ratios: tuple[float, ...] = ()
     numbers = _numbers(steps, wanted, path)
     out: list[RecordedPosition] = []
     posed: list[tuple[int, list[float]]] = []
     for key in wanted:
-        kept = steps.kept.get(key)
-        source = kept if kept in section.variables else key
+        source = key if untouched else steps.kept.get(key, key)
         stored = section.variables[source]
         label = f"{source[0]}{source[1]:05d}"
         found = RecordedPosition(*numbers[key], stored.line, tool_frame=stored.tool)
@@ -121,8 +127,16 @@ def _positions(
             values, configuration, user = rectangular(stored, label, path)
             posed.append((len(out), values))
             found = replace(found, configuration=configuration, user_frame=user)
+            if user == 0:  # the base frame is the controller's world, whatever the cell's frame
+                found = replace(found, T_world_user=np.eye(4))
         out.append(found)
     return tuple(_with_poses(out, posed))
+
+
+def _is_untouched(section: PositionSection, steps: Steps) -> bool:
+    """Whether steps store touched-up positions in variables, and none of these is in the file."""
+    kept = set(steps.kept.values())
+    return bool(kept) and not kept & section.variables.keys()
 
 
 def _with_poses(

@@ -9,22 +9,25 @@ rule                   what it asks
 ``ascii``              plain ASCII characters
 ``crlf``               each line ended by CR LF
 ``sections``           /JOB, //POS, //INST in this order; the steps from NOP to END
-``job-name``           //NAME: a capital letter, then A-Z 0-9 _, 8 in all, which NX100 takes
+``job-name``           //NAME: a letter or digit, then others, _ and -, 32 in all (DX100 on; NX100
+                       takes 8)
 ``header``             ///DATE, ///ATTR with SC and RW or RO, ///GROUP1, and ///COMM of at most 32
                        characters
 ``npos``               ///NPOS: the number of positions of each kind
 ``position-format``    each position with tool, ///POSTYPE and ///PULSE or ///RECTAN above, and six
-                       values if it is the robot's
+                       values if it is the robot's; tools and user frames 0 to 63
 ``number``             pulses whole; poses with at most 3 decimals of a mm and 4 of a degree; no
-                       exponent, no ``-0.000``; degrees in (-180, 180]
+                       exponent, no ``-0.000``; degrees in [-180, 180]
 ``rconf``              a pose has ///RCONF of 8 or 24 values, the first six 0 or 1, the others 0
 ``relative-job``       poses need RJ in ///ATTR and a ////FRAME that is theirs
+``instruction``        steps begin with instructions of INFORM, and those that move, wait, set,
+                       pulse and store are whole
 ``position-unique``    each position is there once
 ``position-defined``   each position that is moved to is there
 ``position-used``      each position that is there is moved to
 ``stop-before-call``   the last move before a CALL has PL=0: the arm has arrived
-``argument``           VJ= 0.01 to 100.00, times 0.01 to 655.35 s, I variables within 16 bits, names
-                       of called jobs of at most 32 characters
+``argument``           VJ= 0.01 to 100.00 with two decimals, times 0.01 to 655.35 s, I variables
+                       within 16 bits, names of called jobs of at most 32 characters
 ``comment``            a comment has at most 32 characters
 ``length``             at most 9999 steps: the pendant shows four digits
 =====================  ==========================================================================
@@ -38,13 +41,15 @@ from collections.abc import Iterator
 from itertools import islice
 
 from posedesign.programs.recorded import Problem
+from posedesign.programs.yaskawa_jbi.instructions import step_fault
 from posedesign.programs.yaskawa_jbi.listing import Data, Listing, split_job
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check: a file that is no job has one in each of its lines."""
 
 _KINDS = ("C", "BC", "EC", "P", "BP", "EX")
-_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,7}")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", re.ASCII)
+_MOST_FRAME = 63
 _COUNTS = re.compile(r"\d{1,5}(?:,\d{1,5}){5}")
 _DATE = re.compile(r"///DATE \d{4}/\d\d/\d\d \d\d:\d\d")
 _ATTRIBUTES = re.compile(r"///ATTR SC,R[WO](,RJ)?")
@@ -56,10 +61,10 @@ _RCONF = re.compile(r"[01](?:,[01]){5}(?:(?:,0){2}|(?:,0){18})")
 _TARGET = re.compile(r"(?<![\w$#])(C|BC|EC)(\d{5})\b")
 _STOPPED = re.compile(r" PL=0\b")
 _CHECKED = {
-    "VJ=": (re.compile(r"MOVJ .*?VJ=(-?[\d.]\S*)"), 0.01, 100.0, 2),
     "T=": (re.compile(r"(?:TIMER|PULSE OT#\(\d{1,4}\)) T=(-?[\d.]\S*)"), 0.01, 655.35, 2),
     "an I variable": (re.compile(r"SET I\d{3} (-?\d\S*)"), -32768, 32767, 0),
 }
+_SPEED = re.compile(r"MOVJ .*?VJ=([-+\d.]\S*)")
 _CALL = re.compile(r"CALL JOB:(\S{1,32})(?: ARGF\S.*| IF .*)?")
 
 
@@ -113,7 +118,7 @@ def _check_sections(listing: Listing) -> Iterator[Problem]:
     names = [text for _, text in listing.names]
     if len(names) != 1 or not _NAME.fullmatch(names[0]):
         row = listing.names[0][0] if listing.names else 1
-        reason = "one //NAME: a letter, then A-Z 0-9 _, 8 characters in all"
+        reason = "one //NAME: letters, digits, _ and -, 32 characters in all"
         yield Problem(row, "job-name", reason)
 
 
@@ -141,6 +146,12 @@ def _check_positions(listing: Listing) -> Iterator[Problem]:
         in_pulses = data.postype == "PULSE"
         if not data.tool.split(",")[0].isdecimal():
             yield Problem(data.line, "position-format", f"{data.label} has no ///TOOL above")
+        for word, texts in (("TOOL", data.tool.split(",")), ("USER", [data.user])):
+            if any(text.isdecimal() and int(text) > _MOST_FRAME for text in texts):
+                reason = (
+                    f"{data.label}: ///{word} is {','.join(texts)[:20]}, not 0 to {_MOST_FRAME}"
+                )
+                yield Problem(data.line, "position-format", reason)
         if data.form not in ("PULSE", "RECTAN") or in_pulses != (data.form == "PULSE"):
             reason = f"{data.label} is in {data.postype or 'nothing'} and {data.form or 'nothing'}"
             yield Problem(data.line, "position-format", reason)
@@ -173,8 +184,8 @@ def _decimal_fault(text: str, k: int) -> str:
         return "is not a plain number of at most 3 decimals of a mm, 4 of a degree"
     if found[1] and not (found[2] + found[3]).strip("0"):
         return "is minus zero"
-    if k >= 3 and not -180.0 < float(text) <= 180.0:
-        return "is not in (-180, 180] deg"
+    if k >= 3 and not -180.0 <= float(text) <= 180.0:
+        return "is not in [-180, 180] deg"
     return ""
 
 
@@ -217,6 +228,9 @@ def _check_steps(listing: Listing) -> Iterator[Problem]:
             if len(step) > 33:
                 yield Problem(row, "comment", "the comment is longer than 32 characters")
             continue
+        fault = "" if step.startswith(("*", "+")) else step_fault(step)
+        if fault:
+            yield Problem(row, "instruction", fault)
         if step.startswith(("MOV", "SMOV", "IMOV")):
             stands = _STOPPED.search(step) is not None
         if step.startswith("CALL "):
@@ -232,6 +246,12 @@ def _check_steps(listing: Listing) -> Iterator[Problem]:
 
 
 def _argument_faults(row: int, step: str) -> Iterator[Problem]:
+    speed = _SPEED.match(step)
+    if speed:
+        good = re.fullmatch(r"\d{1,3}\.\d\d", speed[1], re.ASCII)
+        if not good or not 0.01 <= float(speed[1]) <= 100.0:
+            reason = f"VJ= is {speed[1][:20]!a}, not 0.01 to 100.00 with two decimals"
+            yield Problem(row, "argument", reason)
     for what, (pattern, least, most, decimals) in _CHECKED.items():
         found = pattern.match(step)
         if not found:

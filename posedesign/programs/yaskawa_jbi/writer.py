@@ -29,7 +29,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
-from posedesign.programs.writing import NameRule, plain_all, shown_deg
+from posedesign.programs.writing import NameRule, check_call, check_text, plain_all, shown_deg
 from posedesign.programs.yaskawa_jbi.pulses import checked, comments
 
 NAMES = NameRule("a Yaskawa job name", 8)
@@ -113,18 +113,11 @@ def _check_options(program: PoseProgram) -> None:
     in_range("settle_s", options.settle_s, 0, LONGEST_TIME_S)
     if options.measure_output is not None:
         in_range("measure_pulse_s", options.measure_pulse_s, 0.01, LONGEST_TIME_S)
-    _check_text("comment", options.comment)
+    check_text("comment", options.comment, COMMENT_LENGTH)
+    check_call(NAMES, options, program.name)
     argument = options.argument(program.measured_count)
     if options.measure_call is not None:
-        NAMES.check(options.measure_call)
         in_range("measure_argument", argument or 0, -MOST_INTEGER - 1, MOST_INTEGER)
-        if options.measure_call == program.name:
-            raise InputError(
-                f"job {program.name} would call itself",
-                hint="name the job that measures in measure_call",
-                name="measure_call",
-                value=options.measure_call,
-            )
     last = options.first_register + program.measured_count - 1
     if options.keep == "register" and last > MOST_VARIABLE:
         raise InputError(
@@ -134,18 +127,6 @@ def _check_options(program: PoseProgram) -> None:
             name="first_register",
             value=last,
             bound=MOST_VARIABLE,
-        )
-
-
-def _check_text(name: str, text: str) -> None:
-    """Refuse what would end a line, or what the pendant cannot show."""
-    if len(text) > COMMENT_LENGTH or not _TEXT.fullmatch(text):
-        raise InputError(
-            f"{name} {text!a} cannot be shown on the pendant",
-            hint=f"use at most {COMMENT_LENGTH} ASCII characters",
-            name=name,
-            value=text,
-            bound=COMMENT_LENGTH,
         )
 
 
@@ -198,7 +179,7 @@ def _instructions(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> li
     for k, (number, pose) in enumerate(zip(program.numbers, program.poses, strict=True)):
         if pose.comment:
             what = f"comment of pose {pose.name!r}"
-            _check_text(what, pose.comment)
+            check_text(what, pose.comment, COMMENT_LENGTH)
             if pose.comment.lstrip().startswith(_RESERVED):
                 raise InputError(
                     f"{what} {pose.comment!a} would be read as what the job says of its poses",

@@ -8,10 +8,13 @@ import pytest
 from calib import se3
 from calib.camera import (
     Camera,
+    Imaging,
     circle_center,
     circle_center_bias,
     circle_image,
     circle_poses,
+    measure_ellipse,
+    render,
 )
 
 BENT = Camera(640, 480, 1600.0, distortion=(-0.2, 0.1, 1e-3, -1e-3, 0.0))
@@ -45,7 +48,7 @@ def test_bias_of_a_circle_that_is_projected_point_by_point(camera, target, looki
 @pytest.mark.parametrize("lens", ["paper", "bent"])
 def test_pose_and_centre_come_back_from_the_ellipse(lens, camera, looking) -> None:
     used = camera if lens == "paper" else BENT
-    tolerance = 1e-9 if lens == "paper" else 2e-3  # a bent ellipse is none
+    tolerance = 1e-9 if lens == "paper" else 1e-6  # a bent ellipse is none
     T = np.array(
         [looking(t, x, 0.01, 0.35, 20.0) for t in (5.0, 30.0, -45.0) for x in (-0.05, 0.0, 0.04)]
     )
@@ -54,9 +57,9 @@ def test_pose_and_centre_come_back_from_the_ellipse(lens, camera, looking) -> No
     off = np.linalg.norm(middles - T[:, None, :3, 3], axis=-1).min(axis=1)
     assert off.max() < tolerance
     turned = np.linalg.norm(normals - T[:, None, :3, 2], axis=-1).min(axis=1)
-    assert turned.max() < (1e-6 if lens == "paper" else 0.02)
+    assert turned.max() < (1e-6 if lens == "paper" else 1e-4)
     center = circle_center(used, 0.02, ellipse, T[:, :3, 2])
-    limit = 1e-6 if lens == "paper" else 0.02
+    limit = 1e-6 if lens == "paper" else 1e-4
     assert np.abs(center - used.project(T[:, :3, 3])).max() < limit
 
 
@@ -75,3 +78,19 @@ def test_a_normal_a_few_degrees_off_is_enough(camera, looking) -> None:
     off = se3.rotation_exp([np.deg2rad(8.0), 0.1, 0.0]) @ T[:3, 2]
     center = circle_center(camera, 0.02, circle_image(camera, 0.02, T), off)
     np.testing.assert_allclose(center, camera.project(T[:3, 3]), atol=1e-7)
+
+
+def test_the_bias_is_taken_out_of_measurements(camera, target, looking) -> None:
+    """Rendered and measured at 30 degrees: 0.57 px off, and after the correction none is left."""
+    rng = np.random.default_rng(15)
+    raw, corrected = [], []
+    for _ in range(20):
+        T = looking(30.0, *rng.uniform(-1e-4, 1e-4, 2))
+        found = measure_ellipse(render(camera, [(target, T)], Imaging(), rng))
+        middle = camera.project(T[:3, 3])
+        raw.append(found.center_px - middle)
+        corrected.append(circle_center(camera, 0.02, found.ellipse, T[:3, 2]) - middle)
+    assert np.linalg.norm(np.mean(raw, axis=0)) == pytest.approx(0.566, abs=0.005)
+    # 0.004 px of noise of one image, 0.001 px of the mean of twenty
+    assert np.abs(np.mean(corrected, axis=0)).max() < 0.005
+    assert np.std(corrected, axis=0).max() < 0.008

@@ -26,7 +26,7 @@ EXPORT = r"""%%%
 
 MODULE TouchUp(SYSMODULE, NOSTEPIN)
   ! after service; "not a string
-  ! PLAN 00C0FFEE 10
+  ! PLAN 00c0ffee 10
   PERS tooldata tProbe:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
   TASK PERS wobjdata wTable:=[FALSE,TRUE,"",[[500,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
   CONST robtarget p10:=[[600.5,-10,700.25],[0.70710678,0,0.70710678,0],[0,-1,0,1],
@@ -143,7 +143,7 @@ J1 = "jp1:=[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]]"
         (J1, J1.replace("jp1", "jp1{2,3}"), 3, r"jp1\{2,3\} has 2 elements"),
         (J1 + ";", J1, 3, "cannot make sense of"),
         ("CONST jointtarget", "CONST jointarget", 3, "cannot make sense of 'MODULE CAL CONST"),
-        ("CONST jointtarget", "CNST jointtarget", 1, "cannot make sense of 'MODULE CAL CNST"),
+        ("CONST jointtarget", "CNST jointtarget", 3, "cannot make sense of 'MODULE CAL CNST"),
         ("p2:=", "JP1:=", 4, "JP1 is there twice"),
         ("[7,8,9]", "[7,8,1e6]", 4, r"p2: z is 1e6 mm, beyond \+-100000"),
         ("[0,0,1,0]", "[0,0,1,0.1]", 4, "p2: the quaternion's norm is 1.0050, not 1"),
@@ -170,6 +170,91 @@ def test_what_is_wrong_is_named_with_its_line(
     assert caught.value.row == line
     assert caught.value.hint
     assert "X.mod" in str(caught.value)
+
+
+FRAMED = r"""MODULE CAL
+  PERS tooldata tA:=[TRUE,[[10,0,100],[0.70710678,0,0.70710678,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+  PERS tooldata tB:=[FALSE,[[0,0,0],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+  PERS wobjdata wA:=[FALSE,TRUE,"",[[500,0,0],[0.70710678,0,0,0.70710678]],[[0,20,0],[1,0,0,0]]];
+  PERS wobjdata wB:=[FALSE,FALSE,"STN1",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
+  PERS wobjdata wC:=[TRUE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
+  CONST robtarget p1:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  CONST jointtarget jp2:=[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  PROC main()
+    # 1
+    MoveAbsJ jp2\NoEOffs,vmax,fine,tB;
+  ENDPROC
+ENDMODULE
+"""
+
+
+def framed(code: str) -> RecordedProgram:
+    return parse(FRAMED.replace("    # 1", code))
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        r"MoveJ p1,vmax,fine,tA\WObj:=wA;",
+        r"MoveL \Conc, P1 \ID:=3, v100 \T:=5, z10 \Inpos:=inpos50, ta \TLoad:=l1 \WObj := WA ;",
+        "IF a THEN\nMoveJ p1,vmax,\nfine,tA\\WObj:=wA;\nENDIF\nMoveJ p1,v5,z1,tA\\WObj:=wA;",
+    ],
+)
+def test_frames_of_the_module_are_those_of_the_motion(motion: str) -> None:
+    pose, joints = framed(motion).positions
+    tip_tool = transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.01, 0, 0.1])
+    world_user = transform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.48, 0, 0])
+    np.testing.assert_allclose(np.asarray(pose.T_tip_tool), tip_tool, atol=1e-8)
+    np.testing.assert_allclose(np.asarray(pose.T_world_user), world_user, atol=1e-8)
+    assert joints.T_tip_tool is None
+    assert joints.T_world_user is None
+
+
+@pytest.mark.parametrize(
+    ("motion", "tool", "base"),
+    [
+        ("", False, False),
+        ("MoveJ p1,vmax,fine,tool0;", True, True),
+        ("MoveJ p1,vmax,fine,tElse;", False, True),
+        (r"MoveJ p1,vmax,fine,tool0\WObj:=wElse;", True, False),
+        ("MoveJ Offs(p1,0,0,9),vmax,fine,tool0;", False, False),
+        (r"tA.tframe.trans.x:=5; MoveJ p1,vmax,fine,tA\WObj:=wA;", False, True),
+        (r"wA:=wB; MoveJ p1,vmax,fine,tA\WObj:=wA;", True, False),
+    ],
+)
+def test_frames_are_known_as_far_as_the_module_says(motion: str, tool: bool, base: bool) -> None:
+    pose, _ = framed(motion).positions
+    assert (pose.T_tip_tool is not None, pose.T_world_user is not None) == (tool, base)
+
+
+@pytest.mark.parametrize(
+    ("code", "line", "message"),
+    [
+        ("MoveJ p1,v1,fine,tB;", 3, "TB is a tool that stands in the cell"),
+        (r"MoveJ p1,v1,fine,tA\WObj:=wB;", 5, "WB is a work object that moves"),
+        (r"MoveJ p1,v1,fine,tA\WObj:=wC;", 6, "WC is a work object that moves"),
+        ("MoveJ p1,v1,fine,tA;\nMoveL p1,v1,fine,tool0;", 11, "p1 is used in other frames"),
+        ("MoveJ p1,v1,fine,tA;\nMoveL p1,v1,fine,tA\\WObj:=wA;", 11, "p1 is used in other frames"),
+        ("p1.trans.x:=20;", 10, "p1 is changed in part"),
+        ("IF a THEN\np1 . rot := q;\nENDIF", 11, "p1 is changed in part"),
+        ("x:=3;\njp2.robax.rax_1:=20;", 11, "jp2 is changed in part"),
+        ("x:=3;\nPDispOn p1,tool0;", 11, "PDispOn"),
+    ],
+)
+def test_what_moves_a_pose_in_silence_is_refused(code: str, line: int, message: str) -> None:
+    with pytest.raises(FileFormatError, match=message) as caught:
+        framed(code)
+    assert caught.value.row == line
+    assert caught.value.hint
+
+
+def test_a_position_of_the_operator_is_none_of_the_plan() -> None:
+    mark = "! PLAN abcdef12 3\n  ! P1 T1\n  ! P2 T2\n  ! P3 T3\n  ! P4 via"
+    extra = f"  CONST jointtarget {J1};\nENDMODULE".replace("jp1", "jLeft")
+    program = parse(SMALL.replace("! PLAN abcdef12 2", mark).replace("ENDMODULE", extra))
+    # and jp3 was deleted
+    assert [(p.number, p.name) for p in program.positions] == [(1, "T1"), (2, "T2"), (5, "jLeft")]
+    assert [p.number for p in program.measured] == [1, 2]
 
 
 def test_an_external_axis_may_not_carry_the_arm() -> None:

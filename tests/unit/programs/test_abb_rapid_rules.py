@@ -14,13 +14,14 @@ from posedesign.programs import PoseProgram, Problem, ProgramOptions, ProgramPos
 from posedesign.programs.abb_rapid import AbbRapid, rules
 from posedesign.programs.abb_rapid.rules import MOST_PROBLEMS
 from posedesign.programs.abb_rapid.writer import render_abb_rapid
-from posedesign.programs.arm import Arm
+from posedesign.programs.arm import Arm, Load
 
 POSES = tuple(ProgramPose(f"T{i}", np.radians([i, 10, 20, 4, 30, 6]), via=i == 1) for i in range(3))
 ARM = Arm.of(
     Robot.preset("irb120"),
     transform(np.eye(3), [0.3, 0, 0]),
     transform(np.eye(3), [0, 0, 0.1]),
+    Load(1.0, np.array([0, 0, 0.05])),
 )
 JOINT, POSE = (
     render_abb_rapid(
@@ -62,13 +63,25 @@ def test_a_good_module_has_no_problems(tmp_path: Path, text: str) -> None:
         ("MEASURE 1;", "FOR i FROM 1 TO 3 DO\n MEASURE -1;\n ENDFOR"),
         ("MEASURE 1;", "TEST a\n CASE 1:\n MEASURE 1;\n DEFAULT:\n MEASURE 2;\n ENDTEST"),
         ("MEASURE 1;", "MEASURE\n 1\n ;"),
-        ("  PROC main()", "PROC go()\nMoveAbsJ jp1,v1,z1,tool0;\nENDPROC\nPROC f()\nMEASURE 1;\n"
+        ("  PROC main()", "PROC go()\nMoveAbsJ jp1,v5,z1,tool0;\nENDPROC\nPROC f()\nMEASURE 1;\n"
          "ENDPROC\n  PROC main()"),
         ("MoveAbsJ jp1", "MoveAbsJ \\Conc, jp1"),
         ("MEASURE 1;", 'TPWrite "a;b" \\Num:=3;'),
         ("MEASURE 1;", "a{1}.x:=-(3-0);"),
         ("MEASURE 1;", "again:\n MEASURE 1;"),
         ("WaitTime\\InPos,1.00;", "WaitRob \\InPos;"),
+        ("WaitTime\\InPos,1.00;", "WaitTime \\InPos, 0.5+a;\nWaitTime 2;"),
+        ("jp1\\NoEOffs,vmax,fine,tCalib",
+         "jp1 \\ID:=3\\NoEOffs, v100\\T:=5, fine \\Inpos:=inpos50, tCalib\\TLoad:=load0"),
+        ("  PROC main()", "  VAR speeddata vMine:=[1,1,1,1];\n  VAR zonedata zMine;\n"
+         "PROC go(VAR jointtarget target,\\num n)\nMoveAbsJ target,vMine,zMine,tool0;\n"
+         "ENDPROC\n  PROC main()"),
+        ("  PROC main()", "  VAR jointtarget j{3};\nPROC go(num n)\n"
+         "MoveAbsJ j{n},[1,1,1,1],fine,tool0;\nENDPROC\n  PROC main()"),
+        ("  PROC main()", "PROC go()\n"
+         "MoveJSync [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v5,z5,tool0,\"x\";\n"
+         "MoveL Offs(CRobT(),0,0,5),v5,z5,tool0;\n"
+         "ENDPROC\n  PROC main()"),
         ("MoveAbsJ jp1\\NoEOffs", "MoveAbsJ jp1"),
         ("9E9,9E9,9E9,9E9,9E9,9E9", "1.5,9E+09,9E9,9E9,9E9,9E9"),
         ("jp1\\NoEOffs", "[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]]\\NoEOffs,vmax,fine,tool0;\n"
@@ -123,7 +136,7 @@ ONE_RULE = [
     ("confdata", POSE, "[0,0,0,0],[9E9", "[0,0,0,8],[9E9", "[0,0,0,8] is no confdata"),
     ("confdata", POSE, "[0,0,0,0],[9E9", "[0.5,0,0,0],[9E9", "is no confdata"),
     ("frame-format", POSE, "TASK PERS tooldata", "TASK VAR tooldata", "is PERS, not VAR"),
-    ("frame-format", POSE, "[1,[0,0,1],", "[0,[0,0,1],", "mass above 0"),
+    ("frame-format", POSE, "[1.000,", "[0,", "mass above 0"),
     ("frame-format", POSE, "[TRUE,", "[", "not [robhold, frame, load]"),
     ("frame-format", POSE, '[FALSE,TRUE,"",', "[FALSE,TRUE,", "not [robhold, ufprog"),
     ("frame-format", POSE, "[[0,0,0],[1,0,0,0]]];", "[[0,0,0],[1,0,1,0]]];", "norm is 1.41"),
@@ -131,6 +144,22 @@ ONE_RULE = [
     ("frame", JOINT, "fine,tCalib", "fine,tOther", "tOther is no tooldata"),
     ("frame", POSE, "WObj:=wCalib", "WObj:=wOther", "wOther is no wobjdata"),
     ("frame", JOINT, "vmax,fine,tCalib", "fine,tCalib", "a motion has a position"),
+    ("motion", JOINT, "MoveAbsJ jp1\\NoEOffs", "MoveJ jp1", "jp1 is a jointtarget, not a robt"),
+    ("motion", POSE, "MoveJ p1", "MoveAbsJ p1", "p1 is a robtarget, not a jointtarget"),
+    ("motion", JOINT, "MoveAbsJ jp1", "MoveAbsJ jMeasured,v5,z5,tool0;\n"
+     "MoveAbsJ jp1", "jMeasured is an array"),
+    ("motion", JOINT, "MoveAbsJ jp1", "MoveAbsJ jp1{1}", "jp1 is no array"),
+    ("motion", JOINT, "MoveAbsJ jp1", "MoveAbsJ jp1-jp3", "is no jointtarget"),
+    ("motion", JOINT, "\\NoEOffs", "\\NoEOfs", "NOEOFS is no switch of a jointtarget"),
+    ("motion", JOINT, "vmax,", "vmx,", "vmx is no speeddata that is known"),
+    ("motion", JOINT, "vmax,", "v55,", "v55 is no speeddata that is known"),
+    ("motion", JOINT, "vmax,", "fine,", "fine is no speeddata that is known"),
+    ("motion", JOINT, "MoveAbsJ jp1", "MoveAbsJ jp1\\NoEOffs,vmax,z3,tool0;\nMoveAbsJ jp1", "z3"),
+    ("motion", JOINT, "VelSet 100", "MovAbsJ jp1,vmax,fine,tool0;\nVelSet 100", "MOVABSJ is no"),
+    ("motion", JOINT, "VelSet 100", "MoveAbs jp1;\nVelSet 100", "MOVEABS is no motion"),
+    ("wait", JOINT, "VelSet 100", "WaitTime InPos,1;\nVelSet 100", "not a time alone"),
+    ("wait", JOINT, "VelSet 100", "WaitTime\\InPoss,1;\nVelSet 100", "not a time alone"),
+    ("wait", JOINT, "VelSet 100", "WaitTime;\nVelSet 100", "not a time alone"),
     ("speed", JOINT, "VelSet 10,", "VelSet 101,", "not from 1 to 100"),
     ("speed", JOINT, "VelSet 10,", "VelSet 0,", "not from 1 to 100"),
     ("standstill", JOINT, "WaitTime\\InPos,1.00;", "", "may still move"),

@@ -26,7 +26,7 @@ from posedesign.programs import (
 )
 from posedesign.programs.abb_rapid import AbbRapid
 from posedesign.programs.abb_rapid.writer import render_abb_rapid
-from posedesign.programs.arm import Arm
+from posedesign.programs.arm import Arm, Load
 
 IRB120 = Robot.preset("irb120")
 TOOL = transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.01, -0.02, 0.15])
@@ -126,11 +126,33 @@ def test_frames_of_faceplate_and_world_have_their_own_names() -> None:
     assert text.count("fine,tool0\\WObj:=wobj0;") == 3
 
 
-def test_the_tool_of_a_joint_program_is_declared_too() -> None:
+LOADED = Arm.of(IRB120, USER, TOOL, Load(2.3456, np.array([0.01, -0.0021, 0.05])))
+
+
+def test_the_tool_of_a_joint_program_is_no_made_up_one() -> None:
     text = render_abb_rapid(PoseProgram("CAL", POSES), ARM)
-    assert "TASK PERS tooldata tCalib:=[TRUE,[[10.0000,-20.0000,150.0000],[0.707106781," in text
-    assert "wobjdata" not in text  # MoveAbsJ knows no work object
-    assert text.count("fine,tCalib;") == 3
+    assert "tooldata" not in text  # MoveAbsJ knows no tool frame, and the load is not known
+    assert "wobjdata" not in text  # nor a work object
+    assert text.count("fine,tool0;") == 3
+
+
+@pytest.mark.parametrize("form", ["joint", "cartesian"])
+def test_the_tool_has_the_load_of_the_arm(form: Any) -> None:
+    program = PoseProgram("CAL", POSES, ProgramOptions(form=form))
+    text = render_abb_rapid(program, LOADED)
+    tool = re.search(r"PERS tooldata tCalib:=(.*);", text)
+    assert tool
+    assert tool[1].startswith("[TRUE,[[10.0000,-20.0000,150.0000],[0.707106781,")
+    assert tool[1].endswith(",[2.346,[10.00,-2.10,50.00],[1,0,0,0],0,0,0]]")
+    assert "not known" not in text
+    assert text.count("fine,tCalib") == 3
+    assert AbbRapid().check(text.encode(), Path("CAL.mod")) == []
+    # at the faceplate, too: tool0 carries nothing
+    assert "fine,tCalib" in render_abb_rapid(program, replace(LOADED, T_tip_tool=np.eye(4)))
+    nothing = render_abb_rapid(program, replace(LOADED, load=Load(0.0, np.zeros(3))))
+    assert ("tool0" in nothing) == (form == "joint")
+    assert ("[0.001,[0,0,0.001]," in nothing) == (form == "cartesian")
+    assert AbbRapid().check(nothing.encode(), Path("CAL.mod")) == []
 
 
 def random_program(seed: int, **options: Any) -> PoseProgram:
@@ -169,6 +191,9 @@ def check_round_trip(seed: int, form: str, folder: Path) -> None:
     # four numbers of a quaternion, each within 5e-10
     np.testing.assert_allclose(poses[:, :3, :3], wanted[:, :3, :3], rtol=0, atol=4e-9)
     assert [p.configuration for p in found.positions] == ARM.configurations(expected)
+    for position in found.positions:
+        np.testing.assert_allclose(np.asarray(position.T_world_user), USER, atol=1e-8)
+        np.testing.assert_allclose(np.asarray(position.T_tip_tool), TOOL, atol=1e-8)
     regular = np.abs(np.linalg.det(IRB120.jacobian(expected))) > 1e-3
     postures = found.postures(ARM)
     np.testing.assert_allclose(postures[regular], expected[regular], rtol=0, atol=2e-4)
@@ -235,7 +260,7 @@ def test_names_that_no_comment_holds_are_left_out() -> None:
         ({"measure_call": "endproc"}, "is not a RAPID name"),
         ({"measure_call": "main"}, "is not a RAPID name"),
         ({"measure_call": "jP3"}, "is the name of a position"),
-        ({"measure_call": "cal"}, "has the name of the program that measures"),
+        ({"measure_call": "cal"}, "would call itself"),
         ({"settle_s": 1e6}, "settle_s"),
         ({"measure_output": 1, "measure_pulse_s": 0.0}, "measure_pulse_s"),
     ],
@@ -292,11 +317,14 @@ def touched_up(text: str) -> RecordedProgram:
 
 
 def test_touched_up_positions_stand_in_the_place_of_the_planned_ones() -> None:
-    assert [p.number for p in touched_up(JOINT_MODULE).positions] == [1, 2, 3]
+    planned = touched_up(JOINT_MODULE)
+    assert [p.number for p in planned.positions] == [1, 2, 3]
+    assert planned.empty_registers
     empty = "    [[9E9,9E9,9E9,9E9,9E9,9E9],[9E9,9E9,9E9,9E9,9E9,9E9]]];"
     value = "    [[-10.5,20.5,10.5,-5.5,35.5,130.5],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]];"
     assert JOINT_MODULE.count(empty) == 1
     program = touched_up(JOINT_MODULE.replace(empty, value))
+    assert not program.empty_registers
     # pose 1 is not measured yet: its planned position is no measurement
     assert [(p.number, p.name) for p in program.positions] == [(2, ""), (3, "way")]
     assert [p.number for p in program.measured] == [2]

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from calib.errors import InputError, UnreachableError
 from calib.robots import Robot
-from calib.se3 import rotation_from_wpr, transform
+from calib.se3 import inverse, rotation_angle, rotation_from_wpr, transform
 from posedesign.programs import (
     DIALECTS,
     Arm,
@@ -120,3 +122,38 @@ def test_without_a_configuration_the_plan_settles_which_posture_is_meant(tmp_pat
         read(path).postures(arm)
     near = q + np.deg2rad(0.5)
     np.testing.assert_allclose(postures_of(positions, arm, near), q, atol=2e-3)
+
+
+LIMITS = st.lists(st.floats(0.02, 0.98), min_size=6, max_size=6)
+
+
+@pytest.mark.slow
+@settings(max_examples=1000)
+@given(plans=st.lists(LIMITS, min_size=1, max_size=4), form=st.sampled_from(["joint", "cartesian"]))
+def test_a_thousand_random_plans_come_back(plans: list[list[float]], form: str) -> None:
+    """Joints to the third decimal; poses to it as well, where an arm position can take them."""
+    arm = Arm.of(R2000, T_WORLD_USER, T_TIP_TOOL)
+    q = R2000.lower + np.array(plans) * R2000.joint_range
+    poses = tuple(ProgramPose(f"P{i}", posture) for i, posture in enumerate(q))
+    options = ProgramOptions(form=form, fingerprint="abcdef12", user_frame=2)  # type: ignore[arg-type]
+    dialect = DIALECTS["fanuc-ls"]
+    ((name, text),) = dialect.files(PoseProgram("RANDOM", poses, options, arm)).items()
+    data = text.replace("\n", "\r\n").encode()
+    assert dialect.check(data, Path(name)) == []
+    positions = dialect.parse(data, Path(name)).positions
+    if form == "joint":
+        shown = np.stack([p.shown_deg for p in positions if p.shown_deg is not None])
+        np.testing.assert_allclose(shown, np.round(arm.shown(q), 3), atol=1e-9)
+        return
+    poses_back = np.stack([p.T_user_tool for p in positions if p.T_user_tool is not None])
+    off = inverse(arm.tool_poses(q)) @ poses_back
+    assert np.abs(off[:, :3, 3]).max() <= 0.9e-6
+    assert np.rad2deg(rotation_angle(off[:, :3, :3])).max() <= 1.6e-3
+    inside = np.array([all(c.room(p) > 0.01 for c in R2000.coupled_limits) for p in q])
+    solutions = R2000.inverse(R2000.fk(q))
+    singular = np.zeros(len(q), dtype=bool)
+    np.logical_or.at(singular, solutions.pose, solutions.singular)
+    kept = np.flatnonzero(inside & ~singular)
+    if len(kept):
+        back = postures_of(tuple(positions[i] for i in kept), arm, q[kept])
+        assert np.abs(np.rad2deg(back - q[kept])).max() < 0.1

@@ -31,6 +31,9 @@ def check(folder: Path, dat: str | None, src: str | None, which: str) -> list[Pr
     return validate(folder / f"CAL{which}")
 
 
+PLACE = "{X 1,Y 2,Z 3,A 4,B 5,C 6}"
+
+
 @pytest.mark.parametrize("which", [".dat", ".src"])
 def test_a_good_program_has_no_problems(tmp_path: Path, which: str) -> None:
     assert check(tmp_path, DAT, SRC, which) == []
@@ -54,7 +57,12 @@ def test_a_good_program_has_no_problems(tmp_path: Path, which: str) -> None:
         (".src", "PTP XP1", "PTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\nPTP XP1"),
         (".src", "BAS(#INITMOV,0)", 'BAS(#INITMOV,0)\nMSG[]="a; b ("'),
         (".src", "PTP XP1", "PTP $AXIS_ACT\nPTP XP1"),
-        (".src", "PTP XP3", "LIN XP3 C_DIS\nPTP XP3"),
+        (".src", "PTP XP3", f"LIN {PLACE} C_DIS C_ORI\nPTP XP3"),
+        (".src", "PTP XP3", f"CIRC {PLACE}, {PLACE}, CA 90.5 C_VEL\nPTP XP3"),
+        (".src", "PTP XP3", f"LIN_REL {PLACE} #TOOL C_DIS\nPTP XP3"),
+        (".src", "BAS(#VEL_PTP,10)", "BAS(#VEL_PTP,N)\nBAS(#VEL_CP,0.2)\nBAS (#ACC_PTP, 100 )"),
+        (".dat", "EXT BAS", f'DECL MODULEPARAM_T LAST_TP_PARAMS={{P[] "{"x" * 300}"}}\nEXT BAS'),
+        (".dat", "EXT BAS", f'DECL TQM_SUGG_T L={{P[] "{"x" * 300}"}}\nEXT BAS'),
         (".src", "BAS(#INITMOV,0)", "INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )\n"
          "BAS(#INITMOV,0)"),
         (".dat", "EXT BAS", "DECL BASIS_SUGG_T L={POINT1[] \"P1\"}\nEXT BAS"),
@@ -125,8 +133,24 @@ ONE_RULE = [
     ("number", ".dat", "E6AXIS " + P1, POSE.replace("S 2", "S 32"), "S '32' is not from 0 to 31"),
     ("number", ".dat", "E6AXIS " + P1, POSE.replace("T 35", "T 64"), "T '64' is not from 0 to 63"),
     ("number", ".src", "WAIT SEC 1.00", "WAIT SEC nan", "NaN"),
-    ("first-move", ".src", "PTP XP1", "LIN XP1", "LIN is the first motion"),
+    ("first-move", ".src", "PTP XP1", f"LIN {PLACE}\nPTP XP1", "LIN is the first motion"),
     ("first-move", ".dat", "E6AXIS " + P1, POSE.replace(",S 2,T 35", ""), "no S and T"),
+    ("number", ".dat", "A2 -90.00000", "A2 -720.1", "beyond +-720"),
+    ("motion", ".src", "PTP XP3", "PTP XP3 XP1", "is not a target"),
+    ("motion", ".src", "PTP XP3", "PTP XP3 C_FOO", "is not a target"),
+    ("motion", ".src", "PTP XP3", "PTP XP3,XP1", "is not a target"),
+    ("motion", ".src", "PTP XP3", "PTP XP3 10", "is not a target"),
+    ("motion", ".src", "PTP XP3", "PTP\nPTP XP3", "is not a target"),
+    ("motion", ".src", "PTP XP3", f"CIRC {PLACE}\nPTP XP3", "is not a target"),
+    ("motion", ".src", "PTP XP3", "LIN XP3", "goes to a pose"),
+    ("motion", ".src", "PTP XP3", "LIN {A1 1,A2 1,A3 1,A4 1,A5 1,A6 1}\nPTP XP3", "to a pose"),
+    ("speed", ".src", "#VEL_PTP,10", "#VEL_PTP,500", "VEL_PTP 500: not from 1 to 100"),
+    ("speed", ".src", "#VEL_PTP,10", "#VEL_PTP,0", "VEL_PTP 0: not from"),
+    ("frame-value", ".src", "#TOOL,1", "#TOOL,17", "TOOL 17: controllers have 0 to 16"),
+    ("frame-value", ".src", "#BASE,0", "#BASE,-1", "BASE -1"),
+    ("frame-value", ".src", "BAS(#TOOL,1)", "$TOOL=TOOL_DATA[99]", "TOOL 99"),
+    ("frame-value", ".src", "BAS(#TOOL,1)", "$TOOL={X 0,Y 0,Z 0}", "$TOOL has not X Y Z A B C"),
+    ("frame-value", ".src", "BAS(#TOOL,1)", "$TOOL={X 0,Y 0,Z 0,A 0,B 0,C x}", "$TOOL has not"),
     ("initialised", ".src", "BAS(#INITMOV,0)\n", "", "no BAS(#INITMOV,0)"),
     ("frame", ".src", "BAS(#TOOL,1)\n", "", "$TOOL is not set"),
     ("frame", ".src", "BAS(#BASE,0)\n", "", "$BASE is not set"),

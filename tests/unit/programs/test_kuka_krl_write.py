@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import transform
+from posedesign.cell import Cell
 from posedesign.programs import (
     PoseProgram,
     ProgramOptions,
@@ -30,6 +31,7 @@ from posedesign.programs import (
 from posedesign.programs.arm import Arm
 from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.kuka_krl.writer import render_kuka_krl
+from posedesign.touch_up_import import import_touch_ups
 
 KR6 = Robot.preset("kr6r900sixx")
 TOOL = transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.01, -0.02, 0.15])
@@ -361,6 +363,14 @@ def test_a_parser_of_the_public_grammar_takes_what_is_written() -> None:
 
 def touched_up(dat: str) -> RecordedProgram:
     return KukaKrl().parse(dat.encode("ascii"), Path("CalPose.dat"))
+
+
+def test_planned_positions_are_no_touch_ups(reference_cell: Cell, tmp_path: Path) -> None:
+    path = tmp_path / "CalPose.dat"
+    path.write_text(JOINT_DAT)
+    for keep in (False, True):
+        with pytest.raises(InputError, match="no register holds a touched-up position"):
+            import_touch_ups(reference_cell, [path], keep_untouched=keep)
 
 
 def test_touched_up_positions_stand_in_the_place_of_the_planned_ones() -> None:

@@ -92,6 +92,11 @@ def test_a_project_of_others_is_read() -> None:
     np.testing.assert_allclose(
         first.T_user_tool[:3, :3], [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-15
     )
+    assert first.T_world_user is not None
+    np.testing.assert_allclose(first.T_world_user[:3, 3], [0.1, 0, 0])
+    assert first.T_tip_tool is None
+    elsewhere = parse(EXPORT.replace('fatherId="world[0]"', 'fatherId="fOther[0]"'))
+    assert elsewhere.positions[3].T_world_user is None
     assert first.configuration == StaubliConfiguration(False, None, False)
     assert second.configuration is None
     lines = EXPORT.splitlines()
@@ -165,6 +170,13 @@ def test_projects_as_they_are_written() -> None:
     assert all(p.T_user_tool is not None for p in parse(POSED).positions)
 
 
+def test_poses_that_were_not_stored_are_left_out() -> None:
+    zeros = KEPT.replace('j1="1.25" j2="2" j3="3" j4="4" j5="5" j6="6"', 'j2="-0.000" j3="0"')
+    none = re.sub(r'\n.*j1="1.25".*', "", KEPT)
+    for text in (zeros, none):
+        assert {number: row[0] for number, row in shown(parse(text)).items()} == {2: 2.25, 3: 3.5}
+
+
 @pytest.mark.parametrize(
     ("source", "old", "new", "line", "message"),
     [
@@ -193,7 +205,6 @@ def test_projects_as_they_are_written() -> None:
         (POSED, "fUser[0]", "fPart[0]", 6, r"pPose\[1\] is in 'fUser\[0\]', points before in"),
         (KEPT, 'value="2"', 'value="x"', 14, "nFirst is 'x'"),
         (KEPT, 'value="2"', 'value="0"', 14, "nFirst is '0'"),
-        (KEPT, 'value="2"', 'value="1"', 9, r"jActual\[0\] is not there"),
         (
             KEPT,
             'type="jointRx" size="3">\n      <Value key="1" j1="1.25',

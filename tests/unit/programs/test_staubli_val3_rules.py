@@ -32,11 +32,12 @@ def check(text: str, name: str) -> list[Problem]:
 
 
 def test_good_files_have_no_problems(tmp_path: Path) -> None:
-    for name, text in [*JOINT.items(), *POSED.items()]:
-        assert check(text, name) == []
-        path = tmp_path / name
-        path.write_bytes(text.replace("\n", "\r\n").encode())
-        assert StaubliVal3().validate(path) == []
+    for files in (JOINT, POSED):
+        for name, text in files.items():
+            assert check(text, name) == []
+            (tmp_path / name).write_bytes(text.replace("\n", "\r\n").encode())
+        for name in files:
+            assert StaubliVal3().validate(tmp_path / name) == []
 
 
 @pytest.mark.parametrize(
@@ -44,6 +45,8 @@ def test_good_files_have_no_problems(tmp_path: Path) -> None:
     [
         (DATA, "<Datas>", "<!-- caf\u00e9 --><Datas>"),
         (DATA, 'j1="1.00000"', 'j1="1"'),
+        (DATA, ' j1="1.00000"', ""),
+        (DATA, 'j1="1.00000"', 'j1="-0.000"'),
         (POINTS, "lefty", "ssame"),
         (POINTS, 'fatherId="fUser[0]"', 'fatherId="world[0]"'),
         (START, "  delay(1.000)\n", "  if bGo\n    delay(1)\n  else\n    delay(2)\n  endIf\n"),
@@ -72,12 +75,11 @@ ONE_RULE = [
     ("keys", DATA, 'key="1"', 'key="0"', "jPose[0] is none of 2"),
     ("keys", DATA, 'key="1"', 'key="2"', "jPose[2] is none of 2"),
     ("keys", DATA, 'size="2"', 'size="3"', "has 2 values, its size is 3"),
-    ("attributes", DATA, ' j1="1.00000"', "", "lacks or should not have j1"),
+    ("attributes", POINTS, ' wrist="', ' wrst="', "lacks or should not have wrist wrst"),
     ("attributes", DATA, ' j1="1.00000"', ' j1="1.00000" j7="1"', "j7"),
     ("attributes", POINTS, ' shoulder="lefty"', "", "shoulder"),
     ("number", DATA, 'j1="1.00000"', 'j1="1e0"', "j1 is '1e0'"),
     ("number", DATA, 'j1="1.00000"', 'j1="nan"', "j1 is 'nan'"),
-    ("number", DATA, 'j1="1.00000"', 'j1="-0.000"', "j1 is '-0.000'"),
     ("range", DATA, 'j1="1.00000"', 'j1="721.0"', "j1 is 721.0"),
     ("range", DATA, 'x="0.0000"', 'x="10001"', "x is 10001"),
     ("range", DATA, 'rx="0.00000"', 'rx="-180.00000"', "rx is -180.00000"),
@@ -96,16 +98,30 @@ ONE_RULE = [
     ("code", START, "  delay(1.000)\n", "  endWhile\n", "endwhile closes nothing"),
     ("identifier", START, "call MEASURE", "call " + "M" * 16, "is no name"),
     ("identifier", START, "movej(jPose", "movej(jPosesOfTheWeek1", "is no name"),
+    ("instruction", START, "  delay(1.000)\n", "  delai(1)\n", "delai is no function"),
+    ("instruction", START, "  delay(1.000)\n", "  stand still\n", "'stand still' is no instr"),
+    ("instruction", START, "  delay(1.000)\n", "  nTraj=delai(1)\n", "delai is no function"),
+    ("target", START, "movej(jPose[0]", "movej(jPose[2]", "jPose[2] is beyond its size 2"),
+    ("target", START, "movej(jPose[0]", "movej(jPark[0]", "jPark is not in the data file"),
+    ("target", START, "movej(jPose[0]", "movej(fUser[0]", "fUser is of type frame, not pointRx or"),
+    ("target", START, "movej(jPose[0]", "movel(jPose[0]", "jPose is of type jointRx, not pointRx"),
+    ("target", START, "tTool[0]", "mMeasure", "mMeasure is of type mdesc, not tool"),
+    ("target", START, ",mMeasure", "", "movej takes 3 arguments"),
+    ("target", START, "call MEASURE", "call PROBE", "there is no program PROBE"),
     ("wait-to-measure", START, "  waitEndMove()\n", "", "no waitEndMove()"),
 ]
 
 
 @pytest.mark.parametrize(("rule", "name", "old", "new", "message"), ONE_RULE)
 def test_a_file_that_breaks_one_rule(
-    rule: str, name: str, old: str, new: str, message: str
+    rule: str, name: str, old: str, new: str, message: str, tmp_path: Path
 ) -> None:
     assert old in SOURCES[name]
-    problems = check(SOURCES[name].replace(old, new, 1), name)
+    if rule == "target":
+        for file, text in JOINT.items():
+            (tmp_path / file).write_text(text)
+    path = tmp_path / name.strip()
+    problems = check_staubli_val3(SOURCES[name].replace(old, new, 1).encode(), path)
     assert {problem.rule for problem in problems} == {rule}
     assert message in " ".join(problem.message for problem in problems)
 

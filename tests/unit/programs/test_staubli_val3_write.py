@@ -213,12 +213,31 @@ def test_the_touched_up_position_in_an_array_of_its_own() -> None:
     text = data_of(program)
     assert '"jActual" access="public" xsi:type="array" type="jointRx" size="4"' in text
     assert DIALECT.check(text.encode(), PATH) == []
+    planned = DIALECT.parse(text.encode(), PATH)
+    assert planned.empty_registers
+    assert [p.number for p in planned.positions] == [1, 2, 3]
+    assert not DIALECT.parse(
+        data_of(replace(program, options=OPTIONS)).encode(), PATH
+    ).empty_registers
     head, actual = text.split('<Data name="jActual"')
-    touched = head + '<Data name="jActual"' + actual.replace('key="3" j1="-180', 'key="3" j1="-179')
-    for source, first in ((text, -180.0), (touched, -179.0)):
-        back = DIALECT.parse(source.encode(), PATH)
-        assert [p.number for p in back.positions] == [1, 2, 3]
-        assert [p.shown_deg[0] for p in back.positions if p.shown_deg is not None] == [0, first, 10]
+    touched = actual.replace('key="3" j1="0.00000', 'key="3" j1="-179.00000', 1)
+    back = DIALECT.parse(f'{head}<Data name="jActual"{touched}'.encode(), PATH)
+    assert not back.empty_registers
+    # pose 1 was not measured, and pose 3 is passed through
+    assert [p.number for p in back.positions] == [2, 3]
+    assert [p.shown_deg[0] for p in back.positions if p.shown_deg is not None] == [-179, 10]
+
+
+def test_poses_are_read_in_the_frames_of_the_project() -> None:
+    arm = replace(ARM, T_world_user=T_USER, T_tip_tool=T_TOOL)
+    program = PoseProgram("Calpose", POSES[:2], replace(OPTIONS, form="cartesian"))
+    back = DIALECT.parse(data_of(program, arm).encode(), PATH)
+    for position in back.positions:
+        np.testing.assert_allclose(position.T_world_user, T_USER, atol=1e-7)
+        np.testing.assert_allclose(position.T_tip_tool, T_TOOL, atol=1e-7)
+    # whatever the cell's own tool: the arm is where the project moves it
+    found = postures_of(back.positions, ARM, program.postures_rad)
+    np.testing.assert_allclose(found, program.postures_rad, atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -226,10 +245,10 @@ def test_the_touched_up_position_in_an_array_of_its_own() -> None:
     [
         ({"measure_output": 16}, "measure_output is 16"),
         ({"settle_s": 1e5}, "settle_s is 1"),
-        ({"comment": "a ]]> b"}, "cannot stand in a VAL 3 project"),
-        ({"comment": "two\nlines"}, "cannot stand in a VAL 3 project"),
-        ({"comment": "Stra\u00dfe"}, "cannot stand in a VAL 3 project"),
-        ({"comment": "x" * 61}, "cannot stand in a VAL 3 project"),
+        ({"comment": "a ]]> b"}, "would end the code"),
+        ({"comment": "two\nlines"}, "cannot stand in a comment"),
+        ({"comment": "Stra\u00dfe"}, "cannot stand in a comment"),
+        ({"comment": "x" * 61}, "cannot stand in a comment"),
         ({"measure_call": "my measure"}, "is not a VAL 3 name"),
         ({"measure_call": "7up"}, "is not a VAL 3 name"),
         ({"measure_call": "start"}, "is not a VAL 3 name"),

@@ -217,7 +217,8 @@ def test_frames_that_are_given_by_value() -> None:
         "movel(pose_trans(pose_trans(a, b), p[0.5,0,0,0,0,0]))\n"
         "set_tcp(other())\n"
         "movel(pose=pose_trans(a, p_from_to=pose_trans(b, p[0.6,0,0,0,0,0])), a=1)\n"
-        "movej(get_inverse_kin(pose_trans(a, pose_trans(b, p[0.7,0,0,0,0,0])), tcp=p[0,0,3,0,0,0]))\n"
+        "movej(get_inverse_kin(pose_trans(a, pose_trans(b, p[0.7,0,0,0,0,0])), "
+        "tcp=p[0,0,3,0,0,0]))\n"
     )
     # a turn about z in a frame that is 1 m along x: user x is the base's y
     for position, x in zip(program.positions, (0.5, 0.6, 0.7), strict=True):

@@ -87,7 +87,7 @@ def Touch_up():
   run Step_Counter_Thread_1()
   set_target_payload(1.0, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
   $ 1 "Robot Program"
-  movej(get_inverse_kin(Waypoint_1_p, qnear=Waypoint_1_q), a=1.3962634015954636, v=1.0471975511965976)
+  movej(get_inverse_kin(Waypoint_1_p, qnear=Waypoint_1_q), a=1.396263401595, v=1.047)
 end
 """
 

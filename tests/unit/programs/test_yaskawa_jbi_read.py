@@ -64,7 +64,7 @@ EX00001=7
 ///LVARS 1,0,0,0,0,0,0,0
 NOP
 '\x83e\x83X\x83g
-'PLAN 00C0FFEE 2
+'PLAN 00c0ffee 2
 \t'PULSES S 1000
 'PULSES L -2000.000
 'PULSES U 500
@@ -116,6 +116,9 @@ def test_a_controllers_job_is_read() -> None:
         6: [0] * 6,
     }
     assert [p.user_frame for p in program.positions] == [None, None, 0, 12, 0, None]
+    in_base = [p.T_world_user is not None for p in program.positions]
+    assert in_base == [False, False, True, False, True, False]
+    np.testing.assert_array_equal(program.positions[2].T_world_user, np.eye(4))
     assert [p.tool_frame for p in program.positions] == [4, 3, 3, 4, 4, 4]
     at_base = program.positions[2]
     assert at_base.configuration == YaskawaConfiguration(1, 0, 0, 0, 0, 0)
@@ -146,6 +149,24 @@ MOVJ C00000 VJ=10.00
 MOVJ C00001 VJ=10.00
 END
 """
+
+
+def test_touched_up_positions_in_variables() -> None:
+    kept = NOTED.replace(
+        "MOVJ C00000 VJ=10.00\n", "MOVJ C00000 VJ=10.00\nGETS PX001 $PX000\n"
+    ).replace("MOVJ C00001 VJ=10.00\n", "MOVJ C00001 VJ=10.00\nGETS PX002 $PX000\n")
+    planned = parse(kept)
+    assert planned.empty_registers
+    assert shown(planned) == shown(parse(NOTED))
+    assert not parse(NOTED).empty_registers
+    one = kept.replace("NPOS 2,0,0,0", "NPOS 2,0,0,1").replace(
+        "//INST", "P00002=4000,2000,500,100,100,50\n//INST"
+    )
+    # the planned position of a pose that was not measured is not taken for a measured one
+    assert shown(parse(one)) == {2: [4.0, -1, 1, 1, -1, 1]}
+    assert not parse(one).empty_registers
+
+
 RATIOS = "".join(f"'PULSES {a} {v}\n" for a, v in zip("SLURBT", PULSES, strict=True))
 NOTED = SMALL.replace("NOP\n", "NOP\n" + RATIOS + "'POSE 1\n").replace(
     "MOVJ C00001", "'POSE 2\nMOVJ C00001"

@@ -217,9 +217,9 @@ def test_pulses_that_are_missing_are_asked_for(pulses: tuple[float, ...], messag
         ({"user_frame": -1}, "user_frame is -1"),
         ({"settle_s": 655.36}, "settle_s is 655.36"),
         ({"measure_output": 1, "measure_pulse_s": 0.0}, "measure_pulse_s is 0"),
-        ({"comment": "x" * 33}, "cannot be shown"),
-        ({"comment": "Stra\u00dfe"}, "cannot be shown"),
-        ({"comment": "two\nlines"}, "cannot be shown"),
+        ({"comment": "x" * 33}, "cannot stand in a comment"),
+        ({"comment": "Stra\u00dfe"}, "cannot stand in a comment"),
+        ({"comment": "two\nlines"}, "cannot stand in a comment"),
         ({"measure_call": "MEASURE_1"}, "is not a Yaskawa job name"),
         ({"measure_call": "measure"}, "is not a Yaskawa job name"),
         ({"measure_call": "CALPOSE"}, "would call itself"),
@@ -268,7 +268,7 @@ def test_a_long_program_is_split(tmp_path: Path) -> None:
         ProgramPose(f"T{i}", q, via=i % 3 == 1) for i, q in enumerate(rng.uniform(-1, 1, (900, 6)))
     )
     paths = DIALECT.write(PoseProgram("CALPOSE", poses, OPTIONS), tmp_path)
-    assert [p.name for p in paths] == [f"CALPOS_{k}.JBI" for k in (1, 2, 3, 4)]
+    assert [p.name for p in paths] == [f"CALOSE_{k}.JBI" for k in (1, 2, 3, 4)]
     measured = []
     for path in paths:
         assert DIALECT.validate(path) == []

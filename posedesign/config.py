@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import Field, StrictBool, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, StrictBool, ValidationError, model_validator
 
 from calib.errors import FileFormatError, near_names
 from posedesign.config_identification import (
@@ -281,6 +281,14 @@ class FrameSection(Section):
     wpr_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
 
 
+def _argument(value: object) -> object:
+    """What a measuring program is called with, in words or as a number."""
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    if not whole and value not in ("number", "none"):
+        raise ValueError('a whole number, "number" or "none"')
+    return value
+
+
 class ProgramSection(Section):
     """The robot program.
 
@@ -298,7 +306,7 @@ class ProgramSection(Section):
     speed_percent: Annotated[int, Field(strict=True, ge=1, le=100)] = 10
     settle_s: NotNegative = 1.0
     measure_call: str | None = "MEASURE"
-    measure_argument: Literal["number", "none"] | Annotated[int, Field(strict=True)] = "number"
+    measure_argument: Annotated[int | str, BeforeValidator(_argument)] = "number"
     measure_output: Annotated[int, Field(strict=True, ge=1, le=4096)] | None = None
     measure_pulse_s: NotNegative = 0.5
     keep: Literal["position", "register"] = "position"

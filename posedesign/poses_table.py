@@ -77,6 +77,8 @@ def write_poses(
     """
     listed = PoseList.of_route(poses, route)
     comments = [f"posedesign: {title} of {robot.name}", f"fingerprint: {listed.fingerprint}"]
+    if robot.controller is not None:
+        comments.append(f"controller: {robot.controller.maker}")
     if indices is not None:
         values = indices.as_dict()
         del values["poses"]  # said already

@@ -61,11 +61,10 @@ def tool_note(cell: Cell, dialect: Dialect) -> str:
     section = cell.config.program
     if not dialect.numbered_frames or section.tool is not None:
         return ""
-    x, y, z = cell.config.tool.point_mm
+    place = ", ".join(f"{value:g}" for value in cell.config.tool.point_mm)
     return (
-        f"tool frame {section.tool_frame} is taken to be the cell's tool point ({x:g}, {y:g}, {z:g}) "
-        f"mm in the axes of the faceplate: the controller's must be the same, or say what it "
-        "is in program.tool"
+        f"tool frame {section.tool_frame} is taken to be the cell's tool point ({place}) mm in the "
+        "axes of the faceplate: the controller's must be the same, or program.tool say what it is"
     )
 
 
@@ -90,7 +89,7 @@ def check_recorded_frames(
         A pose is in a frame of another number, or of a number that the cell knows nothing of.
     """
     section = cell.config.program
-    posed = [p for p in positions if p.T_user_tool is not None]
+    posed = [p for p in positions if p.T_user_tool is not None and p.shown_deg is None]
     for p in posed:
         for what, number, own, by_value in (
             ("user", p.user_frame, section.user_frame, p.T_world_user),

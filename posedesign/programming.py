@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -91,7 +92,7 @@ def program_options(cell: Cell | None, poses: PoseList, form: str | None = None)
         speed_percent=section.speed_percent,
         settle_s=section.settle_s,
         measure_call=section.measure_call or None,
-        measure_argument=None if section.measure_argument == "none" else section.measure_argument,
+        measure_argument=_argument_of(section.measure_argument),
         measure_output=section.measure_output,
         measure_pulse_s=section.measure_pulse_s,
         keep=section.keep,
@@ -101,22 +102,45 @@ def program_options(cell: Cell | None, poses: PoseList, form: str | None = None)
     )
 
 
-def usual_dialect(cell: Cell | None) -> str:
-    """The dialect of the robot's controller; FANUC's without a cell.
+def _argument_of(word: int | str) -> Literal["number"] | int | None:
+    """The argument of the measuring call as the options have it."""
+    if isinstance(word, int):
+        return word
+    return "number" if word == "number" else None
+
+
+def chosen_dialect(cell: Cell | None, poses: PoseList, name: str | None) -> str:
+    """The dialect of this name, or else of the robot's controller.
+
+    Without a cell the controller is the one that the pose list names.
 
     Raises
     ------
     InputError
-        The controller is not known, or has no dialect here.
+        The controller is not known, has no dialect here, or does not read the one that is named.
     """
-    if cell is None:
-        return DIALECTS["fanuc-ls"].name
-    maker = cell.robot.controller.maker if cell.robot.controller else None
+    if cell is not None:
+        robot = cell.robot.name
+        maker = cell.robot.controller.maker if cell.robot.controller else None
+    else:
+        robot, maker = "the robot of this list", poses.header.get("controller")
+    if name is not None:
+        wanted = find_dialect(name).maker
+        if cell is None and maker and wanted not in (None, maker):
+            raise InputError(
+                f"{robot} has a controller of {maker}, {name} is for one of {wanted}",
+                hint="leave --format out, or name a format for any robot",
+                name="format",
+                value=name,
+            )
+        return name
     own = next((d.name for d in DIALECTS.values() if maker and d.maker == maker), None)
     if own is None:
         raise InputError(
-            f"{cell.robot.name} has a controller of {maker or 'an unknown maker'}",
-            hint="choose with --format: " + ", ".join(DIALECTS),
+            f"{robot} has a controller of {maker or 'an unknown maker'}",
+            hint=("" if cell else "pass --cell, or ")
+            + "choose with --format: "
+            + ", ".join(d.name for d in DIALECTS.values() if not maker or d.maker is None),
             name="format",
         )
     return own
@@ -164,13 +188,20 @@ def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | No
     short = iter(found.postures)
     for name, posture, passed in zip(poses.names, poses.postures, poses.via, strict=True):
         if not passed:
-            names.append(f"A{len(names):02d}")
+            names.append(f"{name}-approach")
             postures.append(next(short))
             via.append(True)
         names.append(name)
         postures.append(posture)
         via.append(bool(passed))
     return PoseList(tuple(names), np.stack(postures), np.array(via))
+
+
+def refuse_doubles(poses: PoseList) -> None:
+    """Refuse a list in which two poses have one name: what comes back could not be told apart."""
+    twice = next((n for n in poses.names if poses.names.count(n) > 1), None)
+    if twice is not None:
+        raise InputError(f"there are two poses {twice}", hint="rename one of them", name=twice)
 
 
 def write_program(
@@ -191,6 +222,7 @@ def write_program(
         A file cannot be written.
     """
     chosen = find_dialect(dialect)
+    refuse_doubles(poses)
     note = ""
     if cell is not None and options.form == "cartesian":
         check_frames(cell, chosen)

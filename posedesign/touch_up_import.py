@@ -23,7 +23,8 @@ from posedesign.checks import NEAR_TARGET_M, off_target, outside_limits
 from posedesign.files import read_bytes_bounded
 from posedesign.pose_plan import fingerprint
 from posedesign.program_frames import arm_of, check_recorded_frames
-from posedesign.programs import Dialect, RecordedPosition, RecordedProgram, postures_of
+from posedesign.programming import refuse_doubles
+from posedesign.programs import DIALECTS, Dialect, RecordedPosition, RecordedProgram, postures_of
 from posedesign.programs.reading import MOST_BYTES
 from posedesign.programs.registry import dialect_of
 from posedesign.tables import PoseList, read_poses
@@ -56,6 +57,9 @@ class Imported:
     missing : tuple of str
         Poses of the plan that the files do not have.
     warnings : tuple of str
+    doubtful : bool
+        Whether something in it can hardly be right: a posture outside the limits, a tool point far
+        from the target, a pose that stands nearer to another one of the plan.
     """
 
     touch_ups: Measurements
@@ -63,6 +67,7 @@ class Imported:
     untouched: tuple[str, ...]
     missing: tuple[str, ...]
     warnings: tuple[str, ...]
+    doubtful: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +118,9 @@ def import_touch_ups(
     """
     warnings: list[str] = []
     parts: list[_Positions] = []
-    for path in files:
+    if plan is not None:
+        refuse_doubles(plan.measured)
+    for path in _with_positions(files):
         part = _positions(cell, path, plan, dialect, warnings, keep_untouched=keep_untouched)
         before = {name for other in parts for name in other.names}
         twice = next((name for name in part.names if name in before), None)
@@ -136,10 +143,11 @@ def import_touch_ups(
             name=str(files[0]),
         )
     labels, q = tuple(names[i] for i in kept), q[kept]
-    warnings += summed_up(outside_limits(cell, labels, q), "positions outside the joint limits")
-    warnings += summed_up(
-        off_target(cell, labels, q, NEAR_TARGET_M), "positions far off the target"
-    )
+    doubts = summed_up(outside_limits(cell, labels, q), "positions outside the joint limits")
+    doubts += summed_up(off_target(cell, labels, q, NEAR_TARGET_M), "positions far off the target")
+    if plan is not None:
+        doubts += summed_up(_exchanged(labels, q, plan), "positions near other poses")
+    warnings += doubts
     step = max(part.step_rad for part in parts)
     warnings += _rounding_words(cell, q, step)
     return Imported(
@@ -148,7 +156,53 @@ def import_touch_ups(
         tuple(names[i] for i in np.flatnonzero(unmoved)),
         tuple(name for name in (plan.measured.names if plan else ()) if name not in names),
         tuple(warnings),
+        bool(doubts),
     )
+
+
+def _exchanged(names: Sequence[str], q: FloatArray, plan: PoseList) -> list[str]:
+    """Positions ``(N, n)`` [rad] that are nearer to another pose of the plan than to their own.
+
+    All touch the same target, so that only the joints tell poses apart.
+
+    Raises
+    ------
+    InputError
+        Most are: the numbers are those of another program.
+    """
+    planned, known = plan.measured.postures, plan.measured.names
+    apart = np.abs(q[:, None] - planned[None]).max(axis=-1)  # shape (N, K)
+    own = np.array([known.index(name) for name in names])
+    nearest = apart.argmin(axis=1)
+    rows = np.flatnonzero(apart[np.arange(len(q)), nearest] < 0.5 * apart[np.arange(len(q)), own])
+    if 2 * len(rows) > len(q):
+        i = int(rows[0])
+        raise InputError(
+            f"{len(rows)} of {len(q)} positions stand at other poses of the plan than their "
+            f"numbers say: {names[i]} at {known[int(nearest[i])]}",
+            hint="is it another program, or is program.first_register wrong?",
+            name="poses",
+        )
+    return [f"{names[i]}: stands nearer to {known[int(nearest[i])]}" for i in rows.tolist()]
+
+
+def _with_positions(files: Sequence[Path]) -> list[Path]:
+    """The files without companions that hold no positions, where what holds them is there, too."""
+    kept = []
+    for path in files:
+        held = next(
+            (d for d in DIALECTS.values() if path.suffix.lower() in d.companions),
+            None,
+        )
+        beside = {
+            (other.parent if held and held.in_folder else other.with_suffix(""))
+            for other in files
+            if held and other.suffix.lower() == held.suffixes[0]
+        }
+        own = path.parent if held and held.in_folder else path.with_suffix("")
+        if own not in beside:
+            kept.append(path)
+    return kept
 
 
 def _positions(
@@ -198,6 +252,12 @@ def _dialect(cell: Cell, path: Path, name: str | None) -> Dialect | None:
     """The dialect of a file, as the cell's program has it; None: a list of poses of our own."""
     if name is None and path.suffix.lower() == ".csv":
         head = read_bytes_bounded(path, most_bytes=MOST_BYTES)[:100_000].lower()
+        if b"target" in head.split(b"j1_", 1)[0]:
+            raise InputError(
+                f"{path} is a list of touch-ups already",
+                hint="pass it to posedesign identify",
+                name=str(path),
+            )
         if b"_deg" in head or b"_rad" in head:
             return None
     return dialect_of(path, name).reading(cell.config.program.pulses_per_deg)

@@ -61,8 +61,8 @@ def program(
     from posedesign.checks import refuse_unfit
     from posedesign.pose_check import refuse_blocked
     from posedesign.programming import (
+        chosen_dialect,
         program_options,
-        usual_dialect,
         with_approaches,
         write_program,
     )
@@ -75,12 +75,13 @@ def program(
         controller=loaded.robot.controller if loaded else None,
         trust_units=trust_units,
     )
-    chosen = dialect or usual_dialect(loaded)
+    chosen = chosen_dialect(loaded, listed, dialect)
     listed = with_approaches(loaded, listed, approach_deg)
     if loaded:
         refuse_unfit(loaded, listed)
         refuse_blocked(loaded, listed, force=force)
-    title = name or (loaded.config.program.name if loaded else USUAL_NAME)
+    usual = loaded.config.program.name if loaded else USUAL_NAME
+    title = usual if name is None else name
     options = program_options(loaded, listed, form)
     written = write_program(listed, out, chosen, options, title, loaded)
     if as_json:
@@ -190,7 +191,7 @@ def import_positions(
         )
     else:
         _print_imported(imported, path, planned=plan is not None)
-    return DONE
+    return NOT_REACHED if imported.doubtful else DONE
 
 
 def _print_imported(imported: Imported, path: Path, *, planned: bool) -> None:

@@ -32,6 +32,10 @@ class Dialect(ABC):
         Whose controllers read it, a key of ``calib.robots.POSITIVE_AXES``; None: any robot.
     suffixes : tuple of str
         Endings of its files in lower case, e.g. ``.ls``; that of the file with the positions first.
+    companions : tuple of str
+        Endings of its files that hold no positions, where one with the first of ``suffixes`` does.
+    in_folder : bool
+        Whether a program is a folder of files, and not files of one name.
     forms : tuple of {"joint", "cartesian"}
         How it can write positions.
     names : NameRule
@@ -48,6 +52,8 @@ class Dialect(ABC):
     title: ClassVar[str]
     maker: ClassVar[str | None]
     suffixes: ClassVar[tuple[str, ...]]
+    companions: ClassVar[tuple[str, ...]] = ()
+    in_folder: ClassVar[bool] = False
     forms: ClassVar[tuple[Form, ...]] = get_args(Form)
     names: ClassVar[NameRule]
     newline: ClassVar[str] = "\n"

@@ -148,6 +148,13 @@ def dialect_of(path: Path, name: str | None = None) -> Dialect:
     """
     if name is not None:
         return find_dialect(name)
+    if path.is_dir():
+        raise InputError(
+            f"{path} is a folder",
+            hint="name the program's file in it",
+            name="path",
+            value=str(path),
+        )
     fitting = [d for d in DIALECTS.values() if path.suffix.lower() in d.suffixes]
     if len(fitting) == 1:
         return fitting[0]
@@ -161,7 +168,7 @@ def dialect_of(path: Path, name: str | None = None) -> Dialect:
             path=path,
             hint="name the dialect with --format",
         )
-    known = ", ".join(f"{d.suffixes[0]} ({d.name})" for d in DIALECTS.values())
+    known = ", ".join(f"{' '.join(d.suffixes)} ({d.name})" for d in DIALECTS.values())
     raise InputError(
         f"{path}: no controller's programs end in {path.suffix or 'nothing'}",
         hint=f"known: {known}; or name the dialect",

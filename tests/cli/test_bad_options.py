@@ -62,7 +62,8 @@ def test_options_of_robot_world(
 def test_options_of_program(
     cli: Cli, work: Path, options: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
-    said = cli("program", work / "poses.csv", "--out", work / "out", *options)
+    usual = () if "--format" in options else ("--format", "fanuc-ls")
+    said = cli("program", work / "poses.csv", "--out", work / "out", *usual, *options)
     assert said.code == 2
     assert said.err.count("\n") == 1
     assert all(word in said.err for word in ("error: ", *words))
@@ -72,7 +73,9 @@ def test_options_of_program(
 def test_program_of_seven_joints(refuse: Refuse, work: Path) -> None:
     text = "name," + ",".join(f"j{i}_deg" for i in range(1, 8)) + "\nP1,10,20,30,40,50,60,70\n"
     (work / "poses.csv").write_text(text)
-    line = refuse("program", work / "poses.csv", "--out", work / "out")
+    words = ("program", work / "poses.csv", "--out", work / "out")
+    refuse(*words).says("unknown maker", "pass --cell", "--format")
+    line = refuse(*words, "--format", "fanuc-ls")
     line.says("has 7 joint values", "an arm of fanuc has 6")
 
 
@@ -81,7 +84,7 @@ WRITERS = {
     "simulate": ("simulate", "cell.toml", "poses.csv"),
     "identify": ("identify", "cell.toml", "touchups.csv"),
     "robot-world": ("robot-world", "pairs.csv"),
-    "program": ("program", "poses.csv"),
+    "program": ("program", "poses.csv", "--format", "fanuc-ls"),
     "study": ("study", "accuracy", "cell.toml", "--draws", "10"),
     "demo": ("demo", "--draws", "10"),
 }

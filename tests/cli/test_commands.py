@@ -402,7 +402,7 @@ def test_robot_world_with_noise_gives_standard_deviations(cli: Cli, work: Path) 
 
 
 def test_program(cli: Cli, work: Path) -> None:
-    said = cli("program", work / "poses.csv", "--out", work)
+    said = cli("program", work / "poses.csv", "--format", "fanuc-ls", "--out", work)
     assert (said.code, said.err) == (
         0,
         "note: nothing was checked against a cell; pass --cell to check limits, target, ...\n",
@@ -446,4 +446,9 @@ def test_trust_units_takes_small_degrees(cli: Cli, work: Path) -> None:
     (work / "small.csv").write_text(text)
     assert cli("score", work / "cell.toml", work / "small.csv").code == 2
     assert cli("score", work / "cell.toml", work / "small.csv", "--trust-units").code in (0, 1)
-    assert cli("program", work / "small.csv", "--trust-units", "--out", work).code == 0
+    assert (
+        cli(
+            "program", work / "small.csv", "--trust-units", "--format", "fanuc-ls", "--out", work
+        ).code
+        == 0
+    )

@@ -101,7 +101,9 @@ def test_a_program_of_another_plan(cli: Cli, refuse: Refuse, work: Path) -> None
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_formats_are_those_of_the_library(dialect: str, cli: Cli, work: Path) -> None:
     """Without a cell each has what it needs, but the pulses of a Yaskawa."""
-    words = ("program", work / "poses.csv", "--format", dialect, "--out", work / "out")
+    poses = work / "poses.csv"
+    poses.write_text(f"# controller: {DIALECTS[dialect].maker or 'fanuc'}\n" + poses.read_text())
+    words = ("program", poses, "--format", dialect, "--out", work / "out")
     said = cli(*words)
     if dialect == "yaskawa-jbi":
         assert said.code == 2
@@ -116,7 +118,7 @@ def test_formats_are_those_of_the_library(dialect: str, cli: Cli, work: Path) ->
 
 def test_validate_says_line_and_rule(cli: Cli, work: Path) -> None:
     path = work / "CALIB01.LS"
-    assert cli("program", work / "poses.csv", "--out", work).code == 0
+    assert cli("program", work / "poses.csv", "--format", "fanuc-ls", "--out", work).code == 0
     path.write_bytes(path.read_bytes().replace(b"CALL MEASURE(3)", b"CALL MEASURE(-3)"))
     said = cli("validate", path)
     assert said.code == 1

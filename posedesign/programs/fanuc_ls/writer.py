@@ -16,7 +16,8 @@ from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
 from posedesign.programs.writing import NameRule, check_call, check_text, shown_deg
 
-NAMES = NameRule("a FANUC program name", 8)
+_RESERVED = "ABORT CALL CON ELSE END FOR IF JMP LBL MOVE NUL PAUSE PRN RUN SELECT TO WAIT"
+NAMES = NameRule("a FANUC program name", 8, reserved=frozenset(_RESERVED.split()))
 """What every controller takes (R-J3iB; newer ones take longer names)."""
 
 COMMENT_LENGTH = 16

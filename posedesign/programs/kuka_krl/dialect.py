@@ -25,6 +25,7 @@ class KukaKrl(Dialect):
     title: ClassVar[str] = "KUKA KRL program"
     maker: ClassVar[str | None] = "kuka"
     suffixes: ClassVar[tuple[str, ...]] = (".dat", ".src")
+    companions: ClassVar[tuple[str, ...]] = (".src",)
     names: ClassVar[NameRule] = NAMES
     newline: ClassVar[str] = "\r\n"
 

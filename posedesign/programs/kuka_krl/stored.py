@@ -24,7 +24,7 @@ CONFIGURATION = ("S", "T")
 _KNOWN = {*AXES, *PLACE, *TURN, *EXTERNAL, *CONFIGURATION}
 _TYPE = re.compile(r"\s*[A-Z]\w{0,23}\s*:", re.IGNORECASE | re.ASCII)
 _FIELD = re.compile(
-    r"\s*([A-Z]\w{0,23})(?:\s+|(?=[-+.']))([^\s,{}]{1,40})\s*(,|$)", re.IGNORECASE | re.ASCII
+    r"\s*([A-Z]\w{0,23})(?:\s+|(?=[-+']))([^\s,{}]{1,40})\s*(,|$)", re.IGNORECASE | re.ASCII
 )
 
 

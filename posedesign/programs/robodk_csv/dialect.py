@@ -22,6 +22,7 @@ class RobodkCsv(Dialect):
     title: ClassVar[str] = "joint list of RoboDK in CSV"
     maker: ClassVar[str | None] = None
     suffixes: ClassVar[tuple[str, ...]] = (".csv",)
+    companions: ClassVar[tuple[str, ...]] = (".txt",)
     forms: ClassVar[tuple[Form, ...]] = ("joint",)
     names: ClassVar[NameRule] = NameRule("a name for a list", 64, small=True)
     encoding: ClassVar[str] = "utf-8"

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.robots import POSITIVE_AXES
-from posedesign.programs.reading import text_lines, joint_deg, read_program_bytes, refuse
+from posedesign.programs.reading import joint_deg, read_program_bytes, refuse, text_lines
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 MOST_COLUMNS = 64

@@ -22,6 +22,8 @@ class StaubliVal3(Dialect):
     title: ClassVar[str] = "Staubli VAL 3 project"
     maker: ClassVar[str | None] = "staubli"
     suffixes: ClassVar[tuple[str, ...]] = (".dtx", ".pjx", ".pgx")
+    companions: ClassVar[tuple[str, ...]] = (".pjx", ".pgx")
+    in_folder: ClassVar[bool] = True
     names: ClassVar[NameRule] = NAMES
     encoding: ClassVar[str] = "utf-8"
 

@@ -151,15 +151,13 @@ class _ScriptReader:
         frames: tuple[str, ...],
     ) -> None:
         """Give positions their poses and frames, all in the same user frame."""
-        row = posed[0][1].row
         T_world_user = np.eye(4)
         for text in frames:
-            T_world_user = T_world_user @ self._transforms([(text, "the frame", row)])[0]
-        tools = {
-            target.tcp: self._transforms([(target.tcp, "the TCP", target.row)])[0]
-            for _, target in posed
-            if target.tcp is not None
-        }
+            T_world_user = (
+                T_world_user @ self._transforms([(text, "the frame", posed[0][1].row)])[0]
+            )
+        rows = {target.tcp: target.row for _, target in reversed(posed) if target.tcp is not None}
+        tools = {tcp: self._transforms([(tcp, "the TCP", row)])[0] for tcp, row in rows.items()}
         poses = self._transforms(
             [(t.pose or "", f"position {out[i].number}", t.row) for i, t in posed]
         )

@@ -14,14 +14,14 @@ from posedesign.cell import Cell
 from posedesign.planner import plan
 from posedesign.program_frames import arm_of
 from posedesign.programming import (
+    chosen_dialect,
     program_options,
-    usual_dialect,
     with_approaches,
     write_program,
 )
 from posedesign.programs import PoseProgram, ProgramPose, write
 from posedesign.simulation import SimulatedRobot
-from posedesign.tables import PoseList, write_pose_list
+from posedesign.tables import PoseList, write_pose_list, write_touch_ups
 from posedesign.template import cell_template
 from posedesign.touch_up_import import import_touch_ups
 
@@ -257,13 +257,23 @@ def test_a_list_that_is_approached_is_not_approached_again(make_cell: Callable[.
         with_approaches(cell, PoseList.of_route(found.poses, found.route), 1.0)
 
 
-def test_the_usual_dialect_is_that_of_the_controller(
-    reference_cell: Cell, make_cell: Callable[..., Cell]
+def test_the_dialect_is_that_of_the_controller(
+    reference_cell: Cell, planned: PoseList, tmp_path: Path
 ) -> None:
-    assert usual_dialect(reference_cell) == usual_dialect(None) == "fanuc-ls"
+    assert chosen_dialect(reference_cell, planned, None) == "fanuc-ls"
     panda = Cell.from_text(cell_template("panda"))
     with pytest.raises(InputError, match="has a controller of franka"):
-        usual_dialect(panda)
+        chosen_dialect(panda, planned, None)
+    with pytest.raises(
+        InputError, match=r"an unknown maker \(pass --cell, or choose with --format"
+    ):
+        chosen_dialect(None, planned, None)
+    assert chosen_dialect(None, planned, "kuka-krl") == "kuka-krl"
+    listed = replace(planned, comments=("controller: fanuc",))
+    assert chosen_dialect(None, listed, None) == "fanuc-ls"
+    assert chosen_dialect(None, listed, "ros-trajectory") == "ros-trajectory"
+    with pytest.raises(InputError, match="controller of fanuc, kuka-krl is for one of kuka"):
+        chosen_dialect(None, listed, "kuka-krl")
 
 
 def test_user_frame_zero_is_the_world(make_cell: Callable[..., Cell]) -> None:
@@ -286,9 +296,9 @@ def test_a_foreign_program_is_not_joined_by_its_numbers(
     reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
 ) -> None:
     """Without a mark of the plan, positions have to be near those of the plan."""
-    path = returned(reference_cell, planned, touched[::-1], tmp_path)
+    path = returned(reference_cell, planned, touched, tmp_path)
     path.write_text(path.read_text().replace("!PLAN", "!NOTE"))
-    back = import_touch_ups(reference_cell, [path], planned)  # all touch the same target
+    back = import_touch_ups(reference_cell, [path], planned)
     assert back.warnings
     far = touched.copy()
     far[3, 1] += np.deg2rad(3.0)
@@ -356,3 +366,65 @@ def test_one_pose_has_no_condition_to_move(
     one = PoseList(planned.names[:1], planned.postures[:1], planned.via[:1])
     options = program_options(reference_cell, one)
     assert not write_program(one, tmp_path, "fanuc-ls", options, "CAL", reference_cell).warning
+
+
+def test_poses_that_were_exchanged_are_found_out(
+    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    """All touch the same target: only the joints tell them apart."""
+    two = touched.copy()
+    two[[4, 9]] = two[[9, 4]]
+    names = planned.measured.names
+    back = import_touch_ups(
+        reference_cell, [returned(reference_cell, planned, two, tmp_path)], planned
+    )
+    assert back.doubtful
+    assert any(f"{names[4]}: stands nearer to {names[9]}" in line for line in back.warnings)
+    shifted = returned(reference_cell, planned, np.roll(touched, 9, axis=0), tmp_path)
+    with pytest.raises(InputError, match="27 of 27 positions stand at other poses of the plan"):
+        import_touch_ups(reference_cell, [shifted], planned)
+
+
+def test_two_poses_of_one_name_are_refused(
+    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
+) -> None:
+    path = returned(reference_cell, planned, touched, tmp_path)
+    names = (planned.names[0], planned.names[0], *planned.names[2:])
+    double = replace(planned, names=names)
+    with pytest.raises(InputError, match=f"there are two poses {names[0]}"):
+        import_touch_ups(reference_cell, [path], double)
+    options = program_options(reference_cell, double)
+    with pytest.raises(InputError, match=f"there are two poses {names[0]}"):
+        write_program(double, tmp_path, "fanuc-ls", options, "CAL", reference_cell)
+
+
+def test_a_list_of_touch_ups_needs_no_import(
+    reference_cell: Cell, planned: PoseList, tmp_path: Path
+) -> None:
+    path = tmp_path / "touchups.csv"
+    measured = SimulatedRobot.of(reference_cell).touch_up(planned.measured.postures, None)
+    write_touch_ups(path, measured)
+    with pytest.raises(InputError, match="is a list of touch-ups already"):
+        import_touch_ups(reference_cell, [path], planned)
+
+
+@pytest.mark.parametrize(
+    ("preset", "dialect"), [("kr6r900sixx", "kuka-krl"), ("tx2_60", "staubli-val3")]
+)
+def test_all_files_of_a_program_may_be_named(preset: str, dialect: str, tmp_path: Path) -> None:
+    cell = Cell.from_text(cell_template(preset, surroundings=False))
+    found = plan(cell)
+    listed = PoseList.of_route(found.poses, found.route)
+    touched = SimulatedRobot.of(cell).touch_up(listed.measured.postures, None).postures
+    arrived = iter(touched)
+    poses = tuple(
+        ProgramPose(name, q if via else next(arrived), via=bool(via))
+        for name, q, via in zip(listed.names, listed.postures, listed.via, strict=True)
+    )
+    program = PoseProgram("BACK", poses, program_options(cell, listed), arm_of(cell))
+    paths = write(program, dialect, tmp_path)
+    assert len(paths) > 1
+    back = import_touch_ups(cell, sorted(paths), listed)
+    assert back.touch_ups.names == found.names
+    with pytest.raises(InputError, match="is a folder"):
+        import_touch_ups(cell, [tmp_path], listed)

@@ -80,7 +80,7 @@ def test_what_people_and_spreadsheets_save_is_read(text: str) -> None:
         ("J2,J3\n1,2\n", 1, "has no columns J1, J2 and so on"),
         ("J1,J1\n1,2\n", 1, "has the column J1 twice"),
         ("J1 [rad],J2 [rad]\n1,2\n", 1, r"J1 \[rad\] is not in degrees"),
-        ("1,2\né\n", 2, "holds the byte 0xc3"),
+        ("1,2\né\n", 2, "row 2 has 1 values"),
         ("1," * MOST_COLUMNS + "1\n", 1, f"has {MOST_COLUMNS + 1} values in a row"),
         (",\n", 1, "row 1: J1 is ''"),
     ],

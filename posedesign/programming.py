@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -199,7 +200,7 @@ def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | No
 
 def refuse_doubles(poses: PoseList) -> None:
     """Refuse a list in which two poses have one name: what comes back could not be told apart."""
-    twice = next((n for n in poses.names if poses.names.count(n) > 1), None)
+    twice = next((name for name, times in Counter(poses.names).items() if times > 1), None)
     if twice is not None:
         raise InputError(f"there are two poses {twice}", hint="rename one of them", name=twice)
 

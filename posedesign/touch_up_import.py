@@ -7,6 +7,7 @@ else are refused.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,7 @@ from posedesign.programs import DIALECTS, Dialect, RecordedPosition, RecordedPro
 from posedesign.programs.reading import MOST_BYTES
 from posedesign.programs.registry import dialect_of
 from posedesign.tables import PoseList, read_poses
+from posedesign.touch_up_doubts import exchanged, refuse_far, rounding_words, tool_moved_m
 
 UNMOVED_DEG = 2e-3
 """Joints all within this of the plan are those of the plan, rounded: programs are rounded to 0.0005
@@ -36,10 +38,6 @@ deg, and FANUC's J3 is the difference of two joints. A touch-up moves some joint
 UNMOVED_CARTESIAN_DEG = 2e-2
 """The same where the file has poses of the tool: 0.0005 mm and deg are more in the joints, near a
 singularity above all."""
-
-
-WORTH_A_WORD = 0.3
-"""Part of the noise of touching up from which that of rounding is worth a word: it adds 4 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,44 +144,24 @@ def import_touch_ups(
     doubts = summed_up(outside_limits(cell, labels, q), "positions outside the joint limits")
     doubts += summed_up(off_target(cell, labels, q, NEAR_TARGET_M), "positions far off the target")
     if plan is not None:
-        doubts += summed_up(_exchanged(labels, q, plan), "positions near other poses")
+        doubts += summed_up(exchanged(labels, q, plan), "positions near other poses")
     warnings += doubts
     step = max(part.step_rad for part in parts)
-    warnings += _rounding_words(cell, q, step)
+    warnings += rounding_words(cell, q, step)
     return Imported(
         Measurements(q, Setup.of(len(q)), names=labels),
-        1e3 * _tool_moved_m(cell, q, planned[kept]) * (1.0 if plan else np.nan),
+        1e3 * tool_moved_m(cell, q, planned[kept]) * (1.0 if plan else np.nan),
         tuple(names[i] for i in np.flatnonzero(unmoved)),
-        tuple(name for name in (plan.measured.names if plan else ()) if name not in names),
+        _missing(plan, names),
         tuple(warnings),
         bool(doubts),
     )
 
 
-def _exchanged(names: Sequence[str], q: FloatArray, plan: PoseList) -> list[str]:
-    """Positions ``(N, n)`` [rad] that are nearer to another pose of the plan than to their own.
-
-    All touch the same target, so that only the joints tell poses apart.
-
-    Raises
-    ------
-    InputError
-        Most are: the numbers are those of another program.
-    """
-    planned, known = plan.measured.postures, plan.measured.names
-    apart = np.abs(q[:, None] - planned[None]).max(axis=-1)  # shape (N, K)
-    own = np.array([known.index(name) for name in names])
-    nearest = apart.argmin(axis=1)
-    rows = np.flatnonzero(apart[np.arange(len(q)), nearest] < 0.5 * apart[np.arange(len(q)), own])
-    if 2 * len(rows) > len(q):
-        i = int(rows[0])
-        raise InputError(
-            f"{len(rows)} of {len(q)} positions stand at other poses of the plan than their "
-            f"numbers say: {names[i]} at {known[int(nearest[i])]}",
-            hint="is it another program, or is program.first_register wrong?",
-            name="poses",
-        )
-    return [f"{names[i]}: stands nearer to {known[int(nearest[i])]}" for i in rows.tolist()]
+def _missing(plan: PoseList | None, names: Sequence[str]) -> tuple[str, ...]:
+    """Poses of the plan that are not among names."""
+    there = set(names)
+    return tuple(n for n in (plan.measured.names if plan else ()) if n not in there)
 
 
 def _with_positions(files: Sequence[Path]) -> list[Path]:
@@ -309,7 +287,7 @@ def _of_program(
         names = _own_names(positions, first)
     q = postures_of(positions, dialect.seen(arm_of(cell)), near)
     if near is not None and not program.fingerprint:
-        _refuse_far(cell, names, q, near, path)
+        refuse_far(cell, names, q, near, path)
     joint = np.array([p.shown_deg is not None for p in positions])
     unmoved = np.deg2rad(np.where(joint, UNMOVED_DEG, UNMOVED_CARTESIAN_DEG))
     step = float(np.deg2rad(dialect.joint_step_deg)) if joint.any() else 0.0
@@ -319,31 +297,11 @@ def _of_program(
 def _own_names(positions: Sequence[RecordedPosition], first: int) -> tuple[str, ...]:
     """Names as the file has them, with the number where several have the same."""
     names = [p.name or f"P{p.number - first:02d}" for p in positions]
+    times = Counter(names)
     return tuple(
-        f"{name}_{p.number}" if names.count(name) > 1 else name
+        f"{name}_{p.number}" if times[name] > 1 else name
         for name, p in zip(names, positions, strict=True)
     )
-
-
-def _refuse_far(
-    cell: Cell, names: Sequence[str], q: FloatArray, near: FloatArray, path: Path
-) -> None:
-    """Refuse what does not say which plan it is of, and is far from this one."""
-    moved = _tool_moved_m(cell, q, near)
-    worst = int(np.argmax(moved))
-    if moved[worst] > NEAR_TARGET_M:
-        raise InputError(
-            f"{path}: position {worst + 1} is {1e3 * moved[worst]:.0f} mm from where the plan has "
-            f"{names[worst]}, and the file does not say which plan it is of",
-            hint="is it the program of another plan? Without --poses it is read as it is",
-            name=str(path),
-        )
-
-
-def _tool_moved_m(cell: Cell, q: FloatArray, planned: FloatArray) -> FloatArray:
-    """How far the tool point of the nominal arm is apart at postures ``(N, n)``, ``(N,)`` [m]."""
-    here, there = (cell.robot.state(at).point(cell.tool_m) for at in (q, planned))
-    return np.asarray(np.linalg.norm(here - there, axis=1))
 
 
 def _planned(names: Sequence[str], q: FloatArray, plan: PoseList | None) -> FloatArray:
@@ -358,32 +316,3 @@ def _unmoved(q: FloatArray, planned: FloatArray, unmoved_rad: FloatArray) -> Boo
     if q is planned:
         return np.zeros(len(q), dtype=bool)
     return np.asarray(np.abs(q - planned).max(axis=1) <= unmoved_rad)
-
-
-def _rounding_words(cell: Cell, q: FloatArray, step_rad: float) -> list[str]:
-    """What the controller's rounding of joints adds to the noise, where that is worth a word."""
-    robot, controller = cell.robot, cell.robot.controller
-    if not step_rad or controller is None:
-        return []
-    state = robot.state(q)
-    tip = robot.jacobian(q)  # shape (N, 6, n)
-    lever = state.R_base_tip @ cell.tool_m  # shape (N, 3)
-    place = tip[:, :3] + np.cross(tip[:, 3:], lever[:, :, None], axis=1)
-    shown = place @ np.linalg.inv(controller.pendant_from_joints)
-    added_m = float(np.sqrt((shown**2).sum(axis=(1, 2)).mean() * step_rad**2 / 12.0))
-    noise_m = _touch_up_noise_m(cell)
-    if noise_m is None or added_m < WORTH_A_WORD * noise_m:
-        return []
-    return [
-        f"joints are stored to {np.rad2deg(step_rad):g} deg: that moves the tool point by "
-        f"{1e3 * added_m:.2g} mm rms, beside the {1e3 * noise_m:.2g} mm of touching up; raise "
-        "measurement.three_sigma_mm, or let measurement.estimate_noise find both"
-    ]
-
-
-def _touch_up_noise_m(cell: Cell) -> float | None:
-    """Length of the standard deviation of a touch-up [m]; None where it is not given."""
-    kind = cell.measurement
-    if kind.estimated:
-        return None
-    return float(np.linalg.norm(kind.sigma[: kind.rows - kind.turns]))

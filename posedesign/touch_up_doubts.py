@@ -41,7 +41,8 @@ def exchanged(names: Sequence[str], q: FloatArray, plan: PoseList) -> list[str]:
     planned, known = plan.measured.postures, plan.measured.names
     row_of = {name: k for k, name in enumerate(known)}
     own = planned[[row_of[name] for name in names]]
-    apart, nearest = cKDTree(planned).query(q, p=np.inf)
+    found = cKDTree(planned).query(q, p=np.inf)
+    apart, nearest = (np.atleast_1d(of_all) for of_all in found)
     rows = np.flatnonzero(apart < MUCH_NEARER * np.abs(q - own).max(axis=1))
     if 2 * len(rows) > len(q):
         i = int(rows[0])

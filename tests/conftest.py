@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import os
+
+# Each worker of pytest-xdist has a core of its own: threads of linear algebra would fight for it.
+# Numpy reads this when it is first imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 import tomllib
 from collections.abc import Callable
 from pathlib import Path

@@ -360,6 +360,7 @@ def test_next_is_of_touch_ups(refuse: Refuse, change_cell: ChangeCell, work: Pat
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["irb120", "gp7"])
 def test_small_arms(cli: Cli, tmp_path: Path, robot: str) -> None:
     text = cli("new", "--robot", robot).out

@@ -51,6 +51,7 @@ def bench(study: ModuleType, data: Path, name: str) -> Any:
     return study.bench_of(data, row, study.SETTINGS)
 
 
+@pytest.mark.slow
 def test_better_than_the_median_by_lot_at_every_count(study: ModuleType, short: Row) -> None:
     assert [of["n"] for of in short["counts"]] == [9, 12, 18]
     for of in short["counts"]:
@@ -60,6 +61,7 @@ def test_better_than_the_median_by_lot_at_every_count(study: ModuleType, short: 
         assert len(chosen["poses"]) == of["n"]
 
 
+@pytest.mark.slow
 def test_twelve_poses_cannot_be_expected_to_be_worth_36(short: Row) -> None:
     """The bar of 5 % is beyond any choice of 12, by a proof that has no reading in it."""
     (twelve,) = short["counts"][1]["chosen"]
@@ -70,6 +72,7 @@ def test_twelve_poses_cannot_be_expected_to_be_worth_36(short: Row) -> None:
     assert twelve["over_all_in_sample"] > twelve["over_all_left_out"]
 
 
+@pytest.mark.slow
 def test_the_study_is_as_written(short: Row, written: Row) -> None:
     then = next(row for row in written["models"] if row["model"] == short["model"])
     rel = written["tolerance"]

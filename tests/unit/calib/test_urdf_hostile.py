@@ -83,6 +83,7 @@ def test_a_strange_number(capfd, place, value):
     test_an_arm_or_an_error.hypothesis.inner_test(capfd, VALID[:place] + escaped + VALID[end:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [1_000_000])
 def test_elements_nested_without_end(tmp_path, capfd, depth):
     path = tmp_path / "arm.urdf"

@@ -25,7 +25,7 @@ ARMS = {
     None: "panda",
 }
 CASES = [(name, form) for name, dialect in DIALECTS.items() for form in dialect.forms]
-RUBBISH = [b"", b"\0", b"\xff\xfe\x00", b"a" * 300_000, b"\n" * 300_000, b"- " * 50_000]
+RUBBISH = [b"", b"\0", b"\xff\xfe\x00", b"a" * 300_000, b"\n" * 80_000, b"- " * 50_000]
 RUBBISH += [b"{" * 50_000, b"[" * 50_000, b"(" * 100_000, b'"' * 100_000, b"1," * 100_000]
 RUBBISH += [b"<!--" * 20_000, b"P[" * 50_000, b"[[" * 50_000, b" " * 300_000]
 _TOKEN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
@@ -136,7 +136,7 @@ def test_damaged_programs(name: str, form: str) -> None:
     file, text = written(name, form)
     whole = DIALECTS[name].reading(PULSES).parse(text.encode(), Path(file))
     assert_stand_in(numbers_of(whole), text)
-    refused, count = run(name, form, 120)
+    refused, count = run(name, form, 60)
     assert 0 < refused < count
 
 

@@ -329,7 +329,7 @@ edits = st.lists(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(source=st.sampled_from([WRITTEN, EXPORT, SMALL]), changes=edits)
 def test_damaged_programs_are_refused_or_read(
     source: str, changes: list[tuple[int, int, str]]

@@ -81,7 +81,7 @@ def test_empty_registers_are_no_positions() -> None:
         parse_registers(text.encode(), "POSREG.VA")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.integers(0, len(BACKUP)), st.integers(0, 20), st.text(max_size=5))
 def test_damaged_backups_are_refused_or_read(at: int, length: int, piece: str) -> None:
     text = BACKUP[:at] + piece + BACKUP[at + length :]

@@ -117,12 +117,26 @@ def check_text(what: str, text: str, length: int, forbidden: str = "") -> None:
     )
 
 
-def check_call(names: NameRule, options: ProgramOptions, program_name: str) -> None:
+def check_call(
+    names: NameRule,
+    options: ProgramOptions,
+    program_name: str,
+    position: re.Pattern[str] | None = None,
+) -> None:
     """Raise InputError where the measuring program has no legal name, or that of the program.
 
     Letters of either case are the same: most languages make no difference, and a person none.
+    Where positions are variables of their own, neither may have a name of theirs (``position``).
     """
     call = options.measure_call
+    for what, name in (("name", program_name), ("measure_call", call)):
+        if position is not None and name is not None and position.fullmatch(name):
+            raise InputError(
+                f"{what} {name!r} is the name of a position",
+                hint="choose another one",
+                name=what,
+                value=name,
+            )
     if call is None:
         return
     names.check(call)

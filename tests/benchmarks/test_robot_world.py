@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
@@ -41,7 +42,6 @@ def pairs(T: int, N: int) -> tuple[FloatArray, FloatArray]:
 
 def by_opencv(A: FloatArray, B: FloatArray, name: str) -> Call:
     """OpenCV's solution of one problem ``(N, 4, 4)``, its lists made beforehand."""
-    cv2 = pytest.importorskip("cv2", reason="comparison with OpenCV")
     cv2.setNumThreads(1)
     sides = [list(part) for T in (A, B) for part in (T[:, :3, :3], T[:, :3, 3])]
     method = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name}")

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -218,7 +219,6 @@ def test_fixed_camera(cli: Cli, tmp_path: Path, measured: Any) -> None:
 
 def test_answer_in_the_names_of_opencv(cli: Cli, tmp_path: Path, measured: Any) -> None:
     """Against OpenCV itself, on its own input."""
-    cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed")
     pairs, _, _ = measured
     world2cam, base2gripper = inverse(pairs.B), inverse(pairs.A)
     path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, world2cam, base2gripper))

@@ -17,7 +17,6 @@ import re
 
 import numpy as np
 
-from calib.errors import InputError
 from calib.se3 import FloatArray, quaternion_from_rotation
 from posedesign.programs.arm import Arm, Load
 from posedesign.programs.program import Form, PoseProgram, ProgramPose, in_range
@@ -120,15 +119,7 @@ def _check_options(program: PoseProgram) -> None:
     check_text("comment", options.comment, TEXT_LENGTH)
     for pose in program.poses:
         check_text(f"comment of pose {pose.name!r}", pose.comment, TEXT_LENGTH)
-    check_call(NAMES, options, program.name)
-    for what, name in (("name", program.name), ("measure_call", options.measure_call)):
-        if name is not None and _POSITION.fullmatch(name):
-            raise InputError(
-                f"{what} {name!r} is the name of a position",
-                hint="choose another one",
-                name=what,
-                value=name,
-            )
+    check_call(NAMES, options, program.name, _POSITION)
 
 
 def _tool_name(arm: Arm, form: Form) -> str:

@@ -89,15 +89,7 @@ def _check_options(program: PoseProgram) -> None:
     _check_text("comment", options.comment)
     for pose in program.poses:
         _check_text(f"comment of pose {pose.name!r}", pose.comment)
-    check_call(NAMES, options, program.name)
-    for what, name in (("name", program.name), ("measure_call", options.measure_call)):
-        if name is not None and _POSITION.fullmatch(name):
-            raise InputError(
-                f"{what} {name!r} is the name of a position",
-                hint="choose another one",
-                name=what,
-                value=name,
-            )
+    check_call(NAMES, options, program.name, _POSITION)
 
 
 def _check_text(name: str, text: str) -> None:

@@ -213,7 +213,7 @@ def test_round_trip_long(tmp_path_factory: pytest.TempPathFactory, seed: int, fo
 
 
 def test_quaternions_are_those_of_another_library() -> None:
-    robomath = pytest.importorskip("robodk.robomath")
+    robomath = pytest.importorskip("robodk.robomath", reason="compares with RoboDK's conventions")
     program = random_program(3, form="cartesian")
     text = render_abb_rapid(program, ARM)
     found = re.findall(r"robtarget p\d+:=\[\[(.*?)\],\[(.*?)\]", text)

@@ -192,7 +192,7 @@ def test_round_trip_long(tmp_path_factory: pytest.TempPathFactory, seed: int, fo
 
 
 def test_angles_are_those_of_another_library() -> None:
-    robomath = pytest.importorskip("robodk.robomath")
+    robomath = pytest.importorskip("robodk.robomath", reason="compares with RoboDK's conventions")
     program = random_program(3, form="cartesian")
     dat, _ = render_kuka_krl(program, ARM)
     for line, posture in zip(re.findall(r"XP\d+=\{(.*),S", dat), by_number(program), strict=True):
@@ -321,7 +321,7 @@ def test_nothing_is_called_or_waited_for_where_nothing_is_asked() -> None:
 def parse_with(folder: str) -> Any:
     """Function that tells the syntax errors of a text by a parser generated from a grammar."""
     sys.path.insert(0, folder)
-    antlr4 = pytest.importorskip("antlr4")
+    antlr4 = pytest.importorskip("antlr4", reason="runs the parser of the grammar")
     listener: Any = importlib.import_module("antlr4.error.ErrorListener").ErrorListener
     lexer_of = importlib.import_module("krlLexer").krlLexer
     parser_of = importlib.import_module("krlParser").krlParser

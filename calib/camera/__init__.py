@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         ImageObserver,
         MeasurementNoise,
         Observer,
+        Views,
         make_observer,
         noise_from_images,
     )
@@ -44,6 +45,7 @@ __all__ = [
     "Occluder",
     "PinholeCamera",
     "TargetPose",
+    "Views",
     "circle_center",
     "circle_center_bias",
     "circle_image",
@@ -70,6 +72,7 @@ _WHERE = {
     "Occluder": "calib.camera.rendering",
     "PinholeCamera": "calib.camera.pinhole",
     "TargetPose": "calib.camera.pnp",
+    "Views": "calib.camera.observers",
     "circle_center": "calib.camera.circle_pose",
     "circle_center_bias": "calib.camera.circle_pose",
     "circle_image": "calib.camera.conic",

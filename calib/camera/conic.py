@@ -78,6 +78,17 @@ def ellipse_axes(ellipse: FloatArray) -> tuple[FloatArray, FloatArray, FloatArra
     return 2 * (mean + apart), 2 * (mean - apart), np.asarray(np.arctan2(2 * b, a - c) / 2)
 
 
+def ellipse_vhs(ellipse: FloatArray) -> FloatArray:
+    """V (down), H (to the right) and size s ``(..., 3)`` [px]: data of [Watanabe2006]_, sec. 2.1.
+
+    References
+    ----------
+    .. [Watanabe2006] A. Watanabe et al., A kinematic calibration method for industrial robots using
+       autonomous visual measurement, CIRP Annals 55.
+    """
+    return np.stack([ellipse[..., 1], ellipse[..., 0], ellipse_axes(ellipse)[0]], axis=-1)
+
+
 def ellipse_points(ellipse: FloatArray, count: int) -> FloatArray:
     """Points ``(..., count, 2)`` of ellipses ``(..., 5)``: ``S u`` of evenly spaced unit u."""
     angle = np.arange(count) * (2.0 * np.pi / count)

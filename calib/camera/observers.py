@@ -6,20 +6,21 @@ Both observers have the same interface, so that a simulation chooses by one swit
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol, get_args
+from typing import Literal, Protocol, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.camera.conic import circle_image, ellipse_axes
-from calib.camera.ellipse import EllipseMeasurement, measure_ellipse
+from calib.camera.conic import circle_image, ellipse_axes, ellipse_vhs
+from calib.camera.ellipse import EllipseMeasurement, Status, measure_ellipse
 from calib.camera.lens import Camera
-from calib.camera.rendering import Imaging, render
+from calib.camera.rendering import GreyImage, Imaging, render
 from calib.camera.target import CircleTarget
 from calib.errors import ConvergenceError, InputError, near_names
-from calib.se3 import FloatArray
+from calib.se3 import BoolArray, FloatArray
 
 Kind = Literal["image", "fast"]
 
@@ -33,11 +34,66 @@ _LEAST_MEASURED = 0.9
 """Share of the images that must have been measured: the noise of those left would be too small."""
 
 
+@dataclass(frozen=True, eq=False)
+class Views:
+    """What is seen of a target at K poses.
+
+    Attributes
+    ----------
+    ellipses : ndarray (K, 5)
+        [px], as :mod:`calib.camera.conic` writes them; NaN where it was not measured.
+    reasons : tuple of str
+        Why not; empty where it was.
+    """
+
+    ellipses: FloatArray
+    reasons: tuple[str, ...]
+
+    @classmethod
+    def of(cls, measured: Sequence[EllipseMeasurement]) -> Views:
+        """Views of measurements, those that are not ``ok`` without numbers."""
+        ellipses = [m.ellipse if m.is_ok else np.full(5, np.nan) for m in measured]
+        reasons = ["" if m.is_ok else f"{m.status}: {m.message}" for m in measured]
+        return cls(np.array(ellipses).reshape(-1, 5), tuple(reasons))
+
+    @property
+    def vhs_px(self) -> FloatArray:
+        """V, H and s ``(K, 3)`` [px]."""
+        return ellipse_vhs(self.ellipses)
+
+    @property
+    def seen(self) -> BoolArray:
+        """Where the target was measured ``(K,)``."""
+        return np.array([not reason for reason in self.reasons], dtype=bool)
+
+
 class Observer(Protocol):
     """A camera that looks at a target."""
 
-    def observe(self, T_camera_target: FloatArray, rng: np.random.Generator) -> EllipseMeasurement:
-        """Measurement of the target at a pose ``(4, 4)`` [m]; look at its ``status``."""
+    @property
+    def camera(self) -> Camera:
+        """The camera as it really is."""
+        ...
+
+    def observe(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> EllipseMeasurement:
+        """Measurement of the target at a pose ``(4, 4)`` [m]; look at its ``status``.
+
+        ``near_px`` ``(2,)`` is where it is expected, among others that look like it.
+        """
+        ...
+
+    def views(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> Views:
+        """What is seen at poses ``(K, 4, 4)``; ``near_px`` is ``(K, 2)``."""
         ...
 
 
@@ -95,16 +151,46 @@ class ImageObserver:
     camera : Camera
     target : CircleTarget
     imaging : Imaging
+    beside : tuple of (CircleTarget, array (4, 4))
+        Other targets in the picture, each with its pose in the frame of the target.
     """
 
     camera: Camera
     target: CircleTarget
     imaging: Imaging
+    beside: tuple[tuple[CircleTarget, FloatArray], ...] = ()
 
-    def observe(self, T_camera_target: FloatArray, rng: np.random.Generator) -> EllipseMeasurement:
+    def grab(self, T_camera_target: FloatArray, rng: np.random.Generator) -> GreyImage:
+        """Picture ``(height, width)`` of the target at a pose ``(4, 4)`` [m]."""
+        others = [(target, T_camera_target @ T) for target, T in self.beside]
+        scene = [*others, (self.target, T_camera_target)]
+        return render(self.camera, scene, self.imaging, rng)
+
+    def observe(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> EllipseMeasurement:
         """See :meth:`Observer.observe`."""
-        image = render(self.camera, [(self.target, T_camera_target)], self.imaging, rng)
-        return measure_ellipse(image, dark=self.target.is_dark, smallest_px=SMALLEST_PX)
+        return measure_ellipse(
+            self.grab(T_camera_target, rng),
+            dark=self.target.is_dark,
+            smallest_px=SMALLEST_PX,
+            near_px=near_px,
+        )
+
+    def views(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> Views:
+        """See :meth:`Observer.views`."""
+        near = [None] * len(T_camera_target) if near_px is None else list(near_px)
+        return Views.of(
+            [self.observe(T, rng, px) for T, px in zip(T_camera_target, near, strict=True)]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,30 +209,44 @@ class FastObserver:
     target: CircleTarget
     noise: MeasurementNoise
 
-    def observe(self, T_camera_target: FloatArray, rng: np.random.Generator) -> EllipseMeasurement:
-        """See :meth:`Observer.observe`."""
-        true = circle_image(self.camera, self.target.diameter_m, T_camera_target)
-        _, short, _ = ellipse_axes(true)
-        if not short >= SMALLEST_PX:
-            return EllipseMeasurement.failed(
-                "no target", f"the circle is not seen, or smaller than {SMALLEST_PX:g} px"
-            )
-        room = float(self._room(true))
-        if room < 0.0:
-            far = not -room < float(short)
-            return EllipseMeasurement.failed(
-                "no target" if far else "touches the edge",
-                "the circle is outside the image" if far else "the circle is cut by the edge",
-            )
-        return EllipseMeasurement.from_ellipse(self._noisy(true, rng), 0.0)
+    def observe(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> EllipseMeasurement:
+        """See :meth:`Observer.observe`; nothing else looks like the target here."""
+        found = self.views(np.asarray(T_camera_target)[None], rng)
+        if found.reasons[0]:
+            status = "no target" if found.reasons[0].startswith("no target") else "touches the edge"
+            message = found.reasons[0].partition(": ")[2]
+            return EllipseMeasurement.failed(cast(Status, status), message)
+        return EllipseMeasurement.from_ellipse(found.ellipses[0], 0.0)
 
-    def observe_batch(self, T_camera_target: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """V, H and s ``(..., 3)`` [px] at poses ``(..., 4, 4)``; NaN where it is not measured."""
+    def views(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> Views:
+        """See :meth:`Observer.views`."""
         true = circle_image(self.camera, self.target.diameter_m, T_camera_target)
         _, short, _ = ellipse_axes(true)
-        seen = (short >= SMALLEST_PX) & (self._room(true) >= 0.0)
-        noisy = np.where(seen[..., None], self._noisy(true, rng), np.nan)
-        return np.stack([noisy[..., 1], noisy[..., 0], ellipse_axes(noisy)[0]], axis=-1)
+        room = self._room(true)
+        large = short >= SMALLEST_PX
+        inside = large & (room >= 0.0)
+        reasons = [""] * len(true)
+        for k in np.flatnonzero(~inside).tolist():
+            if not large[k]:
+                reasons[k] = (
+                    f"no target: the circle is not seen, or smaller than {SMALLEST_PX:g} px"
+                )
+            elif -room[k] < short[k]:
+                reasons[k] = "touches the edge: the circle is cut by the edge"
+            else:
+                reasons[k] = "no target: the circle is outside the image"
+        noisy = self._noisy(true, rng)
+        return Views(np.where(inside[:, None], noisy, np.nan), tuple(reasons))
 
     def _room(self, ellipse: FloatArray) -> FloatArray:
         """Distance ``(...)`` [px] of ellipses from the edge of the image, negative outside."""

@@ -43,7 +43,7 @@ def test_both_agree(tilt_deg, target, looking) -> None:
     poses[:, :2, 3] += shifts
     slow = ImageObserver(CLOSE, target, imaging)
     seen = np.array([slow.observe(pose, rng).vhs_px for pose in poses])
-    fast = FastObserver(CLOSE, target, noise).observe_batch(poses, rng)
+    fast = FastObserver(CLOSE, target, noise).views(poses, rng).vhs_px
     true = circle_image(CLOSE, target.diameter_m, poses)
     exact = np.stack([true[:, 1], true[:, 0], ellipse_axes(true)[0]], axis=1)
     seen, fast = seen - exact, fast - exact
@@ -60,7 +60,7 @@ def test_one_at_a_time_as_in_a_batch(camera, target, looking) -> None:
     observer = FastObserver(camera, target, noise)
     T = looking(30.0, 0.01)
     one = observer.observe(T, np.random.default_rng(3))
-    batch = observer.observe_batch(T[None], np.random.default_rng(3))
+    batch = observer.views(T[None], np.random.default_rng(3)).vhs_px
     np.testing.assert_allclose(one.vhs_px, batch[0])
     assert one.is_ok
 
@@ -72,7 +72,7 @@ def test_noise_of_given_standard_deviations(camera, target, looking) -> None:
     turned = looking(40.0)
     turned[:3, :3] = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]]) @ turned[:3, :3]
     for T in (looking(40.0), turned):
-        seen = observer.observe_batch(np.repeat(T[None], 20_000, axis=0), np.random.default_rng(4))
+        seen = observer.views(np.repeat(T[None], 20_000, axis=0), np.random.default_rng(4)).vhs_px
         np.testing.assert_allclose(seen.std(axis=0), sigma, rtol=4 / np.sqrt(40_000))
 
 
@@ -92,7 +92,7 @@ def test_the_same_outcomes(camera, target, looking) -> None:
     for T in (looking(180.0), looking(z_m=-0.35), looking(z_m=4.0)):
         assert slow.observe(T, rng).status == fast.observe(T, rng).status == "no target"
     poses = np.array([*expected.values(), looking(180.0)])
-    batch = FastObserver(camera, target, noise).observe_batch(poses, rng)
+    batch = FastObserver(camera, target, noise).views(poses, rng).vhs_px
     assert np.isfinite(batch[0]).all()
     assert np.isnan(batch[1:]).all()
 

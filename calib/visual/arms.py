@@ -1,0 +1,89 @@
+"""What the loop of visual touch-up drives: arms with a camera, one real one or many simulated."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from calib.camera.ellipse import measure_ellipse
+from calib.camera.observers import SMALLEST_PX, Views
+from calib.se3 import FloatArray, IntArray
+from calib.visual.adapter import RobotAdapter
+
+
+class Arms(Protocol):
+    """Arms that stand side by side and know nothing of each other.
+
+    A loop over arrays drives them all at once: a rehearsal of a thousand touch-ups takes little
+    more than that of one. A real robot is a row of one, :class:`OneArm`.
+    """
+
+    @property
+    def count(self) -> int:
+        """Number of arms S."""
+        ...
+
+    @property
+    def image_px(self) -> tuple[int, int]:
+        """Width and height of the pictures."""
+        ...
+
+    def move(self, which: IntArray, q: FloatArray) -> None:
+        """Move the joints of arms ``(K,)`` to ``(K, n)`` [rad]; they stand still afterwards."""
+        ...
+
+    def joints(self, which: IntArray) -> FloatArray:
+        """Joint values ``(K, n)`` [rad] that their controllers show."""
+        ...
+
+    def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
+        """What each of their cameras sees of the target, near ``(K, 2)`` [px] if given."""
+        ...
+
+
+class OneArm:
+    """A robot behind its adapter, as a row of one.
+
+    Parameters
+    ----------
+    robot : RobotAdapter
+    dark : bool
+        Whether the target's circle is darker than the plate about it.
+    """
+
+    count = 1
+
+    def __init__(self, robot: RobotAdapter, *, dark: bool = True) -> None:
+        self._robot = robot
+        self._dark = dark
+        self._size: tuple[int, int] | None = None
+
+    @property
+    def image_px(self) -> tuple[int, int]:
+        """See :meth:`Arms.image_px`; takes a picture where none was taken yet."""
+        if self._size is None:
+            height, width = self._robot.grab().shape
+            self._size = (width, height)
+        return self._size
+
+    def move(self, which: IntArray, q: FloatArray) -> None:
+        """See :meth:`Arms.move`."""
+        for posture in q:
+            self._robot.move(posture)
+
+    def joints(self, which: IntArray) -> FloatArray:
+        """See :meth:`Arms.joints`."""
+        return np.array([self._robot.joints() for _ in which])
+
+    def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
+        """See :meth:`Arms.look`."""
+        seen = []
+        for k in range(len(which)):
+            image = self._robot.grab()
+            self._size = (image.shape[1], image.shape[0])
+            near = None if near_px is None else near_px[k]
+            seen.append(
+                measure_ellipse(image, dark=self._dark, smallest_px=SMALLEST_PX, near_px=near)
+            )
+        return Views.of(seen)

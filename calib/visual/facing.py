@@ -1,0 +1,98 @@
+"""How a round target is turned, from the ellipses that it was seen as."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from calib.camera.conic import circle_image
+from calib.camera.lens import Camera
+from calib.se3 import FloatArray, transform
+from calib.visual.jacobian import ImageJacobian
+
+LARGEST_RMS_PX = 0.5
+"""Rms by which half axes of the ellipses may differ from those of a circle: ten times their noise
+and what a lens bends. A target that is not round, or a wrist that turns the other way, is far off.
+"""
+
+_START_TILTS = np.deg2rad([0.0, 25.0, 50.0])
+_START_SIDES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Facing:
+    """The face of a target.
+
+    Attributes
+    ----------
+    normal : array (3,)
+        Unit vector out of it, in base axes.
+    sigma_rad : float
+        Larger of the two standard deviations of its direction, from the residuals.
+    rms_px : float
+        What is left of the half axes.
+    flaw : str
+        Why the ellipses are not those of one flat circle; empty where they are.
+    """
+
+    normal: FloatArray
+    sigma_rad: float
+    rms_px: float
+    flaw: str
+
+
+def find_normal(jacobian: ImageJacobian, R_base_tip: FloatArray, ellipses: FloatArray) -> Facing:
+    """Normal of a target seen in the designated relation from orientations ``(N, 3, 3)``.
+
+    The half axes of the ellipses ``(N, 5)`` [px] against those of the circle's image. One picture
+    has two answers; the turns between several leave one.
+    """
+    R_base_camera = R_base_tip @ jacobian.R_tip_camera
+    right, down = jacobian.relation.center_px
+    camera = Camera(
+        2 * int(np.ceil(right)), 2 * int(np.ceil(down)), jacobian.focal_px
+    )  # only its focal length matters to the shape
+    place = np.array([0.0, 0.0, jacobian.distance_m])
+    towards = -R_base_camera[0, :, 2]
+    across = np.linalg.svd(towards[None])[2][1:]
+
+    def normals(x: FloatArray) -> FloatArray:
+        n = towards + x @ across
+        return np.asarray(n / np.linalg.norm(n))
+
+    def missed(x: FloatArray) -> FloatArray:
+        in_camera = np.einsum("nji,j->ni", R_base_camera, normals(x))
+        seen = circle_image(camera, jacobian.diameter_m, _faces(in_camera, place))
+        # a face turned away is seen as nothing: as far off as an ellipse can be
+        off = np.where(np.isnan(seen), 0.0, seen)[:, 2:] - ellipses[:, 2:]
+        return np.asarray(off.ravel())
+
+    starts = [np.zeros(2)]
+    for tilt in _START_TILTS[1:]:
+        angle = np.arange(_START_SIDES) * 2.0 * np.pi / _START_SIDES
+        starts += list(np.tan(tilt) * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    best = min(starts, key=lambda x: float((missed(x) ** 2).sum()))
+    fit = least_squares(missed, best, method="lm", x_scale=0.1)
+    mirrored = least_squares(missed, -fit.x, method="lm", x_scale=0.1)
+    fit = min(fit, mirrored, key=lambda f: float(f.cost))
+    rms = float(np.sqrt(np.mean(fit.fun**2)))
+    JtJ = fit.jac.T @ fit.jac
+    sigma = float(rms * np.sqrt(1.0 / max(np.linalg.eigvalsh(JtJ)[0], 1e-300)))
+    flaw = ""
+    if not rms <= LARGEST_RMS_PX:
+        flaw = (
+            f"the pictures are not those of a flat circle seen from the arm's orientations: {rms:.1f}"
+            " px are left over"
+        )
+    return Facing(normals(fit.x), sigma, rms, flaw)
+
+
+def _faces(normals: FloatArray, place: FloatArray) -> FloatArray:
+    """Poses ``(N, 4, 4)`` at a place ``(3,)`` whose z axes are ``(N, 3)``."""
+    aside = np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    y = np.cross(normals, aside)
+    y /= np.linalg.norm(y, axis=1, keepdims=True)
+    R = np.stack([np.cross(y, normals), y, normals], axis=-1)
+    return transform(R, np.tile(place, (len(normals), 1)))

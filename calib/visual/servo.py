@@ -1,0 +1,197 @@
+"""Visual touch-up: the loop of Fig. 4 of Watanabe et al. 2006, over many arms at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.visual.drive import Drive
+from calib.visual.following import shifted
+from calib.visual.jacobian import ImageJacobian
+
+Status = Literal["touched", "lost", "no posture", "too far", "not converged"]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """When the loop ends.
+
+    Attributes
+    ----------
+    center_px, size_px : float
+        Errors across the picture, and of the size, at or below which the target is touched.
+    iterations : int
+        Moves after which it has not converged.
+    farthest_m : float
+        Distance of the tip from where the loop began beyond which it has run away.
+    looks : int
+        Pictures whose mean is taken at each stop.
+    view_line : bool
+        Only V and H: the target is brought onto the view line, at any distance (Fig. 1a).
+
+    Raises
+    ------
+    InputError
+        Numbers that no loop can end by.
+    """
+
+    center_px: float = 0.1
+    size_px: float = 0.05
+    iterations: int = 10
+    farthest_m: float = 0.1
+    looks: int = 1
+    view_line: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("center_px", "size_px", "iterations", "farthest_m", "looks"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(
+                    f"{name} of the touch-up is {value}",
+                    hint="give a number above zero",
+                    name=name,
+                    value=value,
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class TouchUps:
+    """What became of S touch-ups.
+
+    Attributes
+    ----------
+    q : array (S, n)
+        Joint values that the controllers showed at the end [rad].
+    error_px : array (S, 3)
+        Of the relation, as last measured; NaN where nothing was seen at the end.
+    ellipses : array (S, 5)
+        As last measured [px].
+    moves : array (S,)
+    status : tuple of str
+        ``touched``, or why not: ``lost``, ``no posture``, ``too far``, ``not converged``.
+    reasons : tuple of str
+        The same in a sentence; empty where it is touched.
+    """
+
+    q: FloatArray
+    error_px: FloatArray
+    ellipses: FloatArray
+    moves: IntArray
+    status: tuple[Status, ...]
+    reasons: tuple[str, ...]
+
+    @property
+    def touched(self) -> BoolArray:
+        """Where the target was touched ``(S,)``."""
+        return np.array([status == "touched" for status in self.status], dtype=bool)
+
+
+def touch_up(drive: Drive, q: FloatArray, jacobian: ImageJacobian, loop: Loop) -> TouchUps:
+    """Move arms from postures ``(S, n)`` [rad] until each sees its target as designated.
+
+    Look, and where the error is above its threshold shift the tip by what the Jacobian says
+    (Eq. 3), the orientation as the controller believes it held. Nothing but pictures and joint
+    values of the controller is used.
+
+    Parameters
+    ----------
+    drive : Drive
+    q : array (S, n)
+        Where the arms are sent first: one posture for each.
+    jacobian : ImageJacobian
+    loop : Loop
+
+    Returns
+    -------
+    TouchUps
+        Failures are outcomes in it; nothing is raised for what a cell may do.
+    """
+    return _Run(drive, q, jacobian, loop).run()
+
+
+class _Run:
+    """State of a loop: where each arm is, what it saw last, and what became of it."""
+
+    def __init__(self, drive: Drive, q: FloatArray, jacobian: ImageJacobian, loop: Loop) -> None:
+        count = len(q)
+        self.drive, self.jacobian, self.loop = drive, jacobian, loop
+        self.q = np.array(q, dtype=float)
+        self.start = drive.robot.fk(self.q)[:, :3, 3]
+        self.error = np.full((count, 3), np.nan)
+        self.ellipses = np.full((count, 5), np.nan)
+        self.moves = np.zeros(count, dtype=np.intp)
+        self.status: list[Status] = ["not converged"] * count
+        self.reasons = [""] * count
+        self.active = np.arange(count)
+
+    def run(self) -> TouchUps:
+        self._ended("no posture", self.drive.to_posture(self.active, self.q))
+        for moves in range(self.loop.iterations + 1):
+            self._look()
+            self._finish()
+            if not self.active.size or moves == self.loop.iterations:
+                break
+            self._shift()
+        for k in self.active.tolist():
+            dv, dh, ds = np.abs(self.error[k])
+            self.reasons[k] = (
+                f"after {self.moves[k]} moves the target is still {np.hypot(dv, dh):.2f} px off"
+                + f" and {ds:.2f} px too large or small" * (not self.loop.view_line)
+            )
+        return TouchUps(
+            self.q,
+            self.error,
+            self.ellipses,
+            self.moves,
+            tuple(self.status),
+            tuple(self.reasons),
+        )
+
+    def _ended(self, status: Status, reasons: list[str]) -> None:
+        """Take arms that have a reason out of the loop."""
+        for k, reason in zip(self.active.tolist(), reasons, strict=True):
+            if reason:
+                self.status[k], self.reasons[k] = status, reason
+        self.active = self.active[[not reason for reason in reasons]]
+
+    def _look(self) -> None:
+        arms, which = self.drive.arms, self.active
+        if not which.size:
+            return
+        near = np.tile(self.jacobian.relation.center_px, (len(which), 1))
+        views = [arms.look(which, near) for _ in range(self.loop.looks)]
+        reasons = [next((r for r in each if r), "") for each in zip(*(v.reasons for v in views))]
+        self.ellipses[which] = np.mean([view.ellipses for view in views], axis=0)
+        self.error[which] = self.jacobian.relation.error(self.ellipses[which])
+        self._ended("lost", reasons)
+
+    def _finish(self) -> None:
+        error = np.abs(self.error[self.active])
+        done = (error[:, :2] <= self.loop.center_px).all(axis=1)
+        if not self.loop.view_line:
+            done &= error[:, 2] <= self.loop.size_px
+        ended = self.active[done]
+        if ended.size:
+            self.q[ended] = self.drive.arms.joints(ended)
+        for k in ended.tolist():
+            self.status[k] = "touched"
+        self.active = self.active[~done]
+
+    def _shift(self) -> None:
+        which, robot = self.active, self.drive.robot
+        here = self.drive.arms.joints(which)
+        shift = self.jacobian.shift(self.error[which], view_line=self.loop.view_line)
+        wanted = shifted(robot.fk(here), shift)
+        away = np.linalg.norm(wanted[:, :3, 3] - self.start[which], axis=1)
+        far = [
+            f"the loop would move the tip by {1e3 * far:.0f} mm" * (far > self.loop.farthest_m)
+            for far in away.tolist()
+        ]
+        self._ended("too far", far)
+        near = away <= self.loop.farthest_m
+        self._ended("no posture", self.drive.to_pose(self.active, here[near], wanted[near]))
+        self.moves[self.active] += 1

@@ -1,0 +1,310 @@
+"""Where camera and target are, from nothing: the first step of section 2.5 of Watanabe et al. 2006.
+
+From one posture with the target in view the arm is inched around it. Small moves tell how the
+camera is turned, how far the target is and how large (:mod:`calib.visual.jacobian`). Then the tip
+is turned, a little at first, and the target touched up again: postures at which the same point of
+the tip frame is on the same point of the base tell where both are, and each tells better where to
+turn about for the next, wider turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.robots import Robot
+from calib.se3 import FloatArray, rotation_exp, transform
+from calib.visual.facing import Facing, find_normal
+from calib.visual.jacobian import ImageJacobian
+from calib.visual.relation import Relation
+from calib.visual.servo import Loop
+from calib.visual.station import Station
+
+_PROBE_M = 2e-3
+"""First moves, of which nothing is known but that they are small."""
+
+_STEP_OF_DISTANCE = 0.06
+"""Length of the moves that the Jacobian is measured by, of the distance of the target: it changes
+its size by six parts in a hundred, a hundred times the noise."""
+
+_STEP_OF_ROOM = 0.4
+"""The same, of the way that the target has to the edge of the picture."""
+
+_TURNS = (
+    (0.13, ((1, 0, 0), (0, 1, 0))),
+    (0.33, ((-1, 0, 0), (0, -1, 0), (0, 0, 1))),
+    (
+        1.0,
+        ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 2), (0, 0, -2), (1, 1, 0), (-1, 1, 0)),
+    ),
+)
+"""Turns about the axes of the camera: parts of the widest, which grow as more is known."""
+
+_HALVINGS = 3
+"""How often a turn that fails is tried with half its angle."""
+
+_FEWEST = 6
+"""Touch-ups below which six numbers are not told from the errors of the arm."""
+
+_PRIOR_M = 0.5
+"""How far from the tip a camera is mounted at most: holds the first solutions, of small turns."""
+
+LARGEST_RMS_M = 5e-3
+"""Rms distance by which touch-ups may miss each other. Zero offsets of half a degree stay below;
+joint signs that are not the robot's do not."""
+
+LARGEST_SIGMA_M = 5e-3
+"""Standard deviation of the virtual pin tip above which planning with it makes no sense."""
+
+
+@dataclass(frozen=True, eq=False)
+class SetUp:
+    """Where camera and target are, roughly, as the nominal arm sees them.
+
+    Attributes
+    ----------
+    jacobian : ImageJacobian
+    tool_m : array (3,)
+        Virtual pin tip in the tip frame [m].
+    target_m : array (3,)
+        In the base frame [m].
+    facing : Facing
+        How the target's face is turned.
+    postures : array (N, n)
+        Touched up on the way [rad].
+    rms_m : float
+        Distance by which the touch-ups miss each other, three axes together.
+    sigma_tool_m : float
+        Largest standard deviation of the virtual pin tip, from what the touch-ups miss.
+    notes : tuple of str
+        Turns that could not be made, and why.
+    """
+
+    jacobian: ImageJacobian
+    tool_m: FloatArray
+    target_m: FloatArray
+    facing: Facing
+    postures: FloatArray
+    rms_m: float
+    sigma_tool_m: float
+    notes: tuple[str, ...]
+
+    @property
+    def T_tip_camera(self) -> FloatArray:
+        """The camera in the tip frame: the lens, z along the view, x right and y down."""
+        R = self.jacobian.R_tip_camera
+        return transform(R, self.tool_m - self.jacobian.distance_m * R[:, 2])
+
+
+@dataclass(frozen=True)
+class NoSetUp:
+    """Why camera and target were not found.
+
+    Attributes
+    ----------
+    reason : str
+    hint : str
+        What to do about it.
+    """
+
+    reason: str
+    hint: str
+
+
+def find_set_up(
+    station: Station,
+    q: FloatArray,
+    loop: Loop,
+    *,
+    widest: float = np.deg2rad(15.0),
+    size_px: float | None = None,
+    progress: Callable[[str, float], None] = lambda what, part: None,
+) -> SetUp | NoSetUp:
+    """Find camera and target from a taught posture ``(n,)`` [rad] with the target in view.
+
+    Parameters
+    ----------
+    station : Station
+    q : array (n,)
+    loop : Loop
+    widest : float
+        Largest turn about the target [rad]; about the line of sight it is twice that.
+    size_px : float, optional
+        Size of the target in the designated relation; by default as it is seen at the posture.
+    progress : callable
+        Called with what is being done and the part of the step that is done.
+    """
+    return _Inching(station, loop, widest, progress).run(q, size_px)
+
+
+class _Inching:
+    """State of the first step: the touch-ups so far and what follows from them."""
+
+    def __init__(
+        self,
+        station: Station,
+        loop: Loop,
+        widest: float,
+        progress: Callable[[str, float], None],
+    ) -> None:
+        self.station, self.loop, self.widest = station, loop, widest
+        self.robot: Robot = station.drive.robot
+        self.progress = progress
+        self.postures: list[FloatArray] = []
+        self.ellipses: list[FloatArray] = []
+        self.notes: list[str] = []
+
+    def run(self, q: FloatArray, size_px: float | None) -> SetUp | NoSetUp:
+        self.progress("looking", 0.0)
+        view = self.station.look("taught", q)
+        if view.reasons[0]:
+            return NoSetUp(
+                f"the target is not seen from the taught posture: {view.reasons[0]}",
+                "bring the whole target into the picture, and nothing else that looks like it",
+            )
+        width, height = self.station.image_px
+        size = float(view.vhs_px[0, 2]) if size_px is None else size_px
+        relation = Relation((width / 2.0, height / 2.0), size)
+        jacobian = self._jacobian(q, relation)
+        if isinstance(jacobian, NoSetUp):
+            return jacobian
+        for k, (turn, name) in enumerate(self._turns()):
+            self.progress(f"touch-up {name}", 0.2 + 0.8 * k / _COUNT)
+            self._inch(turn, name, jacobian)
+        return self._solved(jacobian)
+
+    def _jacobian(self, q: FloatArray, relation: Relation) -> ImageJacobian | NoSetUp:
+        """The Jacobian from small moves, then from the widest that stay in view."""
+        self.progress("finding how the picture moves", 0.05)
+        rough = self.station.jacobian("probe", q, relation, _PROBE_M, both_ways=False)
+        if rough.jacobian is None:
+            return NoSetUp(
+                f"the picture could not be followed: {rough.reason}",
+                "bring the target nearer to the middle of the picture, and away from joint limits",
+            )
+        flaw = rough.jacobian.flaw()
+        if flaw:
+            return NoSetUp(flaw, "check robot, joint signs and camera")
+        first = self.station.touch_up("S01", q, rough.jacobian, self.loop)
+        if not first.touched[0]:
+            return NoSetUp(
+                f"the target could not be touched up from the taught posture: {first.reasons[0]}",
+                "choose a posture with more room, or a larger touch_up.farthest_mm",
+            )
+        self._keep(first.q[0], first.ellipses[0])
+        width, height = self.station.image_px
+        room_px = (min(width, height) - relation.size_px) / 2.0
+        px_per_m = float(np.linalg.norm(rough.jacobian.matrix[:2], axis=1).max())
+        step = min(
+            _STEP_OF_DISTANCE * rough.jacobian.distance_m,
+            _STEP_OF_ROOM * room_px / px_per_m,
+        )
+        if step < _PROBE_M:
+            return NoSetUp(
+                "the target nearly fills the picture", "move the camera away, or take a smaller one"
+            )
+        fine = self.station.jacobian("moves", first.q[0], relation, step, both_ways=True)
+        if fine.jacobian is None:
+            return NoSetUp(
+                f"the picture could not be followed: {fine.reason}", "give the arm more room"
+            )
+        flaw = fine.jacobian.flaw()
+        return NoSetUp(flaw, "check robot, joint signs and camera") if flaw else fine.jacobian
+
+    def _turns(self) -> Iterator[tuple[FloatArray, str]]:
+        """Turns about camera axes as rotation vectors ``(3,)`` [rad], and their names."""
+        number = 2
+        for part, directions in _TURNS:
+            for direction in directions:
+                yield self.widest * part * np.array(direction, dtype=float), f"S{number:02d}"
+                number += 1
+
+    def _inch(self, turn: FloatArray, name: str, jacobian: ImageJacobian) -> None:
+        """Turn about the target as far as it is known, and touch up; half of it where that fails."""
+        tool, _, _ = self._solve(jacobian)
+        about = jacobian.R_tip_camera @ turn
+        reason = ""
+        for halving in range(_HALVINGS):
+            R = rotation_exp(about / 2**halving)
+            T = self.robot.fk(self.postures[0]) @ transform(R, tool - R @ tool)
+            q, found = _posture(self.robot, self.postures[0], T)
+            if not found:
+                reason = "joint limits or a singularity are in the way"
+                continue
+            done = self.station.touch_up(f"{name}{'abc'[halving]}", q, jacobian, self.loop)
+            if done.touched[0]:
+                self._keep(done.q[0], done.ellipses[0])
+                return
+            reason = done.reasons[0]
+        self.notes.append(f"{name}: {reason}")
+
+    def _keep(self, q: FloatArray, ellipse: FloatArray) -> None:
+        self.postures.append(q)
+        self.ellipses.append(ellipse)
+
+    def _solve(self, jacobian: ImageJacobian) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Pin tip in the tip frame, target in the base ``(3,)`` [m], and what is missed (N, 3).
+
+        ``R_i p + t_i = m`` for all touch-ups, by least squares. The pin tip is held, weakly, to
+        the lens being at the tip.
+        """
+        T = self.robot.fk(np.array(self.postures))
+        count = len(T)
+        guess = jacobian.distance_m * jacobian.R_tip_camera[:, 2]
+        A = np.zeros((3 * count + 3, 6))
+        A[: 3 * count, :3] = T[:, :3, :3].reshape(-1, 3)
+        A[: 3 * count, 3:] = np.tile(-np.eye(3), (count, 1))
+        weight = _EXPECTED_M / _PRIOR_M
+        A[3 * count :, :3] = weight * np.eye(3)
+        right = np.concatenate([-T[:, :3, 3].ravel(), weight * guess])
+        x = np.linalg.lstsq(A, right, rcond=None)[0]
+        missed = (A[: 3 * count] @ x - right[: 3 * count]).reshape(count, 3)
+        return x[:3], x[3:], missed
+
+    def _solved(self, jacobian: ImageJacobian) -> SetUp | NoSetUp:
+        tool, target, missed = self._solve(jacobian)
+        T = self.robot.fk(np.array(self.postures))
+        count = len(T)
+        if count < _FEWEST:
+            return NoSetUp(
+                f"only {count} touch-ups around the target succeeded: {'; '.join(self.notes)}",
+                "choose a posture with more room around the target",
+            )
+        rms = float(np.sqrt((missed**2).sum(axis=1).mean()))
+        if rms > LARGEST_RMS_M:
+            return NoSetUp(
+                f"touch-ups of one target miss each other by {1e3 * rms:.0f} mm",
+                "check the robot description and its joint signs, and that camera and target are "
+                "fixed",
+            )
+        spread = T[:, :3, :3] - T[:, :3, :3].mean(axis=0)
+        information = np.einsum("kij,kil->jl", spread, spread)
+        noise = np.sqrt((missed**2).sum() / max(3 * count - 6, 1))
+        sigma = float(max(noise, _EXPECTED_M) / np.sqrt(np.linalg.eigvalsh(information)[0]))
+        if not sigma <= LARGEST_SIGMA_M:
+            return NoSetUp(
+                f"the arm could not turn enough: the virtual pin tip is known to {1e3 * sigma:.0f} "
+                "mm only",
+                "choose a posture with more room around the target",
+            )
+        facing = find_normal(jacobian, T[:, :3, :3], np.array(self.ellipses))
+        if facing.flaw:
+            return NoSetUp(facing.flaw, "take a flat, round target, and check the joint signs")
+        return SetUp(
+            jacobian, tool, target, facing, np.array(self.postures), rms, sigma, tuple(self.notes)
+        )
+
+
+_EXPECTED_M = 3e-4
+"""What touch-ups of an arm that is not calibrated miss each other by, about."""
+
+_COUNT = sum(len(directions) for _, directions in _TURNS)
+
+
+def _posture(robot: Robot, q: FloatArray, T: FloatArray) -> tuple[FloatArray, bool]:
+    from calib.visual.following import follow
+
+    posture, found = follow(robot, q[None], T[None])
+    return posture[0], bool(found[0])

@@ -1,0 +1,52 @@
+"""One arm that measures by name: what a process asks of it, and what can be kept and replayed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.camera.observers import Views
+from calib.se3 import FloatArray
+from calib.visual.drive import Drive
+from calib.visual.jacobian import ImageJacobian, MeasuredJacobian, measure_jacobian
+from calib.visual.relation import Relation
+from calib.visual.servo import Loop, TouchUps, touch_up
+
+_ONLY = np.zeros(1, dtype=np.intp)
+
+
+class Station:
+    """Measurements of one arm, each under a name of its own.
+
+    A process that asks for the same names in the same order can be run again from what was kept
+    under them; a subclass that keeps the answers makes a process that survives being stopped.
+
+    Parameters
+    ----------
+    drive : Drive
+        Of one arm.
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        self.drive = drive
+
+    @property
+    def image_px(self) -> tuple[int, int]:
+        """Width and height of the pictures."""
+        return self.drive.arms.image_px
+
+    def look(self, name: str, q: FloatArray) -> Views:
+        """What is seen at a posture ``(n,)`` [rad]."""
+        reason = self.drive.to_posture(_ONLY, q[None])[0]
+        if reason:
+            return Views(np.full((1, 5), np.nan), (reason,))
+        return self.drive.arms.look(_ONLY)
+
+    def jacobian(
+        self, name: str, q: FloatArray, relation: Relation, step_m: float, *, both_ways: bool
+    ) -> MeasuredJacobian:
+        """See :func:`~calib.visual.jacobian.measure_jacobian`."""
+        return measure_jacobian(self.drive, q, relation, step_m, both_ways=both_ways)
+
+    def touch_up(self, name: str, q: FloatArray, jacobian: ImageJacobian, loop: Loop) -> TouchUps:
+        """Touch up from a posture ``(n,)`` [rad]."""
+        return touch_up(self.drive, q[None], jacobian, loop)

@@ -15,6 +15,7 @@ from calib.measurement import CameraPose, Measurement, ViewLine
 from calib.model import CalibrationModel
 from calib.parameters import (
     JointCompliance,
+    LinkGeometry,
     ParameterBlock,
     Payload,
     TargetFrame,
@@ -328,6 +329,12 @@ class Cell:
         if self.deflects:
             blocks.append(JointCompliance(self.robot, self.robot.joint_names, self.payload))
             values.append(1.0 / self.stiffness)
+        if truth.link_error_mm > 0.0 or truth.link_error_deg > 0.0:
+            links = LinkGeometry(self.robot)
+            blocks.append(links)
+            values.append(
+                _link_errors(links, truth.link_error_mm, truth.link_error_deg, truth.seed)
+            )
         values += [
             tool.nominal + np.array(truth.tool_error_mm) / 1e3,
             target.nominal + np.array(truth.target_error_mm) / 1e3,
@@ -379,6 +386,12 @@ def _base_posture(config: CellConfig, robot: Robot, path: Path) -> FloatArray:
             value=error.value,
         ) from error
     return posture
+
+
+def _link_errors(links: LinkGeometry, mm: float, deg: float, seed: int) -> FloatArray:
+    """Errors of links by chance ``(p,)`` [m, rad], the same for the same seed."""
+    sigma = np.where([unit == "m" for unit in links.units], mm / 1e3, np.deg2rad(deg))
+    return np.asarray(sigma * np.random.default_rng([seed, 1]).standard_normal(links.size))
 
 
 def usual_offsets(n: int) -> FloatArray:

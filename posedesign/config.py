@@ -27,6 +27,7 @@ from posedesign.config_types import (
     Noise,
     NoiseVector,
     NotNegative,
+    PerJoint,
     Pixels,
     Positive,
     Section,
@@ -35,6 +36,7 @@ from posedesign.config_types import (
     VariationVector,
     Vector,
 )
+from posedesign.config_visual import ImagingSection, TargetSection, TouchUpSection
 from posedesign.files import read_bytes_bounded
 
 LARGEST_CELL_BYTES = 1_000_000
@@ -166,21 +168,6 @@ class BasePoseSection(Section):
     posture_deg: tuple[Finite, ...]
 
 
-class TargetSection(Section):
-    """The point that is touched; where the tool point stands at the base pose by default."""
-
-    name: Name = "T1"
-    position_mm: Vector | None = None
-    normal: Vector | None = None
-    radius_mm: NotNegative = 0.0
-
-    @model_validator(mode="after")
-    def _has_direction(self) -> TargetSection:
-        if self.normal is not None and max(map(abs, self.normal)) < 1e-6:
-            raise ValueError("normal has no direction")
-        return self
-
-
 class VariationSection(Section):
     """D_W, D_P, D_R of Eq. 13: where they start, how they grow, how far they may go."""
 
@@ -264,7 +251,12 @@ class MeasurementSection(Section):
 
 
 class TruthSection(Section):
-    """The robot that is simulated: nothing but the simulation looks at this."""
+    """The robot that is simulated: nothing but the simulation looks at this.
+
+    ``link_error_mm`` and ``link_error_deg`` are standard deviations of what each link is off,
+    along and about its axes. ``backlash_deg`` is one arc minute at most on reducers in good order,
+    ``scatter_deg`` is how well a joint stops where it stopped before, from the same side.
+    """
 
     seed: Annotated[int, Field(strict=True, ge=0)] = 1
     zero_offsets_deg: tuple[Finite, ...] | None = None
@@ -272,6 +264,14 @@ class TruthSection(Section):
     target_error_mm: Vector = (5.0, -4.0, 2.0)
     deflection: StrictBool | None = None
     stiffness_nm_per_rad: tuple[Positive, ...] | None = None
+    link_error_mm: NotNegative = 0.0
+    link_error_deg: NotNegative = 0.0
+    camera_error_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    target_turn_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    backlash_deg: PerJoint = 0.01
+    friction_nm: PerJoint = 0.0
+    scatter_deg: PerJoint = 1.2e-4
+    imaging: ImagingSection = ImagingSection()
 
 
 class FrameSection(Section):
@@ -355,6 +355,7 @@ class CellConfig(Section):
     pool: PoolSection = PoolSection()
     parameters: ParameterSection = ParameterSection()
     measurement: MeasurementSection = MeasurementSection()
+    touch_up: TouchUpSection = TouchUpSection()
     noise: tuple[NoiseSection, ...] = ()
     payload: tuple[PayloadSection, ...] = ()
     known_distance: tuple[KnownDistanceSection, ...] = ()

@@ -20,6 +20,8 @@ VariationVector = tuple[Variation, Variation, Variation]
 Noise = Annotated[float, Field(strict=True, gt=0, le=1e3, allow_inf_nan=False)]
 """[mm, deg]"""
 NoiseVector = tuple[Noise, Noise, Noise]
+PerJoint = NotNegative | tuple[NotNegative, ...]
+"""One number for all joints, or one for each."""
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]*$")]
 """Text that stays on one line and does not steer a terminal."""
 

@@ -78,13 +78,13 @@ def find_normal(jacobian: ImageJacobian, R_base_tip: FloatArray, ellipses: Float
     mirrored = least_squares(missed, -fit.x, method="lm", x_scale=0.1)
     fit = min(fit, mirrored, key=lambda f: float(f.cost))
     rms = float(np.sqrt(np.mean(fit.fun**2)))
-    JtJ = fit.jac.T @ fit.jac
-    sigma = float(rms * np.sqrt(1.0 / max(np.linalg.eigvalsh(JtJ)[0], 1e-300)))
+    J = np.asarray(fit.jac)
+    sigma = float(rms * np.sqrt(1.0 / max(np.linalg.eigvalsh(J.T @ J)[0], 1e-300)))
     flaw = ""
     if not rms <= LARGEST_RMS_PX:
         flaw = (
-            f"the pictures are not those of a flat circle seen from the arm's orientations: {rms:.1f}"
-            " px are left over"
+            "the pictures are not those of a flat circle seen from the arm's orientations: "
+            f"{rms:.1f} px are left over"
         )
     return Facing(normals(fit.x), sigma, rms, flaw)
 

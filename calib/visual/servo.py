@@ -164,7 +164,8 @@ class _Run:
             return
         near = np.tile(self.jacobian.relation.center_px, (len(which), 1))
         views = [arms.look(which, near) for _ in range(self.loop.looks)]
-        reasons = [next((r for r in each if r), "") for each in zip(*(v.reasons for v in views))]
+        each = zip(*(view.reasons for view in views), strict=True)
+        reasons = [next((reason for reason in said if reason), "") for said in each]
         self.ellipses[which] = np.mean([view.ellipses for view in views], axis=0)
         self.error[which] = self.jacobian.relation.error(self.ellipses[which])
         self._ended("lost", reasons)

@@ -17,6 +17,7 @@ import numpy as np
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_exp, transform
 from calib.visual.facing import Facing, find_normal
+from calib.visual.following import follow
 from calib.visual.jacobian import ImageJacobian
 from calib.visual.relation import Relation
 from calib.visual.servo import Loop
@@ -37,7 +38,16 @@ _TURNS = (
     (0.33, ((-1, 0, 0), (0, -1, 0), (0, 0, 1))),
     (
         1.0,
-        ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 2), (0, 0, -2), (1, 1, 0), (-1, 1, 0)),
+        (
+            (1, 0, 0),
+            (-1, 0, 0),
+            (0, 1, 0),
+            (0, -1, 0),
+            (0, 0, 2),
+            (0, 0, -2),
+            (1, 1, 0),
+            (-1, 1, 0),
+        ),
     ),
 )
 """Turns about the axes of the camera: parts of the widest, which grow as more is known."""
@@ -57,6 +67,11 @@ joint signs that are not the robot's do not."""
 
 LARGEST_SIGMA_M = 5e-3
 """Standard deviation of the virtual pin tip above which planning with it makes no sense."""
+
+_EXPECTED_M = 3e-4
+"""What touch-ups of an arm that is not calibrated miss each other by, about."""
+
+_COUNT = sum(len(directions) for _, directions in _TURNS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,14 +312,6 @@ class _Inching:
         )
 
 
-_EXPECTED_M = 3e-4
-"""What touch-ups of an arm that is not calibrated miss each other by, about."""
-
-_COUNT = sum(len(directions) for _, directions in _TURNS)
-
-
 def _posture(robot: Robot, q: FloatArray, T: FloatArray) -> tuple[FloatArray, bool]:
-    from calib.visual.following import follow
-
     posture, found = follow(robot, q[None], T[None])
     return posture[0], bool(found[0])

@@ -1,7 +1,7 @@
 """A robot reached through a folder: programs out, pictures and joint values in.
 
 Whoever serves the folder, a script beside the controller or a person with a memory stick, runs the
-programs in the order of their numbers and leaves none out, and answers each with a picture::
+programs in the order of their numbers, leaves none out, and answers each with a picture::
 
     out/MOVE0007.LS       the program of move 7 in the controller's format: one joint move
     out/0007.csv          its joint values, signs of the URDF; written last: move 7 is whole
@@ -12,34 +12,29 @@ programs in the order of their numbers and leaves none out, and answers each wit
     in/0007.png           the picture, written last: the arm stands still, and all results are there
     in/0007_2.png         the second picture
 
-A result is written aside and renamed, if possible; one that grows or cannot be read yet is waited
-for. Programs are never written over, results never moved or deleted.
+A result is best written aside and renamed; one that grows or cannot be read yet is waited for.
+Programs are never written over, results never moved or deleted.
 """
 
 from __future__ import annotations
 
-import os
-import re
-import tempfile
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.errors import FileFormatError, InputError, OutputError
+from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray
 from calib.visual.adapter import RobotAdapter
+from posedesign.calibration.exchange_folder import ExchangeFolder, number_of
 from posedesign.calibration.picture_file import ENDINGS, read_picture
 from posedesign.cell import Cell
-from posedesign.files import make_folder, write_text_atomic
+from posedesign.files import write_text_atomic
 from posedesign.program_frames import arm_of, check_recorded_frames
 from posedesign.programming import chosen_dialect, program_options
-from posedesign.programs import Dialect, PoseProgram, ProgramPose, find_dialect, postures_of
-from posedesign.programs.program import in_range
+from posedesign.programs import PoseProgram, ProgramPose, find_dialect, postures_of
 from posedesign.tables import PoseList, read_robot_poses, write_pose_list
 
 if TYPE_CHECKING:
@@ -53,26 +48,19 @@ jog keys, or a pendant's J3 in the column of the URDF's, moves a joint by far mo
 MOST_MOVES = 9999
 """Names of programs have eight characters on the oldest controllers: MOVE and four digits."""
 
-LONGEST_S = 7 * 24 * 3600.0
-"""Longest wait: over a week-end that nobody is at the cell, and some days more."""
-
-_NUMBERED = re.compile(r"(?:move)?(\d{4})(?!\d).*", re.ASCII | re.DOTALL)
-
-T = TypeVar("T")
-
 
 @dataclass
 class _Move:
-    """The move that the arm makes or has made.
+    """The last move: where it was to go, and how far its results are read.
 
     Attributes
     ----------
     number : int
-        Of the move, counted from 1 in the folder.
+        Counted from 1 in the folder.
     posture, written : array (n,)
         As it was commanded, and as it stands in the program, rounded [rad].
     program : Path
-        The file with the position, in the folder of programs.
+        The file with the position, relative to the folder of programs.
     mark : str
         Fingerprint that the program carries.
     pictures : int
@@ -111,14 +99,13 @@ class FolderRobot(RobotAdapter):
     cell : Cell
         Whose robot it is, with the ``[program]`` section for speed, frames and time to settle.
     folder : Path or str
-        Must exist: a share that is not there is not replaced by a folder on this disk. ``in`` and
-        ``out`` are made in it, and nothing is written elsewhere.
+        Must exist. ``in`` and ``out`` are made in it, and nothing is written elsewhere.
     dialect : str, optional
         Format of the programs; by default that of the robot's controller.
     timeout_s : float
         Longest wait for a result [s].
     poll_s : float
-        Time from look to look [s]. A file is taken when it has not changed between two.
+        Time from look to look [s]. A file is read when it has not changed between two.
 
     Raises
     ------
@@ -137,18 +124,13 @@ class FolderRobot(RobotAdapter):
         timeout_s: float = 600.0,
         poll_s: float = 0.5,
     ) -> None:
-        in_range("timeout_s", timeout_s, 0.0, LONGEST_S)
-        in_range("poll_s", poll_s, 1e-3, 60.0)
         chosen = chosen_dialect(cell, _one_pose("base", cell.base_posture), dialect)
         self._cell = cell
         self._dialect = find_dialect(chosen).reading(cell.config.program.pulses_per_deg)
         self._arm = arm_of(cell)
         self._seen = self._dialect.seen(self._arm)
-        self._timeout_s, self._poll_s = timeout_s, poll_s
-        self._folder = Path(folder)
-        self._out, self._in = _places(self._folder)
+        self._exchange = ExchangeFolder(Path(folder), timeout_s, poll_s)
         self._move: _Move | None = None
-        self._last = 0
 
     def move(self, q: FloatArray) -> None:
         """Write the program that moves the joints to ``(n,)`` [rad]; results are waited for later.
@@ -156,23 +138,26 @@ class FolderRobot(RobotAdapter):
         Raises
         ------
         JointLimitError, InputError
-            The posture is outside the limits, or not finite, or the format cannot say it, or
-            results of this number were there before.
+            The posture is outside the limits or not finite, the format cannot say it, or there
+            are results of this number already.
         OutputError
             A file cannot be written.
         """
         self._cell.robot.check_limits(q)
-        posture = np.array(q, dtype=float)
-        number = 1 + max([self._last, *(_number_of(entry) for entry in _entries(self._out))])
+        before = 0 if self._move is None else self._move.number
+        # programs that were run may have been taken away
+        number = 1 + max(before, self._exchange.last_number())
         if number > MOST_MOVES:
             raise InputError(
-                f"{self._out} has had {MOST_MOVES} moves", hint="go on in an empty folder"
+                f"{self._exchange.orders} has had {MOST_MOVES} moves",
+                hint="go on with an empty folder",
             )
-        self._refuse_stale(lambda name: _number_of(name) == number, f"move {number} was written")
-        with self._staging() as aside:
-            made = self._written(aside, number, posture)
-            self._publish(aside)
-        self._last, self._move = number, made
+        self._exchange.refuse_early(
+            lambda name: number_of(name) == number, f"move {number} was written"
+        )
+        with self._exchange.publishing(last=f"{number:04d}.csv") as aside:
+            made = self._written(aside, number, np.array(q, dtype=float))
+        self._move = made
 
     def joints(self) -> FloatArray:
         """Joint values ``(n,)`` [rad] of the move as the controller showed them.
@@ -189,8 +174,8 @@ class FolderRobot(RobotAdapter):
         """
         made = self._moved()
         shown = self._shown(made)
-        if shown is None:
-            self._wait(made.label, ENDINGS, read_picture)
+        if shown is None and made.picture == made.label and made.waiting:
+            self._exchange.wait(made.label, ENDINGS, read_picture, self._hint(made))
             shown = self._shown(made)
         return made.written.copy() if shown is None else shown
 
@@ -210,7 +195,7 @@ class FolderRobot(RobotAdapter):
         made = self._moved()
         if not made.waiting:
             self._ask_again(made)
-        picture = self._wait(made.picture, ENDINGS, read_picture)
+        picture, _ = self._exchange.wait(made.picture, ENDINGS, read_picture, self._hint(made))
         self._shown(made)
         made.waiting = False
         return picture
@@ -218,13 +203,17 @@ class FolderRobot(RobotAdapter):
     def _moved(self) -> _Move:
         if self._move is None:
             raise InputError(
-                f"there was no move through {self._folder} yet",
+                f"there was no move through {self._exchange.folder} yet",
                 hint="move first: only then is known where the arm stands",
             )
         return self._move
 
+    def _hint(self, made: _Move) -> str:
+        program = self._exchange.orders / made.program
+        return f"run {program} and save the result there; asked again, it is waited for again"
+
     def _written(self, aside: Path, number: int, posture: FloatArray) -> _Move:
-        """Write the files of a move where nobody looks for them, and read them back."""
+        """Write the files of a move where nobody looks for them yet, and check them."""
         name = f"MOVE{number:04d}"
         listed = _one_pose(name, posture)
         options = replace(
@@ -243,76 +232,86 @@ class FolderRobot(RobotAdapter):
                     f"{path.name} would be refused: {problem}", hint="look at [program] in the cell"
                 )
         made = _Move(number, posture, posture, paths[0].relative_to(aside), options.fingerprint)
-        made.written = self._in_program(paths[0], made)
+        made.written = self._near(made, self._in_program(made, paths[0]), paths[0])
         write_pose_list(aside / f"{made.label}.csv", listed, self._cell.robot, self._cell.tool_m)
         return made
-
-    @contextmanager
-    def _staging(self) -> Iterator[Path]:
-        """A folder of this robot's own that files are written in before anybody sees them."""
-        try:
-            with tempfile.TemporaryDirectory(prefix=".making-", dir=self._folder) as name:
-                yield Path(name)
-        except OSError as error:
-            raise OutputError(
-                f"{self._out} cannot be written: {error.strerror or error}",
-                hint="check that it is there, can be written and has free space",
-                name=str(self._out),
-            ) from error
-
-    def _publish(self, aside: Path) -> None:
-        """Rename the files into the folder of programs, the table of the joint values last."""
-        files = [path for path in aside.rglob("*") if path.is_file()]
-        for path in sorted(files, key=lambda path: _table_of(path.name) is not None):
-            target = self._out / path.relative_to(aside)
-            target.parent.mkdir(exist_ok=True)
-            os.replace(path, target)  # a link that stands there is replaced, not followed
 
     def _ask_again(self, made: _Move) -> None:
         """Ask for one more picture of the same move."""
         picture = f"{made.label}_{made.pictures + 1}"
-        self._refuse_stale(
+        self._exchange.refuse_early(
             lambda name: Path(name).stem.casefold() == picture, f"picture {picture} was asked for"
         )
-        with self._staging() as aside:
-            text = f"wanted: in/{picture}{ENDINGS[0]}\nstands at: {made.program.stem}\n"
-            write_text_atomic(aside / f"{picture}.request", text)
-            self._publish(aside)
+        name = f"{picture}.request"
+        with self._exchange.publishing(last=name) as aside:
+            text = f"wanted: in/{picture}{ENDINGS[0]}\nthe arm stays at: {made.program.stem}\n"
+            write_text_atomic(aside / name, text)
         made.pictures += 1
         made.waiting = True
 
-    def _refuse_stale(self, is_its: Callable[[str], bool], event: str) -> None:
-        """Refuse a result that is there before it was asked for."""
-        early = next((name for name in sorted(_entries(self._in)) if is_its(name)), None)
-        if early is not None:
-            raise InputError(
-                f"{self._in / early} was there before {event}: it is the result of something else",
-                hint=f"move what is in {self._in} elsewhere, then go on",
-                name=early,
-            )
-
     def _shown(self, made: _Move) -> FloatArray | None:
         """Joint values ``(n,)`` [rad] that came with a move; None where there are none."""
+        program = str(made.program.with_suffix(""))
         endings = [s for s in self._dialect.suffixes if s not in self._dialect.companions]
-        for label, ending, read in (
-            (made.label, (".csv",), self._in_table),
-            (str(made.program.with_suffix("")), tuple(endings), self._in_program),
-        ):
-            if self._find(label, ending) is None:
-                continue
-            shown = self._wait(label, ending, lambda path, read=read: read(path, made))
-            off = np.rad2deg(np.abs(shown - made.posture))
-            worst = int(np.argmax(off))
-            if off[worst] > FAR_DEG:
-                joint = self._cell.robot.joint_names[worst]
-                raise InputError(
-                    f"{self._find(label, ending)}: {joint} is {off[worst]:.3g} deg off what move "
-                    f"{made.number} commands",
-                    hint="was the arm moved, or is it of another move? Values of a pendant stand "
-                    "in columns pendant_j1_deg ..",
-                    name=joint,
-                    value=float(np.rad2deg(shown[worst])),
-                    bound=float(np.rad2deg(made.posture[worst])),
-                )
-            return shown
+        hint = self._hint(made)
+        if self._exchange.find(made.label, [".csv"]) is not None:
+            table = partial(self._in_table, made)
+            return self._near(made, *self._exchange.wait(made.label, [".csv"], table, hint))
+        if self._exchange.find(program, endings) is not None:
+            recorded = partial(self._in_program, made)
+            return self._near(made, *self._exchange.wait(program, endings, recorded, hint))
         return None
+
+    def _near(self, made: _Move, shown: FloatArray, path: Path) -> FloatArray:
+        """The same joint values ``(n,)`` [rad], refused where they are not those of the move."""
+        off = np.rad2deg(np.abs(shown - made.posture))
+        worst = int(np.argmax(off))
+        if off[worst] > FAR_DEG:
+            joint = self._cell.robot.joint_names[worst]
+            raise InputError(
+                f"{path}: {joint} is {off[worst]:.3g} deg off what move {made.number} commands",
+                hint="was the arm moved, or is it of another move? Values of a pendant stand in "
+                "columns pendant_j1_deg ..",
+                name=joint,
+                value=float(np.rad2deg(shown[worst])),
+                bound=float(np.rad2deg(made.posture[worst])),
+            )
+        return shown
+
+    def _in_table(self, made: _Move, path: Path) -> FloatArray:
+        """Posture ``(n,)`` [rad] in a table of one pose."""
+        listed = read_robot_poses(path, self._cell.robot)
+        if len(listed.postures) != 1:
+            raise FileFormatError(
+                f"has {len(listed.postures)} poses, not one",
+                path=path,
+                hint="write the joint values of this move alone",
+            )
+        if number_of(listed.names[0]) not in (0, made.number):
+            raise _of_another(path, made)
+        return np.asarray(listed.postures[0])
+
+    def _in_program(self, made: _Move, path: Path) -> FloatArray:
+        """Posture ``(n,)`` [rad] of the first position in a program."""
+        program = self._dialect.read(path)
+        if program.fingerprint not in ("", made.mark):
+            raise _of_another(path, made)
+        positions = tuple(p for p in program.positions if p.number == 1)
+        if not positions:
+            raise FileFormatError(
+                "has no position 1", path=path, hint=f"save {made.program} with its position"
+            )
+        check_recorded_frames(self._cell, self._dialect, positions, path)
+        return np.asarray(postures_of(positions, self._seen, made.posture[None])[0])
+
+
+def _one_pose(name: str, posture: FloatArray) -> PoseList:
+    return PoseList((name,), np.atleast_2d(posture), np.zeros(1, dtype=bool))
+
+
+def _of_another(path: Path, made: _Move) -> InputError:
+    return InputError(
+        f"{path} is the result of another move than {made.number}",
+        hint="save the result of each move under its own number",
+        name=str(path),
+    )

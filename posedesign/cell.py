@@ -147,7 +147,7 @@ class Cell:
     @property
     def measurement(self) -> Measurement:
         """The measurement with its noise."""
-        return make_measurement(self.config)
+        return make_measurement(self.config, self.T_tip_camera[:3, :3])
 
     @property
     def is_hand_eye(self) -> bool:

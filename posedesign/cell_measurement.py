@@ -10,11 +10,11 @@ from posedesign.config import CellConfig
 from posedesign.config_identification import NoiseSection
 
 
-def make_measurement(config: CellConfig) -> Measurement:
+def make_measurement(config: CellConfig, R_tip_camera: FloatArray) -> Measurement:
     """The measurement that the file describes.
 
     The noise of a camera is that of ``[[noise]]`` where one is given for its kind: that may differ
-    from axis to axis.
+    from axis to axis. ``R_tip_camera`` ``(3, 3)`` is how the camera is turned on the tip.
     """
     section = config.measurement
     if section.kind == "camera-pose":
@@ -29,8 +29,16 @@ def make_measurement(config: CellConfig) -> Measurement:
                 )
             )
         )
-    sigma = np.array(section.three_sigma_mm) / 3e3
-    return TouchUp(sigma) if section.kind == "touch-up" else ViewLine(sigma[:2])
+    if section.kind == "view-line":
+        return ViewLine(np.array(section.three_sigma_mm[:2]) / 3e3)
+    return make_touch_up(config, R_tip_camera)
+
+
+def make_touch_up(config: CellConfig, R_tip_camera: FloatArray) -> TouchUp:
+    """Touch-ups with the noise that the file gives them, along the axes that it gives."""
+    section = config.measurement
+    axes = R_tip_camera if section.noise_axes == "camera" else None
+    return TouchUp(np.array(section.three_sigma_mm) / 3e3, axes)
 
 
 def noise_sigma(noise: NoiseSection) -> FloatArray:

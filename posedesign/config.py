@@ -232,10 +232,14 @@ class ConstraintSection(Section):
 
 
 class MeasurementSection(Section):
-    """How it is measured, and how well: touch-ups, or poses of a target that a camera sees."""
+    """How it is measured, and how well: touch-ups, or poses of a target that a camera sees.
+
+    The noise of touch-ups is along x, y, z of the tip, or of the camera as it is mounted there.
+    """
 
     kind: Literal["touch-up", "view-line", "camera-pose"] = "touch-up"
     three_sigma_mm: NoiseVector = (0.02, 0.02, 0.12)
+    noise_axes: Literal["tip", "camera"] = "tip"
     weighted: StrictBool = True
     estimate_noise: StrictBool = False
     camera_three_sigma_deg: Noise = 0.06
@@ -254,8 +258,9 @@ class TruthSection(Section):
     """The robot that is simulated: nothing but the simulation looks at this.
 
     ``link_error_mm`` and ``link_error_deg`` are standard deviations of what each link is off,
-    along and about its axes. ``backlash_deg`` is one arc minute at most on reducers in good order,
-    ``scatter_deg`` is how well a joint stops where it stopped before, from the same side.
+    along and about its axes. ``backlash_deg`` is one arc minute (0.017) at most on reducers in good
+    order; ``friction_nm``, where not given, winds a reducer up by a fifth of that; ``scatter_deg``
+    is how well a joint stops where it stopped before, from the same side.
     """
 
     seed: Annotated[int, Field(strict=True, ge=0)] = 1
@@ -268,8 +273,8 @@ class TruthSection(Section):
     link_error_deg: NotNegative = 0.0
     camera_error_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     target_turn_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
-    backlash_deg: PerJoint = 0.01
-    friction_nm: PerJoint = 0.0
+    backlash_deg: PerJoint = 0.005
+    friction_nm: PerJoint | None = None
     scatter_deg: PerJoint = 1.2e-4
     imaging: ImagingSection = ImagingSection()
 

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
+from calib.camera.observers import Observer
 from calib.errors import CalibError, ConvergenceError, UnreachableError
-from calib.measurement import Setup, TouchUp
+from calib.measurement import Setup
 from calib.measurement.simulate import simulate
 from calib.model import CalibrationModel
 from calib.parameters import TargetPoints
 from calib.se3 import FloatArray
+from calib.visual.drive import Drive
+from calib.visual.jacobian import ImageJacobian
+from calib.visual.servo import Loop, touch_up
+from calib.visual.simulated import SimulatedArms, TrueCell
+from posedesign.cell import Cell
+from posedesign.cell_measurement import make_touch_up
 from posedesign.feasibility import Checker, nearest_postures
 from posedesign.generation import touching_poses
 from posedesign.simulation import SimulatedRobot
@@ -44,32 +51,73 @@ class PlateTest:
             The arm cannot reach all of the plate.
         """
         cell = robot.cell
-        rotation = cell.robot.fk(cell.base_posture)[:3, :3]
-        points = robot.target_m + plate_points() @ rotation.T  # in the plane across the tool
-        poses = touching_poses(np.broadcast_to(rotation, (len(points), 3, 3)), cell.tool_m, points)
-        limits = Checker(cell.robot, margin=cell.margin)  # the plate is thought of, not there
-        found = nearest_postures(limits, poses, cell.base_posture)
-        if not found.feasible.all():
-            worst = int(np.argmin(found.feasible))
-            raise UnreachableError(
-                f"point {worst + 1} of the test plate cannot be touched: {found.reasons[worst]}",
-                hint="the plate test needs 400 mm around the target",
-            )
+        points = _points_around(cell, robot.target_m)
+        q = _plate_postures(cell, robot.target_m)
         # each point is a target of its own, touched once
         labels = [f"plate{i}" for i in range(len(points))]
         targets = TargetPoints(points, labels)
         model = CalibrationModel(
             cell.robot,
             [*(b for b in robot.model.parameters if not isinstance(b, TargetPoints)), targets],
-            TouchUp(np.array(cell.config.measurement.three_sigma_mm) / 3e3),
+            make_touch_up(cell.config, cell.T_tip_camera[:3, :3]),
         )
         is_target = np.array([name.startswith("target.") for name in robot.model.names])
         values = np.concatenate([robot.values[~is_target], targets.nominal])
         setup = Setup.of(len(points), target=np.arange(len(points)))
         try:
-            return cls(simulate(model, values, found.q, rng, trials=trials, setup=setup).postures)
+            return cls(simulate(model, values, q, rng, trials=trials, setup=setup).postures)
         except ConvergenceError as error:
             raise UnreachableError(f"the test plate cannot be touched: {error.message}") from error
+
+    @classmethod
+    def by_sight(
+        cls,
+        cell: Cell,
+        truth: TrueCell,
+        observer: Observer,
+        jacobian: ImageJacobian,
+        loop: Loop,
+        rng: np.random.Generator,
+        trials: int = 1,
+    ) -> PlateTest:
+        """Touch up every point of a plate around the target by what a simulated camera sees.
+
+        Parameters
+        ----------
+        cell : Cell
+            With camera and target as they were found: where the arm is sent.
+        truth : TrueCell
+            With one target, in the middle of the plate, which lies across the camera of the base
+            pose.
+        observer : Observer
+        jacobian : ImageJacobian
+        loop : Loop
+        rng : numpy.random.Generator
+        trials : int
+            How often the plate is measured.
+
+        Raises
+        ------
+        UnreachableError
+            A point cannot be reached, or was not touched.
+        """
+        found = _plate_postures(cell, cell.target_m)
+        R = cell.robot.fk(cell.base_posture)[:3, :3]
+        targets = np.tile(truth.T_base_target, (len(found), 1, 1))
+        targets[:, :3, 3] += plate_points() @ R.T
+        every = np.tile(targets, (trials, 1, 1))
+        q = np.tile(found, (trials, 1))
+        arms = SimulatedArms(replace(truth, T_base_target=every), observer, len(q), rng)
+        approach = np.deg2rad(cell.config.touch_up.approach_deg)
+        done = touch_up(Drive(cell.robot, arms, approach), q, jacobian, loop)
+        if not done.touched.all():
+            worst = int(np.argmin(done.touched))
+            raise UnreachableError(
+                f"point {worst % len(found) + 1} of the test plate was not touched up: "
+                f"{done.reasons[worst]}",
+                hint="the plate test needs 400 mm around the target",
+            )
+        return cls(done.q.reshape(trials, len(found), -1))
 
     def worst_error(self, model: CalibrationModel, x: FloatArray) -> FloatArray:
         """Largest error of a distance between two points of one row or column.
@@ -95,6 +143,32 @@ class PlateTest:
                 error = np.abs(length - apart * PLATE_PITCH_M).max(axis=-1)
                 worst[:, apart - 1] = np.maximum(worst[:, apart - 1], error)
         return worst
+
+
+def _points_around(cell: Cell, middle: FloatArray) -> FloatArray:
+    """Points of a plate ``(25, 3)`` [m] about a point, in the plane across the tool."""
+    return np.asarray(middle + plate_points() @ cell.robot.fk(cell.base_posture)[:3, :3].T)
+
+
+def _plate_postures(cell: Cell, middle: FloatArray) -> FloatArray:
+    """Postures ``(25, n)`` [rad] that touch a plate, the tool held as at the base pose.
+
+    Raises
+    ------
+    UnreachableError
+    """
+    points = _points_around(cell, middle)
+    rotation = cell.robot.fk(cell.base_posture)[:3, :3]
+    poses = touching_poses(np.broadcast_to(rotation, (len(points), 3, 3)), cell.tool_m, points)
+    limits = Checker(cell.robot, margin=cell.margin)  # the plate is thought of, not there
+    found = nearest_postures(limits, poses, cell.base_posture)
+    if not found.feasible.all():
+        worst = int(np.argmin(found.feasible))
+        raise UnreachableError(
+            f"point {worst + 1} of the test plate cannot be touched: {found.reasons[worst]}",
+            hint="the plate test needs 400 mm around the target",
+        )
+    return found.q
 
 
 def plate_points() -> FloatArray:

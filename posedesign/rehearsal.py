@@ -23,6 +23,9 @@ NOISE_IMAGES = 60
 """Pictures that the noise of the fast camera is calibrated from: standard deviations to 9 %."""
 
 _USUAL_DIAMETER_M = 0.020
+_USUAL_WIND_UP_RAD = np.deg2rad(0.003)
+"""By which friction winds up a reducer in good order, either way: a fifth of an arc minute."""
+
 _PLATE_OF_DIAMETER = 2.0
 """Sides of the plate, where the cell does not say, in diameters of the circle."""
 
@@ -83,7 +86,7 @@ def true_cell(cell: Cell) -> TrueCell:
         LostMotion.of(
             cell.robot.n,
             np.deg2rad(truth.backlash_deg),
-            truth.friction_nm,
+            _friction_nm(cell),
             cell.stiffness,
             np.deg2rad(truth.scatter_deg),
         ),
@@ -127,6 +130,17 @@ def simulated_arms(
     """
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     return SimulatedArms(true_cell(cell), true_observer(cell, kind), count, rng, cell.base_posture)
+
+
+def _friction_nm(cell: Cell) -> FloatArray:
+    """Friction of the joints ``(n,)`` [Nm], usual where the cell does not say."""
+    given = cell.config.truth.friction_nm
+    if given is not None:
+        return np.broadcast_to(np.array(given, dtype=float), (cell.robot.n,))
+    stiff = cell.stiffness
+    return np.where(
+        np.isfinite(stiff), _USUAL_WIND_UP_RAD * np.where(np.isfinite(stiff), stiff, 0.0), 0.0
+    )
 
 
 def _facing(normal: FloatArray) -> FloatArray:

@@ -56,6 +56,9 @@ name = "T1"
 # In the base frame; default: where the base pose puts the tool point, which is
 # position_mm = {target_mm}
 {world}# normal = [0.0, 0.0, 1.0]        # out of its face; default: to the camera at the base pose
+# plate_mm = [40.0, 40.0]         # of a round target: its plate, and its cross: length and width
+# cross_mm = [12.0, 2.0]          # of the bars
+# dark = true                     # the circle is darker than the plate
 {surroundings}
 [constraints]
 collisions = {collisions}                 # of arm, tool and obstacles
@@ -119,7 +122,8 @@ loss = "least-squares"            # or graduated (leaves gross errors out), hube
 [measurement]
 kind = "touch-up"                 # or "view-line": only across the line of sight; "camera-pose":
                                   # hand-eye calibration, a camera sees the target's pose
-three_sigma_mm = {three_sigma}    # of one touch-up, along x, y, z of the tip
+three_sigma_mm = {three_sigma}    # of one touch-up, along x, y, z
+noise_axes = "tip"                # of the tip, or of the "camera" as it is mounted on it
 weighted = true                   # by this noise
 estimate_noise = false            # true: the noise is taken from the residuals
 camera_three_sigma_deg = 0.06     # of the camera's pose, for AX = ZB and camera-pose
@@ -137,6 +141,18 @@ camera_three_sigma_mm = 0.3
 # length_mm = 500.0
 # three_sigma_mm = 0.03
 
+[touch_up]
+# The loop of visual touch-up: posedesign calibrate.
+center_px = 0.1                   # it ends when the target is as near to the middle of the picture
+size_px = 0.05                    # and its size as near to the one designated
+iterations = 10
+farthest_mm = 100.0               # a loop that moves the tip farther has run away
+looks = 1                         # pictures whose mean is taken
+approach_deg = 0.2                # last movement of all joints, always to the same side; 0: none
+correct_tilt = true               # take off what a tilt does to the ellipse of a circle
+repeats = 10                      # touch-ups of the base pose that the noise is measured by
+inch_deg = 15.0                   # how far the arm turns about the target to find it
+
 [truth]
 # The robot that is simulated; planning and identification never look here.
 seed = 1
@@ -145,6 +161,22 @@ tool_error_mm = [2.0, -1.0, 3.0]
 target_error_mm = [5.0, -4.0, 2.0]
 deflection = {deflection}         # reducers give way under gravity
 # stiffness_nm_per_rad = [4e6, ...]  # of each joint; default: the preset's
+# What follows is for posedesign calibrate.
+link_error_mm = 0.0               # standard deviations of what each link is off
+link_error_deg = 0.0
+camera_error_deg = [0.0, 0.0, 0.0]   # the camera is turned so on its mount
+target_turn_deg = [0.0, 0.0, 0.0]
+backlash_deg = 0.005              # of each joint, or a list
+# friction_nm = [200.0, ...]      # default: winds each reducer up by 0.003 deg
+scatter_deg = 1.2e-4              # standard deviation of where a joint stops
+
+[truth.imaging]
+noise_grey = 2.0                  # grey levels of 255
+blur_px = 1.0
+gradient = [0.0, 0.0]             # of the light, across and down
+vignetting = 0.0
+distortion = [0.0, 0.0, 0.0, 0.0, 0.0]  # k1, k2, p1, p2, k3
+vibration_mm = 0.002              # of the lens, standard deviation
 
 [program]
 name = "CALIB01"

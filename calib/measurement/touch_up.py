@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.arm_view import ArmView
 from calib.measurement.base import Contact
 from calib.posture_last import along, cross, turn, turn_back
-from calib.se3 import FloatArray
+from calib.se3 import FloatArray, rigid, transform
 
 
 class TouchUp(Contact):
@@ -20,12 +21,26 @@ class TouchUp(Contact):
     Parameters
     ----------
     sigma : float, array_like (3,) or None
-        Standard deviations [m] along the tool's x, y, z (the camera's V, H, D).
+        Standard deviations [m] along x, y, z of the axes of the noise.
+    axes : array_like (3, 3), optional
+        These axes in the tool's: ``R_tool_noise``, of a camera that is not mounted along the axes
+        of the tool. By default the tool's own.
+
+    Raises
+    ------
+    InputError
+        A noise that is not above zero, or axes that are no rotation.
     """
 
     name = "touch-up"
     rows = 3
     sees_rotation = True
+
+    def __init__(self, sigma: ArrayLike | None, axes: ArrayLike | None = None) -> None:
+        super().__init__(sigma)
+        self._axes: FloatArray | None = None
+        if axes is not None:
+            self._axes = rigid(transform(axes, np.zeros(3)), "axes")[:3, :3]
 
     def predict(self, view: ArmView) -> FloatArray:
         """See :meth:`Measurement.predict`: the error itself."""
@@ -37,22 +52,28 @@ class TouchUp(Contact):
 
     def whiten(self, rows: FloatArray, view: ArmView) -> FloatArray:
         """See :meth:`Measurement.whiten`: turned into camera axes, then divided."""
-        return turn_back(view.tool / self.sigma[:, None, None], view.out_of_target(rows))
+        return turn_back(self._columns(view) / self.sigma[:, None, None], view.out_of_target(rows))
 
     def whiten_derivative(
         self, J: FloatArray, motion: FloatArray, view: ArmView, rows: FloatArray
     ) -> FloatArray:
         """See :meth:`Measurement.whiten_derivative`: ``d(Rᵀe) = Rᵀ(de - w x e)``."""
         moved = motion[:, :3] - cross(motion[:, 3:], view.error)
-        return turn_back(view.tool / self.sigma[:, None, None], moved)
+        return turn_back(self._columns(view) / self.sigma[:, None, None], moved)
 
     def colour(self, rows: FloatArray, view: ArmView) -> FloatArray:
         """See :meth:`Measurement.colour`."""
-        return view.in_target(turn(view.tool, rows * self.sigma[:, None]))
+        return view.in_target(turn(self._columns(view), rows * self.sigma[:, None]))
 
     def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
         """See :meth:`Contact.lift`."""
         return view.out_of_target(rows)
+
+    def _columns(self, view: ArmView) -> FloatArray:
+        """Columns, then rows, ``(3, 3, S)`` of the axes of the noise in the base."""
+        if self._axes is None:
+            return view.tool
+        return np.asarray(np.tensordot(self._axes.T, view.tool, axes=1))
 
 
 class ViewLine(Contact):

@@ -8,7 +8,7 @@ be known before.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,10 +53,23 @@ class ImageJacobian:
             return np.asarray(-error[..., :2] @ np.linalg.pinv(self.matrix[:2]).T)
         return np.asarray(-np.linalg.solve(self.matrix, error[..., None])[..., 0])
 
+    def updated(self, shift_m: FloatArray, change: FloatArray) -> ImageJacobian:
+        """The same where a shift of the tip ``(3,)`` [m] changed the error by ``(3,)`` [px].
+
+        It then says so of that shift, and what it said of those across it stays [Broyden1965]_.
+
+        References
+        ----------
+        .. [Broyden1965] C. G. Broyden, A class of methods for solving nonlinear simultaneous
+           equations, Mathematics of Computation 19.
+        """
+        missed = (change - self.matrix @ shift_m) / (shift_m @ shift_m)
+        return replace(self, matrix=self.matrix + np.outer(missed, shift_m))
+
     @property
     def distance_m(self) -> float:
         """Distance of the target from the lens in the designated relation [m]."""
-        return float(self.relation.size_px / np.linalg.norm(self.matrix[2]))
+        return float(self.relation.size_px / -(self.matrix[2] @ self.R_tip_camera[:, 2]))
 
     @property
     def focal_px(self) -> float:
@@ -73,8 +86,10 @@ class ImageJacobian:
     def R_tip_camera(self) -> FloatArray:
         """Axes of the camera on the tip ``(3, 3)``: x right, y down, z along the view."""
         # the target moves against the camera: the rows point against the camera's axes
-        rows = -self.matrix[[1, 0, 2]]
-        return project_to_rotation((rows / np.linalg.norm(rows, axis=1, keepdims=True)).T)
+        rows = -self.matrix[[1, 0]] / np.linalg.norm(self.matrix[[1, 0]], axis=1, keepdims=True)
+        # the view line, along which V and H stay, is known far better than where the size grows
+        view = np.cross(rows[0], rows[1])
+        return project_to_rotation(np.column_stack([*rows, view / np.linalg.norm(view)]))
 
     def flaw(self) -> str:
         """Why no camera that an arm carries sees this, in words; empty where one does."""
@@ -142,5 +157,5 @@ def measure_jacobian(
     else:
         rows = (np.array(seen[1:]) - seen[0]) / step_m
     if (np.abs(rows[:, :2]).max(axis=0) * step_m < _LEAST_RESPONSE_PX).any():
-        return MeasuredJacobian(None, "the picture does not follow the arm", "lost")
+        return MeasuredJacobian(None, "the picture does not follow the arm", "unmoved")
     return MeasuredJacobian(ImageJacobian(rows.T, relation))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.camera.conic import ellipse_vhs
 from calib.errors import InputError
@@ -44,8 +45,10 @@ class Relation:
                 name="relation",
             )
 
-    def error(self, ellipses: FloatArray) -> FloatArray:
+    def error(self, ellipses: FloatArray, bias: ArrayLike = 0.0) -> FloatArray:
         """How far views ``(..., 5)`` [px] are from the relation, ``(..., 3)`` [px].
+
+        ``bias`` ``(..., 3)`` is taken off V, H and s first.
 
         ``(V - V0) s0/s``, ``(H - H0) s0/s`` and ``s0 (s0/s - 1)``. By Eq. 1 the distance of the
         target is proportional to 1/s, so these three are *linear* in the place of the target
@@ -53,7 +56,7 @@ class Relation:
         for a Jacobian measured at s0 and used at s, is here taken out of the data. ``s0²`` turns
         the paper's 1/s into pixels.
         """
-        vhs = ellipse_vhs(ellipses)
+        vhs = ellipse_vhs(ellipses) - bias
         ratio = self.size_px / vhs[..., 2]
         right, down = self.center_px
         return np.stack(

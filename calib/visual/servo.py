@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -90,7 +91,18 @@ class TouchUps:
         return np.array([status == "touched" for status in self.status], dtype=bool)
 
 
-def touch_up(drive: Drive, q: FloatArray, jacobian: ImageJacobian, loop: Loop) -> TouchUps:
+Bias = Callable[[FloatArray], FloatArray]
+"""Of postures ``(K, n)`` [rad], what V, H and s are off for a target seen at a tilt ``(K, 3)`` [px].
+"""
+
+
+def touch_up(
+    drive: Drive,
+    q: FloatArray,
+    jacobian: ImageJacobian,
+    loop: Loop,
+    bias: Bias | None = None,
+) -> TouchUps:
     """Move arms from postures ``(S, n)`` [rad] until each sees its target as designated.
 
     Look, and where the error is above its threshold shift the tip by what the Jacobian says
@@ -104,21 +116,30 @@ def touch_up(drive: Drive, q: FloatArray, jacobian: ImageJacobian, loop: Loop) -
         Where the arms are sent first: one posture for each.
     jacobian : ImageJacobian
     loop : Loop
+    bias : callable, optional
+        Taken off V, H and s: :class:`~calib.visual.facing.TiltBias`. The paper does without.
 
     Returns
     -------
     TouchUps
         Failures are outcomes in it; nothing is raised for what a cell may do.
     """
-    return _Run(drive, q, jacobian, loop).run()
+    return _Run(drive, q, jacobian, loop, bias).run()
 
 
 class _Run:
     """State of a loop: where each arm is, what it saw last, and what became of it."""
 
-    def __init__(self, drive: Drive, q: FloatArray, jacobian: ImageJacobian, loop: Loop) -> None:
+    def __init__(
+        self,
+        drive: Drive,
+        q: FloatArray,
+        jacobian: ImageJacobian,
+        loop: Loop,
+        bias: Bias | None,
+    ) -> None:
         count = len(q)
-        self.drive, self.jacobian, self.loop = drive, jacobian, loop
+        self.drive, self.jacobian, self.loop, self.bias = drive, jacobian, loop, bias
         self.q = np.array(q, dtype=float)
         self.start = drive.robot.fk(self.q)[:, :3, 3]
         self.error = np.full((count, 3), np.nan)
@@ -167,7 +188,8 @@ class _Run:
         each = zip(*(view.reasons for view in views), strict=True)
         reasons = [next((reason for reason in said if reason), "") for said in each]
         self.ellipses[which] = np.mean([view.ellipses for view in views], axis=0)
-        self.error[which] = self.jacobian.relation.error(self.ellipses[which])
+        bias = 0.0 if self.bias is None else self.bias(arms.joints(which))
+        self.error[which] = self.jacobian.relation.error(self.ellipses[which], bias)
         self._ended("lost", reasons)
 
     def _finish(self) -> None:

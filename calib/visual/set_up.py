@@ -10,28 +10,40 @@ turn about for the next, wider turn.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.camera.conic import ellipse_axes
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_exp, transform
 from calib.visual.facing import Facing, find_normal
-from calib.visual.following import follow
-from calib.visual.jacobian import ImageJacobian
+from calib.visual.following import follow, shifted
+from calib.visual.jacobian import ImageJacobian, MeasuredJacobian
 from calib.visual.relation import Relation
-from calib.visual.servo import Loop
+from calib.visual.servo import Loop, TouchUps
 from calib.visual.station import Station
 
-_PROBE_M = 2e-3
-"""First moves, of which nothing is known but that they are small."""
+_PROBES_M = (2e-3, 6e-3, 18e-3)
+"""First moves, of which nothing is known but that they are small: the next where the picture does
+not show one."""
 
-_STEP_OF_DISTANCE = 0.06
-"""Length of the moves that the Jacobian is measured by, of the distance of the target: it changes
-its size by six parts in a hundred, a hundred times the noise."""
+_CLEAR_PX = 4.0
+"""What a move has to change in the picture to be told from the errors of picture and arm."""
+
+_MIDDLE_PX = 1.0
+"""Error across the picture at which the target is near enough to its middle for wide moves."""
 
 _STEP_OF_ROOM = 0.4
-"""The same, of the way that the target has to the edge of the picture."""
+"""Length of the moves that the Jacobian is measured by, of the way that the target has to the edge
+of the picture: a twentieth of the distance of the target, which changes its size by a hundred
+times the noise."""
+
+_STEP_OF_DISTANCE = 0.15
+"""Move along the view line, of the distance of the target."""
+
+_LEAST_ROOM_PX = 10.0
+"""Way to the edge of the picture with which a target can be moved about in it."""
 
 _TURNS = (
     (0.13, ((1, 0, 0), (0, 1, 0))),
@@ -191,42 +203,72 @@ class _Inching:
         return self._solved(jacobian)
 
     def _jacobian(self, q: FloatArray, relation: Relation) -> ImageJacobian | NoSetUp:
-        """The Jacobian from small moves, then from the widest that stay in view."""
+        """The Jacobian: small moves to bring the target to the middle, then wide ones there."""
         self.progress("finding how the picture moves", 0.05)
-        rough = self.station.jacobian("probe", q, relation, _PROBE_M, both_ways=False)
-        if rough.jacobian is None:
+        probe = self._probe(q, relation)
+        if probe.jacobian is None:
             return NoSetUp(
-                f"the picture could not be followed: {rough.reason}",
+                f"the picture could not be followed: {probe.reason}",
                 "bring the target nearer to the middle of the picture, and away from joint limits",
             )
-        flaw = rough.jacobian.flaw()
-        if flaw:
-            return NoSetUp(flaw, "check robot, joint signs and camera")
-        first = self.station.touch_up("S01", q, rough.jacobian, self.loop)
-        if not first.touched[0]:
-            return NoSetUp(
-                f"the target could not be touched up from the taught posture: {first.reasons[0]}",
-                "choose a posture with more room, or a larger touch_up.farthest_mm",
-            )
-        self._keep(first.q[0], first.ellipses[0])
-        width, height = self.station.image_px
-        room_px = (min(width, height) - relation.size_px) / 2.0
-        px_per_m = float(np.linalg.norm(rough.jacobian.matrix[:2], axis=1).max())
-        step = min(
-            _STEP_OF_DISTANCE * rough.jacobian.distance_m,
-            _STEP_OF_ROOM * room_px / px_per_m,
-        )
-        if step < _PROBE_M:
+        # of small moves only what they do across the picture stands out of its noise
+        across = replace(self.loop, center_px=max(self.loop.center_px, _MIDDLE_PX), view_line=True)
+        middle = self.station.touch_up("middle", q, probe.jacobian, across)
+        if not middle.touched[0]:
+            return _untouched(middle)
+        size_px = float(ellipse_axes(middle.ellipses[0])[0])
+        room_px = (min(self.station.image_px) - size_px) / 2.0
+        px_per_m = float(np.linalg.norm(probe.jacobian.matrix[:2], axis=1).max())
+        if room_px < _LEAST_ROOM_PX:
             return NoSetUp(
                 "the target nearly fills the picture", "move the camera away, or take a smaller one"
             )
-        fine = self.station.jacobian("moves", first.q[0], relation, step, both_ways=True)
-        if fine.jacobian is None:
+        step = _STEP_OF_ROOM * room_px / px_per_m
+        wide = self.station.jacobian("moves", middle.q[0], relation, step, both_ways=True)
+        if wide.jacobian is None:
             return NoSetUp(
-                f"the picture could not be followed: {fine.reason}", "give the arm more room"
+                f"the picture could not be followed: {wide.reason}", "give the arm more room"
             )
-        flaw = fine.jacobian.flaw()
-        return NoSetUp(flaw, "check robot, joint signs and camera") if flaw else fine.jacobian
+        flaw = wide.jacobian.flaw()
+        if flaw:
+            return NoSetUp(flaw, "check robot, joint signs and camera")
+        first = self.station.touch_up("S01", middle.q[0], wide.jacobian, self.loop)
+        if not first.touched[0]:
+            return _untouched(first)
+        self._keep(first.q[0], first.ellipses[0])
+        return self._in_depth(wide.jacobian)
+
+    def _in_depth(self, jacobian: ImageJacobian) -> ImageJacobian:
+        """The Jacobian after a long way along the view line, which the size follows but little."""
+        q = self.postures[0]
+        along = _STEP_OF_DISTANCE * jacobian.distance_m * jacobian.R_tip_camera[:, 2]
+        errors = []
+        for name, shift in (("nearer", along), ("farther", -along)):
+            posture, found = _posture(self.robot, q, shifted(self.robot.fk(q), shift))
+            if not found:
+                self.notes.append(f"{name}: joint limits or a singularity are in the way")
+                return jacobian
+            view = self.station.look(name, posture)
+            if view.reasons[0]:
+                self.notes.append(f"{name}: {view.reasons[0]}")
+                return jacobian
+            errors.append(jacobian.relation.error(view.ellipses)[0])
+        return jacobian.updated(2.0 * along, errors[0] - errors[1])
+
+    def _probe(self, q: FloatArray, relation: Relation) -> MeasuredJacobian:
+        """How the picture follows moves, the smallest that it follows clearly."""
+        probe = MeasuredJacobian(None)
+        for k, step in enumerate(_PROBES_M):
+            last, probe = (
+                probe,
+                self.station.jacobian(f"probe {k + 1}", q, relation, step, both_ways=False),
+            )
+            if probe.jacobian is None:
+                if probe.status != "unmoved":
+                    return last if last.jacobian is not None else probe
+            elif np.linalg.norm(probe.jacobian.matrix[:2], axis=1).min() * step > _CLEAR_PX:
+                return probe
+        return probe
 
     def _turns(self) -> Iterator[tuple[FloatArray, str]]:
         """Turns about camera axes as rotation vectors ``(3,)`` [rad], and their names."""
@@ -315,3 +357,10 @@ class _Inching:
 def _posture(robot: Robot, q: FloatArray, T: FloatArray) -> tuple[FloatArray, bool]:
     posture, found = follow(robot, q[None], T[None])
     return posture[0], bool(found[0])
+
+
+def _untouched(done: TouchUps) -> NoSetUp:
+    return NoSetUp(
+        f"the target could not be touched up from the taught posture: {done.reasons[0]}",
+        "choose a posture with more room, or a larger touch_up.farthest_mm",
+    )

@@ -19,6 +19,10 @@ from calib.parameters.gravity import GravityLoad, Payload
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, inverse, transform
 
+_LEAST_TORQUE_NM = 1e-6
+"""Torque below which gravity pushes to neither side: on a joint with an upright axis it is rounding,
+whose sign changes from posture to posture."""
+
 
 @dataclass(frozen=True, eq=False)
 class LostMotion:
@@ -75,7 +79,7 @@ class LostMotion:
     def band(self, torque_nm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least and largest lag ``(..., n)`` [rad] of joints under gravity ``(..., n)`` [Nm]."""
         wind_up = self.friction_nm / self.stiffness_nm_per_rad
-        leans = np.abs(torque_nm) > self.friction_nm
+        leans = np.abs(torque_nm) > np.maximum(self.friction_nm, _LEAST_TORQUE_NM)
         middle = np.where(leans, np.sign(torque_nm) * self.backlash_rad / 2.0, 0.0)
         half = wind_up + np.where(leans, 0.0, self.backlash_rad / 2.0)
         return middle - half, middle + half

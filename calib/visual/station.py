@@ -9,7 +9,7 @@ from calib.se3 import FloatArray
 from calib.visual.drive import Drive
 from calib.visual.jacobian import ImageJacobian, MeasuredJacobian, measure_jacobian
 from calib.visual.relation import Relation
-from calib.visual.servo import Loop, TouchUps, touch_up
+from calib.visual.servo import Bias, Loop, TouchUps, touch_up
 
 _ONLY = np.zeros(1, dtype=np.intp)
 
@@ -47,6 +47,20 @@ class Station:
         """See :func:`~calib.visual.jacobian.measure_jacobian`."""
         return measure_jacobian(self.drive, q, relation, step_m, both_ways=both_ways)
 
-    def touch_up(self, name: str, q: FloatArray, jacobian: ImageJacobian, loop: Loop) -> TouchUps:
+    def touch_up(
+        self,
+        name: str,
+        q: FloatArray,
+        jacobian: ImageJacobian,
+        loop: Loop,
+        bias: Bias | None = None,
+    ) -> TouchUps:
         """Touch up from a posture ``(n,)`` [rad]."""
-        return touch_up(self.drive, q[None], jacobian, loop)
+        return touch_up(self.drive, q[None], jacobian, loop, bias)
+
+    def pass_through(self, name: str, q: FloatArray) -> None:
+        """Move to a posture ``(n,)`` [rad] at which nothing is measured."""
+        self.drive.to_posture(_ONLY, q[None])
+
+    def rest(self) -> None:
+        """Nothing more is asked for."""

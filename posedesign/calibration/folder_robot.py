@@ -140,6 +140,8 @@ class FolderRobot(RobotAdapter):
         JointLimitError, InputError
             The posture is outside the limits or not finite, the format cannot say it, or there
             are results of this number already.
+        FileFormatError
+            The folder cannot be listed: the share that it is on is gone.
         OutputError
             A file cannot be written.
         """

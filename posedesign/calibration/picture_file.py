@@ -83,7 +83,7 @@ def read_picture(path: Path | str) -> GreyImage:
         return _decoded(data, (height, width))
     except _Unusable as error:
         raise FileFormatError(
-            f"{error}",
+            str(error),
             path=path,
             hint=f"save it whole, as PNG of 8 bits, at most {MOST_PIXELS / 1e6:g} million pixels",
         ) from error
@@ -93,8 +93,7 @@ def _size(data: bytes) -> tuple[int, int]:
     """Width and height that a whole file claims."""
     walk = next((walk for start, walk in _FORMATS.items() if data.startswith(start)), None)
     if walk is None:
-        what = "is empty" if not data else "is no PNG, PGM, BMP, JPEG or TIFF"
-        raise _Unusable(what)
+        raise _Unusable("is no PNG, PGM, BMP, JPEG or TIFF" if data else "is empty")
     try:
         return walk(data)
     except (struct.error, IndexError) as error:
@@ -220,7 +219,7 @@ _TIFF_LOSSLESS = (1, 5, 8, 32773, 32946)
 
 
 def _tiff(data: bytes) -> tuple[int, int]:
-    """Read the directory of the first picture, and whether its strips are all there."""
+    """Read the directory of the picture, and whether its strips are all there."""
     order = "<" if data[:2] == b"II" else ">"
     tags = _tiff_tags(data, order)
 
@@ -250,11 +249,13 @@ def _tiff(data: bytes) -> tuple[int, int]:
 
 
 def _tiff_tags(data: bytes, order: str) -> dict[int, tuple[int, ...]]:
-    """Whole numbers of the known tags in the first directory of a TIFF."""
+    """Whole numbers of the known tags in the one directory of a TIFF."""
     (at,) = struct.unpack_from(order + "I", data, 4)
     (count,) = struct.unpack_from(order + "H", data, at)
     if count > _TIFF_MOST_TAGS:
         raise _Unusable(f"is a TIFF of {count} tags")
+    if struct.unpack_from(order + "I", data, at + 2 + 12 * count) != (0,):
+        raise _Unusable("holds several pictures")
     tags: dict[int, tuple[int, ...]] = {}
     for entry in range(at + 2, at + 2 + 12 * count, 12):
         tag, kind, values = struct.unpack_from(order + "HHI", data, entry)

@@ -11,6 +11,7 @@ import typer
 
 from posedesign.cli import (
     calibrate_commands,
+    calibration_command,
     correct_commands,
     plan_commands,
     program_commands,
@@ -31,6 +32,7 @@ app = typer.Typer(
 plan_commands.register(app)
 program_commands.register(app)
 calibrate_commands.register(app)
+calibration_command.register(app)
 correct_commands.register(app)
 robot_world_command.register(app)
 study_commands.register(app)

@@ -1,0 +1,243 @@
+"""A calibration by sight from a cell's file to its results: with a simulated robot, or a real one.
+
+What the command does, for Python: :func:`run_by_sight` for a file, :func:`calibrate_robot` for a
+robot behind an adapter of one's own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.camera.observers import Kind
+from calib.errors import CalibError, OutputError
+from calib.se3 import FloatArray, wpr_from_rotation
+from calib.visual.adapter import RobotAdapter
+from calib.visual.arms import Arms, OneArm
+from calib.visual.drive import Drive
+from posedesign.calibration.folder_robot import FolderRobot
+from posedesign.calibration.journal import Journal, KeptStation
+from posedesign.calibration.process import Calibration, Progress, calibrate, loop_of
+from posedesign.calibration.refusing import refusals_of
+from posedesign.cell import Cell
+from posedesign.files import make_folder
+from posedesign.plate import PLATE_PITCH_M, PlateTest
+from posedesign.rehearsal import simulated_arms, true_cell, true_observer
+
+JOURNAL = "journal.jsonl"
+
+_PLATES = 10
+"""Times that the simulated plate is measured: the table has their median."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rehearsal:
+    """A calibration, and where the robot was simulated what it is worth on a plate.
+
+    Attributes
+    ----------
+    calibration : Calibration
+    plate : PlateTest, str or None
+        Or in words why the plate cannot be touched; None for a real robot.
+    """
+
+    calibration: Calibration
+    plate: PlateTest | str | None
+
+    def set_up_rows(self) -> list[dict[str, object]]:
+        """What the first step has found, as rows of a table."""
+        found = self.calibration.set_up
+        T = found.T_tip_camera
+        return [
+            _row("lens on the tip", "mm", 1e3 * T[:3, 3]),
+            _row("camera on the tip, W P R", "deg", np.rad2deg(wpr_from_rotation(T[:3, :3]))),
+            _row("virtual pin tip on the tip", "mm", 1e3 * found.tool_m),
+            _row("target in the base", "mm", 1e3 * found.target_m),
+            _row("normal of the target", "", found.facing.normal, 4),
+        ]
+
+    def noise_in_words(self) -> str:
+        """How the first step closed, what it saw, and the noise of a touch-up."""
+        found = self.calibration.set_up
+        jacobian = found.jacobian
+        said = (
+            f"from {len(found.postures)} touch-ups that miss each other by "
+            f"{1e3 * found.rms_m:.2f} mm; a target of {1e3 * jacobian.diameter_m:.2f} mm at "
+            f"{1e3 * jacobian.distance_m:.1f} mm, focal length {jacobian.focal_px:.0f} px"
+        )
+        sigma = self.calibration.sigma_m
+        if np.isfinite(sigma).all():
+            x, y, z = (f"{3e3 * s:.3f}" for s in sigma.tolist())
+            said += f"\n3 sigma of a touch-up, from repeats: {x}, {y}, {z} mm along the camera's "
+            said += "x, y and depth"
+        return said
+
+    def plate_rows(self) -> list[dict[str, object]]:
+        """Worst error of a distance [mm] by model, for 1 to 4 pitches; nothing without a plate."""
+        if not isinstance(self.plate, PlateTest):
+            return []
+        rows = []
+        for trial in self.calibration.identified.comparison.trials:
+            if trial.result is None:
+                continue
+            worst = self.plate.worst_error(trial.candidate.model, trial.result.values)
+            row: dict[str, object] = {"model": trial.name}
+            for apart, value in enumerate(np.median(worst, axis=0).tolist(), start=1):
+                row[f"over {1e3 * PLATE_PITCH_M * apart:.0f} mm"] = round(1e3 * value, 4)
+            rows.append(row)
+        return rows
+
+    def as_dict(self) -> dict[str, Any]:
+        """What a program would want to know; the identification is in its own file."""
+        found = self.calibration
+        return {
+            "T_tip_camera": found.set_up.T_tip_camera,
+            "tool_mm": 1e3 * found.set_up.tool_m,
+            "target_mm": 1e3 * found.set_up.target_m,
+            "target_normal": found.set_up.facing.normal,
+            "focal_px": found.set_up.jacobian.focal_px,
+            "target_diameter_mm": 1e3 * found.set_up.jacobian.diameter_m,
+            "three_sigma_mm": 3e3 * found.sigma_m,
+            "plan": found.plan.message,
+            "touched": list(found.touch_ups.names),
+            "missed": {pose.name: pose.reason for pose in found.missed},
+            "recommended": found.identified.comparison.recommended,
+            "plate_mm": self.plate_rows(),
+        }
+
+
+def run_by_sight(
+    path: Path,
+    out: Path,
+    *,
+    folder: Path | None = None,
+    kind: Kind = "image",
+    wait_s: float = 600.0,
+    seed: int | None = None,
+    restart: bool = False,
+    progress: Progress = lambda what, part: None,
+    warn: Callable[[str], None] = lambda text: None,
+) -> Rehearsal:
+    """Calibrate the robot of a ``cell.toml``: a real one behind a folder, or the simulated one.
+
+    Parameters
+    ----------
+    path : Path
+        The cell.
+    out : Path
+        Folder for the results, and the journal that a stopped calibration goes on from.
+    folder : Path, optional
+        See :class:`~posedesign.calibration.folder_robot.FolderRobot`.
+    kind : {"image", "fast"}
+        Whether the simulated camera takes pictures.
+    wait_s : float
+        Longest wait for a picture in the folder [s].
+    seed : int, optional
+        Of the simulated noise; by default the cell's.
+    restart : bool
+        Put what was measured before aside, and begin anew.
+    progress, warn : callable
+        See :func:`~posedesign.calibration.process.calibrate`.
+    """
+    cell = Cell.load(path)
+    if folder is not None:
+        robot = FolderRobot(cell, folder, timeout_s=wait_s)
+        found = calibrate_robot(
+            cell, robot, out, source=path.parent, restart=restart, progress=progress, warn=warn
+        )
+        return Rehearsal(found, None)
+    own = cell.config.truth.seed if seed is None else seed
+    arms = simulated_arms(cell, kind, seed=own)
+    about = _digest(cell, f"simulated, {kind}, {own}")
+    found = _calibrate(cell, arms, out, about, own, path.parent, restart, progress, warn)
+    return Rehearsal(found, _plate(cell, found, own))
+
+
+def calibrate_robot(
+    cell: Cell,
+    robot: RobotAdapter,
+    out: Path,
+    *,
+    source: Path = Path(),
+    restart: bool = False,
+    progress: Progress = lambda what, part: None,
+    warn: Callable[[str], None] = lambda text: None,
+) -> Calibration:
+    """Calibrate a robot behind its adapter; see :func:`run_by_sight`."""
+    arms = OneArm(robot, dark=cell.config.target.dark)
+    about = _digest(cell, "a robot")
+    return _calibrate(cell, arms, out, about, 0, source, restart, progress, warn)
+
+
+def _calibrate(
+    cell: Cell,
+    arms: Arms,
+    out: Path,
+    about: str,
+    seed: int,
+    source: Path,
+    restart: bool,
+    progress: Progress,
+    warn: Callable[[str], None],
+) -> Calibration:
+    make_folder(out)
+    if restart:
+        _put_aside(out / JOURNAL)
+    with Journal(out / JOURNAL, about) as journal:
+        if len(journal):
+            warn(f"going on from {len(journal)} measurements in {journal.path}; anew: --restart")
+        approach = float(np.deg2rad(cell.config.touch_up.approach_deg))
+        drive = Drive(cell.robot, arms, approach, refusals_of(cell))
+        station = KeptStation(drive, journal, seed)
+        return calibrate(cell, station, out, source=source, progress=progress, warn=warn)
+
+
+def _digest(cell: Cell, how: str) -> str:
+    """What the measurements of a journal are of: cell, robot and options."""
+    text = json.dumps([cell.config.model_dump(mode="json"), cell.robot.name, how], sort_keys=True)
+    chain = cell.robot.chain.placements.round(9).tobytes()
+    return hashlib.sha256(text.encode() + chain).hexdigest()[:16]
+
+
+def _put_aside(journal: Path) -> None:
+    """Rename a journal to a name that is free: touch-ups on a real robot took hours."""
+    if not journal.exists():
+        return
+    number = 1
+    while (aside := journal.with_name(f"journal.{number}.jsonl")).exists():
+        number += 1
+    try:
+        os.replace(journal, aside)
+    except OSError as error:
+        raise OutputError(
+            f"{journal}: cannot be put aside: {error.strerror}",
+            hint="choose another --out",
+            name=str(journal),
+        ) from error
+
+
+def _plate(cell: Cell, found: Calibration, seed: int) -> PlateTest | str:
+    try:
+        return PlateTest.by_sight(
+            found.cell,
+            true_cell(cell),
+            true_observer(cell, "fast"),
+            found.set_up.jacobian,
+            loop_of(cell),
+            np.random.default_rng([seed, 3]),
+            _PLATES,
+        )
+    except CalibError as error:
+        return error.message
+
+
+def _row(what: str, unit: str, values: FloatArray, decimals: int = 2) -> dict[str, object]:
+    shown = [f"{v + 0.0:.{decimals}f}" for v in np.round(values, decimals).tolist()]
+    return {"": what, "unit": unit, **dict(zip("xyz", shown, strict=True))}

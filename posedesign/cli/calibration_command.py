@@ -1,0 +1,94 @@
+"""The command that does it all by sight: calibrate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress
+from posedesign.cli.plan_commands import AsJson, CellFile
+
+if TYPE_CHECKING:
+    from posedesign.calibration.rehearsed import Rehearsal
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command of this module."""
+    app.command()(calibrate)
+
+
+def calibrate(
+    cell: CellFile,
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for the results, and for going on after a stop.")
+    ] = Path("calibration"),
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--robot-folder",
+            help="A real robot behind a folder: programs out, pictures in. Default: simulated.",
+        ),
+    ] = None,
+    images: Annotated[
+        bool, typer.Option(help="Simulated: render and measure pictures, or draw their noise.")
+    ] = True,
+    wait_s: Annotated[
+        float, typer.Option("--wait-s", min=1.0, help="With a folder: longest wait for a picture.")
+    ] = 600.0,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of the simulated noise; default: the cell's.")
+    ] = None,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Begin anew: touch-ups made before are put aside.")
+    ] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Calibrate by sight: find camera and target, plan, touch up, identify.
+
+    From the base pose with the target in view, without knowing where camera and target are. Stop it
+    at any time; the same command goes on where it was.
+    """
+    from posedesign.calibration.rehearsed import run_by_sight
+
+    with progress("calibrating") as advance:
+        done = run_by_sight(
+            cell,
+            out,
+            folder=folder,
+            kind="image" if images else "fast",
+            wait_s=wait_s,
+            seed=seed,
+            restart=restart,
+            progress=advance,
+            warn=lambda text: note(f"warning: {text}"),
+        )
+    identified = done.calibration.identified
+    if as_json:
+        print_json(done.as_dict())
+    else:
+        print_calibration(done)
+        print(f"everything is in {out}")
+    good = done.calibration.plan.reached and not done.calibration.missed
+    return DONE if good and identified.is_of_this_robot else NOT_REACHED
+
+
+def print_calibration(done: Rehearsal) -> None:
+    """Print what was found, what it is worth, and the plate before and after."""
+    from posedesign.cli.identification_output import print_identification
+
+    found = done.calibration
+    print_table("Camera and target, found by inching around the target", done.set_up_rows())
+    print(done.noise_in_words())
+    print(f"planned: {found.plan.message}")
+    count = len(found.touch_ups.names)
+    print(f"touched up: {count} of {count + len(found.missed)} poses")
+    print_identification(found.identified)
+    if isinstance(done.plate, str):
+        print(f"no plate test: {done.plate}")
+    elif done.plate is not None:
+        print_table(
+            "Plate of 5 x 5 targets, 100 mm apart: worst error of a distance [mm]",
+            done.plate_rows(),
+        )

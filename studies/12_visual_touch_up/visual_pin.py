@@ -1,0 +1,170 @@
+"""Table 3: a pose by visual touch-up less the pose by touching up with a pin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from visual_bench import Bench, exact
+
+from calib.camera import Camera, circle_center, circle_center_bias, circle_image, circle_poses
+from calib.se3 import FloatArray, inverse
+from calib.visual.jacobian import ImageJacobian
+from calib.visual.relation import Relation
+from calib.visual.servo import Loop, touch_up
+
+_PIN_STEPS = 5
+"""Corrections of a pin by what its tip is off: each leaves a thousandth."""
+
+VARIANTS = ("as in the paper", "centre corrected", "centre and size corrected")
+
+
+@dataclass(frozen=True)
+class CircleRelation(Relation):
+    """The relation of the middle of the circle, not of the middle of its ellipse.
+
+    Focal length and diameter are those that the Jacobian shows: nothing is calibrated besides.
+
+    Attributes
+    ----------
+    focal_px, diameter_m : float
+    normal : tuple of three floats
+        About how the face is turned, in the camera frame.
+    size_too : bool
+        Whether the size is that of the circle seen squarely from as far.
+    """
+
+    focal_px: float = 0.0
+    diameter_m: float = 0.0
+    normal: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    size_too: bool = False
+
+    def error(self, ellipses: FloatArray) -> FloatArray:
+        """See :meth:`Relation.error`."""
+        right, down = self.center_px
+        camera = Camera(
+            round(2 * right), round(2 * down), self.focal_px, principal_px=self.center_px
+        )
+        long = super().error(ellipses)[..., 2] / self.size_px + 1.0  # s0/s
+        middle = circle_center(camera, self.diameter_m, ellipses, self.normal)
+        if self.size_too:
+            middles, normals = circle_poses(camera, self.diameter_m, ellipses)
+            which = (normals @ np.array(self.normal)).argmax(axis=-1)
+            depth = np.take_along_axis(middles[..., 2], which[..., None], axis=-1)[..., 0]
+            long = self.size_px * depth / (self.focal_px * self.diameter_m)
+        H, V = middle[..., 0] - right, middle[..., 1] - down
+        return np.stack([V * long, H * long, self.size_px * (long - 1.0)], axis=-1)
+
+
+def touch_with_pin(bench: Bench, posture: FloatArray) -> FloatArray:
+    """Nominal tip ``(4, 4)`` when the true pin is on the target, turned as at a posture ``(n,)``."""
+    quiet = exact(bench)
+    drive = quiet.drive(1, bench.rng(0))
+    only = np.zeros(1, dtype=np.intp)
+    T_tip_camera = bench.true.T_tip_camera
+    pin = (inverse(T_tip_camera) @ np.append(bench.tool_m, 1.0))[:3]
+    q = posture[None]
+    drive.to_posture(only, q)
+    for _ in range(_PIN_STEPS):
+        off = drive.arms.T_camera_target(only)[0, :3, 3] - pin  # type: ignore[attr-defined]
+        wanted = bench.cell.robot.fk(q[0])
+        wanted[:3, 3] += wanted[:3, :3] @ T_tip_camera[:3, :3] @ off
+        reason = drive.to_pose(only, q, wanted[None])[0]
+        if reason:
+            raise RuntimeError(reason)
+        q = drive.arms.joints(only)
+    return np.asarray(bench.cell.robot.fk(q[0]))
+
+
+def predicted(bench: Bench, posture: FloatArray) -> FloatArray:
+    """What the picture of a circle does to a touch-up ``(3,)`` [mm], in tip axes, to first order.
+
+    Where the ellipse is in the middle and of the designated size, the middle of the circle is not.
+    """
+    camera, target = bench.observer.camera, bench.observer.target  # type: ignore[attr-defined]
+    T_base_tip = bench.true.model.view(posture[None], bench.true.values).T_base_tip[0]
+    R = bench.true.T_tip_camera[:3, :3]
+    seen = inverse(T_base_tip @ bench.true.T_tip_camera) @ bench.true.T_base_target
+    relation = bench.jacobian.relation
+    distance = camera.focal_px * target.diameter_m / relation.size_px
+    seen[:3, 3] = [0.0, 0.0, distance]
+    bias = circle_center_bias(camera, target.diameter_m, seen)
+    ellipse = circle_image(camera, target.diameter_m, seen)
+    in_camera = np.append(bias * distance / camera.focal_px, 0.0)
+    ds = relation.error(ellipse)[2]
+    in_camera[2] = ds * distance / relation.size_px
+    return np.asarray(1e3 * R @ in_camera)
+
+
+def differences(bench: Bench, settings: dict[str, Any], trials: int) -> list[dict[str, Any]]:
+    """Table 3 for each turn and variant, in tip axes [mm]: mean, deviation, and what is predicted."""
+    part = settings["pin"]
+    rows = []
+    for number, turn_deg in enumerate(part["turns_deg"]):
+        posture = bench.turned(np.deg2rad(turn_deg))
+        pin = touch_with_pin(bench, posture)
+        expected = predicted(bench, posture)
+        for variant, says in enumerate(VARIANTS):
+            off, failed = _visual(bench, part, posture, pin, variant, trials, number)
+            rows.append(
+                {
+                    "turn_deg": turn_deg,
+                    "variant": says,
+                    "mean_mm": off.mean(axis=0).tolist(),
+                    "sigma_mm": off.std(axis=0, ddof=1).tolist(),
+                    "predicted_mm": (expected if variant == 0 else np.zeros(3)).tolist(),
+                    "trials": trials,
+                    "failed": failed,
+                }
+            )
+    return rows
+
+
+def _visual(
+    bench: Bench,
+    part: dict[str, Any],
+    posture: FloatArray,
+    pin: FloatArray,
+    variant: int,
+    trials: int,
+    number: int,
+) -> tuple[FloatArray, int]:
+    """Places of the nominal tip less that of the pin ``(S, 3)`` [mm], in tip axes."""
+    rng = bench.rng(5, number)
+    J = bench.jacobian
+    if variant:
+        T = pin @ bench.true.T_tip_camera
+        normal = T[:3, :3].T @ bench.cell.T_base_target[:3, 2]
+        relation = CircleRelation(
+            J.relation.center_px,
+            J.relation.size_px,
+            J.focal_px,
+            J.diameter_m,
+            tuple(normal.tolist()),
+            variant == 2,
+        )
+        J = ImageJacobian(J.matrix, relation)
+    loop = Loop(part["center_px"], part["size_px"], iterations=20)
+    done = touch_up(bench.drive(trials, rng), bench.starts(posture, trials, rng), J, loop)
+    T = bench.cell.robot.fk(done.q[done.touched])
+    off = np.einsum("ji,kj->ki", pin[:3, :3], T[:, :3, 3] - pin[:3, 3])
+    return 1e3 * off, int((~done.touched).sum())
+
+
+def largest(
+    rows: list[dict[str, Any]], settings: dict[str, Any], rng: np.random.Generator
+) -> dict[str, float]:
+    """Largest of the nine figures of such a table [mm], the pin being as good as it is."""
+    part = settings["pin"]
+    plain = [row for row in rows if row["variant"] == VARIANTS[0]]
+    means = np.array([row["mean_mm"] for row in plain])
+    spread = np.hypot([row["sigma_mm"] for row in plain], part["three_sigma_mm"] / 3.0)
+    drawn = means + spread * rng.standard_normal((part["drawn"], *means.shape))
+    low, middle, high = np.quantile(np.abs(drawn).max(axis=(1, 2)), [0.025, 0.5, 0.975])
+    return {
+        "without_pin_mm": float(np.abs(means).max()),
+        "low_mm": float(low),
+        "median_mm": float(middle),
+        "high_mm": float(high),
+    }

@@ -1,0 +1,142 @@
+"""The figures of the study: variation (9 and 10 of the paper) and plate (11)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+from touch_plate import DISTANCES
+
+BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#555555"
+STYLES = {
+    "touch-up": (BLUE, "o"),
+    "touch-up, weighted": (ORANGE, "s"),
+    "view line": (GREEN, "^"),
+    "touch-up, size left out": (PURPLE, "D"),
+}
+"""Colour and marker of each estimator: told apart without colours, too."""
+
+ASIDE = 1.06
+"""Factor by which marks at one C_G are moved aside."""
+
+PANELS = (
+    ("touch-up (Figure 9)", ("touch-up", "touch-up, weighted")),
+    ("view line only (Figure 10)", ("view line", "touch-up, size left out")),
+)
+
+
+def draw_variation(
+    rows: Sequence[Mapping[str, Any]], ten: Sequence[Mapping[str, Any]], path: Path
+) -> None:
+    """Offsets of ten data sets about their mean, and their standard deviations, against C_G."""
+    figure = Figure(figsize=(12.0, 8.4), dpi=100, layout="constrained")
+    axes = figure.subplots(2, 2, sharex=True, sharey="row")
+    for column, (title, names) in enumerate(PANELS):
+        above, below = axes[0, column], axes[1, column]
+        above.set_title(title, fontsize=11)
+        for k, name in enumerate(names):
+            colour, mark = STYLES[name]
+            aside = ASIDE if k else 1.0 / ASIDE
+            own = [row for row in ten if row["estimator"] == name]
+            x = [aside * row["c_g"] for row in own]
+            above.plot(
+                x, [row["about_mean_deg"] for row in own], mark, color=colour, ms=4, mfc="none"
+            )
+            _deviation(below, [row for row in rows if row["estimator"] == name], name, aside)
+        above.axhline(0.0, color=GREY, lw=0.8)
+        above.set_yscale("symlog", linthresh=0.01)
+        above.grid(True, which="both", alpha=0.25)
+        below.set_xlabel("condition number C_G of the pose set, 27 poses each")
+    paper = [row for row in rows if row["estimator"] == "touch-up"]
+    x, y = ([row[key] for row in paper] for key in ("c_g", "many_std_deg"))
+    axes[1, 1].plot(x, y, color=BLUE, lw=1.2, ls="--", label="touch-up, from the left")
+    axes[0, 0].set_ylabel("offset of joint 2, ten data sets, about their mean [deg]")
+    axes[1, 0].set_ylabel("standard deviation of the offset of joint 2 [deg]")
+    axes[1, 0].set_xscale("log")
+    axes[1, 0].set_yscale("log")
+    for panel in axes[1]:
+        panel.legend(fontsize=8, loc="upper left")
+    _plain(axes[1, 0])
+    figure.savefig(path, metadata={"Software": None})
+
+
+def _deviation(panel: Axes, rows: Sequence[Mapping[str, Any]], name: str, aside: float) -> None:
+    colour, mark = STYLES[name]
+    x = np.array([row["c_g"] for row in rows])
+    low, middle, high = (
+        np.array([row[f"ten_{key}_deg"] for row in rows]) for key in ("low", "std", "high")
+    )
+    panel.errorbar(
+        aside * x,
+        middle,
+        [middle - low, high - middle],
+        fmt=mark,
+        color=colour,
+        ms=5,
+        lw=1,
+        capsize=2,
+        label=f"{name}: ten data sets, 95 %",
+    )
+    count = rows[0]["data_sets"]
+    ends = [[row[f"many_{key}_deg"] for row in rows] for key in ("low", "high")]
+    panel.fill_between(x, *ends, color=colour, alpha=0.3, lw=0, label=f"{count} data sets, 95 %")
+    panel.plot(x, [row["predicted_deg"] for row in rows], color=colour, ls=":", lw=1.3)
+    panel.plot([], [], color=colour, ls=":", lw=1.3, label="predicted from the noise")
+    panel.grid(True, which="both", alpha=0.25)
+
+
+def draw_plate(
+    arms: Mapping[str, Any], robots: Mapping[str, Any], estimator: str, path: Path
+) -> None:
+    """Worst distance errors of the arms shown, and of many arms in parts of those before."""
+    figure = Figure(figsize=(15.0, 5.0), dpi=100, layout="constrained")
+    panels = figure.subplots(1, 3, sharex=True)
+    for panel, (arm, part) in zip(panels, arms.items(), strict=False):
+        _distances(panel, part["plate"], estimator)
+        panel.set_title(f"{arm} arm, {estimator}", fontsize=11)
+        panel.set_ylabel("worst error of a distance on the plate [mm]")
+    low, high = panels[0].get_ylim()
+    for panel in panels[:2]:
+        panel.set_ylim(min(low, panels[1].get_ylim()[0]), high)
+    panel = panels[2]
+    for name in (key for key in robots if key in STYLES):
+        colour, mark = STYLES[name]
+        rows = robots[name]["rows"]
+        x = [row["c_g"] for row in rows]
+        ends = [[row[f"ratio_{key}"] for row in rows] for key in ("low", "high")]
+        panel.fill_between(x, *ends, color=colour, alpha=0.2, lw=0, label=f"{name}: 80 % of arms")
+        panel.plot(x, [row["ratio"] for row in rows], mark, ls="-", color=colour, label="median")
+    panel.axhline(0.5, color=GREY, ls="--", lw=1.2, label="half")
+    panel.set_title(f"{robots['count']} arms drawn at random, deflecting", fontsize=11)
+    panel.set_ylabel("worst error of a distance, after over before")
+    panel.set_xscale("log")
+    for panel in panels:
+        panel.set_yscale("log")
+        panel.set_xlabel("condition number C_G of the pose set")
+        panel.grid(True, which="both", alpha=0.25)
+        panel.legend(fontsize=8, ncols=2)
+        _plain(panel)
+    figure.savefig(path, metadata={"Software": None})
+
+
+def _distances(panel: Axes, plate: Mapping[str, Any], estimator: str) -> None:
+    rows = [row for row in plate["rows"] if row["estimator"] == estimator]
+    x = [row["c_g"] for row in rows]
+    for d, colour, mark in zip(DISTANCES, (BLUE, ORANGE, GREEN, PURPLE), "osv^", strict=True):
+        ends = [[row[f"d{d}_{key}_mm"] for row in rows] for key in ("low", "high")]
+        panel.fill_between(x, *ends, color=colour, alpha=0.2, lw=0)
+        middle = [row[f"d{d}_mm"] for row in rows]
+        panel.plot(x, middle, mark, ls="-", color=colour, ms=4, label=f"d = {d} mm, after")
+        panel.axhline(plate["before"][f"d{d}_mm"], color=colour, ls="--", lw=1.1)
+    panel.plot([], [], color=GREY, ls="--", lw=1.1, label="before")
+
+
+def _plain(panel: Axes) -> None:
+    """Numbers on the y axis as people write them."""
+    shown = FuncFormatter(lambda value, _: f"{value:g}")
+    panel.yaxis.set_major_formatter(shown)

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.camera.ellipse import measure_ellipse
 from calib.camera.observers import SMALLEST_PX, Views
+from calib.camera.rendering import GreyImage
 from calib.se3 import FloatArray, IntArray
 from calib.visual.adapter import RobotAdapter
 
@@ -41,6 +42,10 @@ class Arms(Protocol):
         """What each of their cameras sees of the target, near ``(K, 2)`` [px] if given."""
         ...
 
+    def picture(self, arm: int) -> GreyImage | None:
+        """A picture from where an arm stands; None where there are no pictures."""
+        ...
+
 
 class OneArm:
     """A robot behind its adapter, as a row of one.
@@ -58,6 +63,7 @@ class OneArm:
         self._robot = robot
         self._dark = dark
         self._size: tuple[int, int] | None = None
+        self._last: GreyImage | None = None
 
     @property
     def image_px(self) -> tuple[int, int]:
@@ -69,6 +75,7 @@ class OneArm:
 
     def move(self, which: IntArray, q: FloatArray) -> None:
         """See :meth:`Arms.move`."""
+        self._last = None
         for posture in q:
             self._robot.move(posture)
 
@@ -81,9 +88,13 @@ class OneArm:
         seen = []
         for k in range(len(which)):
             image = self._robot.grab()
-            self._size = (image.shape[1], image.shape[0])
+            self._size, self._last = (image.shape[1], image.shape[0]), image
             near = None if near_px is None else near_px[k]
             seen.append(
                 measure_ellipse(image, dark=self._dark, smallest_px=SMALLEST_PX, near_px=near)
             )
         return Views.of(seen)
+
+    def picture(self, arm: int) -> GreyImage | None:
+        """See :meth:`Arms.picture`: the last that was looked at, if the arm has not moved since."""
+        return self._robot.grab() if self._last is None else self._last

@@ -74,7 +74,7 @@ class TiltBias:
         R = self.robot.fk(q)[:, :3, :3] @ self.jacobian.R_tip_camera
         place = np.array([0.0, 0.0, self.jacobian.distance_m])
         faces = _faces(np.einsum("nji,j->ni", R, self.normal), place)
-        seen = circle_image(_camera_of(self.jacobian), self.jacobian.diameter_m, faces)
+        seen = circle_image(camera_of(self.jacobian), self.jacobian.diameter_m, faces)
         right, down = self.jacobian.relation.center_px
         off = ellipse_vhs(seen) - [down, right, self.jacobian.relation.size_px]
         return np.asarray(np.nan_to_num(off))
@@ -87,7 +87,7 @@ def find_normal(jacobian: ImageJacobian, R_base_tip: FloatArray, ellipses: Float
     has two answers; the turns between several leave one.
     """
     R_base_camera = R_base_tip @ jacobian.R_tip_camera
-    camera = _camera_of(jacobian)
+    camera = camera_of(jacobian)
     place = np.array([0.0, 0.0, jacobian.distance_m])
     towards = -R_base_camera[0, :, 2]
     across = np.linalg.svd(towards[None])[2][1:]
@@ -123,8 +123,8 @@ def find_normal(jacobian: ImageJacobian, R_base_tip: FloatArray, ellipses: Float
     return Facing(normals(fit.x), sigma, rms, flaw)
 
 
-def _camera_of(jacobian: ImageJacobian) -> Camera:
-    """A camera of the Jacobian's focal length, its axis through the designated place."""
+def camera_of(jacobian: ImageJacobian) -> Camera:
+    """The camera as the first step found it: an ideal lens, its axis through the relation's place."""
     right, down = jacobian.relation.center_px
     size = (2 * int(np.ceil(right)), 2 * int(np.ceil(down)))
     return Camera(*size, jacobian.focal_px, principal_px=(right, down))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from calib.camera.conic import ellipse_vhs
 from calib.errors import InputError
@@ -45,7 +44,7 @@ class Relation:
                 name="relation",
             )
 
-    def error(self, ellipses: FloatArray, bias: ArrayLike = 0.0) -> FloatArray:
+    def error(self, ellipses: FloatArray, bias: FloatArray | float = 0.0) -> FloatArray:
         """How far views ``(..., 5)`` [px] are from the relation, ``(..., 3)`` [px].
 
         ``bias`` ``(..., 3)`` is taken off V, H and s first.

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.arm_view import Setup
-from calib.camera.observers import Observer, Views
+from calib.camera.observers import ImageObserver, Observer, Views
+from calib.camera.rendering import GreyImage
 from calib.errors import InputError
 from calib.model import CalibrationModel
 from calib.parameters.gravity import GravityLoad, Payload
@@ -184,6 +185,13 @@ class SimulatedArms:
         """See :meth:`Arms.look`."""
         self.pictures += len(which)
         return self._observer.views(self.T_camera_target(which), self._rng, near_px)
+
+    def picture(self, arm: int) -> GreyImage | None:
+        """See :meth:`Arms.picture`."""
+        if not isinstance(self._observer, ImageObserver):
+            return None
+        T = self.T_camera_target(np.array([arm]))[0]
+        return self._observer.grab(T, self._rng)
 
     def reseed(self, rng: np.random.Generator) -> None:
         """Take all noise from another generator from now on."""

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.camera.lens import Camera
 from calib.camera.observers import Views
+from calib.camera.pattern_pose import pose_from_image
+from calib.camera.target import CircleTarget
 from calib.se3 import FloatArray
 from calib.visual.drive import Drive
 from calib.visual.jacobian import ImageJacobian, MeasuredJacobian, measure_jacobian
@@ -57,6 +60,21 @@ class Station:
     ) -> TouchUps:
         """Touch up from a posture ``(n,)`` [rad]."""
         return touch_up(self.drive, q[None], jacobian, loop, bias)
+
+    def target_pose(
+        self, name: str, camera: Camera, target: CircleTarget, about: FloatArray
+    ) -> FloatArray | None:
+        """Pose of the target ``(4, 4)`` [m] before the camera, where the arm stands.
+
+        By all edges of its pattern. The best of the poses ``(K, 4, 4)`` that it may be about; None
+        where there are no pictures, or none of them fits.
+        """
+        image = self.drive.arms.picture(0)
+        if image is None:
+            return None
+        found = [pose_from_image(camera, target, image, T) for T in about]
+        good = [pose for pose in found if pose.is_ok]
+        return min(good, key=lambda pose: pose.rms_px).T_camera_target if good else None
 
     def pass_through(self, name: str, q: FloatArray) -> None:
         """Move to a posture ``(n,)`` [rad] at which nothing is measured."""

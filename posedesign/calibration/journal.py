@@ -17,7 +17,9 @@ from zlib import crc32
 
 import numpy as np
 
+from calib.camera.lens import Camera
 from calib.camera.observers import Views
+from calib.camera.target import CircleTarget
 from calib.errors import FileFormatError, InputError, OutputError
 from calib.se3 import FloatArray
 from calib.visual.drive import Drive
@@ -288,6 +290,20 @@ class KeptStation(Station):
                 tuple(_STATUS[_STATUS.index(status)] for status in answer["status"]),
                 _texts(answer["reasons"]),
             )
+
+    def target_pose(
+        self, name: str, camera: Camera, target: CircleTarget, about: FloatArray
+    ) -> FloatArray | None:
+        """See :meth:`Station.target_pose`; where the arm stands after what was measured last."""
+
+        def measure() -> dict[str, Any]:
+            if not self._has_moved:
+                return {"T": None}  # stopped between the touch-up and this: the arm may be anywhere
+            return {"T": super(KeptStation, self).target_pose(name, camera, target, about)}
+
+        with self._journal.reading():
+            answer = self._journal.recall(name, np.zeros(0), measure)
+            return None if answer["T"] is None else _array(answer["T"], (4, 4))
 
     def pass_through(self, name: str, q: FloatArray) -> None:
         """See :meth:`Station.pass_through`: kept until something is measured after it.

@@ -26,12 +26,13 @@ from calib.visual.set_up import NoSetUp, SetUp, find_set_up
 from calib.visual.station import Station
 from posedesign.before_after import Identified
 from posedesign.calibration.found_cell import found_cell
+from posedesign.calibration.target_poses import TargetPoses
 from posedesign.cell import Cell
 from posedesign.cell_file import cell_text
 from posedesign.files import make_folder, write_text_atomic
 from posedesign.pose_list import PoseList
 from posedesign.pose_plan import PosePlan
-from posedesign.tables import write_touch_ups
+from posedesign.tables import Pairs, write_pairs, write_touch_ups
 from posedesign.workflow import identify_file, plan_poses
 
 Progress = Callable[[str, float], None]
@@ -107,8 +108,8 @@ def calibrate(
 ) -> Calibration:
     """Calibrate the robot behind a station; write what is found into a folder.
 
-    ``found_cell.toml``, ``poses.csv``, ``rounds.csv``, ``touchups.csv`` as it grows, and
-    ``identification.json``.
+    ``found_cell.toml``, ``poses.csv``, ``rounds.csv``, ``touchups.csv`` as it grows, where there
+    are pictures ``pairs.csv``, and ``identification.json``.
 
     Parameters
     ----------
@@ -220,6 +221,7 @@ def touch_up_plan(
     """
     bias = tilt_bias(cell, set_up)
     stops = PoseList.of_route(plan.poses, plan.route)
+    seen = TargetPoses(cell, station, set_up)
     names: list[str] = []
     postures: list[FloatArray] = []
     missed: list[Missed] = []
@@ -236,7 +238,11 @@ def touch_up_plan(
         postures.append(done.q[0])
         data = _measurements(cell, names, postures)
         write_touch_ups(out / "touchups.csv", data)
+        seen.add(name, done.q[0])
     station.rest()
+    if len(seen.names) > 1:
+        pairs = Pairs(tuple(seen.names), np.array(seen.A), np.array(seen.B))
+        write_pairs(out / "pairs.csv", pairs)
     if len(names) < 2:
         why = missed[0].reason if missed else "there are none"
         raise ConvergenceError(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.camera import (
     Camera,
@@ -46,9 +47,9 @@ _FINDING, _MEASURING, _NOISE, _RUNNING = range(4)
 class PlainRelation(Relation):
     """The data as they are printed: V and H not scaled by the size."""
 
-    def error(self, ellipses: FloatArray) -> FloatArray:
+    def error(self, ellipses: FloatArray, bias: ArrayLike = 0.0) -> FloatArray:
         """``V - V0``, ``H - H0`` and ``s0 (s0/s - 1)`` of views ``(..., 5)``, ``(..., 3)`` [px]."""
-        scaled = super().error(ellipses)
+        scaled = super().error(ellipses, bias)
         ratio = 1.0 + scaled[..., 2:] / self.size_px
         return np.concatenate([scaled[..., :2] / ratio, scaled[..., 2:]], axis=-1)
 
@@ -197,7 +198,7 @@ def _set_up(
     step = settings["jacobian_mm"] / 1e3
     q = cell.base_posture
     for loop in (Loop(), Loop(how["center_px"], how["size_px"])):
-        jacobian = _measured(drive, q, relation, step)
+        jacobian = _in_depth(drive, q, _measured(drive, q, relation, step), settings["depth_mm"])
         q = touch_up(drive, q[None], jacobian, loop).q[0]
     if how["jacobian"] != "linear":
         arms.reseed(np.random.default_rng([settings["seed"], _MEASURING]))
@@ -210,6 +211,17 @@ def _measured(drive: Drive, q: FloatArray, relation: Relation, step_m: float) ->
     if found.jacobian is None:
         raise RuntimeError(f"no Jacobian: {found.reason}")
     return found.jacobian
+
+
+def _in_depth(drive: Drive, q: FloatArray, known: ImageJacobian, depth_mm: float) -> ImageJacobian:
+    """The Jacobian after longer moves along the view line, as :mod:`calib.visual.set_up` has it."""
+    only = np.zeros(1, dtype=np.intp)
+    along = depth_mm / 1e3 * known.R_tip_camera[:, 2]
+    errors = []
+    for shift in (along, -along):
+        drive.to_pose(only, q[None], shifted(drive.robot.fk(q), shift)[None])
+        errors.append(known.relation.error(drive.arms.look(only).ellipses)[0])
+    return known.updated(2.0 * along, errors[0] - errors[1])
 
 
 def as_printed(

@@ -28,9 +28,7 @@ def follow_line(
     """
     drive = bench.drive(count, rng)
     loop = replace(bench.loop, view_line=True)
-    done = [
-        touch_up(drive, bench.starts(q, count, rng), bench.jacobian, loop) for q in postures
-    ]
+    done = [touch_up(drive, bench.starts(q, count, rng), bench.jacobian, loop) for q in postures]
     T = np.stack([bench.cell.robot.fk(one.q) for one in done], axis=1)
     return T, np.all([one.touched for one in done], axis=0)
 

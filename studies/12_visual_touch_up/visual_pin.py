@@ -6,18 +6,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from visual_bench import Bench, exact
 
-from calib.camera import Camera, circle_center, circle_center_bias, circle_image, circle_poses
+from calib.camera import Camera, circle_center, circle_center_bias, circle_image
 from calib.se3 import FloatArray, inverse
+from calib.visual.facing import TiltBias
 from calib.visual.jacobian import ImageJacobian
 from calib.visual.relation import Relation
 from calib.visual.servo import Loop, touch_up
 
+_PIN = 5
+"""Stream of random numbers, apart from those of the other tables."""
+
 _PIN_STEPS = 5
 """Corrections of a pin by what its tip is off: each leaves a thousandth."""
 
-VARIANTS = ("as in the paper", "centre corrected", "centre and size corrected")
+VARIANTS = ("as in the paper", "centre by its ellipse", "tilt taken off")
+"""Nothing is done about the tilt; :func:`circle_center` in the loop; :class:`TiltBias` in it, which
+takes off V, H and s what the nominal orientation says."""
 
 
 @dataclass(frozen=True)
@@ -31,30 +38,21 @@ class CircleRelation(Relation):
     focal_px, diameter_m : float
     normal : tuple of three floats
         About how the face is turned, in the camera frame.
-    size_too : bool
-        Whether the size is that of the circle seen squarely from as far.
     """
 
     focal_px: float = 0.0
     diameter_m: float = 0.0
     normal: tuple[float, float, float] = (0.0, 0.0, -1.0)
-    size_too: bool = False
 
-    def error(self, ellipses: FloatArray) -> FloatArray:
+    def error(self, ellipses: FloatArray, bias: ArrayLike = 0.0) -> FloatArray:
         """See :meth:`Relation.error`."""
         right, down = self.center_px
         camera = Camera(
             round(2 * right), round(2 * down), self.focal_px, principal_px=self.center_px
         )
-        long = super().error(ellipses)[..., 2] / self.size_px + 1.0  # s0/s
         middle = circle_center(camera, self.diameter_m, ellipses, self.normal)
-        if self.size_too:
-            middles, normals = circle_poses(camera, self.diameter_m, ellipses)
-            which = (normals @ np.array(self.normal)).argmax(axis=-1)
-            depth = np.take_along_axis(middles[..., 2], which[..., None], axis=-1)[..., 0]
-            long = self.size_px * depth / (self.focal_px * self.diameter_m)
-        H, V = middle[..., 0] - right, middle[..., 1] - down
-        return np.stack([V * long, H * long, self.size_px * (long - 1.0)], axis=-1)
+        moved = np.concatenate([middle, ellipses[..., 2:]], axis=-1)
+        return super().error(moved, bias)
 
 
 def touch_with_pin(bench: Bench, posture: FloatArray) -> FloatArray:
@@ -131,22 +129,23 @@ def _visual(
     number: int,
 ) -> tuple[FloatArray, int]:
     """Places of the nominal tip less that of the pin ``(S, 3)`` [mm], in tip axes."""
-    rng = bench.rng(5, number)
-    J = bench.jacobian
-    if variant:
-        T = pin @ bench.true.T_tip_camera
-        normal = T[:3, :3].T @ bench.cell.T_base_target[:3, 2]
+    rng = bench.rng(_PIN, number)
+    J, bias = bench.jacobian, None
+    face = bench.true.T_base_target[:3, 2]
+    if VARIANTS[variant] == "tilt taken off":
+        bias = TiltBias(bench.cell.robot, J, face)
+    elif VARIANTS[variant] == "centre by its ellipse":
+        normal = (pin[:3, :3] @ J.R_tip_camera).T @ face
         relation = CircleRelation(
             J.relation.center_px,
             J.relation.size_px,
             J.focal_px,
             J.diameter_m,
             tuple(normal.tolist()),
-            variant == 2,
         )
         J = ImageJacobian(J.matrix, relation)
     loop = Loop(part["center_px"], part["size_px"], iterations=20)
-    done = touch_up(bench.drive(trials, rng), bench.starts(posture, trials, rng), J, loop)
+    done = touch_up(bench.drive(trials, rng), bench.starts(posture, trials, rng), J, loop, bias)
     T = bench.cell.robot.fk(done.q[done.touched])
     off = np.einsum("ji,kj->ki", pin[:3, :3], T[:, :3, 3] - pin[:3, 3])
     return 1e3 * off, int((~done.touched).sum())

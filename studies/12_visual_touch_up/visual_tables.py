@@ -47,9 +47,7 @@ def stereo(
     return 1e3 * (met - met.mean(axis=0)), {"failed": int((~(ok & found)).sum())}
 
 
-def _lines(
-    bench: Bench, settings: dict[str, Any], trials: int
-) -> tuple[FloatArray, FloatArray]:
+def _lines(bench: Bench, settings: dict[str, Any], trials: int) -> tuple[FloatArray, FloatArray]:
     """View lines ``(S, 4)``, identified beforehand: one for all, or one each."""
     given = np.array(settings["stereo"]["identified_from"])
     turns = np.deg2rad(given[:, :3]) @ bench.jacobian.R_tip_camera.T

@@ -59,11 +59,11 @@ def _is_tables(value: object) -> bool:
 
 
 def _value(value: object) -> str:
-    """A value as TOML has it; a JSON string is a TOML string, but for what JSON need not escape."""
+    """A value as TOML has it; a JSON string is a TOML string, but for DEL, which TOML escapes."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=True).replace("\\/", "/")
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, float):
         return repr(value)  # the shortest that reads back as the same number
     if isinstance(value, Sequence):

@@ -14,6 +14,16 @@ _REACH_PX = 4.5
 """Half length of a profile: the edge within a pixel of its middle, and a plateau on each side
 beyond three standard deviations of a blur of one pixel."""
 
+_FREE_RADIUS = 0.4
+"""Part of the radius, from the rim inwards, that a cross in the circle leaves free."""
+
+_CROSS_BLUR_PX = 1.5
+"""How far the edge of a cross spreads towards the rim: a standard deviation and a half of a usual
+blur. Farther in, a cross would pull the edges of a circle of 20 px out by 0.2 px."""
+
+_LEAST_REACH_PX = 1.5
+"""Half length of the shortest profile: the edge within a pixel of its middle."""
+
 _PLATEAU_PX = 1.5
 """Length at each end of a profile that counts as plateau."""
 
@@ -72,7 +82,7 @@ def find_edges(image: GreyImage, ellipse: FloatArray, *, dark: bool) -> Edges:
     """
     long, short, _ = (float(v) for v in ellipse_axes(ellipse))
     count = int(np.clip(np.pi * (long + short) / 2 / _SPACING_PX, _FEWEST, _MOST))
-    reach = min(_REACH_PX, short / 4)
+    reach = min(_REACH_PX, max(_FREE_RADIUS * short / 2 - _CROSS_BLUR_PX, _LEAST_REACH_PX))
     on_rim, normal, radius = _rim(ellipse, count)
     return steps_along(image, on_rim, normal, reach, radius=radius, dark=dark)
 

@@ -21,13 +21,18 @@ from calib.visual.relation import Relation
 _LEAST_RESPONSE_PX = 1.0
 """Response to a move below which its direction is lost in the noise of the picture."""
 
-SQUARE = 0.1
-"""Part by which responses down and across the picture may differ: pixels are squares."""
+SQUARE = 0.04
+"""Part by which responses down and across the picture may differ: pixels are squares, and an arm
+with usual errors shows them so within a hundredth."""
+
+CORNER = np.deg2rad(2.0)
+"""Angle by which the sides of the picture may be off right angles: four times what an arm with
+usual errors makes of them. With an axis of the wrong sign, of another robot or next to a
+singularity they are farther off."""
 
 ORTHOGONAL = np.deg2rad(5.0)
-"""Angle by which the axes of the picture may be off right angles. An arm with usual errors shows
-them within a tenth of a degree; where an axis of the arm has the wrong sign they are far off."""
-
+"""The same of the way along which the size grows: noise, and the middle of the picture, which may
+be a few hundredths of the focal length beside the axis of the lens."""
 
 @dataclass(frozen=True, eq=False)
 class ImageJacobian:
@@ -99,11 +104,10 @@ class ImageJacobian:
         rows = -self.matrix[[1, 0, 2]] / lengths[[1, 0, 2], None]
         if np.linalg.det(rows) <= 0.0:
             return "the picture is mirrored, or an axis of the arm has the wrong sign"
-        cosines = np.abs([rows[0] @ rows[1], rows[1] @ rows[2], rows[2] @ rows[0]])
-        worst = float(np.arcsin(min(cosines.max(), 1.0)))
-        if worst > ORTHOGONAL:
+        off = np.arcsin(np.abs([rows[0] @ rows[1], rows[1] @ rows[2], rows[2] @ rows[0]]))
+        if (off > [CORNER, ORTHOGONAL, ORTHOGONAL]).any():
             return (
-                f"the axes of the picture are {np.rad2deg(worst):.0f} deg off right angles: is it "
+                f"the axes of the picture are {np.rad2deg(off.max()):.0f} deg off right angles: is it "
                 "this robot, in these joint signs?"
             )
         if abs(lengths[0] / lengths[1] - 1.0) > SQUARE:

@@ -20,6 +20,7 @@ from calib.se3 import FloatArray, rotation_exp, transform
 from calib.visual.facing import Facing, find_normal
 from calib.visual.following import follow, shifted
 from calib.visual.jacobian import ImageJacobian, MeasuredJacobian
+from calib.visual.pin import Pin, solve_pin
 from calib.visual.relation import Relation
 from calib.visual.servo import Loop, TouchUps
 from calib.visual.station import Station
@@ -39,8 +40,9 @@ _STEP_OF_ROOM = 0.4
 of the picture: a twentieth of the distance of the target, which changes its size by a hundred
 times the noise."""
 
-_STEP_OF_DISTANCE = 0.15
-"""Move along the view line, of the distance of the target."""
+_STEPS_OF_DISTANCE = (0.15, 0.07)
+"""Moves along the view line, of the distance of the target: the second where there is no room for
+the first."""
 
 _LEAST_ROOM_PX = 10.0
 """Way to the edge of the picture with which a target can be moved about in it."""
@@ -70,18 +72,27 @@ _HALVINGS = 3
 _FEWEST = 6
 """Touch-ups below which six numbers are not told from the errors of the arm."""
 
-_PRIOR_M = 0.5
-"""How far from the tip a camera is mounted at most: holds the first solutions, of small turns."""
-
 LARGEST_RMS_M = 5e-3
 """Rms distance by which touch-ups may miss each other. Zero offsets of half a degree stay below;
 joint signs that are not the robot's do not."""
 
-LARGEST_SIGMA_M = 5e-3
+LARGEST_SIGMA_M = 2e-3
 """Standard deviation of the virtual pin tip above which planning with it makes no sense."""
 
-_EXPECTED_M = 3e-4
-"""What touch-ups of an arm that is not calibrated miss each other by, about."""
+LARGEST_DRIFT_M = 1e-3
+"""How far the first touch-up may be from itself when it is made again at the end: an arm comes back
+to a tenth of that, calibrated or not, with the lost motion taken up."""
+
+LARGEST_OF_DISTANCE = 0.2
+"""Diameter of the target in distances of it, above which the middle of its ellipse is too far from
+the image of its own: at 350 mm, 3 mm on the target at the widest turns."""
+
+LARGEST_BEND = 0.05
+"""Part by which the size may grow otherwise on the way to the target than on the way from it."""
+
+_CHECK_ROBOT = "check robot, joint signs and camera"
+
+_FIXED = "check that camera and target are fixed, and that nothing gets before the lens"
 
 _COUNT = sum(len(directions) for _, directions in _TURNS)
 
@@ -200,7 +211,10 @@ class _Inching:
         for k, (turn, name) in enumerate(self._turns()):
             self.progress(f"touch-up {name}", 0.2 + 0.8 * k / _COUNT)
             self._inch(turn, name, jacobian)
-        return self._solved(jacobian)
+        found = self._solved(jacobian)
+        if isinstance(found, NoSetUp):
+            return found
+        return self._again(jacobian) or found
 
     def _jacobian(self, q: FloatArray, relation: Relation) -> ImageJacobian | NoSetUp:
         """The Jacobian: small moves to bring the target to the middle, then wide ones there."""
@@ -231,29 +245,59 @@ class _Inching:
             )
         flaw = wide.jacobian.flaw()
         if flaw:
-            return NoSetUp(flaw, "check robot, joint signs and camera")
+            return NoSetUp(flaw, _CHECK_ROBOT)
         first = self.station.touch_up("S01", middle.q[0], wide.jacobian, self.loop)
         if not first.touched[0]:
             return _untouched(first)
         self._keep(first.q[0], first.ellipses[0])
         return self._in_depth(wide.jacobian)
 
-    def _in_depth(self, jacobian: ImageJacobian) -> ImageJacobian:
-        """The Jacobian after a long way along the view line, which the size follows but little."""
+    def _in_depth(self, jacobian: ImageJacobian) -> ImageJacobian | NoSetUp:
+        """The Jacobian after long ways along the view line, which the size follows but little."""
+        reason = ""
+        for part in _STEPS_OF_DISTANCE:
+            along = part * jacobian.distance_m * jacobian.R_tip_camera[:, 2]
+            near, reason = self._error_at(f"nearer {part:g}", along, jacobian.relation)
+            if reason:
+                continue
+            far, reason = self._error_at(f"farther {part:g}", -along, jacobian.relation)
+            if reason:
+                continue
+            here = jacobian.relation.error(self.ellipses[0])
+            bend = (near + far - 2.0 * here)[2] / (near - far)[2]
+            if not abs(bend) <= LARGEST_BEND:
+                return NoSetUp(
+                    "the size of the target does not follow its distance",
+                    "clear what hides or lights a part of the target, and take a larger one if it "
+                    "is small in the picture",
+                )
+            found = jacobian.updated(2.0 * along, near - far)
+            flaw = found.flaw()
+            if flaw:
+                return NoSetUp(flaw, _CHECK_ROBOT)
+            if found.diameter_m > LARGEST_OF_DISTANCE * found.distance_m:
+                return NoSetUp(
+                    f"the target is {1e3 * found.diameter_m:.0f} mm across at "
+                    f"{1e3 * found.distance_m:.0f} mm: the middle of its picture is not its own",
+                    "take a target of a tenth of its distance or less",
+                )
+            return found
+        return NoSetUp(
+            f"the target could not be followed along the view line: {reason}",
+            "choose a posture with more room before and behind it, and a target of a third of the "
+            "picture or less",
+        )
+
+    def _error_at(
+        self, name: str, shift: FloatArray, relation: Relation
+    ) -> tuple[FloatArray, str]:
+        """Error of the relation ``(3,)`` [px] a shift from the first touch-up, or why there is none."""
         q = self.postures[0]
-        along = _STEP_OF_DISTANCE * jacobian.distance_m * jacobian.R_tip_camera[:, 2]
-        errors = []
-        for name, shift in (("nearer", along), ("farther", -along)):
-            posture, found = _posture(self.robot, q, shifted(self.robot.fk(q), shift))
-            if not found:
-                self.notes.append(f"{name}: joint limits or a singularity are in the way")
-                return jacobian
-            view = self.station.look(name, posture)
-            if view.reasons[0]:
-                self.notes.append(f"{name}: {view.reasons[0]}")
-                return jacobian
-            errors.append(jacobian.relation.error(view.ellipses)[0])
-        return jacobian.updated(2.0 * along, errors[0] - errors[1])
+        posture, found = _posture(self.robot, q, shifted(self.robot.fk(q), shift))
+        if not found:
+            return np.full(3, np.nan), "joint limits or a singularity are in the way"
+        view = self.station.look(name, posture)
+        return relation.error(view.ellipses)[0], view.reasons[0]
 
     def _probe(self, q: FloatArray, relation: Relation) -> MeasuredJacobian:
         """How the picture follows moves, the smallest that it follows clearly."""
@@ -280,7 +324,7 @@ class _Inching:
 
     def _inch(self, turn: FloatArray, name: str, jacobian: ImageJacobian) -> None:
         """Turn about the target as far as it is known, and touch up; half of it where that fails."""
-        tool, _, _ = self._solve(jacobian)
+        tool = self._pin(jacobian).tool_m
         about = jacobian.R_tip_camera @ turn
         reason = ""
         for halving in range(_HALVINGS):
@@ -301,58 +345,60 @@ class _Inching:
         self.postures.append(q)
         self.ellipses.append(ellipse)
 
-    def _solve(self, jacobian: ImageJacobian) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Pin tip in the tip frame, target in the base ``(3,)`` [m], and what is missed (N, 3).
-
-        ``R_i p + t_i = m`` for all touch-ups, by least squares. The pin tip is held, weakly, to
-        the lens being at the tip.
-        """
-        T = self.robot.fk(np.array(self.postures))
-        count = len(T)
+    def _pin(self, jacobian: ImageJacobian) -> Pin:
         guess = jacobian.distance_m * jacobian.R_tip_camera[:, 2]
-        A = np.zeros((3 * count + 3, 6))
-        A[: 3 * count, :3] = T[:, :3, :3].reshape(-1, 3)
-        A[: 3 * count, 3:] = np.tile(-np.eye(3), (count, 1))
-        weight = _EXPECTED_M / _PRIOR_M
-        A[3 * count :, :3] = weight * np.eye(3)
-        right = np.concatenate([-T[:, :3, 3].ravel(), weight * guess])
-        x = np.linalg.lstsq(A, right, rcond=None)[0]
-        missed = (A[: 3 * count] @ x - right[: 3 * count]).reshape(count, 3)
-        return x[:3], x[3:], missed
+        return solve_pin(self.robot.fk(np.array(self.postures)), guess)
 
     def _solved(self, jacobian: ImageJacobian) -> SetUp | NoSetUp:
-        tool, target, missed = self._solve(jacobian)
-        T = self.robot.fk(np.array(self.postures))
-        count = len(T)
+        pin = self._pin(jacobian)
+        count = len(self.postures)
         if count < _FEWEST:
             return NoSetUp(
                 f"only {count} touch-ups around the target succeeded: {'; '.join(self.notes)}",
                 "choose a posture with more room around the target",
             )
-        rms = float(np.sqrt((missed**2).sum(axis=1).mean()))
-        if rms > LARGEST_RMS_M:
+        if pin.rms_m > LARGEST_RMS_M:
             return NoSetUp(
-                f"touch-ups of one target miss each other by {1e3 * rms:.0f} mm",
+                f"touch-ups of one target miss each other by {1e3 * pin.rms_m:.0f} mm",
                 "check the robot description and its joint signs, and that camera and target are "
                 "fixed",
             )
-        spread = T[:, :3, :3] - T[:, :3, :3].mean(axis=0)
-        information = np.einsum("kij,kil->jl", spread, spread)
-        noise = np.sqrt((missed**2).sum() / max(3 * count - 6, 1))
-        sigma = float(max(noise, _EXPECTED_M) / np.sqrt(np.linalg.eigvalsh(information)[0]))
-        if not sigma <= LARGEST_SIGMA_M:
+        if not pin.sigma_tool_m <= LARGEST_SIGMA_M:
             return NoSetUp(
-                f"the arm could not turn enough: the virtual pin tip is known to {1e3 * sigma:.0f} "
-                "mm only",
+                "the arm could not turn enough: the virtual pin tip is known to "
+                f"{1e3 * pin.sigma_tool_m:.0f} mm only",
                 "choose a posture with more room around the target",
             )
-        facing = find_normal(jacobian, T[:, :3, :3], np.array(self.ellipses))
+        R = self.robot.fk(np.array(self.postures))[:, :3, :3]
+        facing = find_normal(jacobian, R, np.array(self.ellipses))
         if facing.flaw:
             return NoSetUp(facing.flaw, "take a flat, round target, and check the joint signs")
         return SetUp(
-            jacobian, tool, target, facing, np.array(self.postures), rms, sigma, tuple(self.notes)
+            jacobian,
+            pin.tool_m,
+            pin.target_m,
+            facing,
+            np.array(self.postures),
+            pin.rms_m,
+            pin.sigma_tool_m,
+            tuple(self.notes),
         )
 
+    def _again(self, jacobian: ImageJacobian) -> NoSetUp | None:
+        """Touch up once more from the first posture: why that is not where it was, if it is not."""
+        done = self.station.touch_up("again", self.postures[0], jacobian, self.loop)
+        if not done.touched[0]:
+            return NoSetUp(
+                f"the first touch-up could not be made again: {done.reasons[0]}", _FIXED
+            )
+        first, last = self.robot.fk(np.array([self.postures[0], done.q[0]]))[:, :3, 3]
+        drift = float(np.linalg.norm(last - first))
+        noise = self.loop.size_px / jacobian.relation.size_px * jacobian.distance_m
+        if drift > LARGEST_DRIFT_M + 2.0 * noise:
+            return NoSetUp(
+                f"the first touch-up made again is {1e3 * drift:.1f} mm from where it was", _FIXED
+            )
+        return None
 
 def _posture(robot: Robot, q: FloatArray, T: FloatArray) -> tuple[FloatArray, bool]:
     posture, found = follow(robot, q[None], T[None])

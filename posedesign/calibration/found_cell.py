@@ -54,7 +54,12 @@ def found_cell(
         )
     changed = config.model_copy(
         update={
-            "tool": config.tool.model_copy(update={"point_mm": _mm(set_up.tool_m)}),
+            "tool": config.tool.model_copy(
+                update={
+                    "point_mm": _mm(set_up.tool_m),
+                    "camera_stand_off_mm": round(distance_mm, _DECIMALS_MM),
+                }
+            ),
             "base_pose": config.base_pose.model_copy(
                 update={"posture_deg": _deg(set_up.postures[0])}
             ),

@@ -2,7 +2,8 @@
 
 One line of JSON a measurement, pushed to the disk before the next one begins. A process that asks
 for the same measurements in the same order is run again from the start and finds its answers here,
-up to the one it was stopped at. A line that was cut off when the machine went down is dropped.
+up to the one it was stopped at. A line that was cut off when the machine went down is dropped, and
+what failed at the end is tried again: somebody may have brought the target into view since.
 """
 
 from __future__ import annotations
@@ -68,6 +69,8 @@ class Journal:
             lines = self._read()
             if lines:
                 self._check_head(lines[0])
+                while len(lines) > 1 and _failed(lines[-1]):
+                    lines.pop()  # what it was stopped by, and may be mended now
                 for entry in lines[1:]:
                     self._kept[str(entry.get("name"))] = entry
             else:
@@ -107,11 +110,10 @@ class Journal:
                     name=name,
                 )
             return dict(entry["answer"])
-        answer = measure()
-        entry = {"name": name, "asked": asked.tolist(), "answer": answer}
-        self._append(entry)
-        self._kept[name] = entry
-        return answer
+        # as it will be read, so that it is the same whether it was measured now or before
+        entry = {"name": name, "asked": asked, "answer": measure()}
+        self._kept[name] = self._append(entry)
+        return dict(self._kept[name]["answer"])
 
     @contextmanager
     def reading(self) -> Iterator[None]:
@@ -145,8 +147,9 @@ class Journal:
                 ) from error
         return stream
 
-    def _append(self, entry: dict[str, Any]) -> None:
-        line = json.dumps(json.loads(json_text(entry))) + "\n"
+    def _append(self, entry: dict[str, Any]) -> dict[str, Any]:
+        written: dict[str, Any] = json.loads(json_text(entry))
+        line = json.dumps(written) + "\n"
         try:
             self._stream.write(line.encode())
             self._stream.flush()
@@ -157,6 +160,7 @@ class Journal:
                 hint="make room, then start the same command again",
                 name=str(self.path),
             ) from error
+        return written
 
     def _read(self) -> list[dict[str, Any]]:
         data = read_bytes_bounded(self.path, most_bytes=MOST_BYTES)
@@ -335,6 +339,15 @@ class KeptStation(Station):
         reseed = getattr(self.drive.arms, "reseed", None)
         if reseed is not None:
             reseed(np.random.default_rng([self._seed, crc32(name.encode())]))
+
+
+def _failed(entry: dict[str, Any]) -> bool:
+    """Whether an entry is of a measurement that saw nothing, or did not arrive."""
+    answer = entry.get("answer")
+    if not isinstance(answer, dict):
+        return False
+    reasons = answer.get("reasons")
+    return bool(answer.get("reason")) or (isinstance(reasons, list) and any(reasons))
 
 
 def _array(value: object, shape: tuple[int, ...]) -> FloatArray:

@@ -161,7 +161,7 @@ def calibrate(
 
 
 def tilt_bias(cell: Cell, set_up: SetUp) -> TiltBias | None:
-    """What is taken off what is seen of a tilted target; None where the cell does not ask for it."""
+    """What is taken off what is seen of a tilted target; None where the cell asks for nothing."""
     if not cell.config.touch_up.correct_tilt:
         return None
     return TiltBias(cell.robot, set_up.jacobian, set_up.facing.normal)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from calib.camera.observers import Kind
-from calib.errors import CalibError, OutputError
+from calib.errors import CalibError, InputError, OutputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from calib.visual.adapter import RobotAdapter
 from calib.visual.arms import Arms, OneArm
@@ -118,8 +118,9 @@ def run_by_sight(
     out: Path,
     *,
     folder: Path | None = None,
-    kind: Kind = "image",
+    dialect: str | None = None,
     wait_s: float = 600.0,
+    kind: Kind = "image",
     seed: int | None = None,
     restart: bool = False,
     progress: Progress = lambda what, part: None,
@@ -135,20 +136,28 @@ def run_by_sight(
         Folder for the results, and the journal that a stopped calibration goes on from.
     folder : Path, optional
         See :class:`~posedesign.calibration.folder_robot.FolderRobot`.
-    kind : {"image", "fast"}
-        Whether the simulated camera takes pictures.
+    dialect : str, optional
+        Of the programs in the folder; by default that of the robot's controller.
     wait_s : float
         Longest wait for a picture in the folder [s].
+    kind : {"image", "fast"}
+        Whether the simulated camera takes pictures.
     seed : int, optional
         Of the simulated noise; by default the cell's.
     restart : bool
         Put what was measured before aside, and begin anew.
     progress, warn : callable
         See :func:`~posedesign.calibration.process.calibrate`.
+
+    Raises
+    ------
+    CalibError
+        What :func:`~posedesign.calibration.process.calibrate` raises, or a cell that is not one of
+        touch-ups.
     """
     cell = Cell.load(path)
     if folder is not None:
-        robot = FolderRobot(cell, folder, timeout_s=wait_s)
+        robot = FolderRobot(cell, folder, dialect, timeout_s=wait_s)
         found = calibrate_robot(
             cell, robot, out, source=path.parent, restart=restart, progress=progress, warn=warn
         )
@@ -187,6 +196,12 @@ def _calibrate(
     progress: Progress,
     warn: Callable[[str], None],
 ) -> Calibration:
+    if cell.config.measurement.kind != "touch-up":
+        raise InputError(
+            f"a calibration by sight touches up, this cell has {cell.config.measurement.kind}",
+            hint='set measurement.kind = "touch-up"',
+            name="measurement.kind",
+        )
     make_folder(out)
     if restart:
         _put_aside(out / JOURNAL)

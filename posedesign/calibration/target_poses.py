@@ -56,7 +56,7 @@ class TargetPoses:
         self.B.append(inverse(found))
 
     def _guesses(self) -> FloatArray:
-        """Where the target may be, ``(K, 4, 4)`` [m]: turned in any way about its normal at first."""
+        """Where the target may be, ``(K, 4, 4)`` [m]: at first turned anyhow about its normal."""
         if self._T_base_target is not None:
             return self._T_base_target[None]
         normal = self._set_up.facing.normal

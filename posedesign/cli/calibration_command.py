@@ -34,6 +34,10 @@ def calibrate(
     images: Annotated[
         bool, typer.Option(help="Simulated: render and measure pictures, or draw their noise.")
     ] = True,
+    dialect: Annotated[
+        str | None,
+        typer.Option(help="Of the programs in the folder; default: the robot's controller's."),
+    ] = None,
     wait_s: Annotated[
         float, typer.Option("--wait-s", min=1.0, help="With a folder: longest wait for a picture.")
     ] = 600.0,
@@ -57,8 +61,9 @@ def calibrate(
             cell,
             out,
             folder=folder,
-            kind="image" if images else "fast",
+            dialect=dialect,
             wait_s=wait_s,
+            kind="image" if images else "fast",
             seed=seed,
             restart=restart,
             progress=advance,

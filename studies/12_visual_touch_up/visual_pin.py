@@ -16,7 +16,7 @@ from calib.visual.jacobian import ImageJacobian
 from calib.visual.relation import Relation
 from calib.visual.servo import Loop, touch_up
 
-_PIN = 5
+PIN = 5
 """Stream of random numbers, apart from those of the other tables."""
 
 _PIN_STEPS = 5
@@ -56,7 +56,7 @@ class CircleRelation(Relation):
 
 
 def touch_with_pin(bench: Bench, posture: FloatArray) -> FloatArray:
-    """Nominal tip ``(4, 4)`` when the true pin is on the target, turned as at a posture ``(n,)``."""
+    """Nominal tip ``(4, 4)`` with the true pin on the target, turned as at a posture ``(n,)``."""
     quiet = exact(bench)
     drive = quiet.drive(1, bench.rng(0))
     only = np.zeros(1, dtype=np.intp)
@@ -96,7 +96,7 @@ def predicted(bench: Bench, posture: FloatArray) -> FloatArray:
 
 
 def differences(bench: Bench, settings: dict[str, Any], trials: int) -> list[dict[str, Any]]:
-    """Table 3 for each turn and variant, in tip axes [mm]: mean, deviation, and what is predicted."""
+    """Table 3 for each turn and variant, in tip axes [mm]: mean, deviation, prediction."""
     part = settings["pin"]
     rows = []
     for number, turn_deg in enumerate(part["turns_deg"]):
@@ -129,7 +129,7 @@ def _visual(
     number: int,
 ) -> tuple[FloatArray, int]:
     """Places of the nominal tip less that of the pin ``(S, 3)`` [mm], in tip axes."""
-    rng = bench.rng(_PIN, number)
+    rng = bench.rng(PIN, number)
     J, bias = bench.jacobian, None
     face = bench.true.T_base_target[:3, 2]
     if VARIANTS[variant] == "tilt taken off":

@@ -18,8 +18,8 @@ import touch_claims as claims  # noqa: E402
 from touch_bench import Bench, PoseSet, pose_set  # noqa: E402
 from touch_figures import draw_plate, draw_variation  # noqa: E402
 from touch_plate import drawn_ratios, plate_rows  # noqa: E402
-from touch_tables import rounded, verdicts  # noqa: E402
-from touch_variation import PAPER, every, rows, through_pictures  # noqa: E402
+from touch_tables import rounded, tables  # noqa: E402
+from touch_variation import PAPER, causes, every, rows, through_pictures  # noqa: E402
 
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
 SHOWN = next(iter(SETTINGS["arms"]))
@@ -79,6 +79,7 @@ def main() -> None:
     for arm, bench in benches.items():
         said["arms"][arm], own = run(bench, sets, arm)
         ten += own
+    said["causes"] = causes(benches[SHOWN], settings["arms"][SHOWN], sets)
     said["pictures"] = through_pictures(benches[SHOWN], sets)
     said["robots"] = robots(benches[SHOWN], arguments.arms)
     said = rounded(said)
@@ -89,7 +90,7 @@ def main() -> None:
     shown = [row for row in ten if row["arm"] == SHOWN]
     draw_variation(said["arms"][SHOWN]["variation"], shown, out / "variation.png")
     draw_plate(said["arms"], said["robots"], PAPER.name, out / "plate.png")
-    print("\n".join(verdicts(said)))
+    print("\n\n".join("\n".join(lines) for lines in tables(said)))
 
 
 def _every(said: Mapping[str, Any], part: str) -> list[dict[str, Any]]:

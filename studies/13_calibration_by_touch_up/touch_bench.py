@@ -16,6 +16,7 @@ from calib.errors import ConvergenceError
 from calib.robots import Robot
 from calib.se3 import FloatArray
 from calib.visual.drive import Drive
+from calib.visual.facing import TiltBias
 from calib.visual.jacobian import ImageJacobian
 from calib.visual.servo import Loop, touch_up
 from calib.visual.set_up import NoSetUp, find_set_up
@@ -165,16 +166,21 @@ class Bench:
         view_line: bool = False,
         kind: Kind = "fast",
         T_base_target: FloatArray | None = None,
+        tilt_known: bool = False,
     ) -> DataSets:
         """Touch up from postures ``(N, n)``, or ``(T, N, n)`` of each data set [rad].
 
-        Targets ``(N, 4, 4)`` are of each posture; that of the cell by default.
+        Targets ``(N, 4, 4)`` are of each posture; that of the cell by default. With ``tilt_known``
+        what a tilt does to the ellipse is taken off, which the paper does not do.
         """
         N, n = postures.shape[-2:]
         start = np.broadcast_to(postures, (data_sets, N, n)).reshape(-1, n)
         own = None if T_base_target is None else np.tile(T_base_target, (data_sets, 1, 1))
         drive = self.drive(len(start), rng, kind, own)
-        done = touch_up(drive, start, self.jacobian, self.loop(view_line=view_line))
+        bias = None
+        if tilt_known:
+            bias = TiltBias(self.cell.robot, self.jacobian, self.truth.T_base_target[:3, 2])
+        done = touch_up(drive, start, self.jacobian, self.loop(view_line=view_line), bias)
         whole = done.touched.reshape(data_sets, N).all(axis=1)
         q = done.q.reshape(data_sets, N, n)[whole]
         return DataSets(q, int((~whole).sum()), float(done.moves.mean()))
@@ -203,4 +209,4 @@ def pose_set(cell: Cell, threshold: float) -> PoseSet:
     section = cell.config.plan.model_copy(update={"condition_threshold": threshold})
     planned = plan(replace(cell, config=cell.config.model_copy(update={"plan": section})))
     best = planned.rounds[planned.best]
-    return PoseSet(best.variation_deg[0], best.c_g, planned.postures)
+    return PoseSet(best.variation_deg[0], best.c_g, planned.poses.kept)

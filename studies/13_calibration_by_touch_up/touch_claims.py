@@ -10,7 +10,7 @@ from scipy.stats import f as f_distribution
 from scipy.stats import rankdata
 from touch_bench import PoseSet
 from touch_plate import OF_MANY_ARMS, share
-from touch_variation import LINE, PAPER, WEIGHTED, Identified
+from touch_variation import ACROSS, LINE, PAPER, WEIGHTED, Identified
 
 from calib.se3 import FloatArray
 
@@ -67,7 +67,8 @@ def falls(found: Found, name: str, size: int, rng: np.random.Generator) -> dict[
 def against(found: Found, first: str, second: str, size: int) -> list[dict[str, float]]:
     """Variation of one estimator over that of another, for each pose set, with 95 % intervals.
 
-    By Fisher's distribution; and in which part of groups of ``size`` the second varies less.
+    By Fisher's distribution, which makes them too wide where both are from the same touch-ups; and
+    in which part of groups of ``size`` the second varies less.
     """
     ones, others = (deviations(found, name, size) for name in (first, second))
     count = min(len(ones), len(others))
@@ -92,6 +93,7 @@ def variation(found: Found, size: int, seed: int) -> dict[str, Any]:
         "falls": {name: falls(found, name, size, rng) for name in names},
         "view line over touch-up": against(found, LINE.name, PAPER.name, size),
         "view line over touch-up, weighted": against(found, LINE.name, WEIGHTED.name, size),
+        "size left out over touch-up, weighted": against(found, ACROSS.name, WEIGHTED.name, size),
     }
 
 
@@ -105,6 +107,7 @@ def plate(table: Mapping[str, Any]) -> dict[str, Any]:
         said[name] = {
             "rho": float(ranks(c_g, error[None])[0]),
             "ratio_at_smallest_c_g": float(rows[last]["ratio"]),
+            "ratio_at_largest_c_g": float(rows[int(c_g.argmax())]["ratio"]),
             "best_ratio": float(rows[best]["ratio"]),
             "best_d_deg": float(rows[best]["d_deg"]),
             "sets_below_half": int(sum(row["ratio"] < HALF for row in rows)),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from touch_plate import DISTANCES
 
 BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#555555"
@@ -20,6 +20,9 @@ STYLES = {
     "touch-up, size left out": (PURPLE, "D"),
 }
 """Colour and marker of each estimator: told apart without colours, too."""
+
+PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
+"""Numbers on an axis as people write them."""
 
 ASIDE = 1.06
 """Factor by which marks at one C_G are moved aside."""
@@ -59,9 +62,14 @@ def draw_variation(
     axes[1, 0].set_ylabel("standard deviation of the offset of joint 2 [deg]")
     axes[1, 0].set_xscale("log")
     axes[1, 0].set_yscale("log")
+    axes[1, 0].plot(
+        [], [], color=GREY, lw=6, alpha=0.3, label=f"{rows[0]['data_sets']} data sets, 95 %"
+    )
+    axes[1, 0].plot([], [], color=GREY, ls=":", lw=1.3, label="predicted from the noise")
     for panel in axes[1]:
         panel.legend(fontsize=8, loc="upper left")
-    _plain(axes[1, 0])
+    axes[1, 0].yaxis.set_major_formatter(PLAIN)
+    axes[0, 0].yaxis.set_major_formatter(PLAIN)
     figure.savefig(path, metadata={"Software": None})
 
 
@@ -80,13 +88,11 @@ def _deviation(panel: Axes, rows: Sequence[Mapping[str, Any]], name: str, aside:
         ms=5,
         lw=1,
         capsize=2,
-        label=f"{name}: ten data sets, 95 %",
+        label=f"{name}, ten data sets, 95 %",
     )
-    count = rows[0]["data_sets"]
     ends = [[row[f"many_{key}_deg"] for row in rows] for key in ("low", "high")]
-    panel.fill_between(x, *ends, color=colour, alpha=0.3, lw=0, label=f"{count} data sets, 95 %")
+    panel.fill_between(x, *ends, color=colour, alpha=0.3, lw=0)
     panel.plot(x, [row["predicted_deg"] for row in rows], color=colour, ls=":", lw=1.3)
-    panel.plot([], [], color=colour, ls=":", lw=1.3, label="predicted from the noise")
     panel.grid(True, which="both", alpha=0.25)
 
 
@@ -95,32 +101,33 @@ def draw_plate(
 ) -> None:
     """Worst distance errors of the arms shown, and of many arms in parts of those before."""
     figure = Figure(figsize=(15.0, 5.0), dpi=100, layout="constrained")
-    panels = figure.subplots(1, 3, sharex=True)
-    for panel, (arm, part) in zip(panels, arms.items(), strict=False):
+    left, middle, right = figure.subplots(1, 3, sharex=True)
+    left.sharey(middle)
+    for panel, (arm, part) in zip((left, middle), arms.items(), strict=True):
         _distances(panel, part["plate"], estimator)
         panel.set_title(f"{arm} arm, {estimator}", fontsize=11)
         panel.set_ylabel("worst error of a distance on the plate [mm]")
-    low, high = panels[0].get_ylim()
-    for panel in panels[:2]:
-        panel.set_ylim(min(low, panels[1].get_ylim()[0]), high)
-    panel = panels[2]
     for name in (key for key in robots if key in STYLES):
         colour, mark = STYLES[name]
         rows = robots[name]["rows"]
         x = [row["c_g"] for row in rows]
         ends = [[row[f"ratio_{key}"] for row in rows] for key in ("low", "high")]
-        panel.fill_between(x, *ends, color=colour, alpha=0.2, lw=0, label=f"{name}: 80 % of arms")
-        panel.plot(x, [row["ratio"] for row in rows], mark, ls="-", color=colour, label="median")
-    panel.axhline(0.5, color=GREY, ls="--", lw=1.2, label="half")
-    panel.set_title(f"{robots['count']} arms drawn at random, deflecting", fontsize=11)
-    panel.set_ylabel("worst error of a distance, after over before")
-    panel.set_xscale("log")
-    for panel in panels:
+        right.fill_between(x, *ends, color=colour, alpha=0.2, lw=0)
+        median = [row["ratio"] for row in rows]
+        right.plot(x, median, mark, ls="-", color=colour, label=f"{name}: median, 80 % of arms")
+    right.axhline(0.5, color=GREY, ls="--", lw=1.2, label="half")
+    right.set_title(f"{robots['count']} arms drawn at random, deflecting", fontsize=11)
+    right.set_ylabel("worst error of a distance, after over before")
+    for panel in (left, middle, right):
+        panel.set_xscale("log")
         panel.set_yscale("log")
         panel.set_xlabel("condition number C_G of the pose set")
         panel.grid(True, which="both", alpha=0.25)
-        panel.legend(fontsize=8, ncols=2)
-        _plain(panel)
+        panel.yaxis.set_major_formatter(PLAIN)
+        panel.yaxis.set_minor_formatter(NullFormatter())
+    left.legend(fontsize=8, ncols=2, loc="upper center")
+    right.legend(fontsize=8)
+    left.set_ylim(top=2.0)
     figure.savefig(path, metadata={"Software": None})
 
 
@@ -134,9 +141,3 @@ def _distances(panel: Axes, plate: Mapping[str, Any], estimator: str) -> None:
         panel.plot(x, middle, mark, ls="-", color=colour, ms=4, label=f"d = {d} mm, after")
         panel.axhline(plate["before"][f"d{d}_mm"], color=colour, ls="--", lw=1.1)
     panel.plot([], [], color=GREY, ls="--", lw=1.1, label="before")
-
-
-def _plain(panel: Axes) -> None:
-    """Numbers on the y axis as people write them."""
-    shown = FuncFormatter(lambda value, _: f"{value:g}")
-    panel.yaxis.set_major_formatter(shown)

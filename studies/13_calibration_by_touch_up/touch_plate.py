@@ -131,7 +131,10 @@ def drawn_arm(settings: Mapping[str, Any], k: int, stiffness: FloatArray) -> dic
 
 
 def ratio_of_arm(bench: Bench, sets: Sequence[PoseSet]) -> FloatArray:
-    """Worst distance error after over before, of pose sets and estimators of :data:`OF_MANY_ARMS`, ``(S, E)``."""
+    """Worst distance error after over before, ``(S, E)``.
+
+    Of pose sets and estimators of :data:`OF_MANY_ARMS`; medians over the data sets.
+    """
     count, seed = bench.settings["data_sets"], bench.settings["seed"]
     truth = bench.cell.config.truth.seed
     touched = Plate.of(bench).touched(count, np.random.default_rng([seed, 12, truth]))

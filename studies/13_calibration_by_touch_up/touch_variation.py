@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -158,3 +158,28 @@ def through_pictures(bench: Bench, sets: Sequence[PoseSet]) -> dict[str, float]:
         for axis, sigma in zip("vhd", data.scatter(bench.cell.robot), strict=True):
             said[f"{kind}_{axis}_3s_mm"] = float(3e3 * sigma)
     return said
+
+
+def causes(bench: Bench, truth: Mapping[str, Any], sets: Sequence[PoseSet]) -> list[dict[str, Any]]:
+    """What makes the mean wrong: errors of the offset [deg] with one cause at a time away.
+
+    A row for each pose set of ``causes_d_deg`` and each cause; a column for each estimator.
+    """
+    count = bench.settings["causes_data_sets"]
+    tight = bench.with_arm(dict(truth) | {"backlash_deg": 0.0})
+    cases = (("nothing", bench, False), ("tilt of the target", bench, True))
+    table = []
+    for poses in (s for s in sets if s.d_deg in bench.settings["causes_d_deg"]):
+        for away, arm, tilt_known in (*cases, ("backlash", tight, False)):
+            row: dict[str, Any] = {"d_deg": poses.d_deg, "c_g": poses.c_g, "away": away}
+            for each in (PAPER, WEIGHTED, LINE):
+                rng = np.random.default_rng([bench.settings["seed"], 31, round(poses.d_deg)])
+                data = arm.touched(
+                    poses.postures, count, rng, view_line=each.by_view_line, tilt_known=tilt_known
+                )
+                found = identified(arm, data, each)
+                k = found.model.names.index(OFFSET)
+                true = np.rad2deg(effective_truth(arm.robot, found.model)[k])
+                row[f"{each.name} error_deg"] = float(found.offset_deg.mean() - true)
+            table.append(row)
+    return table

@@ -1,0 +1,113 @@
+"""The figure of the study: clouds of repeated measurements, and what a pin is missed by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from visual_pin import VARIANTS
+
+from calib.se3 import FloatArray
+
+TOUCH, STEREO, LOST, PAPER = "#0072B2", "#D55E00", "#CC79A7", "#000000"
+"""Okabe and Ito's palette, told apart by people who do not see red and green alike."""
+
+_FAST_SHOWN = 600
+"""Points of the fast camera: enough for the shape, few enough to see the hundred."""
+
+_UM = 1e3
+
+
+def draw(
+    clouds: dict[str, dict[str, FloatArray]],
+    pin: list[dict[str, Any]],
+    settings: dict[str, Any],
+    path: Path,
+) -> None:
+    """Touch-ups across and in depth, stereo, and the differences to a pin."""
+    figure = Figure(figsize=(12.0, 9.0), dpi=100, layout="constrained")
+    (across, depth), (stereo, against) = figure.subplots(2, 2)
+    paper = settings["paper"]
+    H, V, D = 1, 0, 2
+    images, fast = clouds["images"]["touch_up"], clouds["fast"]["touch_up"][:_FAST_SHOWN]
+    for panel, x, y in ((across, H, V), (depth, H, D)):
+        panel.plot(_UM * fast[:, x], _UM * fast[:, y], ".", color="#bbbbbb", ms=3, zorder=1)
+        panel.plot(_UM * images[:, x], _UM * images[:, y], "o", color=TOUCH, ms=4, alpha=0.8)
+        _ring(panel, paper["touch_up_mm"][x], paper["touch_up_mm"][y])
+        panel.set_xlabel("H [µm]")
+    across.set_ylabel("V [µm]")
+    across.set_aspect("equal", adjustable="datalim")
+    depth.set_ylabel("D [µm]")
+    across.set_title("100 touch-ups, across the line of sight (Table 2)", fontsize=11)
+    depth.set_title("the same in depth", fontsize=11)
+    _stereo(stereo, clouds, paper)
+    _against(against, pin, paper, settings)
+    across.plot([], [], "o", color=TOUCH, ms=4, label="through pictures, 100")
+    across.plot([], [], ".", color="#bbbbbb", ms=6, label="projected circle, 600 of 2000")
+    across.plot([], [], "--", color=PAPER, label="3 sigma of the paper")
+    for panel in (across, stereo, against):
+        panel.legend(fontsize=9, loc="upper right", framealpha=0.9)
+    for panel in (across, depth, stereo):
+        panel.grid(True, alpha=0.3)
+    figure.savefig(path, metadata={"Software": None})
+
+
+def _ring(panel: Axes, across_mm: float, up_mm: float) -> None:
+    """Ellipse with the paper's 3 sigma as half axes."""
+    size = (2 * _UM * across_mm, 2 * _UM * up_mm)
+    panel.add_patch(Ellipse((0.0, 0.0), *size, fill=False, ls="--", lw=1.5, color=PAPER, zorder=3))
+
+
+def _stereo(
+    panel: Axes, clouds: dict[str, dict[str, FloatArray]], paper: dict[str, list[float]]
+) -> None:
+    rest = clouds["any side, tenth"]["stereo"][:_FAST_SHOWN]
+    panel.plot(
+        _UM * rest[:, 1], _UM * rest[:, 2], "s", color=LOST, ms=2.5, label="a tenth of it left"
+    )
+    met = clouds["images"]["stereo"]
+    panel.plot(
+        _UM * met[:, 1], _UM * met[:, 2], "D", color=STEREO, ms=4, label="lost motion taken up"
+    )
+    _ring(panel, paper["stereo_mm"][1], paper["stereo_mm"][2])
+    panel.plot([], [], "--", color=PAPER, label="3 sigma of the paper")
+    panel.set_xlabel("Y of the base [µm]")
+    panel.set_ylabel("Z of the base, along the line of sight [µm]")
+    panel.set_title("stereo from three view lines, -15, 0, 15 deg (Table 1)", fontsize=11)
+
+
+def _against(
+    panel: Axes, pin: list[dict[str, Any]], paper: dict[str, Any], settings: dict[str, Any]
+) -> None:
+    """Differences of Table 3, a group of three axes for each turn."""
+    turns = settings["pin"]["turns_deg"]
+    place = np.arange(3 * len(turns)) + np.repeat(np.arange(len(turns)), 3)  # a gap between turns
+    bar = _UM * settings["paper"]["pin_bar_mm"]
+    panel.axhspan(-bar, bar, color="#eeeeee", lw=0, label="within .2 mm")
+    marks = zip(
+        VARIANTS, ("o", "^", "s"), (TOUCH, STEREO, "#009E73"), (-0.2, 0.0, 0.2), strict=True
+    )
+    for variant, mark, colour, aside in marks:
+        rows = [row for row in pin if row["variant"] == variant]
+        mean = _UM * np.concatenate([row["mean_mm"] for row in rows])
+        sigma = _UM * np.concatenate([row["sigma_mm"] for row in rows])
+        panel.errorbar(
+            place + aside, mean, 3 * sigma, fmt=mark, color=colour, ms=5, lw=1, label=variant
+        )
+    expected = np.concatenate([r["predicted_mm"] for r in pin if r["variant"] == VARIANTS[0]])
+    panel.plot(place - 0.2, _UM * expected, "_", color=PAPER, ms=14, mew=1.5, label="predicted")
+    printed = _UM * np.concatenate(paper["pin_mm"])
+    panel.plot(place + 0.4, printed, "x", color=PAPER, ms=6, label="paper's Table 3")
+    names = [
+        f"{axis}\n{'turned about ' + 'xyz'[k] if axis == 'y' else ''}"
+        for k in range(3)
+        for axis in "xyz"
+    ]
+    panel.set_xticks(place, names)
+    panel.set_ylabel("visual less pin, tip axes [µm]; bars 3 sigma")
+    panel.set_ylim(-300, 420)
+    panel.set_title("45 deg: touch-up less real pin (Table 3)", fontsize=11)

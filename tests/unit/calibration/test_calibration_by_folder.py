@@ -1,0 +1,94 @@
+"""A whole calibration of a robot behind a folder, served by a simulated cell in another thread."""
+
+from __future__ import annotations
+
+import csv
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.visual.simulated import SimulatedArms
+from posedesign.calibration.folder_robot import FolderRobot
+from posedesign.calibration.rehearsed import calibrate_robot
+from posedesign.cell import Cell
+from posedesign.rehearsal import true_cell, true_observer
+
+ONLY = np.zeros(1, dtype=np.intp)
+
+
+class ServedCell:
+    """What stands at the other end of the folder: runs each move in order, answers with pictures."""
+
+    def __init__(self, arms: SimulatedArms, folder: Path) -> None:
+        self._arms, self._folder = arms, folder
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+        self.moves = 0
+
+    def __enter__(self) -> ServedCell:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._done.set()
+        self._thread.join()
+
+    def _serve(self) -> None:
+        while not self._done.wait(0.002):
+            while (order := self._folder / "out" / f"{self.moves + 1:04d}.csv").exists():
+                self.moves += 1
+                self._arms.move(ONLY, self._joints(order))
+                self._answer(f"{self.moves:04d}")
+            for request in (self._folder / "out").glob("*.request"):
+                if not (self._folder / "in" / f"{request.stem}.png").exists():
+                    self._answer(request.stem)
+
+    @staticmethod
+    def _joints(order: Path) -> np.ndarray:
+        with order.open() as stream:
+            row = next(csv.DictReader(line for line in stream if not line.startswith("#")))
+        return np.deg2rad([[float(row[f"j{k + 1}_deg"]) for k in range(6)]])
+
+    def _answer(self, label: str) -> None:
+        picture = self._arms.picture(0)
+        assert picture is not None
+        aside = self._folder / "in" / f".{label}.png"
+        assert cv2.imwrite(str(aside), picture)
+        aside.rename(self._folder / "in" / f"{label}.png")
+
+
+@pytest.fixture
+def small_cell(make_demo_cell: Callable[..., Cell]) -> Iterator[Cell]:
+    return make_demo_cell(
+        camera={"image_px": [480, 384], "focal_px": 675.0},
+        parameters={"models": [["zero_offsets"], ["zero_offsets", "compliance"]]},
+        touch_up={"repeats": 2},
+        variations={"start_deg": [40.0, 40.0, 40.0]},
+    )
+
+
+@pytest.mark.slow
+def test_programs_out_and_pictures_in(small_cell: Cell, tmp_path: Path) -> None:
+    cell = small_cell
+    folder, out = tmp_path / "share", tmp_path / "run"
+    folder.mkdir()
+    rng = np.random.default_rng(3)
+    arms = SimulatedArms(true_cell(cell), true_observer(cell, "image"), 1, rng, cell.base_posture)
+    robot = FolderRobot(cell, folder, timeout_s=60.0, poll_s=0.005)
+    with ServedCell(arms, folder) as served:
+        done = calibrate_robot(cell, robot, out)
+    assert not done.missed
+    assert len(done.touch_ups.names) == 27
+    found = {r.model: r for r in done.identified.comparison.results}
+    assert found["offsets + compliance"].leave_one_out_rms_m < 1e-4
+    assert found["frames only"].leave_one_out_rms_m > 4e-4
+    assert (out / "pairs.csv").exists()
+    # every move was a program that the controller can run, and no other was made
+    assert len(list((folder / "out").glob("MOVE*.LS"))) == served.moves
+    again = calibrate_robot(cell, robot, out)
+    np.testing.assert_array_equal(again.touch_ups.postures, done.touch_ups.postures)
+    assert served.moves == len(list((folder / "out").glob("MOVE*.LS")))

@@ -1,0 +1,220 @@
+"""The two steps by sight: what is found, what is kept, and what stops it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.camera import MeasurementNoise
+from calib.errors import ConvergenceError, UnreachableError
+from calib.se3 import FloatArray, IntArray, inverse
+from calib.visual.drive import Drive
+from calib.visual.simulated import SimulatedArms
+from posedesign.calibration.journal import Journal, KeptStation
+from posedesign.calibration.process import Calibration, calibrate
+from posedesign.calibration.refusing import refusals_of
+from posedesign.cell import Cell
+from posedesign.measurement_table import read_measurements
+from posedesign.rehearsal import true_cell, true_observer
+
+Whole = tuple[Calibration, Path, int]
+"""What was found, where, and how many moves it took."""
+
+SEED = 7
+NOISE = MeasurementNoise.from_sigma([0.005, 0.005, 0.012])
+QUICK = {"parameters": {"models": [["zero_offsets"], ["zero_offsets", "compliance"]]}}
+
+
+class StoppedError(Exception):
+    """The operator's hand on the button."""
+
+
+class StoppingArms:
+    """Simulated arms that are stopped after so many moves."""
+
+    def __init__(self, arms: SimulatedArms, moves: int | None) -> None:
+        self._arms = arms
+        self._moves = moves
+        self.made = 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._arms, name)
+
+    def move(self, which: IntArray, q: FloatArray) -> None:
+        self.made += 1
+        if self._moves is not None and self.made > self._moves:
+            raise StoppedError
+        self._arms.move(which, q)
+
+
+def arms_of(cell: Cell) -> SimulatedArms:
+    rng = np.random.default_rng(SEED)
+    observer = true_observer(cell, "fast", NOISE)
+    return SimulatedArms(true_cell(cell), observer, 1, rng, cell.base_posture)
+
+
+@contextmanager
+def station_of(
+    cell: Cell, out: Path, moves: int | None = None, arms: StoppingArms | None = None
+) -> Iterator[KeptStation]:
+    driven = arms or StoppingArms(arms_of(cell), moves)
+    approach = np.deg2rad(cell.config.touch_up.approach_deg)
+    drive = Drive(cell.robot, driven, approach, refusals_of(cell))
+    out.mkdir(exist_ok=True)
+    with Journal(out / "journal.jsonl", "test") as journal:
+        yield KeptStation(drive, journal, SEED)
+
+
+@pytest.fixture(scope="module")
+def cell(make_demo_cell: Callable[..., Cell]) -> Cell:
+    return make_demo_cell(**QUICK)
+
+
+@pytest.fixture(scope="module")
+def whole(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    out = tmp_path_factory.mktemp("whole")
+    with station_of(cell, out) as station:
+        done = calibrate(cell, station, out)
+    return done, out, station.drive.arms.made
+
+
+def test_camera_and_target_are_found(cell: Cell, whole: Whole) -> None:
+    """From a cell that is told nothing of them: within what the arm itself is off."""
+    done, _, _ = whole
+    truth = true_cell(cell)
+    off = inverse(truth.T_tip_camera) @ done.cell.T_tip_camera
+    assert np.linalg.norm(off[:3, 3]) < 2e-3
+    assert np.arccos((np.trace(off[:3, :3]) - 1.0) / 2.0) < np.deg2rad(0.3)
+    q = done.set_up.postures[:1]
+    shown = cell.robot.fk(q[0]) @ inverse(truth.model.view(q, truth.values).T_base_tip[0])
+    seen = shown @ truth.T_base_target
+    assert np.linalg.norm(done.cell.target_m - seen[:3, 3]) < 2e-3
+    assert np.arccos(min(1.0, done.cell.target_normal @ seen[:3, 2])) < np.deg2rad(0.5)
+
+
+def test_touch_ups_leave_what_noise_and_lost_motion_leave(whole: Whole) -> None:
+    done, _, _ = whole
+    assert not done.missed
+    assert len(done.touch_ups.names) == len(done.plan.postures) == 27
+    found = {r.model: r for r in done.identified.comparison.results}
+    frames, elastic = found["frames only"], found["offsets + compliance"]
+    assert frames.leave_one_out_rms_m > 5e-4
+    assert elastic.leave_one_out_rms_m < 5e-5
+    assert done.identified.comparison.recommended == "offsets + compliance"
+
+
+def test_files_say_the_same(whole: Whole) -> None:
+    done, out, _ = whole
+    table = read_measurements(out / "touchups.csv", done.cell.robot.n, kind="touch-up")
+    np.testing.assert_allclose(table.data.postures, done.touch_ups.postures, atol=1e-8)
+    back = Cell.load(out / "found_cell.toml")
+    np.testing.assert_allclose(back.T_tip_camera, done.cell.T_tip_camera, atol=1e-7)
+    np.testing.assert_allclose(back.target_m, done.cell.target_m, atol=1e-9)
+    np.testing.assert_allclose(back.measurement.sigma, done.sigma_m, rtol=1e-3)
+
+
+@pytest.mark.parametrize("moves", [1, 20, 60, 130, 170])
+def test_stopped_and_gone_on_it_is_the_same(
+    cell: Cell, whole: Whole, tmp_path: Path, moves: int
+) -> None:
+    """Whatever it was stopped in: nothing is lost, nothing is measured twice."""
+    done, out, made = whole
+    with station_of(cell, tmp_path, moves) as first, pytest.raises(StoppedError):
+        calibrate(cell, first, tmp_path)
+    before = (tmp_path / "journal.jsonl").read_bytes()
+    with station_of(cell, tmp_path) as second:
+        again = calibrate(cell, second, tmp_path)
+    assert (tmp_path / "journal.jsonl").read_bytes().startswith(before)
+    np.testing.assert_array_equal(again.touch_ups.postures, done.touch_ups.postures)
+    assert (tmp_path / "touchups.csv").read_bytes() == (out / "touchups.csv").read_bytes()
+    # made twice is what the measurement had done that it was stopped in: a Jacobian has 14 moves
+    assert second.drive.arms.made <= made - moves + 14
+
+
+def test_a_whole_calibration_is_replayed_without_a_move(
+    cell: Cell, whole: Whole, tmp_path: Path
+) -> None:
+    done, out, _ = whole
+    (tmp_path / "journal.jsonl").write_bytes((out / "journal.jsonl").read_bytes())
+    with station_of(cell, tmp_path, moves=0) as station:
+        again = calibrate(cell, station, tmp_path)
+    np.testing.assert_array_equal(again.touch_ups.postures, done.touch_ups.postures)
+
+
+def test_what_the_file_says_of_camera_and_target_is_not_looked_at(
+    cell: Cell,
+    whole: Whole,
+    tmp_path: Path,
+    make_demo_cell: Callable[..., Cell],
+) -> None:
+    """The same arm, camera and target; a cell that has them somewhere else comes to the same."""
+    told = make_demo_cell(
+        tool={"point_mm": [0.0, 0.0, 100.0]},
+        target={"position_mm": [1700.0, 300.0, 300.0], "normal": [0.0, 1.0, 1.0]},
+        camera={"focal_px": 900.0, "position_mm": [0.0, 0.0, 10.0]},
+        **QUICK,
+    )
+    with station_of(told, tmp_path, arms=StoppingArms(arms_of(cell), None)) as station:
+        done = calibrate(told, station, tmp_path)
+    np.testing.assert_array_equal(done.set_up.tool_m, whole[0].set_up.tool_m)
+    np.testing.assert_array_equal(done.cell.target_m, whole[0].cell.target_m)
+
+
+def test_no_target_in_view(make_demo_cell: Callable[..., Cell], tmp_path: Path) -> None:
+    cell = make_demo_cell(truth={"target_error_mm": [300.0, 0.0, 0.0]})
+    with (
+        station_of(cell, tmp_path) as station,
+        pytest.raises(UnreachableError, match="not seen from the taught posture"),
+    ):
+        calibrate(cell, station, tmp_path)
+
+
+class Blind(StoppingArms):
+    """Sees nothing any more after so many looks."""
+
+    def __init__(self, arms: SimulatedArms, looks: int) -> None:
+        super().__init__(arms, None)
+        self._looks = looks
+
+    def look(self, which: IntArray, near_px: FloatArray | None = None) -> object:
+        self._looks -= 1
+        seen = self._arms.look(which, near_px)
+        if self._looks >= 0:
+            return seen
+        return type(seen)(np.full_like(seen.ellipses, np.nan), ("no target: dark",) * len(which))
+
+
+def test_poses_that_were_missed_are_said(cell: Cell, tmp_path: Path) -> None:
+    """Blind for the last quarter of the poses."""
+    said: list[str] = []
+    with station_of(cell, tmp_path, arms=Blind(arms_of(cell), 110)) as station:
+        done = calibrate(cell, station, tmp_path, warn=said.append)
+    missed = [pose.name for pose in done.missed]
+    assert 0 < len(missed) < 15
+    assert all(pose.reason.startswith("lost, no target: dark") for pose in done.missed)
+    assert sum("was not touched up" in line for line in said) == len(missed)
+    assert set(done.touch_ups.names) | set(missed) == set(done.plan.names)
+
+
+def test_blind_in_step_two(cell: Cell, tmp_path: Path) -> None:
+    with (
+        station_of(cell, tmp_path, arms=Blind(arms_of(cell), 66)) as station,
+        pytest.raises(ConvergenceError, match="poses could be touched up: lost, no target: dark"),
+    ):
+        calibrate(cell, station, tmp_path)
+
+
+def test_moves_into_what_stands_around_are_refused(cell: Cell) -> None:
+    refuses = refusals_of(cell)
+    q = np.tile(cell.base_posture, (3, 1))
+    q[1, 1] += np.deg2rad(25.0)  # the upper arm down: the gun into the fixture or the floor
+    q[2, 0] = cell.robot.upper[0] + 0.1
+    free, into, beyond = refuses(q)
+    assert free == ""
+    assert "mm" in into
+    assert "joint_1" in beyond or "J1" in beyond

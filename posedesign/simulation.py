@@ -1,4 +1,4 @@
-"""Rehearsal of the measurement: what a robot with errors would bring back from a plan."""
+"""SightResult of the measurement: what a robot with errors would bring back from a plan."""
 
 from __future__ import annotations
 

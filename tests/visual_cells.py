@@ -7,6 +7,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
+from calib.arm_view import Setup
 from calib.camera import (
     Camera,
     CircleTarget,
@@ -32,7 +33,6 @@ from calib.parameters.gravity import GravityLoad
 from calib.robots import Robot
 from calib.robots.inverse import NEAR_SINGULAR
 from calib.robots.presets import load_preset
-from calib.arm_view import Setup
 from calib.se3 import FloatArray, rotation_exp, rotation_log, transform
 from calib.visual.set_up import SetUp
 from calib.visual.simulated import LostMotion, TrueCell

@@ -94,9 +94,7 @@ class OneArm:
             image = self._robot.grab()
             self._size, self._last = (image.shape[1], image.shape[0]), image
             near = None if near_px is None else near_px[k]
-            found = measure_ellipse(
-                image, dark=self._dark, smallest_px=SMALLEST_PX, near_px=near
-            )
+            found = measure_ellipse(image, dark=self._dark, smallest_px=SMALLEST_PX, near_px=near)
             if found.is_ok and self._is_old(image):
                 found = EllipseMeasurement.failed(
                     "no target", "the camera repeats a picture from before the arm moved"

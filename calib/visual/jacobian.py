@@ -34,6 +34,7 @@ ORTHOGONAL = np.deg2rad(5.0)
 """The same of the way along which the size grows: noise, and the middle of the picture, which may
 be a few hundredths of the focal length beside the axis of the lens."""
 
+
 @dataclass(frozen=True, eq=False)
 class ImageJacobian:
     """Derivatives of the relation's error by the place of the tip.

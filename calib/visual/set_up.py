@@ -288,9 +288,7 @@ class _Inching:
             "picture or less",
         )
 
-    def _error_at(
-        self, name: str, shift: FloatArray, relation: Relation
-    ) -> tuple[FloatArray, str]:
+    def _error_at(self, name: str, shift: FloatArray, relation: Relation) -> tuple[FloatArray, str]:
         """Error of the relation ``(3,)`` [px] a shift from the first touch-up, or why there is none."""
         q = self.postures[0]
         posture, found = _posture(self.robot, q, shifted(self.robot.fk(q), shift))
@@ -388,9 +386,7 @@ class _Inching:
         """Touch up once more from the first posture: why that is not where it was, if it is not."""
         done = self.station.touch_up("again", self.postures[0], jacobian, self.loop)
         if not done.touched[0]:
-            return NoSetUp(
-                f"the first touch-up could not be made again: {done.reasons[0]}", _FIXED
-            )
+            return NoSetUp(f"the first touch-up could not be made again: {done.reasons[0]}", _FIXED)
         first, last = self.robot.fk(np.array([self.postures[0], done.q[0]]))[:, :3, 3]
         drift = float(np.linalg.norm(last - first))
         noise = self.loop.size_px / jacobian.relation.size_px * jacobian.distance_m
@@ -399,6 +395,7 @@ class _Inching:
                 f"the first touch-up made again is {1e3 * drift:.1f} mm from where it was", _FIXED
             )
         return None
+
 
 def _posture(robot: Robot, q: FloatArray, T: FloatArray) -> tuple[FloatArray, bool]:
     posture, found = follow(robot, q[None], T[None])

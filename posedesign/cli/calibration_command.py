@@ -11,7 +11,7 @@ from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_tab
 from posedesign.cli.plan_commands import AsJson, CellFile
 
 if TYPE_CHECKING:
-    from posedesign.calibration.rehearsed import Rehearsal
+    from posedesign.calibration.by_sight import SightResult
 
 
 def register(app: typer.Typer) -> None:
@@ -54,7 +54,7 @@ def calibrate(
     From the base pose with the target in view, without knowing where camera and target are. Stop it
     at any time; the same command goes on where it was.
     """
-    from posedesign.calibration.rehearsed import run_by_sight
+    from posedesign.calibration.by_sight import run_by_sight
 
     with progress("calibrating") as advance:
         done = run_by_sight(
@@ -79,7 +79,7 @@ def calibrate(
     return DONE if good and identified.is_of_this_robot else NOT_REACHED
 
 
-def print_calibration(done: Rehearsal) -> None:
+def print_calibration(done: SightResult) -> None:
     """Print what was found, what it is worth, and the plate before and after."""
     from posedesign.cli.identification_output import print_identification
 

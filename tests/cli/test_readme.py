@@ -42,12 +42,14 @@ def test_commands_and_python_of_the_readme(
     monkeypatch.chdir(tmp_path)
     (steps,) = (block for block in blocks() if block.startswith("posedesign new"))
     lines = [line.partition("#")[0].strip() for line in steps.splitlines()]
-    assert len(lines) == 14
+    assert len(lines) == 15
     for line in lines:
         words = shlex.split(line.replace("--robot arm.urdf", "").partition(">")[0])
         assert words.pop(0) == "posedesign"
         if words[0] == "study":
             words += ["--draws", "10"]
+        if words[0] == "calibrate":
+            words += ["--no-images"]
         if words[0] == "import":
             touched_up(Path("run/poses.csv"), Path("CALIB01.LS"))
         said = cli(*words)
@@ -56,9 +58,12 @@ def test_commands_and_python_of_the_readme(
             Path("cell.toml").write_text(said.out)
         if words[0] == "plan":
             shutil.copy("run/poses.csv", "my_poses.csv")
-    (python,) = blocks("python")
     found: dict[str, Any] = {}
-    exec(python, found)  # noqa: S102  our own README
+    by_sight, python = blocks("python")
+    exec(by_sight, found)  # noqa: S102  our own README
+    assert callable(found["calibrate_robot"])
+    assert found["MyRobot"]() is not None
+    exec(python, found)  # noqa: S102
     assert found["plan"].reached
     assert found["result"].status == "converged"
     assert found["X_Z"].covariance.shape == (12, 12)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from calib.visual.simulated import SimulatedArms
+from posedesign.calibration.by_sight import calibrate_robot
 from posedesign.calibration.folder_robot import FolderRobot
-from posedesign.calibration.rehearsed import calibrate_robot
 from posedesign.cell import Cell
 from posedesign.rehearsal import true_cell, true_observer
 

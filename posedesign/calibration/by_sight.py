@@ -38,7 +38,7 @@ _PLATES = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Rehearsal:
+class SightResult:
     """A calibration, and where the robot was simulated what it is worth on a plate.
 
     Attributes
@@ -125,7 +125,7 @@ def run_by_sight(
     restart: bool = False,
     progress: Progress = lambda what, part: None,
     warn: Callable[[str], None] = lambda text: None,
-) -> Rehearsal:
+) -> SightResult:
     """Calibrate the robot of a ``cell.toml``: a real one behind a folder, or the simulated one.
 
     Parameters
@@ -161,12 +161,12 @@ def run_by_sight(
         found = calibrate_robot(
             cell, robot, out, source=path.parent, restart=restart, progress=progress, warn=warn
         )
-        return Rehearsal(found, None)
+        return SightResult(found, None)
     own = cell.config.truth.seed if seed is None else seed
     arms = simulated_arms(cell, kind, seed=own)
     about = _digest(cell, f"simulated, {kind}, {own}")
     found = _calibrate(cell, arms, out, about, own, path.parent, restart, progress, warn)
-    return Rehearsal(found, _plate(cell, found, own))
+    return SightResult(found, _plate(cell, found, own))
 
 
 def calibrate_robot(

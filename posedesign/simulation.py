@@ -1,4 +1,4 @@
-"""SightResult of the measurement: what a robot with errors would bring back from a plan."""
+"""Rehearsal of the measurement: what a robot with errors would bring back from a plan."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from scipy.stats import spearmanr
 from posedesign.plate import PlateTest
 
 FOLDER = Path(__file__).parents[2] / "studies" / "13_calibration_by_touch_up"
-SHORT = 60
+SHORT = 50
 THRESHOLDS = (3e7, 2e6, 1e5)
 REFERENCE = {5.0: 2.329e7, 15.0: 1.504e6, 40.0: 9.719e4}
 """C_G of the reference cell by D, of independent code."""
@@ -142,7 +142,7 @@ class TestVariation:
         np.testing.assert_allclose(touch_claims.ranks(x, y), brute, atol=1e-12)
 
     def test_the_causes_of_an_error_are_told_apart(self, expected: dict[str, Any]) -> None:
-        """Without backlash a poor set is as wrong by view line as by touch-up; with it, it is not."""
+        """Without backlash a poor set is as wrong by view line as by touch-up; not with it."""
         rows = {(row["d_deg"], row["away"]): row for row in expected["causes"]}
         as_it_is, without = rows[10.0, "nothing"], rows[10.0, "backlash"]
         assert as_it_is["view line error_deg"] > 2.0 * without["view line error_deg"]

@@ -1,0 +1,71 @@
+"""How fast a touch-up by sight is rehearsed, with pictures and without."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from calib.camera import MeasurementNoise
+from calib.camera.observers import Kind
+from calib.se3 import FloatArray, transform
+from calib.visual.drive import Drive
+from calib.visual.following import follow
+from calib.visual.jacobian import ImageJacobian, measure_jacobian
+from calib.visual.relation import Relation
+from calib.visual.servo import Loop, touch_up
+from calib.visual.simulated import SimulatedArms
+from posedesign.calibration import run_by_sight
+from posedesign.cell import Cell
+from posedesign.rehearsal import true_cell, true_observer
+from posedesign.template import cell_template
+
+NOISE = MeasurementNoise.from_sigma([0.005, 0.005, 0.012])
+PAPER = (
+    cell_template()
+    .replace("image_px = [1280, 1024]", "image_px = [640, 480]")
+    .replace("focal_px = 1800.0", "focal_px = 1600.0")
+)
+"""The camera of the paper."""
+
+
+def prepared(kind: Kind, count: int) -> tuple[Drive, FloatArray, ImageJacobian]:
+    """Arms that stand some millimetres off their target."""
+    cell = Cell.from_text(PAPER)
+    rng = np.random.default_rng(1)
+    observer = true_observer(cell, kind, NOISE)
+    one = SimulatedArms(true_cell(cell), observer, 1, rng, cell.base_posture)
+    drive = Drive(cell.robot, one)
+    size = float(one.look(np.zeros(1, dtype=np.intp)).vhs_px[0, 2])
+    found = measure_jacobian(drive, cell.base_posture, Relation((320.0, 240.0), size), 0.01)
+    assert found.jacobian is not None
+    arms = SimulatedArms(true_cell(cell), observer, count, rng, cell.base_posture)
+    shift = rng.uniform(-5e-3, 5e-3, (count, 3))
+    T = cell.robot.fk(cell.base_posture) @ transform(np.eye(3), shift)
+    q, reached = follow(cell.robot, np.tile(cell.base_posture, (count, 1)), T)
+    assert reached.all()
+    return Drive(cell.robot, arms), q, found.jacobian
+
+
+@pytest.mark.parametrize(
+    ("kind", "count"), [("image", 1), ("fast", 1), ("fast", 27), ("fast", 1000)]
+)
+def test_touch_ups(benchmark: BenchmarkFixture, kind: Kind, count: int) -> None:
+    """With pictures under 50 ms; without, a plan of 27 or more at once, under 1 ms each."""
+    drive, q, jacobian = prepared(kind, count)
+    done = benchmark.pedantic(
+        touch_up, (drive, q, jacobian, Loop()), rounds=20, warmup_rounds=1, iterations=1
+    )
+    assert done.touched.all()
+
+
+def test_a_whole_calibration_with_pictures(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+    """Both steps, 51 touch-ups, identification and plate. To be under two minutes."""
+    path = tmp_path / "cell.toml"
+    path.write_text(PAPER)
+    done = benchmark.pedantic(
+        lambda: run_by_sight(path, tmp_path / "run", restart=True), rounds=2, warmup_rounds=0
+    )
+    assert not done.calibration.missed

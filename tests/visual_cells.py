@@ -34,7 +34,7 @@ from calib.robots import Robot
 from calib.robots.inverse import NEAR_SINGULAR
 from calib.robots.presets import load_preset
 from calib.se3 import FloatArray, rotation_exp, rotation_log, transform
-from calib.visual.set_up import SetUp
+from calib.visual.set_up import LEAST_SIZE_PX, SetUp
 from calib.visual.simulated import LostMotion, TrueCell
 
 PRESETS = (
@@ -256,7 +256,7 @@ def random_sight(
     T_tip_camera = mounted_camera(scale, rng)
     camera = camera_by_chance(sizes, rng)
     distance = scale * rng.uniform(0.2, 0.5)
-    size_px = camera.height_px * rng.uniform(0.08, 0.25)
+    size_px = max(camera.height_px * rng.uniform(0.08, 0.25), 1.2 * LEAST_SIZE_PX)
     diameter = size_px * distance / camera.focal_px
     tilt = np.deg2rad(30.0) * np.sqrt(rng.uniform())
     T_camera_target = placed_target(camera, distance, size_px, tilt, rng)

@@ -20,12 +20,13 @@ from calib.se3 import FloatArray
 
 Status = Literal["ok", "no target", "touches the edge", "poor fit", "several"]
 
-LARGEST_RMS_PX = 0.3
-"""Rms distance of the edges from the ellipse above which it is no ellipse: six times that at a
-noise of two grey levels in two hundred."""
+LARGEST_RMS_PX = 0.2
+"""Rms distance of the edges from the ellipse above which it is no ellipse: four times that at a
+noise of two grey levels in two hundred. What hides a part of the rim leaves more."""
 
-LEAST_SHARE = 0.6
-"""Share of the rim that must be seen: with less, one side of the ellipse hangs on the other."""
+LEAST_SHARE = 0.75
+"""Share of the rim that must be seen. With less, one side of the ellipse hangs on the other, and
+the edge of what hides the rest is taken for rim: ellipses were off by half their size at 0.65."""
 
 _REFINEMENTS = 2
 """Passes of the subpixel edges: the first starts half a pixel off, the second at their noise."""

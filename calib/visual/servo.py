@@ -16,6 +16,12 @@ from calib.visual.jacobian import ImageJacobian
 
 Status = Literal["touched", "lost", "no posture", "too far", "not converged"]
 
+_CLEAR_PX = 3.0
+"""Error from which on it is told whether the picture follows a move: far above its noise."""
+
+_FOLLOWED = 0.3
+"""Least part of the error that a move takes away: a Jacobian that is wrong by half takes half."""
+
 
 @dataclass(frozen=True)
 class Loop:
@@ -150,9 +156,12 @@ class _Run:
         self.active = np.arange(count)
 
     def run(self) -> TouchUps:
-        self._ended("no posture", self.drive.to_posture(self.active, self.q))
+        self._ended("no posture", self.active, self.drive.to_posture(self.active, self.q))
         for moves in range(self.loop.iterations + 1):
-            self._look()
+            self._look(self.active)
+            if moves == 0:
+                # the picture may be one from before the arm came here, of a touch-up elsewhere
+                self._look(self.active[self._is_touched()])
             self._finish()
             if not self.active.size or moves == self.loop.iterations:
                 break
@@ -164,7 +173,7 @@ class _Run:
                 + f" and {ds:.2f} px too large or small" * (not self.loop.view_line)
             )
         return TouchUps(
-            self.q,
+            self.drive.arms.joints(np.arange(len(self.q))),
             self.error,
             self.ellipses,
             self.moves,
@@ -172,15 +181,16 @@ class _Run:
             tuple(self.reasons),
         )
 
-    def _ended(self, status: Status, reasons: list[str]) -> None:
-        """Take arms that have a reason out of the loop."""
-        for k, reason in zip(self.active.tolist(), reasons, strict=True):
+    def _ended(self, status: Status, which: IntArray, reasons: list[str]) -> None:
+        """Take those of some arms that have a reason out of the loop."""
+        for k, reason in zip(which.tolist(), reasons, strict=True):
             if reason:
                 self.status[k], self.reasons[k] = status, reason
-        self.active = self.active[[not reason for reason in reasons]]
+        gone = which[[bool(reason) for reason in reasons]]
+        self.active = np.setdiff1d(self.active, gone)
 
-    def _look(self) -> None:
-        arms, which = self.drive.arms, self.active
+    def _look(self, which: IntArray) -> None:
+        arms, before = self.drive.arms, self.error[which]
         if not which.size:
             return
         near = np.tile(self.jacobian.relation.center_px, (len(which), 1))
@@ -190,17 +200,28 @@ class _Run:
         self.ellipses[which] = np.mean([view.ellipses for view in views], axis=0)
         bias = 0.0 if self.bias is None else self.bias(arms.joints(which))
         self.error[which] = self.jacobian.relation.error(self.ellipses[which], bias)
-        self._ended("lost", reasons)
+        axes = 2 if self.loop.view_line else 3
+        change = np.linalg.norm((self.error[which] - before)[:, :axes], axis=1)
+        asked = np.linalg.norm(before[:, :axes], axis=1)
+        stuck = (asked > _CLEAR_PX) & (change < _FOLLOWED * asked)
+        for k in np.flatnonzero(stuck).tolist():
+            reasons[k] = reasons[k] or (
+                f"the picture followed a move by {change[k]:.1f} of {asked[k]:.1f} px: it is an old "
+                "one, or the joints have much lost motion"
+            )
+        self._ended("lost", which, reasons)
 
-    def _finish(self) -> None:
+    def _is_touched(self) -> BoolArray:
+        """Which of the arms in the loop see the target as designated."""
         error = np.abs(self.error[self.active])
         done = (error[:, :2] <= self.loop.center_px).all(axis=1)
         if not self.loop.view_line:
             done &= error[:, 2] <= self.loop.size_px
-        ended = self.active[done]
-        if ended.size:
-            self.q[ended] = self.drive.arms.joints(ended)
-        for k in ended.tolist():
+        return np.asarray(done)
+
+    def _finish(self) -> None:
+        done = self._is_touched()
+        for k in self.active[done].tolist():
             self.status[k] = "touched"
         self.active = self.active[~done]
 
@@ -214,7 +235,8 @@ class _Run:
             f"the loop would move the tip by {1e3 * far:.0f} mm" * (far > self.loop.farthest_m)
             for far in away.tolist()
         ]
-        self._ended("too far", far)
+        self._ended("too far", which, far)
         near = away <= self.loop.farthest_m
-        self._ended("no posture", self.drive.to_pose(self.active, here[near], wanted[near]))
+        reasons = self.drive.to_pose(self.active, here[near], wanted[near])
+        self._ended("no posture", self.active, reasons)
         self.moves[self.active] += 1

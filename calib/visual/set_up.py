@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.camera.conic import ellipse_axes
 from calib.robots import Robot
+from calib.robots.inverse import NEAR_SINGULAR
 from calib.se3 import FloatArray, rotation_exp, transform
 from calib.visual.facing import Facing, find_normal
 from calib.visual.following import follow, shifted
@@ -43,6 +44,9 @@ times the noise."""
 _STEPS_OF_DISTANCE = (0.15, 0.07)
 """Moves along the view line, of the distance of the target: the second where there is no room for
 the first."""
+
+_ASIDE = 3.0
+"""How far the arm goes aside to see its lost motion, in last movements."""
 
 _LEAST_ROOM_PX = 10.0
 """Way to the edge of the picture with which a target can be moved about in it."""
@@ -78,6 +82,18 @@ joint signs that are not the robot's do not."""
 
 LARGEST_SIGMA_M = 2e-3
 """Standard deviation of the virtual pin tip above which planning with it makes no sense."""
+
+LEAST_SIZE_PX = 24.0
+"""Size of the target below which an error of a tenth of a pixel, which light and edges make, is one
+of more than 2 mm at half a metre."""
+
+SINGULAR = 5.0 * NEAR_SINGULAR
+"""Smallest singular value of the arm's Jacobian below which its turns go through large angles of the
+wrist, and the errors of the arm with them: a wrist bent by less than four degrees."""
+
+LARGEST_PLAY_M = 1e-3
+"""Distance between stops that were come to from one side and from the other, the last movement the
+same: what is left of lost motion."""
 
 LARGEST_DRIFT_M = 1e-3
 """How far the first touch-up may be from itself when it is made again at the end: an arm comes back
@@ -205,6 +221,11 @@ class _Inching:
         width, height = self.station.image_px
         size = float(view.vhs_px[0, 2]) if size_px is None else size_px
         relation = Relation((width / 2.0, height / 2.0), size)
+        if min(size, float(view.vhs_px[0, 2])) < LEAST_SIZE_PX:
+            return NoSetUp(
+                f"the target is {size:.0f} px large in the picture: too small to tell its distance",
+                f"take a larger target or a nearer camera, for {LEAST_SIZE_PX:g} px or more",
+            )
         jacobian = self._jacobian(q, relation)
         if isinstance(jacobian, NoSetUp):
             return jacobian
@@ -250,7 +271,34 @@ class _Inching:
         if not first.touched[0]:
             return _untouched(first)
         self._keep(first.q[0], first.ellipses[0])
-        return self._in_depth(wide.jacobian)
+        if self.robot.chain.smallest_singular_values(self.robot.state(first.q))[0] < SINGULAR:
+            return NoSetUp(
+                "the arm stands next to a singularity", "bend the wrist by ten degrees or more"
+            )
+        return self._play(wide.jacobian) or self._in_depth(wide.jacobian)
+
+    def _play(self, jacobian: ImageJacobian) -> NoSetUp | None:
+        """Come to the first touch-up from both sides: why that is not the same, if it is not."""
+        q = self.postures[0]
+        aside = _ASIDE * self.station.drive.approach_rad
+        seen = []
+        for name, way in (("below", -aside), ("above", aside)):
+            self.station.pass_through(name, np.clip(q + way, self.robot.lower, self.robot.upper))
+            view = self.station.look(f"from {name}", q)
+            if view.reasons[0]:
+                return NoSetUp(f"the first touch-up was lost: {view.reasons[0]}", _FIXED)
+            seen.append(jacobian.relation.error(view.ellipses)[0])
+        apart = float(np.linalg.norm(jacobian.shift(seen[1] - seen[0])))
+        if apart > LARGEST_PLAY_M + 2.0 * self._noise_m(jacobian):
+            return NoSetUp(
+                f"the arm stops {1e3 * apart:.1f} mm apart from one side and from the other",
+                "enlarge touch_up.approach_deg, and check the reducers",
+            )
+        return None
+
+    def _noise_m(self, jacobian: ImageJacobian) -> float:
+        """What the loop leaves along the view line [m]."""
+        return self.loop.size_px / jacobian.relation.size_px * jacobian.distance_m
 
     def _in_depth(self, jacobian: ImageJacobian) -> ImageJacobian | NoSetUp:
         """The Jacobian after long ways along the view line, which the size follows but little."""
@@ -389,8 +437,7 @@ class _Inching:
             return NoSetUp(f"the first touch-up could not be made again: {done.reasons[0]}", _FIXED)
         first, last = self.robot.fk(np.array([self.postures[0], done.q[0]]))[:, :3, 3]
         drift = float(np.linalg.norm(last - first))
-        noise = self.loop.size_px / jacobian.relation.size_px * jacobian.distance_m
-        if drift > LARGEST_DRIFT_M + 2.0 * noise:
+        if drift > LARGEST_DRIFT_M + 2.0 * self._noise_m(jacobian):
             return NoSetUp(
                 f"the first touch-up made again is {1e3 * drift:.1f} mm from where it was", _FIXED
             )

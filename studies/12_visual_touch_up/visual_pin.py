@@ -26,6 +26,9 @@ VARIANTS = ("as in the paper", "centre by its ellipse", "tilt taken off")
 """Nothing is done about the tilt; :func:`circle_center` in the loop; :class:`TiltBias` in it, which
 takes off V, H and s what the nominal orientation says."""
 
+_LEFT = ((1.0, 1.0, 1.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+"""What of the prediction each of them leaves, along the tip's axes: z is the line of sight."""
+
 
 @dataclass(frozen=True)
 class CircleRelation(Relation):
@@ -111,7 +114,7 @@ def differences(bench: Bench, settings: dict[str, Any], trials: int) -> list[dic
                     "variant": says,
                     "mean_mm": off.mean(axis=0).tolist(),
                     "sigma_mm": off.std(axis=0, ddof=1).tolist(),
-                    "predicted_mm": (expected if variant == 0 else np.zeros(3)).tolist(),
+                    "predicted_mm": (expected * _LEFT[variant]).tolist(),
                     "trials": trials,
                     "failed": failed,
                 }

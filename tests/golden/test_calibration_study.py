@@ -99,8 +99,10 @@ class TestVariation:
                 low, high = f_distribution.ppf([TAIL, 1.0 - TAIL], *freedom)
                 ratio = (row["many_std_deg"] / other["many_std_deg"]) ** 2
                 assert low < ratio < high, (row["d_deg"], row["estimator"])
-                sigma = other["many_std_deg"] / np.sqrt(row["data_sets"])
-                assert abs(row["error_deg"] - other["error_deg"]) < 5.0 * sigma
+                band = 5.0 * other["many_std_deg"] / np.sqrt(row["data_sets"])
+                # weights are from ten data sets, and move what the model leaves out
+                band += 0.06 * abs(other["error_deg"])
+                assert abs(row["error_deg"] - other["error_deg"]) < band
 
     def test_variation_falls_with_the_condition_number(self, study: ModuleType, found: Any) -> None:
         for k, estimator in enumerate(found[0][1]):

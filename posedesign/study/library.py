@@ -1,0 +1,163 @@
+"""The studies there are: folders with a question, numbers, and a module that answers it."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from calib.errors import CalibError, FileFormatError, InputError, near_names
+from posedesign.study.runner import Workers
+
+Advance = Callable[[str, float], None]
+
+_NUMBER = "0123456789_"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a study is to be run.
+
+    Attributes
+    ----------
+    out : Path
+        Folder for tables and key figures.
+    trials : int, optional
+        In place of the study's own number: a short form.
+    workers : Workers
+    restart : bool
+        Begin anew, whatever results there are.
+    advance : callable
+        Called with what is being done and the part of all work that is done.
+    """
+
+    out: Path
+    trials: int | None = None
+    workers: Workers = field(default_factory=Workers)
+    restart: bool = False
+    advance: Advance = lambda what, part: None
+
+
+@dataclass(frozen=True)
+class Study:
+    """A folder ``NN_name`` with ``README.md``, ``study.toml``, ``run.py`` and ``expected.json``.
+
+    ``run.py`` has ``study(options) -> key figures``, which writes the tables and ``figures.json``,
+    and ``plot(folder) -> paths``, which draws what the tables of a folder say.
+    """
+
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """Without its number."""
+        return self.folder.name.lstrip(_NUMBER)
+
+    @cached_property
+    def question(self) -> str:
+        """The first line of its README."""
+        path = self.folder / "README.md"
+        if not path.exists():
+            return ""
+        with path.open(encoding="utf-8") as stream:
+            return stream.readline().lstrip("# ").strip()
+
+    @cached_property
+    def settings(self) -> Mapping[str, Any]:
+        """The numbers of its ``study.toml``."""
+        path = self.folder / "study.toml"
+        try:
+            return tomllib.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise FileFormatError(f"cannot be read: {error}", path=path) from error
+
+    def run(self, options: Options) -> Mapping[str, Any]:
+        """Run it, and return its key figures."""
+        return dict(self._function("study")(options))
+
+    def plot(self, folder: Path) -> list[Path]:
+        """Draw the figures of the tables in a folder."""
+        return list(self._function("plot")(folder))
+
+    def _function(self, name: str) -> Callable[..., Any]:
+        found = getattr(self.load(), name, None)
+        if not callable(found):
+            raise CalibError(f"{self.folder / 'run.py'} has no {name}()")
+        function: Callable[..., Any] = found
+        return function
+
+    def load(self) -> ModuleType:
+        """The module of its ``run.py``, loaded once."""
+        name = f"study_{self.folder.name}"
+        if name in sys.modules:
+            return sys.modules[name]
+        spec = importlib.util.spec_from_file_location(name, self.folder / "run.py")
+        if spec is None or spec.loader is None or not (self.folder / "run.py").exists():
+            raise InputError(f"{self.folder} has no run.py", name=self.name)
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[name]
+            raise
+        return module
+
+
+def studies_folder() -> Path:
+    """Where the studies are that were installed with this package.
+
+    Raises
+    ------
+    InputError
+        There are none.
+    """
+    spec = importlib.util.find_spec("studies")
+    if spec is None or not spec.submodule_search_locations:
+        raise InputError(
+            "the studies are not installed",
+            hint="they are in the folder studies of the project",
+            name="studies",
+        )
+    return Path(next(iter(spec.submodule_search_locations)))
+
+
+def list_studies() -> list[Study]:
+    """All studies, by their numbers."""
+    folders = sorted(path.parent for path in studies_folder().glob("[0-9]*_*/run.py"))
+    return [Study(folder) for folder in folders]
+
+
+def find_study(name: str) -> Study:
+    """A study by its name, with or without its number, or by the number alone.
+
+    Raises
+    ------
+    InputError
+        There is none of that name; the hint has near ones.
+    """
+    every = list_studies()
+    for study in every:
+        number = study.folder.name.partition("_")[0]
+        if name in (study.name, study.folder.name, number, number.lstrip("0")):
+            return study
+    raise InputError(
+        f"there is no study {name!r}",
+        hint=near_names(name, [study.name for study in every]),
+        name="name",
+        value=name,
+    )
+
+
+def call(folder_name: str, function: str, task: Any) -> Any:
+    """Call a function of a study's ``run.py`` with a task: what a worker is sent.
+
+    A worker, on this machine or another, finds the study by its name in its own installation.
+    """
+    return getattr(find_study(folder_name).load(), function)(task)

@@ -1,0 +1,190 @@
+"""Results of a study on disk: each task's as it is done, and one table when all are."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from calib.errors import FileFormatError, OutputError
+from posedesign.files import (
+    json_text,
+    make_folder,
+    read_bytes_bounded,
+    write_bytes_atomic,
+    write_text_atomic,
+)
+from posedesign.locking import held
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Columns = Mapping[str, Any]
+"""A table by columns: arrays or lists of one length."""
+
+_ABOUT, _LOCK, _PARTS = "about.json", "running.lock", "parts"
+_MOST_BYTES = 1_000_000
+
+
+class Store:
+    """A folder of results, of one study with one set of numbers.
+
+    Every task's rows are written whole or not at all, under the number of the task. When all are
+    there they are put behind each other, in the order of the tasks and one at a time, into one
+    table; so it is the same whatever the workers were, and however often it was stopped.
+
+    Parameters
+    ----------
+    folder : Path
+    name : str
+        Of the tables: ``name.parquet`` where pyarrow is installed, else ``name.csv``.
+    about : mapping
+        What makes results comparable: the study and all its numbers.
+    """
+
+    def __init__(self, folder: Path, name: str, about: Mapping[str, Any]) -> None:
+        self.folder = folder
+        self._name = name
+        self._about = json.loads(json_text(about))
+        self._ending = ".parquet" if has_parquet() else ".csv"
+
+    @property
+    def table(self) -> Path:
+        """The table of all results."""
+        return self.folder / f"{self._name}{self._ending}"
+
+    @contextmanager
+    def open(self, *, restart: bool = False) -> Iterator[None]:
+        """Hold the folder, and check that what is in it is of this study.
+
+        Raises
+        ------
+        InputError
+            Another process is running a study in it.
+        FileFormatError
+            The folder has results of other numbers.
+        """
+        make_folder(self.folder)
+        with held(self.folder / _LOCK, "running a study"):
+            about = self.folder / _ABOUT
+            if restart:
+                self._clear()
+            if about.exists():
+                self._check(about)
+            else:
+                self._clear()
+                write_text_atomic(about, json_text(self._about) + "\n")
+            make_folder(self.folder / _PARTS)
+            yield
+
+    def done(self) -> set[int]:
+        """Numbers of tasks whose results are there."""
+        if self.table.exists():
+            return set(self._numbers_before())
+        return {int(p.stem) for p in (self.folder / _PARTS).glob(f"*{self._ending}")}
+
+    def write(self, number: int, columns: Columns) -> None:
+        """Write the results of a task."""
+        data = _encoded(columns, self._ending)
+        write_bytes_atomic(self.folder / _PARTS / f"{number:09d}{self._ending}", data)
+
+    def assemble(self, count: int) -> Path:
+        """One table of the results of all ``count`` tasks, in order; the parts are removed."""
+        if not self.table.exists():
+            parts = [self.folder / _PARTS / f"{k:09d}{self._ending}" for k in range(count)]
+            aside = self.table.with_name(f".{self.table.name}")
+            try:
+                _join(parts, aside)
+                aside.replace(self.table)
+            except OSError as error:
+                aside.unlink(missing_ok=True)
+                raise OutputError(
+                    f"{self.table}: cannot be written: {error.strerror}",
+                    hint="make room, then start the same command again",
+                    name=str(self.table),
+                ) from error
+        shutil.rmtree(self.folder / _PARTS, ignore_errors=True)
+        return self.table
+
+    def read(self) -> pd.DataFrame:
+        """The table of all results."""
+        return read_table(self.table)
+
+    def _numbers_before(self) -> range:
+        return range(int(self._about.get("tasks", 0)))
+
+    def _clear(self) -> None:
+        shutil.rmtree(self.folder / _PARTS, ignore_errors=True)
+        for ending in (".csv", ".parquet"):
+            (self.folder / f"{self._name}{ending}").unlink(missing_ok=True)
+        (self.folder / _ABOUT).unlink(missing_ok=True)
+
+    def _check(self, about: Path) -> None:
+        try:
+            found = json.loads(read_bytes_bounded(about, most_bytes=_MOST_BYTES))
+        except ValueError:
+            found = None
+        if found != self._about:
+            raise FileFormatError(
+                "the folder has results of another study, or of other numbers",
+                path=about,
+                hint="name another folder with --out, or begin anew with --restart",
+            )
+
+
+def has_parquet() -> bool:
+    """Whether tables are written as Parquet."""
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """A table of results, whatever its form."""
+    import pandas as pd
+
+    if path.suffix == ".parquet":
+        return pd.read_parquet(path)
+    return pd.read_csv(path, float_precision="round_trip")
+
+
+def digest(content: object) -> str:
+    """Short digest of plain values."""
+    return hashlib.sha256(json_text(content).encode()).hexdigest()[:16]
+
+
+def _encoded(columns: Columns, ending: str) -> bytes:
+    import pandas as pd
+
+    frame = pd.DataFrame(dict(columns))
+    if ending == ".parquet":
+        stream = io.BytesIO()
+        frame.to_parquet(stream, index=False)
+        return stream.getvalue()
+    return frame.to_csv(index=False, lineterminator="\n").encode()
+
+
+def _join(parts: Sequence[Path], target: Path) -> None:
+    """Put parts behind each other, one in memory at a time."""
+    if target.name.endswith(".parquet"):
+        import pyarrow.parquet as pq
+
+        schema = pq.read_schema(parts[0])
+        with pq.ParquetWriter(target, schema) as writer:
+            for part in parts:
+                writer.write_table(pq.read_table(part, schema=schema))
+        return
+    with open(target, "wb") as out:
+        for k, part in enumerate(parts):
+            with open(part, "rb") as stream:
+                head = stream.readline()
+                if k == 0:
+                    out.write(head)
+                shutil.copyfileobj(stream, out)

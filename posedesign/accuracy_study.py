@@ -157,7 +157,7 @@ def accuracy_study(
             bound=FEWEST_DRAWS,
         )
     refuse_hand_eye(cell, "the study")
-    history = plan(_to_the_widest(cell))
+    history = plan(to_the_widest(cell))
     sets = improving_rounds(history)
     if not sets:
         raise InputError(
@@ -199,8 +199,9 @@ def truths(cell: Cell) -> list[Cell]:
     return [cell, replace(cell, config=cell.config.model_copy(update={"truth": rigid}))]
 
 
-def _to_the_widest(cell: Cell) -> Cell:
-    # no set reaches C_G = 1, its value for orthogonal columns, so the loop never stops early
+def to_the_widest(cell: Cell) -> Cell:
+    """The cell with a threshold that no set reaches: the loop goes on to the widest angles."""
+    # 1 is the value of C_G for orthogonal columns
     section = cell.config.plan.model_copy(update={"condition_threshold": 1.0})
     return replace(cell, config=cell.config.model_copy(update={"plan": section}))
 

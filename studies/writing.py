@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from posedesign.csv_tables import write_table
+from calib.errors import CalibError, InputError
+from posedesign.csv_tables import AsItIs, write_table
+from posedesign.csv_tables import read_rows as read_cells
 from posedesign.files import make_folder, write_json_atomic
-from posedesign.study.library import Options
+from posedesign.study.library import Advance, Options
 from posedesign.study.runner import Workers
 
 if TYPE_CHECKING:
@@ -34,10 +37,75 @@ def read_figures(out: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def write_rows(out: Path, name: str, rows: Sequence[Mapping[str, Any]]) -> Path:
-    """Write a table, columns as in its first row."""
+def write_rows(
+    out: Path, name: str, rows: Sequence[Mapping[str, Any]], digits: int | None = None
+) -> Path:
+    """Write a table: columns as in its first row, then those that only later rows have.
+
+    Numbers have nine decimals, or so many significant digits, however small they are.
+    """
     make_folder(out)
-    return write_table(out / name, list(rows[0]), list(rows))
+    columns = list(dict.fromkeys(column for row in rows for column in row))
+    if digits is not None:
+        rows = [{k: _exact(v) for k, v in rounded(row, digits).items()} for row in rows]
+    return write_table(out / name, columns, rows)
+
+
+def _exact(value: Any) -> Any:
+    return AsItIs(value) if isinstance(value, float) else value
+
+
+def read_rows(out: Path, name: str) -> list[dict[str, Any]]:
+    """A table that :func:`write_rows` wrote: numbers as such, all else as text."""
+    return [{k: _number(v) for k, v in row.cells.items()} for row in read_cells(out / name)[1]]
+
+
+def _number(cell: str) -> float | str:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
+
+
+def rounded(value: Any, digits: int) -> Any:
+    """Numbers with so many significant digits, in whatever holds them; None where there is none."""
+    if isinstance(value, Mapping):
+        return {key: rounded(item, digits) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [rounded(item, digits) for item in value]
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+    return value
+
+
+def table_line(cells: Sequence[str]) -> str:
+    """A line of a table in Markdown."""
+    return f"| {' | '.join(cells)} |"
+
+
+def table_of(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    return "\n".join([table_line(head), "|---" * len(head) + "|", *map(table_line, rows)])
+
+
+def trials_of(options: Options, own: int, least: int = 2) -> int:
+    """Number of trials: the study's own, or that of a short form.
+
+    Raises
+    ------
+    InputError
+        Fewer than the least that the study can tell anything from.
+    """
+    count = own if options.trials is None else options.trials
+    if count < least:
+        hint = f"give {least} or more"
+        raise InputError(f"{count} trials", hint=hint, name="trials", value=count, bound=least)
+    return count
+
+
+def part_of(advance: Advance, k: int, count: int, name: str) -> Advance:
+    """What reports the progress of the k-th of so many parts, which are taken for equal."""
+    return lambda what, part: advance(f"{name}: {what}", (k + part) / count)
 
 
 def save(figure: Figure, out: Path, name: str) -> list[Path]:
@@ -58,11 +126,12 @@ def script(
     study: Callable[[Options], Mapping[str, Any] | Sequence[Any]],
     plot: Callable[[Path], list[Path]],
     here: Path,
+    tables: Callable[[Any], str] | None = None,
 ) -> None:
     """Run a study as a script: ``python studies/NN_name/run.py [--trials N] [--jobs N] [--out]``.
 
     Without ``--out`` and ``--trials`` the results are those of the study's own folder, key figures
-    included.
+    included. Tables of the key figures are printed as the README has them.
     """
     parser = argparse.ArgumentParser(description=study.__doc__)
     parser.add_argument("--trials", type=int, help="in place of the study's own number")
@@ -70,9 +139,14 @@ def script(
     parser.add_argument("--out", type=Path, default=here, help="folder for the results")
     given = parser.parse_args()
     options = Options(given.out, given.trials, Workers(given.jobs))
-    figures = study(options)
+    try:
+        figures = study(options)
+    except CalibError as error:
+        raise SystemExit(str(error)) from None
     if given.out == here and given.trials is None:
         write_json_atomic(here / "expected.json", figures)
         (here / FIGURES).unlink(missing_ok=True)
+    if tables is not None:
+        print(tables(figures))
     for path in plot(given.out):
         print(f"drew {path}")

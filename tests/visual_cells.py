@@ -111,15 +111,17 @@ class Sight:
             self.camera, self.target, usual_noise(float(ellipse_axes(seen)[0]), self.imaging)
         )
 
-    def errors(self, found: SetUp) -> dict[str, float]:
+    def errors(self, found: SetUp, T_true_tip: FloatArray | None = None) -> dict[str, float]:
         """By how much a result is off, in mm and degrees.
 
         The target is compared with where the nominal arm has it when it stands at the first
         touch-up: more an arm that is not calibrated cannot know. ``base`` is how far that is from
-        where the target really is.
+        where the target really is. Where the arm really stands at that touch-up may be given, with
+        what its joints lose.
         """
         q = found.postures[0]
-        T_shown = self.robot.fk(q) @ np.linalg.inv(self.T_true_tip(q)) @ self.true.T_base_target
+        T_tip = self.T_true_tip(q) if T_true_tip is None else T_true_tip
+        T_shown = self.robot.fk(q) @ np.linalg.inv(T_tip) @ self.true.T_base_target
         T_camera = self.true.T_tip_camera
         turned = rotation_log(T_camera[:3, :3].T @ found.T_tip_camera[:3, :3])
         cosine = float(np.clip(found.facing.normal @ T_shown[:3, 2], -1.0, 1.0))

@@ -12,6 +12,7 @@ from calib.camera.conic import ellipse_axes
 from calib.camera.rendering import GreyImage, render
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
 from calib.visual.adapter import RobotAdapter
+from calib.visual.set_up import SetUp
 from calib.visual.simulated import LostMotion, SimulatedArms
 from tests.visual_cells import PRESETS, Sight, preset, random_sight, with_true
 
@@ -117,6 +118,17 @@ class TrickyRobot(RobotAdapter):
             T_tip_camera=true.T_tip_camera @ self.trick.T_camera_moved,
             T_base_target=true.T_base_target @ self.trick.T_target_moved,
         )
+
+    def errors(self, found: SetUp, approach_rad: float) -> dict[str, float]:
+        """By how much a first step is off now: :meth:`Sight.errors`."""
+        shown = self._shown
+        for q in (found.postures[0] - approach_rad, found.postures[0]):
+            self.move(q)
+        seen = inverse(self.T_camera_target)
+        truth = self.truth
+        T_true_tip = truth.true.T_base_target @ seen @ inverse(truth.true.T_tip_camera)
+        self.move(shown)
+        return truth.errors(found, T_true_tip)
 
     def grab(self) -> GreyImage:
         """See :meth:`RobotAdapter.grab`."""
@@ -325,7 +337,7 @@ def _frozen(sight: Sight, rng: np.random.Generator) -> tuple[Sight, Trick]:
 
 
 def _late(sight: Sight, rng: np.random.Generator) -> tuple[Sight, Trick]:
-    return sight, Trick("late", _late_or_early(rng), late=int(rng.integers(1, 4)))
+    return sight, Trick("late", _late_or_early(rng), late=1)
 
 
 def _at_limits(sight: Sight, rng: np.random.Generator) -> tuple[Sight, Trick]:

@@ -13,7 +13,7 @@ from calib.robots import Robot
 from calib.se3 import FloatArray, transform
 from calib.visual.jacobian import ImageJacobian
 
-LARGEST_RMS_PX = 0.5
+LARGEST_RMS_PX = 0.2
 """Rms by which half axes of the ellipses may differ from those of a circle: ten times their noise
 and what a lens bends. A target that is not round, or a wrist that turns the other way, is far off.
 """

@@ -6,13 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.robots import Robot
 from calib.se3 import FloatArray
 
 _PRIOR_M = 0.5
 """How far from the tip a camera is mounted at most: holds the first solutions, of small turns."""
 
 _EXPECTED_M = 3e-4
-"""What touch-ups of an arm that is not calibrated miss each other by, about."""
+"""What touch-ups of an arm that is not calibrated miss each other by besides, about."""
+
+_OFFSET_RAD = np.deg2rad(0.1)
+"""Zero offsets of an arm that is not calibrated, about."""
+
+_STEPS = 2
+"""Solutions: the Jacobian of the second is that of the pin tip of the first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +34,8 @@ class Pin:
         In the base frame [m].
     missed_m : array (N, 3)
         Pin tip less target at each touch-up, in base axes.
+    left_m : float
+        Rms distance of the touch-ups from each other that zero offsets do not explain.
     sigma_tool_m : float
         Largest standard deviation of the pin tip along any direction, from what is missed.
     """
@@ -34,6 +43,7 @@ class Pin:
     tool_m: FloatArray
     target_m: FloatArray
     missed_m: FloatArray
+    left_m: float
     sigma_tool_m: float
 
     @property
@@ -42,23 +52,37 @@ class Pin:
         return float(np.sqrt((self.missed_m**2).sum(axis=1).mean()))
 
 
-def solve_pin(T_base_tip: FloatArray, guess_m: FloatArray) -> Pin:
-    """Pin tip and target from poses ``(N, 4, 4)`` of the tip, all of which touch the target.
+def solve_pin(robot: Robot, q: FloatArray, guess_m: FloatArray) -> Pin:
+    """Pin tip and target from postures ``(N, n)`` [rad], all of which touch the target.
 
-    ``R_i p + t_i = m`` by least squares. The pin tip is held, weakly, to a guess ``(3,)`` [m], so
-    that there is an answer from the first touch-up on.
+    ``R_i p + t_i = m`` by least squares, where the arm is off by zero offsets about
+    :data:`_OFFSET_RAD`: they move the tip alike at like postures, which plain least squares takes
+    for a longer pin. They are unknowns with that standard deviation; the pin tip is held, weakly,
+    to a guess ``(3,)`` [m]. The target is where the pin tip was at the first touch-up, by the
+    nominal arm.
     """
-    count = len(T_base_tip)
-    A = np.zeros((3 * count + 3, 6))
-    A[: 3 * count, :3] = T_base_tip[:, :3, :3].reshape(-1, 3)
-    A[: 3 * count, 3:] = np.tile(-np.eye(3), (count, 1))
-    weight = _EXPECTED_M / _PRIOR_M
-    A[3 * count :, :3] = weight * np.eye(3)
-    right = np.concatenate([-T_base_tip[:, :3, 3].ravel(), weight * guess_m])
-    x = np.linalg.lstsq(A, right, rcond=None)[0]
-    missed = (A @ x - right)[: 3 * count].reshape(count, 3)
-    spread = T_base_tip[:, :3, :3] - T_base_tip[:, :3, :3].mean(axis=0)
-    information = np.einsum("kij,kil->jl", spread, spread) + weight**2 * np.eye(3)
-    noise = max(float(np.sqrt((missed**2).sum() / max(3 * count - 6, 1))), _EXPECTED_M)
-    sigma = float(noise / np.sqrt(np.linalg.eigvalsh(information)[0]))
-    return Pin(x[:3], x[3:], missed, sigma)
+    state = robot.state(q)
+    count, n = q.shape
+    R, t = state.R_base_tip, state.p_base_tip
+    tool = guess_m
+    for _ in range(_STEPS):
+        turned = state.jacobian(t + R @ tool)[:, :3]
+        A = np.zeros((3 * count + 3 + n, 6 + n))
+        A[: 3 * count, :3] = R.reshape(-1, 3) / _EXPECTED_M
+        A[: 3 * count, 3:6] = np.tile(-np.eye(3), (count, 1)) / _EXPECTED_M
+        A[: 3 * count, 6:] = turned.reshape(-1, n) / _EXPECTED_M
+        A[3 * count : 3 * count + 3, :3] = np.eye(3) / _PRIOR_M
+        A[3 * count + 3 :, 6:] = np.eye(n) / _OFFSET_RAD
+        right = np.zeros(len(A))
+        right[: 3 * count] = -t.ravel() / _EXPECTED_M
+        right[3 * count : 3 * count + 3] = guess_m / _PRIOR_M
+        x = np.linalg.lstsq(A, right, rcond=None)[0]
+        tool = x[:3]
+    points = t + R @ tool
+    missed = points - points.mean(axis=0)
+    covariance = np.linalg.inv(A.T @ A)
+    left = (A @ x - right)[: 3 * count]
+    square = float((left**2).sum())
+    scale = max(float(np.sqrt(square / max(3 * count - 6, 1))), 1.0)
+    sigma = scale * float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+    return Pin(tool, points[0], missed, _EXPECTED_M * float(np.sqrt(square / count)), sigma)

@@ -80,6 +80,10 @@ LARGEST_RMS_M = 5e-3
 """Rms distance by which touch-ups may miss each other. Zero offsets of half a degree stay below;
 joint signs that are not the robot's do not."""
 
+LARGEST_LEFT_M = 1e-3
+"""What is left of that when zero offsets are taken out: links of another robot, a target that has
+moved. Arms with usual errors leave a third of it."""
+
 LARGEST_SIGMA_M = 2e-3
 """Standard deviation of the virtual pin tip above which planning with it makes no sense."""
 
@@ -393,7 +397,7 @@ class _Inching:
 
     def _pin(self, jacobian: ImageJacobian) -> Pin:
         guess = jacobian.distance_m * jacobian.R_tip_camera[:, 2]
-        return solve_pin(self.robot.fk(np.array(self.postures)), guess)
+        return solve_pin(self.robot, np.array(self.postures), guess)
 
     def _solved(self, jacobian: ImageJacobian) -> SetUp | NoSetUp:
         pin = self._pin(jacobian)
@@ -408,6 +412,12 @@ class _Inching:
                 f"touch-ups of one target miss each other by {1e3 * pin.rms_m:.0f} mm",
                 "check the robot description and its joint signs, and that camera and target are "
                 "fixed",
+            )
+        if pin.left_m > LARGEST_LEFT_M + self._noise_m(jacobian):
+            return NoSetUp(
+                f"touch-ups of one target miss each other by {1e3 * pin.left_m:.1f} mm that no zero "
+                "offsets explain",
+                "check that the description is of this robot, and that camera and target are fixed",
             )
         if not pin.sigma_tool_m <= LARGEST_SIGMA_M:
             return NoSetUp(

@@ -22,6 +22,9 @@ def register(app: typer.Typer) -> None:
     """Add the commands of this module."""
     studies = typer.Typer(help="Studies by simulation.")
     studies.command("accuracy")(accuracy)
+    studies.command("list")(list_all)
+    studies.command("run")(run)
+    studies.command("plot")(plot)
     app.add_typer(studies, name="study")
     app.command()(demo)
 
@@ -53,6 +56,77 @@ def accuracy(
         print_study(study)
         print(f"wrote {table} and {figure}")
     return DONE
+
+
+StudyName = Annotated[str, typer.Argument(help="The study, see: posedesign study list")]
+StudyOut = Annotated[
+    Path | None,
+    typer.Option("--out", help="Folder for the results; default: study-results/NAME."),
+]
+
+
+def list_all(as_json: AsJson = False) -> int:
+    """List the studies and what they ask."""
+    from posedesign.study.library import list_studies
+
+    rows = [{"study": study.name, "question": study.question} for study in list_studies()]
+    if as_json:
+        print_json(rows)
+    else:
+        print_table("Studies", rows)
+    return DONE
+
+
+def run(
+    name: StudyName,
+    trials: Annotated[
+        int | None, typer.Option(min=1, help="In place of the study's own number.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes on this machine.")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler: tcp://host:8786")
+    ] = None,
+    out: StudyOut = None,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Begin anew, whatever results are there.")
+    ] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Run a study and draw its figures.
+
+    Stop it at any time: the same command goes on where it was.
+    """
+    from posedesign.study.library import Options, find_study
+    from posedesign.study.runner import Workers
+
+    found = find_study(name)
+    folder = out or results_of(found.name)
+    with progress(found.name, with_time_left=True) as advance:
+        workers = Workers(jobs, scheduler)
+        options = Options(folder, trials, workers, restart=restart, advance=advance)
+        figures = found.run(options)
+    drawn = found.plot(folder)
+    if as_json:
+        print_json(figures)
+    else:
+        for path in (*sorted(folder.glob("*.csv")), *drawn):
+            print(f"wrote {path}")
+    return DONE
+
+
+def plot(name: StudyName, out: StudyOut = None) -> int:
+    """Draw the figures of a study again, from the tables of a run."""
+    from posedesign.study.library import find_study
+
+    found = find_study(name)
+    for path in found.plot(out or results_of(found.name)):
+        print(f"wrote {path}")
+    return DONE
+
+
+def results_of(name: str) -> Path:
+    """Folder that the results of a study go to by default."""
+    return Path("study-results") / name
 
 
 def print_study(study: AccuracyStudy) -> None:

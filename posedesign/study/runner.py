@@ -23,7 +23,7 @@ _AHEAD = 2
 """Tasks a worker that are handed out before their results are taken: no worker waits, and what
 is in memory does not grow with the study."""
 
-_CONNECT_S = 10
+_CONNECT_S = 5
 """A scheduler that is there answers in a fraction of it."""
 
 

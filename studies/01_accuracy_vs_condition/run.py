@@ -1,79 +1,69 @@
-"""Run the study: python studies/01_accuracy_vs_condition/run.py [--draws N] [--out DIR]."""
+"""Run the study: posedesign study run accuracy_vs_condition [--trials N] [--jobs N] [--out DIR]."""
 
 from __future__ import annotations
 
-import argparse
-import json
+import sys
 import tomllib
+from functools import partial
 from pathlib import Path
-
-from posedesign.accuracy_study import IDENTIFIED_ARM, AccuracyStudy, accuracy_study, pick
-from posedesign.cell import Cell
-from posedesign.cli.output import print_table, progress
-from posedesign.report.accuracy_table import accuracy_rows
-from posedesign.template import cell_template
-from posedesign.workflow import write_study
+from typing import Any
 
 HERE = Path(__file__).parent
-OFFSET = "zero_offset.joint_2"
-PLATE = "plate distance worst"
-X = "X translation"
+sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
+
+from condition_figures import draw_identification, draw_solvers  # noqa: E402
+from condition_summary import relations, summary  # noqa: E402
+from condition_trials import conditions, simulate  # noqa: E402, F401 -- called by its name
+
+from posedesign.study.grid import Grid  # noqa: E402
+from posedesign.study.library import Options, call  # noqa: E402
+from posedesign.study.runner import run_grid  # noqa: E402
+from posedesign.study.store import Store, read_table  # noqa: E402
+from studies.writing import save, script, write_figures, write_rows  # noqa: E402
+
+SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETS, RELATIONS = "accuracy_vs_condition.csv", "relations.csv"
 
 
-def run(draws: int | None = None) -> AccuracyStudy:
-    """The study as its TOML describes it, with fewer draws where asked for."""
-    settings = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
-    cell = Cell.from_text(cell_template(settings["robot"], surroundings=False))
-    with progress("accuracy against condition") as advance:
-        return accuracy_study(
-            cell, draws=draws or settings["draws"], seed=settings["seed"], progress=advance
-        )
+def study(options: Options) -> dict[str, Any]:
+    """What does a lower condition number buy? A trial is one data set of each pose set."""
+    settings = SETTINGS | ({"trials": options.trials} if options.trials else {})
+    options.advance("planning", 0.0)
+    grid = Grid(conditions(settings), settings["trials"], settings["batch"], settings["seed"])
+    about = {"study": HERE.name, "tasks": len(grid), **settings}
+    table = run_grid(
+        partial(call, HERE.name, "simulate"),
+        grid,
+        Store(options.out, "trials", about),
+        options.workers,
+        restart=options.restart,
+        advance=lambda done, total: options.advance(f"{done} of {total} tasks", done / total),
+    )
+    rows = summary(read_table(table), settings["solvers"])
+    write_rows(options.out, SETS, rows)
+    import pandas as pd
+
+    related = relations(pd.DataFrame(rows), settings["solvers"])
+    write_rows(options.out, RELATIONS, related)
+    figures = {"trials": settings["trials"], "relations": [_rounded(row) for row in related]}
+    write_figures(options.out, figures)
+    return figures
 
 
-def key_figures(study: AccuracyStudy) -> list[dict[str, float]]:
-    """What the answer rests on, a row for each pose set; degrees and millimetres.
+def plot(folder: Path) -> list[Path]:
+    """Draw what the tables of a folder say."""
+    import pandas as pd
 
-    Medians and scatter of the deflecting arm, except where ``rigid`` stands in the name.
-    """
-    columns = {
-        "predicted_deg": ("deflecting", "touch-up weighted", OFFSET, "predicted_sigma"),
-        "scatter_deg": ("deflecting", "touch-up weighted", OFFSET, "spread"),
-        "scatter_unweighted_deg": ("deflecting", "touch-up unweighted", OFFSET, "spread"),
-        "scatter_view_line_deg": ("deflecting", "view line", OFFSET, "spread"),
-        "error_deg": ("deflecting", "touch-up weighted", OFFSET, "error_median"),
-        "error_rigid_deg": ("rigid", "touch-up weighted", OFFSET, "error_median"),
-        "plate_before_mm": ("deflecting", "uncalibrated", PLATE, "error_median"),
-        "plate_after_mm": ("deflecting", "touch-up weighted", PLATE, "error_median"),
-        "plate_after_rigid_mm": ("rigid", "touch-up weighted", PLATE, "error_median"),
-    }
-    for solver in ("hirsh", "li-dual-quaternion", "li-kronecker"):
-        short = solver.rpartition("-")[2]
-        columns[f"x_{short}_mm"] = ("deflecting", solver, X, "error_median")
-        identified = solver + IDENTIFIED_ARM
-        columns[f"x_{short}_identified_mm"] = ("deflecting", identified, X, "error_median")
-        columns[f"x_{short}_identified_refused"] = ("deflecting", identified, X, "failed")
-    sets = pick(study.findings, "deflecting", "touch-up weighted", OFFSET)
-    rows: list[dict[str, float]] = [{"d_deg": f.d_w_deg, "c_g": f.c_g} for f in sets]
-    for title, (truth, estimator, quantity, attribute) in columns.items():
-        for row, found in zip(rows, pick(study.findings, truth, estimator, quantity), strict=True):
-            value = getattr(found, attribute)
-            row[title] = value if value == value else None  # NaN has no place in JSON
-    return rows
+    rows = pd.read_csv(folder / SETS)
+    return [
+        *save(draw_identification(rows), folder, "accuracy_vs_condition"),
+        *save(draw_solvers(rows, SETTINGS["solvers"]), folder, "solvers_vs_condition"),
+    ]
 
 
-def main() -> None:
-    """Run, print, and write table, figure and key figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, help="noise draws for each pose set")
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
-    arguments = parser.parse_args()
-    study = run(arguments.draws)
-    write_study(study, arguments.out)
-    figures = key_figures(study)
-    (arguments.out / "expected.json").write_text(json.dumps(figures, indent=1) + "\n")
-    print_table("Accuracy against condition number", accuracy_rows(study))
-    print_table("Key figures", figures)
+def _rounded(row: dict[str, Any]) -> dict[str, Any]:
+    return {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in row.items()}
 
 
 if __name__ == "__main__":
-    main()
+    script(study, plot, HERE)

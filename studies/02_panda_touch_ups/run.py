@@ -1,17 +1,12 @@
-"""Run the study: python studies/02_panda_touch_ups/run.py [--out DIR].
+"""Run the study: ``posedesign study run panda_touch_ups``, or this file as a script.
 
-It needs measurements that the project does not contain: the folder that POSEDESIGN_DATA names, or
-``../shared/data`` beside the checkout.
+It needs measurements that the project does not contain, see :mod:`studies.real_data`.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
-import json
-import os
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +28,9 @@ from calib.parameters import (
     ZeroOffsets,
 )
 from calib.se3 import FloatArray, IntArray, apply
+from posedesign.study.library import Advance, Options
+from studies import drawing, writing
+from studies.real_data import data_with
 
 HERE = Path(__file__).parent
 SETTINGS = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
@@ -40,6 +38,39 @@ SITES: list[str] = SETTINGS["sites"]
 LABELS = [f"{site}_{socket}" for site in SITES for socket in SETTINGS["sockets"]]
 TOLERANCE_MM = 0.005
 """Of the figures on another machine: fits end within a thousandth of what they are worth."""
+
+RECORDINGS = "identification/panda_ball_in_socket"
+TABLE, FIGURE = "panda_touch_ups.csv", "panda_touch_ups"
+DIGITS = 6
+"""Significant digits in the table."""
+
+
+def study(options: Options) -> dict[str, Any]:
+    """Which errors of a real arm do touch-ups tell of?
+
+    The touch-ups are what they are and nothing is drawn at random: a number of trials is ignored.
+    """
+    rows = run(data_with(RECORDINGS) / RECORDINGS, advance=options.advance)
+    flat = [{name: value for name, value in row.items() if name != "sizes"} for row in rows]
+    writing.write_rows(options.out, TABLE, flat, DIGITS)
+    found = {"tolerance_mm": TOLERANCE_MM, "models": rows}
+    writing.write_figures(options.out, found)
+    return found
+
+
+def plot(folder: Path) -> list[Path]:
+    """Held-out rms of each model, a mark for each site."""
+    from matplotlib.figure import Figure
+
+    rows = writing.read_rows(folder, TABLE)
+    figure = Figure(figsize=(8.0, 4.2), layout="constrained")
+    axes = figure.subplots()
+    off = {site: [row[f"held_out_{site}_mm"] for row in rows] for site in SITES}
+    drawing.rows_of_marks(axes, [row["model"] for row in rows], off)
+    drawing.log_ticks(axes, [0.3, 0.5, 1.0, 2.0, 5.0, 10.0])
+    axes.set_xlabel("rms distance at the site that took no part in the fit [mm]")
+    axes.legend(title="site", frameon=False)
+    return writing.save(figure, folder, FIGURE)
 
 
 @dataclass(frozen=True)
@@ -58,14 +89,6 @@ class Fitted:
     model: CalibrationModel
     result: IdentificationResult
     sizes: dict[str, float]
-
-
-def measurements_folder() -> Path | None:
-    """Where the measurements are, if they are."""
-    named = os.environ.get("POSEDESIGN_DATA")
-    folder = Path(named) if named else HERE.parents[1].parent / "shared" / "data"
-    found = folder / "identification" / "panda_ball_in_socket"
-    return found if found.is_dir() else None
 
 
 def load(folder: Path) -> Recorded:
@@ -153,14 +176,16 @@ def socket_distance_mm(result: IdentificationResult, site: str) -> float:
     return float(1e3 * np.linalg.norm(second - first))
 
 
-def run(folder: Path, names: list[str] | None = None) -> list[dict[str, Any]]:
+def run(
+    folder: Path, names: list[str] | None = None, advance: Advance = lambda what, part: None
+) -> list[dict[str, Any]]:
     """A row of figures for each model of the study, or for those that are named."""
     robot, recorded = Robot.preset(SETTINGS["robot"]), load(folder)
     every = list(range(len(SITES)))
-    rows = []
-    for row in SETTINGS["model"]:
-        if names is not None and row["name"] not in names:
-            continue
+    rows: list[dict[str, Any]] = []
+    wanted = [row for row in SETTINGS["model"] if names is None or row["name"] in names]
+    for done, row in enumerate(wanted):
+        advance(row["name"], done / len(wanted))
         full = fit(robot, recorded, row, every)
         found: dict[str, Any] = {
             "model": row["name"],
@@ -180,68 +205,22 @@ def run(folder: Path, names: list[str] | None = None) -> list[dict[str, Any]]:
     return rows
 
 
-def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Held-out rms of each model, a row of dots each; one colour a site."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(8.0, 4.2), layout="constrained")
-    height = np.arange(len(rows))[::-1]
-    for site, marker in zip(SITES, "osD", strict=True):
-        off = [row[f"held_out_{site}_mm"] for row in rows]
-        axes.plot(off, height, marker, label=site, markersize=7, alpha=0.9)
-    axes.set_xscale("log")
-    ticks = [0.3, 0.5, 1.0, 2.0, 5.0, 10.0]
-    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
-    axes.minorticks_off()
-    axes.set_yticks(height, [row["model"] for row in rows])
-    axes.set_xlabel("rms distance at the site that took no part in the fit [mm]")
-    axes.grid(visible=True, axis="both", alpha=0.3)
-    axes.legend(title="site", frameon=False)
-    figure.savefig(path, dpi=120, metadata={"Software": None})
-    plt.close(figure)
-
-
-def table(rows: list[dict[str, Any]]) -> str:
+def table(found: Mapping[str, Any]) -> str:
     """The table of the README."""
-    lines = [
-        "| model | p | rms | held out: " + " | ".join(SITES) + " | sockets: " + " | ".join(SITES),
-        "|---" * 9,
-    ]
-    for row in rows:
+    first, *others = SITES
+    head = ["model", "p", "rms [mm]", f"held out [mm]: {first}", *others]
+    head += [f"sockets [mm]: {first}", *others]
+    lines = []
+    for row in found["models"]:
         cells = [row["model"], str(row["parameters"]), f"{row['rms_mm']:.3f}"]
         cells += [f"{row[f'held_out_{site}_mm']:.3f}" for site in SITES]
-        cells += [f"{row[f'sockets_{site}_mm']:.2f}" for site in SITES]
-        lines.append("| " + " | ".join(cells))
-    return "\n".join(line + " |" for line in lines)
+        lines.append(cells + [f"{row[f'sockets_{site}_mm']:.2f}" for site in SITES])
+    return writing.table_of(head, lines)
 
 
 def main() -> None:
-    """Run, print, and write table, figure and key figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
-    out: Path = parser.parse_args().out
-    folder = measurements_folder()
-    if folder is None:
-        print("skipped: there are no measurements; POSEDESIGN_DATA names their folder")
-        return
-    rows = run(folder)
-    print(table(rows))
-    for row in rows:
-        print(row["model"], {name: f"{size:.3g}" for name, size in row["sizes"].items()})
-    out.mkdir(parents=True, exist_ok=True)
-    expected = {"tolerance_mm": TOLERANCE_MM, "models": rows}
-    (out / "expected.json").write_text(json.dumps(expected, indent=1) + "\n", encoding="utf-8")
-    with (out / "panda_touch_ups.csv").open("w", newline="", encoding="utf-8") as file:
-        columns = [name for name in rows[0] if name != "sizes"]
-        writer = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(
-            {k: f"{v:.4f}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
-        )
-    draw(rows, out / "panda_touch_ups.png")
+    """Run, draw and print."""
+    writing.script(study, plot, HERE, table)
 
 
 if __name__ == "__main__":

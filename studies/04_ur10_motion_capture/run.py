@@ -1,17 +1,14 @@
-"""Run the study: python studies/04_ur10_motion_capture/run.py [--out DIR] [--tables DIR].
+"""Run the study: ``posedesign study run ur10_motion_capture``, or this file as a script.
 
-It needs measurements that the project does not contain: the folder that POSEDESIGN_DATA names, or
-``../shared/data`` beside the checkout.
+It needs measurements that the project does not contain, see :mod:`studies.real_data`.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
-import os
-import tempfile
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +22,11 @@ from calib.se3 import FloatArray, rotation_exp, rotation_from_wpr, rotation_log,
 from posedesign.before_after import identify_models
 from posedesign.cell import Cell
 from posedesign.csv_tables import write_table
+from posedesign.files import make_folder
 from posedesign.measurement_table import read_measurements
+from posedesign.study.library import Advance, Options
+from studies import drawing, writing
+from studies.real_data import data_with, folder_for_recordings
 
 HERE = Path(__file__).parent
 SETTINGS = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
@@ -33,6 +34,16 @@ NOMINAL, FRAMES_ONLY, GEOMETRY = "nothing fitted", "frames only", "geometry"
 TOLERANCE_MM = 0.005
 """Of the figures on another machine, in mm and mrad: fits end within a thousandth of what they
 are worth, the noise that is estimated with them included."""
+
+RECORDINGS = "identification/ur10"
+TABLE, FIGURE = "ur10_motion_capture.csv", "ur10_motion_capture"
+CELLS = {"estimated": "cell.toml", "given": "cell_given_noise.toml"}
+"""File of each cell, by what its noise is."""
+
+DIGITS = 6
+"""Significant digits in the table."""
+
+SHOWN = ("rms_mm", "leave_one_out_mm", "rms_mrad", "leave_one_out_mrad")
 
 CELL = """# The cell of the UR10, as far as an identification needs one.
 [robot]
@@ -53,10 +64,40 @@ three_sigma_deg = {deg}
 """
 
 
-def data_folder() -> Path:
-    """Where real measurements are looked for."""
-    named = os.environ.get("POSEDESIGN_DATA")
-    return Path(named) if named else HERE.parents[1].parent / "shared" / "data"
+def study(options: Options) -> dict[str, Any]:
+    """Is there anything to gain on this arm?
+
+    The recordings are what they are and nothing is drawn at random: a number of trials is ignored.
+    Beside the results stand two cells and ``measurements.csv``, which ``posedesign identify``
+    takes, unless the results go to the study's own folder.
+    """
+    data = data_with(RECORDINGS)
+    with folder_for_recordings(options.out, HERE) as tables:
+        found = run(data, tables, options.advance)
+    rows = [{"noise": name} | row for name in CELLS for row in found[name]["models"]]
+    writing.write_rows(options.out, TABLE, rows, DIGITS)
+    writing.write_figures(options.out, found)
+    return found
+
+
+def plot(folder: Path) -> list[Path]:
+    """Leave-one-out and in-sample rms of each model that was fitted: position, and orientation."""
+    from matplotlib.figure import Figure
+
+    every = [row for row in writing.read_rows(folder, TABLE) if row["noise"] == "estimated"]
+    rows = [row for row in every if row["model"] != NOMINAL]
+    names = [f"{row['model']} ({row['parameters']:g})" for row in rows]
+    figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, unit in zip(panels, ("mm", "mrad"), strict=True):
+        out = [row[f"leave_one_out_{unit}"] for row in rows]
+        left = {"in the fit": [row[f"rms_{unit}"] for row in rows], "left out of it": out}
+        drawing.rows_of_marks(axes, names, left)
+        axes.set_xlim(0.0, 1.15 * max(out))
+        what = "distance" if unit == "mm" else "turn"
+        axes.set_xlabel(f"rms {what} left at the tool [{unit}]")
+    panels[0].legend(frameon=False, loc="lower left")
+    return writing.save(figure, folder, FIGURE)
 
 
 def write_tables(data: Path, out: Path) -> tuple[list[Path], Path]:
@@ -64,7 +105,7 @@ def write_tables(data: Path, out: Path) -> tuple[list[Path], Path]:
 
     ``cell.toml`` leaves the noise to the residuals, ``cell_given_noise.toml`` gives it.
     """
-    folder = data / "identification" / "ur10"
+    folder = data / RECORDINGS
     with (folder / "calibration.csv").open(encoding="utf-8") as file:
         columns = next(csv.reader(file))
     numbers = np.loadtxt(folder / "calibration.csv", delimiter=",", skiprows=1)
@@ -90,8 +131,8 @@ def write_tables(data: Path, out: Path) -> tuple[list[Path], Path]:
     )
     given = SETTINGS["given_noise"]
     noise = NOISE.format(mm=3.0 * given["mm"], deg=float(3.0 * np.rad2deg(1e-3 * given["mrad"])))
-    out.mkdir(parents=True, exist_ok=True)
-    cells = [out / "cell.toml", out / "cell_given_noise.toml"]
+    make_folder(out)
+    cells = [out / name for name in CELLS.values()]
     for path, content in zip(cells, (text, text + noise), strict=True):
         path.write_text(content, encoding="utf-8")
     return cells, write_table(out / "measurements.csv", list(rows[0]), rows)
@@ -162,11 +203,12 @@ def paired(a: FloatArray, b: FloatArray) -> dict[str, float]:
     return {"gain": float(gain.mean()), "chance": chance}
 
 
-def run(data: Path, tables: Path) -> dict[str, Any]:
+def run(data: Path, tables: Path, advance: Advance = lambda what, part: None) -> dict[str, Any]:
     """All figures of the study; the tables are written to a folder, and read from there."""
     cells, measured = write_tables(data, tables)
     found: dict[str, Any] = {"tolerance_mm": TOLERANCE_MM}
-    for name, path in zip(("estimated", "given"), cells, strict=True):
+    for done, (name, path) in enumerate(zip(CELLS, cells, strict=True)):
+        advance(f"noise {name}", done / len(CELLS))
         cell = Cell.load(path)
         table = read_measurements(measured, cell.robot.n)
         comparison = identify_models(cell, table).comparison
@@ -184,79 +226,25 @@ def run(data: Path, tables: Path) -> dict[str, Any]:
     return found
 
 
-def draw(found: dict[str, Any], path: Path) -> None:
-    """Leave-one-out and in-sample rms of each model that was fitted: position, and orientation."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    rows = found["estimated"]["models"][1:]
-    figure, panels = plt.subplots(1, 2, figsize=(9.0, 3.2), sharey=True, layout="constrained")
-    height = np.arange(len(rows))[::-1]
-    for axes, unit in zip(panels, ("mm", "mrad"), strict=True):
-        inside = [row[f"rms_{unit}"] for row in rows]
-        axes.plot(inside, height, "D", markersize=6, mfc="none", label="in the fit")
-        out = [row[f"leave_one_out_{unit}"] for row in rows]
-        axes.plot(out, height, "o", markersize=8, label="left out of it")
-        axes.set_xlim(0.0, 1.15 * max(out))
-        axes.set_yticks(height, [f"{row['model']} ({row['parameters']})" for row in rows])
-        what = "distance" if unit == "mm" else "turn"
-        axes.set_xlabel(f"rms {what} left at the tool [{unit}]")
-        axes.grid(visible=True, axis="both", alpha=0.3)
-    panels[0].legend(frameon=False, loc="lower left")
-    figure.savefig(path, dpi=120, metadata={"Software": None})
-    plt.close(figure)
-
-
-FIGURES = ("rms_mm", "leave_one_out_mm", "rms_mrad", "leave_one_out_mrad")
-
-
-def table(found: dict[str, Any]) -> str:
+def table(found: Mapping[str, Any]) -> str:
     """The table of the README: in each cell with noise from the residuals, and with noise given."""
-    lines = [
-        "| model | p | rms [mm] | leave-one-out | rms [mrad] | leave-one-out",
-        "|---" * (2 + len(FIGURES)),
-    ]
-    pairs = zip(found["estimated"]["models"], found["given"]["models"], strict=True)
+    head = ["model", "p", "rms [mm]", "leave-one-out", "rms [mrad]", "leave-one-out"]
+    lines = []
+    pairs = zip(*(found[name]["models"] for name in CELLS), strict=True)
     for row, other in pairs:
         both = [row["parameters"], other["parameters"]]
         cells = [row["model"], " / ".join(str(p) for p in dict.fromkeys(both))]
-        for name in FIGURES:
+        for name in SHOWN:
             digits = 1 if row["model"] == NOMINAL else 3
             shown = [f"{r[name]:.{digits}f}" for r in (row, other)]
             cells.append(" / ".join(dict.fromkeys(shown)))
-        lines.append("| " + " | ".join(cells))
-    return "\n".join(line + " |" for line in lines)
+        lines.append(cells)
+    return writing.table_of(head, lines)
 
 
 def main() -> None:
-    """Run, print, and write table, figure and key figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
-    parser.add_argument("--tables", type=Path, help="folder for cells and measurements.csv")
-    arguments = parser.parse_args()
-    out: Path = arguments.out
-    data = data_folder()
-    if not (data / "identification" / "ur10").is_dir():
-        print(f"skipped: no measurements of the UR10 in {data}; POSEDESIGN_DATA names another")
-        return
-    with tempfile.TemporaryDirectory() as scratch:
-        found = run(data, arguments.tables or Path(scratch))
-    print(table(found))
-    for name in ("estimated", "given"):
-        print(f"noise {name}: recommended {found[name]['recommended']}; {found[name]['reason']}")
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "expected.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    with (out / "ur10_motion_capture.csv").open("w", newline="", encoding="utf-8") as file:
-        columns = ["noise", *found["given"]["models"][0]]
-        writer = csv.DictWriter(file, columns, lineterminator="\n")
-        writer.writeheader()
-        for name in ("estimated", "given"):
-            for row in found[name]["models"]:
-                cells = {k: f"{v:.4f}" if isinstance(v, float) else v for k, v in row.items()}
-                writer.writerow({"noise": name, **cells})
-    draw(found, out / "ur10_motion_capture.png")
+    """Run, draw and print."""
+    writing.script(study, plot, HERE, table)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,10 @@
-"""Run the study: python studies/10_what_buys_accuracy/run.py [--trials N] [--out DIR]."""
+"""Run the study: ``posedesign study run what_buys_accuracy``, or this file as a script."""
 
 from __future__ import annotations
 
-import argparse
-import csv
-import json
 import sys
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +16,8 @@ sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loade
 from buys import Bench, Measured, Variant  # noqa: E402
 from buys_figure import draw  # noqa: E402
 
-from posedesign.cli.output import progress  # noqa: E402
+from posedesign.study.library import Advance, Options  # noqa: E402
+from studies import writing  # noqa: E402
 from studies.tool_errors import ToolErrors  # noqa: E402
 
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
@@ -28,9 +26,37 @@ BASELINE = VARIANTS[0].key
 DIGITS = 5
 """Significant digits of what is written: more than the sampling leaves."""
 
+TABLE, FIGURE = "what_buys_accuracy.csv", "what_buys_accuracy"
+
+
+def study(options: Options) -> dict[str, Any]:
+    """What buys accuracy, and what does it cost?
+
+    A trial is a set of touch-ups of a variant, identified and held against the true arm. On the arm
+    that deflects there are ``deflecting_trials`` at most.
+    """
+    trials = writing.trials_of(options, SETTINGS["trials"])
+    said: dict[str, Any] = {"trials": trials, "arms": {}}
+    for k, arm in enumerate(SETTINGS["arms"]):
+        advance = writing.part_of(options.advance, k, len(SETTINGS["arms"]), arm)
+        table = rows(run(arm, trials, advance=advance))
+        said["arms"][arm] = {"before": before(arm), "rows": table}
+    every = [{"arm": arm} | row for arm, part in said["arms"].items() for row in part["rows"]]
+    writing.write_rows(options.out, TABLE, every)
+    writing.write_figures(options.out, said)
+    return said
+
+
+def plot(folder: Path) -> list[Path]:
+    """The error over the box of each way to measure, and its time."""
+    return writing.save(draw(writing.read_figures(folder)["arms"]), folder, FIGURE)
+
 
 def run(
-    arm: str, trials: int | None = None, keys: Sequence[str] | None = None
+    arm: str,
+    trials: int | None = None,
+    keys: Sequence[str] | None = None,
+    advance: Advance = lambda what, part: None,
 ) -> dict[str, Measured]:
     """What each variant comes to on an arm; each has random numbers of its own."""
     bench = Bench(arm, SETTINGS)
@@ -38,11 +64,10 @@ def run(
     deflecting = min(count, SETTINGS["deflecting_trials"])
     found = {}
     wanted = [v for v in VARIANTS if keys is None or v.key in keys]
-    with progress(arm) as advance:
-        for done, variant in enumerate(wanted):
-            advance(variant.says, done / len(wanted))
-            stream = VARIANTS.index(variant)
-            found[variant.key] = bench.measure(variant, count, deflecting, stream)
+    for done, variant in enumerate(wanted):
+        advance(variant.says, done / len(wanted))
+        stream = VARIANTS.index(variant)
+        found[variant.key] = bench.measure(variant, count, deflecting, stream)
     return found
 
 
@@ -60,8 +85,9 @@ def rows(found: dict[str, Measured]) -> list[dict[str, Any]]:
         row["worth_a_minute"] = information * base.minutes / measured.minutes
         if measured.deflecting is not None:
             row |= _figures("deflecting_", measured.deflecting)
-        table.append({k: rounded(v) for k, v in row.items()})
-    return table
+        table.append(row)
+    rounded: list[dict[str, Any]] = writing.rounded(table, DIGITS)
+    return rounded
 
 
 def _figures(prefix: str, errors: ToolErrors) -> dict[str, float]:
@@ -90,12 +116,16 @@ def before(arm: str) -> dict[str, float]:
     said = {"rigid_mm": 1e3 * bench.before_m(deflects=False)}
     if bench.cell.deflects:
         said["deflecting_mm"] = 1e3 * bench.before_m(deflects=True)
-    return {k: rounded(v) for k, v in said.items()}
+    rounded: dict[str, float] = writing.rounded(said, DIGITS)
+    return rounded
 
 
-def rounded(value: Any) -> Any:
-    """A number with :data:`DIGITS` digits."""
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+def tables(said: Mapping[str, Any]) -> str:
+    """What the README has of each arm."""
+    return "\n\n".join(
+        f"{arm}, before calibration {part['before']}\n{markdown(part['rows'])}"
+        for arm, part in said["arms"].items()
+    )
 
 
 def markdown(table: list[dict[str, Any]]) -> str:
@@ -110,7 +140,7 @@ def markdown(table: list[dict[str, Any]]) -> str:
         cells += [_digits(row["worth_a_minute"], 2)]
         if "deflecting_rms_mm" in row:
             cells += [_digits(row["deflecting_rms_mm"], 3)]
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(writing.table_line(cells))
     return "\n".join(lines)
 
 
@@ -123,30 +153,8 @@ def _short(value_mm: float) -> str:
 
 
 def main() -> None:
-    """Run, print, and write table, figure and key figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, help="sets of touch-ups of each variant")
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
-    arguments = parser.parse_args()
-    out: Path = arguments.out
-    out.mkdir(parents=True, exist_ok=True)
-    said: dict[str, Any] = {"trials": arguments.trials or SETTINGS["trials"], "arms": {}}
-    for arm in SETTINGS["arms"]:
-        table = rows(run(arm, arguments.trials))
-        said["arms"][arm] = {"before": before(arm), "rows": table}
-        print(arm, said["arms"][arm]["before"], markdown(table), sep="\n")
-    (out / "expected.json").write_text(json.dumps(said, indent=1) + "\n")
-    _write_csv(said["arms"], out / "what_buys_accuracy.csv")
-    draw(said["arms"], out / "what_buys_accuracy.png")
-
-
-def _write_csv(arms: dict[str, Any], path: Path) -> None:
-    every = [{"arm": arm} | row for arm, part in arms.items() for row in part["rows"]]
-    columns = list(dict.fromkeys(name for row in every for name in row))
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(every)
+    """Run, draw and print."""
+    writing.script(study, plot, HERE, tables)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -14,10 +13,10 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73")
 TITLES = {"same": "random sets of 27 poses", "mixed": "random sets of 8 to 60 poses, 15 to 60 deg"}
 
 
-def draw(said: dict[str, Any], path: Path) -> None:
+def draw(said: dict[str, Any]) -> Figure:
     """Above the error against that of I; below rank correlations of indices with the error."""
     problems = list(dict.fromkeys(row["problem"] for row in said["chosen"]))
-    figure = Figure(figsize=(12.5, 10.0), dpi=90, layout="constrained")
+    figure = Figure(figsize=(12.5, 10.0), layout="constrained")
     grid = figure.add_gridspec(2, 2, height_ratios=[1.0, 1.15])
     counts = list(dict.fromkeys(row["poses"] for row in said["chosen"]))
     for column, poses in enumerate(counts[:2]):
@@ -35,7 +34,7 @@ def draw(said: dict[str, Any], path: Path) -> None:
         panel.set_xlabel("rank correlation with the error over the box")
     handles, labels = panel.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(problems), frameon=False)
-    figure.savefig(path, metadata={"Software": None})
+    return figure
 
 
 def _lines(

@@ -1,15 +1,10 @@
-"""Run the study: python studies/11_which_index_predicts/run.py [--trials N] [--sets N] [--out DIR].
-
-Fewer trials for each set, and fewer random sets, for a short look.
-"""
+"""Run the study: ``posedesign study run which_index_predicts``, or this file as a script."""
 
 from __future__ import annotations
 
-import argparse
-import csv
-import json
 import sys
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +18,47 @@ from index_figure import draw  # noqa: E402
 from index_ranks import Bank, correlations  # noqa: E402
 from index_truths import held  # noqa: E402
 
+from posedesign.study.library import Options  # noqa: E402
+from studies import writing  # noqa: E402
+
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
 KINDS = ("same", "mixed")
 DIGITS = 5
 """Significant digits of what is written: more than the sampling leaves."""
+
+FIGURE = "which_index_predicts"
+
+
+def study(options: Options) -> dict[str, Any]:
+    """Which index predicts accuracy, and how far is the prediction to be trusted?
+
+    A trial is a set of touch-ups of one set of poses. A short form of N has as many in all three
+    parts, and N random sets of each kind at most.
+    """
+    if options.trials is None:
+        trials, sets = None, SETTINGS["ranked"]["sets"]
+    else:
+        trials = writing.trials_of(options, options.trials)
+        sets = min(trials, SETTINGS["ranked"]["sets"])
+    problems = SETTINGS["problems"]
+    said: dict[str, Any] = {"chosen": [], "ranked": []}
+    for k, problem in enumerate(problems):
+        options.advance(f"{problem}: chosen poses", k / (len(problems) + 1))
+        said["chosen"] += chosen(problem, SETTINGS, trials=trials)
+        options.advance(f"{problem}: random sets", (k + 0.5) / (len(problems) + 1))
+        said["ranked"] += ranked(problem, trials, sets)
+    options.advance("models right and wrong", len(problems) / (len(problems) + 1))
+    said["held"] = held(next(iter(SETTINGS["arms"])), SETTINGS, trials=trials)
+    figures: dict[str, Any] = writing.rounded(said, DIGITS)
+    for name, rows in figures.items():
+        writing.write_rows(options.out, f"{name}.csv", rows)
+    writing.write_figures(options.out, figures)
+    return figures
+
+
+def plot(folder: Path) -> list[Path]:
+    """What choosing by each criterion costs, and how each index ranks random sets."""
+    return writing.save(draw(writing.read_figures(folder)), folder, FIGURE)
 
 
 def ranked(
@@ -44,31 +76,12 @@ def ranked(
     return rows
 
 
-def run(trials: int | None = None, sets: int | None = None) -> dict[str, Any]:
-    """All three parts."""
-    said: dict[str, Any] = {"chosen": [], "ranked": []}
-    for problem in SETTINGS["problems"]:
-        print(problem, file=sys.stderr)
-        said["chosen"] += chosen(problem, SETTINGS, trials=trials)
-        said["ranked"] += ranked(problem, trials, sets)
-    said["held"] = held(next(iter(SETTINGS["arms"])), SETTINGS, trials=trials)
-    return {name: [_rounded(row) for row in rows] for name, rows in said.items()}
-
-
-def _rounded(row: dict[str, Any]) -> dict[str, Any]:
-    """Numbers with :data:`DIGITS` digits."""
-    return {
-        k: float(f"{v:.{DIGITS}g}") if isinstance(v, float | np.floating) else v
-        for k, v in row.items()
-    }
-
-
-def markdown(said: dict[str, Any]) -> str:
+def markdown(said: Mapping[str, Any]) -> str:
     """The tables that people read."""
     return "\n\n".join((_chosen_table(said), _ranked_table(said), _held_table(said)))
 
 
-def _chosen_table(said: dict[str, Any]) -> str:
+def _chosen_table(said: Mapping[str, Any]) -> str:
     lines = []
     by_cell = {(r["criterion"], r["poses"], r["problem"]): r for r in said["chosen"]}
     for name, poses in dict.fromkeys((c, n) for c, n, _ in by_cell):
@@ -80,11 +93,11 @@ def _chosen_table(said: dict[str, Any]) -> str:
             if row["times_I_low"] < row["times_I_high"]:
                 times += f" ({row['times_I_low']:.2f} to {row['times_I_high']:.2f})"
             cells.append(times)
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(writing.table_line(cells))
     return "\n".join(lines)
 
 
-def _ranked_table(said: dict[str, Any]) -> str:
+def _ranked_table(said: Mapping[str, Any]) -> str:
     lines = []
     by_cell = {(r["index"], r["problem"], r["sets"]): r for r in said["ranked"]}
     for name in dict.fromkeys(index for index, _, _ in by_cell):
@@ -95,11 +108,11 @@ def _ranked_table(said: dict[str, Any]) -> str:
                 cells.append(
                     f"{row['rho']:.2f} ({row['low']:.2f} to {row['high']:.2f})" if row else ""
                 )
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(writing.table_line(cells))
     return "\n".join(lines)
 
 
-def _held_table(said: dict[str, Any]) -> str:
+def _held_table(said: Mapping[str, Any]) -> str:
     lines = []
     by_cell = {(r["case"], r["set"]): r for r in said["held"]}
     names = list(dict.fromkeys(s for _, s in by_cell))
@@ -111,28 +124,13 @@ def _held_table(said: dict[str, Any]) -> str:
             cells.append(f"{row['rms_mm']:.3f}".lstrip("0"))
             ends = f"{row['ratio_low']:.{digits}f} to {row['ratio_high']:.{digits}f}"
             cells.append(f"{row['ratio']:.{digits}f} ({ends})")
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(writing.table_line(cells))
     return "\n".join(lines)
 
 
 def main() -> None:
-    """Run, print, and write tables, figure and key figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--trials", type=int, help="sets of touch-ups of each set of poses")
-    parser.add_argument("--sets", type=int, help="random sets of each kind")
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
-    arguments = parser.parse_args()
-    out: Path = arguments.out
-    out.mkdir(parents=True, exist_ok=True)
-    said = run(arguments.trials, arguments.sets)
-    (out / "expected.json").write_text(json.dumps(said, indent=1) + "\n")
-    for name, rows in said.items():
-        with (out / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-    draw(said, out / "which_index_predicts.png")
-    print(markdown(said))
+    """Run, draw and print."""
+    writing.script(study, plot, HERE, markdown)
 
 
 if __name__ == "__main__":

@@ -1,14 +1,12 @@
-"""Run the study: python studies/12_visual_touch_up/run.py [--trials N] [--out DIR]."""
+"""Run the study: ``posedesign study run visual_touch_up``, or this file as a script."""
 
 from __future__ import annotations
 
-import argparse
-import csv
 import json
 import re
 import sys
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +18,11 @@ sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loade
 import visual_pin as pin  # noqa: E402
 import visual_tables as tables  # noqa: E402
 from visual_bench import Bench, cell_of, joint_scatter  # noqa: E402
-from visual_figure import draw  # noqa: E402
+from visual_figure import CLOUDS, draw  # noqa: E402
 
 from calib.se3 import FloatArray  # noqa: E402
-from posedesign.cli.output import progress  # noqa: E402
+from posedesign.study.library import Advance, Options  # noqa: E402
+from studies import writing  # noqa: E402
 
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
 LINE_ONLY = "afresh"
@@ -33,18 +32,60 @@ DIGITS = 5
 """Significant digits of what is written: more than the sampling leaves."""
 
 
+FIGURE = "visual_touch_up"
+CLOUD_SHOWN = 600
+"""Points of a cloud that are kept: enough for its shape, few enough to see a hundred among them."""
+
+
+def study(options: Options) -> dict[str, Any]:
+    """How well does a camera touch up?
+
+    A trial is a repetition of a measurement: a touch-up, a stereo measurement, a touch-up less the
+    real pin. A short form has as many of all.
+    """
+    trials = None if options.trials is None else writing.trials_of(options, options.trials)
+    rows, clouds = run(trials, advance=writing.part_of(options.advance, 0, 2, "Tables 1 and 2"))
+    options.advance("Table 3", 0.5)
+    said: dict[str, Any] = {"rows": rows, "pin": against_pin(trials), "derived": derived()}
+    figures: dict[str, Any] = writing.rounded(said, DIGITS)
+    writing.write_rows(options.out, "visual_touch_up.csv", figures["rows"])
+    pin_rows = [_flat(row) for row in figures["pin"]["rows"]]
+    writing.write_rows(options.out, "visual_less_pin.csv", pin_rows)
+    for part in CLOUDS:
+        writing.write_rows(options.out, f"cloud_{part}.csv", cloud_rows(clouds, part))
+    writing.write_figures(options.out, figures)
+    return figures
+
+
+def plot(folder: Path) -> list[Path]:
+    """Clouds of repeated measurements, and what a pin is missed by."""
+    clouds = {part: writing.read_rows(folder, f"cloud_{part}.csv") for part in CLOUDS}
+    return writing.save(draw(clouds, writing.read_figures(folder), SETTINGS), folder, FIGURE)
+
+
 def run(
-    trials: int | None = None, keys: Sequence[str] | None = None
+    trials: int | None = None,
+    keys: Sequence[str] | None = None,
+    advance: Advance = lambda what, part: None,
 ) -> tuple[list[dict[str, Any]], dict[str, dict[str, FloatArray]]]:
     """Tables 1 and 2 under each condition, and the clouds behind them."""
     rows, clouds = [], {}
     wanted = [c for c in SETTINGS["condition"] if keys is None or c["key"] in keys]
-    with progress("visual touch-up") as advance:
-        for done, condition in enumerate(wanted):
-            advance(condition["says"], done / len(wanted))
-            row, clouds[condition["key"]] = tables.row(condition, SETTINGS, trials)
-            rows.append(row)
+    for done, condition in enumerate(wanted):
+        advance(condition["says"], done / len(wanted))
+        row, clouds[condition["key"]] = tables.row(condition, SETTINGS, trials)
+        rows.append(row)
     return rows, clouds
+
+
+def cloud_rows(clouds: dict[str, dict[str, FloatArray]], part: str) -> list[dict[str, Any]]:
+    """Points of the clouds that are drawn: ``touch_up`` along V, H, D or ``stereo`` in the base."""
+    names = [f"{axis}_mm" for axis in (tables.AXES if part == "touch_up" else tables.BASE_AXES)]
+    return [
+        {"condition": key} | dict(zip(names, writing.rounded(point, DIGITS), strict=True))
+        for key in CLOUDS[part]
+        for point in clouds[key][part][:CLOUD_SHOWN].tolist()
+    ]
 
 
 def against_pin(trials: int | None = None, seen: str = "image") -> dict[str, Any]:
@@ -67,15 +108,6 @@ def derived() -> dict[str, Any]:
     }
 
 
-def rounded(value: Any) -> Any:
-    """Numbers with :data:`DIGITS` digits, in whatever holds them."""
-    if isinstance(value, dict):
-        return {k: rounded(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [rounded(v) for v in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
-
-
 def _short(value: float, sign: str = "") -> str:
     """Three decimals without the zero before the point, and no sign of nothing."""
     return re.sub(r"\b0\.", ".", f"{round(value, 3) + 0.0:{sign}.3f}")
@@ -93,7 +125,7 @@ def _cells(row: dict[str, Any], axes: Sequence[str], *, interval: bool) -> list[
 
 def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
     rule = ["---"] * len(head)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *lines))
+    return "\n".join(writing.table_line(cells) for cells in (head, rule, *lines))
 
 
 def markdown_repeated(rows: list[dict[str, Any]], axes: Sequence[str]) -> str:
@@ -124,11 +156,11 @@ def markdown_pin(rows: list[dict[str, Any]]) -> str:
     return _table(["45 deg about", "touch-up", "x", "y", "z", "predicted", "3 sigma"], lines)
 
 
-def _write(rows: list[dict[str, Any]], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+def markdown(said: Mapping[str, Any]) -> str:
+    """What people read: Tables 2, 1 and 3, and figures that the text has besides."""
+    repeated = [markdown_repeated(said["rows"], axes) for axes in (tables.AXES, tables.BASE_AXES)]
+    besides = json.dumps(said["pin"]["largest"] | said["derived"])
+    return "\n\n".join((*repeated, markdown_pin(said["pin"]["rows"]), besides))
 
 
 def _flat(row: dict[str, Any]) -> dict[str, Any]:
@@ -141,23 +173,8 @@ def _flat(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run, print, and write tables, figure and key figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, help="repetitions of each condition")
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
-    arguments = parser.parse_args()
-    out: Path = arguments.out
-    out.mkdir(parents=True, exist_ok=True)
-    rows, clouds = run(arguments.trials)
-    found = rounded({"rows": rows, "pin": against_pin(arguments.trials), "derived": derived()})
-    (out / "expected.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    _write(found["rows"], out / "visual_touch_up.csv")
-    _write([_flat(row) for row in found["pin"]["rows"]], out / "visual_less_pin.csv")
-    draw(clouds, found["pin"]["rows"], SETTINGS, out / "visual_touch_up.png")
-    print(markdown_repeated(found["rows"], tables.AXES))
-    print(markdown_repeated(found["rows"], tables.BASE_AXES))
-    print(markdown_pin(found["pin"]["rows"]))
-    print(json.dumps(found["pin"]["largest"]), json.dumps(found["derived"]))
+    """Run, draw and print."""
+    writing.script(study, plot, HERE, markdown)
 
 
 if __name__ == "__main__":

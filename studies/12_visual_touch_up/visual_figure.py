@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,44 +16,67 @@ from calib.se3 import FloatArray
 TOUCH, STEREO, LOST, PAPER = "#0072B2", "#D55E00", "#CC79A7", "#000000"
 """Okabe and Ito's palette, told apart by people who do not see red and green alike."""
 
-_FAST_SHOWN = 600
-"""Points of the fast camera: enough for the shape, few enough to see the hundred."""
+CLOUDS = {"touch_up": ("images", "fast"), "stereo": ("images", "any side, tenth")}
+"""What is drawn, and under which conditions."""
 
 _UM = 1e3
 
+Cloud = Sequence[Mapping[str, Any]]
 
-def draw(
-    clouds: dict[str, dict[str, FloatArray]],
-    pin: list[dict[str, Any]],
-    settings: dict[str, Any],
-    path: Path,
-) -> None:
-    """Touch-ups across and in depth, stereo, and the differences to a pin."""
-    figure = Figure(figsize=(12.0, 9.0), dpi=100, layout="constrained")
+
+def draw(clouds: Mapping[str, Cloud], said: Mapping[str, Any], settings: dict[str, Any]) -> Figure:
+    """Touch-ups across and in depth, stereo, and the differences to a pin.
+
+    Parameters
+    ----------
+    clouds : mapping
+        Rows of the two tables of clouds.
+    said : mapping
+        Key figures.
+    settings : dict
+        Of the study: what the paper has.
+    """
+    figure = Figure(figsize=(12.0, 9.0), layout="constrained")
     (across, depth), (stereo, against) = figure.subplots(2, 2)
     paper = settings["paper"]
     H, V, D = 1, 0, 2
-    images, fast = clouds["images"]["touch_up"], clouds["fast"]["touch_up"][:_FAST_SHOWN]
+    images, fast = (_points(clouds["touch_up"], key) for key in CLOUDS["touch_up"])
+    trials = {row["key"]: row["trials"] for row in said["rows"]}
     for panel, x, y in ((across, H, V), (depth, H, D)):
-        panel.plot(_UM * fast[:, x], _UM * fast[:, y], ".", color="#bbbbbb", ms=3, zorder=1)
+        panel.plot(
+            _UM * fast[:, x],
+            _UM * fast[:, y],
+            ".",
+            color="#bbbbbb",
+            ms=3,
+            zorder=1,
+            rasterized=True,
+        )
         panel.plot(_UM * images[:, x], _UM * images[:, y], "o", color=TOUCH, ms=4, alpha=0.8)
         _ring(panel, paper["touch_up_mm"][x], paper["touch_up_mm"][y])
         panel.set_xlabel("H [µm]")
     across.set_ylabel("V [µm]")
     across.set_aspect("equal", adjustable="datalim")
     depth.set_ylabel("D [µm]")
-    across.set_title("100 touch-ups, across the line of sight (Table 2)", fontsize=11)
+    across.set_title("touch-ups, across the line of sight (Table 2)", fontsize=11)
     depth.set_title("the same in depth", fontsize=11)
-    _stereo(stereo, clouds, paper)
-    _against(against, pin, paper, settings)
-    across.plot([], [], "o", color=TOUCH, ms=4, label="through pictures, 100")
-    across.plot([], [], ".", color="#bbbbbb", ms=6, label="projected circle, 600 of 2000")
+    _stereo(stereo, clouds["stereo"], paper)
+    _against(against, said["pin"]["rows"], paper, settings)
+    across.plot([], [], "o", color=TOUCH, ms=4, label=f"through pictures, {trials['images']}")
+    shown = f"projected circle, {len(fast)} of {trials['fast']}"
+    across.plot([], [], ".", color="#bbbbbb", ms=6, label=shown)
     across.plot([], [], "--", color=PAPER, label="3 sigma of the paper")
     for panel in (across, stereo, against):
         panel.legend(fontsize=9, loc="upper right", framealpha=0.9)
     for panel in (across, depth, stereo):
         panel.grid(True, alpha=0.3)
-    figure.savefig(path, metadata={"Software": None})
+    return figure
+
+
+def _points(cloud: Cloud, condition: str) -> FloatArray:
+    """Points ``(S, 3)`` [mm] of a condition."""
+    rows = [list(row.values())[1:] for row in cloud if row["condition"] == condition]
+    return np.array(rows, dtype=float)
 
 
 def _ring(panel: Axes, across_mm: float, up_mm: float) -> None:
@@ -62,14 +85,10 @@ def _ring(panel: Axes, across_mm: float, up_mm: float) -> None:
     panel.add_patch(Ellipse((0.0, 0.0), *size, fill=False, ls="--", lw=1.5, color=PAPER, zorder=3))
 
 
-def _stereo(
-    panel: Axes, clouds: dict[str, dict[str, FloatArray]], paper: dict[str, list[float]]
-) -> None:
-    rest = clouds["any side, tenth"]["stereo"][:_FAST_SHOWN]
-    panel.plot(
-        _UM * rest[:, 1], _UM * rest[:, 2], "s", color=LOST, ms=2.5, label="a tenth of it left"
-    )
-    met = clouds["images"]["stereo"]
+def _stereo(panel: Axes, cloud: Cloud, paper: dict[str, list[float]]) -> None:
+    met, rest = (_points(cloud, key) for key in CLOUDS["stereo"])
+    y, z = _UM * rest[:, 1], _UM * rest[:, 2]
+    panel.plot(y, z, "s", color=LOST, ms=2.5, label="a tenth of it left", rasterized=True)
     panel.plot(
         _UM * met[:, 1], _UM * met[:, 2], "D", color=STEREO, ms=4, label="lost motion taken up"
     )

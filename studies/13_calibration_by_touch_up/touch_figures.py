@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,11 +32,9 @@ PANELS = (
 )
 
 
-def draw_variation(
-    rows: Sequence[Mapping[str, Any]], ten: Sequence[Mapping[str, Any]], path: Path
-) -> None:
+def draw_variation(rows: Sequence[Mapping[str, Any]], ten: Sequence[Mapping[str, Any]]) -> Figure:
     """Offsets of ten data sets about their mean, and their standard deviations, against C_G."""
-    figure = Figure(figsize=(12.0, 8.4), dpi=100, layout="constrained")
+    figure = Figure(figsize=(12.0, 8.4), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True, sharey="row")
     for column, (title, names) in enumerate(PANELS):
         above, below = axes[0, column], axes[1, column]
@@ -70,7 +67,7 @@ def draw_variation(
         panel.legend(fontsize=8, loc="upper left")
     axes[1, 0].yaxis.set_major_formatter(PLAIN)
     axes[0, 0].yaxis.set_major_formatter(PLAIN)
-    figure.savefig(path, metadata={"Software": None})
+    return figure
 
 
 def _deviation(panel: Axes, rows: Sequence[Mapping[str, Any]], name: str, aside: float) -> None:
@@ -96,11 +93,9 @@ def _deviation(panel: Axes, rows: Sequence[Mapping[str, Any]], name: str, aside:
     panel.grid(True, which="both", alpha=0.25)
 
 
-def draw_plate(
-    arms: Mapping[str, Any], robots: Mapping[str, Any], estimator: str, path: Path
-) -> None:
+def draw_plate(arms: Mapping[str, Any], robots: Mapping[str, Any], estimator: str) -> Figure:
     """Worst distance errors of the arms shown, and of many arms in parts of those before."""
-    figure = Figure(figsize=(15.0, 5.0), dpi=100, layout="constrained")
+    figure = Figure(figsize=(15.0, 5.0), layout="constrained")
     left, middle, right = figure.subplots(1, 3, sharex=True)
     left.sharey(middle)
     for panel, (arm, part) in zip((left, middle), arms.items(), strict=True):
@@ -128,7 +123,7 @@ def draw_plate(
     left.legend(fontsize=8, ncols=2, loc="upper center")
     right.legend(fontsize=8)
     left.set_ylim(top=2.0)
-    figure.savefig(path, metadata={"Software": None})
+    return figure
 
 
 def _distances(panel: Axes, plate: Mapping[str, Any], estimator: str) -> None:

@@ -5,17 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-DIGITS = 5
-"""Significant digits of what is written: more than the sampling leaves."""
-
-
-def rounded(value: Any) -> Any:
-    """Numbers with :data:`DIGITS` digits, in whatever holds them."""
-    if isinstance(value, dict):
-        return {k: rounded(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [rounded(v) for v in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+from studies.writing import table_line
 
 
 def tables(said: Mapping[str, Any]) -> list[list[str]]:
@@ -45,7 +35,7 @@ def variation_table(rows: list[Mapping[str, Any]], found: Mapping[str, Any]) -> 
             cells.append(digits(row["many_std_deg"]))
         cells.append(f"{ratio['ratio']:.2f} ({ratio['low']:.2f} to {ratio['high']:.2f})")
         cells += [digits(own[name]["error_deg"]) for name in ("touch-up", "touch-up, weighted")]
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(table_line(cells))
     return lines
 
 
@@ -55,7 +45,7 @@ def causes_table(rows: list[Mapping[str, Any]]) -> list[str]:
     for row in rows:
         errors = [digits(value) for key, value in row.items() if key.endswith("error_deg")]
         cells = [f"{row['d_deg']:g}", power(row["c_g"]), row["away"], *errors]
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(table_line(cells))
     return lines
 
 
@@ -65,7 +55,7 @@ def plate_table(plates: Mapping[str, Any]) -> list[str]:
     before = [f"{plate['before']['worst_mm']:.3f}" for plate in plates.values() for _ in range(2)]
     distances = (100, 200, 300, 400)
     cells = ["", "before", *(f"{first['before'][f'd{d}_mm']:.3f}" for d in distances), *before]
-    lines = ["| " + " | ".join(cells) + " |"]
+    lines = [table_line(cells)]
     for row in (r for r in first["rows"] if r["estimator"] == "touch-up"):
         cells = [f"{row['d_deg']:g}", power(row["c_g"])]
         cells += [f"{row[f'd{d}_mm']:.3f}" for d in distances]
@@ -75,7 +65,7 @@ def plate_table(plates: Mapping[str, Any]) -> list[str]:
                     r for r in plate["rows"] if (r["estimator"], r["d_deg"]) == (name, row["d_deg"])
                 )
                 cells.append(f"{own['worst_mm']:.3f} ({own['ratio']:.2f})")
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(table_line(cells))
     return lines
 
 
@@ -89,7 +79,7 @@ def arms_table(robots: Mapping[str, Any]) -> list[str]:
             row = robots[name]["rows"][k]
             cells.append(f"{row['ratio']:.2f} ({row['ratio_low']:.2f} to {row['ratio_high']:.2f})")
             cells += [percent(row["below_half"]), percent(row["worse_than_before"])]
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(table_line(cells))
     return lines
 
 

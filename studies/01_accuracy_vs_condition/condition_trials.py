@@ -1,0 +1,127 @@
+"""The simulation that is repeated: one data set of touch-ups and pairs, through all estimators."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from calib.identification import covariance_of, identify_batch
+from calib.robot_world import solve_batch
+from calib.se3 import FloatArray, inverse, rotation_angle
+from posedesign.accuracy_study import effective_truth, improving_rounds, to_the_widest
+from posedesign.cell import Cell
+from posedesign.planner import plan
+from posedesign.pose_plan import Round
+from posedesign.simulation import SimulatedRobot
+from posedesign.study.grid import Task
+from posedesign.template import cell_template
+from posedesign.workflow import camera_noise
+
+OFFSET = "offset_deg"
+TOOL = "tool_mm"
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """The loop of one arm, run to the widest angles: what it would return for any threshold."""
+
+    cell: Cell
+    rounds: list[tuple[Round, FloatArray]]
+
+    def thresholds(self, count: int) -> list[float]:
+        """In equal ratios, from just above the first C_G to just above the least."""
+        first, least = self.rounds[0][0].c_g, self.rounds[-1][0].c_g
+        return (1.001 * np.geomspace(first, least, count)).tolist()
+
+    def returned(self, threshold: float) -> tuple[Round, FloatArray]:
+        """The first round below a threshold, and its postures ``(N, n)`` [rad]."""
+        return next(found for found in self.rounds if found[0].c_g < threshold)
+
+
+@lru_cache(maxsize=16)
+def loop_of(preset: str, start_deg: float, largest_deg: float) -> Loop:
+    """The loop of a preset with joint limits as its only constraints, on a rigid arm."""
+    text = cell_template(preset, surroundings=False)
+    for key, value in (
+        ("start_deg", start_deg),
+        ("step_deg", start_deg),
+        ("largest_deg", largest_deg),
+    ):
+        before, _, after = text.partition(f"{key} = [")
+        text = f"{before}{key} = [{value}, {value}, {value}]{after[after.index(']') + 1 :]}"
+    cell = Cell.from_text(text.replace("deflection = true", "deflection = false"))
+    return Loop(cell, improving_rounds(plan(to_the_widest(cell))))
+
+
+def conditions(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """One for each preset and threshold."""
+    found = []
+    for preset in settings["presets"]:
+        loop = loop_of(preset, settings["start_deg"], settings["largest_deg"])
+        for threshold in loop.thresholds(settings["thresholds"]):
+            found.append({**settings, "preset": preset, "threshold": threshold})
+    return found
+
+
+def simulate(task: Task) -> dict[str, Any]:
+    """Errors of the trials of a task, a column for each estimator and quantity."""
+    given, rng = task.condition, task.rng()
+    loop = loop_of(given["preset"], given["start_deg"], given["largest_deg"])
+    turn, postures = loop.returned(given["threshold"])
+    cell, model = loop.cell, loop.cell.model()
+    robot = SimulatedRobot.of(cell)
+    touched = robot.touch_up(postures, rng, trials=task.trials)
+    values = identify_batch(model, touched)
+    truth = effective_truth(robot, model)
+    sigma = np.sqrt(np.diag(covariance_of(model, postures)))
+    good = np.isfinite(values).all(axis=1)  # those that have converged
+    q = _elsewhere(cell, given)
+    off = np.full((task.trials, len(q), 3), np.nan)
+    off[good] = model.view(q, values[good]).tool_points - model.view(q, truth).tool_points
+    columns: dict[str, Any] = {
+        "preset": [given["preset"]] * task.trials,
+        "threshold": np.full(task.trials, given["threshold"]),
+        "c_g": np.full(task.trials, turn.c_g),
+        "d_deg": np.full(task.trials, turn.variation_deg[0]),
+        "poses": np.full(task.trials, len(postures)),
+        "trial": np.arange(task.first, task.first + task.trials),
+        f"predicted_{OFFSET}": np.full(task.trials, np.rad2deg(sigma[0])),
+        OFFSET: np.rad2deg(values[:, 0] - truth[0]),
+        TOOL: 1e3 * np.sqrt((off**2).sum(axis=-1).mean(axis=-1)),
+    }
+    _, B = robot.camera_poses(touched.postures, rng)
+    identified = model.view(touched.postures[good], values[good]).T_base_tip
+    true = {
+        "x": robot.T_shown_tip @ robot.T_tip_camera,
+        "z": robot.T_shown_base @ robot.T_base_target,
+    }
+    for solver in given["solvers"]:
+        noise = camera_noise(cell) if solver == "ml" else None
+        found = solve_batch(identified, B[good], solver, noise)
+        for letter, estimate in (("x", found.X), ("z", found.Z)):
+            error = np.full((task.trials, 4, 4), np.nan)
+            answered = np.flatnonzero(good)[found.ok]
+            error[answered] = inverse(true[letter]) @ estimate[found.ok]
+            columns[f"{letter}_deg {solver}"] = _angle_deg(error)
+            columns[f"{letter}_mm {solver}"] = 1e3 * np.linalg.norm(error[:, :3, 3], axis=-1)
+    return columns
+
+
+def _angle_deg(T: FloatArray) -> FloatArray:
+    """Angles of transforms ``(T, 4, 4)`` [deg]; NaN where there is none."""
+    angle = np.full(len(T), np.nan)
+    good = np.isfinite(T).all(axis=(1, 2))
+    angle[good] = np.rad2deg(rotation_angle(T[good, :3, :3]))
+    return angle
+
+
+def _elsewhere(cell: Cell, given: Mapping[str, Any]) -> FloatArray:
+    """Postures ``(V, n)`` [rad] that were not measured, the same for every pose set of an arm."""
+    rng = np.random.default_rng([given["seed"], 7])
+    turn = np.deg2rad(given["within_deg"])
+    q = cell.base_posture + rng.uniform(-turn, turn, (given["elsewhere"], cell.robot.n))
+    return np.clip(q, cell.robot.lower, cell.robot.upper)

@@ -1,0 +1,52 @@
+"""What the figures of several studies share: colours, marks, and models one below the other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BLUE, VERMILION, GREEN, PURPLE, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"
+BLACK, GREY = "#000000", "#555555"
+"""Okabe and Ito's palette, told apart by people who do not see red and green alike."""
+
+MARKS = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (BLACK, "D"))
+"""A colour with a shape for each series."""
+
+
+def rows_of_marks(
+    axes: Axes,
+    names: Sequence[str],
+    series: Mapping[str, Sequence[float]],
+    *,
+    apart: float = 0.0,
+) -> None:
+    """Draw a row for each name, the first on top, with a mark for each series.
+
+    Parameters
+    ----------
+    axes : Axes
+    names : sequence of str
+        One a row.
+    series : mapping of str to sequence of float
+        What stands in the legend, and a number for each row.
+    apart : float
+        Distance of the series in a row, whose height is one.
+    """
+    height = np.arange(len(names))[::-1]
+    for k, ((label, values), (colour, mark)) in enumerate(zip(series.items(), MARKS, strict=False)):
+        at = height + apart * ((len(series) - 1) / 2.0 - k)
+        axes.plot(values, at, mark, color=colour, ms=6, mfc="none", mew=1.5, label=label)
+    axes.set_yticks(height, names)
+    axes.grid(visible=True, axis="both", alpha=0.3)
+
+
+def log_ticks(axes: Axes, ticks: Sequence[float]) -> None:
+    """A logarithmic axis of x with these numbers alone, written as people write them."""
+    axes.set_xscale("log")
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()

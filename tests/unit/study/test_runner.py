@@ -1,0 +1,289 @@
+"""Studies at scale: the same on any workers, and nothing lost or done twice after a kill."""
+
+from __future__ import annotations
+
+import errno
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from calib.errors import FileFormatError, InputError, OutputError
+from posedesign.study import store as store_module
+from posedesign.study.grid import Grid
+from posedesign.study.runner import Workers, run_grid
+from posedesign.study.store import Store, read_table
+
+SCRIPT = Path(__file__).with_name("repeated.py")
+
+
+@pytest.fixture(scope="module")
+def repeated() -> Iterator[ModuleType]:
+    """The study as a module that workers can import by its name."""
+    spec = importlib.util.spec_from_file_location("repeated", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["repeated"] = module
+    sys.path.insert(0, str(SCRIPT.parent))  # as loky's workers are told
+    before = os.environ.get("PYTHONPATH", "")  # as those of a cluster are
+    os.environ["PYTHONPATH"] = f"{SCRIPT.parent}{os.pathsep}{before}"
+    spec.loader.exec_module(module)
+    yield module
+    os.environ["PYTHONPATH"] = before
+    sys.path.remove(str(SCRIPT.parent))
+    del sys.modules["repeated"]
+
+
+@pytest.fixture(params=[".csv", ".parquet"])
+def ending(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Both forms of tables."""
+    if request.param == ".parquet":
+        pytest.importorskip("pyarrow", reason="Parquet needs pyarrow (posedesign[parquet])")
+    monkeypatch.setattr(store_module, "has_parquet", lambda: request.param == ".parquet")
+    return str(request.param)
+
+
+def store_in(folder: Path, repeated: ModuleType) -> Store:
+    return Store(folder, "trials", repeated.about())
+
+
+def test_every_trial_is_there_once(repeated: ModuleType, tmp_path: Path, ending: str) -> None:
+    table = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated))
+    assert table.suffix == ending
+    frame = read_table(table)
+    assert len(frame) == 120
+    for _, part in frame.groupby("scale"):
+        assert part["trial"].tolist() == list(range(40))
+    assert not (tmp_path / "parts").exists()
+
+
+def test_seeds_belong_to_tasks() -> None:
+    """Tasks draw what a sequence of their own number gives, however many others there are."""
+    small, large = Grid([{}], 10, 5, 3).tasks(), Grid([{}, {}], 1000, 5, 3).tasks()
+    for a, b in zip(small, large, strict=False):
+        np.testing.assert_array_equal(a.rng().random(4), b.rng().random(4))
+    draws = {float(task.rng().random()) for task in large}
+    assert len(draws) == len(large)
+    assert sum(task.trials for task in large) == 2000
+
+
+@pytest.mark.parametrize("jobs", [2, 8])
+def test_the_same_on_any_number_of_workers(repeated: ModuleType, tmp_path: Path, jobs: int) -> None:
+    tables = [
+        run_grid(
+            repeated.simulate, repeated.grid(), store_in(tmp_path / str(n), repeated), Workers(n)
+        )
+        for n in (1, jobs)
+    ]
+    assert tables[0].read_bytes() == tables[1].read_bytes()
+
+
+def test_going_on_does_only_what_is_left(repeated: ModuleType, tmp_path: Path, ending: str) -> None:
+    done: list[int] = []
+
+    def noted(task: object) -> object:
+        done.append(task.number)
+        if len(done) == 10:
+            raise KeyboardInterrupt
+        return repeated.simulate(task)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_grid(noted, repeated.grid(), store_in(tmp_path / "a", repeated))
+    assert len(list((tmp_path / "a" / "parts").iterdir())) == 9
+    seen: list[tuple[int, int]] = []
+    table = run_grid(
+        noted,
+        repeated.grid(),
+        store_in(tmp_path / "a", repeated),
+        advance=lambda k, n: seen.append((k, n)),
+    )
+    assert sorted(done) == sorted([*range(24), 9])
+    assert seen[0] == (9, 24)
+    assert seen[-1] == (24, 24)
+    whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "b", repeated))
+    assert table.read_bytes() == whole.read_bytes()
+    run_grid(noted, repeated.grid(), store_in(tmp_path / "a", repeated))
+    assert len(done) == 25
+
+
+def kill_and_go_on(out: Path, moments: list[float], jobs: int) -> Counter[int]:
+    """Run a study as a process that is killed at each moment [s]; how often each task was done."""
+    diary = out.with_name(f"{out.name}.diary")
+    diary.mkdir()
+    environment = os.environ | {"STUDY_DIARY": str(diary)}
+    command = [sys.executable, str(SCRIPT), str(out), str(jobs)]
+    for moment in moments:
+        process = subprocess.Popen(command, env=environment, start_new_session=True)
+        try:
+            process.wait(moment)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)  # its workers, too: the machine goes down
+            process.wait()
+    subprocess.run(command, env=environment, check=True)
+    return Counter(int(path.name.partition(".")[0]) for path in diary.iterdir())
+
+
+@pytest.mark.slow
+def test_killed_at_twenty_moments(repeated: ModuleType, tmp_path: Path) -> None:
+    """The same file; what was written was not done again, what was in hand once more at most."""
+    whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "whole", repeated))
+    start = time.monotonic()
+    times = kill_and_go_on(tmp_path / "once", [], 1)
+    took = time.monotonic() - start
+    assert set(times.values()) == {1}
+    rng = np.random.default_rng(1)
+    moments = rng.uniform(0.5 * took, took, 20).tolist()
+    for k, moment in enumerate(moments):
+        out = tmp_path / f"killed{k}"
+        times = kill_and_go_on(out, [moment], 1)
+        assert (out / whole.name).read_bytes() == whole.read_bytes()
+        assert sorted(times) == list(range(24))
+        assert sum(times.values()) <= 25  # one task was in hand
+
+
+@pytest.mark.slow
+def test_killed_again_and_again_with_two_workers(repeated: ModuleType, tmp_path: Path) -> None:
+    whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "whole", repeated))
+    times = kill_and_go_on(tmp_path / "out", [2.0, 2.2, 2.4, 2.1], 2)
+    assert (tmp_path / "out" / whole.name).read_bytes() == whole.read_bytes()
+    assert sorted(times) == list(range(24))
+    # handed out ahead and lost with the workers: two a worker and those in hand, each time
+    assert sum(times.values()) <= 24 + 4 * 6
+
+
+def test_two_in_one_folder(repeated: ModuleType, tmp_path: Path) -> None:
+    pytest.importorskip("fcntl", reason="files are not locked on this system")
+    with store_in(tmp_path, repeated).open():
+        code = (
+            "from pathlib import Path; import sys; from posedesign.study.store import Store;"
+            "from calib.errors import InputError\n"
+            "try:\n    Store(Path(sys.argv[1]), 'trials', {}).open().__enter__()\n"
+            "except InputError as error:\n    print(error)"
+        )
+        said = subprocess.run(
+            [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True
+        )
+    assert f"process {os.getpid()} is running a study here" in said.stdout
+
+
+def test_other_numbers_in_one_folder(repeated: ModuleType, tmp_path: Path) -> None:
+    run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated))
+    other = Store(tmp_path, "trials", {**repeated.about(), "trials": 41})
+    with pytest.raises(FileFormatError, match="other numbers"):
+        run_grid(repeated.simulate, repeated.grid(), other)
+    run_grid(repeated.simulate, repeated.grid(), other, restart=True)
+    assert (tmp_path / "about.json").read_text().count("41") == 1
+
+
+@pytest.mark.parametrize("when", ["part", "table"])
+def test_a_full_disk(
+    repeated: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str, ending: str
+) -> None:
+    """One line, and what was written before is there for going on."""
+    full = OSError(errno.ENOSPC, "No space left on device")
+
+    def fails(*_: object) -> None:
+        raise full
+
+    if when == "part":
+        write, count = os.fsync, [0]
+
+        def late(descriptor: int) -> None:
+            count[0] += 1
+            if count[0] > 5:
+                raise full
+            write(descriptor)
+
+        monkeypatch.setattr(os, "fsync", late)
+    else:
+        monkeypatch.setattr(store_module, "_join", fails)
+    with pytest.raises(OutputError, match="No space left on device") as caught:
+        run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated))
+    assert "\n" not in str(caught.value)
+    monkeypatch.undo()
+    monkeypatch.setattr(store_module, "has_parquet", lambda: ending == ".parquet")
+    kept = len(list((tmp_path / "parts").glob(f"0*{ending}")))
+    assert kept == (4 if when == "part" else 24)
+    assert not list(tmp_path.rglob("*.tmp"))
+    frame = read_table(run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated)))
+    assert len(frame) == 120
+
+
+@pytest.mark.parametrize("bad", [{"trials": 0}, {"batch": 0}, {"conditions": []}])
+def test_grids_of_nothing(bad: dict[str, object]) -> None:
+    with pytest.raises(InputError):
+        Grid(**{"conditions": [{}], "trials": 1, "batch": 1, "seed": 0, **bad})
+    with pytest.raises(InputError):
+        Workers(0)
+
+
+def test_errors_of_a_task_come_out(repeated: ModuleType, tmp_path: Path) -> None:
+    def refuses(task: object) -> object:
+        raise InputError("no such arm", hint="choose another")
+
+    with pytest.raises(InputError, match="no such arm"):
+        run_grid(refuses, repeated.grid(), store_in(tmp_path, repeated))
+
+
+def test_no_scheduler_there(repeated: ModuleType, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="needs Dask (posedesign[cluster])")
+    workers = Workers(1, "tcp://127.0.0.1:1")
+    with pytest.raises(InputError, match="no Dask scheduler at tcp:"):
+        run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated), workers)
+
+
+@pytest.mark.slow
+def test_a_cluster_whose_worker_is_killed(repeated: ModuleType, tmp_path: Path) -> None:
+    """A scheduler and two workers as their documentation starts them; one worker is killed."""
+    pytest.importorskip("distributed", reason="needs Dask (posedesign[cluster])")
+    whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "whole", repeated))
+    bin_ = Path(sys.executable).with_name("dask")
+    address = tmp_path / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    scheduler = subprocess.Popen(
+        [bin_, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", address], **quiet
+    )
+    start = [bin_, "worker", "--scheduler-file", address, "--nthreads", "1", "--no-dashboard"]
+    workers = [subprocess.Popen([*start, "--no-nanny"], **quiet) for _ in range(2)]
+    try:
+        import json
+
+        deadline = time.monotonic() + 60.0
+        while not address.exists() and time.monotonic() < deadline:
+            time.sleep(0.1)
+        where = json.loads(address.read_text())["address"]
+        from distributed import Client
+
+        with Client(where) as client:
+            client.wait_for_workers(2, timeout=60)
+        slow = Grid([{**c, "seconds": 0.15} for c in repeated.CONDITIONS], 40, 5, 3)
+        killed = []
+
+        def advance(done: int, total: int) -> None:
+            if done == 5 and not killed:
+                workers[0].kill()
+                killed.append(done)
+
+        table = run_grid(
+            repeated.simulate,
+            slow,
+            store_in(tmp_path / "cluster", repeated),
+            Workers(1, where),
+            advance=advance,
+        )
+    finally:
+        for process in (*workers, scheduler):
+            process.kill()
+            process.wait()
+    assert killed
+    assert table.read_bytes() == whole.read_bytes()

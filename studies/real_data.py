@@ -15,33 +15,34 @@ NAMED_BY = "POSEDESIGN_DATA"
 
 
 def data_folder() -> Path:
-    """Where they are looked for: the folder that is named, or ``../shared/data`` by the checkout."""
+    """Where they are looked for: a folder that is named, or ``../shared/data`` by the checkout."""
     named = os.environ.get(NAMED_BY)
     return Path(named) if named else Path(__file__).parents[1].parent / "shared" / "data"
 
 
-def data_with(part: str) -> Path:
-    """The folder of real measurements, for a study that needs a part of them.
+def data_with(*parts: str) -> Path:
+    """The folder of real measurements, for a study that needs some parts of them.
 
     Parameters
     ----------
-    part : str
-        A folder in it, such as ``identification/ur10``.
+    *parts : str
+        Folders in it, such as ``identification/ur10``.
 
     Raises
     ------
     InputError
-        It is not there.
+        One of them is not there.
     """
     folder = data_folder()
-    if not (folder / part).is_dir():
-        raise InputError(
-            f"this study needs measurements that are not in {folder / part}",
-            hint=f"{NAMED_BY} names the folder of the measurements; without it, it is "
-            "../shared/data beside the checkout",
-            name=NAMED_BY,
-            value=str(folder),
-        )
+    for part in parts:
+        if not (folder / part).is_dir():
+            raise InputError(
+                f"this study needs measurements: there is no {folder / part}",
+                hint=f"{NAMED_BY} names the folder of all measurements; without it, it is "
+                "../shared/data beside the checkout",
+                name=NAMED_BY,
+                value=str(folder),
+            )
     return folder
 
 

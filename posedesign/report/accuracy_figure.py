@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.identification.result import DISPLAY
 from calib.robot_world import PAPER_METHODS
 from posedesign.accuracy_study import IDENTIFIED_ARM, AccuracyStudy, Finding, pick
 from posedesign.files import write_bytes_atomic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 """Okabe and Ito's palette: told apart by people who do not see red and green alike."""
@@ -26,9 +26,18 @@ ESTIMATORS = ("touch-up weighted", "touch-up unweighted", "view line")
 
 
 def draw_accuracy(study: AccuracyStudy, path: Path) -> Path:
-    """Draw the study into a PNG file: scatter, plate test, and X of every AX=ZB solver.
+    """Draw the study into a PNG file; see :func:`accuracy_figure`."""
+    figure = accuracy_figure(study.findings, study.plan.model.robot.name)
+    data = io.BytesIO()
+    figure.savefig(data, format="png")
+    return write_bytes_atomic(path, data.getvalue())
 
-    The C_G axis runs from poor sets on the left to good ones on the right.
+
+def accuracy_figure(findings: Sequence[Finding], arm: str) -> Figure:
+    """Scatter, plate test, and X of every AX=ZB solver, from the findings of a study of an arm.
+
+    The C_G axis runs from poor sets on the left to good ones on the right. The parameter whose
+    scatter is shown is the first that has a prediction; the truth is that of the first finding.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter
@@ -36,10 +45,10 @@ def draw_accuracy(study: AccuracyStudy, path: Path) -> Path:
     # built without pyplot: no global state, no window system
     figure = Figure(figsize=(11.0, 9.6), dpi=120, layout="constrained")
     panels = figure.subplots(2, 2)
-    _scatter(panels[0, 0], study)
-    _plate(panels[0, 1], study)
-    _robot_world(panels[1, 0], study, "X rotation", "deg")
-    _robot_world(panels[1, 1], study, "X translation", "mm")
+    _scatter(panels[0, 0], findings)
+    _plate(panels[0, 1], findings)
+    _robot_world(panels[1, 0], findings, "X rotation", "deg")
+    _robot_world(panels[1, 1], findings, "X translation", "mm")
     plain = FuncFormatter(lambda value, _: f"{value:g}")
     few = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
     for panel in panels.flat:
@@ -53,17 +62,16 @@ def draw_accuracy(study: AccuracyStudy, path: Path) -> Path:
         panel.yaxis.set_major_formatter(plain)
         panel.yaxis.set_minor_formatter(few)
         panel.grid(True, which="both", alpha=0.25)
-    draws = f"{study.draws} noise draws for each pose set"
-    figure.suptitle(f"Accuracy against condition number: {study.plan.model.robot.name}, {draws}")
-    data = io.BytesIO()
-    figure.savefig(data, format="png")
-    return write_bytes_atomic(path, data.getvalue())
+    draws = f"{findings[0].draws} noise draws for each pose set"
+    figure.suptitle(f"Accuracy against condition number: {arm}, {draws}")
+    return figure
 
 
-def _scatter(panel: Axes, study: AccuracyStudy) -> None:
+def _scatter(panel: Axes, findings: Sequence[Finding]) -> None:
     """Scatter of one parameter over the draws with its interval, and the prediction as a line."""
+    leading = next(f for f in findings if np.isfinite(f.predicted_sigma))
     for estimator, colour, marker in zip(ESTIMATORS, COLOURS, MARKERS, strict=False):
-        found = pick(study.findings, study.truth, estimator, study.leading_parameter)
+        found = pick(findings, findings[0].truth, estimator, leading.quantity)
         if not found:
             continue
         c_g = [f.c_g for f in found]
@@ -74,31 +82,30 @@ def _scatter(panel: Axes, study: AccuracyStudy) -> None:
         ]
         panel.errorbar(c_g, spread, yerr=interval, fmt=marker, color=colour, capsize=2, ms=4)
         panel.plot(c_g, [f.predicted_sigma for f in found], "-", color=colour, lw=1)
-    unit = DISPLAY[study.plan.model.units[0]][0]
-    panel.set_ylabel(f"standard deviation of {study.leading_parameter} [{unit}]")
+    panel.set_ylabel(f"standard deviation of {leading.quantity} [{leading.unit}]")
     panel.set_title("Scatter, with its 95 % interval; lines: predicted beforehand", fontsize=10)
     _legend(panel, ESTIMATORS, COLOURS, (("predicted", "-"),))
 
 
-def _plate(panel: Axes, study: AccuracyStudy) -> None:
+def _plate(panel: Axes, findings: Sequence[Finding]) -> None:
     """Worst distance error on the plate: median over the draws."""
     estimators, colours = (*ESTIMATORS, "uncalibrated"), (*COLOURS[:3], GREY)
     styles = (("deflecting arm", "-"), ("rigid arm", ":"))
     for estimator, colour, marker in zip(estimators, colours, MARKERS, strict=True):
         for truth, style in styles:
-            found = pick(study.findings, truth.split()[0], estimator, "plate distance worst")
+            found = pick(findings, truth.split()[0], estimator, "plate distance worst")
             _line(panel, found, style, colour, marker)
     panel.set_ylabel("worst distance error on the plate [mm]")
     panel.set_title("5 x 5 plate, 100 mm pitch: worst distance error, median", fontsize=10)
     _legend(panel, estimators, colours, styles)
 
 
-def _robot_world(panel: Axes, study: AccuracyStudy, quantity: str, unit: str) -> None:
+def _robot_world(panel: Axes, findings: Sequence[Finding], quantity: str, unit: str) -> None:
     """Median error of every solver, with the controller's arm and with the identified one."""
     styles = (("A from the controller", "-"), ("A from the identified arm", ":"))
     for solver, colour, marker in zip(PAPER_METHODS, COLOURS, MARKERS, strict=True):
         for suffix, (_, style) in zip(("", IDENTIFIED_ARM), styles, strict=True):
-            found = pick(study.findings, study.truth, solver + suffix, quantity)
+            found = pick(findings, findings[0].truth, solver + suffix, quantity)
             _line(panel, found, style, colour, marker)
     panel.set_ylabel(f"error of {quantity} [{unit}]")
     panel.set_title(f"AX = ZB: {quantity} of the camera on the flange, median", fontsize=10)

@@ -77,13 +77,26 @@ class Study:
         except (OSError, ValueError) as error:
             raise FileFormatError(f"cannot be read: {error}", path=path) from error
 
-    def run(self, options: Options) -> Mapping[str, Any]:
+    def run(self, options: Options) -> Any:
         """Run it, and return its key figures."""
-        return dict(self._function("study")(options))
+        return self._function("study")(options)
 
     def plot(self, folder: Path) -> list[Path]:
-        """Draw the figures of the tables in a folder."""
-        return list(self._function("plot")(folder))
+        """Draw the figures of the tables in a folder.
+
+        Raises
+        ------
+        InputError
+            A table is not there.
+        """
+        try:
+            return list(self._function("plot")(folder))
+        except FileNotFoundError as error:
+            raise InputError(
+                f"{folder} has no results of this study: {error.filename} is not there",
+                hint=f"run it first: posedesign study run {self.name}",
+                name=str(folder),
+            ) from error
 
     def _function(self, name: str) -> Callable[..., Any]:
         found = getattr(self.load(), name, None)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from li_cases import (
@@ -16,106 +17,114 @@ from li_cases import (
     SCALED,
     SHOWN,
 )
-from li_claims import Found, median_interval
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from studies.drawing import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION, log_ticks
 
 STYLES = {
-    QUATERNION: ("#D55E00", "-", "o"),
-    SAFE: ("#D55E00", ":", "o"),
-    DUAL: ("#0072B2", "-", "s"),
-    DUAL_M: ("#0072B2", ":", "s"),
-    KRONECKER: ("#009E73", "-", "^"),
-    KRONECKER_M: ("#009E73", ":", "^"),
-    SCALED: ("#CC79A7", "-", "D"),
-    FLOOR: ("#000000", "--", ""),
+    QUATERNION: (VERMILION, "-", "o"),
+    SAFE: (VERMILION, ":", "o"),
+    DUAL: (BLUE, "-", "s"),
+    DUAL_M: (BLUE, ":", "s"),
+    KRONECKER: (GREEN, "-", "^"),
+    KRONECKER_M: (GREEN, ":", "^"),
+    SCALED: (PURPLE, "-", "D"),
+    FLOOR: (BLACK, "--", ""),
 }
-"""Okabe and Ito's palette, told apart by people who do not see red and green alike; dotted: the
-same method in another form."""
+"""Dotted: the same method in another form."""
 
-LABELS = ("rotation: X + Z [deg]", "translation: X + Z [mm]")
+OF_THE_PAPER = (QUATERNION, DUAL, KRONECKER)
+LABELS = {"rotation_deg": "rotation: X + Z [deg]", "translation_mm": "translation: X + Z [mm]"}
+"""By the columns of the tables."""
+
 CASES = {"A": "(a) only A noisy", "B": "(b) only B noisy", "both": "(c) A and B noisy"}
 
 
-def draw_medians(found: Found, path: Path) -> None:
+Row = Mapping[str, Any]
+
+
+def draw_medians(rows: Iterable[Row]) -> Figure:
     """Median of each error against the number of poses, with the 95 % interval as a band."""
-    workspaces = list(dict.fromkeys(workspace for workspace, _, _ in found))
-    figure = Figure(figsize=(11.5, 13.0), dpi=90, layout="constrained")
-    panels = np.atleast_2d(figure.subplots(2 * len(workspaces), len(CASES), sharex=True))
+    found = _by_panel(rows)
+    workspaces = list(dict.fromkeys(workspace for workspace, *_ in found))
+    figure = Figure(figsize=(9.6, 11.0), layout="constrained")
+    panels = np.atleast_2d(
+        figure.subplots(2 * len(workspaces), len(CASES), sharex=True, sharey="row")
+    )
     for row, axes in enumerate(panels):
-        workspace, measure = workspaces[row // 2], row % 2
-        for panel, (noisy, title) in zip(axes, CASES.items(), strict=True):
-            poses = sorted(n for w, s, n in found if (w, s) == (workspace, noisy))
+        workspace, (title, label) = workspaces[row // 2], list(LABELS.items())[row % 2]
+        for panel, (noisy, case) in zip(axes, CASES.items(), strict=True):
             for name in SHOWN:
+                of = found[workspace, noisy, name]
                 colour, line, marker = STYLES[name]
-                values = [found[workspace, noisy, n][name][:, measure] for n in poses]
-                low, high = np.transpose([median_interval(v) for v in values])
-                panel.fill_between(poses, low, high, color=colour, alpha=0.2, lw=0)
-                middle = [np.median(v) for v in values]
+                _band(panel, of, title, colour)
                 panel.plot(
-                    poses, middle, line, marker=marker, color=colour, ms=4, lw=1.3, label=name
-                )
-            _dress(panel, poses)
-            panel.set_title(f"{title}, {workspace}", fontsize=10)
-        axes[0].set_ylabel(LABELS[measure])
-        _same_range(axes)
-    for panel in panels[-1]:
-        panel.set_xlabel("number of poses")
-    _legend(figure, panels[0, 0], 4)
-    figure.savefig(path, metadata={"Software": None})
+                    of["poses"], of[f"{title}_median"], line, marker=marker, color=colour, ms=4,
+                    lw=1.3, label=name,
+                )  # fmt: skip
+            _dress(panel, of["poses"])
+            panel.set_title(f"{case}, {workspace}", fontsize=10)
+        axes[0].set_ylabel(label)
+    _legend(figure, panels, 4)
+    return figure
 
 
-def draw_averages(found: Found, paper: Found, path: Path) -> None:
+def draw_averages(rows: Iterable[Row], of_ten: Iterable[Row]) -> Figure:
     """The paper's three curves: averages of few problems, and median and mean of many."""
+    found, few = _by_panel(rows), _by_panel(of_ten)
     workspace = next(iter(found))[0]
-    figure = Figure(figsize=(11.5, 7.0), dpi=90, layout="constrained")
-    panels = figure.subplots(2, len(CASES), sharex=True)
-    for measure, axes in enumerate(panels):
-        for panel, (noisy, title) in zip(axes, CASES.items(), strict=True):
-            poses = sorted(n for w, s, n in found if (w, s) == (workspace, noisy))
-            for name in (QUATERNION, DUAL, KRONECKER):
+    figure = Figure(figsize=(9.6, 6.2), layout="constrained")
+    panels = figure.subplots(2, len(CASES), sharex=True, sharey="row")
+    for (title, label), axes in zip(LABELS.items(), panels, strict=True):
+        for panel, (noisy, case) in zip(axes, CASES.items(), strict=True):
+            for name in OF_THE_PAPER:
+                own, many = few[workspace, noisy, name], found[workspace, noisy, name]
                 colour, _, marker = STYLES[name]
-                many = [found[workspace, noisy, n][name][:, measure] for n in poses]
-                few = [paper[workspace, noisy, n][name][:, measure].mean() for n in poses]
-                panel.plot(poses, few, "-", marker=marker, color=colour, ms=5, label=_few(name))
-                panel.plot(poses, [np.median(v) for v in many], "--", color=colour, lw=1.2)
-                panel.plot(poses, [np.mean(v) for v in many], ":", color=colour, lw=1.6)
-            _dress(panel, poses)
-            panel.set_title(title, fontsize=10)
-        axes[0].set_ylabel(LABELS[measure])
-        _same_range(axes)
+                panel.plot(
+                    own["poses"], own[f"{title}_mean"], "-", marker=marker, color=colour, ms=5,
+                    label=f"{name}: average of 10",
+                )  # fmt: skip
+                _band(panel, many, title, colour)
+                panel.plot(many["poses"], many[f"{title}_median"], "--", color=colour, lw=1.2)
+                panel.plot(many["poses"], many[f"{title}_mean"], ":", color=colour, lw=1.6)
+            _dress(panel, many["poses"])
+            panel.set_title(case, fontsize=10)
+        axes[0].set_ylabel(label)
+    panels[0, 0].plot([], [], "--", color=GREY, label="median of many, 95 % interval")
+    panels[0, 0].plot([], [], ":", color=GREY, label="mean of many")
+    figure.suptitle(f"Poses: {workspace}", fontsize=11)
+    _legend(figure, panels, 3)
+    return figure
+
+
+def _by_panel(rows: Iterable[Row]) -> dict[tuple[str, str, str], dict[str, list[float]]]:
+    """Columns by workspace, noisy side and method, in the order of the numbers of poses."""
+    found: dict[tuple[str, str, str], dict[str, list[float]]] = {}
+    for row in rows:
+        columns = found.setdefault((row["workspace"], row["noisy"], row["method"]), {})
+        for title, value in row.items():
+            columns.setdefault(title, []).append(value)
+    return found
+
+
+def _band(panel: Axes, of: Mapping[str, list[float]], title: str, colour: str) -> None:
+    low, high = of[f"{title}_median_low"], of[f"{title}_median_high"]
+    panel.fill_between(of["poses"], low, high, color=colour, alpha=0.2, lw=0)
+
+
+def _dress(panel: Axes, poses: Sequence[float]) -> None:
+    log_ticks(panel, poses)
+    panel.set_yscale("log")
+    panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    panel.yaxis.set_minor_locator(NullLocator())
+    panel.grid(visible=True, alpha=0.25)
+
+
+def _legend(figure: Figure, panels: np.ndarray, columns: int) -> None:
     for panel in panels[-1]:
         panel.set_xlabel("number of poses")
-    panels[0, 0].plot([], [], "--", color="#555555", label="median of many")
-    panels[0, 0].plot([], [], ":", color="#555555", label="mean of many")
-    figure.suptitle(f"Poses: {workspace}", fontsize=11)
-    _legend(figure, panels[0, 0], 3)
-    figure.savefig(path, metadata={"Software": None})
-
-
-def _few(name: str) -> str:
-    return f"{name}: average of 10"
-
-
-def _dress(panel: Axes, poses: list[int]) -> None:
-    panel.set_xscale("log")
-    panel.set_yscale("log")
-    panel.set_xticks(poses, [str(n) for n in poses])
-    panel.xaxis.set_minor_locator(NullLocator())
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    few = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
-    panel.yaxis.set_minor_formatter(few)
-    panel.grid(True, which="both", alpha=0.25)
-
-
-def _same_range(axes: np.ndarray) -> None:
-    """Panels side by side on one scale, so that they can be compared."""
-    low, high = np.transpose([panel.get_ylim() for panel in axes])
-    for panel in axes:
-        panel.set_ylim(low.min(), high.max())
-
-
-def _legend(figure: Figure, panel: Axes, columns: int) -> None:
-    handles, labels = panel.get_legend_handles_labels()
+    handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)

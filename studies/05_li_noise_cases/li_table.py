@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from li_cases import (
     DUAL,
     FLOOR,
     KRONECKER,
-    MM,
     QUATERNION,
     SAFE,
     SCALED,
@@ -25,14 +23,11 @@ from li_cases import (
 
 from calib.robot_world import METHODS, PairSets, solve_batch
 from calib.robot_world.results import residuals
-from calib.se3 import FloatArray, transform
-from posedesign.pairs_file import Pairs
-from posedesign.pairs_source import PairSource
+from calib.se3 import FloatArray
+from studies.real_pairs import Sides
 
 UNPROJECTED = "Kronecker, mm, not orthonormal"
 METHODS_OF_TABLE = (QUATERNION, SAFE, DUAL, KRONECKER, UNPROJECTED, SCALED, FLOOR)
-HERE = Path(__file__).parent
-QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz", "x_m", "y_m", "z_m")
 
 
 def table_row(data: Measured) -> dict[str, FloatArray]:
@@ -73,50 +68,17 @@ def simulated(rng: np.random.Generator, trials: int, settings: dict[str, Any]) -
     return found
 
 
-def data_folder() -> Path:
-    """Where real measurements are looked for."""
-    named = os.environ.get("POSEDESIGN_DATA")
-    return Path(named) if named else HERE.parents[1].parent / "shared" / "data"
-
-
-def real_pairs(folder: Path) -> dict[str, Pairs]:
-    """The pairs of real robots [m], by name; those whose files are there."""
-    root = folder / "robot_world"
-    found: dict[str, Pairs] = {}
-    mat = root / "ur3e_hand_camera" / "T_handcam_UR3e210506.mat"
-    if mat.is_file():
-        names = ("T_cam", "T_hand")
-        found["UR3e"] = PairSource(mat, variables=names, unit="mm", invert="b").read()
-    for name, stem in (("tag 22, camera 2", "tag_22_cam_2"), ("tag 15, camera 1", "tag_15_cam_1")):
-        sides = [root / "multi_tag" / f"{stem}_{side}.csv" for side in "AB"]
-        if all(path.is_file() for path in sides):
-            found[name] = PairSource(a=sides[0], b=sides[1], columns=QUATERNION_COLUMNS).read()
-    if (root / "tabb_ds1").is_dir():
-        found["Tabb"] = _tabb(root / "tabb_ds1")
-    return found
-
-
-def _tabb(folder: Path) -> Pairs:
-    """Rows of an index, a matrix and a translation [mm]; blocks of 4x4 numbers by that index."""
-    rows = np.loadtxt(folder / "cali_subset24.txt")
-    A = transform(rows[:, 1:10].reshape(-1, 3, 3), rows[:, 10:] / MM)
-    numbers = (folder / "robot_cali.txt").read_text(encoding="utf-8").split()
-    B = np.array(numbers[1:], dtype=float).reshape(-1, 4, 4)[rows[:, 0].astype(int)]
-    return Pairs((), A, transform(B[:, :3, :3], B[:, :3, 3] / MM))
-
-
 def measured(
-    rng: np.random.Generator, every: dict[str, Pairs], settings: dict[str, Any]
+    rng: np.random.Generator, every: Mapping[str, Sides], count: int, size: int
 ) -> dict[str, Any]:
     """Table 1 on random subsets of real pairs, with E of the pairs left out beside it."""
     found: dict[str, Any] = {}
-    count, size = settings["table_1"]["subsets"], settings["table_1"]["poses"]
     for name, pairs in every.items():
-        order = rng.permuted(np.tile(np.arange(len(pairs.A)), (count, 1)), axis=1)
-        A, B = pairs.A[order], pairs.B[order]
+        order = rng.permuted(np.tile(np.arange(len(pairs[0])), (count, 1)), axis=1)
+        A, B = (side[order] for side in pairs)
         # what tells X at all: a subset whose poses turn about one axis has no E worth comparing
         good = ~solve_batch(A[:, :size], B[:, :size], "shah").degenerate
-        found[name] = _of_subsets(A[good], B[good], size) | {"pairs": len(pairs.A)}
+        found[name] = _of_subsets(A[good], B[good], size) | {"pairs": len(pairs[0])}
     return found
 
 

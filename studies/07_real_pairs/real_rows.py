@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from real_sets import MM, Sides
 
 from calib.robot_world import METHODS, PairNoise, RobotWorldResult, certify, solve
 from calib.robot_world.noise import difference
 from calib.se3 import FloatArray
+from studies.real_pairs import MM, Sides
 
 RATIO = "ml, ratio"
 """``ml`` with the ratio of the noises given; every other row leaves the noise to the residuals."""

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 from real_rows import PARTS, RATIO, TO_SHOW, Settings, given_noise
-from real_sets import Sides
 
 from calib.robot_world import solve_batch
 from calib.robot_world.results import residuals
 from calib.se3 import BoolArray, FloatArray
+from studies.real_pairs import Sides
 
 BEST = "ml"
 """The method that the others are compared with."""

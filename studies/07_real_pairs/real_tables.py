@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from studies.writing import table_of
+
 Found = Mapping[str, Any]
-
-
-def _lines(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    head = list(head)
-    every = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in every)
 
 
 def _pair(row: Found, name: str) -> str:
@@ -46,7 +42,7 @@ def of_data_set(rows: Iterable[Found]) -> str:
         ]
         for row in rows
     ]
-    return _lines(head, cells)
+    return table_of(head, cells)
 
 
 def against_reference(found: Found) -> str:
@@ -74,7 +70,7 @@ def against_reference(found: Found) -> str:
                 _pair(second, "out_rms"),
             ]
         )
-    return _lines(head, cells)
+    return table_of(head, cells)
 
 
 def prediction(found: Found) -> str:
@@ -93,7 +89,7 @@ def prediction(found: Found) -> str:
                 "-" if worse[0] is None else ", ".join(f"{100 * share:.0f}" for share in worse),
             ]
         )
-    return _lines(head, cells)
+    return table_of(head, cells)
 
 
 def certificates(found: Found) -> str:
@@ -112,7 +108,7 @@ def certificates(found: Found) -> str:
                 "yes" if proof["unique"] else "no",
             ]
         )
-    return _lines(head, cells)
+    return table_of(head, cells)
 
 
 def images(found: Found) -> str:
@@ -133,7 +129,7 @@ def images(found: Found) -> str:
                 )
             cells.append(row)
     cells.append(["χ² of 12", *(f"{of['chi2']:.0f}" for of in sides.values())])
-    return _lines(head, cells)
+    return table_of(head, cells)
 
 
 def all_tables(found: Found) -> dict[str, str]:
@@ -145,3 +141,8 @@ def all_tables(found: Found) -> dict[str, str]:
         "images": images(found),
     }
     return every | {name: of_data_set(of["rows"]) for name, of in found["data"].items()}
+
+
+def said(found: Found) -> str:
+    """All of them, each with its name."""
+    return "\n\n".join(f"{name}\n{table}" for name, table in all_tables(found).items())

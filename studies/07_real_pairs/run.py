@@ -1,14 +1,10 @@
-"""Run the study: python studies/07_real_pairs/run.py [--out DIR].
+"""Run the study: ``posedesign study run real_pairs``, or this file as a script.
 
-It needs measurements that the project does not contain: the folder that POSEDESIGN_DATA names, or
-``../shared/data`` beside the checkout.
+It needs measurements that the project does not contain, see :mod:`studies.real_data`.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
-import json
 import sys
 import tomllib
 from collections.abc import Iterable
@@ -22,12 +18,23 @@ sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loade
 
 from real_figure import draw  # noqa: E402
 from real_rows import against_images, proof, row_names, row_of, solved  # noqa: E402
-from real_sets import MM, Sides, data_folder, from_the_images, real_pairs  # noqa: E402
 from real_splits import compared  # noqa: E402
-from real_tables import all_tables  # noqa: E402
+from real_tables import said  # noqa: E402
 
 from calib.robot_world import PairNoise, solve  # noqa: E402
 from calib.robot_world.results import residuals  # noqa: E402
+from posedesign.study.library import Advance, Options  # noqa: E402
+from studies import writing  # noqa: E402
+from studies.real_data import data_with  # noqa: E402
+from studies.real_pairs import (  # noqa: E402
+    MM,
+    TABB,
+    TAGS,
+    UR3E,
+    Sides,
+    from_the_images,
+    real_pairs,
+)
 
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
 TOLERANCE = 2e-3
@@ -36,12 +43,40 @@ TOLERANCE = 2e-3
 DIGITS = 8
 """Significant digits of what is written."""
 
+TABLE, FIGURE = "real_pairs.csv", "real_pairs"
 
-def run(data: Path, methods: Iterable[str] | None = None, sigma: bool = True) -> dict[str, Any]:
+
+def study(options: Options) -> dict[str, Any]:
+    """Which method fits and predicts pairs of real robots best?
+
+    The pairs are what they are, and every half of their runs has its turn: nothing is drawn at
+    random, and a number of trials is ignored.
+    """
+    found = run(data_with(UR3E, TAGS, TABB), advance=options.advance)
+    writing.write_rows(options.out, TABLE, flat(found), DIGITS)
+    rounded: dict[str, Any] = writing.rounded(found, DIGITS)
+    writing.write_figures(options.out, rounded)
+    return rounded
+
+
+def plot(folder: Path) -> list[Path]:
+    """What each method leaves of pairs held out."""
+    return writing.save(draw(writing.read_rows(folder, TABLE)), folder, FIGURE)
+
+
+def run(
+    data: Path,
+    methods: Iterable[str] | None = None,
+    sigma: bool = True,
+    advance: Advance = lambda what, part: None,
+) -> dict[str, Any]:
     """All figures of the study, of all methods or of some."""
     names = row_names(methods)
     every = real_pairs(data)
-    found = {name: of_data_set(sides, name, names, sigma) for name, sides in every.items()}
+    found = {}
+    for k, (name, sides) in enumerate(every.items()):
+        own = writing.part_of(advance, k, len(every), name)
+        found[name] = of_data_set(sides, name, names, sigma, own)
     return {
         "tolerance": TOLERANCE,
         "data": found,
@@ -49,9 +84,15 @@ def run(data: Path, methods: Iterable[str] | None = None, sigma: bool = True) ->
     }
 
 
-def of_data_set(sides: Sides, name: str, names: list[str], sigma: bool) -> dict[str, Any]:
+def of_data_set(
+    sides: Sides, name: str, names: list[str], sigma: bool, advance: Advance
+) -> dict[str, Any]:
     """Every method on one data set, their predictions, and what is proven of ``ml``."""
-    results = {method: solved(sides, method, SETTINGS) for method in names}
+    results = {}
+    for k, method in enumerate(names):
+        advance(method, 0.5 * k / len(names))
+        results[method] = solved(sides, method, SETTINGS)
+    advance("predictions", 0.5)
     noted = {method: list(result.warnings) for method, result in results.items()}
     return {
         "reference": SETTINGS["reference"][name],
@@ -87,54 +128,19 @@ def images(sides: Sides, data: Path) -> dict[str, Any]:
     }
 
 
-def rounded(value: Any) -> Any:
-    """Numbers with :data:`DIGITS` digits, in whatever holds them."""
-    if isinstance(value, dict):
-        return {k: rounded(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [rounded(v) for v in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
-
-
-def write_csv(found: dict[str, Any], path: Path) -> None:
+def flat(found: dict[str, Any]) -> list[dict[str, Any]]:
     """A row for each data set and method, with its predictions of halves."""
     rows = []
     for name, of in found["data"].items():
         for row in of["rows"]:
             halves = of["splits"]["methods"][row["method"]]
-            halves = {f"half_{key}": value for key, value in halves.items()}
-            rows.append(rounded({"data": name, **row, **halves}))
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+            rows.append({"data": name, **row} | {f"half_{key}": v for key, v in halves.items()})
+    return rows
 
 
 def main() -> None:
-    """Run, print, and write table, figure and key figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
-    arguments = parser.parse_args()
-    out: Path = arguments.out
-    data = data_folder()
-    if not (data / "robot_world").is_dir():
-        print(f"skipped: no pairs of real robots in {data}; POSEDESIGN_DATA names another folder")
-        return
-    found = run(data)
-    for name, table in all_tables(found).items():
-        print(f"{name}\n{table}\n")
-    for name, of in found["data"].items():
-        splits = of["splits"]
-        print(f"{name}: {splits['splits']} splits, {splits['unidentified']} identify nothing;")
-        for method, rows in of["left_out"].items():
-            print(f"  {method} leaves out {rows} (counted from 1)")
-        for method, said in of["warnings"].items():
-            print(f"  {method}: {'; '.join(said)}")
-    out.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(rounded(found), indent=1)
-    (out / "expected.json").write_text(text + "\n", encoding="utf-8")
-    write_csv(found, out / "real_pairs.csv")
-    draw(found, out / "real_pairs.png")
+    """Run, draw and print."""
+    writing.script(study, plot, HERE, said)
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from calib.parameters import (
 from calib.parameters.frames import Frames
 from calib.prediction import tool_motion
 from calib.se3 import BoolArray, FloatArray, apply, inverse
+from studies.choices import Pool
 
 measuring_arm = importlib.import_module("studies.03_irb120_measuring_arm.run")
 """Study 03, which reads the recordings."""
@@ -36,36 +37,25 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class Bench(Pool):
     """A model of the arm, the 36 configurations as a pool, and what was read in them.
+
+    The readings have a row for each point of each configuration.
 
     Attributes
     ----------
-    model : CalibrationModel
     recorded : Recorded
-    data : Measurements
-        A row for each point of each configuration.
     common : float
         Error common to the points of a configuration, over that of each of them.
-    sizes : array (p,)
-        What errors of each parameter may be [SI].
     """
 
-    model: CalibrationModel
     recorded: Any
-    data: Measurements
     common: float
-    sizes: FloatArray
 
     @property
     def count(self) -> int:
         """Configurations in the pool."""
         return len(self.recorded.q)
-
-    @property
-    def arm(self) -> list[int]:
-        """Columns of the arm's own parameters: base and points are nuisances."""
-        return [int(k) for k in np.flatnonzero(~self.model.nuisance)]
 
     @property
     def points(self) -> int:
@@ -84,11 +74,6 @@ class Bench:
         """Nominal blocks ``(36, m, p)`` of the configurations, in ``sizes``. No reading is used."""
         found = self.model.linearise(self.data.postures, None, self.data.setup).white_jacobian
         return np.asarray(self.whitening @ self._by_pose(found) * self.sizes)
-
-    @cached_property
-    def known(self) -> FloatArray:
-        """Rows ``(K, p)`` of the priors, in ``sizes``."""
-        return np.asarray(self.model.known(self.model.nominal[None])[1][0] * self.sizes)
 
     @cached_property
     def functions(self) -> FloatArray:
@@ -189,10 +174,10 @@ def bench_of(data: Path, row: dict[str, Any], settings: dict[str, Any]) -> Bench
         model = reduced_at_nominal(model, measured)
     return Bench(
         model,
-        recorded,
         measured,
-        common / sigma if row["common"] else 0.0,
         unit_sizes(model, sizes),
+        recorded,
+        common / sigma if row["common"] else 0.0,
     )
 
 

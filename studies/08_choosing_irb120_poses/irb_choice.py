@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 from irb_bench import Bench
-from scipy.stats import binom
 
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.selection import largest_deviation, mean_deviation, select
 from posedesign.selection.selection import Selection
+from studies.choices import by_lot, spread
 
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-CONFIDENCE = 0.95
 D_OF_ARM = "D of the arm"
 
 
@@ -46,11 +44,6 @@ def everything(bench: Bench) -> Everything:
         np.diag(bench.check_squares(x, others)),
         bench.squares(whole)[0],
     )
-
-
-def by_lot(count: int, n: int, draws: int, rng: np.random.Generator) -> BoolArray:
-    """Choices ``(draws, count)`` of n each."""
-    return np.argsort(np.argsort(rng.random((draws, count)), axis=1), axis=1) < n
 
 
 def chosen_by(bench: Bench, n: int, criterion: str) -> Selection:
@@ -130,16 +123,6 @@ def row_of(
         best = np.hypot(1e3 * bench.noise_m, 1e3 * selection.bound)
         row["expected_bound"] = float(best / expected_mm(bench, np.arange(bench.count)))
     return row
-
-
-def spread(values: FloatArray) -> dict[str, Any]:
-    """Quantiles of choices by lot, and the interval of the median."""
-    ordered = np.sort(values)
-    low, high = binom.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], len(ordered), 0.5)
-    return {
-        "quantiles": [float(q) for q in np.quantile(values, QUANTILES)],
-        "median_interval": [float(ordered[int(low) - 1]), float(ordered[int(high)])],
-    }
 
 
 def compare(

@@ -1,17 +1,13 @@
-"""Run the study: python studies/08_choosing_irb120_poses/run.py [--out DIR].
+"""Run the study: ``posedesign study run choosing_irb120_poses``, or this file as a script.
 
-It needs measurements that the project does not contain: the folder that POSEDESIGN_DATA names, or
-``../shared/data`` beside the checkout.
+It needs measurements that the project does not contain, see :mod:`studies.real_data`.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
-import json
 import sys
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +16,14 @@ import numpy as np
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
 
-from irb_bench import bench_of, measuring_arm  # noqa: E402
+from irb_bench import bench_of  # noqa: E402
 from irb_choice import compare, everything  # noqa: E402
 from irb_figure import draw  # noqa: E402
+
+from posedesign.study.library import Advance, Options  # noqa: E402
+from studies import writing  # noqa: E402
+from studies.choices import range_text  # noqa: E402
+from studies.real_data import data_with  # noqa: E402
 
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
 RECOMMENDED = "I"
@@ -34,15 +35,46 @@ TOLERANCE = 5e-3
 DIGITS = 6
 """Significant digits of what is written."""
 
+RECORDINGS = "identification/abb_irb120"
+TABLE, FIGURE = "choosing_irb120_poses.csv", "choosing_irb120_poses"
+
+
+def study(options: Options) -> dict[str, Any]:
+    """How many of 36 poses does the IRB 120 need, and which?
+
+    A trial is a choice by lot: so many each choice is held against.
+    """
+    draws = writing.trials_of(options, SETTINGS["draws"])
+    rows = run(data_with(RECORDINGS), draws=draws, advance=options.advance)
+    return write(rows, options.out)
+
+
+def plot(folder: Path) -> list[Path]:
+    """What choices by lot and by each criterion leave at the poses not chosen."""
+    return writing.save(draw(writing.read_figures(folder)["models"]), folder, FIGURE)
+
+
+def write(rows: list[dict[str, Any]], out: Path) -> dict[str, Any]:
+    """Write table and key figures, and return these."""
+    content = {"tolerance": TOLERANCE, "recommended": RECOMMENDED, "models": rows}
+    figures: dict[str, Any] = writing.rounded(content, DIGITS)
+    writing.write_rows(out, TABLE, flat(figures["models"]), DIGITS)
+    writing.write_figures(out, figures)
+    return figures
+
 
 def run(
-    data: Path, names: Sequence[str] | None = None, criteria: Sequence[str] | None = None
+    data: Path,
+    names: Sequence[str] | None = None,
+    criteria: Sequence[str] | None = None,
+    draws: int = SETTINGS["draws"],
+    advance: Advance = lambda what, part: None,
 ) -> list[dict[str, Any]]:
     """Figures of each model, or of those that are named; by all of its criteria, or by some."""
     rows = []
-    for row in SETTINGS["model"]:
-        if names is not None and row["name"] not in names:
-            continue
+    wanted = [row for row in SETTINGS["model"] if names is None or row["name"] in names]
+    for done, row in enumerate(wanted):
+        advance(row["name"], done / len(wanted))
         bench = bench_of(data, row, SETTINGS)
         all36 = everything(bench)
         tried = [c for c in row["criteria"] if criteria is None or c in criteria]
@@ -57,7 +89,7 @@ def run(
                         all36,
                         n,
                         tried,
-                        SETTINGS["draws"],
+                        draws,
                         np.random.default_rng([SETTINGS["seed"], n]),
                     )
                     for n in SETTINGS["counts"]
@@ -93,8 +125,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _range(of: dict[str, Any], digits: int = 3) -> str:
-    low, _, middle, _, high = (f"{q:.{digits}f}" for q in of["quantiles"])
-    return f"{middle} ({low} to {high})"
+    return range_text(of["quantiles"], digits)
 
 
 def flat(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -112,43 +143,14 @@ def flat(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return lines
 
 
-def rounded(value: Any) -> Any:
-    """The same with numbers of so many digits; None where there is none."""
-    if isinstance(value, dict):
-        return {key: rounded(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [rounded(item) for item in value]
-    if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
-    return value
-
-
-def write(rows: list[dict[str, Any]], out: Path) -> None:
-    """Key figures, table and figure."""
-    out.mkdir(parents=True, exist_ok=True)
-    content = {"tolerance": TOLERANCE, "recommended": RECOMMENDED, "models": rows}
-    (out / "expected.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    lines = flat(rows)
-    columns = list(dict.fromkeys(name for line in lines for name in line))
-    with (out / "choosing_irb120_poses.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(lines)
-    draw(rows, out / "choosing_irb120_poses.png")
+def markdown(found: Mapping[str, Any]) -> str:
+    """What the README has of the key figures."""
+    return table(found["models"])
 
 
 def main() -> None:
-    """Run, print, and write table, figure and key figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
-    out: Path = parser.parse_args().out
-    data = measuring_arm.data_folder()
-    if not (data / "identification" / "abb_irb120").is_dir():
-        print(f"skipped: no measurements of the IRB 120 in {data}; POSEDESIGN_DATA names another")
-        return
-    rows = rounded(run(data))
-    print(table(rows))
-    write(rows, out)
+    """Run, draw and print."""
+    writing.script(study, plot, HERE, markdown)
 
 
 if __name__ == "__main__":

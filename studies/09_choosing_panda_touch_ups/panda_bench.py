@@ -11,7 +11,7 @@ import numpy as np
 
 from calib import CalibrationModel, Robot
 from calib.identification.least_squares import minimise
-from calib.measurement import Measurements, TouchUp, touch_ups
+from calib.measurement import TouchUp, touch_ups
 from calib.parameters import (
     JointHarmonics,
     LinkGeometry,
@@ -22,6 +22,7 @@ from calib.parameters import (
 )
 from calib.prediction import tool_motion
 from calib.se3 import BoolArray, FloatArray, IntArray, apply
+from studies.choices import Pool
 
 touched = importlib.import_module("studies.02_panda_touch_ups.run")
 """Study 02, which reads the recordings."""
@@ -31,31 +32,19 @@ SOCKETS = len(touched.SETTINGS["sockets"])
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class Bench(Pool):
     """A model, the touch-ups at two sites, and the postures at the one held out.
 
     Attributes
     ----------
-    model : CalibrationModel
-    data : Measurements
     q_out : array (M, 7)
         Postures at the site held out [rad].
     socket_out : array (M,)
         Socket that each belongs to.
-    sizes : array (p,)
-        What errors of each parameter may be [SI].
     """
 
-    model: CalibrationModel
-    data: Measurements
     q_out: FloatArray
     socket_out: IntArray
-    sizes: FloatArray
-
-    @property
-    def arm(self) -> list[int]:
-        """Columns of the arm's own parameters: ball and sockets are nuisances."""
-        return [int(k) for k in np.flatnonzero(~self.model.nuisance)]
 
     @cached_property
     def groups(self) -> list[IntArray]:
@@ -67,11 +56,6 @@ class Bench:
         """Nominal blocks ``(N, 3, p)``, in ``sizes``."""
         found = self.model.linearise(self.data.postures, None, self.data.setup).white_jacobian
         return np.asarray(found * self.sizes)
-
-    @cached_property
-    def known(self) -> FloatArray:
-        """Rows ``(K, p)`` of the priors, in ``sizes``."""
-        return np.asarray(self.model.known(self.model.nominal[None])[1][0] * self.sizes)
 
     @cached_property
     def at_the_site(self) -> FloatArray:
@@ -135,9 +119,9 @@ def bench_of(recorded: Any, row: dict[str, Any], site: int, settings: dict[str, 
     return Bench(
         model,
         touch_ups(q, target, model.targets),
+        sizes,
         recorded.q[~own],
         recorded.socket[~own],
-        sizes,
     )
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from panda_bench import Bench
-from scipy.stats import binom
 
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.selection import (
@@ -19,9 +18,8 @@ from posedesign.selection import (
     select,
 )
 from posedesign.selection.candidates import Candidates
+from studies.choices import by_lot, spread
 
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-CONFIDENCE = 0.95
 WITHOUT_BOUND = ("C_G", "cond_2")
 """Criteria whose relaxation takes minutes with so many parameters: no efficiency is proven."""
 
@@ -81,23 +79,12 @@ def choose(bench: Bench, name: str, each: int, starts: int, rounds: int) -> Choi
     return Choice(rows, float(efficiency))
 
 
-def by_lot(bench: Bench, each: int, draws: int, rng: np.random.Generator) -> BoolArray:
+def by_lot_at_each(bench: Bench, each: int, draws: int, rng: np.random.Generator) -> BoolArray:
     """Choices ``(draws, N)`` of so many touch-ups at each socket."""
     out = np.zeros((draws, bench.data.count), dtype=bool)
     for group in bench.groups:
-        rank = np.argsort(np.argsort(rng.random((draws, len(group))), axis=1), axis=1)
-        out[:, group] = rank < each
+        out[:, group] = by_lot(len(group), each, draws, rng)
     return out
-
-
-def spread(values: FloatArray) -> dict[str, list[float]]:
-    """Quantiles of choices by lot, and the interval of the median."""
-    ordered = np.sort(values)
-    low, high = binom.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], len(ordered), 0.5)
-    return {
-        "quantiles": [float(q) for q in np.quantile(values, QUANTILES)],
-        "median_interval": [float(ordered[int(low) - 1]), float(ordered[int(high)])],
-    }
 
 
 def compare(
@@ -111,7 +98,7 @@ def compare(
     chosen = np.zeros((len(criteria), bench.data.count), dtype=bool)
     for mask, choice in zip(chosen, choices, strict=True):
         mask[choice.rows] = True
-    lot = by_lot(bench, settings["each"], settings["draws"], rng)
+    lot = by_lot_at_each(bench, settings["each"], settings["draws"], rng)
     every = np.ones((1, bench.data.count), dtype=bool)
     far = bench.held_out_mm(np.concatenate([every, lot, chosen]))
     whole, drawn = float(far[0]), far[1 : 1 + len(lot)]

@@ -1,17 +1,13 @@
-"""Run the study: python studies/09_choosing_panda_touch_ups/run.py [--out DIR].
+"""Run the study: ``posedesign study run choosing_panda_touch_ups``, or this file as a script.
 
-It needs measurements that the project does not contain: the folder that POSEDESIGN_DATA names, or
-``../shared/data`` beside the checkout.
+It needs measurements that the project does not contain, see :mod:`studies.real_data`.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
-import json
 import sys
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +17,13 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
 
 from panda_bench import SITES, bench_of, touched  # noqa: E402
-from panda_choice import compare, spread  # noqa: E402
+from panda_choice import compare  # noqa: E402
 from panda_figure import draw  # noqa: E402
+
+from posedesign.study.library import Advance, Options  # noqa: E402
+from studies import writing  # noqa: E402
+from studies.choices import range_text, spread  # noqa: E402
+from studies.real_data import data_with  # noqa: E402
 
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
 RECOMMENDED = "I at the sockets"
@@ -35,22 +36,54 @@ TOLERANCE = 5e-3
 DIGITS = 6
 """Significant digits of what is written."""
 
+TABLE, FIGURE = "choosing_panda_touch_ups.csv", "choosing_panda_touch_ups"
+
+
+def study(options: Options) -> dict[str, Any]:
+    """Are ten touch-ups a socket as good as thirty?
+
+    A trial is a choice by lot: so many each choice is held against.
+    """
+    draws = writing.trials_of(options, SETTINGS["draws"])
+    folder = data_with(touched.RECORDINGS) / touched.RECORDINGS
+    return write(run(folder, draws=draws, advance=options.advance), options.out)
+
+
+def plot(folder: Path) -> list[Path]:
+    """Error at the site held out over that of all touch-ups, by lot and by criterion."""
+    rows = writing.read_figures(folder)["models"]
+    return writing.save(draw(rows, [*SITES, EVERY]), folder, FIGURE)
+
+
+def write(rows: list[dict[str, Any]], out: Path) -> dict[str, Any]:
+    """Write table and key figures, and return these."""
+    content = {"tolerance": TOLERANCE, "recommended": RECOMMENDED, "models": rows}
+    figures: dict[str, Any] = writing.rounded(content, DIGITS)
+    writing.write_rows(out, TABLE, flat(figures["models"]), DIGITS)
+    writing.write_figures(out, figures)
+    return figures
+
 
 def run(
-    folder: Path, names: Sequence[str] | None = None, criteria: Sequence[str] | None = None
+    folder: Path,
+    names: Sequence[str] | None = None,
+    criteria: Sequence[str] | None = None,
+    draws: int = SETTINGS["draws"],
+    advance: Advance = lambda what, part: None,
 ) -> list[dict[str, Any]]:
     """Figures of each model, or of those that are named; by all of its criteria, or by some."""
     recorded = touched.load(folder)
+    settings = SETTINGS | {"draws": draws}
     rows = []
-    for row in SETTINGS["model"]:
-        if names is not None and row["name"] not in names:
-            continue
+    wanted = [row for row in SETTINGS["model"] if names is None or row["name"] in names]
+    for done, row in enumerate(wanted):
+        advance(row["name"], done / len(wanted))
         tried = [c for c in row["criteria"] if criteria is None or c in criteria]
         found = {}
         for site, name in enumerate(SITES):
-            bench = bench_of(recorded, row, site, SETTINGS)
+            bench = bench_of(recorded, row, site, settings)
             rng = np.random.default_rng([SETTINGS["seed"], site])
-            found[name] = compare(bench, tried, SETTINGS, rng)
+            found[name] = compare(bench, tried, settings, rng)
         found[EVERY] = together(list(found.values()))
         for of in found.values():
             del of["drawn_mm"]
@@ -97,7 +130,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         of = [row["sites"][place] for place in places]
         head = f"| {row['model']} ({row['parameters']}) "
         lines.append(head + "| all 30 | | " + " | ".join(f"{s['all_mm']:.3f}" for s in of) + " |")
-        ranges = (_range(s["by_lot_mm"]["quantiles"]) for s in of)
+        ranges = (range_text(s["by_lot_mm"]["quantiles"]) for s in of)
         lines.append(head + "| *10 by lot: median (5 to 95 %)* | | " + " | ".join(ranges) + " |")
         for k, c in enumerate(of[-1]["chosen"]):
             proven = f"{c['efficiency']:.2f}" if c["efficiency"] is not None else ""
@@ -110,11 +143,6 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
                 head + f"| 10 by {c['criterion']} | {proven} | " + " | ".join(cells) + " |"
             )
     return "\n".join(lines)
-
-
-def _range(quantiles: Sequence[float]) -> str:
-    low, _, middle, _, high = (f"{q:.3f}" for q in quantiles)
-    return f"{middle} ({low} to {high})"
 
 
 def flat(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -130,43 +158,14 @@ def flat(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return [{k: v for k, v in line.items() if k != "criterion"} for line in lines]
 
 
-def rounded(value: Any) -> Any:
-    """The same with numbers of so many digits; None where there is none."""
-    if isinstance(value, dict):
-        return {key: rounded(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [rounded(item) for item in value]
-    if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
-    return value
-
-
-def write(rows: list[dict[str, Any]], out: Path) -> None:
-    """Key figures, table and figure."""
-    out.mkdir(parents=True, exist_ok=True)
-    content = {"tolerance": TOLERANCE, "recommended": RECOMMENDED, "models": rows}
-    (out / "expected.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    lines = flat(rows)
-    columns = list(dict.fromkeys(name for line in lines for name in line))
-    with (out / "choosing_panda_touch_ups.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(lines)
-    draw(rows, [*SITES, EVERY], out / "choosing_panda_touch_ups.png")
+def markdown(found: Mapping[str, Any]) -> str:
+    """What the README has of the key figures."""
+    return table(found["models"])
 
 
 def main() -> None:
-    """Run, print, and write table, figure and key figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
-    out: Path = parser.parse_args().out
-    folder = touched.measurements_folder()
-    if folder is None:
-        print("skipped: there are no measurements; POSEDESIGN_DATA names their folder")
-        return
-    rows = rounded(run(folder))
-    print(table(rows))
-    write(rows, out)
+    """Run, draw and print."""
+    writing.script(study, plot, HERE, markdown)
 
 
 if __name__ == "__main__":

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
+from studies.drawing import BLACK, BLUE, VERMILION
+
 TITLES = {"r2000ic165f": "R-2000iC/165F", "ur10e": "UR10e"}
-RIGID, PREDICTED, DEFLECTING = "#0072B2", "#000000", "#D55E00"
+RIGID, PREDICTED, DEFLECTING = BLUE, BLACK, VERMILION
 
 
 def draw(arms: dict[str, Any]) -> Figure:
@@ -18,19 +21,16 @@ def draw(arms: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(12.5, 0.27 * len(first) + 1.8), layout="constrained")
     panels = figure.subplots(1, len(arms), sharey=True, squeeze=False)[0]
     for panel, (arm, part) in zip(panels, arms.items(), strict=True):
-        for place, row in zip(places, part["rows"], strict=True):
-            colour = "#eeeeee" if place % 2 else "#ffffff"
-            panel.axhspan(place - 0.5, place + 0.5, color=colour, lw=0)
-            interval = [row["rms_low_mm"], row["rms_high_mm"]]
-            panel.plot(interval, [place, place], color=RIGID, lw=4, alpha=0.5)
-            panel.plot(row["rms_mm"], place, "o", color=RIGID, ms=6)
-            panel.plot(row["predicted_rms_mm"], place, "|", color=PREDICTED, ms=11, mew=1.5)
-            if "deflecting_rms_mm" in row:
-                bent = [row["deflecting_rms_low_mm"], row["deflecting_rms_high_mm"]]
-                panel.plot(bent, [place, place], color=DEFLECTING, lw=4, alpha=0.5)
-                panel.plot(row["deflecting_rms_mm"], place, "x", color=DEFLECTING, ms=6)
+        for place in places[::2]:
+            panel.axhspan(place - 0.5, place + 0.5, color="#eeeeee", lw=0)
+        columns = {key: [row.get(key) for row in part["rows"]] for key in part["rows"][0]}
+        _intervals(panel, places, columns, "rms", RIGID, "o")
+        panel.plot(columns["predicted_rms_mm"], places, "|", color=PREDICTED, ms=11, mew=1.5)
+        if "deflecting_rms_mm" in columns:
+            _intervals(panel, places, columns, "deflecting_rms", DEFLECTING, "x")
+        for place, minutes in zip(places, columns["minutes"], strict=True):
             panel.annotate(
-                f"{row['minutes']:.0f} min",
+                f"{minutes:.0f} min",
                 (1.01, place),
                 xycoords=("axes fraction", "data"),
                 fontsize=8,
@@ -55,3 +55,17 @@ def draw(arms: dict[str, Any]) -> Figure:
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     return figure
+
+
+def _intervals(
+    panel: Axes,
+    places: list[int],
+    columns: dict[str, list[float]],
+    name: str,
+    colour: str,
+    mark: str,
+) -> None:
+    """What was simulated, with its 95 % interval."""
+    low, high = columns[f"{name}_low_mm"], columns[f"{name}_high_mm"]
+    panel.hlines(places, low, high, color=colour, lw=6, alpha=0.4)
+    panel.plot(columns[f"{name}_mm"], places, mark, color=colour, ms=3.5)

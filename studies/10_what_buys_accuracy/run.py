@@ -42,7 +42,7 @@ def study(options: Options) -> dict[str, Any]:
         table = rows(run(arm, trials, advance=advance))
         said["arms"][arm] = {"before": before(arm), "rows": table}
     every = [{"arm": arm} | row for arm, part in said["arms"].items() for row in part["rows"]]
-    writing.write_rows(options.out, TABLE, every)
+    writing.write_rows(options.out, TABLE, every, DIGITS)
     writing.write_figures(options.out, said)
     return said
 

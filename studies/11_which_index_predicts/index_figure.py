@@ -7,8 +7,10 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73")
-"""Okabe and Ito's palette, one for each problem."""
+from studies.drawing import BLUE, GREEN, VERMILION
+
+STYLES = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"))
+"""Colour and mark of each problem."""
 
 TITLES = {"same": "random sets of 27 poses", "mixed": "random sets of 8 to 60 poses, 15 to 60 deg"}
 
@@ -49,12 +51,12 @@ def _lines(
     place = {name: len(names) - 1 - k for k, name in enumerate(names)}
     for k in range(len(names)):
         panel.axhspan(k - 0.5, k + 0.5, color="#eeeeee" if k % 2 else "#ffffff", lw=0)
-    for p, (problem, colour) in enumerate(zip(problems, COLOURS, strict=False)):
+    for p, (problem, (colour, mark)) in enumerate(zip(problems, STYLES, strict=False)):
         own = [row for row in rows if row["problem"] == problem]
         heights = [place[row[key]] + 0.22 * (1 - p) for row in own]
         middle, low, high = ([row[c] for row in own] for c in columns)
         panel.hlines(heights, low, high, color=colour, lw=2.5, alpha=0.5)
-        panel.plot(middle, heights, "o", color=colour, ms=4.5, label=problem)
+        panel.plot(middle, heights, mark, color=colour, ms=4.5, label=problem)
     panel.set_yticks(list(place.values()), list(place), fontsize=9)
     panel.set_ylim(-0.6, len(names) - 0.4)
     panel.grid(True, axis="x", alpha=0.3)

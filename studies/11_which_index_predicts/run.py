@@ -51,7 +51,7 @@ def study(options: Options) -> dict[str, Any]:
     said["held"] = held(next(iter(SETTINGS["arms"])), SETTINGS, trials=trials)
     figures: dict[str, Any] = writing.rounded(said, DIGITS)
     for name, rows in figures.items():
-        writing.write_rows(options.out, f"{name}.csv", rows)
+        writing.write_rows(options.out, f"{name}.csv", rows, DIGITS)
     writing.write_figures(options.out, figures)
     return figures
 

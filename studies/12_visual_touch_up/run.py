@@ -48,11 +48,11 @@ def study(options: Options) -> dict[str, Any]:
     options.advance("Table 3", 0.5)
     said: dict[str, Any] = {"rows": rows, "pin": against_pin(trials), "derived": derived()}
     figures: dict[str, Any] = writing.rounded(said, DIGITS)
-    writing.write_rows(options.out, "visual_touch_up.csv", figures["rows"])
+    writing.write_rows(options.out, "visual_touch_up.csv", figures["rows"], DIGITS)
     pin_rows = [_flat(row) for row in figures["pin"]["rows"]]
-    writing.write_rows(options.out, "visual_less_pin.csv", pin_rows)
+    writing.write_rows(options.out, "visual_less_pin.csv", pin_rows, DIGITS)
     for part in CLOUDS:
-        writing.write_rows(options.out, f"cloud_{part}.csv", cloud_rows(clouds, part))
+        writing.write_rows(options.out, f"cloud_{part}.csv", cloud_rows(clouds, part), DIGITS)
     writing.write_figures(options.out, figures)
     return figures
 
@@ -82,7 +82,7 @@ def cloud_rows(clouds: dict[str, dict[str, FloatArray]], part: str) -> list[dict
     """Points of the clouds that are drawn: ``touch_up`` along V, H, D or ``stereo`` in the base."""
     names = [f"{axis}_mm" for axis in (tables.AXES if part == "touch_up" else tables.BASE_AXES)]
     return [
-        {"condition": key} | dict(zip(names, writing.rounded(point, DIGITS), strict=True))
+        {"condition": key} | dict(zip(names, point, strict=True))
         for key in CLOUDS[part]
         for point in clouds[key][part][:CLOUD_SHOWN].tolist()
     ]

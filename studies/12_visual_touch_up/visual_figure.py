@@ -12,9 +12,9 @@ from matplotlib.patches import Ellipse
 from visual_pin import VARIANTS
 
 from calib.se3 import FloatArray
+from studies.drawing import BLACK, BLUE, GREEN, PURPLE, VERMILION
 
-TOUCH, STEREO, LOST, PAPER = "#0072B2", "#D55E00", "#CC79A7", "#000000"
-"""Okabe and Ito's palette, told apart by people who do not see red and green alike."""
+TOUCH, STEREO, LOST, PAPER = BLUE, VERMILION, PURPLE, BLACK
 
 CLOUDS = {"touch_up": ("images", "fast"), "stereo": ("images", "any side, tenth")}
 """What is drawn, and under which conditions."""
@@ -107,9 +107,7 @@ def _against(
     place = np.arange(3 * len(turns)) + np.repeat(np.arange(len(turns)), 3)  # a gap between turns
     bar = _UM * settings["paper"]["pin_bar_mm"]
     panel.axhspan(-bar, bar, color="#eeeeee", lw=0, label="within .2 mm")
-    marks = zip(
-        VARIANTS, ("o", "^", "s"), (TOUCH, STEREO, "#009E73"), (-0.2, 0.0, 0.2), strict=True
-    )
+    marks = zip(VARIANTS, ("o", "^", "s"), (TOUCH, STEREO, GREEN), (-0.2, 0.0, 0.2), strict=True)
     for variant, mark, colour, aside in marks:
         rows = [row for row in pin if row["variant"] == variant]
         mean = _UM * np.concatenate([row["mean_mm"] for row in rows])

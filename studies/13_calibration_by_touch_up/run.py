@@ -58,8 +58,8 @@ def study(options: Options) -> dict[str, Any]:
     said["robots"] = robots(benches[SHOWN])
     figures: dict[str, Any] = writing.rounded(said, DIGITS)
     for part in ("variation", "plate"):
-        writing.write_rows(options.out, f"{part}.csv", _every(figures, part))
-    writing.write_rows(options.out, DATA_SETS, writing.rounded(ten, DIGITS))
+        writing.write_rows(options.out, f"{part}.csv", _every(figures, part), DIGITS)
+    writing.write_rows(options.out, DATA_SETS, ten, DIGITS)
     writing.write_figures(options.out, figures)
     return figures
 

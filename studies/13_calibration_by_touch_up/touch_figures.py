@@ -11,10 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from touch_plate import DISTANCES
 
-BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#555555"
+from studies.drawing import BLUE, GREEN, GREY, PURPLE, VERMILION
+
 STYLES = {
     "touch-up": (BLUE, "o"),
-    "touch-up, weighted": (ORANGE, "s"),
+    "touch-up, weighted": (VERMILION, "s"),
     "view line": (GREEN, "^"),
     "touch-up, size left out": (PURPLE, "D"),
 }
@@ -129,7 +130,7 @@ def draw_plate(arms: Mapping[str, Any], robots: Mapping[str, Any], estimator: st
 def _distances(panel: Axes, plate: Mapping[str, Any], estimator: str) -> None:
     rows = [row for row in plate["rows"] if row["estimator"] == estimator]
     x = [row["c_g"] for row in rows]
-    for d, colour, mark in zip(DISTANCES, (BLUE, ORANGE, GREEN, PURPLE), "osv^", strict=True):
+    for d, colour, mark in zip(DISTANCES, (BLUE, VERMILION, GREEN, PURPLE), "osv^", strict=True):
         ends = [[row[f"d{d}_{key}_mm"] for row in rows] for key in ("low", "high")]
         panel.fill_between(x, *ends, color=colour, alpha=0.2, lw=0)
         middle = [row[f"d{d}_mm"] for row in rows]

@@ -1,33 +1,38 @@
-"""Run the study: python studies/01_accuracy_vs_condition/run.py [--draws N] [--out DIR]."""
+"""Run the study: posedesign study run one_cell_in_depth [--trials N] [--out DIR]."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import tomllib
 from pathlib import Path
+from typing import Any
 
-from posedesign.accuracy_study import IDENTIFIED_ARM, AccuracyStudy, accuracy_study, pick
+from posedesign.accuracy_study import (
+    IDENTIFIED_ARM,
+    AccuracyStudy,
+    Finding,
+    accuracy_study,
+    pick,
+)
 from posedesign.cell import Cell
-from posedesign.cli.output import print_table, progress
-from posedesign.report.accuracy_table import accuracy_rows
+from posedesign.report.accuracy_figure import accuracy_figure
+from posedesign.study.library import Advance, Options
 from posedesign.template import cell_template
-from posedesign.workflow import write_study
+from studies.writing import save, script, write_figures, write_rows
 
 HERE = Path(__file__).parent
+SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+TABLE = "one_cell_in_depth.csv"
 OFFSET = "zero_offset.joint_2"
 PLATE = "plate distance worst"
 X = "X translation"
 
 
-def run(draws: int | None = None) -> AccuracyStudy:
+def run(draws: int | None = None, advance: Advance | None = None) -> AccuracyStudy:
     """The study as its TOML describes it, with fewer draws where asked for."""
-    settings = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
-    cell = Cell.from_text(cell_template(settings["robot"], surroundings=False))
-    with progress("accuracy against condition") as advance:
-        return accuracy_study(
-            cell, draws=draws or settings["draws"], seed=settings["seed"], progress=advance
-        )
+    cell = Cell.from_text(cell_template(SETTINGS["robot"], surroundings=False))
+    return accuracy_study(
+        cell, draws=draws or SETTINGS["draws"], seed=SETTINGS["seed"], progress=advance
+    )
 
 
 def key_figures(study: AccuracyStudy) -> list[dict[str, float]]:
@@ -61,19 +66,23 @@ def key_figures(study: AccuracyStudy) -> list[dict[str, float]]:
     return rows
 
 
-def main() -> None:
-    """Run, print, and write table, figure and key figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, help="noise draws for each pose set")
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
-    arguments = parser.parse_args()
-    study = run(arguments.draws)
-    write_study(study, arguments.out)
-    figures = key_figures(study)
-    (arguments.out / "expected.json").write_text(json.dumps(figures, indent=1) + "\n")
-    print_table("Accuracy against condition number", accuracy_rows(study))
-    print_table("Key figures", figures)
+def study(options: Options) -> list[dict[str, float]]:
+    """What does a lower condition number buy on one cell? A trial is one draw of the noise."""
+    done = run(options.trials, options.advance)
+    write_rows(options.out, TABLE, [finding.__dict__ for finding in done.findings])
+    figures = key_figures(done)
+    write_figures(options.out, figures)
+    return figures
+
+
+def plot(folder: Path) -> list[Path]:
+    """Draw what the table of a folder says."""
+    import pandas as pd
+
+    rows = pd.read_csv(folder / TABLE).to_dict("records")
+    findings = [Finding(**{str(k): v for k, v in row.items()}) for row in rows]
+    return save(accuracy_figure(findings, SETTINGS["robot"]), folder, "one_cell_in_depth")
 
 
 if __name__ == "__main__":
-    main()
+    script(study, plot, HERE)

@@ -134,6 +134,11 @@ def test_folder_in_place_of_an_output_file(refuse: Refuse, work: Path, command: 
         (("study", "acuracy"), "No such command 'acuracy'. Did you mean 'accuracy'?"),
         (("study", "accuracy", "--draws", "9"), "'--draws': Input should be greater than or equal"),
         (("study", "accuracy", "--draws", "many"), "'--draws': Input should be a valid integer"),
+        (
+            ("study", "run", "x", "--trials", "0"),
+            "'--trials': Input should be greater than or equal",
+        ),
+        (("study", "run", "x", "--jobs", "0"), "'--jobs': Input should be greater than or equal"),
         (("demo", "--draws", "-5"), "'--draws': Input should be greater than or equal to 10"),
         (("demo", "--draws"), "Option '--draws' requires an argument"),
         (("simulate", "a", "b", "--seed", "-1"), "'--seed': Input should be greater than or equal"),

@@ -28,6 +28,7 @@ COMMANDS = (
     "simulate",
     "identify",
     "robot-world",
+    "calibrate",
     "study",
     "demo",
 )
@@ -60,7 +61,9 @@ def test_bare_command_shows_help_and_counts_as_bad_input(cli: Cli) -> None:
     assert cli("--help").out == said.out
 
 
-@pytest.mark.parametrize("command", [*COMMANDS, "study accuracy"])
+@pytest.mark.parametrize(
+    "command", [*COMMANDS, *(f"study {c}" for c in ("accuracy", "list", "run", "plot"))]
+)
 def test_help_of_each_command(cli: Cli, command: str) -> None:
     said = cli(*command.split(), "--help")
     assert said.code == 0

@@ -216,16 +216,3 @@ class TestWhatPeopleRead:
         for lines in study.tables(expected):
             for line in lines:
                 assert line in text, line
-
-    @pytest.mark.slow
-    def test_everything_is_drawn_and_written(
-        self, study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        few = study.SETTINGS | {"thresholds": [3e7, 1e6, 1e5, 5e4], "pictures_data_sets": 2}
-        monkeypatch.setattr(study, "SETTINGS", few)
-        arguments = ["run.py", "--many", "20", "--arms", "2", "--out", str(tmp_path)]
-        monkeypatch.setattr(sys, "argv", arguments)
-        study.main()
-        names = {path.name for path in tmp_path.iterdir()}
-        tables = {"variation.csv", "plate.csv", "data_sets.csv"}
-        assert names == {"expected.json", "variation.png", "plate.png"} | tables

@@ -139,17 +139,6 @@ class TestWhatBuys:
             for line in buys.markdown(part["rows"]).splitlines():
                 assert line in text
 
-    @pytest.mark.slow
-    def test_everything_is_drawn_and_written(
-        self, buys: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr(buys, "VARIANTS", buys.VARIANTS[:4])
-        monkeypatch.setattr(sys, "argv", ["run.py", "--trials", "20", "--out", str(tmp_path)])
-        buys.main()
-        names = {path.name for path in tmp_path.iterdir()}
-        figures = {"what_buys_accuracy.png", "what_buys_accuracy.csv"}
-        assert names == {"expected.json"} | figures
-
 
 class TestWhichIndex:
     def test_ranks_are_those_of_scipy(self, index: ModuleType) -> None:
@@ -217,18 +206,3 @@ class TestWhichIndex:
         text = (INDEX / "README.md").read_text(encoding="utf-8")
         for line in index.markdown(written(INDEX)).splitlines():
             assert line in text
-
-    @pytest.mark.slow
-    def test_everything_is_drawn_and_written(
-        self, index: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        few = {
-            name: index.SETTINGS["problems"][name] for name in list(index.SETTINGS["problems"])[:1]
-        }
-        monkeypatch.setitem(index.SETTINGS, "problems", few)
-        arguments = ["run.py", "--trials", "20", "--sets", "12", "--out", str(tmp_path)]
-        monkeypatch.setattr(sys, "argv", arguments)
-        index.main()
-        names = {path.name for path in tmp_path.iterdir()}
-        tables = {"chosen.csv", "ranked.csv", "held.csv"}
-        assert names == {"expected.json", "which_index_predicts.png"} | tables

@@ -27,10 +27,10 @@ def load(name: str) -> ModuleType:
 
 
 @pytest.mark.slow
-def test_accuracy_vs_condition() -> None:
-    study = load("01_accuracy_vs_condition")
+def test_one_cell_in_depth() -> None:
+    study = load("14_one_cell_in_depth")
     found = study.key_figures(study.run(draws=SHORT))
-    expected = json.loads((STUDIES / "01_accuracy_vs_condition" / "expected.json").read_text())
+    expected = json.loads((STUDIES / "14_one_cell_in_depth" / "expected.json").read_text())
     assert len(found) == len(expected)
     low, high = np.sqrt(f_distribution.ppf([CHANCE / 2, 1 - CHANCE / 2], SHORT - 1, FULL - 1))
     for short, full in zip(found, expected, strict=True):
@@ -53,7 +53,7 @@ def test_every_study_has_its_parts() -> None:
 
 def test_the_table_of_the_accuracy_study_is_its_result() -> None:
     """The figures that people read are those that the run wrote, to their last digit."""
-    folder = STUDIES / "01_accuracy_vs_condition"
+    folder = STUDIES / "14_one_cell_in_depth"
     by_angle = {row["d_deg"]: row for row in json.loads((folder / "expected.json").read_text())}
     columns = (
         "d_deg", "c_g", "scatter_deg", "error_deg", "error_rigid_deg", "plate_before_mm",

@@ -68,13 +68,16 @@ def assert_same_scatter(
 
 class TestRepeatability:
     @pytest.mark.usefixtures("few_pictures")
+    @pytest.mark.parametrize(
+        "key", ["fast", pytest.param("any side, tenth", marks=pytest.mark.slow)]
+    )
     def test_a_short_run_scatters_as_is_written(
-        self, study: ModuleType, expected: dict[str, dict[str, Any]]
+        self, study: ModuleType, expected: dict[str, dict[str, Any]], key: str
     ) -> None:
-        rows, _ = study.run(SHORT, keys=("fast", "any side, tenth"))
-        for row in rows:
-            assert_same_scatter(row, expected[row["key"]], TOUCH + STEREO, PICTURES)
+        ((row,), _) = study.run(SHORT, keys=(key,))
+        assert_same_scatter(row, expected[key], TOUCH + STEREO, PICTURES)
 
+    @pytest.mark.slow
     def test_a_few_pictures_scatter_as_is_written(
         self, study: ModuleType, expected: dict[str, dict[str, Any]]
     ) -> None:
@@ -222,14 +225,3 @@ class TestReadme:
             assert f"{axis} {cell}" in second
         rest = study._cells(expected["any side, tenth"], STEREO, interval=False)
         assert ", ".join(rest) in first
-
-    @pytest.mark.slow
-    def test_everything_is_drawn_and_written(
-        self, study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setitem(study.SETTINGS, "noise_pictures", PICTURES)
-        monkeypatch.setattr(sys, "argv", ["run.py", "--trials", "12", "--out", str(tmp_path)])
-        study.main()
-        names = {path.name for path in tmp_path.iterdir()}
-        tables = {"visual_touch_up.csv", "visual_less_pin.csv"}
-        assert names == {"expected.json", "visual_touch_up.png"} | tables

@@ -14,6 +14,9 @@ import numpy as np
 import pytest
 
 from calib import identify
+from calib.errors import InputError
+from posedesign.study.library import Options
+from studies.writing import rounded
 
 pytestmark = pytest.mark.real_data
 
@@ -43,7 +46,8 @@ def measured(data_folder: Path) -> Path:
 @pytest.fixture(scope="module")
 def short(study: ModuleType, measured: Path) -> Row:
     """The model that is recommended, by the criterion that is, at all three counts."""
-    return study.rounded(study.run(measured, SHORT, [study.RECOMMENDED]))[0]
+    rows = study.run(measured, SHORT, [study.RECOMMENDED])
+    return rounded(rows, study.DIGITS)[0]
 
 
 def bench(study: ModuleType, data: Path, name: str) -> Any:
@@ -145,22 +149,9 @@ def test_the_table_that_people_read_is_the_result(study: ModuleType, written: Ro
 
 
 def test_without_data_it_says_where_it_looked(
-    study: ModuleType,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    study: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("POSEDESIGN_DATA", str(tmp_path / "nowhere"))
-    monkeypatch.setattr("sys.argv", ["run.py", "--out", str(tmp_path / "out")])
-    study.main()
-    assert str(tmp_path / "nowhere") in capsys.readouterr().out
+    with pytest.raises(InputError, match="nowhere"):
+        study.study(Options(tmp_path / "out"))
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_what_is_written_and_drawn(study: ModuleType, short: Row, tmp_path: Path) -> None:
-    study.write([short], tmp_path)
-    names = {path.name for path in tmp_path.iterdir()}
-    stem = "choosing_irb120_poses"
-    assert names == {"expected.json", f"{stem}.csv", f"{stem}.png"}
-    assert len((tmp_path / f"{stem}.csv").read_text().splitlines()) == 1 + 2 * 3

@@ -14,7 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calib.errors import InputError
 from calib.measurement import touch_ups
+from posedesign.study.library import Options
+from studies.writing import read_figures, rounded
 
 pytestmark = pytest.mark.real_data
 
@@ -69,7 +72,7 @@ def check_same(found: Row, then: Row, rel: float) -> None:
 
 
 def test_offsets_in_the_short_form(study: ModuleType, measured: Path, written: Row) -> None:
-    (row,) = study.rounded(study.run(measured, QUICK, [study.RECOMMENDED]))
+    (row,) = rounded(study.run(measured, QUICK, [study.RECOMMENDED]), study.DIGITS)
     check_bars(study, row)
     then = next(r for r in written["models"] if r["model"] == QUICK[0])
     check_same(row, then, written["tolerance"])
@@ -80,7 +83,7 @@ def test_offsets_in_the_short_form(study: ModuleType, measured: Path, written: R
 
 @pytest.mark.slow
 def test_the_model_recommended(study: ModuleType, measured: Path, written: Row) -> None:
-    (row,) = study.rounded(study.run(measured, [BEST], [study.RECOMMENDED]))
+    (row,) = rounded(study.run(measured, [BEST], [study.RECOMMENDED]), study.DIGITS)
     check_bars(study, row)
     then = next(r for r in written["models"] if r["model"] == BEST)
     check_same(row, then, written["tolerance"])
@@ -147,23 +150,17 @@ def test_the_table_that_people_read_is_the_result(study: ModuleType, written: Ro
     assert study.table(written["models"]) in text
 
 
-def test_without_data_it_says_so(
-    study: ModuleType,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+def test_without_data_it_says_where_it_looked(
+    study: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("POSEDESIGN_DATA", str(tmp_path / "nowhere"))
-    monkeypatch.setattr("sys.argv", ["run.py", "--out", str(tmp_path / "out")])
-    study.main()
-    assert capsys.readouterr().out.startswith("skipped:")
+    with pytest.raises(InputError, match="nowhere"):
+        study.study(Options(tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
-def test_what_is_written_and_drawn(study: ModuleType, written: Row, tmp_path: Path) -> None:
-    study.write(written["models"], tmp_path)
-    names = {path.name for path in tmp_path.iterdir()}
-    stem = "choosing_panda_touch_ups"
-    assert names == {"expected.json", f"{stem}.csv", f"{stem}.png"}
-    assert json.loads((tmp_path / "expected.json").read_text()) == written
+def test_what_is_written_is_read_again(study: ModuleType, written: Row, tmp_path: Path) -> None:
+    """The table that stands in the folder is that of its key figures."""
+    assert study.write(written["models"], tmp_path) == written
+    assert read_figures(tmp_path) == written
+    assert (tmp_path / study.TABLE).read_text() == (FOLDER / study.TABLE).read_text()

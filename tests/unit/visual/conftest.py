@@ -77,9 +77,7 @@ def make_bench() -> Callable[..., Bench]:
         T_base_tip = model.view(q[None], values).T_base_tip[0]
         T_base_target = T_base_tip @ T_tip_camera @ transform(tilted, at_m)
         lost = LostMotion.of(robot.n) if lost_motion is None else lost_motion
-        true = TrueCell(
-            model, values, T_tip_camera, T_base_target, lost, vibration_m=vibration_m
-        )
+        true = TrueCell(model, values, T_tip_camera, T_base_target, lost, vibration_m=vibration_m)
         return Bench(robot, q, true, Camera.paper(), CircleTarget())
 
     return bench

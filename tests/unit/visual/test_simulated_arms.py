@@ -71,4 +71,4 @@ def test_pictures_only_where_there_are_pictures(bench) -> None:
 
 def test_target_straight_before_the_lens(bench) -> None:
     T = straight_to(bench.robot.fk(bench.q), bench.true.T_tip_camera, 0.35)
-    assert T == pytest.approx(bench.true.T_base_target)
+    assert pytest.approx(bench.true.T_base_target) == T

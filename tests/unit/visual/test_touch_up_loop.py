@@ -21,9 +21,7 @@ ONE = np.zeros(1, dtype=np.intp)
 @pytest.fixture(scope="module")
 def jacobian(bench) -> ImageJacobian:
     """Of the ideal bench."""
-    return measure_jacobian(
-        bench.drive(), bench.q, bench.relation, 0.01, both_ways=True
-    ).jacobian
+    return measure_jacobian(bench.drive(), bench.q, bench.relation, 0.01, both_ways=True).jacobian
 
 
 def beside(bench, shift_m) -> np.ndarray:
@@ -98,9 +96,7 @@ def test_unreachable_shift_is_no_posture(make_bench, jacobian) -> None:
     q = bench.q.copy()
     robot = replace(bench.robot, upper=q + 1e-3, lower=q - 1e-3)
     drive = Drive(robot, bench.arms(), 0.0)
-    wrong = ImageJacobian(
-        jacobian.matrix, replace(jacobian.relation, center_px=(100.0, 100.0))
-    )
+    wrong = ImageJacobian(jacobian.matrix, replace(jacobian.relation, center_px=(100.0, 100.0)))
     done = touch_up(drive, q[None], wrong, Loop())
     assert done.status == ("no posture",) and "limits or a singularity" in done.reasons[0]
 

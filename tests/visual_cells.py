@@ -34,7 +34,8 @@ from calib.robots import Robot
 from calib.robots.inverse import NEAR_SINGULAR
 from calib.robots.presets import load_preset
 from calib.se3 import FloatArray, rotation_exp, rotation_log, transform
-from calib.visual.set_up import LEAST_SIZE_PX, SetUp
+from calib.visual.set_up import SetUp
+from calib.visual.sighting import LEAST_SIZE_PX
 from calib.visual.simulated import LostMotion, TrueCell
 
 PRESETS = (

@@ -1,4 +1,4 @@
-"""What goes wrong in cells: tricks that the picture, the arm or the target plays on the touch-up."""
+"""What goes wrong in cells: tricks that picture, arm or target play on the touch-up."""
 
 from __future__ import annotations
 

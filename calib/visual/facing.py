@@ -124,7 +124,7 @@ def find_normal(jacobian: ImageJacobian, R_base_tip: FloatArray, ellipses: Float
 
 
 def camera_of(jacobian: ImageJacobian) -> Camera:
-    """The camera as the first step found it: an ideal lens, its axis through the relation's place."""
+    """The camera as it was found: an ideal lens, its axis through the place of the relation."""
     right, down = jacobian.relation.center_px
     size = (2 * int(np.ceil(right)), 2 * int(np.ceil(down)))
     return Camera(*size, jacobian.focal_px, principal_px=(right, down))

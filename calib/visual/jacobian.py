@@ -108,8 +108,8 @@ class ImageJacobian:
         off = np.arcsin(np.abs([rows[0] @ rows[1], rows[1] @ rows[2], rows[2] @ rows[0]]))
         if (off > [CORNER, ORTHOGONAL, ORTHOGONAL]).any():
             return (
-                f"the axes of the picture are {np.rad2deg(off.max()):.0f} deg off right angles: is it "
-                "this robot, in these joint signs?"
+                f"the axes of the picture are {np.rad2deg(off.max()):.0f} deg off right angles: is "
+                "it this robot, in these joint signs?"
             )
         if abs(lengths[0] / lengths[1] - 1.0) > SQUARE:
             return (

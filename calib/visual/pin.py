@@ -1,4 +1,4 @@
-"""Where a point of the tip frame and one of the base are, that touch each other in many postures."""
+"""Where a point of the tip and one of the base are, that touch each other in many postures."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def solve_pin(robot: Robot, q: FloatArray, guess_m: FloatArray) -> Pin:
     state = robot.state(q)
     count, n = q.shape
     R, t = state.R_base_tip, state.p_base_tip
-    tool = guess_m
+    tool = np.asarray(guess_m, dtype=float)
     for _ in range(_STEPS):
         turned = state.jacobian(t + R @ tool)[:, :3]
         A = np.zeros((3 * count + 3 + n, 6 + n))
@@ -77,7 +77,7 @@ def solve_pin(robot: Robot, q: FloatArray, guess_m: FloatArray) -> Pin:
         right[: 3 * count] = -t.ravel() / _EXPECTED_M
         right[3 * count : 3 * count + 3] = guess_m / _PRIOR_M
         x = np.linalg.lstsq(A, right, rcond=None)[0]
-        tool = x[:3]
+        tool = np.asarray(x[:3])
     points = t + R @ tool
     missed = points - points.mean(axis=0)
     covariance = np.linalg.inv(A.T @ A)

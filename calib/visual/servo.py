@@ -98,8 +98,7 @@ class TouchUps:
 
 
 Bias = Callable[[FloatArray], FloatArray]
-"""Of postures ``(K, n)`` [rad], what V, H and s are off for a target seen at a tilt ``(K, 3)`` [px].
-"""
+"""Of postures ``(K, n)`` [rad], what V, H and s are off at a tilt of the target ``(K, 3)`` [px]."""
 
 
 def touch_up(
@@ -206,8 +205,8 @@ class _Run:
         stuck = (asked > _CLEAR_PX) & (change < _FOLLOWED * asked)
         for k in np.flatnonzero(stuck).tolist():
             reasons[k] = reasons[k] or (
-                f"the picture followed a move by {change[k]:.1f} of {asked[k]:.1f} px: it is an old "
-                "one, or the joints have much lost motion"
+                f"the picture followed a move by {change[k]:.1f} of {asked[k]:.1f} px: it is an "
+                "old one, or the joints have much lost motion"
             )
         self._ended("lost", which, reasons)
 

@@ -125,7 +125,7 @@ class _Inching:
                 number += 1
 
     def _inch(self, turn: FloatArray, name: str) -> None:
-        """Turn about the target as far as it is known, and touch up; half of it where that fails."""
+        """Turn about the target where it is known to be, and touch up; half of it if that fails."""
         tool = self._pin().tool_m
         about = self.jacobian.R_tip_camera @ turn
         reason = ""
@@ -163,8 +163,8 @@ class _Inching:
             )
         if pin.left_m > LARGEST_LEFT_M + self.noise_m:
             raise Refused(
-                f"touch-ups of one target miss each other by {1e3 * pin.left_m:.1f} mm that no zero "
-                "offsets explain",
+                f"touch-ups of one target miss each other by {1e3 * pin.left_m:.1f} mm that no "
+                "zero offsets explain",
                 "check that the description is of this robot, and that camera and target are fixed",
             )
         if not pin.sigma_tool_m <= LARGEST_SIGMA_M:

@@ -51,7 +51,7 @@ LEAST_SIZE_PX = 24.0
 of more than 2 mm at half a metre."""
 
 SINGULAR = 5.0 * NEAR_SINGULAR
-"""Smallest singular value of the arm's Jacobian below which its turns go through large angles of the
+"""Smallest singular value of the arm's Jacobian below which turns go through large angles of the
 wrist, and the errors of the arm with them: a wrist bent by less than four degrees."""
 
 LARGEST_PLAY_M = 1e-3
@@ -140,8 +140,8 @@ def _relation(station: Station, q: FloatArray, size_px: float | None) -> Relatio
     size = seen_px if size_px is None else size_px
     if min(size, seen_px) < LEAST_SIZE_PX:
         raise Refused(
-            f"the target is {min(size, seen_px):.0f} px large in the picture: too small to tell its "
-            "distance",
+            f"the target is {min(size, seen_px):.0f} px large in the picture: too small to tell "
+            "its distance",
             f"take a larger target or a nearer camera, for {LEAST_SIZE_PX:g} px or more",
         )
     return Relation((width / 2.0, height / 2.0), size)

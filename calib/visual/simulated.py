@@ -21,8 +21,8 @@ from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, inverse, transform
 
 _LEAST_TORQUE_NM = 1e-6
-"""Torque below which gravity pushes to neither side: on a joint with an upright axis it is rounding,
-whose sign changes from posture to posture."""
+"""Torque below which gravity pushes to neither side: on a joint with an upright axis it is
+rounding, whose sign changes from posture to posture."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,8 @@ from matplotlib.figure import Figure
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#000000")
 """Okabe and Ito's palette: told apart by people who do not see red and green alike."""
 
+_X_LABEL = "condition number C_G; better poses to the right"
+
 MARKERS = ("o", "s", "^", "D", "v", "x")
 
 
@@ -49,7 +51,11 @@ def draw_identification(rows: pd.DataFrame) -> Figure:
     left.set_title("Spread with its 95 % interval; lines: predicted", fontsize=10)
     right.set_ylabel("rms error of the tool point elsewhere [mm]")
     right.set_title("Median and 5 to 95 % of the trials", fontsize=10)
-    _finish((left, right))
+    for panel in (left, right):
+        _logarithmic(panel)
+        panel.invert_xaxis()
+        panel.set_xlabel(_X_LABEL)
+        panel.legend(fontsize=8)
     return figure
 
 
@@ -92,18 +98,16 @@ def draw_solvers(rows: pd.DataFrame, solvers: Sequence[str]) -> Figure:
                 what = "translation" if unit == "mm" else "rotation"
                 panel.set_ylabel(f"error of X, {what} [{unit}]")
         axes[0, column].set_title(preset, fontsize=10)
-    _finish(axes.flat, legend=False)
+    for panel in axes.flat:
+        _logarithmic(panel)
+        panel.set_xlim(*sorted(panel.get_xlim(), reverse=True))
+    figure.supxlabel(_X_LABEL, fontsize=10)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=8)
     return figure
 
 
-def _finish(panels: Sequence[Axes], *, legend: bool = True) -> None:
-    for panel in panels:
-        panel.set_xscale("log")
-        panel.set_yscale("log")
-        panel.set_xlabel("condition number C_G; better poses to the right")
-        panel.invert_xaxis()
-        panel.grid(True, which="major", alpha=0.3)
-        if legend:
-            panel.legend(fontsize=8)
+def _logarithmic(panel: Axes) -> None:
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    panel.grid(True, which="major", alpha=0.3)

@@ -43,12 +43,12 @@ class Loop:
 
 
 @lru_cache(maxsize=16)
-def loop_of(preset: str, start_deg: float, largest_deg: float) -> Loop:
+def loop_of(preset: str, start_deg: float, step_deg: float, largest_deg: float) -> Loop:
     """The loop of a preset with joint limits as its only constraints, on a rigid arm."""
     text = cell_template(preset, surroundings=False)
     for key, value in (
         ("start_deg", start_deg),
-        ("step_deg", start_deg),
+        ("step_deg", step_deg),
         ("largest_deg", largest_deg),
     ):
         before, _, after = text.partition(f"{key} = [")
@@ -57,11 +57,15 @@ def loop_of(preset: str, start_deg: float, largest_deg: float) -> Loop:
     return Loop(cell, improving_rounds(plan(to_the_widest(cell))))
 
 
+def _loop(given: Mapping[str, Any], preset: str) -> Loop:
+    return loop_of(preset, given["start_deg"], given["step_deg"], given["largest_deg"])
+
+
 def conditions(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
     """One for each preset and threshold."""
     found = []
     for preset in settings["presets"]:
-        loop = loop_of(preset, settings["start_deg"], settings["largest_deg"])
+        loop = _loop(settings, preset)
         for threshold in loop.thresholds(settings["thresholds"]):
             found.append({**settings, "preset": preset, "threshold": threshold})
     return found
@@ -70,7 +74,7 @@ def conditions(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
 def simulate(task: Task) -> dict[str, Any]:
     """Errors of the trials of a task, a column for each estimator and quantity."""
     given, rng = task.condition, task.rng()
-    loop = loop_of(given["preset"], given["start_deg"], given["largest_deg"])
+    loop = _loop(given, given["preset"])
     turn, postures = loop.returned(given["threshold"])
     cell, model = loop.cell, loop.cell.model()
     robot = SimulatedRobot.of(cell)

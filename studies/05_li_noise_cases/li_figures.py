@@ -25,11 +25,11 @@ from studies.drawing import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION, log_tic
 
 STYLES = {
     QUATERNION: (VERMILION, "-", "o"),
-    SAFE: (VERMILION, ":", "o"),
+    SAFE: (VERMILION, ":", ""),
     DUAL: (BLUE, "-", "s"),
-    DUAL_M: (BLUE, ":", "s"),
+    DUAL_M: (BLUE, ":", ""),
     KRONECKER: (GREEN, "-", "^"),
-    KRONECKER_M: (GREEN, ":", "^"),
+    KRONECKER_M: (GREEN, ":", ""),
     SCALED: (PURPLE, "-", "D"),
     FLOOR: (BLACK, "--", ""),
 }
@@ -49,7 +49,7 @@ def draw_medians(rows: Iterable[Row]) -> Figure:
     """Median of each error against the number of poses, with the 95 % interval as a band."""
     found = _by_panel(rows)
     workspaces = list(dict.fromkeys(workspace for workspace, *_ in found))
-    figure = Figure(figsize=(9.6, 11.0), layout="constrained")
+    figure = Figure(figsize=(8.6, 9.8), layout="constrained")
     panels = np.atleast_2d(
         figure.subplots(2 * len(workspaces), len(CASES), sharex=True, sharey="row")
     )
@@ -65,7 +65,7 @@ def draw_medians(rows: Iterable[Row]) -> Figure:
                     lw=1.3, label=name,
                 )  # fmt: skip
             _dress(panel, of["poses"])
-            panel.set_title(f"{case}, {workspace}", fontsize=10)
+            panel.set_title(f"{case}, {workspace}", fontsize=9)
         axes[0].set_ylabel(label)
     _legend(figure, panels, 4)
     return figure
@@ -75,7 +75,7 @@ def draw_averages(rows: Iterable[Row], of_ten: Iterable[Row]) -> Figure:
     """The paper's three curves: averages of few problems, and median and mean of many."""
     found, few = _by_panel(rows), _by_panel(of_ten)
     workspace = next(iter(found))[0]
-    figure = Figure(figsize=(9.6, 6.2), layout="constrained")
+    figure = Figure(figsize=(8.6, 5.8), layout="constrained")
     panels = figure.subplots(2, len(CASES), sharex=True, sharey="row")
     for (title, label), axes in zip(LABELS.items(), panels, strict=True):
         for panel, (noisy, case) in zip(axes, CASES.items(), strict=True):
@@ -90,7 +90,7 @@ def draw_averages(rows: Iterable[Row], of_ten: Iterable[Row]) -> Figure:
                 panel.plot(many["poses"], many[f"{title}_median"], "--", color=colour, lw=1.2)
                 panel.plot(many["poses"], many[f"{title}_mean"], ":", color=colour, lw=1.6)
             _dress(panel, many["poses"])
-            panel.set_title(case, fontsize=10)
+            panel.set_title(case, fontsize=9)
         axes[0].set_ylabel(label)
     panels[0, 0].plot([], [], "--", color=GREY, label="median of many, 95 % interval")
     panels[0, 0].plot([], [], ":", color=GREY, label="mean of many")
@@ -120,7 +120,7 @@ def _dress(panel: Axes, poses: Sequence[float]) -> None:
     panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     panel.yaxis.set_minor_locator(NullLocator())
-    panel.grid(visible=True, alpha=0.25)
+    panel.grid(visible=True, axis="y", alpha=0.25)
 
 
 def _legend(figure: Figure, panels: np.ndarray, columns: int) -> None:

@@ -1,12 +1,10 @@
-"""Run the study: python studies/06_hirsh_iterations/run.py [--trials N] [--out DIR]."""
+"""Run the study: ``posedesign study run hirsh_iterations``, or this file as a script."""
 
 from __future__ import annotations
 
-import argparse
-import csv
-import json
 import sys
 import tomllib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
 
 import hirsh_claims as claims  # noqa: E402
-from hirsh_figures import Curve, draw_counts, draw_iterations  # noqa: E402
+from hirsh_figures import draw_counts, draw_iterations  # noqa: E402
 from hirsh_iterates import (  # noqa: E402
     IDENTITY,
     Views,
@@ -30,10 +28,16 @@ from hirsh_iterates import (  # noqa: E402
 )
 
 from calib.robot_world.methods import hirsh  # noqa: E402
+from calib.se3 import FloatArray, IntArray  # noqa: E402
+from posedesign.study.library import Advance, Options  # noqa: E402
+from studies import writing  # noqa: E402
 
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
 DIGITS = 5
 """Significant digits of what is written: more than the sampling leaves."""
+
+ITERATIONS, COUNTS = "hirsh_iterations", "hirsh_counts"
+"""Tables, and their figures."""
 
 FIRST_CYCLES = 60
 """Cycles that are shown one by one where all orientations are reached."""
@@ -48,6 +52,35 @@ SCATTERED = 150
 """Problems shown as points, for each workspace and number of views."""
 
 
+def study(options: Options) -> dict[str, Any]:
+    """Does the iteration converge from any guess, how fast, and how near under noise?
+
+    A trial is a random problem of a workspace, of which more and more views are used.
+    """
+    trials = writing.trials_of(options, SETTINGS["trials"])
+    said: dict[str, Any] = {"trials": trials, "workspaces": {}}
+    errors: list[dict[str, Any]] = []
+    counts: list[dict[str, Any]] = []
+    for k, workspace in enumerate(SETTINGS["workspaces"]):
+        advance = writing.part_of(options.advance, k, len(SETTINGS["workspaces"]), workspace)
+        said["workspaces"][workspace] = run(workspace, trials, advance)
+        errors += curves(workspace, trials)
+        counts += scatter(workspace, trials)
+    writing.write_rows(options.out, f"{ITERATIONS}.csv", errors, DIGITS)
+    writing.write_rows(options.out, f"{COUNTS}.csv", counts)
+    rounded: dict[str, Any] = writing.rounded(said, DIGITS)
+    writing.write_figures(options.out, rounded)
+    return rounded
+
+
+def plot(folder: Path) -> list[Path]:
+    """Error against cycles; counts, ends of the printed form and runs below the line."""
+    errors, counts = (writing.read_rows(folder, f"{name}.csv") for name in (ITERATIONS, COUNTS))
+    said = writing.read_figures(folder)["workspaces"]
+    drawn = writing.save(draw_iterations(errors, SETTINGS["noise_deg"]), folder, ITERATIONS)
+    return drawn + writing.save(draw_counts(said, counts), folder, COUNTS)
+
+
 def views_of(workspace: str, trials: int | None = None) -> tuple[Views, Views]:
     """Problems of a workspace with all their views, without and with noise."""
     place = list(SETTINGS["workspaces"]).index(workspace)
@@ -57,7 +90,9 @@ def views_of(workspace: str, trials: int | None = None) -> tuple[Views, Views]:
     return exact(problems), noisy(rng, problems, SETTINGS["noise_deg"])
 
 
-def run(workspace: str, trials: int | None = None) -> dict[str, Any]:
+def run(
+    workspace: str, trials: int | None = None, advance: Advance = lambda what, part: None
+) -> dict[str, Any]:
     """Everything that the verdicts rest on, in one workspace."""
     free, measured = views_of(workspace, trials)
     tolerance = SETTINGS["tolerance_rad"]
@@ -65,7 +100,8 @@ def run(workspace: str, trials: int | None = None) -> dict[str, Any]:
     limit, problems = (SETTINGS["printed"][key][place] for key in ("cycles", "problems"))
     rng = np.random.default_rng([SETTINGS["seed"], 100])
     rows = {}
-    for n in SETTINGS["views"]:
+    for done, n in enumerate(SETTINGS["views"]):
+        advance(f"{n} views", done / len(SETTINGS["views"]))
         few = free.first(n)
         rows[str(n)] = {
             **claims.speed(few, tolerance),
@@ -84,87 +120,51 @@ def run(workspace: str, trials: int | None = None) -> dict[str, Any]:
     return found
 
 
-def curves(workspace: str, trials: int | None = None) -> dict[tuple[str, str, int, str], Curve]:
-    """Errors against cycles, as the figure shows them."""
+def curves(workspace: str, trials: int | None = None) -> Iterator[dict[str, Any]]:
+    """A row for each point of the figure of errors against cycles."""
     narrow = SETTINGS["workspaces"][workspace] > 0.0
-    found = {}
     for data, views in zip(("exact", "noisy"), views_of(workspace, trials), strict=True):
         for n in SETTINGS["shown"]:
             few = views.first(n)
             if narrow:
-                cycles, errors = (
-                    2 ** np.arange(DOUBLINGS),
-                    walk_by_squaring(few, DOUBLINGS, IDENTITY),
-                )
+                cycles = 2 ** np.arange(DOUBLINGS)
+                errors = walk_by_squaring(few, DOUBLINGS, IDENTITY)
                 kept = cycles[cycles <= SHOWN_AS_PRINTED]
             else:
                 kept = cycles = np.arange(FIRST_CYCLES + 1)
                 errors = walk(few, cycles, IDENTITY)
-            found[data, workspace, n, "consistent"] = (cycles, errors)
+            head = {"data": data, "workspace": workspace, "views": n}
+            yield from points(head | {"form": "consistent"}, cycles, errors)
             steps = enumerate(walk_as_printed(few, int(kept.max()), IDENTITY))
             printed = [error(z, few.z) for k, z in steps if k in kept]
-            found[data, workspace, n, "printed"] = (kept, np.array(printed))
-    return found
+            yield from points(head | {"form": "printed"}, kept, printed)
 
 
-def table(every: dict[tuple[str, str, int, str], Curve]) -> list[dict[str, Any]]:
-    """A row for each point of the figure: quartiles, and the mean beside the median."""
-    rows = []
-    for (data, workspace, n, form), (cycles, errors) in every.items():
-        for cycle, values in zip(cycles, errors, strict=True):
-            q = np.quantile(values, [0.25, 0.5, 0.75])
-            numbers = dict(zip(("q25", "median", "q75"), q, strict=True)) | {"mean": values.mean()}
-            row = {"data": data, "workspace": workspace, "views": n, "form": form, "cycle": cycle}
-            rows.append(row | {f"{k}_rad": rounded(float(v)) for k, v in numbers.items()})
-    return rows
+def points(
+    head: dict[str, Any], cycles: IntArray, errors: Iterable[FloatArray]
+) -> Iterator[dict[str, Any]]:
+    """Quartiles at each number of cycles, and the mean beside the median."""
+    for cycle, values in zip(cycles, errors, strict=True):
+        low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
+        row = {"q25_rad": low, "median_rad": middle, "q75_rad": high, "mean_rad": values.mean()}
+        yield head | {"cycle": int(cycle)} | row
 
 
-def rounded(value: Any) -> Any:
-    """Numbers with :data:`DIGITS` digits, in whatever holds them."""
-    if isinstance(value, dict):
-        return {k: rounded(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [rounded(v) for v in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
-
-
-def scatter(workspace: str, trials: int | None = None) -> dict[tuple[str, int], tuple[Any, Any]]:
-    """Cycles counted and predicted of some problems."""
+def scatter(workspace: str, trials: int | None = None) -> Iterator[dict[str, Any]]:
+    """Cycles counted and predicted of some problems, a row for each."""
     free, _ = views_of(workspace, trials)
-    found = {}
+    tolerance = SETTINGS["tolerance_rad"]
     for n in SETTINGS["views"]:
-        pairs, tolerance = free.first(n).pairs, SETTINGS["tolerance_rad"]
-        counted = hirsh.cycles(pairs, tolerance)[:SCATTERED]
-        predicted = np.ceil(hirsh.predicted_cycles(pairs, tolerance))[:SCATTERED]
-        found[workspace, n] = (np.maximum(counted, 1), np.maximum(predicted, 1.0))
-    return found
+        pairs = free.first(n, SCATTERED).pairs
+        both = hirsh.cycles(pairs, tolerance), np.ceil(hirsh.predicted_cycles(pairs, tolerance))
+        for counted, predicted in zip(*both, strict=True):
+            row = {"cycles": max(int(counted), 1), "predicted_cycles": max(int(predicted), 1)}
+            yield {"workspace": workspace, "views": n} | row
 
 
 def main() -> None:
-    """Run, print, and write tables, figures and key figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, help="problems in each workspace")
-    parser.add_argument("--out", type=Path, default=HERE, help="folder for the results")
-    arguments = parser.parse_args()
-    out, trials = arguments.out, arguments.trials
-    out.mkdir(parents=True, exist_ok=True)
-    workspaces = list(SETTINGS["workspaces"])
-    said = {workspace: run(workspace, trials) for workspace in workspaces}
-    content = {"trials": trials or SETTINGS["trials"], "workspaces": rounded(said)}
-    (out / "expected.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    every: dict[tuple[str, str, int, str], Curve] = {}
-    counts: dict[tuple[str, int], tuple[Any, Any]] = {}
-    for workspace in workspaces:
-        every |= curves(workspace, trials)
-        counts |= scatter(workspace, trials)
-    rows = table(every)
-    with (out / "hirsh_iterations.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-    draw_iterations(every, SETTINGS["noise_deg"], out / "hirsh_iterations.png")
-    draw_counts(said, counts, out / "hirsh_counts.png")
-    print(json.dumps(content["workspaces"], indent=1))
+    """Run and draw."""
+    writing.script(study, plot, HERE)
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ FURTHER = 6
 """Touch-ups after the first step, turned about the target by up to 30 deg."""
 
 REFUSED_HEALTHY = 0.02
-"""Share of cells with nothing wrong that may be refused: their targets may be far off the middle."""
+"""Share of healthy cells that may be refused: their targets may be far off the middle."""
 
 
 @dataclass
@@ -46,7 +46,8 @@ class Tally:
         station = Station(drive)
         found = find_set_up(station, robot.sight.q, Loop())
         if isinstance(found, NoSetUp):
-            assert found.reason and found.hint
+            assert found.reason
+            assert found.hint
             self.outcomes[trick, "refused"] += 1
             return
         errors = robot.errors(found, drive.approach_rad)

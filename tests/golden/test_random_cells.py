@@ -49,7 +49,8 @@ def test_pictures_and_the_fast_observer_agree(seed: int) -> None:
     """Both find the same camera and target, but for the noise of one and of the other."""
     sight = random_sight(np.random.default_rng([10, seed]), sizes=VGA)
     seen, fast = first_step(sight, "image", seed), first_step(sight, "fast", seed)
-    assert isinstance(seen, SetUp) and isinstance(fast, SetUp)
+    assert isinstance(seen, SetUp)
+    assert isinstance(fast, SetUp)
     assert np.linalg.norm(seen.tool_m - fast.tool_m) < 1e-3
     assert np.linalg.norm(seen.target_m - fast.target_m) < 1e-3
     assert np.linalg.norm(seen.T_tip_camera[:3, 3] - fast.T_tip_camera[:3, 3]) < 3e-3

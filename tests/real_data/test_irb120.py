@@ -140,19 +140,4 @@ def test_the_command_line_gives_the_same(
 
 def test_the_table_that_people_read_is_the_result(study: ModuleType, written: Row) -> None:
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
-    assert study.table(written["models"]) in text
-
-
-def test_without_data_it_says_where_it_looked(
-    study: ModuleType,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.setenv("POSEDESIGN_DATA", str(tmp_path / "nowhere"))
-    monkeypatch.setattr("sys.argv", ["run.py", "--out", str(tmp_path / "out")])
-    study.main()
-    said = capsys.readouterr().out
-    assert said.count("\n") == 1
-    assert str(tmp_path / "nowhere") in said
-    assert not (tmp_path / "out").exists()
+    assert study.table(written) in text

@@ -7,7 +7,6 @@ independent plain least-squares fit, its priors weighed against a noise of 0.15 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -128,45 +127,13 @@ def test_all_rows(study: ModuleType, measured: Path, written: dict[str, Row]) ->
     assert (np.abs(sockets(best) - TRUE_MM) <= 0.6).all()
 
 
-@pytest.mark.real_data
-@pytest.mark.slow
-def test_the_figures_are_drawn_and_written(
-    study: ModuleType, measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(study.SETTINGS, "model", study.SETTINGS["model"][:2])
-    monkeypatch.setattr(study, "measurements_folder", lambda: measured)
-    monkeypatch.setattr(sys, "argv", ["run.py", "--out", str(tmp_path / "out")])
-    study.main()
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"expected.json", "panda_touch_ups.csv", "panda_touch_ups.png"}
-    lines = (tmp_path / "out" / "panda_touch_ups.csv").read_text().splitlines()
-    assert lines[1].startswith("frames only,21,8.566")
-
-
 def test_what_is_written_reaches_the_bars(written: dict[str, Row]) -> None:
     best = written[BEST]
     assert (held_out(best) <= [0.60, 0.65, 0.80]).all()
     assert (np.abs(sockets(best) - TRUE_MM) <= 0.6).all()
 
 
-def test_it_is_skipped_with_its_reason_where_there_are_no_measurements(
-    study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
-    monkeypatch.setenv("POSEDESIGN_DATA", str(tmp_path))
-    monkeypatch.setattr(sys, "argv", ["run.py", "--out", str(tmp_path / "out")])
-    study.main()
-    assert capsys.readouterr().out.startswith("skipped: there are no measurements")
-    assert not (tmp_path / "out").exists()
-
-
-def test_the_table_that_people_read_is_the_result(written: dict[str, Row]) -> None:
-    lines = (FOLDER / "README.md").read_text(encoding="utf-8").splitlines()
-    table = [line.strip("| ").split(" | ") for line in lines if line.startswith("| ")][1:]
-    assert [cells[0] for cells in table] == list(written)
-    columns = ["parameters", "rms_mm", *(f"held_out_{s}_mm" for s in SITES)]
-    columns += [f"sockets_{s}_mm" for s in SITES]
-    for cells in table:
-        row = written[cells[0]]
-        for name, cell in zip(columns, cells[1:], strict=True):
-            digits = len(cell.partition(".")[2])
-            assert abs(float(cell) - row[name]) <= 0.5001 * 10.0**-digits, (cells[0], name)
+def test_the_table_that_people_read_is_the_result(study: ModuleType) -> None:
+    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    found = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
+    assert study.table(found) in text

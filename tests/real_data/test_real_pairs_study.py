@@ -178,18 +178,3 @@ def test_the_tables_that_people_read_are_the_result(study: ModuleType, written: 
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     for name, table in study.all_tables(written).items():
         assert table in text, name
-
-
-def test_without_data_it_says_where_it_looked(
-    study: ModuleType,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.setenv("POSEDESIGN_DATA", str(tmp_path / "nowhere"))
-    monkeypatch.setattr("sys.argv", ["run.py", "--out", str(tmp_path / "out")])
-    study.main()
-    said = capsys.readouterr().out
-    assert said.count("\n") == 1
-    assert str(tmp_path / "nowhere") in said
-    assert not (tmp_path / "out").exists()

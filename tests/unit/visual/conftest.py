@@ -1,4 +1,4 @@
-"""An ideal cell that the tests of visual touch-up share: nothing is off unless a test makes it so."""
+"""An ideal cell that the tests of visual touch-up share: nothing is off but what a test asks."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def ideal_jacobian(bench) -> ImageJacobian:
 
 
 def seen(bench, normal, noise_px=0.0, stretch=1.0):
-    """Orientations of the tip ``(N, 3, 3)``, and ellipses of a target with a normal (camera axes)."""
+    """Orientations of the tip ``(N, 3, 3)``, ellipses, and the normal, given in camera axes."""
     rng = np.random.default_rng(0)
     aside = np.cross(normal, [0.3, 1.0, 0.2])
     aside /= np.linalg.norm(aside)
@@ -48,7 +48,8 @@ def test_normal_is_found(bench, tilt_deg, aside_deg) -> None:
     normal = np.array([np.sin(tilt) * np.cos(aside), np.sin(tilt) * np.sin(aside), -np.cos(tilt)])
     R, ellipses, in_base = seen(bench, normal)
     exact = find_normal(ideal_jacobian(bench), R, ellipses)
-    assert np.arccos(min(exact.normal @ in_base, 1.0)) < 1e-4 and exact.flaw == ""
+    assert np.arccos(min(exact.normal @ in_base, 1.0)) < 1e-4
+    assert exact.flaw == ""
     R, ellipses, in_base = seen(bench, normal, noise_px=0.02)
     noisy = find_normal(ideal_jacobian(bench), R, ellipses)
     off = np.arccos(min(noisy.normal @ in_base, 1.0))

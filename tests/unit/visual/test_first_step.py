@@ -52,7 +52,8 @@ def first_step(bench, arms=None, q: FloatArray | None = None, loop: Loop | None 
 
 def refused(found: object) -> str:
     """The reason of a refusal, which has a hint."""
-    assert isinstance(found, NoSetUp) and found.hint
+    assert isinstance(found, NoSetUp)
+    assert found.hint
     return found.reason
 
 
@@ -71,7 +72,8 @@ def test_ideal_cell_is_found(make_bench) -> None:
     """To what the tilt of the circle does to its ellipse."""
     bench = make_bench(tilt_deg=15.0, at_m=(0.01, -0.02, 0.33))
     found = first_step(bench)
-    assert isinstance(found, SetUp) and found.notes == ()
+    assert isinstance(found, SetUp)
+    assert found.notes == ()
     assert np.abs(found.T_tip_camera - bench.true.T_tip_camera).max() < 1e-3
     assert np.abs(found.target_m - bench.true.T_base_target[:3, 3]).max() < 3e-4
     assert found.facing.normal @ bench.true.T_base_target[:3, 2] > np.cos(np.deg2rad(0.1))
@@ -92,7 +94,9 @@ def test_every_measurement_has_a_name_of_its_own(make_bench) -> None:
     station = Watched(bench.drive(approach_rad=APPROACH))
     find_set_up(station, bench.q, Loop(), progress=lambda what, part: said.append(part))
     assert len(set(station.names)) == len(station.names)
-    assert said == sorted(said) and said[0] >= 0.0 and said[-1] < 1.0
+    assert said == sorted(said)
+    assert said[0] >= 0.0
+    assert said[-1] < 1.0
 
 
 @pytest.mark.parametrize(

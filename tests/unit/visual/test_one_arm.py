@@ -50,7 +50,8 @@ def robot(bench) -> FakeRobot:
 
 def test_target_is_measured_in_the_picture(bench, robot) -> None:
     arm = OneArm(robot)
-    assert arm.image_px == (640, 480) and arm.count == 1
+    assert arm.image_px == (640, 480)
+    assert arm.count == 1
     seen = arm.look(ONE)
     assert seen.reasons == ("",)
     assert np.abs(bench.relation.error(seen.ellipses)).max() < 0.2
@@ -60,9 +61,11 @@ def test_picture_is_the_last_one_until_the_arm_moves(robot) -> None:
     arm = OneArm(robot)
     arm.look(ONE)
     first = arm.picture(0)
-    assert arm.picture(0) is first and robot.grabbed == 1
+    assert arm.picture(0) is first
+    assert robot.grabbed == 1
     arm.move(ONE, robot.q[None] + 0.001)
-    assert arm.picture(0) is not first and robot.grabbed == 2
+    assert arm.picture(0) is not first
+    assert robot.grabbed == 2
 
 
 def test_whole_loop_through_pictures(bench, robot) -> None:

@@ -43,7 +43,8 @@ def test_one_move_from_30_mm_off(bench, jacobian, way) -> None:
     """Eq. 3 with data that are linear in the place of the target."""
     loop = Loop(center_px=0.5, size_px=0.2)
     done = touch_up(bench.drive(), beside(bench, 0.03 * np.array(way)), jacobian, loop)
-    assert done.touched.all() and done.moves[0] == 1
+    assert done.touched.all()
+    assert done.moves[0] == 1
     assert np.abs(true_place(bench, done.q[0]) - [0, 0, 0.35]).max() < 1e-3
 
 
@@ -55,7 +56,8 @@ def test_view_line_leaves_the_distance(bench, jacobian) -> None:
     after = true_place(bench, done.q[0])
     assert done.touched.all()
     assert np.abs(after[:2]).max() < 1e-4
-    assert after[2] == pytest.approx(before, abs=1e-4) and abs(before - 0.35) > 0.02
+    assert after[2] == pytest.approx(before, abs=1e-4)
+    assert abs(before - 0.35) > 0.02
 
 
 def test_batch_is_the_same_as_one_at_a_time(make_bench) -> None:
@@ -80,13 +82,15 @@ def test_target_outside_the_picture_is_lost(bench, jacobian) -> None:
 def test_farthest_ends_the_loop(bench, jacobian) -> None:
     q = beside(bench, bench.true.T_tip_camera[:3, :3] @ [0.0, 0.0, -0.06])
     done = touch_up(bench.drive(), q, jacobian, Loop(farthest_m=0.05))
-    assert done.status == ("too far",) and "60 mm" in done.reasons[0]
+    assert done.status == ("too far",)
+    assert "60 mm" in done.reasons[0]
 
 
 def test_refused_posture_is_no_posture(bench, jacobian) -> None:
     drive = Drive(bench.robot, bench.arms(), 0.0, lambda q: ["behind the fence"] * len(q))
     done = touch_up(drive, beside(bench, [0.01, 0.0, 0.0]), jacobian, Loop())
-    assert done.status == ("no posture",) and done.reasons == ("behind the fence",)
+    assert done.status == ("no posture",)
+    assert done.reasons == ("behind the fence",)
     assert np.array_equal(done.q[0], bench.q), "it stands where it stood"
 
 
@@ -98,14 +102,17 @@ def test_unreachable_shift_is_no_posture(make_bench, jacobian) -> None:
     drive = Drive(robot, bench.arms(), 0.0)
     wrong = ImageJacobian(jacobian.matrix, replace(jacobian.relation, center_px=(100.0, 100.0)))
     done = touch_up(drive, q[None], wrong, Loop())
-    assert done.status == ("no posture",) and "limits or a singularity" in done.reasons[0]
+    assert done.status == ("no posture",)
+    assert "limits or a singularity" in done.reasons[0]
 
 
 def test_noise_above_the_threshold_does_not_converge(bench, jacobian) -> None:
     noisy = bench.arms(1, MeasurementNoise.from_sigma([5.0, 5.0, 5.0]))
     done = touch_up(bench.drive(noisy), bench.q[None], jacobian, Loop(1e-3, 1e-3, 3, 1.0))
-    assert done.status == ("not converged",) and done.moves[0] == 3
-    assert "after 3 moves" in done.reasons[0] and "px off" in done.reasons[0]
+    assert done.status == ("not converged",)
+    assert done.moves[0] == 3
+    assert "after 3 moves" in done.reasons[0]
+    assert "px off" in done.reasons[0]
 
 
 def test_picture_that_does_not_follow_is_lost(bench, jacobian) -> None:
@@ -116,7 +123,8 @@ def test_picture_that_does_not_follow_is_lost(bench, jacobian) -> None:
     old = drive.arms.look(ONE)
     drive.arms.look = lambda which, near_px=None: old
     done = touch_up(drive, q, jacobian, Loop())
-    assert done.status == ("lost",) and done.moves[0] == 1
+    assert done.status == ("lost",)
+    assert done.moves[0] == 1
     assert "followed a move by 0.0 of" in done.reasons[0]
 
 
@@ -128,7 +136,8 @@ def test_first_picture_is_not_believed_alone(bench, jacobian) -> None:
     look = drive.arms.look
     drive.arms.look = lambda which, near_px=None: looks.pop() if looks else look(which, near_px)
     done = touch_up(drive, beside(bench, [0.02, 0.01, 0.0]), jacobian, Loop())
-    assert done.touched.all() and done.moves[0] >= 1
+    assert done.touched.all()
+    assert done.moves[0] >= 1
     assert np.abs(true_place(bench, done.q[0])[:2]).max() < 1e-4
 
 

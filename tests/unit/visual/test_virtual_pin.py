@@ -32,7 +32,8 @@ def test_pin_of_an_arm_without_errors() -> None:
     assert np.abs(pin.tool_m - TOOL).max() < 1e-6
     target = robot.state(q[:1]).point(TOOL)[0]
     assert np.abs(pin.target_m - target).max() < 1e-6
-    assert pin.rms_m < 1e-6 and pin.left_m < 1e-6
+    assert pin.rms_m < 1e-6
+    assert pin.left_m < 1e-6
 
 
 def test_offsets_are_told_from_a_longer_pin() -> None:

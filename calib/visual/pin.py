@@ -58,8 +58,8 @@ def solve_pin(robot: Robot, q: FloatArray, guess_m: FloatArray) -> Pin:
     ``R_i p + t_i = m`` by least squares, where the arm is off by zero offsets about
     :data:`_OFFSET_RAD`: they move the tip alike at like postures, which plain least squares takes
     for a longer pin. They are unknowns with that standard deviation; the pin tip is held, weakly,
-    to a guess ``(3,)`` [m]. The target is where the pin tip was at the first touch-up, by the
-    nominal arm.
+    to a guess ``(3,)`` [m]. The target is where the pin tip was by the nominal arm, the mean of all
+    touch-ups.
     """
     state = robot.state(q)
     count, n = q.shape
@@ -79,10 +79,11 @@ def solve_pin(robot: Robot, q: FloatArray, guess_m: FloatArray) -> Pin:
         x = np.linalg.lstsq(A, right, rcond=None)[0]
         tool = np.asarray(x[:3])
     points = t + R @ tool
-    missed = points - points.mean(axis=0)
+    target = points.mean(axis=0)
+    missed = points - target
     covariance = np.linalg.inv(A.T @ A)
     left = (A @ x - right)[: 3 * count]
     square = float((left**2).sum())
     scale = max(float(np.sqrt(square / max(3 * count - 6, 1))), 1.0)
     sigma = scale * float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
-    return Pin(tool, points[0], missed, _EXPECTED_M * float(np.sqrt(square / count)), sigma)
+    return Pin(tool, target, missed, _EXPECTED_M * float(np.sqrt(square / count)), sigma)

@@ -21,9 +21,10 @@ from li_cases import (
     TRUE,
     TWO_STAGE,
 )
-from scipy.stats import beta, binom, spearmanr
+from scipy.stats import spearmanr
 
 from calib.se3 import FloatArray
+from studies.intervals import LEVEL, median_interval, share
 
 Cell = tuple[str, str, int]
 """Workspace, noisy side, number of poses."""
@@ -31,28 +32,11 @@ Cell = tuple[str, str, int]
 Found = Mapping[Cell, Mapping[str, FloatArray]]
 """Errors ``(T, 2)`` of every method in every cell."""
 
-LEVEL = 0.95
 FEW = 7
 """Poses up to which a cell counts as one of few poses."""
 
 STAGES = (TWO_STAGE, KRONECKER, SECOND, SCALED, FLOOR)
 """Whose translations are set against those with the true rotations."""
-
-
-def share_interval(wins: int, trials: int, level: float = LEVEL) -> tuple[float, float]:
-    """Interval of a probability (Clopper and Pearson 1934)."""
-    tail = (1.0 - level) / 2.0
-    low = beta.ppf(tail, wins, trials - wins + 1) if wins else 0.0
-    high = beta.isf(tail, wins + 1, trials - wins) if wins < trials else 1.0
-    return float(low), float(high)
-
-
-def median_interval(values: FloatArray) -> tuple[float, float]:
-    """95 % interval of the median ``(T,)``, from the order of the values alone."""
-    count = len(values)
-    rank = int(binom.ppf((1.0 - LEVEL) / 2.0, count, 0.5))
-    ordered = np.sort(values)
-    return float(ordered[max(rank - 1, 0)]), float(ordered[min(count - rank, count - 1)])
 
 
 def compare(
@@ -66,10 +50,9 @@ def compare(
     level = 1.0 - (1.0 - LEVEL) / len(cells)
     shares, verdicts = [], []
     for cell in cells:
-        wins = found[cell][better][:, measure] < found[cell][worse][:, measure]
-        low, high = share_interval(int(wins.sum()), len(wins), level)
-        shares.append(float(wins.mean()))
-        verdicts.append((low > 0.5) - (high < 0.5))
+        wins = share(found[cell][better][:, measure] < found[cell][worse][:, measure], level)
+        shares.append(wins["share"])
+        verdicts.append((wins["low"] > 0.5) - (wins["high"] < 0.5))
     return {
         "better": better,
         "worse": worse,

@@ -18,12 +18,13 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
 
 from li_cases import MEASURES, SHOWN, SOLVERS, draw, errors  # noqa: E402
-from li_claims import Cell, Found, claims, median_interval  # noqa: E402
+from li_claims import Cell, Found, claims  # noqa: E402
 from li_figures import OF_THE_PAPER, draw_averages, draw_medians  # noqa: E402
 from li_table import measured, simulated  # noqa: E402
 
 from posedesign.study.library import Advance, Options  # noqa: E402
 from studies import writing  # noqa: E402
+from studies.intervals import median_interval  # noqa: E402
 from studies.real_data import data_folder  # noqa: E402
 from studies.real_pairs import real_pairs  # noqa: E402
 

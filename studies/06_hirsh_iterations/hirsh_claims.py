@@ -7,25 +7,16 @@ from typing import Any
 
 import numpy as np
 from hirsh_iterates import IDENTITY, Views, any_guess, error, walk, walk_as_printed
-from scipy.stats import beta
 
 from calib import se3
 from calib.robot_world import METHODS, PairSets
 from calib.robot_world.methods import hirsh
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.se3 import FloatArray, IntArray
+from studies.intervals import share
 
-LEVEL = 0.95
 STANDSTILL_RAD = 1e-9
 """Change of z in a cycle below which the printed form has settled: in the narrowest cone, where it
 is slowest, a run that is 1e-4 away still moves by 1e-7."""
-
-
-def share(of: BoolArray) -> dict[str, float]:
-    """Share of the true among ``(T,)``, with its 95 % interval (Clopper and Pearson 1934)."""
-    wins, trials, tail = int(of.sum()), len(of), (1.0 - LEVEL) / 2.0
-    low = beta.ppf(tail, wins, trials - wins + 1) if wins else 0.0
-    high = beta.isf(tail, wins + 1, trials - wins) if wins < trials else 1.0
-    return {"share": wins / trials, "low": float(low), "high": float(high)}
 
 
 def speed(views: Views, tolerance_rad: float) -> dict[str, Any]:

@@ -42,11 +42,11 @@ def test_commands_and_python_of_the_readme(
     monkeypatch.chdir(tmp_path)
     (steps,) = (block for block in blocks() if block.startswith("posedesign new"))
     lines = [line.partition("#")[0].strip() for line in steps.splitlines()]
-    assert len(lines) == 15
+    assert len(lines) == 16
     for line in lines:
         words = shlex.split(line.replace("--robot arm.urdf", "").partition(">")[0])
         assert words.pop(0) == "posedesign"
-        if words[0] == "study":
+        if words[:2] == ["study", "accuracy"]:
             words += ["--draws", "10"]
         if words[0] == "calibrate":
             words += ["--no-images"]

@@ -1,0 +1,213 @@
+"""A X = Z B: this project, OpenCV and a refinement with scipy on the same pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import cv2
+import numpy as np
+from peer_clock import in_turns, once, ratio
+from peer_engineer import refined
+from peer_opencv import HAND_EYE, ROBOT_WORLD, Answer, caller
+from scipy.spatial.transform import Rotation
+from scipy.stats import binom
+
+from calib.errors import CalibError
+from calib.robot_world import PairNoise, add_noise, random_problems, solve
+from calib.se3 import FloatArray
+
+OPENCV = (*ROBOT_WORLD, *HAND_EYE)
+SCIPY = "scipy from OpenCV's SHAH"
+OURS = ("shah", "ml")
+
+
+def noise_of(own: Mapping[str, Any], on: str = "B") -> PairNoise:
+    """Noise of the study, on one side of the pairs."""
+    return PairNoise(np.radians(own["rotation_deg"]), 1e-3 * own["translation_mm"], on)
+
+
+def by_scipy(A: FloatArray, B: FloatArray, noise: PairNoise) -> tuple[FloatArray, FloatArray, Any]:
+    """The refinement, its start included."""
+    start = caller("SHAH", A, B)()
+    return refined(A, B, start, noise.rotation_rad, noise.translation_m)
+
+
+def times(settings: Mapping[str, Any], short: bool) -> list[dict[str, Any]]:
+    """Their time over that of the same method here, and over that of the likeliest X and Z."""
+    cv2.setNumThreads(1)
+    own, clock = settings["pairs"], settings["clock"]
+    rng, noise = np.random.default_rng(settings["seed"]), noise_of(own)
+    rows = []
+    for n in own["timed"]:
+        problem = random_problems(rng, 1, n)
+        A, B = (T[0] for T in add_noise(rng, problem.A, problem.B, noise))
+        calls: dict[str, Callable[[], object]] = {
+            name: caller(name, A, B) for name in OPENCV if name in ROBOT_WORLD or _few(n, own)
+        }
+        calls[SCIPY] = lambda A=A, B=B: by_scipy(A, B, noise)
+        same = ROBOT_WORLD | HAND_EYE | {SCIPY: "ml"}
+        for method in {"ml", *(same[name] for name in calls)}:
+            calls[f"ours: {method}"] = lambda A=A, B=B, m=method: solve(A, B, m, noise)
+        taken = in_turns(calls, clock)
+        if not _few(n, own) and not short:  # once: seconds each
+            calls |= {f"ours: {same[name]}": _ours(A, B, same[name], noise) for name in HAND_EYE}
+            taken |= {name: np.array([once(caller(name, A, B))]) for name in HAND_EYE}
+            taken |= in_turns({f"ours: {m}": _ours(A, B, m, noise) for m in HAND_EYE.values()}, clock)
+        for name in (name for name in taken if not name.startswith("ours: ")):
+            for method in dict.fromkeys((same[name], "ml")):
+                head = {"job": "A X = Z B", "size": n, "peer": name, "ours": method}
+                theirs, mine = taken[name], taken[f"ours: {method}"]
+                if len(theirs) == 1:
+                    theirs = np.repeat(theirs, len(mine))
+                rows.append(head | ratio(theirs, mine))
+    return rows
+
+
+def _few(n: int, own: Mapping[str, Any]) -> bool:
+    return bool(n <= own["most_hand_eye"])
+
+
+def _ours(A: FloatArray, B: FloatArray, method: str, noise: PairNoise) -> Callable[[], object]:
+    return lambda: solve(A, B, method, noise)
+
+
+def errors(settings: Mapping[str, Any], trials: int) -> list[dict[str, Any]]:
+    """How far off X and Z are, by every solver on the same pairs."""
+    own, rows = settings["pairs"], []
+    rng, told = np.random.default_rng(settings["seed"] + 1), noise_of(settings["pairs"])
+    for name, case in own["settings"].items():
+        for n in own["accuracy_pairs"]:
+            problem = random_problems(rng, trials, n, case.get("cone_deg"))
+            A, B = add_noise(rng, problem.A, problem.B, noise_of(own, case["on"]))
+            for solver in (*(f"ours: {m}" for m in OURS), SCIPY, *OPENCV):
+                answers = [_answer(solver, A[t], B[t], told) for t in range(trials)]
+                head = {"setting": name, "pairs": n, "solver": solver}
+                rows.append(head | _summary(answers, problem.X, problem.Z, own))
+    return rows
+
+
+def _answer(solver: str, A: FloatArray, B: FloatArray, noise: PairNoise) -> Answer | None:
+    """X and Z by one solver; None where it refuses."""
+    try:
+        if solver.startswith("ours: "):
+            found = solve(A, B, solver.removeprefix("ours: "), noise)
+            return (found.X, found.Z) if found.status == "ok" else None
+        if solver == SCIPY:
+            return by_scipy(A, B, noise)[:2]
+        return caller(solver, A, B)()
+    except (CalibError, cv2.error, ValueError, np.linalg.LinAlgError):
+        return None
+
+
+def off(T: FloatArray, truth: FloatArray) -> tuple[float, float]:
+    """By how much a transform is off [deg, mm]; infinite where it is none."""
+    if not np.isfinite(T).all() or np.linalg.det(T[:3, :3]) < 0.5:
+        return np.inf, np.inf
+    turn = Rotation.from_matrix(T[:3, :3] @ truth[:3, :3].T).magnitude()
+    return float(np.degrees(turn)), 1e3 * float(np.linalg.norm(T[:3, 3] - truth[:3, 3]))
+
+
+def _summary(
+    answers: list[Answer | None], X: FloatArray, Z: FloatArray, own: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Medians with 95 % intervals over the trials; failures are there as infinite errors."""
+    none = (np.inf, np.inf)
+    off_X = np.array([none if a is None else off(a[0], X[t]) for t, a in enumerate(answers)])
+    bad = (off_X > [own["failed_deg"], own["failed_mm"]]).any(axis=1)
+    row: dict[str, Any] = {"refused": sum(a is None for a in answers), "failed": int(bad.sum())}
+    for part, column in (("X_deg", off_X[:, 0]), ("X_mm", off_X[:, 1])):
+        row |= _median(part, column)
+    given = [(a[1], Z[t]) for t, a in enumerate(answers) if a is not None and a[1] is not None]
+    off_Z = np.array([off(*pair) for pair in given]) if given else np.full((1, 2), np.nan)
+    for part, column in (("Z_deg", off_Z[:, 0]), ("Z_mm", off_Z[:, 1])):
+        row |= _median(part, column)
+    return row
+
+
+def _median(name: str, values: FloatArray) -> dict[str, float]:
+    """Median and the 95 % interval that order statistics give."""
+    order = np.sort(values)
+    low = int(binom.ppf(0.025, len(order), 0.5))
+    ends = order[[max(low - 1, 0), min(len(order) - low, len(order) - 1)]]
+    median = float(np.median(order))
+    return {name: median, f"{name}_low": float(ends[0]), f"{name}_high": float(ends[1])}
+
+
+def optimum(settings: Mapping[str, Any], trials: int) -> dict[str, Any]:
+    """Whether scipy's refinement ends where the likeliest X and Z are."""
+    own = settings["pairs"]
+    rng, noise = np.random.default_rng(settings["seed"] + 2), noise_of(own)
+    problem = random_problems(rng, trials, own["accuracy_pairs"][0])
+    A, B = add_noise(rng, problem.A, problem.B, noise)
+    apart, higher = [], []
+    for t in range(trials):
+        mine, (X, _, found) = solve(A[t], B[t], "ml", noise), by_scipy(A[t], B[t], noise)
+        apart.append(np.abs(mine.X - X).max())
+        higher.append(2.0 * found.cost - (mine.chi2 or 0.0))
+    return {
+        "trials": trials,
+        "largest_difference_of_X": float(max(apart)),
+        "scipy_higher": int(np.sum(np.array(higher) > 1e-6)),
+        "ours_higher": int(np.sum(np.array(higher) < -1e-6)),
+    }
+
+
+def refusals(settings: Mapping[str, Any]) -> list[dict[str, str]]:
+    """What every solver says of pairs that cannot be solved."""
+    noise, rows = noise_of(settings["pairs"]), []
+    for case, (A, B, X) in _impossible(settings).items():
+        row = {"pairs": case}
+        for solver in ("ours: ml", SCIPY, *OPENCV):
+            row[solver] = _said(solver, A, B, X, noise)
+        rows.append(row)
+    return rows
+
+
+def _said(solver: str, A: FloatArray, B: FloatArray, X: FloatArray, noise: PairNoise) -> str:
+    try:
+        if solver.startswith("ours: "):
+            found = solve(A, B, solver.removeprefix("ours: "), noise)
+            if found.status != "ok":
+                return f"status: {found.status}"
+            answer: FloatArray = found.X
+        elif solver == SCIPY:
+            answer = by_scipy(A, B, noise)[0]
+        else:
+            answer = caller(solver, A, B)()[0]
+    except (CalibError, cv2.error, ValueError, np.linalg.LinAlgError) as error:
+        return type(error).__name__
+    if not np.isfinite(answer).all():
+        return "returns NaN"
+    if np.linalg.det(answer[:3, :3]) < 0.5:
+        return "returns no rotation"
+    deg, mm = off(answer, X)
+    return f"returns X, {deg:.0f} deg and {mm:.0f} mm off"
+
+
+def _impossible(
+    settings: Mapping[str, Any],
+) -> dict[str, tuple[FloatArray, FloatArray, FloatArray]]:
+    """Pairs ``(12, 4, 4)`` that do not determine X, or are no poses, with the X they came from."""
+    rng, n = np.random.default_rng(settings["seed"] + 3), 12
+    problem = random_problems(rng, 1, n)
+    X, Z, A = problem.X[0], problem.Z[0], problem.A[0]
+
+    def with_A(A: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return add_noise(rng, A, np.linalg.inv(Z) @ A @ X, noise_of(settings["pairs"]))
+
+    parallel, one_axis = A.copy(), A.copy()
+    parallel[:, :3, :3] = A[0, :3, :3]
+    turns = Rotation.from_rotvec(np.outer(np.linspace(0, 2.5, n), [0.0, 0.0, 1.0])).as_matrix()
+    one_axis[:, :3, :3] = A[0, :3, :3] @ turns
+    usual_A, usual_B = with_A(A)
+    mirrored, broken = usual_A.copy(), usual_A.copy()
+    mirrored[:, :3, 2] *= -1.0
+    broken[3, 0, 3] = np.nan
+    return {
+        "turned about one axis": (*with_A(one_axis), X),
+        "not turned at all": (*with_A(parallel), X),
+        "left-handed A": (mirrored, usual_B, X),
+        "a NaN in A": (broken, usual_B, X),
+        "A and B in different order": (usual_A, usual_B[::-1].copy(), X),
+    }

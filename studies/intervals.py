@@ -1,0 +1,26 @@
+"""Intervals of shares and of medians, which assume nothing of how values are distributed."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import beta, binom
+
+from calib.se3 import BoolArray, FloatArray
+
+LEVEL = 0.95
+
+
+def share(of: BoolArray, level: float = LEVEL) -> dict[str, float]:
+    """Share of the true among ``(T,)``, with its interval (Clopper and Pearson 1934)."""
+    wins, trials, tail = int(of.sum()), len(of), (1.0 - level) / 2.0
+    low = beta.ppf(tail, wins, trials - wins + 1) if wins else 0.0
+    high = beta.isf(tail, wins + 1, trials - wins) if wins < trials else 1.0
+    return {"share": wins / trials, "low": float(low), "high": float(high)}
+
+
+def median_interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:
+    """Interval of the median ``(T,)``, from the order of the values alone."""
+    count = len(values)
+    rank = int(binom.ppf((1.0 - level) / 2.0, count, 0.5))
+    ordered = np.sort(values)
+    return float(ordered[max(rank - 1, 0)]), float(ordered[min(count - rank, count - 1)])

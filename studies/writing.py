@@ -68,13 +68,16 @@ def _number(cell: str) -> float | str:
 
 
 def rounded(value: Any, digits: int) -> Any:
-    """Numbers with so many significant digits, in whatever holds them; None where there is none."""
+    """Numbers with so many significant digits, in whatever holds them; None where there is none.
+
+    Nothing has no sign: a zero that was rounded or negated is written as any other.
+    """
     if isinstance(value, Mapping):
         return {key: rounded(item, digits) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [rounded(item, digits) for item in value]
     if isinstance(value, float):
-        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+        return float(f"{value:.{digits}g}") + 0.0 if math.isfinite(value) else None
     return value
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from calib.se3 import FloatArray, rotation_exp, transform
+from calib.se3 import FloatArray, rotation_exp, rotation_log, transform
 from calib.visual.facing import find_normal
 from calib.visual.found import NoSetUp, Refused, SetUp
 from calib.visual.pin import Pin, solve_pin
@@ -63,6 +63,9 @@ LARGEST_DRIFT_M = 1e-3
 """How far the first touch-up may be from itself when it is made again at the end: an arm comes back
 to a tenth of that, calibrated or not, with the lost motion taken up."""
 
+LARGEST_TURN = np.deg2rad(1.0)
+"""How far the axes of the camera may be from themselves when they are told again at the end."""
+
 _COUNT = sum(len(directions) for _, directions in _TURNS)
 
 
@@ -104,6 +107,7 @@ class _Inching:
         self.station, self.loop, self.widest = station, loop, widest
         self.robot = station.drive.robot
         self.jacobian, self.noise_m = sighting.jacobian, sighting.noise_m
+        self.step_m = sighting.step_m
         self.postures = [sighting.q]
         self.ellipses = [sighting.ellipse]
         self.notes: list[str] = []
@@ -114,6 +118,7 @@ class _Inching:
             self._inch(turn, name)
         found = self._solved()
         self._check_drift()
+        self._check_turn()
         return found
 
     def _turns(self) -> Iterator[tuple[FloatArray, str]]:
@@ -198,4 +203,21 @@ class _Inching:
         if drift > LARGEST_DRIFT_M + 2.0 * self.noise_m:
             raise Refused(
                 f"the first touch-up made again is {1e3 * drift:.1f} mm from where it was", FIXED
+            )
+
+    def _check_turn(self) -> None:
+        """Move along the axes of the tip once more: the picture has to move as it did at first.
+
+        A camera that was turned in between still leads the loop to the target.
+        """
+        made = self.station.jacobian(
+            "moves again", self.postures[0], self.jacobian.relation, self.step_m, both_ways=False
+        )
+        if made.jacobian is None:
+            raise Refused(f"the picture could not be followed again: {made.reason}", FIXED)
+        turned = rotation_log(self.jacobian.R_tip_camera.T @ made.jacobian.R_tip_camera)
+        angle = float(np.linalg.norm(turned))
+        if angle > LARGEST_TURN:
+            raise Refused(
+                f"the camera is turned by {np.rad2deg(angle):.1f} deg against where it was", FIXED
             )

@@ -84,12 +84,15 @@ class Sighting:
         That it ended with [px].
     noise_m : float
         What the loop leaves along the view line [m].
+    step_m : float
+        Length of the moves that the Jacobian was measured by.
     """
 
     jacobian: ImageJacobian
     q: FloatArray
     ellipse: FloatArray
     noise_m: float
+    step_m: float
 
 
 def sight(station: Station, q: FloatArray, loop: Loop, size_px: float | None) -> Sighting:
@@ -109,7 +112,8 @@ def sight(station: Station, q: FloatArray, loop: Loop, size_px: float | None) ->
     # of small moves only what they do across the picture stands out of its noise
     across = replace(loop, center_px=max(loop.center_px, _MIDDLE_PX), view_line=True)
     middle = _touched(station.touch_up("middle", q, probe, across))
-    wide = _wide(station, middle, probe)
+    step = _widest_step(station, middle, probe)
+    wide = _wide(station, middle.q[0], relation, step)
     first = _touched(station.touch_up("S01", middle.q[0], wide, loop))
     robot, posture, ellipse = station.drive.robot, first.q[0], first.ellipses[0]
     if robot.chain.smallest_singular_values(robot.state(first.q))[0] < SINGULAR:
@@ -118,7 +122,7 @@ def sight(station: Station, q: FloatArray, loop: Loop, size_px: float | None) ->
         )
     jacobian = _in_depth(station, posture, ellipse, wide)
     noise = loop.size_px / relation.size_px * jacobian.distance_m
-    return Sighting(jacobian, posture, ellipse, noise)
+    return Sighting(jacobian, posture, ellipse, noise, step)
 
 
 def posture_at(robot: Robot, q: FloatArray, T: FloatArray) -> tuple[FloatArray, str]:
@@ -184,16 +188,20 @@ def _check_play(station: Station, q: FloatArray, probe: ImageJacobian) -> None:
         )
 
 
-def _wide(station: Station, middle: TouchUps, probe: ImageJacobian) -> ImageJacobian:
-    """The Jacobian by the widest moves with which the target stays in the picture."""
+def _widest_step(station: Station, middle: TouchUps, probe: ImageJacobian) -> float:
+    """Length of moves [m] with which a target in the middle of the picture stays in it."""
     size_px = float(ellipse_axes(middle.ellipses[0])[0])
-    room_px = (min(station.image_px) - size_px) / 2.0
+    room_px = (min(station.image_px) - max(size_px, probe.relation.size_px)) / 2.0
     if room_px < _LEAST_ROOM_PX:
         raise Refused(
             "the target nearly fills the picture", "move the camera away, or take a smaller one"
         )
-    step = _STEP_OF_ROOM * room_px / float(np.linalg.norm(probe.matrix[:2], axis=1).max())
-    wide = station.jacobian("moves", middle.q[0], probe.relation, step, both_ways=True)
+    return _STEP_OF_ROOM * room_px / float(np.linalg.norm(probe.matrix[:2], axis=1).max())
+
+
+def _wide(station: Station, q: FloatArray, relation: Relation, step_m: float) -> ImageJacobian:
+    """The Jacobian by moves that are long enough for all of it to be clear."""
+    wide = station.jacobian("moves", q, relation, step_m, both_ways=True)
     if wide.jacobian is None:
         raise Refused(f"the picture could not be followed: {wide.reason}", "give the arm more room")
     _check(wide.jacobian)

@@ -31,7 +31,6 @@ LINE_ONLY = "afresh"
 DIGITS = 5
 """Significant digits of what is written: more than the sampling leaves."""
 
-
 FIGURE = "visual_touch_up"
 CLOUD_SHOWN = 600
 """Points of a cloud that are kept: enough for its shape, few enough to see a hundred among them."""

@@ -22,7 +22,6 @@ from peer_touch_ups import TouchUps
 from calib import Robot
 from calib.descriptions.urdf_anew import urdf_of
 from calib.se3 import FloatArray
-from posedesign.csv_tables import write_table
 
 BASE = ("base_px", "base_py", "base_pz")
 TIP = ("pEEx_1", "pEEy_1", "pEEz_1")
@@ -72,10 +71,9 @@ class Figaroh:
         self._problem = problem
         loaded = loaded_arm(robot, folder)
         q = problem.postures(trial)
-        zeros = dict.fromkeys(("x1", "y1", "z1"), 0.0)
-        names = list(robot.joint_names)
-        rows = [zeros | {n: repr(float(v)) for n, v in zip(names, one, strict=True)} for one in q]
-        write_table(folder / "touch_ups.csv", [*zeros, *names], rows)
+        header = ",".join(["x1", "y1", "z1", *robot.joint_names])
+        table = np.hstack([np.zeros((len(q), 3)), q])
+        np.savetxt(folder / "touch_ups.csv", table, "%.17g", ",", header=header, comments="")
         (folder / "figaroh.yaml").write_text(yaml.safe_dump(_settings(robot, folder, len(q))))
         self.calibration = _class()(loaded, str(folder / "figaroh.yaml"))
         self.calibration.calib_config |= {"known_baseframe": False, "known_tipframe": False}

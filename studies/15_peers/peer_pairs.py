@@ -53,7 +53,9 @@ def times(settings: Mapping[str, Any], short: bool) -> list[dict[str, Any]]:
         if not _few(n, own) and not short:  # once: seconds each
             calls |= {f"ours: {same[name]}": _ours(A, B, same[name], noise) for name in HAND_EYE}
             taken |= {name: np.array([once(caller(name, A, B))]) for name in HAND_EYE}
-            taken |= in_turns({f"ours: {m}": _ours(A, B, m, noise) for m in HAND_EYE.values()}, clock)
+            taken |= in_turns(
+                {f"ours: {m}": _ours(A, B, m, noise) for m in HAND_EYE.values()}, clock
+            )
         for name in (name for name in taken if not name.startswith("ours: ")):
             for method in dict.fromkeys((same[name], "ml")):
                 head = {"job": "A X = Z B", "size": n, "peer": name, "ours": method}

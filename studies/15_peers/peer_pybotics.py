@@ -1,7 +1,8 @@
-"""The same touch-ups by pybotics: its handler, its residuals, scipy's least squares.
+"""The same touch-ups by pybotics: its arm, its handler of parameters, scipy's least squares.
 
-The distance of tool point and target is the residual, one of each pose; the optimizer is called as
-its documentation has it. Touch-ups are positions of zero, in a world that is the unknown target.
+Touch-ups are positions of zero, in a world that is the unknown target. Its own residuals are the
+distances of tool point and target, one of each pose, which have a kink at zero; the optimizer is
+called as its example has it. What a user can do about that is to take the three coordinates.
 """
 
 from __future__ import annotations
@@ -63,14 +64,26 @@ class Pybotics:
         """Tool points ``(N, 3)`` seen from the target, in base axes [m]."""
         return np.array([self._handler.robot.fk(one)[:3, 3] for one in q])
 
-    def fit(self, q: FloatArray) -> FloatArray:
-        """The ten parameters ``(10,)`` as the model of this project has them."""
-        found = least_squares(
-            self._optimization.optimize_accuracy,
-            self._start,
-            args=(self._handler, q, np.zeros((len(q), 3))),
-        ).x
-        change = found - self._start
+    def fit(self, q: FloatArray, *, coordinates: bool = False) -> FloatArray:
+        """The ten parameters ``(10,)`` as the model of this project has them.
+
+        Parameters
+        ----------
+        q : ndarray (N, n)
+            Postures of the touch-ups [rad].
+        coordinates : bool
+            Take the coordinates for residuals, by its kinematics, in place of its own distances.
+        """
+        if coordinates:
+            found = least_squares(lambda v: self._coordinates(v, q), self._start).x
+        else:
+            arguments = (self._handler, q, np.zeros((len(q), 3)))
+            residuals = self._optimization.optimize_accuracy
+            found = least_squares(residuals, self._start, args=arguments).x
         tool = self._last[:3, :3].T @ (found[4:7] - self._last[:3, 3])
         target = self._first[:3, 3] - found[7:]
-        return np.concatenate([change[:4], tool, target])
+        return np.concatenate([found[:4] - self._start[:4], tool, target])
+
+    def _coordinates(self, vector: FloatArray, q: FloatArray) -> FloatArray:
+        self._handler.apply_optimization_vector(vector)
+        return self.points(q).ravel()

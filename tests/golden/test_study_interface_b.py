@@ -32,23 +32,22 @@ RECORDINGS = {
     "choosing_irb120_poses": "identification/abb_irb120",
     "choosing_panda_touch_ups": "identification/panda_ball_in_socket",
 }
+RESULTS = {".csv", ".json", ".png", ".svg"}
 LARGEST_SVG = 300_000
 
 
 @pytest.fixture
 def untouched() -> Iterator[None]:
-    """Nothing is written beside the studies."""
-    folder = find_study("what_buys_accuracy").folder.parent
+    """No results are written beside the studies."""
+    folders = [find_study(name).folder for name in TABLES]
 
-    def files() -> dict[Path, int]:
-        every = (p for p in folder.rglob("*") if "__pycache__" not in p.parts)
-        return {path: path.stat().st_mtime_ns for path in every if path.is_file()}
+    def results() -> dict[Path, int]:
+        files = [path for folder in folders for path in folder.iterdir()]
+        return {p: p.stat().st_mtime_ns for p in files if p.suffix in RESULTS}
 
-    before = files()
+    before = results()
     yield
-    now = files()
-    ours = [path for path in now if any(name in path.parts[-2] for name in TABLES)]
-    assert {path: now[path] for path in ours} == {path: before.get(path) for path in ours}
+    assert results() == before
 
 
 def keys_of(content: Any) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,12 +10,13 @@ from types import ModuleType
 
 import pytest
 
+from studies import real_data
+
 
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
     """Folder of real measurements: POSEDESIGN_DATA, else ``../shared/data`` by the checkout."""
-    named = os.environ.get("POSEDESIGN_DATA")
-    folder = Path(named) if named else Path(__file__).parents[2].parent / "shared" / "data"
+    folder = real_data.data_folder()
     if not folder.is_dir():
         pytest.skip(f"no real measurements: set POSEDESIGN_DATA ({folder} does not exist)")
     return folder

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.camera.observers import Views
-from calib.se3 import FloatArray, transform
+from calib.se3 import FloatArray, rotation_exp, transform
 from calib.visual.drive import Drive
 from calib.visual.servo import Loop
 from calib.visual.set_up import NoSetUp, SetUp, find_set_up
@@ -139,6 +139,20 @@ def test_target_that_moves_is_told(make_bench, when, way_mm) -> None:
     station = Watched(bench.drive(arms, APPROACH), {when: move})
     said = refused(find_set_up(station, bench.q, Loop()))
     assert "made again" in said or "miss each other" in said or "right angles" in said
+
+
+def test_camera_that_is_turned_is_told(make_bench) -> None:
+    """About the pin tip, so that the loop finds the target where it was; before the first turn."""
+    bench = make_bench()
+    arms = bench.arms()
+
+    def turn() -> None:
+        R = rotation_exp(np.deg2rad([0.0, 0.0, 2.0]))
+        T = bench.true.T_tip_camera @ transform(R, np.zeros(3))
+        arms._cell = replace(bench.true, T_tip_camera=T)
+
+    station = Watched(bench.drive(arms, APPROACH), {"S02a": turn})
+    assert "turned by 2.0 deg" in refused(find_set_up(station, bench.q, Loop()))
 
 
 def test_drift_within_the_noise_is_let_pass(make_bench) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.arm_view import Setup
 from calib.errors import InputError
-from calib.posture_last import along, cross
+from calib.posture_last import along, cross, turn
 from calib.robots.chain import Walk
 from calib.robots.robot import Robot
 from calib.se3 import FloatArray
@@ -111,24 +111,17 @@ def _torques(
     robot: Robot, q: FloatArray, mass: FloatArray, com: FloatArray
 ) -> tuple[FloatArray, Walk]:
     """Torque vectors ``(n, 3, S)`` with masses ``(S,)`` at ``(3, S)`` in the tip frame."""
-    chain = robot.chain
+    chain, gravity = robot.chain, robot.gravity[:, None]
     walk = chain.walk(q)
-    moment = np.empty((3, q.shape[1]))  # mass times place of all that a joint carries
-    for axis in range(3):
-        place = walk.p_base_tip[axis] + sum(walk.tip[k, axis] * com[k] for k in range(3))
-        moment[axis] = mass * place
+    moment = mass * (walk.p_base_tip + turn(walk.tip, com))  # of all that a joint carries
     weight = mass.copy()
     torque = np.empty((robot.n, 3, q.shape[1]))
     for j in reversed(range(robot.n)):
         if robot.link_mass[j]:
-            columns = chain.link_columns(walk, j)
-            for axis in range(3):
-                place = walk.origins[j, axis] + sum(
-                    columns[k, axis] * robot.link_com[j, k] for k in range(3)
-                )
-                moment[axis] += robot.link_mass[j] * place
+            lever = turn(chain.link_columns(walk, j), robot.link_com[j][:, None])
+            moment += robot.link_mass[j] * (walk.origins[j] + lever)
             weight += robot.link_mass[j]
-        torque[j] = cross(moment - weight * walk.origins[j], robot.gravity[:, None])
+        torque[j] = cross(moment - weight * walk.origins[j], gravity)
     return torque, walk
 
 

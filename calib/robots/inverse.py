@@ -21,7 +21,7 @@ from calib.robots.bounds import (
     nearest_turns,
     turned_inside,
 )
-from calib.robots.chain import SerialChain
+from calib.robots.chain import ChainState, SerialChain
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_log
 
 __all__ = [
@@ -36,6 +36,7 @@ __all__ = [
     "nearest_turns",
     "pose_error",
     "singular_postures",
+    "twist_to",
 ]
 
 CLOSURE_TOLERANCE = 1e-9
@@ -199,6 +200,10 @@ def singular_postures(chain: SerialChain, postures: FloatArray) -> BoolArray:
 
 def pose_error(chain: SerialChain, postures: FloatArray, T_wanted: FloatArray) -> FloatArray:
     """Twist ``(..., 6)`` from where the tip is to where it should be: [m, rad], in base axes."""
-    state = chain.forward(postures)
+    return twist_to(chain.forward(postures), T_wanted)
+
+
+def twist_to(state: ChainState, T_wanted: FloatArray) -> FloatArray:
+    """Twist ``(..., 6)`` from the tip of a state to wanted poses: see :func:`pose_error`."""
     turn = rotation_log(T_wanted[..., :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2))
     return np.concatenate([T_wanted[..., :3, 3] - state.p_base_tip, turn], axis=-1)

@@ -11,6 +11,7 @@ from calib.robots.inverse import (
     InverseKinematics,
     InverseSolutions,
     pose_error,
+    twist_to,
 )
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -104,20 +105,20 @@ def close_in(
     q = q.copy()
     active = np.arange(len(q))
     for _ in range(iterations):
-        error = pose_error(chain, q[active], T_wanted[active])
+        state = chain.forward(q[active])
+        error = twist_to(state, T_wanted[active])
         open_ = np.abs(error).max(axis=-1) > 0.01 * CLOSURE_TOLERANCE
-        active, error = active[open_], error[open_]
-        if not len(active):
+        if not open_.any():
             break
-        q[active] = _step(chain, q[active], error, lower, upper)
+        active = active[open_]
+        J = state.jacobian(state.p_base_tip)[open_]
+        q[active] = _step(q[active], J, error[open_], lower, upper)
     return q
 
 
 def _step(
-    chain: SerialChain, q: FloatArray, error: FloatArray, lower: FloatArray, upper: FloatArray
+    q: FloatArray, J: FloatArray, error: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
-    state = chain.forward(q)
-    J = state.jacobian(state.p_base_tip)
     # joints at a limit that the step would push further out are held
     gradient = (np.swapaxes(J, -1, -2) @ error[..., None])[..., 0]
     held = ((q <= lower) & (gradient < 0)) | ((q >= upper) & (gradient > 0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -12,6 +13,7 @@ import pytest
 from scipy.stats import f as f_distribution
 
 STUDIES = Path(__file__).parents[2] / "studies"
+NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:e\d+)?")
 SHORT = 20
 FULL = 200
 CHANCE = 1e-4
@@ -49,6 +51,19 @@ def test_every_study_has_its_parts() -> None:
         for part in ("README.md", "study.toml", "run.py", "expected.json"):
             assert (folder / part).is_file(), f"{folder.name} lacks {part}"
         assert folder.name in (STUDIES / "README.md").read_text()
+
+
+def test_claims_have_the_figures_of_their_studies() -> None:
+    """Every number of a verdict stands in the README of the study that the line names."""
+    text = (STUDIES / "README.md").read_text(encoding="utf-8")
+    lines = [line.strip("| ").split(" | ") for line in text.splitlines() if "/README.md) |" in line]
+    claims = [cells for cells in lines if len(cells) == 4]
+    assert len(claims) > 15
+    for _, _, figures, study in claims:
+        folder = study[study.index("(") + 1 : study.index("/")]
+        said = set(NUMBER.findall((STUDIES / folder / "README.md").read_text(encoding="utf-8")))
+        missing = [number for number in NUMBER.findall(figures) if number not in said]
+        assert not missing, f"{folder}: {figures}"
 
 
 def test_the_table_of_the_accuracy_study_is_its_result() -> None:

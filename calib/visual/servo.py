@@ -53,6 +53,12 @@ class Loop:
     looks: int = 1
     view_line: bool = False
 
+    @property
+    def within(self) -> str:
+        """The thresholds by the names that a cell file has for them."""
+        names = ("center_px",) if self.view_line else ("center_px", "size_px")
+        return ", ".join(f"{name} = {getattr(self, name):g}" for name in names)
+
     def __post_init__(self) -> None:
         for name in ("center_px", "size_px", "iterations", "farthest_m", "looks"):
             value = getattr(self, name)
@@ -170,6 +176,7 @@ class _Run:
             self.reasons[k] = (
                 f"after {self.moves[k]} moves the target is still {np.hypot(dv, dh):.2f} px off"
                 + f" and {ds:.2f} px too large or small" * (not self.loop.view_line)
+                + f"; arm and pictures have to repeat within {self.loop.within}"
             )
         return TouchUps(
             self.drive.arms.joints(np.arange(len(self.q))),

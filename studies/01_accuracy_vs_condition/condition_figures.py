@@ -103,7 +103,7 @@ def draw_solvers(rows: pd.DataFrame, solvers: Sequence[str]) -> Figure:
         panel.set_xlim(*sorted(panel.get_xlim(), reverse=True))
     figure.supxlabel(_X_LABEL, fontsize=10)
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=8)
+    figure.legend(handles, labels, loc="outside upper center", ncols=6, fontsize=8)
     return figure
 
 

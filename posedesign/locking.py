@@ -14,48 +14,81 @@ try:
 except ImportError:  # not on Windows, where nothing keeps two processes apart
     fcntl = None  # type: ignore[assignment]
 
+LOCK = "running.lock"
+"""The file in the folder that is locked; it has the number of the process that held it last."""
+
+_LONGEST_NUMBER = 20
+
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+"""What stands behind a link is somebody else's, and would be emptied."""
+
 
 @contextmanager
-def held(path: Path, what: str) -> Iterator[None]:
-    """Hold a lock file while something is written; a process that is killed lets go of it.
+def held(folder: Path, what: str, hint: str = "name another folder with --out") -> Iterator[None]:
+    """Hold a folder while something is written; a process that is killed lets go of it.
+
+    Where the file system has no locks, as on some network shares, nothing keeps two apart.
 
     Parameters
     ----------
-    path : Path
-        The lock file, made where it does not exist; its folder must. It has the number of the
-        process that holds it, or held it last.
+    folder : Path
+        Must exist.
     what : str
         What is being done, for the one who is refused.
+    hint : str
+        What else the one who is refused may do than to wait for it or to stop it.
 
     Raises
     ------
     InputError
         Another process holds it.
     OutputError
-        The file cannot be written.
+        The lock file cannot be written.
     """
+    path = folder / LOCK
     try:
-        stream = open(path, "a+", encoding="ascii")  # noqa: SIM115 -- held open while it is locked
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o666)
     except OSError as error:
-        raise OutputError(
-            f"{path}: cannot be written: {error.strerror}",
-            hint="name another folder with --out",
-            name=str(path),
-        ) from error
-    with stream:
-        if fcntl is not None:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                stream.seek(0)
-                owner = stream.read(20).strip() or "another"
-                raise InputError(
-                    f"{path.parent}: process {owner} is {what} here",
-                    hint="wait for it, stop it, or name another folder with --out",
-                    name=str(path.parent),
-                    value=owner,
-                ) from error
-        stream.truncate(0)
-        stream.write(f"{os.getpid()}\n")
-        stream.flush()
+        raise _not_written(path, error, hint) from error
+    try:
+        if not _locked(descriptor):
+            raise _in_use(folder, _owner(descriptor), what, hint)
+        try:
+            os.ftruncate(descriptor, 0)
+            os.write(descriptor, f"{os.getpid()}\n".encode())
+        except OSError as error:
+            raise _not_written(path, error, hint) from error
         yield
+    finally:
+        os.close(descriptor)
+
+
+def _locked(descriptor: int) -> bool:
+    """Whether nobody else has locked a file, as far as the file system can tell."""
+    if fcntl is not None:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True  # a file system without locks
+    return True
+
+
+def _owner(descriptor: int) -> str:
+    """The number that stands in a lock file; anything else may stand there, too."""
+    text = os.read(descriptor, _LONGEST_NUMBER).strip()
+    return text.decode() if text.isdigit() else "another"
+
+
+def _in_use(folder: Path, owner: str, what: str, hint: str) -> InputError:
+    return InputError(
+        f"{folder}: process {owner} is {what} here",
+        hint=f"wait for it, stop it, or {hint}",
+        name=str(folder),
+        value=owner,
+    )
+
+
+def _not_written(path: Path, error: OSError, hint: str) -> OutputError:
+    return OutputError(f"{path}: cannot be written: {error.strerror}", hint=hint, name=str(path))

@@ -114,22 +114,10 @@ def true_observer(cell: Cell, kind: Kind, noise: MeasurementNoise | None = None)
     return make_observer(kind, camera, target, imaging, noise)
 
 
-def simulated_arms(
-    cell: Cell, kind: Kind = "image", count: int = 1, seed: int | None = None
-) -> SimulatedArms:
-    """Arms of the cell's ``[truth]`` side by side, all at the base posture.
-
-    Parameters
-    ----------
-    cell : Cell
-    kind : {"image", "fast"}
-        Whether pictures are rendered and measured.
-    count : int
-    seed : int, optional
-        Of the noise; by default the cell's.
-    """
-    rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
-    return SimulatedArms(true_cell(cell), true_observer(cell, kind), count, rng, cell.base_posture)
+def simulated_arms(cell: Cell, observer: Observer, seed: int) -> SimulatedArms:
+    """One arm as the cell's ``[truth]`` has it, at the base posture, and the seed of its noise."""
+    rng = np.random.default_rng(seed)
+    return SimulatedArms(true_cell(cell), observer, 1, rng, cell.base_posture)
 
 
 def _friction_nm(cell: Cell) -> FloatArray:

@@ -43,9 +43,9 @@ noise of a plateau shifts the edge by as much as the reach is long."""
 _LEAST_CONTRAST = 0.5
 """Of the median contrast: with less, something stands before that part of the rim."""
 
-_MOST_ADDED = 0.1
-"""Of the median contrast, how far the dark side may be from its median about the rim: uneven light
-makes a hundredth of it, a glare or something before the rim much more."""
+_MOST_ADDED = 0.04
+"""Of the median contrast, how much light may be added to both sides of the rim: what mirrors a lamp
+adds to dark and light alike, and the slope of it moves the edge. Uneven light multiplies them."""
 
 _SOFTEST = 6.0
 """Grey levels of contrast below which there is no edge."""
@@ -136,10 +136,10 @@ def steps_along(
     weight = 1.0 + t / np.asarray(radius)[..., None]
     with np.errstate(invalid="ignore", divide="ignore"):
         found = contrast > bound
-        if ring and measured.size:
-            # light that is mirrored adds to dark and light alike, and its slope moves the edge
-            level = inside if dark else outside
-            added = np.abs(level - np.median(level[np.isfinite(contrast)]))
+        if ring and found.any():
+            darker, lighter = (inside, outside) if dark else (outside, inside)
+            ratio = float(np.median(darker[found]) / np.median(lighter[found]))
+            added = np.abs(darker - ratio * lighter) / (1.0 - ratio)
             found &= added <= _MOST_ADDED * float(np.median(measured))
         share = (outside[:, None] - grey) / (outside - inside)[:, None]
         area = (share * weight).sum(axis=1) * step

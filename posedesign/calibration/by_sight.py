@@ -16,22 +16,25 @@ from typing import Any
 
 import numpy as np
 
-from calib.camera.observers import Kind
+from calib.camera.observers import Kind, Observer
 from calib.errors import CalibError, InputError, OutputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from calib.visual.adapter import RobotAdapter
 from calib.visual.arms import Arms, OneArm
 from calib.visual.drive import Drive
 from posedesign.calibration.folder_robot import FolderRobot
-from posedesign.calibration.journal import Journal, KeptStation
-from posedesign.calibration.process import Calibration, Progress, calibrate, loop_of
+from posedesign.calibration.journal import Journal
+from posedesign.calibration.kept_station import KeptStation
+from posedesign.calibration.process import TOUCH_UPS, Calibration, Progress, calibrate, loop_of
 from posedesign.calibration.refusing import refusals_of
 from posedesign.cell import Cell
 from posedesign.files import make_folder
+from posedesign.locking import held
 from posedesign.plate import PLATE_PITCH_M, PlateTest
 from posedesign.rehearsal import simulated_arms, true_cell, true_observer
 
 JOURNAL = "journal.jsonl"
+_DOING = "calibrating"
 
 _PLATES = 10
 """Times that the simulated plate is measured: the table has their median."""
@@ -152,21 +155,27 @@ def run_by_sight(
     Raises
     ------
     CalibError
-        What :func:`~posedesign.calibration.process.calibrate` raises, or a cell that is not one of
-        touch-ups.
+        What :func:`~posedesign.calibration.process.calibrate` raises, a cell that is not one of
+        touch-ups, options that contradict each other, a folder that is in use or has touch-ups of
+        other origin.
     """
+    _check_options(folder, dialect, kind, seed)
     cell = Cell.load(path)
+    _check_kind(cell)
     if folder is not None:
         robot = FolderRobot(cell, folder, dialect, timeout_s=wait_s)
-        found = calibrate_robot(
-            cell, robot, out, source=path.parent, restart=restart, progress=progress, warn=warn
-        )
+        with held(folder, _DOING, "name another folder with --robot-folder"):
+            found = calibrate_robot(
+                cell, robot, out, source=path.parent, restart=restart, progress=progress, warn=warn
+            )
         return SightResult(found, None)
     own = cell.config.truth.seed if seed is None else seed
-    arms = simulated_arms(cell, kind, seed=own)
+    observer = true_observer(cell, kind)
+    arms = simulated_arms(cell, observer, own)
     about = _digest(cell, f"simulated, {kind}, {own}")
     found = _calibrate(cell, arms, out, about, own, path.parent, restart, progress, warn)
-    return SightResult(found, _plate(cell, found, own))
+    fast = observer if kind == "fast" else true_observer(cell, "fast")
+    return SightResult(found, _plate(cell, found, fast, own))
 
 
 def calibrate_robot(
@@ -196,22 +205,59 @@ def _calibrate(
     progress: Progress,
     warn: Callable[[str], None],
 ) -> Calibration:
+    _check_kind(cell)
+    make_folder(out)
+    with held(out, _DOING):
+        if restart:
+            _put_aside(out / JOURNAL)
+        else:
+            _check_results(out)
+        with Journal(out / JOURNAL, about) as journal:
+            if len(journal):
+                warn(
+                    f"going on from {len(journal)} measurements in {journal.path}; anew: --restart"
+                )
+            approach = float(np.deg2rad(cell.config.touch_up.approach_deg))
+            drive = Drive(cell.robot, arms, approach, refusals_of(cell))
+            station = KeptStation(drive, journal, seed)
+            return calibrate(cell, station, out, source=source, progress=progress, warn=warn)
+
+
+def _check_options(folder: Path | None, dialect: str | None, kind: Kind, seed: int | None) -> None:
+    """Refuse what would have no effect."""
+    if folder is None and dialect is not None:
+        raise InputError(
+            "a simulated robot reads no programs: there is no dialect to choose",
+            hint="name the folder of the real one with --robot-folder",
+            name="dialect",
+            value=dialect,
+        )
+    if folder is not None and (kind != "image" or seed is not None):
+        raise InputError(
+            "the pictures of a real robot are its own: neither their noise nor a seed is chosen",
+            hint="leave out --no-images and --seed, or --robot-folder",
+            name="kind" if kind != "image" else "seed",
+        )
+
+
+def _check_kind(cell: Cell) -> None:
     if cell.config.measurement.kind != "touch-up":
         raise InputError(
             f"a calibration by sight touches up, this cell has {cell.config.measurement.kind}",
             hint='set measurement.kind = "touch-up"',
             name="measurement.kind",
         )
-    make_folder(out)
-    if restart:
-        _put_aside(out / JOURNAL)
-    with Journal(out / JOURNAL, about) as journal:
-        if len(journal):
-            warn(f"going on from {len(journal)} measurements in {journal.path}; anew: --restart")
-        approach = float(np.deg2rad(cell.config.touch_up.approach_deg))
-        drive = Drive(cell.robot, arms, approach, refusals_of(cell))
-        station = KeptStation(drive, journal, seed)
-        return calibrate(cell, station, out, source=source, progress=progress, warn=warn)
+
+
+def _check_results(out: Path) -> None:
+    """Refuse to write over touch-ups that no journal has: they were made some other way."""
+    touch_ups = out / TOUCH_UPS
+    if touch_ups.exists() and not (out / JOURNAL).exists():
+        raise InputError(
+            f"{touch_ups} is there, and no {JOURNAL} that it comes from: it would be overwritten",
+            hint="choose another --out, or --restart",
+            name=str(touch_ups),
+        )
 
 
 def _digest(cell: Cell, how: str) -> str:
@@ -238,12 +284,12 @@ def _put_aside(journal: Path) -> None:
         ) from error
 
 
-def _plate(cell: Cell, found: Calibration, seed: int) -> PlateTest | str:
+def _plate(cell: Cell, found: Calibration, observer: Observer, seed: int) -> PlateTest | str:
     try:
         return PlateTest.by_sight(
             found.cell,
             true_cell(cell),
-            true_observer(cell, "fast"),
+            observer,
             found.set_up.jacobian,
             loop_of(cell),
             np.random.default_rng([seed, 3]),

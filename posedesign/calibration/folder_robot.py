@@ -138,8 +138,8 @@ class FolderRobot(RobotAdapter):
         Raises
         ------
         JointLimitError, InputError
-            The posture is outside the limits or not finite, the format cannot say it, or there
-            are results of this number already.
+            The posture is outside the limits or not finite, the format cannot say it, there are
+            results of this number already, or somebody else has ordered a move since the last.
         FileFormatError
             The folder cannot be listed: the share that it is on is gone.
         OutputError
@@ -148,11 +148,17 @@ class FolderRobot(RobotAdapter):
         self._cell.robot.check_limits(q)
         before = 0 if self._move is None else self._move.number
         # programs that were run may have been taken away
-        number = 1 + max(before, self._exchange.last_number())
+        last = self._exchange.last_number()
+        number = 1 + max(before, last)
         if number > MOST_MOVES:
             raise InputError(
                 f"{self._exchange.orders} has had {MOST_MOVES} moves",
                 hint="go on with an empty folder",
+            )
+        if self._move is not None and last > before:
+            raise InputError(
+                f"{self._exchange.orders} has move {last} of somebody else",
+                hint="the arm may be anywhere: let one at a time use the folder, then start again",
             )
         self._exchange.refuse_early(
             lambda name: number_of(name) == number, f"move {number} was written"

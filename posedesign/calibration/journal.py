@@ -10,42 +10,34 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, get_args
-from zlib import crc32
+from typing import Any, TypeVar
 
 import numpy as np
 
-from calib.camera.lens import Camera
-from calib.camera.observers import Views
-from calib.camera.target import CircleTarget
 from calib.errors import FileFormatError, InputError, OutputError
 from calib.se3 import FloatArray
-from calib.visual.drive import Drive
-from calib.visual.jacobian import ImageJacobian, MeasuredJacobian
-from calib.visual.relation import Relation
-from calib.visual.servo import Bias, Loop, Status, TouchUps
-from calib.visual.station import Station
 from posedesign.files import json_text, read_bytes_bounded
-
-try:
-    import fcntl
-except ImportError:  # not on Windows, where nothing keeps two commands apart
-    fcntl = None  # type: ignore[assignment]
 
 MOST_BYTES = 50_000_000
 """A touch-up takes half a kilobyte: a hundred thousand of them are no calibration of a robot."""
 
 _VERSION = 1
-_STATUS: tuple[Status, ...] = get_args(Status)
+_HEAD = b'{"posedesign": "calibration"'
+"""How the first line begins."""
+
 _SAME_RAD = 1e-9
 """Joint values asked for that differ by less are the same: they come out of the same arithmetic."""
+
+T = TypeVar("T")
 
 
 class Journal:
     """A file of named measurements, each with what was asked.
+
+    One process may have it open at a time; see :func:`~posedesign.locking.held`.
 
     Parameters
     ----------
@@ -57,27 +49,35 @@ class Journal:
     Raises
     ------
     FileFormatError
-        The file is of another calibration, or no journal.
+        The file is of another calibration, of another version, damaged, or no journal; it is left
+        as it is.
+    OutputError
+        It cannot be written.
     """
 
     def __init__(self, path: Path, about: str) -> None:
         self.path = path
-        self._about = about
         self._kept: dict[str, dict[str, Any]] = {}
-        self._stream = self._opened()
+        lines, length = self._read()
+        if lines:
+            self._check_head(lines[0], about)
+        while len(lines) > 1 and _failed(lines[-1]):
+            lines.pop()  # what it was stopped by, and may be mended now
+        for entry in lines[1:]:
+            self._kept[str(entry.get("name"))] = entry
         try:
-            lines = self._read()
-            if lines:
-                self._check_head(lines[0])
-                while len(lines) > 1 and _failed(lines[-1]):
-                    lines.pop()  # what it was stopped by, and may be mended now
-                for entry in lines[1:]:
-                    self._kept[str(entry.get("name"))] = entry
-            else:
+            # no buffer: what could not be written must not be tried again when it is closed
+            self._stream = open(path, "ab", buffering=0)  # noqa: SIM115 -- closed by __exit__
+            self._stream.truncate(length)  # a line was cut off when the machine went down
+        except OSError as error:
+            raise _not_written(path, error, "choose another --out") from error
+        self._length = length
+        if not lines:
+            try:
                 self._append({"posedesign": "calibration", "version": _VERSION, "about": about})
-        except BaseException:
-            self._stream.close()
-            raise
+            except BaseException:
+                self._stream.close()
+                raise
 
     def __enter__(self) -> Journal:
         return self
@@ -89,256 +89,125 @@ class Journal:
         return len(self._kept)
 
     def recall(
-        self, name: str, asked: FloatArray, measure: Callable[[], dict[str, Any]]
-    ) -> dict[str, Any]:
+        self,
+        name: str,
+        asked: FloatArray,
+        measure: Callable[[], Mapping[str, Any]],
+        read: Callable[[dict[str, Any]], T],
+    ) -> T:
         """The answer kept under a name, or that of measuring now, which is kept.
+
+        Parameters
+        ----------
+        name : str
+        asked : array (k,)
+            What is asked for, joint values first [rad].
+        measure : callable
+            Makes the measurement; what it raises comes out as it is.
+        read : callable
+            What an answer says; a KeyError, TypeError, ValueError or IndexError of it means that
+            the answer is damaged.
 
         Raises
         ------
         InputError
             Something else was asked for under this name.
+        FileFormatError
+            The answer cannot be read.
+        OutputError
+            The answer cannot be written.
         """
-        if name in self._kept:
-            entry = self._kept[name]
-            before = np.asarray(entry.get("asked"), dtype=float)
-            if before.shape != asked.shape or not np.allclose(
-                before, asked, rtol=0, atol=_SAME_RAD
-            ):
-                raise InputError(
-                    f"{self.path}: {name} was measured at another posture than it is asked for now",
-                    hint="go on with the cell and the options that it was begun with, or --restart",
-                    name=name,
-                )
-            return dict(entry["answer"])
-        # as it will be read, so that it is the same whether it was measured now or before
-        entry = {"name": name, "asked": asked, "answer": measure()}
-        self._kept[name] = self._append(entry)
-        return dict(self._kept[name]["answer"])
-
-    @contextmanager
-    def reading(self) -> Iterator[None]:
-        """Turn what a damaged answer leads to into an error of the file."""
+        if name not in self._kept:
+            # as it will be read, so that it is the same whether it was measured now or before
+            self._kept[name] = self._append({"name": name, "asked": asked, "answer": measure()})
+        entry = self._kept[name]
         try:
-            yield
+            before = np.asarray(entry["asked"], dtype=float)
+            same = before.shape == asked.shape and np.allclose(
+                before, asked, rtol=0, atol=_SAME_RAD
+            )
+            if same:
+                return read(dict(entry["answer"]))
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise FileFormatError(
-                "has a measurement that cannot be read", path=self.path, hint="--restart"
+                f"the measurement {name} cannot be read",
+                path=self.path,
+                hint="remove its line and all after it to measure from there on, or --restart",
             ) from error
-
-    def _opened(self) -> IO[bytes]:
-        """The file, held until it is closed: two that write into it would lose touch-ups."""
-        try:
-            stream = open(self.path, "ab")  # noqa: SIM115 -- closed by __exit__
-        except OSError as error:
-            raise OutputError(
-                f"{self.path}: cannot be written: {error.strerror}",
-                hint="choose another --out",
-                name=str(self.path),
-            ) from error
-        if fcntl is not None:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                stream.close()
-                raise InputError(
-                    f"{self.path}: another calibration is writing it",
-                    hint="wait for it, or choose another --out",
-                    name=str(self.path),
-                ) from error
-        return stream
+        raise InputError(
+            f"{self.path}: {name} was measured at another posture than it is asked for now",
+            hint="go on with the cell and the options that it was begun with, or --restart",
+            name=name,
+        )
 
     def _append(self, entry: dict[str, Any]) -> dict[str, Any]:
         written: dict[str, Any] = json.loads(json_text(entry))
-        line = json.dumps(written) + "\n"
+        line = json.dumps(written).encode() + b"\n"
+        left = line
         try:
-            self._stream.write(line.encode())
-            self._stream.flush()
+            while left:
+                left = left[self._stream.write(left) :]
             os.fsync(self._stream.fileno())
         except OSError as error:
-            raise OutputError(
-                f"{self.path}: cannot be written: {error.strerror}",
-                hint="make room, then start the same command again",
-                name=str(self.path),
+            with suppress(OSError):  # the part of a line: whoever reads it drops it as well
+                self._stream.truncate(self._length)
+            raise _not_written(
+                self.path, error, "make room, then start the same command again"
             ) from error
+        self._length += len(line)
         return written
 
-    def _read(self) -> list[dict[str, Any]]:
+    def _read(self) -> tuple[list[dict[str, Any]], int]:
+        """Whole lines, and how many bytes they take."""
+        if not self.path.exists():
+            return [], 0
         data = read_bytes_bounded(self.path, most_bytes=MOST_BYTES)
-        whole, _, cut = data.rpartition(b"\n")
-        found = []
-        for number, line in enumerate(whole.split(b"\n"), start=1):
-            if not line:
-                continue
-            try:
-                entry = json.loads(line)
-            except (ValueError, RecursionError):
-                entry = None
-            if not isinstance(entry, dict):
-                raise FileFormatError(
-                    "is no journal of a calibration",
-                    path=self.path,
-                    row=number,
-                    hint="choose another --out, or --restart",
-                )
-            found.append(entry)
-        if cut:  # the machine went down while it was written
-            self._stream.truncate(len(data) - len(cut))
-        return found
+        *whole, cut = data.split(b"\n")
+        if not whole and not cut.startswith(_HEAD[: len(cut)]):
+            raise self._no_journal()
+        lines = [self._entry(number, line) for number, line in enumerate(whole, start=1) if line]
+        return lines, len(data) - len(cut)
 
-    def _check_head(self, head: dict[str, Any]) -> None:
-        if head.get("posedesign") != "calibration" or head.get("version") != _VERSION:
+    def _entry(self, number: int, line: bytes) -> dict[str, Any]:
+        try:
+            entry = json.loads(line)
+        except (ValueError, RecursionError):
+            entry = None
+        if isinstance(entry, dict):
+            return entry
+        if number == 1:
+            raise self._no_journal()
+        raise FileFormatError(
+            "is damaged",
+            path=self.path,
+            row=number,
+            hint="remove this line and all after it to measure from there on, or --restart",
+        )
+
+    def _check_head(self, head: dict[str, Any], about: str) -> None:
+        if head.get("posedesign") != "calibration":
+            raise self._no_journal()
+        if head.get("version") != _VERSION:
             raise FileFormatError(
-                "is no journal of a calibration", path=self.path, hint="choose another --out"
+                f"is a journal of version {head.get('version')!r:.20}, this program has {_VERSION}",
+                path=self.path,
+                hint="go on with the program that it was begun with, or --restart",
             )
-        if head.get("about") != self._about:
+        if head.get("about") != about:
             raise FileFormatError(
                 "was begun with another cell, robot or options",
                 path=self.path,
                 hint="choose another --out, or --restart",
             )
 
+    def _no_journal(self) -> FileFormatError:
+        return FileFormatError(
+            "is no journal of a calibration", path=self.path, hint="choose another --out"
+        )
 
-class KeptStation(Station):
-    """A station whose measurements are kept in a journal and never made twice.
 
-    Parameters
-    ----------
-    drive : Drive
-    journal : Journal
-    seed : int
-        Simulated arms draw the noise of each measurement from this and its name, so that a
-        calibration comes out the same whether it was stopped or not.
-    """
-
-    def __init__(self, drive: Drive, journal: Journal, seed: int = 0) -> None:
-        super().__init__(drive)
-        self._journal = journal
-        self._seed = seed
-        self._image_px: tuple[int, int] | None = None
-        self._passing: list[tuple[str, FloatArray]] = []
-        self._has_moved = False
-
-    @property
-    def image_px(self) -> tuple[int, int]:
-        """See :attr:`Station.image_px`."""
-        return super().image_px if self._image_px is None else self._image_px
-
-    def look(self, name: str, q: FloatArray) -> Views:
-        """See :meth:`Station.look`."""
-
-        def measure() -> dict[str, Any]:
-            self._prepare(name)
-            seen = super(KeptStation, self).look(name, q)
-            return {
-                "ellipses": seen.ellipses,
-                "reasons": list(seen.reasons),
-                "image_px": super(KeptStation, self).image_px,
-            }
-
-        with self._journal.reading():
-            answer = self._recall(name, q, measure)
-            width, height = (int(v) for v in answer["image_px"])
-            self._image_px = (width, height)
-            return Views(_array(answer["ellipses"], (1, 5)), _texts(answer["reasons"]))
-
-    def jacobian(
-        self, name: str, q: FloatArray, relation: Relation, step_m: float, *, both_ways: bool
-    ) -> MeasuredJacobian:
-        """See :meth:`Station.jacobian`."""
-
-        def measure() -> dict[str, Any]:
-            self._prepare(name)
-            found = super(KeptStation, self).jacobian(
-                name, q, relation, step_m, both_ways=both_ways
-            )
-            matrix = None if found.jacobian is None else found.jacobian.matrix
-            return {"matrix": matrix, "reason": found.reason, "status": found.status}
-
-        asked = np.array([*q, *relation.center_px, relation.size_px, step_m])
-        with self._journal.reading():
-            answer = self._recall(name, asked, measure)
-            jacobian = None
-            if answer["matrix"] is not None:
-                jacobian = ImageJacobian(_array(answer["matrix"], (3, 3)), relation)
-            return MeasuredJacobian(jacobian, str(answer["reason"]), str(answer["status"]))
-
-    def touch_up(
-        self,
-        name: str,
-        q: FloatArray,
-        jacobian: ImageJacobian,
-        loop: Loop,
-        bias: Bias | None = None,
-    ) -> TouchUps:
-        """See :meth:`Station.touch_up`."""
-
-        def measure() -> dict[str, Any]:
-            self._prepare(name)
-            done = super(KeptStation, self).touch_up(name, q, jacobian, loop, bias)
-            return {
-                "q": done.q,
-                "error_px": done.error_px,
-                "ellipses": done.ellipses,
-                "moves": done.moves,
-                "status": list(done.status),
-                "reasons": list(done.reasons),
-            }
-
-        with self._journal.reading():
-            answer = self._recall(name, q, measure)
-            return TouchUps(
-                _array(answer["q"], (1, len(q))),
-                _array(answer["error_px"], (1, 3)),
-                _array(answer["ellipses"], (1, 5)),
-                np.array(answer["moves"], dtype=np.intp),
-                tuple(_STATUS[_STATUS.index(status)] for status in answer["status"]),
-                _texts(answer["reasons"]),
-            )
-
-    def target_pose(
-        self, name: str, camera: Camera, target: CircleTarget, about: FloatArray
-    ) -> FloatArray | None:
-        """See :meth:`Station.target_pose`; where the arm stands after what was measured last."""
-
-        def measure() -> dict[str, Any]:
-            if not self._has_moved:
-                return {"T": None}  # stopped between the touch-up and this: the arm may be anywhere
-            return {"T": super(KeptStation, self).target_pose(name, camera, target, about)}
-
-        with self._journal.reading():
-            answer = self._journal.recall(name, np.zeros(0), measure)
-            return None if answer["T"] is None else _array(answer["T"], (4, 4))
-
-    def pass_through(self, name: str, q: FloatArray) -> None:
-        """See :meth:`Station.pass_through`: kept until something is measured after it.
-
-        What lies before a measurement that was made already is not gone through again.
-        """
-        self._passing.append((name, q))
-
-    def rest(self) -> None:
-        """See :meth:`Station.rest`."""
-        if self._has_moved:
-            self._pass()
-
-    def _pass(self) -> None:
-        for name, q in self._passing:
-            super().pass_through(name, q)
-        self._passing.clear()
-
-    def _recall(
-        self, name: str, asked: FloatArray, measure: Callable[[], dict[str, Any]]
-    ) -> dict[str, Any]:
-        answer = self._journal.recall(name, asked, measure)
-        self._passing.clear()
-        return answer
-
-    def _prepare(self, name: str) -> None:
-        self._has_moved = True
-        self._pass()
-        reseed = getattr(self.drive.arms, "reseed", None)
-        if reseed is not None:
-            reseed(np.random.default_rng([self._seed, crc32(name.encode())]))
+def _not_written(path: Path, error: OSError, hint: str) -> OutputError:
+    return OutputError(f"{path}: cannot be written: {error.strerror}", hint=hint, name=str(path))
 
 
 def _failed(entry: dict[str, Any]) -> bool:
@@ -348,12 +217,3 @@ def _failed(entry: dict[str, Any]) -> bool:
         return False
     reasons = answer.get("reasons")
     return bool(answer.get("reason")) or (isinstance(reasons, list) and any(reasons))
-
-
-def _array(value: object, shape: tuple[int, ...]) -> FloatArray:
-    """Numbers as an array; what JSON has as null was no number."""
-    return np.array(value, dtype=float).reshape(shape)
-
-
-def _texts(value: object) -> tuple[str, ...]:
-    return tuple(str(text) for text in np.atleast_1d(np.array(value, dtype=object)))

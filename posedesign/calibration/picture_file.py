@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -59,6 +59,9 @@ def read_picture(path: Path | str) -> GreyImage:
     Pictures of 16 bits are refused and not scaled: files do not say which 10, 12 or 16 of the bits
     the camera filled, so that the same scene would come out in another brightness.
 
+    Damage to the pixels themselves a PNG shows by its checksums. JPEG and TIFF have none: bytes of
+    them that were changed, not cut off, may come out as other pixels.
+
     Parameters
     ----------
     path : Path or str
@@ -80,7 +83,7 @@ def read_picture(path: Path | str) -> GreyImage:
         width, height = _size(data)
         if not 0 < width * height <= MOST_PIXELS:
             raise _Unusable(f"claims {width} by {height} pixels")
-        return _decoded(data, (height, width))
+        return _decoded(_png_pixels(data) if data.startswith(_PNG) else data, (height, width))
     except _Unusable as error:
         raise FileFormatError(
             str(error),
@@ -118,14 +121,13 @@ def _eight_bits(bits: int) -> None:
         raise _Unusable(f"has {bits} bits a colour, not 8")
 
 
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
 def _png(data: bytes) -> tuple[int, int]:
     """Walk through the chunks, each with its checksum, to the last."""
-    at, size = 8, None
-    for _ in range(_MOST_PARTS):
-        length, kind = struct.unpack_from(">I4s", data, at)
-        (checksum,) = struct.unpack_from(">I", data, at + 8 + length)
-        if checksum != zlib.crc32(memoryview(data)[at + 4 : at + 8 + length]):
-            raise _Unusable("is damaged: a checksum is wrong")
+    size = None
+    for kind, at, length in _png_chunks(data):
         if size is None:
             if kind != b"IHDR" or length != 13:
                 raise _Unusable("is no PNG: it does not begin with its header")
@@ -134,11 +136,37 @@ def _png(data: bytes) -> tuple[int, int]:
             size = width, height
         elif kind == b"IHDR" or kind == b"acTL":
             raise _Unusable("holds several pictures")
-        elif kind == b"IEND":
-            return size
+    if size is None:
+        raise _Unusable("is no PNG: it does not begin with its header")
+    return size
+
+
+def _png_chunks(data: bytes) -> Iterator[tuple[bytes, int, int]]:
+    """Kind of each chunk to the last, where it starts, and the length of what it holds."""
+    at = len(_PNG)
+    for _ in range(_MOST_PARTS):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        (checksum,) = struct.unpack_from(">I", data, at + 8 + length)
+        if checksum != zlib.crc32(memoryview(data)[at + 4 : at + 8 + length]):
+            raise _Unusable("is damaged: a checksum is wrong")
+        yield kind, at, length
+        if kind == b"IEND":
+            return
         at += 12 + length
     raise _Unusable(f"has more than {_MOST_PARTS} parts")
 
+
+def _png_pixels(data: bytes) -> bytes:
+    """The same PNG with header, colours and pixels alone.
+
+    Notes and profiles may be compressed: seven megabytes of them kept a decoder at work for more
+    than a minute. No pixel depends on them.
+    """
+    chunks = [(at, 12 + length) for kind, at, length in _png_chunks(data) if kind in _PNG_NEEDED]
+    return _PNG + b"".join(data[at : at + whole] for at, whole in chunks)
+
+
+_PNG_NEEDED = (b"IHDR", b"PLTE", b"IDAT", b"IEND")
 
 _PGM_HEADER = re.compile(
     rb"P5" + 3 * rb"(?:[ \t\r\n]|#[^\r\n]{0,200}[\r\n]){1,20}([0-9]{1,9})" + rb"[ \t\r\n]"
@@ -273,7 +301,7 @@ def _tiff_tags(data: bytes, order: str) -> dict[int, tuple[int, ...]]:
 
 
 _FORMATS: Mapping[bytes, Callable[[bytes], tuple[int, int]]] = {
-    b"\x89PNG\r\n\x1a\n": _png,
+    _PNG: _png,
     b"P5": _pgm,
     b"BM": _bmp,
     b"\xff\xd8": _jpeg,

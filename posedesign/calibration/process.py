@@ -35,6 +35,8 @@ from posedesign.pose_plan import PosePlan
 from posedesign.tables import Pairs, write_pairs, write_touch_ups
 from posedesign.workflow import identify_file, plan_poses
 
+TOUCH_UPS, PAIRS = "touchups.csv", "pairs.csv"
+
 Progress = Callable[[str, float], None]
 
 _FIRST, _NOISE = 0.35, 0.45
@@ -156,7 +158,7 @@ def calibrate(
     for pose in missed:
         warn(f"{pose.name} was not touched up: {pose.reason}")
     progress("identifying", 1.0)
-    identified = identify_file(known, out / "touchups.csv", out, warn=warn)
+    identified = identify_file(known, out / TOUCH_UPS, out, warn=warn)
     return Calibration(set_up, known, sigma, plan, touch_ups, missed, identified)
 
 
@@ -237,12 +239,14 @@ def touch_up_plan(
         names.append(name)
         postures.append(done.q[0])
         data = _measurements(cell, names, postures)
-        write_touch_ups(out / "touchups.csv", data)
+        write_touch_ups(out / TOUCH_UPS, data)
         seen.add(name, done.q[0])
     station.rest()
     if len(seen.names) > 1:
         pairs = Pairs(tuple(seen.names), np.array(seen.A), np.array(seen.B))
-        write_pairs(out / "pairs.csv", pairs)
+        write_pairs(out / PAIRS, pairs)
+    elif (out / PAIRS).is_file():
+        (out / PAIRS).unlink()  # of a run before this one
     if len(names) < 2:
         why = missed[0].reason if missed else "there are none"
         raise ConvergenceError(

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -68,15 +67,6 @@ class Study:
         with path.open(encoding="utf-8") as stream:
             return stream.readline().lstrip("# ").strip()
 
-    @cached_property
-    def settings(self) -> Mapping[str, Any]:
-        """The numbers of its ``study.toml``."""
-        path = self.folder / "study.toml"
-        try:
-            return tomllib.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise FileFormatError(f"cannot be read: {error}", path=path) from error
-
     def run(self, options: Options) -> Any:
         """Run it, and return its key figures."""
         return self._function("study")(options)
@@ -88,9 +78,19 @@ class Study:
         ------
         InputError
             A table is not there.
+        FileFormatError
+            A table is damaged.
         """
+        from pandas.errors import EmptyDataError, ParserError
+
         try:
             return list(self._function("plot")(folder))
+        except (EmptyDataError, ParserError) as error:
+            raise FileFormatError(
+                f"has a table that cannot be read: {str(error).strip()}",
+                path=folder,
+                hint=f"run it again: posedesign study run {self.name} --restart",
+            ) from error
         except FileNotFoundError as error:
             raise InputError(
                 f"{folder} has no results of this study: {error.filename} is not there",

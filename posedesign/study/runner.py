@@ -23,6 +23,9 @@ _AHEAD = 2
 """Tasks a worker that are handed out before their results are taken: no worker waits, and what
 is in memory does not grow with the study."""
 
+MOST_JOBS = 1024
+"""Processes on one machine; each takes a hundred megabytes, and all are started at once."""
+
 _CONNECT_S = 5
 """A scheduler that is there answers in a fraction of it."""
 
@@ -43,8 +46,14 @@ class Workers:
     scheduler: str | None = None
 
     def __post_init__(self) -> None:
-        if self.jobs < 1:
-            raise InputError(f"{self.jobs} jobs", hint="give one or more", name="jobs")
+        if not 1 <= self.jobs <= MOST_JOBS:
+            raise InputError(
+                f"{self.jobs} jobs",
+                hint=f"give from 1 to {MOST_JOBS}, as many as there are cores",
+                name="jobs",
+                value=self.jobs,
+                bound=(1, MOST_JOBS),
+            )
 
 
 def run_grid(
@@ -99,14 +108,14 @@ def _results(
     """Numbers and results of tasks as they come."""
     if not tasks:
         return
-    if workers.jobs == 1 and workers.scheduler is None:
+    if min(workers.jobs, len(tasks)) == 1 and workers.scheduler is None:
         for task in tasks:
             yield _numbered(simulate, task)
         return
     import joblib
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-    with _backend(workers) as count:
+    with _backend(workers, len(tasks)) as count:
         parallel = joblib.Parallel(
             n_jobs=count, return_as="generator_unordered", pre_dispatch=_AHEAD * count, batch_size=1
         )
@@ -124,14 +133,14 @@ def _numbered(simulate: Simulate, task: Task) -> tuple[int, Columns]:
 
 
 @contextmanager
-def _backend(workers: Workers) -> Iterator[int]:
-    """Joblib set to the workers; how many there are."""
+def _backend(workers: Workers, tasks: int) -> Iterator[int]:
+    """Joblib set to the workers; how many there are, no more on this machine than tasks."""
     import joblib
 
     if workers.scheduler is None:
         # matrices are small: one thread a worker
         with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-            yield workers.jobs
+            yield min(workers.jobs, tasks)
         return
     with _client(workers.scheduler) as client, joblib.parallel_config(backend="dask"):
         yield max(1, sum(client.nthreads().values()))

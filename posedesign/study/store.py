@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
+import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 Columns = Mapping[str, Any]
 """A table by columns: arrays or lists of one length."""
 
-_ABOUT, _LOCK, _PARTS = "about.json", "running.lock", "parts"
+_ABOUT, _PARTS = "about.json", "parts"
+_ENDINGS = (".csv", ".parquet")
+_PART = re.compile(r"(\d{9})(\.csv|\.parquet)", re.ASCII)
 _MOST_BYTES = 1_000_000
 
 
@@ -67,17 +69,20 @@ class Store:
         InputError
             Another process is running a study in it.
         FileFormatError
-            The folder has results of other numbers.
+            The folder has results of other numbers, or files of other origin under their names.
+        OutputError
+            The folder cannot be written.
         """
         make_folder(self.folder)
-        with held(self.folder / _LOCK, "running a study"):
+        with held(self.folder, "running a study"):
             about = self.folder / _ABOUT
-            if restart:
+            if not about.exists():
+                self._check_free()
+            elif restart:
                 self._clear()
-            if about.exists():
-                self._check(about)
             else:
-                self._clear()
+                self._check(about)
+            if not about.exists():
                 write_text_atomic(about, json_text(self._about) + "\n")
             make_folder(self.folder / _PARTS)
             yield
@@ -86,7 +91,12 @@ class Store:
         """Numbers of tasks whose results are there."""
         if self.table.exists():
             return set(self._numbers_before())
-        return {int(p.stem) for p in (self.folder / _PARTS).glob(f"*{self._ending}")}
+        names = (path.name for path in (self.folder / _PARTS).iterdir())
+        return {
+            int(found[1])
+            for found in map(_PART.fullmatch, names)
+            if found and found[2] == self._ending
+        }
 
     def write(self, number: int, columns: Columns) -> None:
         """Write the results of a task."""
@@ -94,7 +104,15 @@ class Store:
         write_bytes_atomic(self.folder / _PARTS / f"{number:09d}{self._ending}", data)
 
     def assemble(self, count: int) -> Path:
-        """One table of the results of all ``count`` tasks, in order; the parts are removed."""
+        """One table of the results of all ``count`` tasks, in order; the parts are removed.
+
+        Raises
+        ------
+        FileFormatError
+            A part is damaged.
+        OutputError
+            The table cannot be written.
+        """
         if not self.table.exists():
             parts = [self.folder / _PARTS / f"{k:09d}{self._ending}" for k in range(count)]
             aside = self.table.with_name(f".{self.table.name}")
@@ -108,6 +126,9 @@ class Store:
                     hint="make room, then start the same command again",
                     name=str(self.table),
                 ) from error
+            except ValueError as error:
+                aside.unlink(missing_ok=True)
+                raise _damaged(self.folder / _PARTS, error) from error
         shutil.rmtree(self.folder / _PARTS, ignore_errors=True)
         return self.table
 
@@ -118,16 +139,36 @@ class Store:
     def _numbers_before(self) -> range:
         return range(int(self._about.get("tasks", 0)))
 
+    def _tables(self) -> list[Path]:
+        return [self.folder / f"{self._name}{ending}" for ending in _ENDINGS]
+
+    def _check_free(self) -> None:
+        """Without a note of what is in the folder, nothing in it was made here."""
+        for path in (self.folder / _PARTS, *self._tables()):
+            if path.exists():
+                raise FileFormatError(
+                    f"is there already, and no {_ABOUT} that says what of",
+                    path=path,
+                    hint="name another folder with --out",
+                )
+
     def _clear(self) -> None:
-        shutil.rmtree(self.folder / _PARTS, ignore_errors=True)
-        for ending in (".csv", ".parquet"):
-            (self.folder / f"{self._name}{ending}").unlink(missing_ok=True)
-        (self.folder / _ABOUT).unlink(missing_ok=True)
+        """Remove results; the note of what they are of goes last."""
+        try:
+            shutil.rmtree(self.folder / _PARTS, ignore_errors=True)
+            for path in (*self._tables(), self.folder / _ABOUT):
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(
+                f"{error.filename}: cannot be removed: {error.strerror}",
+                hint="name another folder with --out",
+                name=str(self.folder),
+            ) from error
 
     def _check(self, about: Path) -> None:
         try:
             found = json.loads(read_bytes_bounded(about, most_bytes=_MOST_BYTES))
-        except ValueError:
+        except (ValueError, RecursionError):
             found = None
         if found != self._about:
             raise FileFormatError(
@@ -147,17 +188,24 @@ def has_parquet() -> bool:
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """A table of results, whatever its form."""
+    """A table of results, whatever its form.
+
+    Raises
+    ------
+    FileFormatError
+        It is not there, or damaged.
+    """
     import pandas as pd
 
-    if path.suffix == ".parquet":
-        return pd.read_parquet(path)
-    return pd.read_csv(path)
+    try:
+        return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
+    except (OSError, ValueError) as error:
+        raise _damaged(path, error) from error
 
 
-def digest(content: object) -> str:
-    """Short digest of plain values."""
-    return hashlib.sha256(json_text(content).encode()).hexdigest()[:16]
+def _damaged(path: Path, error: Exception) -> FileFormatError:
+    first = str(error).partition("\n")[0]
+    return FileFormatError(f"cannot be read: {first}", path=path, hint="begin anew with --restart")
 
 
 def _encoded(columns: Columns, ending: str) -> bytes:

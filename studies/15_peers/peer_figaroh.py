@@ -148,7 +148,7 @@ def detmax(information: FloatArray, n: int) -> tuple[list[int], int]:
     """
 
     class Watched(module("optimal.base_optimal_calibration").Detmax):  # type: ignore[misc]
-        def get_critD(self, set: list[int]) -> float:  # noqa: A002, N802
+        def get_critD(self, set: list[int]) -> float:
             self.judged = list(set)
             return float(super().get_critD(set))
 

@@ -20,6 +20,8 @@ from calib.se3 import FloatArray
 OPENCV = (*ROBOT_WORLD, *HAND_EYE)
 SCIPY = "scipy from OpenCV's SHAH"
 OURS = ("shah", "ml")
+FAR_MM = 1e4
+"""Beyond this a figure is a number of no meaning."""
 
 
 def noise_of(own: Mapping[str, Any], on: str = "B") -> PairNoise:
@@ -173,10 +175,9 @@ def _said(solver: str, A: FloatArray, B: FloatArray, X: FloatArray, noise: PairN
             if found.status != "ok":
                 return f"status: {found.status}"
             answer: FloatArray = found.X
-        elif solver == SCIPY:
-            answer = by_scipy(A, B, noise)[0]
         else:
-            answer = caller(solver, A, B)()[0]
+            with np.errstate(all="ignore"):  # of what is no number
+                answer = (by_scipy(A, B, noise) if solver == SCIPY else caller(solver, A, B)())[0]
     except (CalibError, cv2.error, ValueError, np.linalg.LinAlgError) as error:
         return type(error).__name__
     if not np.isfinite(answer).all():
@@ -184,7 +185,7 @@ def _said(solver: str, A: FloatArray, B: FloatArray, X: FloatArray, noise: PairN
     if np.linalg.det(answer[:3, :3]) < 0.5:
         return "returns no rotation"
     deg, mm = off(answer, X)
-    return f"returns X, {deg:.0f} deg and {mm:.0f} mm off"
+    return f"returns X, {deg:.0f} deg and {f'{mm:.0f} mm' if mm < FAR_MM else 'over 10 m'} off"
 
 
 def _impossible(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 import peer_figaroh
-from peer_clock import once
+from peer_clock import Call, in_turns, ratio
 
 from calib import CalibrationModel, Robot
 from calib.identification.identifiability import sort_out
@@ -16,11 +18,15 @@ from calib.parameters import LinkGeometry, TargetFrame, ToolFrame
 from calib.se3 import FloatArray, rotation_exp, transform
 from posedesign.selection import select
 
+KEPT = 1e-5
+"""Weight above which figaroh keeps a pose."""
+
 
 def pool(settings: Mapping[str, Any]) -> FloatArray:
-    """Blocks ``(N, 6, p)`` of full poses over their noise, columns of unit root mean square.
+    """Blocks ``(N, 6, p)`` of full poses over their noise; all of them together tell alike of all.
 
-    A choice by D does not depend on the scale of columns; solvers of cone programmes do.
+    A choice by D does not depend on the units and the mixture of parameters; that of a solver of
+    cone programmes does. With the mean information the identity all of them can do it.
     """
     own = settings["selection"]
     robot, rng = Robot.preset(own["robot"]), np.random.default_rng(settings["seed"])
@@ -36,7 +42,9 @@ def pool(settings: Mapping[str, Any]) -> FloatArray:
     free = LinkGeometry(robot, links[: own["parameters"] - 12])
     model = CalibrationModel(robot, [*frames, free], kind)
     blocks = model.linearise(q).white_jacobian
-    return np.asarray(blocks / np.sqrt(np.mean(blocks**2, axis=(0, 1))))
+    blocks = blocks / np.sqrt(np.mean(blocks**2, axis=(0, 1)))
+    mean = np.einsum("nmp,nmq->pq", blocks, blocks) / len(blocks)
+    return np.asarray(blocks @ np.linalg.inv(np.linalg.cholesky(mean)).T)
 
 
 def criterion(information: FloatArray, chosen: Sequence[int] | FloatArray) -> float:
@@ -47,71 +55,68 @@ def criterion(information: FloatArray, chosen: Sequence[int] | FloatArray) -> fl
 
 
 def compared(settings: Mapping[str, Any], *, with_figaroh: bool) -> list[dict[str, Any]]:
-    """What each way chooses: criterion over that of the best proven possible, and the seconds."""
+    """What each way chooses: criterion over the proven bound of as many different poses."""
     own, blocks = settings["selection"], pool(settings)
     information = np.einsum("nmp,nmq->npq", blocks, blocks)
     rng, n = np.random.default_rng(settings["seed"] + 1), own["chosen"]
-    best = select(blocks, n)
-    bound = best.efficiency / criterion(information, best.indices)  # of one over the criterion
     rows: list[dict[str, Any]] = []
+    bound = cache(lambda count: _bound(blocks, information, count))
 
-    def add(by: str, chosen: Sequence[int], seconds: float, says: str, against: float) -> None:
-        row = {"by": by, "poses": len(chosen), "different": len(set(chosen)), "seconds": seconds}
-        share = criterion(information, chosen) * against
+    def add(by: str, chosen: Sequence[int], says: str = "nothing") -> None:
+        share = criterion(information, chosen) * bound(len(chosen))
+        row = {"by": by, "poses": len(chosen), "different": len(set(chosen))}
         rows.append(row | {"of_the_bound": share, "says_of_its_distance": says})
 
-    for name, method, proof in (
-        ("exchange, with the bound", "exchange", True),
-        ("exchange, no bound asked for", "exchange", False),
-        ("DetMax, no bound asked for", "detmax", False),
-        ("rounding of the relaxation", "rounding", True),
+    for name, method in (
+        ("exchange", "exchange"),
+        ("DetMax", "detmax"),
+        ("rounding of the relaxation", "rounding"),
     ):
-
-        def call(method: str = method, proof: bool = proof) -> Any:
-            return select(blocks, n, method=method, bound=proof)
-
-        found = call()
-        says = f"proven: {found.efficiency:.4f} of the best" if proof else "nothing"
-        add(f"ours: {name}", found.indices.tolist(), _fastest(call), says, bound)
+        found = select(blocks, n, method=method)
+        says = f"proven: {found.efficiency:.4f} of the best"
+        add(f"ours: {name}", found.indices.tolist(), says)
     if with_figaroh:
-        _add_figaroh(add, blocks, information, own, rng)
+        weights = peer_figaroh.weights(information)
+        order = np.argsort(-weights)
+        kept = [int(k) for k in order[weights[order] > KEPT]]
+        add("figaroh: cone programme, all it keeps", kept)
+        add("figaroh: cone programme, the heaviest", order[:n].tolist())
+        ends = [_detmax(information, n, seed) for seed in rng.integers(2**31, size=own["starts"])]
+        ends.sort(key=lambda chosen: criterion(information, chosen))
+        add("figaroh: DetMax, median start", ends[len(ends) // 2])
+        add(f"figaroh: DetMax, best of {len(ends)}", ends[-1])
     sets = [rng.choice(len(blocks), n, replace=False) for _ in range(own["random_sets"])]
-    shares = [criterion(information, each) for each in sets]
-    add("random, median", sets[int(np.argsort(shares)[len(sets) // 2])].tolist(), 0.0, "", bound)
+    sets.sort(key=lambda chosen: criterion(information, chosen))
+    add("random, median", sets[len(sets) // 2].tolist())
     return rows
 
 
-def _add_figaroh(
-    add: Any,
-    blocks: FloatArray,
-    information: FloatArray,
-    own: Mapping[str, Any],
-    rng: np.random.Generator,
-) -> None:
-    import random
+def times(
+    settings: Mapping[str, Any], clock: Mapping[str, Any], *, with_figaroh: bool
+) -> list[dict[str, Any]]:
+    """Time of figaroh's two ways over that of the exchange with its bound."""
+    if not with_figaroh:
+        return []
+    n, blocks = settings["selection"]["chosen"], pool(settings)
+    information = np.einsum("nmp,nmq->npq", blocks, blocks)
+    calls: dict[str, Call] = {
+        "ours": lambda: select(blocks, n),
+        "figaroh: cone programme": lambda: peer_figaroh.weights(information),
+        "figaroh: DetMax, one start": lambda: _detmax(information, n, settings["seed"]),
+    }
+    taken = in_turns(calls, clock)
+    ours = taken.pop("ours")
+    head = {"job": "choice of poses", "size": len(blocks), "ours": "exchange and bound"}
+    return [head | {"peer": name} | ratio(own, ours) for name, own in taken.items()]
 
-    kept: list[FloatArray] = []
-    n, seconds = own["chosen"], once(lambda: kept.append(peer_figaroh.weights(information)))
-    order = np.argsort(-kept[0])
-    reported = [int(k) for k in order[kept[0][order] > 1e-5]]  # its own threshold
-    again = select(blocks, len(reported))
-    bound = again.efficiency / criterion(information, again.indices)
-    add("figaroh: cone programme, all it keeps", reported, seconds, "nothing", bound)
+
+def _detmax(information: FloatArray, n: int, seed: int) -> list[int]:
+    """What figaroh's DetMax ends with from one start."""
+    random.seed(int(seed))
+    return peer_figaroh.detmax(information, n)[0]
+
+
+def _bound(blocks: FloatArray, information: FloatArray, n: int) -> float:
+    """One over the criterion that no choice of so many exceeds."""
     best = select(blocks, n)
-    bound = best.efficiency / criterion(information, best.indices)
-    add("figaroh: cone programme, the heaviest", order[:n].tolist(), seconds, "nothing", bound)
-    tried: list[tuple[float, float, list[int]]] = []
-    for seed in rng.integers(2**31, size=own["starts"]):
-        random.seed(int(seed))
-        ended: list[list[int]] = []
-        taken = once(lambda ended=ended: ended.append(peer_figaroh.detmax(information, n)[0]))
-        tried.append((criterion(information, ended[0]), taken, ended[0]))
-    tried.sort(key=lambda each: each[0])
-    middle, top = tried[len(tried) // 2], tried[-1]
-    add("figaroh: DetMax, median start", middle[2], middle[1], "nothing", bound)
-    every = sum(each[1] for each in tried)
-    add(f"figaroh: DetMax, best of {len(tried)}", top[2], every, "nothing", bound)
-
-
-def _fastest(call: Any, rounds: int = 5) -> float:
-    return float(np.median([once(call) for _ in range(rounds)]))
+    return best.efficiency / criterion(information, best.indices)

@@ -2,21 +2,76 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
 import json
+import shutil
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from posedesign.cli.main import run
+from posedesign.locking import held
 from posedesign.template import cell_template
 
-CELL = (
-    cell_template()
-    .replace("image_px = [1280, 1024]", "image_px = [640, 480]")
-    .replace("focal_px = 1800.0", "focal_px = 900.0")
-    .replace('["zero_offsets", "compliance"], ["geometry"], ["geometry", "compliance"],', "")
-    .replace('["geometry", "compliance", "priors"],', '["zero_offsets", "compliance"]')
+
+def small(text: str) -> str:
+    """A cell with a small camera and few models."""
+    return (
+        text.replace("image_px = [1280, 1024]", "image_px = [640, 480]")
+        .replace("focal_px = 1800.0", "focal_px = 900.0")
+        .replace('["zero_offsets", "compliance"], ["geometry"], ["geometry", "compliance"],', "")
+        .replace('["geometry", "compliance", "priors"],', '["zero_offsets", "compliance"]')
+    )
+
+
+CELL = small(cell_template(surroundings=False))
+SURROUNDED = small(cell_template())
+OUT_OF_VIEW = CELL.replace("[5.0, -4.0, 2.0]", "[200.0, 0.0, 0.0]")
+WORDS = (
+    "Camera and target, found by inching",
+    "3 sigma of a touch-up, from repeats",
+    "threshold reached",
+    "touched up: 27 of 27 poses",
+    "Before and after",
+    "recommended: offsets + compliance",
+    "Plate of 5 x 5 targets",
 )
+FILES = {
+    "found_cell.toml",
+    "identification.json",
+    "journal.jsonl",
+    "poses.csv",
+    "rounds.csv",
+    "running.lock",
+    "touchups.csv",
+}
+
+
+@dataclass(frozen=True)
+class Rehearsed:
+    """A calibration that was made once: its folder, and what was printed as JSON."""
+
+    out: Path
+    said: dict[str, Any]
+
+    @property
+    def lines(self) -> list[str]:
+        return (self.out / "journal.jsonl").read_text().splitlines(keepends=True)
+
+
+@pytest.fixture(scope="module")
+def rehearsed(tmp_path_factory: pytest.TempPathFactory) -> Rehearsed:
+    folder = tmp_path_factory.mktemp("rehearsed")
+    (folder / "cell.toml").write_text(CELL)
+    said, out = io.StringIO(), folder / "run"
+    words = ["calibrate", folder / "cell.toml", "--out", out, "--no-images", "--json"]
+    with contextlib.redirect_stdout(said):
+        assert run([str(word) for word in words]) == 0
+    return Rehearsed(out, json.loads(said.getvalue()))
 
 
 @pytest.fixture
@@ -26,69 +81,32 @@ def cell(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("images", ["--images", "--no-images"])
-def test_rehearsal(cli, cell: Path, tmp_path: Path, images: str) -> None:
-    out = tmp_path / "run"
-    said = cli("calibrate", cell, "--out", out, images)
-    assert said.code == 0, said.err
-    for words in (
-        "Camera and target, found by inching",
-        "3 sigma of a touch-up, from repeats",
-        "threshold reached",
-        "touched up: 27 of 27 poses",
-        "Before and after",
-        "recommended: offsets + compliance",
-        "Plate of 5 x 5 targets",
-    ):
-        assert words in said.out
-    names = {path.name for path in out.iterdir()}
-    expected = {"found_cell.toml", "identification.json", "journal.jsonl", "poses.csv"}
-    expected |= {"rounds.csv", "touchups.csv"} | ({"pairs.csv"} if images == "--images" else set())
-    assert names == expected
-    # what was found serves every other command
+def test_what_was_found_serves_every_other_command(cli, rehearsed: Rehearsed, tmp_path) -> None:
+    out = rehearsed.out
+    assert {path.name for path in out.iterdir()} == FILES
     assert cli("check", out / "found_cell.toml", out / "poses.csv").code == 0
-    again = cli("identify", out / "found_cell.toml", out / "touchups.csv", "--out", tmp_path / "id")
+    again = cli("identify", out / "found_cell.toml", out / "touchups.csv", "--out", tmp_path)
     assert again.code == 0
     first, second = (
         json.loads((folder / "identification.json").read_text())["models"]
-        for folder in (out, tmp_path / "id")
+        for folder in (out, tmp_path)
     )
+    assert len(first) == len(second)
     for a, b in zip(first, second, strict=True):
         assert a["rms_mm"] == pytest.approx(b["rms_mm"], rel=1e-3)
 
 
-def test_plate_is_better_after_than_before(cli, cell: Path, tmp_path: Path) -> None:
+def test_plate_is_better_after_than_before(rehearsed: Rehearsed) -> None:
     """Below half of it, as in the paper, with offsets alone; far below with the deflection."""
-    said = cli("calibrate", cell, "--out", tmp_path / "run", "--no-images", "--json")
-    assert said.code == 0
-    rows = {row["model"]: row["over 400 mm"] for row in json.loads(said.out)["plate_mm"]}
+    rows = {row["model"]: row["over 400 mm"] for row in rehearsed.said["plate_mm"]}
     assert rows["offsets"] < 0.5 * rows["frames only"]
     assert rows["offsets + compliance"] < 0.2 * rows["frames only"]
 
 
-def test_stopped_and_gone_on(cli, cell: Path, tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    first = cli("calibrate", cell, "--out", out, "--no-images", "--json")
-    journal = out / "journal.jsonl"
-    lines = journal.read_text().splitlines(keepends=True)
-    kept = "".join(lines[:30])
-    journal.write_text(kept + lines[30][:50])  # the machine went down there
-    second = cli("calibrate", cell, "--out", out, "--no-images", "--json")
-    assert "going on from 29 measurements" in second.err
-    assert second.out == first.out
-    assert journal.read_text() == "".join(lines)
-    anew = cli("calibrate", cell, "--out", out, "--no-images", "--json", "--restart")
-    assert "going on" not in anew.err
-    assert anew.out == first.out
-    assert (out / "journal.1.jsonl").read_text() == "".join(lines)
-
-
-def test_touch_ups_are_those_of_the_journal(cli, cell: Path, tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    cli("calibrate", cell, "--out", out, "--no-images")
-    with (out / "touchups.csv").open() as stream:
+def test_touch_ups_are_those_of_the_journal(rehearsed: Rehearsed) -> None:
+    with (rehearsed.out / "touchups.csv").open() as stream:
         rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
-    entries = [json.loads(line) for line in (out / "journal.jsonl").read_text().splitlines()[1:]]
+    entries = [json.loads(line) for line in rehearsed.lines[1:]]
     answers = {entry["name"]: entry["answer"] for entry in entries}
     assert len(rows) == 27
     for row in rows:
@@ -97,37 +115,126 @@ def test_touch_ups_are_those_of_the_journal(cli, cell: Path, tmp_path: Path) -> 
         assert shown == pytest.approx([v * 57.29577951308232 for v in q], abs=1e-5)
 
 
-def test_refusals(refuse, cli, cell: Path, tmp_path: Path) -> None:
+def test_stopped_and_gone_on(cli, cell: Path, rehearsed: Rehearsed, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    refuse("calibrate", tmp_path / "none.toml").says("none.toml", "cannot be read")
-    refuse("calibrate", cell, "--out", cell).says("cell.toml", "folder")
-    refuse("calibrate", cell, "--out", out, "--robot-folder", tmp_path / "gone").says("gone")
-    refuse("calibrate", cell, "--out", out, "--wait-s", "0").says("wait-s")
-    cell.write_text(CELL.replace('kind = "touch-up"', 'kind = "view-line"', 1))
-    cell.write_text(cell.read_text().replace('tool_axes = "xyz"', 'tool_axes = "xy"'))
-    refuse("calibrate", cell, "--out", out).says("view-line", 'measurement.kind = "touch-up"')
+    out.mkdir()
+    lines = rehearsed.lines
+    # the machine went down there
+    (out / "journal.jsonl").write_text("".join(lines[:30]) + lines[30][:50])
+    (out / "pairs.csv").write_text("of a run before")
+    said = cli("calibrate", cell, "--out", out, "--no-images")
+    assert said.code == 0, said.err
+    assert "going on from 29 measurements" in said.err
+    assert [words for words in WORDS if words not in said.out] == []
+    assert {path.name for path in out.iterdir()} == FILES
+    for name in ("journal.jsonl", "touchups.csv", "poses.csv", "identification.json"):
+        assert (out / name).read_text() == (rehearsed.out / name).read_text()
+
+
+def test_restart_puts_what_was_measured_aside(
+    cli, cell: Path, rehearsed: Rehearsed, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    shutil.copytree(rehearsed.out, out)
+    cell.write_text(OUT_OF_VIEW)
+    for number in (1, 2):
+        before = (out / "journal.jsonl").read_text()
+        said = cli("calibrate", cell, "--out", out, "--restart")
+        assert "not seen from the taught posture" in said.err
+        assert "going on" not in said.err
+        assert (out / f"journal.{number}.jsonl").read_text() == before
 
 
 def test_a_target_that_was_not_in_view_may_be_brought_there(
     cli, cell: Path, tmp_path: Path
 ) -> None:
     """What failed is not replayed: the same command looks again."""
-    cell.write_text(CELL.replace("[5.0, -4.0, 2.0]", "[200.0, 0.0, 0.0]"))
+    cell.write_text(OUT_OF_VIEW)
     for _ in range(2):
-        said = cli("calibrate", cell, "--out", tmp_path / "run", "--no-images")
+        said = cli("calibrate", cell, "--out", tmp_path / "run")
         assert said.code == 2
         assert "not seen from the taught posture" in said.err
         assert "going on" not in said.err
 
 
-def test_another_cell_in_the_same_folder(refuse, cli, cell: Path, tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    assert cli("calibrate", cell, "--out", out, "--no-images").code == 0
-    refuse("calibrate", cell, "--out", out, "--no-images", "--seed", 5).says(
+def test_refusals(refuse, cell: Path, tmp_path: Path) -> None:
+    out, share = tmp_path / "run", tmp_path / "share"
+    share.mkdir()
+    refuse("calibrate", tmp_path / "none.toml").says("none.toml", "cannot be read")
+    refuse("calibrate", cell, "--out", cell).says("cell.toml", "folder")
+    refuse("calibrate", cell, "--out", out, "--robot-folder", tmp_path / "gone").says("gone")
+    refuse("calibrate", cell, "--out", out, "--wait-s", "0").says("wait-s")
+    refuse("calibrate", cell, "--out", out, "--dialect", "nonsense").says("--robot-folder")
+    for option in (["--seed", "5"], ["--no-images"]):
+        refuse("calibrate", cell, "--out", out, "--robot-folder", share, *option).says("leave out")
+    cell.write_text(CELL.replace('kind = "touch-up"', 'kind = "view-line"', 1))
+    cell.write_text(cell.read_text().replace('tool_axes = "xyz"', 'tool_axes = "xy"'))
+    for words in ([], ["--robot-folder", share]):
+        refuse("calibrate", cell, "--out", out, *words).says(
+            "view-line", 'measurement.kind = "touch-up"'
+        )
+
+
+def test_another_cell_in_the_same_folder(refuse, cell: Path, rehearsed: Rehearsed) -> None:
+    refuse("calibrate", cell, "--out", rehearsed.out, "--seed", 5).says(
         "journal.jsonl", "another cell, robot or options", "--restart"
     )
 
 
+def test_touch_ups_that_were_made_by_hand_are_not_overwritten(
+    refuse, cell: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    out.mkdir()
+    (out / "running.lock").touch()
+    (out / "touchups.csv").write_text("an afternoon's work")
+    with held(out, "looking"):
+        pass  # the lock has our number, as it will have
+    refuse("calibrate", cell, "--out", out).says("touchups.csv", "--restart")
+
+
+@pytest.mark.parametrize("words", [[], ["--restart"]])
+def test_two_in_one_folder(refuse, cell: Path, tmp_path: Path, words: list[str]) -> None:
+    """Whoever comes second must not take the journal of the first away."""
+    pytest.importorskip("fcntl", reason="files are not locked on this system")
+    out = tmp_path / "run"
+    out.mkdir()
+    (out / "journal.jsonl").write_text("of the first")
+    with held(out, "calibrating"):
+        refuse("calibrate", cell, "--out", out, *words).says("is calibrating here")
+
+
+def test_two_with_one_robot(refuse, cell: Path, tmp_path: Path) -> None:
+    pytest.importorskip("fcntl", reason="files are not locked on this system")
+    share = tmp_path / "share"
+    for name in ("in", "out"):
+        (share / name).mkdir(parents=True)
+    with held(share, "calibrating"):
+        refuse("calibrate", cell, "--out", tmp_path / "run", "--robot-folder", share).says(
+            "share", "is calibrating here", "--robot-folder"
+        )
+
+
+@pytest.mark.slow
+def test_rehearsal_with_pictures_among_obstacles(cli, cell: Path, tmp_path: Path) -> None:
+    cell.write_text(SURROUNDED)
+    out = tmp_path / "run"
+    said = cli("calibrate", cell, "--out", out)
+    assert said.code == 0, said.err
+    assert [words for words in WORDS if words not in said.out] == []
+    assert {path.name for path in out.iterdir()} == FILES | {"pairs.csv"}
+
+
+@pytest.mark.slow
+def test_anew_it_is_the_same(cli, cell: Path, rehearsed: Rehearsed, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    shutil.copytree(rehearsed.out, out)
+    anew = cli("calibrate", cell, "--out", out, "--no-images", "--json", "--restart")
+    assert json.loads(anew.out) == rehearsed.said
+    assert (out / "journal.jsonl").read_text() == "".join(rehearsed.lines)
+
+
+@pytest.mark.slow
 def test_not_reached_is_told_by_the_exit_code(cli, cell: Path, tmp_path: Path) -> None:
     cell.write_text(CELL.replace("condition_threshold = 1.0e5", "condition_threshold = 1.0"))
     said = cli("calibrate", cell, "--out", tmp_path / "run", "--no-images")

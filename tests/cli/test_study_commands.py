@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
 
+from posedesign.study import library, runner
 from posedesign.study.library import find_study, list_studies
 
 STUDIES = Path(__file__).parents[2] / "studies"
@@ -29,6 +31,64 @@ def test_every_study_can_be_run_and_drawn(study) -> None:
     assert module.study.__doc__
 
 
+RUN = """
+from pathlib import Path
+
+import pandas as pd
+
+from posedesign.files import make_folder
+
+
+def study(options):
+    make_folder(options.out)
+    trials = options.trials or 3
+    rows = pd.DataFrame({"trial": range(trials)})
+    rows.to_csv(options.out / "small.csv", index=False)
+    return {"trials": trials, "jobs": options.workers.jobs, "restart": options.restart}
+
+
+def plot(folder):
+    rows = pd.read_csv(folder / "small.csv")
+    path = folder / "small.txt"
+    path.write_text(f"{len(rows)} rows")
+    return [path]
+"""
+
+
+@pytest.fixture
+def small_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A study that takes no time, in a folder of studies of its own."""
+    folder = tmp_path / "studies" / "07_small"
+    folder.mkdir(parents=True)
+    (folder / "run.py").write_text(RUN)
+    monkeypatch.setattr(library, "studies_folder", lambda: tmp_path / "studies")
+    monkeypatch.delitem(sys.modules, "study_07_small", raising=False)
+    monkeypatch.chdir(tmp_path)
+    find_study("small").load()
+    return "small"
+
+
+def test_run_and_plot(cli, small_study: str, tmp_path: Path) -> None:
+    said = cli("study", "run", small_study, "--trials", "5")
+    assert said.code == 0, said.err
+    out = Path("study-results") / "small"
+    assert said.out == f"wrote {out / 'small.csv'}\nwrote {out / 'small.txt'}\n"
+    assert (tmp_path / out / "small.txt").read_text() == "5 rows"
+    words = ("study", "run", "07", "--jobs", "2", "--restart", "--out", "here", "--json")
+    assert json.loads(cli(*words).out) == {"trials": 3, "jobs": 2, "restart": True}
+    (tmp_path / "here" / "small.txt").unlink()
+    assert cli("study", "plot", "7", "--out", "here").out == f"wrote {Path('here') / 'small.txt'}\n"
+    assert (tmp_path / "here" / "small.txt").read_text() == "3 rows"
+
+
+def test_damaged_tables(refuse, small_study: str, tmp_path: Path) -> None:
+    (tmp_path / "here").mkdir()
+    for text in ("", 'a,b\n1,2,3\n"'):
+        (tmp_path / "here" / "small.csv").write_text(text)
+        refuse("study", "plot", small_study, "--out", "here").says("here", "--restart")
+
+
+@pytest.mark.slow
 def test_run_draws_and_goes_on(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     settings = find_study("accuracy_vs_condition").load().SETTINGS
@@ -57,10 +117,12 @@ def test_refusals(refuse, tmp_path: Path) -> None:
     refuse("study", "plot", "accuracy_vs_condition", "--out", tmp_path).says(
         "no results", "run it first"
     )
+    refuse("study", "run", "01", "--jobs", "1000000").says("1000000 jobs", "from 1 to")
 
 
-def test_no_scheduler(cli, tmp_path: Path) -> None:
+def test_no_scheduler(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="needs Dask (posedesign[cluster])")
+    monkeypatch.setattr(runner, "_CONNECT_S", 0.2)
     said = cli("study", "run", "01", "--out", tmp_path, "--scheduler", "nowhere")
     assert said.code == 2
     assert said.err == (

@@ -21,7 +21,7 @@ ONLY = np.zeros(1, dtype=np.intp)
 
 
 class ServedCell:
-    """What stands at the other end of the folder: runs each move in order, answers with pictures."""
+    """The other end of the folder: runs each move in order, and answers with pictures."""
 
     def __init__(self, arms: SimulatedArms, folder: Path) -> None:
         self._arms, self._folder = arms, folder

@@ -354,6 +354,17 @@ def test_numbers_go_on(reference_cell: Cell, tmp_path: Path) -> None:
         robot.move(posture)
 
 
+def test_two_that_order_moves_of_one_arm(reference_cell: Cell, tmp_path: Path) -> None:
+    """Pictures of either would be taken from where the other has sent the arm."""
+    first, second = (robot_in(reference_cell, tmp_path) for _ in range(2))
+    first.move(reference_cell.base_posture)
+    second.move(reference_cell.base_posture)
+    with pytest.raises(InputError, match="has move 2 of somebody else"):
+        first.move(reference_cell.base_posture)
+    second.move(reference_cell.base_posture)
+    assert tree(tmp_path / "out")[:3] == ["0001.csv", "0002.csv", "0003.csv"]
+
+
 def test_waiting_ends_and_can_be_taken_up_again(reference_cell: Cell, tmp_path: Path) -> None:
     robot = robot_in(reference_cell, tmp_path, timeout_s=0.05)
     robot.move(reference_cell.base_posture)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from calib.errors import FileFormatError, InputError
+from calib.errors import FileFormatError, InputError, OutputError
 from posedesign.calibration.journal import Journal
 
 Q = np.array([0.1, -0.2])
+LOST = {"reasons": ["no target: dark"]}
+SEEN = {"reasons": [""]}
 
 
 def journal(path: Path, about: str = "cell a") -> Journal:
@@ -23,21 +27,26 @@ def never() -> dict[str, Any]:
     raise AssertionError("measured again")
 
 
+def recalled(kept: Journal, name: str, answer: dict[str, Any] | None = None, q: Any = Q) -> Any:
+    """The answer under a name; measured now, if one is given."""
+    return kept.recall(name, q, never if answer is None else lambda: answer, dict)
+
+
 def test_a_measurement_is_made_once(tmp_path: Path) -> None:
     with journal(tmp_path) as kept:
-        first = kept.recall("P01", Q, lambda: {"q": np.array([1.0 / 3.0, np.nan])})
+        first = recalled(kept, "P01", {"q": np.array([1.0 / 3.0, np.nan])})
         assert first["q"] == [1.0 / 3.0, None]
-        assert kept.recall("P01", Q, never)["q"] == [1.0 / 3.0, None]
+        assert recalled(kept, "P01")["q"] == [1.0 / 3.0, None]
     with journal(tmp_path) as again:
         assert len(again) == 1
-        assert again.recall("P01", Q, never)["q"] == [1.0 / 3.0, None]  # to the last bit
+        assert recalled(again, "P01")["q"] == [1.0 / 3.0, None]  # to the last bit
 
 
 def test_every_measurement_is_on_the_disk_at_once(tmp_path: Path) -> None:
     """What a machine that goes down now would leave."""
     with journal(tmp_path) as kept:
         for k in range(3):
-            kept.recall(f"P{k}", Q, lambda k=k: {"k": k})
+            recalled(kept, f"P{k}", {"k": k})
             lines = (tmp_path / "journal.jsonl").read_text().splitlines()
             assert json.loads(lines[-1])["answer"] == {"k": k}
 
@@ -46,25 +55,35 @@ def test_every_measurement_is_on_the_disk_at_once(tmp_path: Path) -> None:
 def test_a_line_that_was_cut_off_is_dropped(tmp_path: Path, left: int) -> None:
     path = tmp_path / "journal.jsonl"
     with journal(tmp_path) as kept:
-        kept.recall("P01", Q, lambda: {"k": 1})
+        recalled(kept, "P01", {"k": 1})
         whole = path.read_bytes()
-        kept.recall("P02", Q, lambda: {"k": 2})
+        recalled(kept, "P02", {"k": 2})
     path.write_bytes(path.read_bytes()[: len(whole) + left])
     with journal(tmp_path) as again:
         assert len(again) == 1
         assert path.read_bytes() == whole
-        assert again.recall("P02", Q, lambda: {"k": 3}) == {"k": 3}
+        assert recalled(again, "P02", {"k": 3}) == {"k": 3}
     with journal(tmp_path) as last:
-        assert last.recall("P02", Q, never) == {"k": 3}
+        assert recalled(last, "P02") == {"k": 3}
+
+
+def test_cut_off_in_its_first_line_it_begins_anew(tmp_path: Path) -> None:
+    journal(tmp_path).__exit__()
+    path = tmp_path / "journal.jsonl"
+    whole = path.read_bytes()
+    for left in (0, 1, 20, len(whole) - 1):
+        path.write_bytes(whole[:left])
+        journal(tmp_path).__exit__()
+        assert path.read_bytes() == whole
 
 
 def test_another_posture_is_refused(tmp_path: Path) -> None:
     with journal(tmp_path) as kept:
-        kept.recall("P01", Q, lambda: {"k": 1})
-        assert kept.recall("P01", Q + 1e-12, never) == {"k": 1}
+        recalled(kept, "P01", {"k": 1})
+        assert recalled(kept, "P01", q=Q + 1e-12) == {"k": 1}
         for asked in (Q + 1e-6, Q[:1], np.zeros(0)):
             with pytest.raises(InputError, match="P01 was measured at another posture"):
-                kept.recall("P01", asked, never)
+                recalled(kept, "P01", q=asked)
 
 
 def test_another_calibration_is_refused(tmp_path: Path) -> None:
@@ -75,42 +94,116 @@ def test_another_calibration_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["[1]\n", "no json\n", '{"posedesign": "plan"}\n', "{\n", "[" * 100_000 + "\n", "\x00\n"],
+    [
+        "[1]\n",
+        "no json\n",
+        '{"posedesign": "plan"}\n',
+        "{\n",
+        "[" * 100_000 + "\n",
+        "\x00\n",
+        # without a line end, as a line that was cut off
+        '{"mine": 1}',
+        '{"mine": 1}\n{"mine": 2}',
+        '{"posedesign": "plan"}',
+    ],
 )
-def test_what_is_no_journal_is_refused(tmp_path: Path, text: str) -> None:
+def test_what_is_no_journal_is_refused_and_left_as_it_is(tmp_path: Path, text: str) -> None:
     (tmp_path / "journal.jsonl").write_text(text)
     with pytest.raises(FileFormatError, match="is no journal"):
         journal(tmp_path)
     assert (tmp_path / "journal.jsonl").read_text() == text
 
 
-def test_two_at_once_are_refused(tmp_path: Path) -> None:
-    pytest.importorskip("fcntl", reason="files are not locked on this system")
-    with journal(tmp_path), pytest.raises(InputError, match="another calibration is writing it"):
+def test_a_journal_of_another_version_is_told_as_such(tmp_path: Path) -> None:
+    text = '{"posedesign": "calibration", "version": 2, "about": "cell a"}\n{"cut'
+    (tmp_path / "journal.jsonl").write_text(text)
+    with pytest.raises(FileFormatError, match="version 2, this program has 1"):
         journal(tmp_path)
-    journal(tmp_path).__exit__()
+    assert (tmp_path / "journal.jsonl").read_text() == text
 
 
-def test_a_damaged_answer_is_an_error_of_the_file(tmp_path: Path) -> None:
+def test_a_damaged_line_can_be_taken_out(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    with journal(tmp_path) as kept:
+        for k in range(3):
+            recalled(kept, f"P{k}", {"k": k})
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([*lines[:2], lines[2].replace('"name"', "name"), lines[3]]))
+    with pytest.raises(FileFormatError, match="line 3: is damaged") as caught:
+        journal(tmp_path)
+    assert "remove this line and all after it" in caught.value.hint
+    path.write_text("".join(lines[:2]))
+    with journal(tmp_path) as again:
+        assert recalled(again, "P0") == {"k": 0}
+
+
+@pytest.mark.parametrize("broken", [{"asked": "abc"}, {"asked": {}}, {"answer": None}])
+def test_a_damaged_answer_is_told_by_its_name(tmp_path: Path, broken: dict[str, Any]) -> None:
+    with journal(tmp_path) as kept:
+        recalled(kept, "P01", {"k": 1})
+    path = tmp_path / "journal.jsonl"
+    head, line = path.read_text().splitlines()
+    path.write_text(f"{head}\n{json.dumps(json.loads(line) | broken)}\n")
     with (
-        journal(tmp_path) as kept,
-        pytest.raises(FileFormatError, match="cannot be read"),
-        kept.reading(),
+        journal(tmp_path) as again,
+        pytest.raises(FileFormatError, match="the measurement P01 cannot be read"),
     ):
-        raise KeyError("q")
+        recalled(again, "P01")
+
+
+def test_errors_of_whoever_measures_come_out_as_they_are(tmp_path: Path) -> None:
+    """An adapter that fails is no damaged file: --restart would throw hours away."""
+
+    def fails() -> dict[str, Any]:
+        raise KeyError("socket")
+
+    with journal(tmp_path) as kept:
+        with pytest.raises(KeyError, match="socket"):
+            kept.recall("P01", Q, fails, dict)
+        assert len(kept) == 0
+
+
+def test_a_full_disk_leaves_whole_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line says it, and the same journal can be gone on with when there is room."""
+    path = tmp_path / "journal.jsonl"
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with journal(tmp_path) as kept:
+        recalled(kept, "P01", {"k": 1})
+        whole = path.read_bytes()
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "fsync", full)
+            with pytest.raises(OutputError, match="No space left on device"):
+                recalled(kept, "P02", {"k": 2})
+        assert path.read_bytes() == whole
+        recalled(kept, "P02", {"k": 3})
+    with journal(tmp_path) as again:
+        assert recalled(again, "P02") == {"k": 3}
+
+
+def test_a_disk_that_takes_no_byte(tmp_path: Path) -> None:
+    if not os.path.exists("/dev/full"):
+        pytest.skip("no device that is full on this system")
+    (tmp_path / "sub").mkdir()
+    kept = journal(tmp_path / "sub")
+    kept._stream.close()
+    kept._stream = open("/dev/full", "ab", buffering=0)  # noqa: SIM115 -- closed by the journal
+    with kept, pytest.raises(OutputError, match="No space left on device"):
+        recalled(kept, "P01", {"k": 1})
 
 
 def test_what_failed_at_the_end_is_tried_again(tmp_path: Path) -> None:
     """Not what failed before something that succeeded: that was built upon it."""
-    lost = {"reasons": ["no target: dark"]}
     with journal(tmp_path) as kept:
-        kept.recall("S02a", Q, lambda: lost)
-        kept.recall("S02b", Q, lambda: {"reasons": [""]})
-        kept.recall("S03a", Q, lambda: lost)
-        kept.recall("moves", Q, lambda: {"matrix": None, "reason": "out of reach"})
+        recalled(kept, "S02a", LOST)
+        recalled(kept, "S02b", SEEN)
+        recalled(kept, "S03a", LOST)
+        recalled(kept, "moves", {"matrix": None, "reason": "out of reach"})
     with journal(tmp_path) as again:
         assert len(again) == 2
-        assert again.recall("S02a", Q, never) == lost
-        assert again.recall("S03a", Q, lambda: {"reasons": [""]}) == {"reasons": [""]}
+        assert recalled(again, "S02a") == LOST
+        assert recalled(again, "S03a", SEEN) == SEEN
     with journal(tmp_path) as last:
-        assert last.recall("S03a", Q, never) == {"reasons": [""]}
+        assert recalled(last, "S03a") == SEEN

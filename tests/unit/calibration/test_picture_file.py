@@ -185,6 +185,36 @@ def test_bombs_are_refused_before_they_are_decoded(
     assert kind != "jpeg, progressive" or "no baseline JPEG" in message
 
 
+@pytest.mark.parametrize("kind", [b"zTXt", b"iTXt", b"iCCP", b"tRNS", b"gAMA"])
+def test_what_is_no_pixel_of_a_png_is_not_decoded(
+    kind: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Notes that are compressed are bombs of their own."""
+    given: list[bytes] = []
+    decode = cv2.imdecode
+
+    def noted(data: NDArray[np.uint8], flags: int) -> object:
+        given.append(bytes(data))
+        return decode(data, flags)
+
+    monkeypatch.setattr(cv2, "imdecode", noted)
+    note = chunk(kind, b"k\0\0" + zlib.compress(bytes(1000)))
+    plain = encoded(".png")
+    found = read(plain[:33] + 20 * note + plain[33:], tmp_path)
+    assert np.array_equal(found, scene())
+    assert kind not in given[0]
+    assert len(given[0]) <= len(plain)
+
+
+def test_colours_of_a_png_by_number(tmp_path: Path) -> None:
+    colours = bytes(value for k in range(256) for value in (k, k, k))
+    rows = b"".join(b"\0" + row.tobytes() for row in scene())
+    header = struct.pack(">IIBBBBB", 37, 24, 8, 3, 0, 0, 0)
+    parts = {b"IHDR": header, b"PLTE": colours, b"IDAT": zlib.compress(rows), b"IEND": b""}
+    data = encoded(".png")[:8] + b"".join(chunk(kind, part) for kind, part in parts.items())
+    assert np.array_equal(read(data, tmp_path), scene())
+
+
 def test_as_many_pixels_as_cameras_have_and_no_more(tmp_path: Path) -> None:
     side = int(MOST_PIXELS**0.5)
     full = struct.pack(">II", side, side)

@@ -15,7 +15,8 @@ from calib.errors import ConvergenceError, UnreachableError
 from calib.se3 import FloatArray, IntArray, inverse
 from calib.visual.drive import Drive
 from calib.visual.simulated import SimulatedArms
-from posedesign.calibration.journal import Journal, KeptStation
+from posedesign.calibration.journal import Journal
+from posedesign.calibration.kept_station import KeptStation
 from posedesign.calibration.process import Calibration, calibrate
 from posedesign.calibration.refusing import refusals_of
 from posedesign.cell import Cell
@@ -71,8 +72,9 @@ def station_of(
 
 
 @pytest.fixture(scope="module")
-def cell(make_demo_cell: Callable[..., Cell]) -> Cell:
-    return make_demo_cell(**QUICK)
+def cell(make_cell: Callable[..., Cell]) -> Cell:
+    """With nothing around the arm: its poses are planned in a moment."""
+    return make_cell(**QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +106,7 @@ def test_touch_ups_leave_what_noise_and_lost_motion_leave(whole: Whole) -> None:
     found = {r.model: r for r in done.identified.comparison.results}
     frames, elastic = found["frames only"], found["offsets + compliance"]
     assert frames.leave_one_out_rms_m > 5e-4
-    assert elastic.leave_one_out_rms_m < 5e-5
+    assert elastic.leave_one_out_rms_m < 0.1 * frames.leave_one_out_rms_m
     assert done.identified.comparison.recommended == "offsets + compliance"
 
 
@@ -118,7 +120,9 @@ def test_files_say_the_same(whole: Whole) -> None:
     np.testing.assert_allclose(back.measurement.sigma, done.sigma_m, rtol=1e-3)
 
 
-@pytest.mark.parametrize("moves", [1, 20, 60, 130, 170])
+@pytest.mark.parametrize(
+    "moves", [pytest.param(n, marks=pytest.mark.slow) for n in (1, 20, 130)] + [60, 170]
+)
 def test_stopped_and_gone_on_it_is_the_same(
     cell: Cell, whole: Whole, tmp_path: Path, moves: int
 ) -> None:
@@ -136,6 +140,28 @@ def test_stopped_and_gone_on_it_is_the_same(
     assert second.drive.arms.made <= made - moves + 14
 
 
+@pytest.mark.slow
+def test_stopped_among_obstacles(make_demo_cell: Callable[..., Cell], tmp_path: Path) -> None:
+    """With postures that are passed through on the way to others."""
+    cell = make_demo_cell(**QUICK)
+    with station_of(cell, tmp_path) as station:
+        whole = calibrate(cell, station, tmp_path)
+        made = station.drive.arms.made
+    assert "passed through on the way" in whole.plan.message
+    found = {r.model: r.leave_one_out_rms_m for r in whole.identified.comparison.results}
+    assert found["frames only"] > 5e-4
+    assert found["offsets + compliance"] < 5e-5
+    lines = (tmp_path / "journal.jsonl").read_bytes()
+    for moves in (130, 170):
+        (tmp_path / "journal.jsonl").unlink()
+        with station_of(cell, tmp_path, moves) as first, pytest.raises(StoppedError):
+            calibrate(cell, first, tmp_path)
+        with station_of(cell, tmp_path) as second:
+            calibrate(cell, second, tmp_path)
+        assert (tmp_path / "journal.jsonl").read_bytes() == lines
+        assert second.drive.arms.made <= made - moves + 14
+
+
 def test_a_whole_calibration_is_replayed_without_a_move(
     cell: Cell, whole: Whole, tmp_path: Path
 ) -> None:
@@ -150,10 +176,10 @@ def test_what_the_file_says_of_camera_and_target_is_not_looked_at(
     cell: Cell,
     whole: Whole,
     tmp_path: Path,
-    make_demo_cell: Callable[..., Cell],
+    make_cell: Callable[..., Cell],
 ) -> None:
     """The same arm, camera and target; a cell that has them somewhere else comes to the same."""
-    told = make_demo_cell(
+    told = make_cell(
         tool={"point_mm": [0.0, 0.0, 100.0]},
         target={"position_mm": [1700.0, 300.0, 300.0], "normal": [0.0, 1.0, 1.0]},
         camera={"focal_px": 900.0, "position_mm": [0.0, 0.0, 10.0]},
@@ -209,7 +235,8 @@ def test_blind_in_step_two(cell: Cell, tmp_path: Path) -> None:
         calibrate(cell, station, tmp_path)
 
 
-def test_moves_into_what_stands_around_are_refused(cell: Cell) -> None:
+def test_moves_into_what_stands_around_are_refused(demo_cell: Cell) -> None:
+    cell = demo_cell
     refuses = refusals_of(cell)
     q = np.tile(cell.base_posture, (3, 1))
     q[1, 1] += np.deg2rad(25.0)  # the upper arm down: the gun into the fixture or the floor

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError, InputError, OutputError
+from posedesign.study import runner
 from posedesign.study import store as store_module
 from posedesign.study.grid import Grid
 from posedesign.study.runner import Workers, run_grid
@@ -77,7 +78,7 @@ def test_seeds_belong_to_tasks() -> None:
     assert sum(task.trials for task in large) == 2000
 
 
-@pytest.mark.parametrize("jobs", [2, 8])
+@pytest.mark.parametrize("jobs", [2, pytest.param(8, marks=pytest.mark.slow)])
 def test_the_same_on_any_number_of_workers(repeated: ModuleType, tmp_path: Path, jobs: int) -> None:
     tables = [
         run_grid(
@@ -161,6 +162,59 @@ def test_killed_again_and_again_with_two_workers(repeated: ModuleType, tmp_path:
     assert sum(times.values()) <= 24 + 4 * 6
 
 
+@pytest.mark.parametrize("restart", [False, True])
+@pytest.mark.parametrize("name", ["parts", "trials.csv", "trials.parquet"])
+def test_files_of_others_are_left_alone(
+    repeated: ModuleType, tmp_path: Path, name: str, restart: bool
+) -> None:
+    """A folder that somebody keeps something else in, under the same names."""
+    mine = tmp_path / name
+    if name == "parts":
+        mine.mkdir()
+        mine = mine / "bolts.txt"
+    mine.write_text("mine")
+    with pytest.raises(FileFormatError, match=r"no about\.json that says what of"):
+        run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated), restart=restart)
+    assert mine.read_text() == "mine"
+
+
+def test_what_is_no_part_is_not_counted(repeated: ModuleType, tmp_path: Path, ending: str) -> None:
+    store = store_in(tmp_path, repeated)
+    with store.open():
+        store.write(3, {"a": [1]})
+        for name in ("notes", "0000000004", "00000005x"):
+            (tmp_path / "parts" / f"{name}{ending}").touch()
+        (tmp_path / "parts" / "000000006.txt").touch()
+        assert store.done() == {3}
+
+
+@pytest.mark.parametrize("text", ["", "{", "[" * 200_000, "\x00", "[]"])
+def test_a_damaged_note_of_what_it_is_about(
+    repeated: ModuleType, tmp_path: Path, text: str
+) -> None:
+    (tmp_path / "about.json").write_text(text)
+    with pytest.raises(FileFormatError, match="another study"):
+        run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated))
+
+
+def test_damaged_results_are_told(repeated: ModuleType, tmp_path: Path, ending: str) -> None:
+    store = store_in(tmp_path, repeated)
+    with store.open():
+        for number in range(24):
+            store.write(number, {"a": [number]})
+    if ending == ".parquet":
+        (tmp_path / "parts" / f"000000001{ending}").write_bytes(b"PAR1")
+        with pytest.raises(FileFormatError, match="cannot be read") as caught:
+            run_grid(repeated.simulate, repeated.grid(), store)
+        assert "--restart" in caught.value.hint
+    table = run_grid(repeated.simulate, repeated.grid(), store, restart=True)
+    table.write_bytes(b"")
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        store.read()
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        read_table(tmp_path / f"none{ending}")
+
+
 def test_two_in_one_folder(repeated: ModuleType, tmp_path: Path) -> None:
     pytest.importorskip("fcntl", reason="files are not locked on this system")
     with store_in(tmp_path, repeated).open():
@@ -223,8 +277,12 @@ def test_a_full_disk(
 def test_grids_of_nothing(bad: dict[str, object]) -> None:
     with pytest.raises(InputError):
         Grid(**{"conditions": [{}], "trials": 1, "batch": 1, "seed": 0, **bad})
-    with pytest.raises(InputError):
-        Workers(0)
+
+
+@pytest.mark.parametrize("jobs", [0, -1, 1_000_000])
+def test_numbers_of_workers_that_cannot_be(jobs: int) -> None:
+    with pytest.raises(InputError, match="jobs"):
+        Workers(jobs)
 
 
 def test_errors_of_a_task_come_out(repeated: ModuleType, tmp_path: Path) -> None:
@@ -235,8 +293,11 @@ def test_errors_of_a_task_come_out(repeated: ModuleType, tmp_path: Path) -> None
         run_grid(refuses, repeated.grid(), store_in(tmp_path, repeated))
 
 
-def test_no_scheduler_there(repeated: ModuleType, tmp_path: Path) -> None:
+def test_no_scheduler_there(
+    repeated: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("distributed", reason="needs Dask (posedesign[cluster])")
+    monkeypatch.setattr(runner, "_CONNECT_S", 0.2)
     workers = Workers(1, "tcp://127.0.0.1:1")
     with pytest.raises(InputError, match="no Dask scheduler at tcp:"):
         run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated), workers)

@@ -107,7 +107,7 @@ def test_an_observer_needs_its_noise(camera, target) -> None:
 def test_noise_that_cannot_be_had(camera: Camera, target: CircleTarget, looking) -> None:
     with pytest.raises(InputError, match="9 images give no noise"):
         noise_from_images(camera, target, looking(), Imaging(), 9, np.random.default_rng(0))
-    half = Occluder(((328.0, -9.0), (650.0, -9.0), (650.0, 490.0), (328.0, 490.0)))
+    half = Occluder(((332.0, -9.0), (650.0, -9.0), (650.0, 490.0), (332.0, 490.0)))
     hidden = replace(Imaging(), occluders=(half,))
     with pytest.raises(ConvergenceError, match="10 of 10 images could not be measured: an ellipse"):
         noise_from_images(camera, target, looking(), hidden, 10, np.random.default_rng(0))

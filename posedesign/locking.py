@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from calib.errors import InputError, OutputError
@@ -15,7 +15,7 @@ except ImportError:  # not on Windows, where nothing keeps two processes apart
     fcntl = None  # type: ignore[assignment]
 
 LOCK = "running.lock"
-"""The file in the folder that is locked; it has the number of the process that held it last."""
+"""The file in the folder that is locked; it has the number of the process that holds it."""
 
 _LONGEST_NUMBER = 20
 
@@ -58,7 +58,11 @@ def held(folder: Path, what: str, hint: str = "name another folder with --out") 
             os.write(descriptor, f"{os.getpid()}\n".encode())
         except OSError as error:
             raise _not_written(path, error, hint) from error
-        yield
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                os.ftruncate(descriptor, 0)  # nobody holds it any more
     finally:
         os.close(descriptor)
 

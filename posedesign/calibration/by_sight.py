@@ -214,9 +214,8 @@ def _calibrate(
             _check_results(out)
         with Journal(out / JOURNAL, about) as journal:
             if len(journal):
-                warn(
-                    f"going on from {len(journal)} measurements in {journal.path}; anew: --restart"
-                )
+                count = f"{len(journal)} measurement" + "s" * (len(journal) > 1)
+                warn(f"going on from {count} in {journal.path}; anew: --restart")
             approach = float(np.deg2rad(cell.config.touch_up.approach_deg))
             drive = Drive(cell.robot, arms, approach, refusals_of(cell))
             station = KeptStation(drive, journal, seed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -58,6 +59,19 @@ class Study:
         """Without its number."""
         return self.folder.name.lstrip(_NUMBER)
 
+    @property
+    def number(self) -> str:
+        """Its place in the list, two digits."""
+        return self.folder.name.partition("_")[0]
+
+    @cached_property
+    def needs(self) -> str:
+        """What it needs that the project does not contain: ``needs`` of its ``study.toml``."""
+        path = self.folder / "study.toml"
+        if not path.exists():
+            return ""
+        return str(tomllib.loads(path.read_text(encoding="utf-8")).get("needs", ""))
+
     @cached_property
     def question(self) -> str:
         """The first line of its README."""
@@ -92,11 +106,18 @@ class Study:
                 hint=f"run it again: posedesign study run {self.name} --restart",
             ) from error
         except FileNotFoundError as error:
-            raise InputError(
-                f"{folder} has no results of this study: {error.filename} is not there",
-                hint=f"run it first: posedesign study run {self.name}",
-                name=str(folder),
-            ) from error
+            raise self._not_run(folder, error) from error
+        except FileFormatError as error:
+            if isinstance(error.__cause__, FileNotFoundError):
+                raise self._not_run(folder, error.__cause__) from error
+            raise
+
+    def _not_run(self, folder: Path, error: FileNotFoundError) -> InputError:
+        return InputError(
+            f"{folder} has no results of this study: {error.filename} is not there",
+            hint=f"run it first: posedesign study run {self.name}",
+            name=str(folder),
+        )
 
     def _function(self, name: str) -> Callable[..., Any]:
         found = getattr(self.load(), name, None)
@@ -157,8 +178,7 @@ def find_study(name: str) -> Study:
     """
     every = list_studies()
     for study in every:
-        number = study.folder.name.partition("_")[0]
-        if name in (study.name, study.folder.name, number, number.lstrip("0")):
+        if name in (study.name, study.folder.name, study.number, study.number.lstrip("0")):
             return study
     raise InputError(
         f"there is no study {name!r}",

@@ -172,10 +172,20 @@ class Store:
             found = None
         if found != self._about:
             raise FileFormatError(
-                "the folder has results of another study, or of other numbers",
+                f"the folder has results of {self._difference(found)}",
                 path=about,
                 hint="name another folder with --out, or begin anew with --restart",
             )
+
+    def _difference(self, found: object) -> str:
+        """What other results there are, in words."""
+        if not isinstance(found, dict) or found.get("study") != self._about.get("study"):
+            return "another study"
+        for key, value in self._about.items():
+            there = found.get(key)
+            if there != value and isinstance(value, float | int | str) and key != "tasks":
+                return f"other numbers: {key} was {there}, and is {value} now"
+        return "other numbers"
 
 
 def has_parquet() -> bool:

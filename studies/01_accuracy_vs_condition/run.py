@@ -19,7 +19,7 @@ from posedesign.study.grid import Grid  # noqa: E402
 from posedesign.study.library import Options, call  # noqa: E402
 from posedesign.study.runner import run_grid  # noqa: E402
 from posedesign.study.store import Store, read_table  # noqa: E402
-from studies.writing import save, script, write_figures, write_rows  # noqa: E402
+from studies.writing import save, script, trials_of, write_figures, write_rows  # noqa: E402
 
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
 SETS, RELATIONS = "accuracy_vs_condition.csv", "relations.csv"
@@ -27,7 +27,7 @@ SETS, RELATIONS = "accuracy_vs_condition.csv", "relations.csv"
 
 def study(options: Options) -> dict[str, Any]:
     """What does a lower condition number buy? A trial is one data set of each pose set."""
-    settings = SETTINGS | ({"trials": options.trials} if options.trials else {})
+    settings = SETTINGS | {"trials": trials_of(options, SETTINGS["trials"])}
     options.advance("planning", 0.0)
     grid = Grid(conditions(settings), settings["trials"], settings["batch"], settings["seed"])
     about = {"study": HERE.name, "tasks": len(grid), **settings}

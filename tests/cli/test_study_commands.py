@@ -19,6 +19,9 @@ def test_list_names_every_study_and_its_question(cli) -> None:
     folders = sorted(p.name for p in STUDIES.iterdir() if (p / "run.py").exists())
     assert [row["study"] for row in rows] == [name.partition("_")[2] for name in folders]
     assert all(row["question"].endswith("?") for row in rows)
+    needs = {row["number"]: row["needs"] for row in rows}
+    assert "POSEDESIGN_DATA" in needs["07"]
+    assert not needs["01"]
     assert "what_buys_accuracy" in cli("study", "list").out
 
 
@@ -72,7 +75,9 @@ def test_run_and_plot(cli, small_study: str, tmp_path: Path) -> None:
     said = cli("study", "run", small_study, "--trials", "5")
     assert said.code == 0, said.err
     out = Path("study-results") / "small"
-    assert said.out == f"wrote {out / 'small.csv'}\nwrote {out / 'small.txt'}\n"
+    wrote = f"wrote {out / 'small.csv'}\nwrote {out / 'small.txt'}\n"
+    assert said.out.startswith(wrote)
+    assert "07_small/README.md" in said.out.removeprefix(wrote)
     assert (tmp_path / out / "small.txt").read_text() == "5 rows"
     words = ("study", "run", "07", "--jobs", "2", "--restart", "--out", "here", "--json")
     assert json.loads(cli(*words).out) == {"trials": 3, "jobs": 2, "restart": True}
@@ -117,6 +122,10 @@ def test_refusals(refuse, tmp_path: Path) -> None:
     refuse("study", "plot", "accuracy_vs_condition", "--out", tmp_path).says(
         "no results", "run it first"
     )
+    refuse("study", "plot", "hirsh_iterations", "--out", tmp_path).says(
+        "hirsh_iterations.csv", "run it first"
+    )
+    refuse("study", "run", "01", "--trials", "1", "--out", tmp_path).says("1 trials", "2 or more")
     refuse("study", "run", "01", "--jobs", "1000000").says("1000000 jobs", "from 1 to")
 
 

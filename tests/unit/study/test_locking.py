@@ -24,7 +24,8 @@ def test_the_second_is_told_which_is_first(tmp_path: Path) -> None:
         pass
     assert caught.value.hint == "wait for it, stop it, or dig elsewhere"
     with held(tmp_path, "digging"):
-        pass
+        assert (tmp_path / LOCK).read_text() == f"{os.getpid()}\n"
+    assert not (tmp_path / LOCK).read_text()
 
 
 def test_what_stands_in_the_lock_may_be_anything(tmp_path: Path) -> None:

@@ -233,7 +233,7 @@ def test_two_in_one_folder(repeated: ModuleType, tmp_path: Path) -> None:
 def test_other_numbers_in_one_folder(repeated: ModuleType, tmp_path: Path) -> None:
     run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated))
     other = Store(tmp_path, "trials", {**repeated.about(), "trials": 41})
-    with pytest.raises(FileFormatError, match="other numbers"):
+    with pytest.raises(FileFormatError, match="other numbers: trials was 40, and is 41 now"):
         run_grid(repeated.simulate, repeated.grid(), other)
     run_grid(repeated.simulate, repeated.grid(), other, restart=True)
     assert (tmp_path / "about.json").read_text().count("41") == 1

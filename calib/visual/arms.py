@@ -9,6 +9,7 @@ import numpy as np
 from calib.camera.ellipse import EllipseMeasurement, measure_ellipse
 from calib.camera.observers import SMALLEST_PX, Views
 from calib.camera.rendering import GreyImage
+from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray
 from calib.visual.adapter import RobotAdapter
 
@@ -73,7 +74,7 @@ class OneArm:
     def image_px(self) -> tuple[int, int]:
         """See :meth:`Arms.image_px`; takes a picture where none was taken yet."""
         if self._size is None:
-            height, width = self._robot.grab().shape
+            height, width = self._grabbed().shape
             self._size = (width, height)
         return self._size
 
@@ -85,13 +86,13 @@ class OneArm:
 
     def joints(self, which: IntArray) -> FloatArray:
         """See :meth:`Arms.joints`."""
-        return np.array([self._robot.joints() for _ in which])
+        return np.array([self._shown() for _ in which])
 
     def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
         """See :meth:`Arms.look`."""
         seen = []
         for k in range(len(which)):
-            image = self._robot.grab()
+            image = self._grabbed()
             self._size, self._last = (image.shape[1], image.shape[0]), image
             near = None if near_px is None else near_px[k]
             found = measure_ellipse(image, dark=self._dark, smallest_px=SMALLEST_PX, near_px=near)
@@ -104,7 +105,7 @@ class OneArm:
 
     def _is_old(self, image: GreyImage) -> bool:
         """Whether a picture is that of another posture, to the last bit: noise never is."""
-        joints = self._robot.joints()
+        joints = self._shown()
         old = (
             self._before is not None
             and np.abs(joints - self._before[0]).max() > _MOVED_RAD
@@ -116,4 +117,37 @@ class OneArm:
 
     def picture(self, arm: int) -> GreyImage | None:
         """See :meth:`Arms.picture`: the last that was looked at, if the arm has not moved since."""
-        return self._robot.grab() if self._last is None else self._last
+        return self._grabbed() if self._last is None else self._last
+
+    def _grabbed(self) -> GreyImage:
+        """A picture that is one: adapters are written by others."""
+        image = self._robot.grab()
+        if not (isinstance(image, np.ndarray) and image.ndim == 2 and image.dtype == np.uint8):
+            raise InputError(
+                f"grab() of the robot's adapter gave {_described(image)}",
+                hint="give a grey picture: an array (height, width) of uint8",
+                name="grab",
+            )
+        return image
+
+    def _shown(self) -> FloatArray:
+        """Joint values that are finite numbers."""
+        given = self._robot.joints()
+        try:
+            joints = np.asarray(given, dtype=float)
+        except (TypeError, ValueError):
+            joints = np.empty(0)
+        if joints.ndim != 1 or not joints.size or not np.isfinite(joints).all():
+            raise InputError(
+                f"joints() of the robot's adapter gave {_described(given)}",
+                hint="give an array (n,) of finite joint values [rad]",
+                name="joints",
+            )
+        return joints
+
+
+def _described(given: object) -> str:
+    """An answer in short: what kind of thing it is."""
+    if isinstance(given, np.ndarray):
+        return f"an array {given.shape} of {given.dtype}"
+    return "nothing" if given is None else f"a {type(given).__name__}"

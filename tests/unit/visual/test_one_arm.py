@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from calib.camera import Imaging, render
+from calib.errors import InputError
 from calib.se3 import inverse
 from calib.visual.adapter import RobotAdapter
 from calib.visual.arms import OneArm
@@ -55,6 +56,28 @@ def test_target_is_measured_in_the_picture(bench, robot) -> None:
     seen = arm.look(ONE)
     assert seen.reasons == ("",)
     assert np.abs(bench.relation.error(seen.ellipses)).max() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("picture", "said"),
+    [
+        (None, "gave nothing"),
+        (np.zeros((4, 5, 3), dtype=np.uint8), r"gave an array \(4, 5, 3\) of uint8"),
+        (np.zeros((4, 5)), r"gave an array \(4, 5\) of float64"),
+        ("photo.png", "gave a str"),
+    ],
+)
+def test_pictures_that_are_none(robot, monkeypatch, picture, said) -> None:
+    monkeypatch.setattr(robot, "grab", lambda: picture)
+    with pytest.raises(InputError, match=said):
+        OneArm(robot).look(ONE)
+
+
+@pytest.mark.parametrize("joints", [None, [1.0, np.nan], "home", np.zeros((2, 6)), []])
+def test_joint_values_that_are_none(robot, monkeypatch, joints) -> None:
+    monkeypatch.setattr(robot, "joints", lambda: joints)
+    with pytest.raises(InputError, match=r"joints\(\) of the robot's adapter gave"):
+        OneArm(robot).joints(ONE)
 
 
 def test_picture_is_the_last_one_until_the_arm_moves(robot) -> None:

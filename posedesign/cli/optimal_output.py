@@ -115,7 +115,8 @@ def print_next(result: NextPoses, out: Path, *, as_json: bool) -> None:
     if result.noise_scale != 1.0:
         note(
             f"note: the residuals are {result.noise_scale:.2g} times what the noise given "
-            "explains: what is predicted is scaled by it"
+            "explains: what is predicted is scaled by it. Where the model leaves something out, a "
+            "larger one mends that and no further pose does: identify compares them"
         )
     print(result.message)
     print("wrote " + files[0])

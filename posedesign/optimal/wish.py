@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.errors import InputError
+from calib.errors import InputError, near_names
+from posedesign.selection.search import METHODS
 
 MOST_POSES = 1000
 """More than a thousand touch-ups is a slip of the keyboard."""
@@ -183,6 +184,7 @@ def wish_of_words(
     if method is None and not asked:
         return None
     method = None if method is None else method.strip().lower()
+    _check_method(method)
     if method == "wpr":
         if asked:
             raise InputError(
@@ -227,3 +229,11 @@ def wish_of_words(
         refine=count is not None and robust == "none" if refine is None else refine,
         robust=robust.strip().lower(),
     )
+
+
+def _check_method(method: str | None) -> None:
+    every = ["wpr", *METHODS]
+    if method is not None and method not in every:
+        raise InputError(
+            f"there is no method {method[:40]!r}", hint=near_names(method, every), name="method"
+        )

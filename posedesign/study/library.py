@@ -82,8 +82,23 @@ class Study:
             return stream.readline().lstrip("# ").strip()
 
     def run(self, options: Options) -> Any:
-        """Run it, and return its key figures."""
-        return self._function("study")(options)
+        """Run it, and return its key figures.
+
+        Raises
+        ------
+        InputError
+            Workers for a study that runs in one process: only one whose ``run.py`` says
+            ``WORKERS = True`` shares its tasks.
+        """
+        function = self._function("study")
+        if options.workers != Workers() and not getattr(self.load(), "WORKERS", False):
+            raise InputError(
+                f"{self.name} runs in one process",
+                hint="leave --jobs and --scheduler out",
+                name="jobs",
+                value=options.workers.jobs,
+            )
+        return function(options)
 
     def plot(self, folder: Path) -> list[Path]:
         """Draw the figures of the tables in a folder.

@@ -22,6 +22,9 @@ from posedesign.study.store import Store, read_table  # noqa: E402
 from studies.writing import save, script, trials_of, write_figures, write_rows  # noqa: E402
 
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+WORKERS = True
+"""Its tasks may be shared."""
+
 SETS, RELATIONS = "accuracy_vs_condition.csv", "relations.csv"
 
 

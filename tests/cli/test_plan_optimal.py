@@ -131,7 +131,7 @@ def test_a_condition_number_needs_no_noise(
     [
         (("--method", "exchagne"), ("no method 'exchagne'", "did you mean exchange?")),
         (("--method", ""), ("no method ''", "exchange")),
-        (("--method", "fisher"), ("no method 'fisher'", "known: exchange, detmax")),
+        (("--method", "fisher"), ("no method 'fisher'", "known: wpr, exchange, detmax")),
         (("--criterion", "tpc"), ("no criterion 'tpc'", "did you mean tcp?")),
         (("--criterion", "Q"), ("no criterion 'Q'", "known: tcp, tcp-worst, sigma:NAME, D")),
         (("--criterion", "sigmoid"), ("no criterion 'sigmoid'",)),

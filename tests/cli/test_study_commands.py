@@ -41,6 +41,8 @@ import pandas as pd
 
 from posedesign.files import make_folder
 
+WORKERS = True
+
 
 def study(options):
     make_folder(options.out)
@@ -126,6 +128,7 @@ def test_refusals(refuse, tmp_path: Path) -> None:
         "hirsh_iterations.csv", "run it first"
     )
     refuse("study", "run", "01", "--trials", "1", "--out", tmp_path).says("1 trials", "2 or more")
+    refuse("study", "run", "hirsh_iterations", "--jobs", "2").says("one process", "--jobs")
     refuse("study", "run", "01", "--jobs", "1000000").says("1000000 jobs", "from 1 to")
 
 

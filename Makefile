@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 export PYTHONPYCACHEPREFIX := $(CURDIR)/$(VENV)/pycache
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: demo test slow bench check fix clean
+.PHONY: demo test slow full bench check fix clean
 
 demo: $(VENV)/.installed
 	$(BIN)/posedesign demo
@@ -17,7 +17,10 @@ test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto
 
 slow: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n auto -m slow
+	$(BIN)/python -m pytest -n auto -m "slow and not full"
+
+full: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -n auto -m ""
 
 bench: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -m "" tests/benchmarks --benchmark-columns=min,median,max,rounds

@@ -17,7 +17,7 @@ def draw(rows: Sequence[dict[str, Any]]) -> Figure:
     shown = [row for row in rows if row["left_out_of_all_mm"] < 1.0]
     counts = [of["n"] for of in shown[0]["counts"]]
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
-    panels = figure.subplots(1, len(counts), sharey=True, sharex=True)
+    panels = figure.subplots(1, len(counts), sharey=True, sharex=True, squeeze=False)[0]
     height = np.arange(len(shown))[::-1]
     names = set()
     for k, (panel, n) in enumerate(zip(panels, counts, strict=True)):

@@ -15,7 +15,7 @@ def draw(rows: Sequence[dict[str, Any]], places: Sequence[str]) -> Figure:
     """A panel for each model of the arm, a row for each site."""
     shown = [row for row in rows if len(row["sites"][places[0]]["chosen"]) > 1]
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
-    panels = figure.subplots(1, len(shown), sharey=True, sharex=True)
+    panels = figure.subplots(1, len(shown), sharey=True, sharex=True, squeeze=False)[0]
     height = np.arange(len(places))[::-1]
     names = set()
     for panel, row in zip(panels, shown, strict=True):

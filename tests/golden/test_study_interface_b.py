@@ -32,6 +32,24 @@ RECORDINGS = {
     "choosing_irb120_poses": "identification/abb_irb120",
     "choosing_panda_touch_ups": "identification/panda_ball_in_socket",
 }
+SMALLER: dict[str, dict[str, dict[str, Any]]] = {
+    "choosing_irb120_poses": {"": {"counts": [9]}},
+    "which_index_predicts": {
+        "chosen": {"candidates": 120, "starts": 1, "random_sets": 5},
+        "ranked": {"candidates": 800},
+        "held": {"candidates": 300, "arms_drawn": 4},
+    },
+    "calibration_by_touch_up": {
+        "": {
+            "thresholds": [1e7, 1e6, 1e5, 2.7e4],
+            "pictures_data_sets": 3,
+            "causes_data_sets": 10,
+        },
+        "robots": {"thresholds": [1e7, 2.7e4], "count": 4},
+    },
+}
+"""Settings of studies, by their tables."""
+
 RESULTS = {".csv", ".json", ".png", ".svg"}
 LARGEST_SVG = 300_000
 
@@ -58,6 +76,21 @@ def keys_of(content: Any) -> Any:
         rows = [keys_of(value) for value in content if isinstance(value, dict)]
         return {key: row[key] for row in rows for key in row}
     return None
+
+
+def make_smaller(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Less of all that is no trial, too: full sizes are for the tests of the figures."""
+    module = find_study(name).load()
+    if name == "what_buys_accuracy":
+        monkeypatch.setattr(module, "VARIANTS", module.VARIANTS[::5])
+    if name == "which_index_predicts":
+        problems = dict([list(module.SETTINGS["problems"].items())[-1]])
+        monkeypatch.setitem(module.SETTINGS, "problems", problems)
+    if name in RECORDINGS:  # the models with fewest parameters
+        monkeypatch.setitem(module.SETTINGS, "model", module.SETTINGS["model"][-2:])
+    for part, smaller in SMALLER.get(name, {}).items():
+        for key, value in smaller.items():
+            monkeypatch.setitem(module.SETTINGS[part] if part else module.SETTINGS, key, value)
 
 
 def check_drawn(study: Study, out: Path) -> None:
@@ -114,8 +147,9 @@ def test_a_figure_needs_nothing_but_tables_and_key_figures(name: str, tmp_path: 
     ],
 )
 def test_a_short_form_has_the_structure_of_the_full_one(
-    name: str, trials: int, tmp_path: Path
+    name: str, trials: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    make_smaller(name, monkeypatch)
     check_short_form(name, trials, tmp_path)
 
 
@@ -123,11 +157,14 @@ def test_a_short_form_has_the_structure_of_the_full_one(
 @pytest.mark.real_data
 @pytest.mark.usefixtures("untouched")
 @pytest.mark.parametrize("name", list(RECORDINGS))
-def test_so_has_one_of_measurements(name: str, tmp_path: Path) -> None:
+def test_so_has_one_of_measurements(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     try:
         data_with(RECORDINGS[name])
     except InputError as error:
         pytest.skip(str(error))
+    make_smaller(name, monkeypatch)
     check_short_form(name, 6, tmp_path)
 
 

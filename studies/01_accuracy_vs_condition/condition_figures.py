@@ -12,6 +12,7 @@ import pandas as pd
 from condition_trials import TOOL
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#000000")
 """Okabe and Ito's palette: told apart by people who do not see red and green alike."""
@@ -110,4 +111,6 @@ def draw_solvers(rows: pd.DataFrame, solvers: Sequence[str]) -> Figure:
 def _logarithmic(panel: Axes) -> None:
     panel.set_xscale("log")
     panel.set_yscale("log")
+    for axis in (panel.xaxis, panel.yaxis):
+        axis.set_minor_formatter(NullFormatter())  # none is shown, and all would be laid out
     panel.grid(True, which="major", alpha=0.3)

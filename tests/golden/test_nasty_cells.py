@@ -20,6 +20,7 @@ from calib.visual.following import follow
 from calib.visual.servo import Loop
 from calib.visual.set_up import NoSetUp, SetUp, find_set_up
 from calib.visual.station import Station
+from tests.marks import rest_in_full
 from tests.visual_cells import is_right
 from tests.visual_mischief import TrickyRobot, nasty_cell
 
@@ -93,9 +94,7 @@ def test_nothing_wrong_is_reported_as_good() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "part", [0, *(pytest.param(k, marks=pytest.mark.full) for k in range(1, 5))]
-)
+@pytest.mark.parametrize("part", rest_in_full(range(5), (0,)))
 def test_nothing_wrong_is_reported_as_good_in_500_cells(part: int) -> None:
     """In five parts, so that workers can share them; `make full` has all."""
     tally = Tally()

@@ -34,6 +34,7 @@ from posedesign.programs.ros.trajectory_times import (
     joint_speeds,
     point_times_ms,
 )
+from tests.marks import rest_in_full
 
 LISTS = ("ros-trajectory", "moveit-joints", "robot-calibration")
 CAPTURES = LISTS[1:]
@@ -294,7 +295,7 @@ def test_random_plans_come_back(dialect: str, tmp_path_factory: pytest.TempPathF
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dialect", LISTS)
+@pytest.mark.parametrize("dialect", rest_in_full(LISTS, ("ros-trajectory",)))
 def test_many_random_plans_come_back(
     dialect: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

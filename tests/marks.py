@@ -1,0 +1,13 @@
+"""Marks of parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import Any
+
+import pytest
+
+
+def rest_in_full(values: Iterable[Any], often: Collection[Any]) -> list[Any]:
+    """Parameters of a slow test: those named here always, the others when all there is is run."""
+    return [v if v in often else pytest.param(v, marks=pytest.mark.full) for v in values]

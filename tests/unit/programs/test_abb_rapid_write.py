@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from calib.errors import InputError
@@ -29,6 +29,9 @@ from posedesign.programs.abb_rapid.writer import render_abb_rapid
 from posedesign.programs.arm import Arm, Load
 
 IRB120 = Robot.preset("irb120")
+AT_FULL_REACH = 5e-5
+"""Determinant of the Jacobian below which the controller's rounding can put a pose out of reach."""
+
 TOOL = transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.01, -0.02, 0.15])
 USER = transform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.5, 0.1, -0.05])
 ARM = Arm.of(IRB120, USER, TOOL)
@@ -194,7 +197,9 @@ def check_round_trip(seed: int, form: str, folder: Path) -> None:
     for position in found.positions:
         np.testing.assert_allclose(np.asarray(position.T_world_user), USER, atol=1e-8)
         np.testing.assert_allclose(np.asarray(position.T_tip_tool), TOOL, atol=1e-8)
-    regular = np.abs(np.linalg.det(IRB120.jacobian(expected))) > 1e-3
+    size = np.abs(np.linalg.det(IRB120.jacobian(expected)))
+    assume(size.min() > AT_FULL_REACH)
+    regular = size > 1e-3
     postures = found.postures(ARM)
     np.testing.assert_allclose(postures[regular], expected[regular], rtol=0, atol=2e-4)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from calib.errors import InputError
@@ -32,6 +32,9 @@ from posedesign.programs.arm import Arm
 from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.kuka_krl.writer import render_kuka_krl
 from posedesign.touch_up_import import import_touch_ups
+
+AT_FULL_REACH = 5e-5
+"""Determinant of the Jacobian below which the controller's rounding can put a pose out of reach."""
 
 KR6 = Robot.preset("kr6r900sixx")
 TOOL = transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.01, -0.02, 0.15])
@@ -173,7 +176,9 @@ def check_round_trip(seed: int, form: str, folder: Path) -> None:
     np.testing.assert_allclose(poses[:, :3, :3], wanted[:, :3, :3], rtol=0, atol=2.7e-7)
     words = [p.configuration for p in found.positions]
     assert words == ARM.configurations(expected)
-    regular = np.abs(np.linalg.det(KR6.jacobian(expected))) > 1e-3
+    size = np.abs(np.linalg.det(KR6.jacobian(expected)))
+    assume(size.min() > AT_FULL_REACH)
+    regular = size > 1e-3
     postures = found.postures(ARM)
     np.testing.assert_allclose(postures[regular], expected[regular], rtol=0, atol=2e-4)
 

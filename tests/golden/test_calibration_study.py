@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,6 +13,7 @@ from scipy.stats import f as f_distribution
 from scipy.stats import spearmanr
 
 from posedesign.plate import PlateTest
+from posedesign.study.library import find_study
 
 FOLDER = Path(__file__).parents[2] / "studies" / "13_calibration_by_touch_up"
 SHORT = 50
@@ -27,15 +26,7 @@ TAIL = 1e-5
 
 
 def load() -> ModuleType:
-    name = f"study_{FOLDER.name}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, FOLDER / "run.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
+    return find_study(FOLDER.name).load()
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
-import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,6 +15,7 @@ from calib import se3
 from calib.robot_world import METHODS, PairSets
 from calib.robot_world.methods import hirsh
 from calib.robot_world.results import residuals
+from posedesign.study.library import find_study
 
 STUDIES = Path(__file__).parents[2] / "studies"
 LI = STUDIES / "05_li_noise_cases"
@@ -27,15 +26,7 @@ DEVIATIONS = 4.0
 
 
 def load(folder: Path) -> ModuleType:
-    name = f"study_{folder.name}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, folder / "run.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
+    return find_study(folder.name).load()
 
 
 def written(folder: Path) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posedesign.study.library import Options
+from posedesign.study.library import Options, find_study
 
 FOLDER = Path(__file__).parents[2] / "studies" / "15_peers"
 FEW = 8
@@ -35,15 +34,7 @@ needs_pybotics = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def study() -> ModuleType:
-    name = f"study_{FOLDER.name}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, FOLDER / "run.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
+    return find_study(FOLDER.name).load()
 
 
 @pytest.fixture(scope="module")

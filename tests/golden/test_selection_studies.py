@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,6 +14,7 @@ from scipy.stats import chi2, spearmanr
 from calib.identification import identify_batch
 from calib.measurement.simulate import simulate
 from posedesign.indices import condition_inf
+from posedesign.study.library import find_study
 from studies.tool_errors import Experiment, ToolErrors, simulated_arm, tool_errors
 
 STUDIES = Path(__file__).parents[2] / "studies"
@@ -29,15 +28,7 @@ DEVIATIONS = 4.0
 
 
 def load(folder: Path) -> ModuleType:
-    name = f"study_{folder.name}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, folder / "run.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
+    return find_study(folder.name).load()
 
 
 def written(folder: Path) -> dict[str, Any]:

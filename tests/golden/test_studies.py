@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 from scipy.stats import f as f_distribution
+
+from posedesign.study.library import find_study
 
 STUDIES = Path(__file__).parents[2] / "studies"
 NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:e\d+)?")
@@ -19,18 +19,9 @@ FULL = 200
 CHANCE = 1e-4
 
 
-def load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"study_{name}", STUDIES / name / "run.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.slow
 def test_one_cell_in_depth() -> None:
-    study = load("14_one_cell_in_depth")
+    study = find_study("14_one_cell_in_depth").load()
     found = study.key_figures(study.run(draws=SHORT))
     expected = json.loads((STUDIES / "14_one_cell_in_depth" / "expected.json").read_text())
     assert len(found) == len(expected)

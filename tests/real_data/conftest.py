@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+from posedesign.study.library import find_study
 from studies import real_data
 
 
@@ -26,13 +25,4 @@ def data_folder() -> Path:
 def load_study() -> Callable[[Path], ModuleType]:
     """Load the ``run.py`` of a study's folder, whose name is no name of a module."""
 
-    def load(folder: Path) -> ModuleType:
-        spec = importlib.util.spec_from_file_location(f"study_{folder.name}", folder / "run.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module  # where dataclasses look up their annotations
-        spec.loader.exec_module(module)
-        return module
-
-    return load
+    return lambda folder: find_study(folder.name).load()

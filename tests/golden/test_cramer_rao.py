@@ -36,6 +36,7 @@ from calib.parameters import (
 )
 from calib.parameters.base import ParameterBlock
 from calib.se3 import apply, rotation_exp, transform
+from tests.marks import rest_in_full
 
 CHANCE = 1e-4
 """Probability that a right covariance fails a test of all parameters."""
@@ -263,6 +264,11 @@ def test_scatter_is_the_bound(case: Case) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "case",
+    rest_in_full(CASES, CASES.keys() - {"mixed kinds", "geometry by points", "geometry by poses"}),
+    indirect=True,
+)
 def test_every_parameter_is_within_three_hundredths_of_the_bound(case: Case) -> None:
     found = ratios(case, MANY)
     assert BAR[0] < found.min()

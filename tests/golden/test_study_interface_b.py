@@ -142,7 +142,7 @@ def test_a_figure_needs_nothing_but_tables_and_key_figures(name: str, tmp_path: 
     [
         ("what_buys_accuracy", 20),
         ("which_index_predicts", 20),
-        ("visual_touch_up", 12),
+        pytest.param("visual_touch_up", 12, marks=pytest.mark.full),
         ("calibration_by_touch_up", 20),
     ],
 )

@@ -231,7 +231,7 @@ def _explained(
     r, J = rows.transpose(1, 2, 0), J.transpose(2, 3, 1, 0)  # (T, N, 6), (T, N, 6, 12)
     H = J @ fit.covariance[:, None] @ np.swapaxes(J, -1, -2)
     spread = np.eye(6) * (1.0 + _TINY_SHARE) + np.where(used, -1.0, 1.0)[..., None, None] * H
-    square = (r * np.linalg.solve(spread, r[..., None])[..., 0]).sum(axis=-1)
+    square = (r * _divided(r, spread)).sum(axis=-1)
     if sigma is None:
         return np.asarray(square <= _more(square) * chi2.ppf(_KEPT, 6))
     # the white rows of the pairs used have a mean square of one: the rest of them shows the noise
@@ -241,6 +241,18 @@ def _explained(
     told = others > 0.0
     bound = f_distribution.isf(CHANCE, 6.0, np.where(told, others, 1.0))
     return np.asarray(~told | (square * others <= 6.0 * bound * np.maximum(left, 0.0)))
+
+
+def _divided(r: FloatArray, spread: FloatArray) -> FloatArray:
+    """``spread⁻¹ r`` of vectors ``(T, N, 6)``.
+
+    Pairs that identify nothing can make a matrix singular to the last bit; what becomes of them is
+    told by the rank of their equations, later and by name.
+    """
+    try:
+        return np.asarray(np.linalg.solve(spread, r[..., None])[..., 0])
+    except np.linalg.LinAlgError:
+        return np.asarray((np.linalg.pinv(np.nan_to_num(spread)) @ r[..., None])[..., 0])
 
 
 def _more(square: FloatArray) -> FloatArray:

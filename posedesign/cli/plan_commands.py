@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,6 +20,7 @@ from posedesign.cli.output import (
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
+    from posedesign.optimal.outlook import Outlook
     from posedesign.pose_check import PoseVerdict
     from posedesign.pose_plan import PosePlan
 
@@ -227,7 +229,7 @@ def _plan_by_grid(loaded: Cell, out: Path, *, as_json: bool) -> int:
             f"{result.threshold:.4g}: set plan.condition_threshold to 100 or less, or say what is "
             "wanted with --wanted-sigma-mm and --wanted-sigma-deg"
         )
-    print_plan(result, out, as_json=as_json)
+    print_plan(loaded, result, out, as_json=as_json)
     return DONE if result.reached else NOT_REACHED
 
 
@@ -241,11 +243,13 @@ def _print_notices(cell: Cell) -> None:
         )
 
 
-def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
+def print_plan(cell: Cell, result: PosePlan, out: Path, *, as_json: bool) -> None:
     """Print the rounds, the outcome and what accuracy to expect."""
+    from posedesign.optimal.outlook import outlook_of
     from posedesign.planner import scaling_of
     from posedesign.workflow import round_rows
 
+    outlook = outlook_of(cell, result.model, result.postures)
     for said in result.model.robot.notices:
         note(f"note: {said}")
     sigma = [
@@ -265,6 +269,12 @@ def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
                 "indices": result.indices.as_dict(),
                 "scaling": scaling_of(result.model),
                 "predicted": sigma,
+                "tcp_rms_mm": 1e3 * outlook.tcp_m,
+                "tcp_worst_rms_mm": 1e3 * outlook.tcp_worst_m,
+                "chosen_tcp_rms_mm": None
+                if outlook.chosen_tcp_m is None
+                else 1e3 * outlook.chosen_tcp_m,
+                "task_box": outlook.box_words,
                 "files": [str(out / "poses.csv"), str(out / "rounds.csv")],
             }
         )
@@ -283,8 +293,22 @@ def print_plan(result: PosePlan, out: Path, *, as_json: bool) -> None:
         [{"pose": name, "status": str(s), "reason": why} for name, s, why in changed if why],
     )
     print(result.message)
+    print_outlook(outlook)
     print(result.route.timing)
     print(f"wrote {out / 'poses.csv'} and {out / 'rounds.csv'}")
+
+
+def print_outlook(outlook: Outlook) -> None:
+    """Print what the poses are worth at the tool point, and what chosen ones would be."""
+    print(
+        f"predicted error of the tool point over {outlook.box_words}: "
+        f"{1e3 * outlook.tcp_m:.4g} mm rms, {1e3 * outlook.tcp_worst_m:.4g} mm where it is largest"
+    )
+    if outlook.chosen_is_better and outlook.chosen_tcp_m is not None:
+        print(
+            f"as many poses chosen by --method exchange: about {1e3 * outlook.chosen_tcp_m:.2g} mm "
+            "(before the motions between them are looked at)"
+        )
 
 
 def _without_tool(row: dict[str, object]) -> dict[str, object]:
@@ -329,16 +353,23 @@ def check(
     print_table("Poses", [_verdict_row(verdict) for verdict in verdicts])
     for line in off:
         note(f"warning: {line}")
-    bad = sum(not verdict.feasible for verdict in verdicts)
-    blocked = sum(verdict.way_clear is False for verdict in verdicts)
-    print(
-        f"{len(measured.names)} poses: {bad} cannot be taken, {blocked} ways between them not clear"
-    )
+    print(_counted(verdicts))
     with_distance = [v for v in verdicts if v.distance_mm is not None]
     if with_distance:
         nearest = min(with_distance, key=lambda v: v.distance_mm or 0.0)
         print(f"smallest distance, at {nearest.name}: {nearest.nearest}")
     return DONE if good else NOT_REACHED
+
+
+def _counted(verdicts: Sequence[PoseVerdict]) -> str:
+    """How many poses cannot be taken, those to measure at and those passed through apart."""
+    bad = {via: [v for v in verdicts if v.via is via and not v.feasible] for via in (False, True)}
+    passed = sum(verdict.via for verdict in verdicts)
+    said = f"{len(verdicts) - passed} poses: {len(bad[False])} cannot be taken"
+    if bad[True]:
+        said += f"; of {passed} passed through, {len(bad[True])} cannot"
+    blocked = sum(verdict.way_clear is False for verdict in verdicts)
+    return f"{said}; {blocked} motions between them not clear"
 
 
 def _verdict_row(verdict: PoseVerdict) -> dict[str, object]:

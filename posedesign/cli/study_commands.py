@@ -157,6 +157,7 @@ def demo(
     as_json: AsJson = False,
 ) -> int:
     """Run the main job on the reference cell."""
+    from posedesign.cell import Cell
     from posedesign.cli.identification_output import print_identification
     from posedesign.cli.plan_commands import print_plan
     from posedesign.cli.robot_world_output import print_solvers
@@ -179,7 +180,7 @@ def demo(
             }
         )
         return code
-    print_plan(results.plan, out, as_json=False)
+    print_plan(Cell.load(out / "cell.toml"), results.plan, out, as_json=False)
     print_identification(results.identification)
     print_table(
         f"The smallest model ({results.offsets.model}) against the simulated truth",

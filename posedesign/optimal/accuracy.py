@@ -8,10 +8,10 @@ import numpy as np
 
 from calib.errors import NotIdentifiableError
 from calib.identification import check_identifiable
+from calib.linearisation import Linearisation
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.optimal.goal import Goal
-from posedesign.pools import Pool
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,16 +37,18 @@ class Accuracy:
     tcp_worst_m: float
 
 
-def accuracy_of(model: CalibrationModel, goal: Goal, box: FloatArray, chosen: Pool) -> Accuracy:
+def accuracy_of(
+    model: CalibrationModel, goal: Goal, box: FloatArray, linear: Linearisation
+) -> Accuracy:
     """What postures promise: parameters, criterion, tool point over the box ``(K, 3, p)``."""
-    linear = chosen.linearise(model)
+    count = len(linear.white_jacobian)
     covariance = _covariance(linear.white_jacobian, model)
     if covariance is None:
         unknown = np.full(model.p, np.inf)
-        return Accuracy(len(chosen), goal.criterion.shown(np.inf), unknown, np.inf, np.inf)
+        return Accuracy(count, goal.criterion.shown(np.inf), unknown, np.inf, np.inf)
     squares = np.einsum("krp,pq,krq->k", box, covariance, box, optimize=True)
     return Accuracy(
-        len(chosen),
+        count,
         goal.value_of(linear),
         np.sqrt(np.diag(covariance)),
         float(np.sqrt(squares.mean())),

@@ -35,7 +35,7 @@ GOALS = {
 }
 """Criteria by name, and what is made small or large."""
 
-_IN_MM = 1e3
+IN_MM = 1e3
 """Functions of the tool point give mm."""
 
 _BY_REGRESSOR = ("C_G", "cond_2")
@@ -123,7 +123,7 @@ def goal_of(wish: Wish, model: CalibrationModel, box: FloatArray) -> Goal:
         title = "largest standard deviation over that wanted"
         return Goal(_named(wanted_deviations(wanted, model.p), SIGMA, title), 1.0)
     if wish.accuracy_m is not None:
-        return Goal(_tcp_worst(box), _IN_MM * wish.accuracy_m, "mm")
+        return Goal(_tcp_worst(box), IN_MM * wish.accuracy_m, "mm")
     return replace(_by_name(wish, model, box), limit=wish.threshold)
 
 
@@ -131,7 +131,7 @@ def _by_name(wish: Wish, model: CalibrationModel, box: FloatArray) -> Goal:
     name = wish.criterion.strip()
     key = name.lower()
     if key == TCP:
-        return Goal(mean_deviation(_IN_MM * box, TCP, GOALS[TCP]), None, "mm")
+        return Goal(mean_deviation(IN_MM * box, TCP, GOALS[TCP]), None, "mm")
     if key == TCP_WORST:
         return Goal(_tcp_worst(box), None, "mm")
     if key.partition(":")[0] == SIGMA:
@@ -149,7 +149,7 @@ def _by_name(wish: Wish, model: CalibrationModel, box: FloatArray) -> Goal:
 
 
 def _tcp_worst(box: FloatArray) -> Criterion:
-    return largest_deviation(_IN_MM * box, TCP_WORST, GOALS[TCP_WORST])
+    return largest_deviation(IN_MM * box, TCP_WORST, GOALS[TCP_WORST])
 
 
 def _one_parameter(name: str, model: CalibrationModel) -> Goal:

@@ -303,7 +303,7 @@ class _Planning:
 
     def _accuracy(self, chosen: Pool) -> Accuracy:
         """What poses promise, from their blocks."""
-        return accuracy_of(self._model, self._goal, self._box, chosen)
+        return accuracy_of(self._model, self._goal, self._box, chosen.linearise(self._model))
 
     def _others(
         self, pool: Pool, selection: Selection, fewest: Fewest | None

@@ -163,8 +163,13 @@ class OptimalPlan:
             if self.decides:
                 said += f" ({self.decides} decides)"
             if self.is_refined:
-                said += f", refined from {self.goal.words(self.of_pool.value)} of the pool"
-            said += f"; {self.bound_words}"
+                # the proof is of the pool: what was turned off it may be below the bound
+                said += (
+                    ", turned off the pool, which the proof does not cover; chosen out of it: "
+                    f"{self.goal.words(self.of_pool.value)}, {self.bound_words}"
+                )
+            else:
+                said += f"; {self.bound_words}"
             if not self.reached and self.goal.limit is not None:
                 said = f"not reached: {said}"
                 if not self.wish.wants_sigma:

@@ -29,7 +29,7 @@ def work(demo_work: Path) -> Path:
 def test_planned_poses_pass(cli: Cli, work: Path) -> None:
     said = cli("check", work / "cell.toml", work / "poses.csv")
     assert said.code == 0
-    assert "27 poses: 0 cannot be taken, 0 ways between them not clear" in said.out
+    assert "27 poses: 0 cannot be taken; 0 motions between them not clear" in said.out
     assert re.search(r"smallest distance, at P\d\d: gun [\d.]+ mm from fixture, 20 mm", said.out)
     told = json.loads(cli("check", work / "cell.toml", work / "poses.csv", "--json").out)
     assert told["feasible"] is True
@@ -97,6 +97,9 @@ def test_the_way_back_to_the_base_posture_is_checked(
     bad = [row for row in told["poses"] if not row["feasible"] or row["way_clear"] is False]
     assert [(row["name"], row["via"]) for row in bad] == [("V01", True)]
     assert "floor" in bad[0]["says"] or "fixture" in bad[0]["says"]
+    # postures passed through are no poses: 27 poses of which 28 cannot be taken would be nonsense
+    counted = "27 poses: 0 cannot be taken; of 1 passed through, 1 cannot"
+    assert counted in cli("check", work / "cell.toml", poses).out
     words = ("program", poses, "--cell", work / "cell.toml", "--out", work)
     refuse(*words).says("pose V01")
 

@@ -171,6 +171,9 @@ def test_plan_as_json_says_what_the_tables_say(cli: Cli, work: Path) -> None:
     assert_table_shows(table, plan["rounds"], keys)
     assert_table_shows(table, plan["predicted"], ("parameter", "predicted sigma", "unit"))
     assert len(plan["predicted"]) == 10
+    # the threshold says nothing of the tool point, and nothing of what better poses would give
+    assert f": {plan['tcp_rms_mm']:.4g} mm rms, {plan['tcp_worst_rms_mm']:.4g} mm" in table
+    assert f"chosen by --method exchange: about {plan['chosen_tcp_rms_mm']:.2g} mm" in table
     assert all(Path(file).is_file() for file in plan["files"])
     assert plan["indices"]["c_g"] == pytest.approx(plan["rounds"][-1]["c_g"])
 

@@ -15,6 +15,7 @@ from posedesign.checks import off_target
 from posedesign.optimal import Wish, plan_optimal
 from posedesign.optimal.accuracy import accuracy_of
 from posedesign.optimal.goal import goal_of
+from posedesign.optimal.outlook import outlook_of
 from posedesign.optimal.pool_of_cell import box_of_cell, functions_over_box, pool_of
 from posedesign.optimal.ways import without_alike
 from posedesign.route import Router
@@ -56,7 +57,9 @@ def test_what_poses_promise_is_what_prediction_says_of_them(cell, criterion):
     model, pool = cell.model(), pool_of(cell)
     box, _ = functions_over_box(cell, model)
     chosen = pool.take(np.arange(0, len(pool), 11))
-    found = accuracy_of(model, goal_of(Wish(criterion=criterion), model, box), box, chosen)
+    found = accuracy_of(
+        model, goal_of(Wish(criterion=criterion), model, box), box, chosen.linearise(model)
+    )
     C = covariance_of(model, chosen.postures)
     np.testing.assert_allclose(found.sigma, np.sqrt(np.diag(C)), rtol=1e-6)
     points = reached_points(cell, box_of_cell(cell)[0])
@@ -75,10 +78,31 @@ def test_what_poses_promise_is_what_prediction_says_of_them(cell, criterion):
     assert found.value == pytest.approx(expected[criterion], rel=1e-6)
 
 
+def test_the_outlook_of_any_poses_is_their_predicted_error_beside_that_of_chosen_ones(cell):
+    model, pool = cell.model(), pool_of(cell)
+    postures = pool.postures[::11]
+    found = outlook_of(cell, model, postures)
+    assert found.tcp_m == pytest.approx(mean_rms(box_rms(cell, model, postures)), rel=1e-6)
+    chosen = plan_optimal(cell, Wish(count=len(postures), refine=False))
+    # out of more candidates than this cell's pool has, and without regard to the way
+    assert 0.7 * chosen.accuracy.tcp_m < found.chosen_tcp_m < 1.05 * chosen.accuracy.tcp_m
+    assert found.chosen_is_better
+
+
+def test_a_proof_of_the_pool_is_not_said_of_poses_turned_off_it(planned):
+    value, of_pool = planned.accuracy.value, planned.of_pool.value
+    assert value < planned.selection.bound < of_pool
+    before, _, proven = planned.message.partition("turned off the pool, which the proof does not")
+    assert f"tcp {value:.4g} mm" in before
+    assert f"tcp {of_pool:.4g} mm, proven: no 9 poses of the pool are below tcp" in proven
+
+
 def test_too_few_poses_promise_nothing(cell):
     model, pool = cell.model(), pool_of(cell)
     box, _ = functions_over_box(cell, model)
-    found = accuracy_of(model, goal_of(Wish(), model, box), box, pool.take([0, 1, 2]))
+    found = accuracy_of(
+        model, goal_of(Wish(), model, box), box, pool.take([0, 1, 2]).linearise(model)
+    )
     assert np.isinf([*found.sigma, found.tcp_m, found.tcp_worst_m, found.value]).all()
 
 

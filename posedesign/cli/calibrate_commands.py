@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, NOT_REACHED, note, print_json
+from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, say, show_file
 from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, TrustUnits
 
 
@@ -44,7 +44,7 @@ def simulate(
         print_json({"touch_ups": count if touched else 0, "files": files})
     else:
         what = "touch-ups" if touched else "pairs of A X = Z B"
-        print(f"wrote {' and '.join(files)}: {count} {what}")
+        say(f"wrote {' and '.join(files)}: {count} {what}")
     return DONE
 
 
@@ -73,8 +73,8 @@ def identify(
         warn=lambda text: note(f"warning: {text}"),
     )
     if as_json:
-        print((out / "identification.json").read_text(encoding="utf-8"), end="")
+        show_file((out / "identification.json").read_text(encoding="utf-8"))
     else:
         print_identification(identified)
-        print(f"wrote {out / 'identification.json'}")
+        say(f"wrote {out / 'identification.json'}")
     return DONE if identified.is_of_this_robot else NOT_REACHED

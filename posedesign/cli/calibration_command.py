@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress
+from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress, say
 from posedesign.cli.plan_commands import AsJson, CellFile
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def calibrate(
         print_json(done.as_dict())
     else:
         print_calibration(done)
-        print(f"everything is in {out}")
+        say(f"everything is in {out}")
     good = done.calibration.plan.reached and not done.calibration.missed
     return DONE if good and identified.is_of_this_robot else NOT_REACHED
 
@@ -85,13 +85,14 @@ def print_calibration(done: SightResult) -> None:
 
     found = done.calibration
     print_table("Camera and target, found by inching around the target", done.set_up_rows())
-    print(done.noise_in_words())
-    print(f"planned: {found.plan.message}")
+    for line in done.noise_in_words().splitlines():
+        say(line)
+    say(f"planned: {found.plan.message}")
     count = len(found.touch_ups.names)
-    print(f"touched up: {count} of {count + len(found.missed)} poses")
+    say(f"touched up: {count} of {count + len(found.missed)} poses")
     print_identification(found.identified)
     if isinstance(done.plate, str):
-        print(f"no plate test: {done.plate}")
+        say(f"no plate test: {done.plate}")
     elif done.plate is not None:
         print_table(
             "Plate of 5 x 5 targets, 100 mm apart: worst error of a distance [mm]",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table
+from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, say
 from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, TrustUnits
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def correct(
             [{k: v for k, v in row.items() if k != "joint"} for row in done.mastering.rows()],
         )
         _print_poses(done)
-        print(f"wrote {', '.join(str(path) for path in done.files)}")
+        say(f"wrote {', '.join(str(path) for path in done.files)}")
     return DONE if done.ok else NOT_REACHED
 
 
@@ -96,7 +96,7 @@ def _print_poses(done: Correction) -> None:
         if reason
     ]
     print_table("Poses that cannot be corrected", failed)
-    print(f"{len(poses.names) - len(failed)} of {len(poses.names)} postures corrected")
+    say(f"{len(poses.names) - len(failed)} of {len(poses.names)} postures corrected")
 
 
 def predict(
@@ -142,8 +142,8 @@ def predict(
         )
     else:
         print_table("Predicted accuracy of the tool point [mm], one sigma", found.rows())
-        print(found.reference)
-        print(found.summary())
-        print("from the noise alone: what the model leaves out comes on top")
-        print(f"wrote {out / 'predicted_accuracy.csv'}")
+        say(found.reference)
+        say(found.summary())
+        say("from the noise alone: what the model leaves out comes on top")
+        say(f"wrote {out / 'predicted_accuracy.csv'}")
     return DONE

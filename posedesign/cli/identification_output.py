@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from posedesign.cli.output import note, print_table
+from posedesign.cli.output import note, print_table, say
 
 if TYPE_CHECKING:
     from calib.identification import IdentificationResult
@@ -45,10 +45,11 @@ def print_identification(identified: Identified) -> None:
         if trial.error is not None:
             note(f"{trial.name} left out: {trial.error.message}")
     if comparison.recommended:
-        print(f"recommended: {comparison.recommended}")
+        say(f"recommended: {comparison.recommended}")
     else:
-        print("recommended: none")
-    print("  " + comparison.reason.replace("; ", "\n  "))
+        say("recommended: none")
+    for part in comparison.reason.split("; "):
+        say(f"  {part}")
     trial, result = identified.shown
     print_parameters(result)
     _print_merged(trial)
@@ -92,15 +93,15 @@ def print_parameters(result: IdentificationResult) -> None:
     _print_residuals(result)
     for noise in result.noise:
         if noise.estimated:
-            print(f"noise of {noise.kind}, from the residuals: {_noise_in_words(noise)}")
+            say(f"noise of {noise.kind}, from the residuals: {_noise_in_words(noise)}")
     pairs = result.strong_correlations
     if pairs:
         shown = "; ".join(f"{a} with {b} {value:+.3f}" for a, b, value in pairs[:_MOST_LISTED])
-        print(f"correlated beyond 0.9: {shown}{_more(len(pairs))}")
+        say(f"correlated beyond 0.9: {shown}{_more(len(pairs))}")
     held = result.held_by_prior
     if held:
-        print(f"held by their priors alone: {', '.join(held[:_MOST_LISTED])}{_more(len(held))}")
-    print(result.message)
+        say(f"held by their priors alone: {', '.join(held[:_MOST_LISTED])}{_more(len(held))}")
+    say(result.message)
     for text in result.notes:
         note(f"note: {text}")
 
@@ -140,7 +141,7 @@ def _print_residuals(result: IdentificationResult) -> None:
         + (f" ({out[i] * 1e3:.3f} when left out)" if math.isfinite(out[i]) else "")
         for i in worst
     )
-    print(f"largest residuals: {where}")
+    say(f"largest residuals: {where}")
 
 
 def _noise_in_words(noise: KindNoise) -> str:
@@ -163,8 +164,8 @@ def _print_merged(trial: Trial) -> None:
     if not notes:
         return
     verb = "parameter of the arm is" if len(notes) == 1 else "parameters of the arm are"
-    print(f"{len(notes)} {verb} not in this model, because these measurements do not tell:")
+    say(f"{len(notes)} {verb} not in this model, because these measurements do not tell:")
     for text in notes[:_MOST_LISTED]:
-        print(f"  {text}")
+        say(f"  {text}")
     if len(notes) > _MOST_LISTED:
-        print(f"  and {len(notes) - _MOST_LISTED} more, see identification.json")
+        say(f"  and {len(notes) - _MOST_LISTED} more, see identification.json")

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import sys
+import traceback
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -19,7 +22,10 @@ from posedesign.cli import (
     study_commands,
     table_commands,
 )
-from posedesign.cli.output import BAD_INPUT, STOPPED
+from posedesign.cli.output import BAD_INPUT, FAULT, STOPPED, plain
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
 
 app = typer.Typer(
     name="posedesign",
@@ -40,7 +46,10 @@ table_commands.register(app)
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run a command line and return its exit code: 0 done, 1 not reached, 2 bad input."""
+    """Run a command line and return its exit code: 0 done, 1 not reached, 2 bad input.
+
+    What is none of these, a fault of this program, is raised.
+    """
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         code = app(args=given or ["--help"], prog_name="posedesign", standalone_mode=False)
@@ -52,20 +61,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     except (typer.Abort, KeyboardInterrupt):
         return _stopped()
-    except (BrokenPipeError, SystemExit):
-        # the reader of our output has gone (typer turns that into SystemExit); keep Python from
-        # complaining when it flushes
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except Exception as error:
         # imported late: --help must not wait for it
         from calib.errors import CalibError
 
-        if isinstance(error, OSError) and error.errno == errno.ENOSPC:
-            error = CalibError("the disk is full", hint="make room, or choose another --out")
-        if not isinstance(error, CalibError):
+        told = str(error) if isinstance(error, CalibError) else _of_the_machine(error)
+        if not told:
             raise
-        print(f"error: {_one_line(str(error))}", file=sys.stderr)
+        print(f"error: {_one_line(told)}", file=sys.stderr)
         return BAD_INPUT
     if code == STOPPED:  # typer turns Ctrl-C into this code
         return _stopped()
@@ -77,15 +80,64 @@ def _stopped() -> int:
     return STOPPED
 
 
+def _of_the_machine(error: Exception) -> str:
+    """What the machine lacks or refuses, in a line; empty for any other error."""
+    if isinstance(error, MemoryError):
+        return "the memory is not enough (ask for less at once, or use a larger machine)"
+    if isinstance(error, OSError):
+        if error.errno == errno.ENOSPC:
+            return "the disk is full (make room, or choose another --out)"
+        if error.filename is not None:
+            return f"{os.fsdecode(error.filename)}: {error.strerror}"
+    return ""
+
+
 def _one_line(text: str) -> str:
-    """The same text without line ends, and without what would steer a terminal."""
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split()))
+    return plain(" ".join(text.split()))
+
+
+class _Output(io.FileIO):
+    """A file descriptor whose reader may go: what nobody reads is dropped, and work goes on."""
+
+    def write(self, data: Buffer, /) -> int:
+        """Write; after any error the next writes go nowhere, so that Python can end in peace."""
+        try:
+            return super().write(data) or 0
+        except OSError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
+            if not isinstance(error, BrokenPipeError):
+                raise
+            return memoryview(data).nbytes
+
+
+def _open_streams() -> None:
+    """Have standard streams that can be written, closed ones too, whatever is in a text."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+    for name, descriptor in (("stdout", 1), ("stderr", 2)):
+        given = getattr(sys, name)
+        stream = io.TextIOWrapper(
+            io.BufferedWriter(_Output(descriptor, "w", closefd=False)),
+            encoding=given.encoding if given else "utf-8",
+            errors="backslashreplace",
+            line_buffering=name == "stderr" or os.isatty(descriptor),
+        )
+        setattr(sys, name, stream)
 
 
 def main() -> None:
     """Entry point of the console script."""
+    _open_streams()
     # matrices are small: threads that share them mostly wait, and a plan took four times as long
     # where other programs were running; read when numpy is imported, which has not been yet
     if "OMP_NUM_THREADS" not in os.environ:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    sys.exit(run())
+    try:
+        code = run()
+    except Exception:
+        traceback.print_exc()
+        code = FAULT
+    sys.exit(code)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from posedesign.cli.output import explain_frames, note, print_json, print_table
+from posedesign.cli.output import explain_frames, note, print_json, print_table, say
 
 if TYPE_CHECKING:
     from posedesign.optimal import OptimalPlan
@@ -31,11 +31,11 @@ def print_optimal(result: OptimalPlan, out: Path, *, as_json: bool) -> None:
     explain_frames(result.model)
     for said in result.remarks:
         note(f"note: {said}")
-    print(result.pool_words)
-    print(result.message)
+    say(result.pool_words)
+    say(result.message)
     if result.cycle_time_s is not None:
-        print(f"cycle time about {result.cycle_time_s:.0f} s")
-    print("wrote " + ", ".join(files) if files else "wrote nothing")
+        say(f"cycle time about {result.cycle_time_s:.0f} s")
+    say("wrote " + ", ".join(files) if files else "wrote nothing")
 
 
 def _as_dict(result: OptimalPlan) -> dict[str, object]:
@@ -118,5 +118,5 @@ def print_next(result: NextPoses, out: Path, *, as_json: bool) -> None:
             "explains: what is predicted is scaled by it. Where the model leaves something out, a "
             "larger one mends that and no further pose does: identify compares them"
         )
-    print(result.message)
-    print("wrote " + files[0])
+    say(result.message)
+    say("wrote " + files[0])

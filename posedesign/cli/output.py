@@ -1,4 +1,8 @@
-"""How commands print: tables for people, JSON for programs, progress on standard error."""
+"""How commands print: tables for people, JSON for programs, progress on standard error.
+
+The one place where text leaves for a terminal: names and paths come from files of others, so what
+would steer a terminal, or begin another line, is shown by its code (:func:`plain`).
+"""
 
 from __future__ import annotations
 
@@ -17,8 +21,9 @@ PIPE_WIDTH = 200
 
 _ROUNDED = re.compile(r"-?\d+(\.\d+)?", re.ASCII)
 
-DONE, NOT_REACHED, BAD_INPUT, STOPPED = 0, 1, 2, 130
-"""Exit codes; the last as shells have it for a command ended by Ctrl-C."""
+DONE, NOT_REACHED, BAD_INPUT, FAULT, STOPPED = 0, 1, 2, 70, 130
+"""Exit codes; a fault of this program has that of BSD's ``sysexits.h``, a command ended by Ctrl-C
+that of shells."""
 
 
 class Advance(Protocol):
@@ -26,6 +31,23 @@ class Advance(Protocol):
 
     def __call__(self, what: str, part: float) -> None:
         """Say what is being done, and which part of all work is done."""
+
+
+def plain(text: str) -> str:
+    r"""A text on one line, without what steers a terminal: spaces, or codes such as ``\x1b``."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)
+
+
+def say(text: str) -> None:
+    """Print one line of the result."""
+    print(plain(text))
+
+
+def show_file(text: str) -> None:
+    """Print the text of a file as it is: one that this project has written."""
+    print(text, end="")
 
 
 def print_table(title: str, rows: Sequence[Mapping[str, object]]) -> None:
@@ -40,12 +62,12 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]]) -> None:
     if not rows:
         return
     console = Console(width=None if sys.stdout.isatty() else PIPE_WIDTH, highlight=False)
-    table = Table(title=Text(title), title_justify="left", title_style="bold")
+    table = Table(title=Text(plain(title)), title_justify="left", title_style="bold")
     for column in rows[0]:
         number = all(_is_number(row.get(column)) for row in rows)
         widest = max(len(_shown(row.get(column))) for row in rows) if number else None
         table.add_column(
-            Text(str(column)),
+            Text(plain(str(column))),
             justify="right" if number else "left",
             min_width=widest,
             overflow="fold",
@@ -64,7 +86,7 @@ def print_json(content: object) -> None:
 
 def note(text: str) -> None:
     """Say something that is not the result, on standard error."""
-    print(text, file=sys.stderr)
+    print(plain(text), file=sys.stderr)
 
 
 @contextmanager
@@ -80,7 +102,12 @@ def progress(title: str, *, with_time_left: bool = False) -> Iterator[Advance]:
     )
 
     left = (TextColumn("left"), TimeRemainingColumn()) if with_time_left else ()
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), *left)
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        *left,
+    )
     console = Console(stderr=True)
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
@@ -88,7 +115,7 @@ def progress(title: str, *, with_time_left: bool = False) -> Iterator[Advance]:
         task = bar.add_task(title, total=1.0)
 
         def advance(what: str, part: float) -> None:
-            bar.update(task, description=f"{title}: {what}", completed=part)
+            bar.update(task, description=plain(f"{title}: {what}"), completed=part)
 
         yield advance
 
@@ -109,11 +136,11 @@ def _shown(value: object) -> str:
         if not math.isfinite(value):
             return "-" if math.isnan(value) else "inf"
         return f"{value:.4g}" if abs(value) >= 1e4 or 0 < abs(value) < 1e-4 else f"{value:.5g}"
-    return str(value)
+    return plain(str(value))
 
 
 def explain_frames(model: CalibrationModel) -> None:
     """Say which of the parameters are X and Z of A X = Z B, where these are what is planned for."""
     if model.measurement.name == "camera-pose":
-        print("tool: X = T_flange_camera, along and about the axes of the flange and of the camera")
-        print("target: Z = T_base_target, along and about the axes of the base and of the target")
+        say("tool: X = T_flange_camera, along and about the axes of the flange and of the camera")
+        say("target: Z = T_base_target, along and about the axes of the base and of the target")

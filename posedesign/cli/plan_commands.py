@@ -16,6 +16,8 @@ from posedesign.cli.output import (
     print_json,
     print_table,
     progress,
+    say,
+    show_file,
 )
 
 if TYPE_CHECKING:
@@ -77,7 +79,7 @@ def new(
     text = cell_template(robot)
     for said in Cell.from_text(text).robot.notices:
         note(f"note: {said}")
-    print(text, end="")
+    show_file(text)
     return DONE
 
 
@@ -292,20 +294,20 @@ def print_plan(cell: Cell, result: PosePlan, out: Path, *, as_json: bool) -> Non
         "Poses that are not those of the grid",
         [{"pose": name, "status": str(s), "reason": why} for name, s, why in changed if why],
     )
-    print(result.message)
+    say(result.message)
     print_outlook(outlook)
-    print(result.route.timing)
-    print(f"wrote {out / 'poses.csv'} and {out / 'rounds.csv'}")
+    say(result.route.timing)
+    say(f"wrote {out / 'poses.csv'} and {out / 'rounds.csv'}")
 
 
 def print_outlook(outlook: Outlook) -> None:
     """Print what the poses are worth at the tool point, and what chosen ones would be."""
-    print(
+    say(
         f"predicted error of the tool point over {outlook.box_words}: "
         f"{1e3 * outlook.tcp_m:.4g} mm rms, {1e3 * outlook.tcp_worst_m:.4g} mm where it is largest"
     )
     if outlook.chosen_is_better and outlook.chosen_tcp_m is not None:
-        print(
+        say(
             f"as many poses chosen by --method exchange: about {1e3 * outlook.chosen_tcp_m:.2g} mm "
             "(before the motions between them are looked at)"
         )
@@ -353,11 +355,11 @@ def check(
     print_table("Poses", [_verdict_row(verdict) for verdict in verdicts])
     for line in off:
         note(f"warning: {line}")
-    print(_counted(verdicts))
+    say(_counted(verdicts))
     with_distance = [v for v in verdicts if v.distance_mm is not None]
     if with_distance:
         nearest = min(with_distance, key=lambda v: v.distance_mm or 0.0)
-        print(f"smallest distance, at {nearest.name}: {nearest.nearest}")
+        say(f"smallest distance, at {nearest.name}: {nearest.nearest}")
     return DONE if good else NOT_REACHED
 
 
@@ -438,9 +440,9 @@ def score(
         for line in (*scored.not_feasible, *scored.off_target):
             note(f"warning: {line}")
         verdict = "below" if below else "not below"
-        print(scored.problem or f"C_G {scored.indices.c_g:.4g} is {verdict} {threshold:.4g}")
+        say(scored.problem or f"C_G {scored.indices.c_g:.4g} is {verdict} {threshold:.4g}")
         if scored.not_feasible:
-            print(f"poses that cannot be taken: {len(scored.not_feasible)}")
+            say(f"poses that cannot be taken: {len(scored.not_feasible)}")
         if scored.off_target:
-            print(f"poses that do not touch the target: {len(scored.off_target)}")
+            say(f"poses that do not touch the target: {len(scored.off_target)}")
     return DONE if good else NOT_REACHED

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table
+from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, say
 from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, TrustUnits
 
 if TYPE_CHECKING:
@@ -95,14 +95,12 @@ def _print_written(written: WrittenProgram, *, checked: bool) -> None:
     for problem in written.problems:
         note(f"warning: {problem}")
     files = ", ".join(str(path) for path in written.paths)
-    print(
+    say(
         f"wrote {files}: {written.poses} poses, joints rounded by at most "
         f"{written.largest_rounding_deg:.1g} deg"
     )
     if written.c_g is not None and written.c_g_rounded is not None:
-        print(
-            f"C_G of the poses as planned {written.c_g:.5g}, as written {written.c_g_rounded:.5g}"
-        )
+        say(f"C_G of the poses as planned {written.c_g:.5g}, as written {written.c_g_rounded:.5g}")
     if written.note:
         note(f"note: {written.note}")
     if written.warning:
@@ -143,9 +141,9 @@ def validate(
         return DONE if good else NOT_REACHED
     for path, chosen, problems in found:
         for problem in problems:
-            print(f"{path}: {problem}")
+            say(f"{path}: {problem}")
         verdict = f"{len(problems)} problem(s)" if problems else "no problem found"
-        print(f"{path}: {chosen.title}: {verdict}")
+        say(f"{path}: {chosen.title}: {verdict}")
     return DONE if good else NOT_REACHED
 
 
@@ -210,4 +208,4 @@ def _print_imported(imported: Imported, path: Path, *, planned: bool) -> None:
         print_table("How far touch-up moved the tool point", moved)
     else:
         note("note: pass --poses to check that the file belongs to the plan, and was touched up")
-    print(f"wrote {path}: {len(names)} touch-ups")
+    say(f"wrote {path}: {len(names)} touch-ups")

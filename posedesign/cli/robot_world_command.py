@@ -17,6 +17,7 @@ from posedesign.cli.output import (
     print_json,
     print_table,
     progress,
+    say,
 )
 from posedesign.cli.plan_commands import AsJson, OutFolder
 from posedesign.cli.robot_world_options import (
@@ -175,8 +176,8 @@ def _print_answers(
     if opencv:
         print_table("In OpenCV's names", opencv_rows(outcomes))
     elif not inverted:
-        print(FRAMES[camera].other_way)
-    print(f"wrote {out / 'robot_world.csv'} and {out / 'robot_world_pairs.csv'}")
+        say(FRAMES[camera].other_way)
+    say(f"wrote {out / 'robot_world.csv'} and {out / 'robot_world_pairs.csv'}")
 
 
 def _warn_of(pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from posedesign.cli.output import print_table
+from posedesign.cli.output import print_table, say
 
 if TYPE_CHECKING:
     from posedesign.pairs_frames import Camera
@@ -37,15 +37,15 @@ def print_solvers(outcomes: Sequence[SolverOutcome], camera: Camera = "on-flange
     _print_transform("z", f"Z = {frames.Z}", rows, outcomes)
     print_table("Left over (rms)", [_picked(row, _LEFT_OVER) for row in rows])
     for text in noise_judged(outcomes):
-        print(text)
-    print(f"A = {frames.A}; B = {frames.B}")
+        say(text)
+    say(f"A = {frames.A}; B = {frames.B}")
     sources = {row["noise"] for row in rows}
     noise = (
         "the noise given" if "given" in sources else "the noise that the residuals show, as of B"
     )
-    print(f"sigma: the largest of the three axes, by {noise}; left_out: of pairs not seen.")
+    say(f"sigma: the largest of the three axes, by {noise}; left_out: of pairs not seen.")
     for text in remarks_of(outcomes):
-        print(text)
+        say(text)
 
 
 def _print_transform(

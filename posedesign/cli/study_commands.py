@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress
+from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress, say
 from posedesign.cli.plan_commands import AsJson, OutFolder
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def accuracy(
         print_json([finding.__dict__ for finding in study.findings])
     else:
         print_study(study)
-        print(f"wrote {table} and {figure}")
+        say(f"wrote {table} and {figure}")
     return DONE
 
 
@@ -119,8 +119,8 @@ def run(
         print_json(figures)
     else:
         for path in (*sorted(folder.glob("*.csv")), *drawn):
-            print(f"wrote {path}")
-        print(f"how to read them, and what its own numbers gave: {found.folder / 'README.md'}")
+            say(f"wrote {path}")
+        say(f"how to read them, and what its own numbers gave: {found.folder / 'README.md'}")
     return DONE
 
 
@@ -130,7 +130,7 @@ def plot(name: StudyName, out: StudyOut = None) -> int:
 
     found = find_study(name)
     for path in found.plot(out or results_of(found.name)):
-        print(f"wrote {path}")
+        say(f"wrote {path}")
     return DONE
 
 
@@ -148,7 +148,7 @@ def print_study(study: AccuracyStudy) -> None:
     print_table(
         f"Accuracy against condition number ({study.draws} draws a pose set)", accuracy_rows(study)
     )
-    print(LEGEND)
+    say(LEGEND)
 
 
 def demo(
@@ -186,7 +186,7 @@ def demo(
         f"The smallest model ({results.offsets.model}) against the simulated truth",
         truth_rows(results),
     )
-    print(
+    say(
         "truth: zero offset plus deflection under gravity at the base pose. The rest of the "
         "deflection changes from pose to pose: no constant offset can follow it, so the model of "
         "the paper is off by more than its sigma, and the recommended one has compliances. In the "
@@ -194,9 +194,9 @@ def demo(
         "at the smallest C_G."
     )
     print_solvers(results.robot_world)
-    print(f"wrote {program.paths[0]}: {program.poses} poses, {len(program.problems)} objections")
+    say(f"wrote {program.paths[0]}: {program.poses} poses, {len(program.problems)} objections")
     print_study(results.study)
-    print(f"everything is in {out}: " + ", ".join(files))
+    say(f"everything is in {out}: " + ", ".join(files))
     return code
 
 

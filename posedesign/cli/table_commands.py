@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, note, print_json
+from posedesign.cli.output import DONE, note, print_json, say
 from posedesign.cli.plan_commands import AsJson, TrustUnits
 
 
@@ -80,5 +80,5 @@ def convert(
             }
         )
     else:
-        print(f"wrote {out}: {len(listed.measured.names)} poses")
+        say(f"wrote {out}: {len(listed.measured.names)} poses")
     return DONE

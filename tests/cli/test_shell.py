@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -101,6 +102,59 @@ def test_reader_that_stops_reading(tmp_path: Path) -> None:
         said = process.stderr.read()
         assert process.wait(timeout=60) == 0
     assert said == b""
+
+
+@pytest.fixture
+def not_reached(tmp_path: Path) -> Path:
+    """A folder with a cell and a pose that its robot cannot take: exit code 1."""
+    (tmp_path / "cell.toml").write_text(cell_template(surroundings=False))
+    joints = ",".join(f"j{k}_deg" for k in range(1, 7))
+    name = '"P1 \x1b[31m\nred \u202e\x9b1m"'
+    (tmp_path / "poses.csv").write_text(f"name,{joints}\n{name},0,500,0,0,0,0\n")
+    return tmp_path
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")
+@pytest.mark.parametrize(
+    ("command", "codes"),
+    [
+        ('"$@" check cell.toml poses.csv | true; echo "${PIPESTATUS[0]}"', "1\n"),
+        ('"$@" check cell.toml poses.csv >&-; echo $?', "1\n"),
+        ('"$@" check cell.toml poses.csv --json >&- 2>&- <&-; echo $?', "1\n"),
+        ('"$@" check none.toml poses.csv 2>&1 | true; echo "${PIPESTATUS[0]}"', "2\n"),
+        ('"$@" robots >&-; echo $?', "0\n"),
+        ('PYTHONIOENCODING=ascii "$@" robots >/dev/null; echo $?', "0\n"),
+    ],
+)
+def test_what_becomes_of_the_output_does_not_change_the_exit_code(
+    not_reached: Path, command: str, codes: str
+) -> None:
+    said = subprocess.run(
+        ["bash", "-c", command, "-", *COMMAND],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=not_reached,
+    )
+    assert said.stdout == codes
+    assert "Traceback" not in said.stderr
+
+
+def test_names_from_files_steer_no_terminal(not_reached: Path) -> None:
+    """Escapes, line ends and marks that turn the direction of writing are shown by their codes."""
+    said = shell("check", "cell.toml", "poses.csv", cwd=not_reached)
+    assert said.returncode == 1
+    assert r"P1 \x1b[31m red \u202e\x9b1m" in said.stdout
+    everything = said.stdout + said.stderr
+    assert all(c.isprintable() or c == "\n" for c in everything)
+
+
+def test_path_that_is_no_text(tmp_path: Path) -> None:
+    said = subprocess.run(
+        [*COMMAND, "plan", b"no\xff\x1b.toml"], capture_output=True, timeout=60, cwd=tmp_path
+    )
+    assert said.returncode == 2
+    assert said.stderr.startswith(rb"error: no\udcff\x1b.toml: cannot be read")
 
 
 def test_ctrl_c_says_stopped_and_leaves_no_half_file(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def covariance_of(
     if found.fit is not None:
         return np.asarray(found.fit.covariance[0] * excess**2)
     A, B = pairs.A[0, used], pairs.B[0, used]
-    return propagate(chosen.estimate, A, B, noise) * excess**2
+    return propagate(chosen.estimate, A, B, noise, excess)
 
 
 def rank_of(pairs: PairSets, X: FloatArray, Z: FloatArray, used: BoolArray) -> int:

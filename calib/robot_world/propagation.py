@@ -1,4 +1,4 @@
-"""The way of the noise through a method to X and Z, by the first order of the method itself."""
+"""The way of the noise through a method to X and Z, by the derivatives of the method itself."""
 
 from __future__ import annotations
 
@@ -24,8 +24,10 @@ _PAIRS_AT_ONCE = 20_000
 """Pairs that one call of the method sees: bounds the memory to some 100 MB."""
 
 
-def propagate(estimate: Estimator, A: FloatArray, B: FloatArray, noise: Noise) -> FloatArray:
-    """Covariance ``(12, 12)`` of X and Z by the first order of the method itself.
+def propagate(
+    estimate: Estimator, A: FloatArray, B: FloatArray, noise: Noise, excess: float = 1.0
+) -> FloatArray:
+    """Mean square error ``(12, 12)`` of X and Z: the scatter that noise makes, and the bias.
 
     Parameters
     ----------
@@ -35,6 +37,8 @@ def propagate(estimate: Estimator, A: FloatArray, B: FloatArray, noise: Noise) -
         Measured transforms.
     noise : PairNoise or PairCovariances
         Their noise.
+    excess : float
+        How many times larger than this the errors are.
 
     Returns
     -------
@@ -47,6 +51,11 @@ def propagate(estimate: Estimator, A: FloatArray, B: FloatArray, noise: Noise) -
     up to 100 pairs by each of their six errors a side; of more, whose number of problems would grow
     with the square of N, by 600 random directions of all errors at once, always the same ones: the
     standard deviations then have an error of 3 % of their own.
+
+    Half the second derivatives, summed over the errors, are the bias to second order. Methods that
+    solve linear equations with noise in their coefficients have one that does not shrink with the
+    number of pairs: where a target stays in one place of the view, that of Andreff's method is
+    several standard deviations.
     """
     N = len(A)
     roots = noise.roots(A, B)
@@ -61,8 +70,9 @@ def propagate(estimate: Estimator, A: FloatArray, B: FloatArray, noise: Noise) -
         directions = np.eye(size).reshape(size, sum(sides), N, 6)
     errors = iter(np.moveaxis(directions, 1, 0))
     both = [None if root is None else _turned(root, next(errors)) for root in roots]
-    J = _derivatives(estimate, A, B, both[0], both[1])
-    return np.asarray(J @ J.T)
+    J, bias = _derivatives(estimate, A, B, both[0], both[1])
+    J, bias = excess * J, excess**2 * bias
+    return np.asarray(J @ J.T + np.outer(bias, bias))
 
 
 def _turned(root: FloatArray, white: FloatArray) -> FloatArray:
@@ -76,31 +86,38 @@ def _derivatives(
     B: FloatArray,
     errors_A: FloatArray | None,
     errors_B: FloatArray | None,
-) -> FloatArray:
+) -> tuple[FloatArray, FloatArray]:
     """Derivatives ``(12, K)`` of the errors of X and Z along directions ``(K, N, 6)`` of errors.
 
-    Steps are as long as their largest component allows.
+    And half the sum ``(12,)`` of the second ones. Steps are as long as their largest component
+    allows.
     """
     given = [errors for errors in (errors_A, errors_B) if errors is not None]
     count, N = given[0].shape[:2]
     unit = np.repeat([1.0, float(PairSets(A[None], B[None]).size[0])], 3)
     largest = np.max([np.abs(errors / unit).max(axis=(1, 2)) for errors in given], axis=0)
-    scale = _STEP / np.where(largest > 0.0, largest, 1.0)
+    # a side without errors, or a part of one, has steps of no length, whatever they are divided by
+    scale = _STEP / np.where(largest > 0.0, largest, _STEP)
     at_once = max(1, _PAIRS_AT_ONCE // (2 * N))
-    found = []
+    found, curved = [], np.zeros(12)
     for first in range(0, count, at_once):
         rows = slice(first, first + at_once)
         size = scale[rows, None, None]
         ends = estimate(PairSets(_ends(A, errors_A, rows, size), _ends(B, errors_B, rows, size)))
-        half = len(ends.X) // 2
-        moved = [difference(T[:half], T[half:]) for T in (ends.X, ends.Z)]
-        found.append(np.concatenate(moved, axis=-1) / (2.0 * scale[rows, None]))
-    return np.concatenate(found).T
+        length = scale[rows, None]
+        middle = ends.X[-1], ends.Z[-1]
+        moved = np.concatenate(
+            [difference(T, one) for T, one in zip((ends.X, ends.Z), middle, strict=True)], axis=-1
+        )
+        there, back, _ = np.split(moved, [len(length), 2 * len(length)])
+        found.append((there - back) / (2.0 * length))
+        curved += ((there + back) / (2.0 * length**2)).sum(axis=0)
+    return np.concatenate(found).T, curved
 
 
 def _ends(T: FloatArray, errors: FloatArray | None, rows: slice, size: FloatArray) -> FloatArray:
-    """Transforms ``(2K, N, 4, 4)`` moved by some errors, there and back."""
+    """Transforms ``(2K + 1, N, 4, 4)`` moved by some errors, there and back, and where they are."""
     if errors is None:
-        return np.broadcast_to(T, (2 * len(size), *T.shape))
+        return np.broadcast_to(T, (2 * len(size) + 1, *T.shape))
     step = size * errors[rows]
-    return perturb(T, np.concatenate([step, -step]))
+    return perturb(T, np.concatenate([step, -step, np.zeros_like(step[:1])]))

@@ -227,7 +227,8 @@ class RobotWorldResult:
         Of the errors of X (rotation, translation) and Z (rotation, translation). An error (w, v)
         is meant as ``R_estimated = exp([w]) R_true`` and ``p_estimated = p_true + v``: rotation
         and translation in the axes of the frame that the transform maps to, the flange for X and
-        the base for Z. Scaled up where the residuals are larger than the noise given explains.
+        the base for Z. Scaled up where the residuals are larger than the noise given explains. A
+        bias of the method, to second order, is in it by its square.
         """
         return self._spread(self.noise)
 

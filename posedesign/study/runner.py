@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+import logging
+import os
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +33,18 @@ MOST_JOBS = 1024
 
 _CONNECT_S = 5
 """A scheduler that is there answers in a fraction of it."""
+
+_PATIENCE_S = 60.0
+"""A nanny starts a worker again in some seconds; a busy scheduler answers in a few."""
+
+_LOOK_S = 5.0
+"""Between two looks at whether there are workers."""
+
+_WATCH_S = 1.0
+"""Between two looks of a worker at whether the process is there that it works for."""
+
+_TRIES = 3
+"""Times that worker processes may be killed: a task that kills them does it again."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +103,9 @@ def run_grid(
     InputError
         The folder is in use, or the scheduler cannot be reached.
     ConvergenceError
-        A worker died; what was done is kept.
+        Workers died again and again, with the task that did it; what was done is kept.
     CalibError
-        What ``simulate`` raises.
+        The scheduler went or lost its workers; or what ``simulate`` raises.
     """
     workers = workers or Workers()
     with store.open(restart=restart):
@@ -108,42 +125,140 @@ def _results(
     """Numbers and results of tasks as they come."""
     if not tasks:
         return
-    if min(workers.jobs, len(tasks)) == 1 and workers.scheduler is None:
+    if workers.scheduler is not None:
+        yield from _of_cluster(simulate, tasks, workers.scheduler)
+    elif min(workers.jobs, len(tasks)) == 1:
         for task in tasks:
             yield _numbered(simulate, task)
-        return
-    import joblib
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    with _backend(workers, len(tasks)) as count:
-        parallel = joblib.Parallel(
-            n_jobs=count, return_as="generator_unordered", pre_dispatch=_AHEAD * count, batch_size=1
-        )
-        try:
-            yield from parallel(joblib.delayed(_numbered)(simulate, task) for task in tasks)
-        except TerminatedWorkerError as error:
-            raise ConvergenceError(
-                "a worker process was killed, for want of memory perhaps; what was done is kept",
-                hint="start the same command again, with fewer --jobs",
-            ) from error
+    else:
+        yield from _of_processes(simulate, tasks, min(workers.jobs, len(tasks)))
 
 
 def _numbered(simulate: Simulate, task: Task) -> tuple[int, Columns]:
     return task.number, simulate(task)
 
 
-@contextmanager
-def _backend(workers: Workers, tasks: int) -> Iterator[int]:
-    """Joblib set to the workers; how many there are, no more on this machine than tasks."""
+def _of_processes(
+    simulate: Simulate, tasks: Sequence[Task], count: int
+) -> Iterator[tuple[int, Columns]]:
+    """Results of ``count`` processes of this machine; new ones where some were killed."""
     import joblib
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-    if workers.scheduler is None:
+    left = {task.number: task for task in tasks}
+    suspects = set(left)
+    for _ in range(_TRIES):
+        handed_out: list[int] = []
+
+        def calls(handed_out: list[int] = handed_out) -> Iterator[Any]:
+            for task in list(left.values()):
+                handed_out.append(task.number)
+                yield joblib.delayed(_numbered)(simulate, task)
+
         # matrices are small: one thread a worker
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-            yield min(workers.jobs, tasks)
-        return
-    with _client(workers.scheduler) as client, joblib.parallel_config(backend="dask"):
-        yield max(1, sum(client.nthreads().values()))
+        with joblib.parallel_config(
+            backend="loky",
+            inner_max_num_threads=1,
+            initializer=_end_with_parent,
+            initargs=(os.getpid(),),
+        ):
+            parallel = joblib.Parallel(
+                n_jobs=count,
+                return_as="generator_unordered",
+                pre_dispatch=_AHEAD * count,
+                batch_size=1,
+            )
+            try:
+                for number, columns in parallel(calls()):
+                    del left[number]
+                    yield number, columns
+                return
+            except TerminatedWorkerError:
+                suspects &= left.keys() & handed_out
+    raise _killed(f"worker processes were killed {_TRIES} times", sorted(suspects))
+
+
+def _killed(what: str, numbers: Sequence[int]) -> ConvergenceError:
+    at = f" at task {' or '.join(map(str, numbers))}" if numbers else ""
+    return ConvergenceError(
+        f"{what}{at}, for want of memory perhaps; what was done is kept",
+        hint="start the same command again with fewer workers, or give them more memory",
+    )
+
+
+def _end_with_parent(parent: int) -> None:
+    """Have this worker end when the process has that it works for, were it killed."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_WATCH_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _of_cluster(
+    simulate: Simulate, tasks: Sequence[Task], address: str
+) -> Iterator[tuple[int, Columns]]:
+    """Results of the workers of a Dask scheduler, which gives a task to another one if one dies."""
+    with _client(address) as client:
+        from distributed import KilledWorker
+
+        ahead = _AHEAD * sum(client.nthreads().values())
+        waiting = iter(tasks)
+        in_hand: dict[Any, Task] = {}
+        while True:
+            for task in itertools.islice(waiting, ahead - len(in_hand)):
+                in_hand[client.submit(_numbered, simulate, task, pure=False)] = task
+            if not in_hand:
+                return
+            with _reached(address):
+                _wait(client, address, list(in_hand))
+                done = [future for future in in_hand if future.done()]
+                errors = [(future.exception(_PATIENCE_S), in_hand[future]) for future in done]
+            for error, task in errors:
+                if isinstance(error, KilledWorker):
+                    raise _killed("workers were killed again and again", [task.number]) from error
+                if error is not None:
+                    raise error
+            for future in done:
+                del in_hand[future]
+                with _reached(address):
+                    found = future.result(_PATIENCE_S)
+                yield found
+
+
+def _wait(client: Any, address: str, futures: list[Any]) -> None:
+    """Wait until one of the futures is done, for as long as there are workers."""
+    from distributed import wait
+
+    seen = time.monotonic()
+    while True:
+        with suppress(TimeoutError):
+            wait(futures, timeout=_LOOK_S, return_when="FIRST_COMPLETED")
+            return
+        if client.sync(client.scheduler.ncores, callback_timeout=_PATIENCE_S):
+            seen = time.monotonic()
+        elif time.monotonic() - seen > _PATIENCE_S:
+            raise CalibError(
+                f"the scheduler at {address} has had no workers for {_PATIENCE_S:g} s; what was "
+                "done is kept",
+                hint="start some with: dask worker ADDRESS, then the same command again",
+            )
+
+
+@contextmanager
+def _reached(address: str) -> Iterator[None]:
+    """Say in one line that a scheduler is gone."""
+    from distributed import CancelledError
+
+    try:
+        yield
+    except (CancelledError, OSError) as error:  # TimeoutError, too
+        raise CalibError(
+            f"the scheduler at {address} does not answer any more; what was done is kept",
+            hint="start it again, then the same command",
+        ) from error
 
 
 @contextmanager
@@ -156,6 +271,8 @@ def _client(address: str) -> Iterator[Any]:
             hint='pip install -e ".[cluster]"',
             name="scheduler",
         ) from error
+    # a scheduler that goes is told by an error, and not by a traceback in a log besides
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client = Client(address, timeout=_CONNECT_S)
     except (OSError, ValueError, TypeError) as error:

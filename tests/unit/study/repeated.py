@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -37,6 +38,13 @@ def simulate(task: Task) -> dict[str, Any]:
     }
 
 
+def simulate_deadly(task: Task) -> dict[str, Any]:
+    """The same, but that the seventh task ends the process that does it, as a full memory does."""
+    if task.number == 7:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return simulate(task)
+
+
 def simulate_noted(task: Task) -> dict[str, Any]:
     """The same, and a diary of the tasks that were done, a file each time."""
     done = simulate(task)
@@ -48,4 +56,6 @@ def simulate_noted(task: Task) -> dict[str, Any]:
 
 if __name__ == "__main__":
     out, jobs = Path(sys.argv[1]), int(sys.argv[2])
-    run_grid(simulate_noted, grid(), Store(out, "trials", about()), Workers(jobs))
+    slow = Grid([{**c, "seconds": 600.0} for c in CONDITIONS], TRIALS, BATCH, SEED)
+    chosen = slow if sys.argv[3:] == ["slow"] else grid()
+    run_grid(simulate_noted, chosen, Store(out, "trials", about()), Workers(jobs))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import importlib.util
+import json
 import os
 import signal
 import subprocess
@@ -11,13 +13,15 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from calib.errors import FileFormatError, InputError, OutputError
+from calib.errors import CalibError, ConvergenceError, FileFormatError, InputError, OutputError
 from posedesign.study import runner
 from posedesign.study import store as store_module
 from posedesign.study.grid import Grid
@@ -303,22 +307,71 @@ def test_no_scheduler_there(
         run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated), workers)
 
 
-@pytest.mark.slow
-def test_a_cluster_whose_worker_is_killed(repeated: ModuleType, tmp_path: Path) -> None:
-    """A scheduler and two workers as their documentation starts them; one worker is killed."""
+def test_a_task_that_kills_its_worker_is_named(repeated: ModuleType, tmp_path: Path) -> None:
+    store = store_in(tmp_path, repeated)
+    with pytest.raises(ConvergenceError, match=r"killed 3 times at task .*\b7\b.* is kept"):
+        run_grid(repeated.simulate_deadly, repeated.grid(), store, Workers(2))
+    with store.open():
+        assert store.done() >= set(range(4))  # neighbours of the seventh may be lost with it
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes as Linux has")
+def test_workers_end_soon_after_the_run_they_work_for_was_killed(tmp_path: Path) -> None:
+    """Even in the middle of a task of ten minutes."""
+    environment = os.environ | {"STUDY_DIARY": str(tmp_path)}
+    command = [sys.executable, str(SCRIPT), str(tmp_path / "out"), "2", "slow"]
+    process = subprocess.Popen(command, env=environment)
+    workers: list[int] = []
+    deadline = time.monotonic() + 60.0
+    while len(workers) < 2 and time.monotonic() < deadline:
+        time.sleep(0.2)
+        workers = [w for w in children_of(process.pid) if b"LokyProcess" in words_of(w)]
+    time.sleep(1.0)
+    process.kill()
+    process.wait()
+    assert len(workers) == 2
+    deadline = time.monotonic() + 20.0
+    while any(map(words_of, workers)) and time.monotonic() < deadline:
+        time.sleep(0.2)
+    assert not any(map(words_of, workers))
+
+
+def children_of(pid: int) -> list[int]:
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            if int(stat.read_text().rpartition(")")[2].split()[1]) == pid:
+                found.append(int(stat.parent.name))
+    return found
+
+
+def words_of(pid: int) -> bytes:
+    """The command line of a process; empty once it has ended."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    return b""
+
+
+@dataclass
+class Cluster:
+    address: str
+    scheduler: subprocess.Popen[bytes]
+    workers: list[subprocess.Popen[bytes]]
+
+
+@contextmanager
+def cluster(folder: Path, count: int, *options: str) -> Iterator[Cluster]:
+    """A scheduler and workers as their documentation starts them."""
     pytest.importorskip("distributed", reason="needs Dask (posedesign[cluster])")
-    whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "whole", repeated))
     bin_ = Path(sys.executable).with_name("dask")
-    address = tmp_path / "scheduler.json"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    address = folder / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
     scheduler = subprocess.Popen(
         [bin_, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", address], **quiet
     )
     start = [bin_, "worker", "--scheduler-file", address, "--nthreads", "1", "--no-dashboard"]
-    workers = [subprocess.Popen([*start, "--no-nanny"], **quiet) for _ in range(2)]
+    workers = [subprocess.Popen([*start, *options], **quiet) for _ in range(count)]
     try:
-        import json
-
         deadline = time.monotonic() + 60.0
         while not address.exists() and time.monotonic() < deadline:
             time.sleep(0.1)
@@ -326,25 +379,82 @@ def test_a_cluster_whose_worker_is_killed(repeated: ModuleType, tmp_path: Path) 
         from distributed import Client
 
         with Client(where) as client:
-            client.wait_for_workers(2, timeout=60)
-        slow = Grid([{**c, "seconds": 0.15} for c in repeated.CONDITIONS], 40, 5, 3)
-        killed = []
+            client.wait_for_workers(count, timeout=60)
+        yield Cluster(where, scheduler, workers)
+    finally:
+        for process in workers:  # a nanny ends its worker when it is asked to end
+            process.terminate()
+        for process in workers:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(10)
+        for process in (*workers, scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.slow
+def test_a_cluster_whose_worker_is_killed(repeated: ModuleType, tmp_path: Path) -> None:
+    whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "whole", repeated))
+    slow = Grid([{**c, "seconds": 0.15} for c in repeated.CONDITIONS], 40, 5, 3)
+    killed = []
+    with cluster(tmp_path, 2, "--no-nanny") as there:
 
         def advance(done: int, total: int) -> None:
             if done == 5 and not killed:
-                workers[0].kill()
+                there.workers[0].kill()
                 killed.append(done)
 
         table = run_grid(
             repeated.simulate,
             slow,
             store_in(tmp_path / "cluster", repeated),
-            Workers(1, where),
+            Workers(1, there.address),
             advance=advance,
         )
-    finally:
-        for process in (*workers, scheduler):
-            process.kill()
-            process.wait()
     assert killed
     assert table.read_bytes() == whole.read_bytes()
+
+
+@pytest.mark.slow
+def test_a_task_that_kills_the_workers_of_a_cluster(repeated: ModuleType, tmp_path: Path) -> None:
+    store = store_in(tmp_path / "out", repeated)
+    with (
+        cluster(tmp_path, 1) as there,
+        pytest.raises(ConvergenceError, match=r"killed again and again at task 7, .* is kept"),
+    ):
+        run_grid(repeated.simulate_deadly, repeated.grid(), store, Workers(1, there.address))
+
+
+@pytest.mark.slow
+def test_a_cluster_that_loses_all_workers(
+    repeated: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runner, "_PATIENCE_S", 3.0)
+    monkeypatch.setattr(runner, "_LOOK_S", 1.0)
+    store = store_in(tmp_path / "out", repeated)
+    with (
+        cluster(tmp_path, 1, "--no-nanny") as there,
+        pytest.raises(CalibError, match="has had no workers for 3 s; what was done is kept"),
+    ):
+        run_grid(repeated.simulate_deadly, repeated.grid(), store, Workers(1, there.address))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_scheduler_that_goes(
+    repeated: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: signal.Signals
+) -> None:
+    monkeypatch.setattr(runner, "_PATIENCE_S", 3.0)
+    monkeypatch.setattr(runner, "_LOOK_S", 1.0)
+    slow = Grid([{**c, "seconds": 0.3} for c in repeated.CONDITIONS], 40, 5, 3)
+    store = store_in(tmp_path / "out", repeated)
+    with cluster(tmp_path, 1) as there:
+
+        def advance(done: int, total: int) -> None:
+            if done == 5:
+                there.scheduler.send_signal(how)
+
+        with pytest.raises(CalibError, match="does not answer any more; what was done is kept"):
+            run_grid(repeated.simulate, slow, store, Workers(1, there.address), advance=advance)
+    with store.open():
+        assert store.done() >= set(range(5))

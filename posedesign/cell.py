@@ -30,12 +30,15 @@ from posedesign.cell_checks import check_cell, naming
 from posedesign.cell_measurement import make_measurement
 from posedesign.config import CellConfig, RobotSection, parse_text, read_config
 from posedesign.feasibility import Checker
+from posedesign.feasibility.retreat import Retreat
 from posedesign.feasibility.space import Collision
 from posedesign.feasibility.ways import WayChecker
 from posedesign.surroundings import (
     build_checker,
     build_collisions,
+    build_retreat,
     build_scene,
+    meeting_pairs,
     obstacles,
     tool_bodies,
     what_is_left_out,
@@ -245,8 +248,8 @@ class Cell:
 
     @cached_property
     def scene(self) -> Scene:
-        """Arm, tool and obstacles."""
-        return build_scene(self)
+        """Arm, tool and obstacles, with the pairs that measuring poses are checked for."""
+        return build_scene(self, self.config.constraints.ignore)
 
     @cached_property
     def checker(self) -> Checker:
@@ -256,12 +259,26 @@ class Cell:
     @cached_property
     def passing(self) -> Checker:
         """What postures that the arm only passes through must keep."""
-        return Checker(self.robot, self.solid, self.margin)
+        return Checker(self.robot, self.solid_passing, self.margin)
 
     @cached_property
     def solid(self) -> tuple[Collision, ...]:
-        """Constraints that hold on the ways between postures, too."""
-        return build_collisions(self)
+        """What arm and tool must keep clear of at a measuring posture."""
+        return build_collisions(self, self.scene)
+
+    @cached_property
+    def solid_passing(self) -> tuple[Collision, ...]:
+        """The same on the ways between postures: of bodies that meet at the target only, too."""
+        met = meeting_pairs(self)
+        if not met:
+            return self.solid
+        lasting = [pair for pair in self.config.constraints.ignore if pair not in met]
+        return build_collisions(self, build_scene(self, lasting))
+
+    @cached_property
+    def retreat(self) -> Retreat | None:
+        """How the tool comes to its poses along its axis; None where it comes straight to them."""
+        return build_retreat(self)
 
     @cached_property
     def ways(self) -> WayChecker:
@@ -269,7 +286,7 @@ class Cell:
         section = self.config.constraints
         travel = section.largest_travel_deg
         return WayChecker(
-            self.solid if section.ways else (),
+            self.solid_passing if section.ways else (),
             np.inf if travel is None else float(np.deg2rad(travel)),
         )
 

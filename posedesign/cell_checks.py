@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.errors import CalibError, FileFormatError, InputError
+from posedesign.surroundings import meeting_pairs
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
@@ -75,6 +76,16 @@ def _check_surroundings(cell: Cell, path: Path) -> None:
         key = "constraints.ignore" if error.name in ignored else "tool.body, obstacle"
         with naming(path, key):
             raise
+    met = meeting_pairs(cell)
+    if met and not cell.config.plan.retreat_mm:
+        raise FileFormatError(
+            f"{met[0][0]} and {met[0][1]} may touch: without a retreat they would run into each "
+            "other on the motions between the poses",
+            path=path,
+            key="constraints.ignore",
+            hint="set plan.retreat_mm: how far the tool backs off along its axis before it turns, "
+            "such as 50",
+        )
     if inside >= 0:
         obstacle = cell.obstacles[inside].name
         raise FileFormatError(

@@ -128,11 +128,14 @@ class ToolSection(Section):
     point_mm: Vector
     mass_kg: NotNegative = 0.0
     com_mm: Vector = (0.0, 0.0, 0.0)
+    axis: Vector = (0.0, 0.0, 1.0)
     camera_stand_off_mm: NotNegative = 350.0
     body: tuple[SolidSection, ...] = ()
 
     @model_validator(mode="after")
     def _is_finite(self) -> ToolSection:
+        if not any(self.axis):
+            raise ValueError("axis has no length: the tool comes to the target along it")
         for body in self.body:
             if body.kind == "half-space":
                 raise ValueError(f"{body.name}: a tool cannot be a half-space")
@@ -192,7 +195,8 @@ class PlanSection(Section):
     ``approach_deg``: the lost motion of a reducer is about one arc minute, and a touch-up moves the
     joints by up to half a degree from where they were sent (5 mm at 0.6 m): one degree is beyond
     both, so that the side stays the same. ``dwell_s``: one visual touch-up took Watanabe et al.
-    2006 about 20 s (section 4, Table 2), the arm's settling included.
+    2006 about 20 s (section 4, Table 2), the arm's settling included. ``contact_mm``: an arm that
+    is not calibrated misses a planned pose by some millimetres.
     """
 
     condition_threshold: Positive = 1.0e5
@@ -205,6 +209,21 @@ class PlanSection(Section):
     approach: Literal["none", "same-side"] = "none"
     approach_deg: Annotated[float, Field(strict=True, ge=0.01, le=30)] = 1.0
     dwell_s: NotNegative = 20.0
+    retreat_mm: NotNegative = 0.0
+    contact_mm: Positive = 5.0
+
+    @model_validator(mode="after")
+    def _backs_off_far_enough(self) -> PlanSection:
+        if self.retreat_mm and self.retreat_mm <= self.contact_mm:
+            raise ValueError(
+                f"retreat_mm {self.retreat_mm:g} is not above contact_mm {self.contact_mm:g}"
+            )
+        if self.retreat_mm and self.approach == "same-side":
+            raise ValueError(
+                "retreat_mm brings the tool to the target along its own axis, and then not all "
+                'joints come from one side: set approach = "none", or retreat_mm = 0'
+            )
+        return self
 
 
 class ConstraintSection(Section):

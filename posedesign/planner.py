@@ -15,7 +15,7 @@ from calib.linearisation import Linearisation
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
-from posedesign.feasibility import nearest_postures
+from posedesign.feasibility import Checker, nearest_postures
 from posedesign.generation import touching_poses, wpr_rotations
 from posedesign.indices import SCALING, SCALING_OF_POSES, condition_2, condition_inf, evaluate
 from posedesign.pose_plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
@@ -232,7 +232,7 @@ def check_base_pose(cell: Cell) -> None:
     rotation = robot.fk(q)[:3, :3]
     pose = touching_poses(rotation[None], cell.tool_m, cell.target_m)
     there = nearest_postures(cell.checker, pose, q)
-    start = cell.passing.check(q[None])
+    start = Checker(robot, cell.solid, cell.margin).check(q[None])
     reason, remedy = there.reasons[0], there.remedies[0]
     if there.feasible[0] and not start.feasible[0]:  # only another branch can: the arm is not in it
         reason, remedy = start.says(0), start.remedy(0)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError
-from calib.se3 import IntArray
+from calib.se3 import BoolArray, IntArray
 from posedesign.cell import Cell
-from posedesign.feasibility import Checker, Verdicts
+from posedesign.feasibility import Verdicts
 from posedesign.feasibility.space import Collision
 from posedesign.feasibility.ways import WayVerdicts
 from posedesign.tables import PoseList
@@ -70,15 +70,43 @@ class PoseVerdict:
 
 def check_poses(cell: Cell, poses: PoseList) -> tuple[PoseVerdict, ...]:
     """Verdicts on poses in the order in which they are visited."""
-    before = np.vstack([cell.base_posture, poses.postures[:-1]])
-    ways = cell.ways.check(before, poses.postures)
-    judged: dict[int, PoseVerdict] = {}
+    ways = _motions(cell, poses)
+    judged: list[tuple[Verdicts, IntArray]] = []
+    # poses that are to blame where a way ends in them: not those that touch, as no way may
+    blamed = np.ones(len(poses.names), dtype=bool)
     for checker, rows in (
         (cell.checker, np.flatnonzero(~poses.via)),
         (cell.passing, np.flatnonzero(poses.via)),
     ):
-        judged |= _judge(checker, poses, ways, rows)
-    return tuple(judged[i] for i in range(len(poses.names)))
+        verdicts = checker.check(poses.postures[rows])
+        judged.append((verdicts, rows))
+        if cell.solid is not cell.solid_passing:
+            blamed[rows] = ~verdicts.feasible
+    before = np.append(False, blamed[:-1])  # the base posture is none of the list
+    at_a_pose = (ways.part == 1.0) & blamed | (ways.part == 0.0) & before
+    found: dict[int, PoseVerdict] = {}
+    for verdicts, rows in judged:
+        found |= _judge(verdicts, poses, ways, rows, at_a_pose)
+    return tuple(found[i] for i in range(len(poses.names)))
+
+
+def _motions(cell: Cell, poses: PoseList) -> WayVerdicts:
+    """Verdicts on the motions to each pose; those along the tool to one that touches apart."""
+    start, end = np.vstack([cell.base_posture, poses.postures[:-1]]), poses.postures
+    ways = cell.ways.check(start, end)
+    if cell.retreat is None:
+        return ways
+    from_touch, to_touch = np.append(True, ~poses.via[:-1]), ~poses.via
+    away = np.where(to_touch[:, None], start, end)
+    touching = np.where(to_touch[:, None], end, start)
+    rows = np.flatnonzero((from_touch != to_touch) & cell.retreat.is_along(away, touching))
+    along = cell.retreat.check(away[rows], touching[rows])
+    clear, part, reasons = ways.clear.copy(), ways.part.copy(), list(ways.reasons)
+    clear[rows] = along.clear
+    part[rows] = np.where(to_touch[rows], along.part, 1.0 - along.part)
+    for row, why in zip(rows.tolist(), along.reasons, strict=True):
+        reasons[row] = why
+    return WayVerdicts(clear, ways.travel, part, tuple(reasons))
 
 
 def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> None:
@@ -102,9 +130,8 @@ def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> None:
 
 
 def _judge(
-    checker: Checker, poses: PoseList, ways: WayVerdicts, rows: IntArray
+    verdicts: Verdicts, poses: PoseList, ways: WayVerdicts, rows: IntArray, at_a_pose: BoolArray
 ) -> dict[int, PoseVerdict]:
-    verdicts = checker.check(poses.postures[rows])
     found = {}
     for i, row in enumerate(rows.tolist()):
         k = int(verdicts.tightest[i])
@@ -120,8 +147,8 @@ def _judge(
             says=verdicts.says(i),
             distance_mm=distance_mm,
             nearest=nearest,
-            way_clear=None if _at_a_pose(ways, row) else bool(ways.clear[row]),
-            way=_on_the_way(ways, row),
+            way_clear=None if at_a_pose[row] else bool(ways.clear[row]),
+            way="" if at_a_pose[row] else _on_the_way(ways, row),
             travel_deg=float(np.rad2deg(ways.travel[row])),
         )
     return found
@@ -136,13 +163,6 @@ def _nearest(verdicts: Verdicts, i: int) -> tuple[float | None, str]:
     return None, ""
 
 
-def _at_a_pose(ways: WayVerdicts, row: int) -> bool:
-    """Whether what is wrong with a way is wrong with a pose of the list at one of its ends."""
-    return bool(ways.part[row] == 1.0 or (row > 0 and ways.part[row] == 0.0))
-
-
 def _on_the_way(ways: WayVerdicts, row: int) -> str:
-    if _at_a_pose(ways, row):
-        return ""
     place = f" at {ways.part[row]:.0%} of the way" if np.isfinite(ways.part[row]) else ""
     return ways.reasons[row] + place if ways.reasons[row] else ""

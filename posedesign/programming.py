@@ -170,6 +170,12 @@ def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | No
         raise InputError(
             "which side is free is a matter of the cell", hint="pass --cell", name="approach"
         )
+    if cell.retreat is not None:
+        raise InputError(
+            "the tool comes to the poses along its own axis: not all joints from one side",
+            hint="leave --approach-deg out, or set plan.retreat_mm = 0",
+            name="approach",
+        )
     if Passing.APPROACH in poses.reasons:
         raise InputError(
             "the poses are approached from one side already",
@@ -224,6 +230,13 @@ def write_program(
     """
     chosen = find_dialect(dialect)
     refuse_doubles(poses)
+    if not chosen.passes and Passing.RETREAT in poses.reasons:
+        raise InputError(
+            f"{chosen.name} lists measured poses only: the tool would not back off between them",
+            hint="write another format: the others have postures that are passed through",
+            name="format",
+            value=chosen.name,
+        )
     note = ""
     if cell is not None and options.form == "cartesian":
         check_frames(cell, chosen)

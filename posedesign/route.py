@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib.errors import UnreachableError
 from calib.robots import Robot
 from calib.se3 import FloatArray
 from posedesign.approach import find_approaches
 from posedesign.feasibility import Checker
+from posedesign.feasibility.retreat import Retreat
 from posedesign.feasibility.ways import WayChecker
 from posedesign.passages import Leg, Passages
 from posedesign.sequence import ACCELERATION_S, legs_of, move_times, moving_time_s, shortest_order
@@ -48,6 +50,8 @@ class Router:
     start : array (n,)
         Posture that the arm comes from [rad].
     options : RouteOptions
+    retreat : Retreat, optional
+        How the tool comes to each pose along its axis.
     """
 
     def __init__(
@@ -57,17 +61,20 @@ class Router:
         passing: Checker,
         start: FloatArray,
         options: RouteOptions | None = None,
+        retreat: Retreat | None = None,
     ) -> None:
         self._ways = ways
         self._passing = passing
         self._start = start
+        self._retreat = retreat
         self.options = options or RouteOptions()
         # joints whose speed is not known are taken to be as fast as the others
         known = np.isfinite(robot.speed)
         self._timed = bool(known.any())
         usual = np.median(robot.speed[known]) if self._timed else 1.0
         self._speeds = self.options.speed_share * np.where(known, robot.speed, usual)
-        self._passages = Passages(robot, ways, passing, start, self._speeds)
+        home = start if retreat is None else retreat.back_off(start[None])[0][0]
+        self._passages = Passages(robot, ways, passing, home, self._speeds)
 
     @classmethod
     def of_cell(cls, cell: Cell) -> Router:
@@ -80,7 +87,7 @@ class Router:
             dwell_s=section.dwell_s,
             speed_share=cell.config.program.speed_percent / 100.0,
         )
-        return cls(cell.robot, cell.ways, cell.passing, cell.base_posture, options)
+        return cls(cell.robot, cell.ways, cell.passing, cell.base_posture, options, cell.retreat)
 
     def route(self, postures: FloatArray) -> Route:
         """Visit postures ``(N, n)`` [rad], from the start posture on."""
@@ -108,15 +115,30 @@ class Router:
 
     def _places(self, postures: FloatArray) -> tuple[_Places, dict[int, str]]:
         """The base posture and the poses, and which of these have no approach."""
-        leave = np.vstack([self._start, postures])
+        at, closed = np.vstack([self._start, postures]), self.options.return_to_base
+        if self._retreat is not None:
+            back, reasons = self._retreat.back_off(at)
+            if reasons[0]:
+                raise UnreachableError(
+                    f"the tool cannot back off from the base posture: {reasons[0]}",
+                    hint="move the base posture, or change plan.retreat_mm",
+                    name="base_pose",
+                )
+            return _Places(at, back, back, closed), {
+                i: f"cannot be come to along the tool: {why}"
+                for i, why in enumerate(reasons[1:])
+                if why
+            }
         if not self.options.approach_rad:
-            return _Places(leave, leave, self.options.return_to_base), {}
+            return _Places(at, at, at, closed), {}
         found = find_approaches(postures, self.options.approach_rad, self._passing, self._passages)
-        enter = np.vstack([self._start, found.postures])
-        return _Places(leave, enter, self.options.return_to_base), dict(found.lost)
+        return _Places(at, at, np.vstack([self._start, found.postures]), closed), dict(found.lost)
 
     def _stops(self, places: _Places, order: list[int]) -> list[Stop]:
-        stops = []
+        """The stops of an order of places; with a retreat the round begins and ends backed off."""
+        backs_off = places.leave is not places.at
+        before = Passing.RETREAT if backs_off else Passing.APPROACH
+        stops = [Stop(places.leave[0], None, Passing.RETREAT)] * backs_off
         for a, b in legs_of(order, closed=places.closed):
             between = self._through(places, order, (a, b)) or []
             start, end = places.leg(a, b)
@@ -125,9 +147,11 @@ class Router:
             if b == 0:
                 stops.append(Stop(end, None, Passing.RETURN))
                 continue
-            if places.enter is not places.leave:
-                stops.append(Stop(end, None, Passing.APPROACH))
-            stops.append(Stop(places.leave[b], b - 1))
+            if places.enter is not places.at:
+                stops.append(Stop(end, None, before))
+            stops.append(Stop(places.at[b], b - 1))
+            if backs_off:
+                stops.append(Stop(places.leave[b], None, Passing.RETREAT))
         return stops
 
     def _first_cut(self, places: _Places, order: list[int]) -> int | None:
@@ -207,13 +231,16 @@ class _Places:
 
     Attributes
     ----------
+    at : array (1 + N, n)
+        Postures that the arm is brought to [rad].
     leave, enter : array (1 + N, n)
-        Postures from which the arm goes on, and to which it comes first [rad]; the same array
-        where poses are not approached.
+        Postures from which the arm goes on, and to which it comes first [rad]: the same array where
+        ways are the same in both directions, and as ``at`` where nothing lies in between.
     closed : bool
         Whether the arm goes back to place 0 in the end.
     """
 
+    at: FloatArray
     leave: FloatArray
     enter: FloatArray
     closed: bool

@@ -15,6 +15,7 @@ class Passing(StrEnum):
 
     DETOUR = "detour"
     APPROACH = "approach"
+    RETREAT = "retreat"
     RETURN = "return to base"
 
 

@@ -11,17 +11,23 @@ import numpy as np
 from calib.camera import PinholeCamera
 from calib.geometry import Body, Box, Cylinder, HalfSpace, Mesh, Solid, Sphere
 from calib.geometry.scene import Scene
+from calib.geometry.ways import WAY_TOLERANCE_M
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.config import SolidSection
 from posedesign.feasibility import Checker, Constraint
 from posedesign.feasibility.joints import Singularity
+from posedesign.feasibility.retreat import BackingOff, Retreat
 from posedesign.feasibility.space import Collision, SelfCollision, Workspace, workspace_scene
 from posedesign.feasibility.visibility import Distance, InImage, LineOfSight, TargetView, Tilt
+from posedesign.feasibility.ways import WayChecker
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
 
+
+NOT_TOUCHING_M = 2.0 * WAY_TOLERANCE_M
+"""Distance that bodies which meet at the target keep before: moves are checked to half of it."""
 
 SMALL_MESH_M, LARGE_MESH_M = 0.01, 50.0
 """Meshes of a cell are larger and smaller than this: others were made in another unit."""
@@ -38,7 +44,23 @@ def obstacles(sections: Sequence[SolidSection], folder: Path) -> list[Body]:
     return [Body(s.name, 0, _placement(s), _solid(s, folder)) for s in sections]
 
 
-def build_scene(cell: Cell) -> Scene:
+def meeting_pairs(cell: Cell) -> tuple[tuple[str, str], ...]:
+    """Names of tool bodies and obstacles that may come together where the tool touches its target.
+
+    Those of ``constraints.ignore``: nothing that the arm carries is ever unchecked on the motions.
+    """
+    section = cell.config.constraints
+    carried, around = (
+        {body.name for body in group} for group in (cell.tool_bodies, cell.obstacles)
+    )
+    return tuple(
+        (one, other)
+        for one, other in section.ignore * section.collisions
+        if (one in carried and other in around) or (other in carried and one in around)
+    )
+
+
+def build_scene(cell: Cell, ignore: Sequence[tuple[str, str]]) -> Scene:
     """Arm, tool and obstacles of a cell."""
     robot = cell.robot
     return Scene(
@@ -46,7 +68,7 @@ def build_scene(cell: Cell) -> Scene:
         arm=robot.bodies,
         tool=cell.tool_bodies,
         obstacles=cell.obstacles,
-        ignore=cell.config.constraints.ignore,
+        ignore=ignore,
         zero=np.clip(np.zeros(robot.n), robot.lower, robot.upper),
     )
 
@@ -73,11 +95,34 @@ def build_checker(cell: Cell) -> Checker:
         ]
         if cell.scene.bodies:
             found.append(LineOfSight(view, cell.scene))
-    return Checker(cell.robot, [*found, *cell.solid], cell.margin)
+    backing_off = [] if cell.retreat is None else [BackingOff(cell.retreat)]
+    return Checker(cell.robot, [*found, *cell.solid, *backing_off], cell.margin)
 
 
-def build_collisions(cell: Cell) -> tuple[Collision, ...]:
-    """Constraints of a cell that hold on the ways between postures, too."""
+def build_retreat(cell: Cell) -> Retreat | None:
+    """The moves along the tool to the poses of a cell; None where it asks for none."""
+    plan, ways = cell.config.plan, cell.config.constraints.ways
+    if not plan.retreat_mm:
+        return None
+    met = {name for pair in meeting_pairs(cell) for name in pair}
+    tool = [body for body in cell.tool_bodies if body.name in met]
+    around = [body for body in cell.obstacles if body.name in met]
+    meeting = Collision(Scene(cell.robot.chain, tool=tool, obstacles=around), NOT_TOUCHING_M)
+    axis = np.array(cell.config.tool.axis)
+    return Retreat(
+        robot=cell.robot,
+        tool_m=cell.tool_m,
+        axis=axis / np.linalg.norm(axis),
+        length_m=plan.retreat_mm / 1e3,
+        contact_m=plan.contact_mm / 1e3,
+        passing=cell.passing,
+        others=WayChecker(cell.solid if ways else (), cell.ways.largest_travel),
+        meeting=WayChecker((meeting,) if ways and met else (), np.inf),
+    )
+
+
+def build_collisions(cell: Cell, scene: Scene) -> tuple[Collision, ...]:
+    """Constraints of a cell on what arm and tool come near to, as the pairs of a scene have it."""
     section = cell.config.constraints
     low, high = section.workspace_lowest_mm, section.workspace_highest_mm
     found: list[Collision] = []
@@ -86,7 +131,7 @@ def build_collisions(cell: Cell) -> tuple[Collision, ...]:
         box = np.array([low, high]) / 1e3
         found.append(Workspace(workspace_scene(cell.robot, bodies, cell.tool_m, *box)))
     if section.collisions:
-        own, others = cell.scene.own, cell.scene.others
+        own, others = scene.own, scene.others
         if len(own.pairs):
             found.append(SelfCollision(own))
         if len(others.pairs):
@@ -127,6 +172,11 @@ def what_is_left_out(cell: Cell) -> list[str]:
         said.append("the ways between poses are not checked: constraints.ways is false")
     if cell.config.camera is None:
         said.append("no [camera] is described: the view of the target is not checked")
+        if not (cell.is_hand_eye or cell.config.plan.retreat_mm):
+            said.append(
+                "plan.retreat_mm is 0: a tool that touches the target does not back off between "
+                "the poses"
+            )
     return said
 
 

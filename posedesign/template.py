@@ -45,6 +45,7 @@ tip = {tip}
 point_mm = {point_mm}             # in the axes of the tip
 mass_kg = {mass_kg}               # what the flange carries, for deflection in the simulation
 com_mm = {com_mm}
+# axis = [0.0, 0.0, 1.0]          # along which it comes to the target, with plan.retreat_mm
 camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, along the tip's z
 {tool_bodies}
 [base_pose]
@@ -64,7 +65,8 @@ name = "T1"
 collisions = {collisions}                 # of arm, tool and obstacles
 ways = true                       # check the straight joint moves from pose to pose, too
 safety_distance_mm = {safety}     # kept between them
-# ignore = [["gun", "fixture"]]   # pairs that may touch
+# ignore = [["pin", "fixture"]]   # pairs that may touch; tool and obstacle only at the measured
+                                  # poses: plan.retreat_mm has the tool back off between them
 # smallest_singular_value = 0.02  # of the tip's Jacobian, lengths divided by the arm's reach
 # largest_travel_deg = 180.0      # of any joint from one pose to the next
 # workspace_lowest_mm = [-1000.0, -2000.0, 0.0]      # a box that arm and tool stay in
@@ -87,6 +89,8 @@ repair_base_joint_deg = 90.0      # how far joint 1 may turn in a replacement
 return_to_base = true             # the round ends at the base posture, by a way that is checked
 approach = "none"                 # or "same-side": all joints arrive at all poses from one side,
 approach_deg = 1.0                # by a last movement of this angle, for arms with backlash
+# retreat_mm = 50.0               # a pin backs off so far along its axis, turns, and comes in again
+# contact_mm = 5.0                # within this of the target pairs of constraints.ignore may touch
 dwell_s = 20.0                    # at each pose, for the cycle time: a touch-up; camera-pose: 2
 
 [pool]

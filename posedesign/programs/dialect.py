@@ -46,6 +46,8 @@ class Dialect(ABC):
         Whether poses are stored in frames of which programs have only the numbers.
     joint_step_deg : float
         Step that the controller stores joint values in [deg]; 0 where it does not matter.
+    passes : bool
+        Whether it has postures that the arm only passes through.
     """
 
     name: ClassVar[str]
@@ -60,6 +62,7 @@ class Dialect(ABC):
     encoding: ClassVar[str] = "ascii"
     numbered_frames: ClassVar[bool] = False
     joint_step_deg: ClassVar[float] = 0.0
+    passes: ClassVar[bool] = True
 
     @abstractmethod
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:

@@ -71,6 +71,7 @@ class MoveitJoints(RosList):
     name: ClassVar[str] = "moveit-joints"
     title: ClassVar[str] = "joint states of moveit_calibration in YAML"
     keys: ClassVar[tuple[set[bytes], ...]] = ({b"joint_names", b"joint_values"},)
+    passes: ClassVar[bool] = False
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
         """The list; see `render_moveit_joints` for what is refused."""
@@ -95,6 +96,7 @@ class RobotCalibration(RosList):
     name: ClassVar[str] = "robot-calibration"
     title: ClassVar[str] = "capture poses of robot_calibration in YAML"
     keys: ClassVar[tuple[set[bytes], ...]] = ({b"joints", b"positions"}, {b"joint_states"})
+    passes: ClassVar[bool] = False
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
         """The list; see `render_robot_calibration` for what is refused."""

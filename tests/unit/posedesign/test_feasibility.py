@@ -249,7 +249,9 @@ def test_two_bodies_too_near(make_demo_cell: MakeCell) -> None:
     assert verdicts.says(0) == "gun 15.0 mm from wall, 20 mm asked for"
     closer = make_demo_cell(obstacle=[wall], constraints={"safety_distance_mm": 10.0})
     assert closer.checker.check(near.base_posture[None]).feasible[0]
-    ignored = make_demo_cell(obstacle=[wall], constraints={"ignore": [["wall", "gun"]]})
+    ignored = make_demo_cell(
+        obstacle=[wall], constraints={"ignore": [["wall", "gun"]]}, plan={"retreat_mm": 400.0}
+    )
     assert ignored.checker.check(near.base_posture[None]).feasible[0]
 
 

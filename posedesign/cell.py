@@ -110,7 +110,14 @@ class Cell:
                 robot = Robot.preset(source.preset, tip=source.tip, base=source.base)
             else:
                 urdf = path.parent / str(source.urdf)
-                robot = Robot.from_urdf(urdf, tip=source.tip, base=source.base, lock=source.lock)
+                robot = Robot.from_urdf(
+                    urdf,
+                    tip=source.tip,
+                    base=source.base,
+                    lock=source.lock,
+                    packages=[path.parent / folder for folder in source.packages],
+                    xacro_args=source.xacro_args,
+                )
         if source.controller is not None:
             with naming(path, "robot.controller"):
                 robot = robot.controlled_by(source.controller)

@@ -79,7 +79,11 @@ class CoupledLimitSection(Section):
 
 
 class RobotSection(Section):
-    """Which arm: a preset or a URDF file."""
+    """Which arm: a preset or a URDF file.
+
+    ``packages``: folders to search for packages that a URDF names; ``xacro_args``: arguments of a
+    xacro file, each NAME:=VALUE.
+    """
 
     preset: Line | None = None
     urdf: Line | None = None
@@ -87,6 +91,8 @@ class RobotSection(Section):
     tip: Line | None = None
     controller: Line | None = None
     lock: tuple[Line, ...] = ()
+    packages: tuple[Line, ...] = ()
+    xacro_args: tuple[Line, ...] = ()
     keep_coupled_limits: StrictBool = True
     coupled_limit: tuple[CoupledLimitSection, ...] = ()
 
@@ -96,6 +102,8 @@ class RobotSection(Section):
             raise ValueError("give either preset or urdf")
         if self.preset is not None and self.lock:
             raise ValueError("joints can be locked in a urdf only, not in a preset")
+        if self.preset is not None and (self.packages or self.xacro_args):
+            raise ValueError("packages and xacro_args are of a urdf, not of a preset")
         return self
 
 

@@ -123,9 +123,10 @@ def correct(
             name="model",
         )
     robot = corrected_robot(model, x)
-    urdf = cell.config.robot.urdf
-    source = None if urdf is None else cell_file.parent / urdf
-    text = corrected_urdf(robot, source)
+    section, folder = cell.config.robot, cell_file.parent
+    source = None if section.urdf is None else folder / section.urdf
+    searched = [folder / name for name in section.packages]
+    text = corrected_urdf(robot, source, searched, section.xacro_args)
     table = mastering(model, x, identified.covariance, identified.sigma)
     listed, compensated, notes = None, None, _notes(identified, robot, table)
     if poses is not None:

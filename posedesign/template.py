@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import RobotModelError
+from calib.errors import InputError, RobotModelError
 from calib.robots import POSITIVE_AXES, Robot, find_preset, preset_info
 from calib.se3 import FloatArray
 from posedesign.base_posture import suggest_base_posture, suggest_tool
@@ -32,6 +32,8 @@ _TEMPLATE = """\
 {notices}# base = "base_link"              # positions are given in this link; default: the root
 tip = {tip}
 # lock = ["joint_7"]              # joints of a URDF that are held at zero
+# packages = ["../ws/src"]        # folders to search for packages that a URDF names
+# xacro_args = ["prefix:=a_"]     # arguments of a xacro file
 # keep_coupled_limits = false     # leave out those of the preset: limits that joints have together
 # [[robot.coupled_limit]]         # one of your own: coefficients times joint values stay inside
 # name = "J2 plus J3"
@@ -277,7 +279,13 @@ class _Setup:
     collisions: bool = True
 
 
-def cell_template(robot: str | None = None, *, surroundings: bool = True) -> str:
+def cell_template(
+    robot: str | None = None,
+    *,
+    surroundings: bool = True,
+    packages: Sequence[Path] = (),
+    xacro_args: Sequence[str] = (),
+) -> str:
     """Text of a ``cell.toml``, commented, for a preset or a URDF file.
 
     Parameters
@@ -287,6 +295,10 @@ def cell_template(robot: str | None = None, *, surroundings: bool = True) -> str
     surroundings : bool
         False: without gun, camera, fixture and floor, and with the joint limits as they are, so
         that they alone bound the poses, as in the papers.
+    packages : sequence of Path
+        Folders to search for packages that a URDF names.
+    xacro_args : sequence of str
+        Arguments of a xacro file, each ``NAME:=VALUE``.
 
     Raises
     ------
@@ -298,7 +310,11 @@ def cell_template(robot: str | None = None, *, surroundings: bool = True) -> str
     name = robot or REFERENCE
     path = Path(name)
     if path.is_file() or path.suffix.lower() in (".urdf", ".xml", ".xacro"):
-        return _for_urdf(path)
+        return _for_urdf(path, packages, xacro_args)
+    if packages or xacro_args:
+        raise InputError(
+            f"packages and arguments are of a URDF; {name!r} is none", hint="leave them out"
+        )
     try:
         preset = find_preset(name)
     except RobotModelError as error:
@@ -330,8 +346,8 @@ def _for_preset(name: str, surroundings: bool) -> str:
     )
 
 
-def _for_urdf(path: Path) -> str:
-    robot = Robot.from_urdf(path)
+def _for_urdf(path: Path, packages: Sequence[Path], xacro_args: Sequence[str]) -> str:
+    robot = Robot.from_urdf(path, packages=packages, xacro_args=xacro_args)
     tool = suggest_tool(robot)
     posture = np.rad2deg(suggest_base_posture(robot, tool))
     setup = _Setup(
@@ -343,12 +359,21 @@ def _for_urdf(path: Path) -> str:
     )
     return _fill(
         robot,
-        source=f"urdf = {_quoted(str(path.resolve()))}\n{_controller_line(robot)}",
+        source=f"urdf = {_quoted(str(path.resolve()))}\n"
+        f"{_read_with(packages, xacro_args)}{_controller_line(robot)}",
         setup=setup,
         pendant="# Suggested: tool pointing down, room to turn it. Take your own taught posture.\n",
         posture=(np.round(posture, 6) + 0.0).tolist(),
         three_sigma=[0.1, 0.1, 0.1],
         deflection=False,
+    )
+
+
+def _read_with(packages: Sequence[Path], xacro_args: Sequence[str]) -> str:
+    """Lines of what a description was read with, so that the cell reads the same."""
+    listed = {"packages": [str(f.resolve()) for f in packages], "xacro_args": list(xacro_args)}
+    return "".join(
+        f"{key} = [{', '.join(map(_quoted, values))}]\n" for key, values in listed.items() if values
     )
 
 

@@ -10,6 +10,7 @@ Nothing is written to disk here: the content is returned, for whoever asks to pu
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -29,7 +30,12 @@ _ATTRIBUTE = re.compile(rb"""\s+([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
 _Place = tuple[int, int]
 
 
-def corrected_urdf(corrected: CorrectedRobot, source: Path | None = None) -> bytes:
+def corrected_urdf(
+    corrected: CorrectedRobot,
+    source: Path | None = None,
+    packages: Iterable[Path] = (),
+    xacro_args: Iterable[str] = (),
+) -> bytes:
     """The content of a URDF of the identified robot.
 
     It reads back to the kinematics of ``corrected.robot``. A comment at its head says what it is,
@@ -41,6 +47,8 @@ def corrected_urdf(corrected: CorrectedRobot, source: Path | None = None) -> byt
     source : path, optional
         The URDF or xacro file that the nominal robot was read from; it is not changed. Meshes
         that it names relative to itself are to be copied along. None: a robot from no file.
+    packages, xacro_args
+        What the file was read with, see :meth:`calib.robots.Robot.from_urdf`.
 
     Raises
     ------
@@ -50,7 +58,7 @@ def corrected_urdf(corrected: CorrectedRobot, source: Path | None = None) -> byt
     comment = words_for_comment(corrected.left_out)
     if source is None:
         return urdf_of(corrected.robot, comment)
-    description = read_description(source)
+    description = read_description(source, packages, xacro_args)
     changes = _moved_origins(corrected, description, source)
     return _edited(description.text, changes, comment, source)
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 
 from calib.errors import RobotModelError
 
@@ -39,17 +41,25 @@ class Expanded:
     folders: tuple[Path, ...]
 
 
-def expand_xacro(path: Path, most_bytes: int) -> Expanded:
+def expand_xacro(
+    path: Path,
+    most_bytes: int,
+    search: Sequence[Path] = (),
+    arguments: Mapping[str, str] = MappingProxyType({}),
+) -> Expanded:
     """Expand a xacro file in a process of its own (:mod:`calib.descriptions.xacro_process`).
 
-    Arguments of the file have their defaults; ``$(find package)`` follows the rule of
-    :mod:`calib.descriptions.packages`.
+    ``$(find package)`` follows the rule of :mod:`calib.descriptions.packages`.
 
     Parameters
     ----------
     path : Path
     most_bytes : int
         Largest size of each file read and of the outcome.
+    search : sequence of Path
+        Folders to search for packages.
+    arguments : mapping of str to str
+        Of the file; those not given have their defaults.
 
     Raises
     ------
@@ -66,6 +76,8 @@ def expand_xacro(path: Path, most_bytes: int) -> Expanded:
     job = {
         "path": [entry for entry in sys.path if entry],  # "" is the folder one happens to be in
         "file": str(path.resolve()),
+        "search": [str(folder) for folder in search],
+        "arguments": dict(arguments),
         "most_bytes": most_bytes,
         "memory_bytes": MEMORY_BYTES,
         "seconds": SECONDS,

@@ -26,7 +26,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.minidom import parseString
 
 from calib.descriptions.expression import FUNCTIONS, ExpressionError, evaluate
-from calib.descriptions.packages import description_tree, find_package, is_inside
+from calib.descriptions.packages import Packages, is_inside
 
 _HARMLESS = frozenset({"builtins.id", "compile", "glob.glob", "glob.glob/2"})
 """``compile``: Python's parser makes the tree of an expression; nothing can be run of it."""
@@ -44,14 +44,15 @@ def run(job: dict[str, Any]) -> None:
     Parameters
     ----------
     job : dict
-        ``file``: the xacro file; ``most_bytes``, ``memory_bytes``, ``seconds``: the limits.
+        ``file``: the xacro file; ``search``: folders to search for packages; ``arguments``: of the
+        file, by name; ``most_bytes``, ``memory_bytes``, ``seconds``: the limits.
     """
     _limit(job["memory_bytes"], job["seconds"])
     os.environ.clear()
     out, sys.stdout = sys.stdout, sys.stderr
     expansion: _Expansion | None = None
     try:
-        expansion = _Expansion(Path(job["file"]), job["most_bytes"])
+        expansion = _Expansion(job)
         outcome = {"urdf": expansion.text(), "folders": [str(f) for f in expansion.folders]}
     except MemoryError:
         outcome = {"error": "its expansion does not fit into memory"}
@@ -84,13 +85,17 @@ def _limit(memory_bytes: int, seconds: float) -> None:
 class _Expansion:
     """The xacro package with its doors closed, around one file."""
 
-    def __init__(self, file: Path, most_bytes: int) -> None:
+    def __init__(self, job: dict[str, Any]) -> None:
         import xacro
         import yaml
 
         self._xacro, self._yaml = xacro, yaml
-        self._file, self._most_bytes = file, most_bytes
-        self.folders = {description_tree(file)}
+        self._file, self._most_bytes = Path(job["file"]), job["most_bytes"]
+        self._arguments: dict[str, str] = job["arguments"]
+        self._used: set[str] = set()
+        self._packages = Packages(self._file, [Path(folder) for folder in job["search"]])
+        _ = self._packages.declared  # looks into folders, while the doors are open
+        self.folders = {self._packages.tree}
         parseString("<a/>", forbid_dtd=True)  # imports what it needs before the doors are closed
         self._functions: dict[str, Callable[..., Any]] = {**FUNCTIONS, **self._of_xacro()}
         for name in ("safe_eval", "eval_extension", "parse"):
@@ -105,7 +110,11 @@ class _Expansion:
 
     def text(self) -> str:
         """The expanded file."""
-        document = self._xacro.process_file(str(self._file))
+        document = self._xacro.process_file(str(self._file), mappings=dict(self._arguments))
+        unknown = sorted(self._arguments.keys() - self._used)
+        if unknown:
+            known = ", ".join(sorted(self._used)) or "none"
+            raise Refusal(f"there is no argument {unknown[0]} (known: {known})")
         expanded = str(document.documentElement.toxml())
         if len(expanded) > self._most_bytes:
             raise Refusal(f"it expands to more than {self._most_bytes} characters")
@@ -146,7 +155,10 @@ class _Expansion:
         if given is not None:
             raise Refusal("only files are expanded")
         try:
-            return parseString(self._read(filename), forbid_dtd=True)
+            document = parseString(self._read(filename), forbid_dtd=True)
+            declared = document.getElementsByTagName("xacro:arg")
+            self._used.update(element.getAttribute("name") for element in declared)
+            return document
         except OSError as error:
             self._xacro.filestack.pop()  # as xacro does: an optional file that is not there
             raise self._xacro.XacroException("cannot be read:", exc=error) from error
@@ -170,14 +182,17 @@ class _Expansion:
         raise Refusal(f"{text[:60]} is not accepted in a xacro file")
 
     def _package(self, name: str) -> Path:
-        for start in (self._file, Path(self._xacro.filestack[-1])):
-            folder = find_package(name, start)
-            if folder is not None:
-                self.folders.add(folder)
-                return folder
-        raise Refusal(f"package {name} is not among the folders above {self._file.name}")
+        here = Path(self._xacro.filestack[-1])
+        folder = self._packages.find(name) or self._packages.find_near(name, here)
+        if folder is None:
+            raise Refusal(
+                f"package {name} is not among the folders above {self._file.name} or to search"
+            )
+        self.folders.add(folder)
+        return folder
 
     def _argument(self, name: str) -> Any:
+        self._used.add(name)
         given = self._xacro.substitution_args_context["arg"]
         if name not in given:
             raise Refusal(f"argument {name} has no default")

@@ -107,6 +107,8 @@ class Robot:
         base: str | None = None,
         *,
         lock: Iterable[str] = (),
+        packages: Iterable[Path] = (),
+        xacro_args: Iterable[str] = (),
     ) -> Robot:
         """Read a robot from a URDF file, or from a xacro file.
 
@@ -124,6 +126,11 @@ class Robot:
             Link that positions are given in; the root of the tree by default.
         lock : names, optional
             Further joints to hold at zero: a rail or a lift between base and tip.
+        packages : paths, optional
+            Folders to search for packages that the file names and that do not lie around it.
+        xacro_args : names with values, optional
+            Arguments of a xacro file as its command takes them, each ``NAME:=VALUE``; those not
+            given have their defaults.
 
         Raises
         ------
@@ -132,7 +139,7 @@ class Robot:
             to lock does not exist, or what moves between base and tip is not a row of revolute
             joints with limits.
         """
-        urdf = load_urdf(Path(path))
+        urdf = load_urdf(Path(path), packages, xacro_args)
         return cls.from_model(
             urdf.model,
             tip=tip,

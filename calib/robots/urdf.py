@@ -19,15 +19,15 @@ import defusedxml
 import pinocchio as pin
 from defusedxml.ElementTree import fromstring
 
-from calib.descriptions.packages import description_tree
+from calib.descriptions.packages import Packages, folders_to_search
 from calib.descriptions.xacro_file import expand_xacro
 from calib.errors import RobotModelError
 from calib.geometry.shapes import LinkShape
 from calib.robots.urdf_geometry import read_collision_shapes
-from calib.robots.urdf_kinematics import Kinematics, read_kinematics
+from calib.robots.urdf_kinematics import Kinematics, read_kinematics, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from xml.etree.ElementTree import Element
 
 LARGEST_URDF_BYTES = 20_000_000
@@ -46,12 +46,15 @@ class Description:
         The outermost element, name spaces of its elements removed.
     folders : tuple of Path
         Where the files lie that it may name.
+    packages : Packages
+        Those that it may name.
     notices : tuple of str
     """
 
     text: bytes
     root: Element
     folders: tuple[Path, ...]
+    packages: Packages
     notices: tuple[str, ...]
 
 
@@ -80,18 +83,18 @@ class Urdf:
     shapes: tuple[LinkShape, ...]
 
 
-def load_urdf(path: Path) -> Urdf:
-    """Read a URDF file, or a xacro file that expands to one.
+def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()) -> Urdf:
+    """Read a URDF file, or a xacro file that expands to one; see :func:`read_description`.
 
     Raises
     ------
     RobotModelError
         The file is missing, is no URDF, or something in it cannot be used.
     """
-    description = read_description(path)
+    description = read_description(path, packages, xacro_args)
     root = description.root
     kinematics = read_kinematics(root, path)
-    shapes, missing = read_collision_shapes(root, path, description.folders)
+    shapes, missing = read_collision_shapes(root, path, description.folders, description.packages)
     return Urdf(
         model=_build(kinematics, path),
         notices=(*description.notices, *missing),
@@ -101,31 +104,81 @@ def load_urdf(path: Path) -> Urdf:
     )
 
 
-def read_description(path: Path) -> Description:
+def read_description(
+    path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()
+) -> Description:
     """Read a URDF file, or a xacro file that expands to one, without looking at what it says.
+
+    Parameters
+    ----------
+    path : Path
+    packages : iterable of Path
+        Folders to search for the packages that it names, before those of the environment (see
+        :mod:`calib.descriptions.packages`).
+    xacro_args : iterable of str
+        Arguments of a xacro file, each ``NAME:=VALUE``; those not given have their defaults.
 
     Raises
     ------
     RobotModelError
-        The file is missing, too large, no well-formed XML, or no URDF.
+        The file is missing, too large, no well-formed XML, or no URDF; there is no such folder, or
+        there are arguments for a file that is no xacro.
     """
+    search, arguments = _folders(path, packages), _arguments(path, xacro_args)
     text = _read(path)
+    known = Packages(path, search)
     root = _parse(text, path)
     notices: tuple[str, ...] = ()
-    folders = [description_tree(path)]
+    folders = [known.tree]
     if path.suffix == ".xacro" or any("xacro" in str(element.tag) for element in root.iter()):
-        expanded = expand_xacro(path, LARGEST_URDF_BYTES)
+        expanded = expand_xacro(path, LARGEST_URDF_BYTES, search, arguments)
         text = expanded.text.encode()
         root = _parse(text, path)
         folders += expanded.folders
-        notices = ("expanded from xacro, every argument at its default",)
+        given = [f"{name}:={value}" for name, value in arguments.items()]
+        default = f"every {'other ' if given else ''}argument at its default"
+        notices = (", ".join(["expanded from xacro", *given, default]),)
+    elif arguments:
+        raise RobotModelError(
+            f"{path}: is no xacro file, and has no arguments",
+            hint="leave them out",
+            name=next(iter(arguments)),
+        )
     if root.tag != "robot":
         raise RobotModelError(
             f"{path}: the outermost element is <{root.tag}>, not <robot>",
             hint="is it an SDF or a MuJoCo model? convert it to a URDF first",
             name=str(path),
         )
-    return Description(text, root, tuple(folders), notices)
+    return Description(text, root, tuple(folders), known, notices)
+
+
+def _arguments(path: Path, words: Iterable[str]) -> dict[str, str]:
+    """Arguments by their names."""
+    given: dict[str, str] = {}
+    for word in words:
+        name, separator, value = word.partition(":=")
+        if not (name and separator) or name in given:
+            why = "is given twice" if name in given else "is not NAME:=VALUE"
+            raise RobotModelError(
+                f"{path}: the xacro argument {shown(word)} {why}",
+                hint='write each as xacro takes it: "prefix:=left_"',
+                name=name,
+            )
+        given[name] = value
+    return given
+
+
+def _folders(path: Path, packages: Iterable[Path]) -> tuple[Path, ...]:
+    given = tuple(packages)
+    for folder in given:
+        if not folder.is_dir():
+            raise RobotModelError(
+                f"{path}: {folder}, where packages are to be searched, is no folder",
+                hint="give the folder that the packages lie in, such as the src of a workspace",
+                name=str(folder),
+            )
+    return folders_to_search(given)
 
 
 def _read(path: Path) -> bytes:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
-from calib.descriptions.packages import find_package, is_inside
+from calib.descriptions.packages import Packages, is_inside
 from calib.errors import CalibError, RobotModelError
 from calib.geometry.shapes import Box, Capsule, Cylinder, LinkShape, Mesh, Solid, Sphere
 from calib.robots.urdf_kinematics import LARGEST_LENGTH_M, numbers, printable, shown
@@ -38,7 +38,7 @@ class _NoMesh(Exception):
 
 
 def read_collision_shapes(
-    root: Element, path: Path, folders: Sequence[Path]
+    root: Element, path: Path, folders: Sequence[Path], packages: Packages | None = None
 ) -> tuple[tuple[LinkShape, ...], list[str]]:
     """Read the ``<collision>`` elements of a URDF.
 
@@ -49,6 +49,8 @@ def read_collision_shapes(
         The file, to which file names in it are relative.
     folders : sequence of Path
         Folders that meshes may lie in (see :mod:`calib.descriptions.packages`).
+    packages : Packages, optional
+        Those that it may name; those around it by default.
 
     Returns
     -------
@@ -71,7 +73,7 @@ def read_collision_shapes(
             value=len(found),
             bound=MOST_BODIES,
         )
-    meshes = _Meshes(path, folders)
+    meshes = _Meshes(path, folders, packages or Packages(path))
     shapes: list[LinkShape] = []
     missing: dict[str, list[tuple[str, str]]] = {}
     taken: set[str] = set()
@@ -188,8 +190,8 @@ class _Reader:
 class _Meshes:
     """The meshes that a description names, each read once."""
 
-    def __init__(self, path: Path, folders: Sequence[Path]) -> None:
-        self._path, self._folders = path, list(folders)
+    def __init__(self, path: Path, folders: Sequence[Path], packages: Packages) -> None:
+        self._path, self._folders, self._packages = path, list(folders), packages
         self._read: dict[tuple[Path, tuple[float, float, float]], Mesh] = {}
 
     def get(self, name: str, scale: tuple[float, float, float]) -> Mesh:
@@ -223,9 +225,10 @@ class _Meshes:
             return self._path.resolve().parent / name, self._folders
         if scheme in ("package", "model"):
             package, _, inner = rest.partition("/")
-            folder = find_package(package, self._path)
+            folder = self._packages.find(package) or self._packages.find_above(package)
             if folder is None:
-                raise _NoMesh("mesh not found, package not among the folders above", name)
+                reason = "mesh not found, package not among the folders above or to search"
+                raise _NoMesh(reason, name)
             return folder / inner.lstrip("/"), [folder]
         if scheme == "file":
             host, slash, inner = rest.partition("/")

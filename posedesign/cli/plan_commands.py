@@ -71,12 +71,23 @@ def new(
     robot: Annotated[
         str | None, typer.Option(help="Preset or URDF file; default: the reference cell.")
     ] = None,
+    xacro_arg: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME:=VALUE", help="Argument of a xacro file; may be repeated."),
+    ] = None,
+    packages: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Folder to search for packages that the URDF names, before those of "
+            "ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; may be repeated."
+        ),
+    ] = None,
 ) -> int:
     """Print a commented cell.toml to start from."""
     from posedesign.cell import Cell
     from posedesign.template import cell_template
 
-    text = cell_template(robot)
+    text = cell_template(robot, packages=packages or (), xacro_args=xacro_arg or ())
     for said in Cell.from_text(text).robot.notices:
         note(f"note: {said}")
     show_file(text)

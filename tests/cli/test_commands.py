@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 
 from calib.robots import preset_names
+from posedesign.cell import Cell
+from posedesign.cell_file import cell_text
 from posedesign.cli import output
 from posedesign.config import CellConfig
 from posedesign.programs import read, validate
@@ -458,3 +460,40 @@ def test_trust_units_takes_small_degrees(cli: Cli, work: Path) -> None:
         ).code
         == 0
     )
+
+
+def test_new_of_a_xacro_file_with_arguments_and_packages(cli: Cli, tmp_path: Path) -> None:
+    """The cell reads the same again, wherever it is put, and a corrected description, too."""
+    pytest.importorskip("xacro")
+    package = tmp_path / "src" / "two" / "parts-main"
+    (package / "meshes").mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>parts</name></package>")
+    (package / "joint.xacro").write_text(
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:macro name="turn" params="k axis up"><link name="l${k}"/>'
+        '<joint name="$(arg prefix)j${k}" type="revolute"><parent link="l${k - 1}"/>'
+        '<child link="l${k}"/><origin xyz="0 0 ${up}"/><axis xyz="${axis}"/>'
+        '<limit lower="-2" upper="2" velocity="2"/></joint></xacro:macro></robot>'
+    )
+    axes = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
+    turns = "".join(
+        f'<xacro:turn k="{k}" axis="{axis}" up="0.3"/>' for k, axis in enumerate(axes, start=1)
+    )
+    arm = tmp_path / "src" / "one" / "arm.urdf.xacro"
+    arm.parent.mkdir()
+    arm.write_text(
+        '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:arg name="prefix" default=""/><xacro:include filename="$(find parts)/joint.xacro"/>'
+        f'<link name="l0"/>{turns}</robot>'
+    )
+    words = ("--xacro-arg", "prefix:=left_", "--packages", tmp_path / "src")
+    said = cli("new", "--robot", arm, *words)
+    assert said.code == 0, said.err
+    assert "note: expanded from xacro, prefix:=left_, every other argument" in said.err
+    cell = Cell.from_text(said.out)
+    assert cell.robot.joint_names[0] == "left_j1"
+    assert f'packages = ["{tmp_path / "src"}"]\nxacro_args = ["prefix:=left_"]\n' in said.out
+    assert Cell.from_text(cell_text(cell.config, tmp_path)).robot.joint_names[0] == "left_j1"
+    for words in (("--xacro-arg", "prefix"), ("--packages", arm)):
+        assert cli("new", "--robot", arm, *words).code == 2
+    assert cli("new", "--robot", "ur10e", "--xacro-arg", "prefix:=left_").code == 2

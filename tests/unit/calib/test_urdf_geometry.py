@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -222,7 +223,7 @@ def test_where_meshes_are_looked_for(read, package, meshes_read, name, where):
         *(
             (
                 f"package://{p}",
-                f"mesh not found, package not among the folders above: package://{p}",
+                f"mesh not found, package not among the folders above or to search: package://{p}",
             )
             for p in ("none/m.stl", "plain/m.stl", "../plain/m.stl", "/etc/passwd", "etc/passwd")
         ),
@@ -293,3 +294,51 @@ def test_packages_without_a_package_file(tmp_path, meshes_read, file, name, foun
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(arm(b=mesh(name)))
     assert len(Robot.from_urdf(path, tip="tool").bodies) == found
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path) -> Path:
+    """A description in one repository, its package of meshes in another under another name."""
+    for folder, name in (
+        ("src/one/arm_description-humble", "arm_description"),
+        ("src/two/deep/hands", "grippers"),
+    ):
+        (tmp_path / folder / "meshes").mkdir(parents=True)
+        (tmp_path / folder / "meshes" / "m.stl").write_text("mesh")
+        text = f"<package format='3'>\n  <name> {name} </name></package>"
+        (tmp_path / folder / "package.xml").write_text(text)
+    path = tmp_path / "src/one/arm_description-humble/urdf/arm.urdf"
+    path.parent.mkdir()
+    path.write_text(
+        arm(
+            a=mesh("package://arm_description/meshes/m.stl"),
+            b=mesh("package://grippers/meshes/m.stl"),
+        )
+    )
+    return path
+
+
+def test_a_package_that_was_cloned_under_another_name(elsewhere, meshes_read):
+    """Its ``package.xml`` says its name; a package in a neighbouring repository has to be told."""
+    robot = Robot.from_urdf(elsewhere, tip="tool")
+    assert [body.name for body in robot.bodies] == ["a"]
+    assert "package not among the folders above or to search: package://grip" in robot.notices[0]
+
+
+@pytest.mark.parametrize("how", ["given", "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"])
+def test_folders_to_search_for_packages(elsewhere, meshes_read, monkeypatch, how):
+    source = elsewhere.parents[3]
+    if how == "AMENT_PREFIX_PATH":
+        (source.parent / "share").symlink_to(source)
+        source = source.parent
+    if how != "given":
+        monkeypatch.setenv(how, os.pathsep.join(("", "/none/such", str(source))))
+    packages = [source] if how == "given" else []
+    robot = Robot.from_urdf(elsewhere, tip="tool", packages=packages)
+    assert [body.name for body in robot.bodies] == ["a", "b"]
+    assert not any("no collision geometry" in said for said in robot.notices)
+
+
+def test_a_folder_to_search_that_is_none(elsewhere):
+    with pytest.raises(RobotModelError, match="where packages are to be searched, is no folder"):
+        Robot.from_urdf(elsewhere, packages=[elsewhere])

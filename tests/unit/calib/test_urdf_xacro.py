@@ -88,6 +88,53 @@ def test_meshes_of_packages_that_were_found(read, folder):
     assert read(text).notices[1] == f"no collision geometry for a: mesh not found: {place}"
 
 
+@pytest.mark.parametrize("above", ["ws", "home"])
+def test_a_folder_above_is_no_package_by_its_name_alone(folder, read, above):
+    """``$(find home)/.netrc`` of a file somewhere below: its text would stand in the cell."""
+    place = folder.parents[1].rename(folder.parents[2] / above)
+    (place / ".netrc").write_text("password: secret")
+    path = place / "arm" / "urdf" / "arm.xacro"
+    inside = f"<link name=\"${{load_yaml('$(find {above})/.netrc')}}\"/>"
+    path.write_text(robot(inside))
+    with pytest.raises(RobotModelError, match=f"package {above} is not among") as caught:
+        Robot.from_urdf(path)
+    assert "secret" not in str(caught.value)
+
+
+def test_arguments(folder):
+    path = folder / "arm.xacro"
+    path.write_text(robot(ARM))
+    arm = Robot.from_urdf(path, tip="c", xacro_args=["prefix:=right_"])
+    assert arm.joint_names == ("right_j1", "right_j2")
+    told = "expanded from xacro, prefix:=right_, every other argument at its default"
+    assert arm.notices == (told,)
+    with pytest.raises(RobotModelError, match=r"no argument prefx \(known: prefix\)"):
+        Robot.from_urdf(path, tip="c", xacro_args=["prefx:=right_"])
+    for words in (["prefix"], [":=a"], ["a:=b", "a:=c"]):
+        with pytest.raises(RobotModelError, match=r"the xacro argument .* (is not NAME|twice)"):
+            Robot.from_urdf(path, tip="c", xacro_args=words)
+    (folder / "bare.urdf").write_text("<robot name='arm'><link name='a'/></robot>")
+    with pytest.raises(RobotModelError, match="is no xacro file, and has no arguments"):
+        Robot.from_urdf(folder / "bare.urdf", xacro_args=["prefix:=right_"])
+
+
+def test_packages_of_other_repositories(folder, monkeypatch):
+    """By the name that ``package.xml`` says, in a folder to search or in the environment."""
+    parts = folder.parents[1] / "parts"
+    parts.rename(folder.parents[2] / "parts-2.0")
+    parts = folder.parents[2] / "parts-2.0"
+    (parts / "package.xml").write_text("<package><name>parts</name></package>")
+    (folder.parents[2] / "other").mkdir()
+    parts = parts.rename(folder.parents[2] / "other" / "parts-2.0")
+    path = folder / "arm.xacro"
+    path.write_text(robot(ARM))
+    with pytest.raises(RobotModelError, match="package parts is not among the folders above"):
+        Robot.from_urdf(path, tip="c")
+    assert Robot.from_urdf(path, tip="c", packages=[parts.parent]).n == 2
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(parts.parent))
+    assert Robot.from_urdf(path, tip="c").n == 2
+
+
 def test_the_checks_of_a_urdf_hold_for_what_comes_out(read):
     with pytest.raises(RobotModelError, match="joint 'left_j2' has its limits reversed"):
         read(ARM.replace("${sizes['turn']}", "-1"))

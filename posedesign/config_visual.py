@@ -16,9 +16,11 @@ class TouchUpSection(Section):
     """The loop of visual touch-up.
 
     ``approach_deg``: the last movement of every stop, more than the lost motion of a reducer (one
-    arc minute is 0.017 deg); 0 for none. ``correct_tilt``: take off what the tilt of the target
-    does to its ellipse. ``repeats``: touch-ups that the noise is measured by; 0 to take that of
-    the file. ``inch_deg``: how far the arm turns about the target to find camera and target.
+    arc minute is 0.017 deg); 0 for none. ``shown_within_deg``: how far joints may be shown off what
+    was commanded, by rounding, width of fine positions, and lost motion where encoders see it.
+    ``correct_tilt``: take off what the tilt of the target does to its ellipse. ``repeats``:
+    touch-ups that the noise is measured by; 0 to take that of the file. ``inch_deg``: how far the
+    arm turns about the target to find camera and target.
     """
 
     center_px: Annotated[float, Field(strict=True, ge=1e-3, le=50)] = 0.1
@@ -27,6 +29,7 @@ class TouchUpSection(Section):
     farthest_mm: Annotated[float, Field(strict=True, ge=1, le=1000)] = 100.0
     looks: Count = 1
     approach_deg: Annotated[float, Field(strict=True, ge=0, le=5)] = 0.2
+    shown_within_deg: Annotated[float, Field(strict=True, ge=1e-3, le=2)] = 0.1
     correct_tilt: StrictBool = True
     repeats: Annotated[int, Field(strict=True, ge=0, le=100)] = 10
     inch_deg: Annotated[float, Field(strict=True, ge=2, le=40)] = 15.0

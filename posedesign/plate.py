@@ -107,7 +107,9 @@ class PlateTest:
         targets[:, :3, 3] += plate_points() @ R.T
         every = np.tile(targets, (trials, 1, 1))
         q = np.tile(found, (trials, 1))
-        arms = SimulatedArms(replace(truth, T_base_target=every), observer, len(q), rng)
+        arms = SimulatedArms(
+            replace(truth, T_base_target=every), observer, len(q), rng, cell.base_posture
+        )
         approach = np.deg2rad(cell.config.touch_up.approach_deg)
         done = touch_up(Drive(cell.robot, arms, approach), q, jacobian, loop)
         if not done.touched.all():

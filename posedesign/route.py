@@ -113,6 +113,12 @@ class Router:
         moving = moving_time_s(path, self._speeds, ACCELERATION_S) if self._timed else np.nan
         return Route(stops, lost, moving, self.options.dwell_s)
 
+    def between(self, start: FloatArray, end: FloatArray) -> list[FloatArray] | None:
+        """Postures to pass from one ``(n,)`` to another [rad]; None where no clear way is found."""
+        self._passages.check([(start, end)])
+        through = self._passages.through(start, end, [])
+        return None if through is None else self._passages.in_steps([start, *through, end])[1:-1]
+
     def _places(self, postures: FloatArray) -> tuple[_Places, dict[int, str]]:
         """The base posture and the poses, and which of these have no approach."""
         at, closed = np.vstack([self._start, postures]), self.options.return_to_base

@@ -155,6 +155,7 @@ iterations = 10
 farthest_mm = 100.0               # a loop that moves the tip farther has run away
 looks = 1                         # pictures whose mean is taken
 approach_deg = 0.2                # last movement of all joints, always to the same side; 0: none
+shown_within_deg = 0.1            # joints that the controller shows farther off end the calibration
 correct_tilt = true               # take off what a tilt does to the ellipse of a circle
 repeats = 10                      # touch-ups of the base pose that the noise is measured by
 inch_deg = 15.0                   # how far the arm turns about the target to find it

@@ -16,10 +16,19 @@ class RobotAdapter(ABC):
 
     Joint values are those of the robot description, signs and zeros of the URDF, in radians.
     Nothing else is asked of a robot: the controller's Cartesian moves are not needed, and what the
-    arm really does is never known. An adapter that cannot do what it is asked to raises a
-    :class:`~calib.errors.CalibError` that says why; the calibration then stops, and goes on from
-    the same place when it is started again.
+    arm really does is never known. Every move is checked, before it is commanded and by the joints
+    that are shown after it: see :class:`~calib.visual.drive.Drive`. An adapter that cannot do what
+    it is asked to raises a :class:`~calib.errors.CalibError` that says why; the calibration then
+    stops, and goes on from the same place when it is started again.
+
+    Attributes
+    ----------
+    shows_before_moving : bool
+        Whether :meth:`joints` knows where the arm stands before its first move, so that the motion
+        from there can be checked.
     """
+
+    shows_before_moving: bool = True
 
     @abstractmethod
     def move(self, q: FloatArray) -> None:

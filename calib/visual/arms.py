@@ -39,7 +39,7 @@ class Arms(Protocol):
         ...
 
     def joints(self, which: IntArray) -> FloatArray:
-        """Joint values ``(K, n)`` [rad] that their controllers show."""
+        """Joint values ``(K, n)`` [rad] that their controllers show; NaN where that is nothing."""
         ...
 
     def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
@@ -67,6 +67,7 @@ class OneArm:
         self._robot = robot
         self._dark = dark
         self._size: tuple[int, int] | None = None
+        self._moved = False
         self._last: GreyImage | None = None
         self._before: tuple[FloatArray, GreyImage] | None = None
 
@@ -82,10 +83,13 @@ class OneArm:
         """See :meth:`Arms.move`."""
         self._last = None
         for posture in q:
-            self._robot.move(posture)
+            self._moved = True
+            self._robot.move(posture.copy())
 
     def joints(self, which: IntArray) -> FloatArray:
         """See :meth:`Arms.joints`."""
+        if not (self._moved or self._robot.shows_before_moving):
+            return np.full((len(which), 1), np.nan)
         return np.array([self._shown() for _ in which])
 
     def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
@@ -134,8 +138,8 @@ class OneArm:
         """Joint values that are finite numbers."""
         given = self._robot.joints()
         try:
-            joints = np.asarray(given, dtype=float)
-        except (TypeError, ValueError):
+            joints = np.array(given, dtype=float)
+        except (TypeError, ValueError, OverflowError):
             joints = np.empty(0)
         if joints.ndim != 1 or not joints.size or not np.isfinite(joints).all():
             raise InputError(

@@ -243,6 +243,7 @@ class _Run:
         ]
         self._ended("too far", which, far)
         near = away <= self.loop.farthest_m
-        reasons = self.drive.to_pose(self.active, here[near], wanted[near])
+        planned = self.q[self.active]
+        reasons = self.drive.to_pose(self.active, here[near], wanted[near], planned)
         self._ended("no posture", self.active, reasons)
         self.moves[self.active] += 1

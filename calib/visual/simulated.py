@@ -193,6 +193,10 @@ class SimulatedArms:
         T = self.T_camera_target(np.array([arm]))[0]
         return self._observer.grab(T, self._rng)
 
+    def stand(self, which: IntArray, q: FloatArray) -> None:
+        """Stand where an earlier rehearsal has left the arms ``(K, n)`` [rad]."""
+        self._motors[which] = q
+
     def reseed(self, rng: np.random.Generator) -> None:
         """Take all noise from another generator from now on."""
         self._rng = rng

@@ -78,7 +78,9 @@ class Station:
 
     def pass_through(self, name: str, q: FloatArray) -> None:
         """Move to a posture ``(n,)`` [rad] at which nothing is measured."""
-        self.drive.to_posture(_ONLY, q[None])
+        reason = self.drive.to_posture(_ONLY, q[None])[0]
+        if reason:
+            self.drive.tell(f"{name} was not passed through: {reason}")
 
     def rest(self) -> None:
         """Nothing more is asked for."""

@@ -21,12 +21,11 @@ from calib.errors import CalibError, InputError, OutputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from calib.visual.adapter import RobotAdapter
 from calib.visual.arms import Arms, OneArm
-from calib.visual.drive import Drive
 from posedesign.calibration.folder_robot import FolderRobot
 from posedesign.calibration.journal import Journal
 from posedesign.calibration.kept_station import KeptStation
+from posedesign.calibration.moving import drive_of
 from posedesign.calibration.process import TOUCH_UPS, Calibration, Progress, calibrate, loop_of
-from posedesign.calibration.refusing import refusals_of
 from posedesign.cell import Cell
 from posedesign.files import make_folder
 from posedesign.locking import held
@@ -216,9 +215,7 @@ def _calibrate(
             if len(journal):
                 count = f"{len(journal)} measurement" + "s" * (len(journal) > 1)
                 warn(f"going on from {count} in {journal.path}; anew: --restart")
-            approach = float(np.deg2rad(cell.config.touch_up.approach_deg))
-            drive = Drive(cell.robot, arms, approach, refusals_of(cell))
-            station = KeptStation(drive, journal, seed)
+            station = KeptStation(drive_of(cell, arms, warn), journal, seed)
             return calibrate(cell, station, out, source=source, progress=progress, warn=warn)
 
 

@@ -28,7 +28,9 @@ import numpy as np
 from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray
 from calib.visual.adapter import RobotAdapter
+from calib.visual.shown_joints import check_shown
 from posedesign.calibration.exchange_folder import ExchangeFolder, number_of
+from posedesign.calibration.moving import shown_within_rad
 from posedesign.calibration.picture_file import ENDINGS, read_picture
 from posedesign.cell import Cell
 from posedesign.files import write_text_atomic
@@ -39,11 +41,6 @@ from posedesign.tables import PoseList, read_robot_poses, write_pose_list
 
 if TYPE_CHECKING:
     from calib.camera.rendering import GreyImage
-
-FAR_DEG = 0.1
-"""Joints that differ by more from what was commanded are not those of this move. Controllers stop
-within some thousandths of a degree of a fine position and show hundredths at least; a hand on the
-jog keys, or a pendant's J3 in the column of the URDF's, moves a joint by far more."""
 
 MOST_MOVES = 9999
 """Names of programs have eight characters on the oldest controllers: MOVE and four digits."""
@@ -131,6 +128,11 @@ class FolderRobot(RobotAdapter):
         self._seen = self._dialect.seen(self._arm)
         self._exchange = ExchangeFolder(Path(folder), timeout_s, poll_s)
         self._move: _Move | None = None
+
+    @property
+    def shows_before_moving(self) -> bool:  # type: ignore[override]
+        """False until a move was answered: nobody has said where the arm stands."""
+        return self._move is not None
 
     def move(self, q: FloatArray) -> None:
         """Write the program that moves the joints to ``(n,)`` [rad]; results are waited for later.
@@ -272,18 +274,15 @@ class FolderRobot(RobotAdapter):
 
     def _near(self, made: _Move, shown: FloatArray, path: Path) -> FloatArray:
         """The same joint values ``(n,)`` [rad], refused where they are not those of the move."""
-        off = np.rad2deg(np.abs(shown - made.posture))
-        worst = int(np.argmax(off))
-        if off[worst] > FAR_DEG:
-            joint = self._cell.robot.joint_names[worst]
-            raise InputError(
-                f"{path}: {joint} is {off[worst]:.3g} deg off what move {made.number} commands",
-                hint="was the arm moved, or is it of another move? Values of a pendant stand in "
-                "columns pendant_j1_deg ..",
-                name=joint,
-                value=float(np.rad2deg(shown[worst])),
-                bound=float(np.rad2deg(made.posture[worst])),
-            )
+        check_shown(
+            self._cell.robot,
+            made.posture,
+            shown,
+            shown_within_rad(self._cell),
+            event=f"in {path}, where move {made.number} commands",
+            hint="was the arm moved, or is it of another move? Values of a pendant stand in "
+            "columns pendant_j1_deg ..",
+        )
         return shown
 
     def _in_table(self, made: _Move, path: Path) -> FloatArray:

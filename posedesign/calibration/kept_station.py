@@ -23,6 +23,8 @@ _STATUS: tuple[Status, ...] = get_args(Status)
 
 T = TypeVar("T")
 
+_ONLY = np.zeros(1, dtype=np.intp)
+
 
 class KeptStation(Station):
     """A station whose measurements are kept in a journal and never made twice.
@@ -43,6 +45,7 @@ class KeptStation(Station):
         self._image_px: tuple[int, int] | None = None
         self._passing: list[tuple[str, FloatArray]] = []
         self._has_moved = False
+        self._left: FloatArray | None = None
 
     @property
     def image_px(self) -> tuple[int, int]:
@@ -168,10 +171,16 @@ class KeptStation(Station):
             return measure()
 
         answer = self._journal.recall(name, asked, move_and_measure, read)
+        self._left = answer.q[0] if isinstance(answer, TouchUps) else asked[: self.drive.robot.n]
         self._passing.clear()
         return answer
 
     def _prepare(self, name: str) -> None:
+        if not self._has_moved and self._left is not None and np.isfinite(self._left).all():
+            self.drive.was_left_at(_ONLY, self._left[None])
+            stand = getattr(self.drive.arms, "stand", None)
+            if stand is not None:
+                stand(_ONLY, self._left[None])
         self._has_moved = True
         self._pass()
         reseed = getattr(self.drive.arms, "reseed", None)

@@ -30,6 +30,9 @@ class Unmoved:
     def image_px(self) -> tuple[int, int]:
         raise InputError("there was no move yet")
 
+    def joints(self, which: IntArray) -> FloatArray:
+        return np.zeros((1, 6))
+
     def move(self, which: IntArray, q: FloatArray) -> None:
         raise AssertionError("was moved")
 
@@ -52,12 +55,15 @@ class Moved:
     def move(self, which: IntArray, q: FloatArray) -> None:
         self.visited.extend(q)
 
+    def joints(self, which: IntArray) -> FloatArray:
+        return np.array(self.visited[-1:] or np.zeros((1, 6)))
+
     def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
         return Views(np.ones((1, 5)), ("",))
 
 
-def refuses(q: FloatArray) -> list[str]:
-    return ["the arm would hit the floor"] * len(q)
+def refuses(start: FloatArray, end: FloatArray) -> list[str]:
+    return ["the arm would hit the floor"] * len(end)
 
 
 def test_a_refused_move_is_told_and_no_picture_asked_for(

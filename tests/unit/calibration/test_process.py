@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+import posedesign
 from calib.camera import MeasurementNoise
 from calib.errors import ConvergenceError, UnreachableError
 from calib.se3 import FloatArray, IntArray, inverse
-from calib.visual.drive import Drive
 from calib.visual.simulated import SimulatedArms
 from posedesign.calibration.journal import Journal
 from posedesign.calibration.kept_station import KeptStation
+from posedesign.calibration.moving import drive_of, refusals_of
 from posedesign.calibration.process import Calibration, calibrate
-from posedesign.calibration.refusing import refusals_of
 from posedesign.cell import Cell
 from posedesign.measurement_table import read_measurements
 from posedesign.rehearsal import true_cell, true_observer
@@ -27,6 +27,7 @@ Whole = tuple[Calibration, Path, int]
 """What was found, where, and how many moves it took."""
 
 SEED = 7
+ONE = np.zeros(1, dtype=np.intp)
 NOISE = MeasurementNoise.from_sigma([0.005, 0.005, 0.012])
 QUICK = {"parameters": {"models": [["zero_offsets"], ["zero_offsets", "compliance"]]}}
 
@@ -42,6 +43,7 @@ class StoppingArms:
         self._arms = arms
         self._moves = moves
         self.made = 0
+        self.visited: list[FloatArray] = []
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._arms, name)
@@ -51,6 +53,7 @@ class StoppingArms:
         if self._moves is not None and self.made > self._moves:
             raise StoppedError
         self._arms.move(which, q)
+        self.visited.extend(q)
 
 
 def arms_of(cell: Cell) -> SimulatedArms:
@@ -64,11 +67,9 @@ def station_of(
     cell: Cell, out: Path, moves: int | None = None, arms: StoppingArms | None = None
 ) -> Iterator[KeptStation]:
     driven = arms or StoppingArms(arms_of(cell), moves)
-    approach = np.deg2rad(cell.config.touch_up.approach_deg)
-    drive = Drive(cell.robot, driven, approach, refusals_of(cell))
     out.mkdir(exist_ok=True)
     with Journal(out / "journal.jsonl", "test") as journal:
-        yield KeptStation(drive, journal, SEED)
+        yield KeptStation(drive_of(cell, driven), journal, SEED)
 
 
 @pytest.fixture(scope="module")
@@ -238,10 +239,31 @@ def test_blind_in_step_two(cell: Cell, tmp_path: Path) -> None:
 def test_moves_into_what_stands_around_are_refused(demo_cell: Cell) -> None:
     cell = demo_cell
     refuses = refusals_of(cell)
-    q = np.tile(cell.base_posture, (3, 1))
+    q = np.tile(cell.base_posture, (2, 1))
     q[1, 1] += np.deg2rad(25.0)  # the upper arm down: the gun into the fixture or the floor
-    q[2, 0] = cell.robot.upper[0] + 0.1
-    free, into, beyond = refuses(q)
-    assert free == ""
-    assert "mm" in into
-    assert "joint_1" in beyond or "J1" in beyond
+    for start in (np.tile(cell.base_posture, (2, 1)), np.full((2, 6), np.nan)):
+        free, into = refuses(start, q)
+        assert free == ""
+        assert "mm" in into
+
+
+def test_a_motion_that_is_not_clear_from_where_the_arm_stands(demo_cell: Cell) -> None:
+    """Either end is: between them the fixture stands. Another way is taken, past the base pose."""
+    cell = demo_cell
+    plan = posedesign.plan(cell)
+    refuses = refusals_of(cell)
+    blocked = [
+        (a, b)
+        for a in plan.postures
+        for b in plan.postures
+        if refuses(a[None], b[None])[0].startswith("on the way, ")
+    ]
+    assert blocked
+    arms = arms_of(cell)
+    arms.stand(ONE, blocked[0][0][None])
+    made = StoppingArms(arms, None)
+    drive = drive_of(cell, made)
+    assert drive.to_posture(ONE, blocked[0][1][None]) == [""]
+    assert made.made > 2
+    path = np.array([blocked[0][0], *made.visited])
+    assert not any(refuses(path[:-1], path[1:]))

@@ -15,6 +15,7 @@ from calib.parameters import TargetPoints, ToolPoint, ZeroOffsets
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_exp, transform
 from calib.visual.drive import Drive
+from calib.visual.jacobian import ImageJacobian, measure_jacobian
 from calib.visual.relation import Relation
 from calib.visual.simulated import LostMotion, SimulatedArms, TrueCell
 from tests.visual_cells import preset, usual_posture
@@ -87,3 +88,9 @@ def make_bench() -> Callable[..., Bench]:
 def bench(make_bench: Callable[..., Bench]) -> Bench:
     """The ideal one."""
     return make_bench()
+
+
+@pytest.fixture(scope="session")
+def jacobian(bench: Bench) -> ImageJacobian:
+    """Of the ideal bench."""
+    return measure_jacobian(bench.drive(), bench.q, bench.relation, 0.01, both_ways=True).jacobian

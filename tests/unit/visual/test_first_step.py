@@ -195,7 +195,7 @@ def test_turns_that_are_refused_are_noted(make_bench) -> None:
     """Where the arm may hardly turn, there are too few touch-ups, and it is said why."""
     bench = make_bench()
 
-    def fence(q: FloatArray) -> list[str]:
+    def fence(start: FloatArray, q: FloatArray) -> list[str]:
         R = bench.robot.fk(q)[:, :3, :3] @ bench.robot.fk(bench.q)[:3, :3].T
         angle = np.arccos(np.clip((np.trace(R, axis1=1, axis2=2) - 1) / 2, -1, 1))
         return ["the fence is in the way" * bool(a > np.deg2rad(1.2)) for a in angle]
@@ -203,6 +203,6 @@ def test_turns_that_are_refused_are_noted(make_bench) -> None:
     drive = Drive(bench.robot, bench.arms(), APPROACH, fence)
     said = refused(find_set_up(Station(drive), bench.q, Loop()))
     assert "touch-ups around the target succeeded" in said or "could not turn enough" in said
-    everywhere = Drive(bench.robot, bench.arms(), APPROACH, lambda q: ["no"] * len(q))
+    everywhere = Drive(bench.robot, bench.arms(), APPROACH, lambda start, end: ["no"] * len(end))
     said = refused(find_set_up(Station(everywhere), bench.q, Loop()))
     assert said == "the target is not seen from the taught posture: no"

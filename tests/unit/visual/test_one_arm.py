@@ -131,6 +131,8 @@ def test_station_looks_where_it_is_asked(bench, robot) -> None:
     q = bench.q + np.deg2rad([0.3, 0, 0, 0, 0, 0])
     assert station.look("here", q).seen[0]
     assert np.array_equal(robot.q, q)
-    closed = Station(Drive(bench.robot, OneArm(robot), 0.0, lambda q: ["no way"] * len(q)))
+    closed = Station(
+        Drive(bench.robot, OneArm(robot), 0.0, lambda start, end: ["no way"] * len(end))
+    )
     assert closed.look("there", bench.q).reasons == ("no way",)
     assert np.array_equal(robot.q, q)

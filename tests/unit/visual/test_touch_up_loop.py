@@ -18,12 +18,6 @@ from calib.visual.servo import Loop, touch_up
 ONE = np.zeros(1, dtype=np.intp)
 
 
-@pytest.fixture(scope="module")
-def jacobian(bench) -> ImageJacobian:
-    """Of the ideal bench."""
-    return measure_jacobian(bench.drive(), bench.q, bench.relation, 0.01, both_ways=True).jacobian
-
-
 def beside(bench, shift_m) -> np.ndarray:
     """The posture ``(n,)`` a shift ``(..., 3)`` of the tip from the base posture."""
     T = shifted(bench.robot.fk(bench.q), np.atleast_2d(shift_m))
@@ -87,7 +81,8 @@ def test_farthest_ends_the_loop(bench, jacobian) -> None:
 
 
 def test_refused_posture_is_no_posture(bench, jacobian) -> None:
-    drive = Drive(bench.robot, bench.arms(), 0.0, lambda q: ["behind the fence"] * len(q))
+    fence = ["behind the fence"]
+    drive = Drive(bench.robot, bench.arms(), 0.0, lambda start, end: fence * len(end))
     done = touch_up(drive, beside(bench, [0.01, 0.0, 0.0]), jacobian, Loop())
     assert done.status == ("no posture",)
     assert done.reasons == ("behind the fence",)

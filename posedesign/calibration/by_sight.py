@@ -215,6 +215,8 @@ def _calibrate(
             if len(journal):
                 count = f"{len(journal)} measurement" + "s" * (len(journal) > 1)
                 warn(f"going on from {count} in {journal.path}; anew: --restart")
+            for notice in (*cell.robot.notices, *cell.notices):
+                warn(notice)
             station = KeptStation(drive_of(cell, arms, warn), journal, seed)
             return calibrate(cell, station, out, source=source, progress=progress, warn=warn)
 

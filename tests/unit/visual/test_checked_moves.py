@@ -126,7 +126,8 @@ def test_more_than_half_a_turn_from_where_it_was_left() -> None:
     """A planned motion may turn a joint by more: the arm goes on with it where it was stopped."""
     left, asked = usual_posture("ur10e").copy(), usual_posture("ur10e").copy()
     left[5], asked[5] = np.deg2rad([-120.0, 110.0])
-    for shown_deg, turned in ((-120.0, True), (40.0, True), (230.0, True), (240.0, False), (-330.0, False)):
+    goes_on = {-120.0: True, 40.0: True, 230.0: True, 240.0: False, -330.0: False}
+    for shown_deg, turned in goes_on.items():
         shown = left.copy()
         shown[5] = np.deg2rad(shown_deg)
         robot = Lying(shown, lambda q, before: q)

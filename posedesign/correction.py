@@ -29,11 +29,12 @@ from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.checks import refuse_hand_eye
 from posedesign.csv_tables import read_rows, write_table
-from posedesign.files import make_folder, write_bytes_atomic
+from posedesign.files import Results, write_bytes_atomic
 from posedesign.identification_file import IdentifiedModel, read_identification
 from posedesign.mastering import Mastering, mastering
 from posedesign.measurement_table import TOOL, MeasurementTable
 from posedesign.models import candidates
+from posedesign.origin import rehearsed
 from posedesign.pose_plan import PoseStatus
 from posedesign.postures_table import joint_columns, pendant_columns
 from posedesign.tables import POSE_AXES, PoseList, read_poses
@@ -42,6 +43,13 @@ from posedesign.task_box import COLUMNS, BoxAccuracy, TaskBox, predict_box
 OTHER_TOOL_M = 0.02
 """Distance of the identified tool point from the cell's beyond which it is another point: of a
 reflector, say. No tool is known as badly as that."""
+
+CORRECTION = (
+    ("corrected.urdf", "corrected description"),
+    ("mastering.csv", "mastering"),
+    ("corrected_poses.csv", "corrected poses"),
+)
+PREDICTION = ("predicted_accuracy.csv", "predicted accuracy")
 
 ONLY_ONE = (
     "use one of them: master the arm, or take the corrected poses, or plan with the corrected "
@@ -83,7 +91,7 @@ def correct(
     cell: Cell,
     cell_file: Path,
     identification: Path,
-    out: Path,
+    out: Path | Results,
     *,
     poses: Path | None = None,
     name: str | None = None,
@@ -98,7 +106,7 @@ def correct(
         Where it was read from: its robot's URDF is named relative to it.
     identification : Path
         An ``identification.json``.
-    out : Path
+    out : Path or Results
     poses : Path, optional
         A ``poses.csv``.
     name : str, optional
@@ -113,6 +121,8 @@ def correct(
     InputError
         A model that says nothing of the arm.
     """
+    wanted = CORRECTION if poses is not None else CORRECTION[:2]
+    claims = Results.of(out, "correct").claim("computed", *wanted, inputs=[identification])
     identified = read_identification(identification, cell, name)
     model, x = identified.model, identified.x
     if model.nuisance.all():
@@ -136,13 +146,13 @@ def correct(
         point, setup, said = _meant(cell, identified, len(listed.names))
         notes += said
         compensated = compensate(model, x, postures=listed.postures, point=point, setup=setup)
-    make_folder(out)
-    files = [write_bytes_atomic(out / "corrected.urdf", text)]
+    warned = rehearsed([identification])
+    files = [write_bytes_atomic(claims[0], text)]
     rows = table.rows()
-    files.append(write_table(out / "mastering.csv", list(rows[0]), rows))
+    files.append(write_table(claims[1], list(rows[0]), rows, [warned] if warned else []))
     if poses is not None and listed is not None and compensated is not None:
         columns, corrected = _pose_rows(cell, poses, listed, compensated)
-        files.append(write_table(out / "corrected_poses.csv", columns, corrected))
+        files.append(write_table(claims[2], columns, corrected, [warned] if warned else []))
     return Correction(identified, robot, table, listed, compensated, tuple(notes), tuple(files))
 
 
@@ -211,7 +221,7 @@ def _wpr_deg(T: FloatArray) -> FloatArray:
 
 
 def predict(
-    cell: Cell, poses: PoseList, box: TaskBox, out: Path, name: str | None = None
+    cell: Cell, poses: PoseList, box: TaskBox, out: Path | Results, name: str | None = None
 ) -> BoxAccuracy:
     """Predict the accuracy over a box of what a pose list will identify.
 
@@ -228,6 +238,7 @@ def predict(
     UnreachableError
         No point of the box can be reached.
     """
+    (file,) = Results.of(out, "predict").claim("computed", PREDICTION)
     refuse_hand_eye(cell, "a prediction over a box")
     model, q = cell.model(), poses.measured.postures
     data = touch_ups(q, targets=model.targets)
@@ -237,8 +248,7 @@ def predict(
     check_identifiable_at(model, data, model.nominal)
     covariance = covariance_of(model, q, weighted=cell.config.measurement.weighted)
     found = predict_box(cell, model, covariance, box)
-    make_folder(out)
-    write_table(out / "predicted_accuracy.csv", [*COLUMNS, "reason"], found.rows())
+    write_table(file, [*COLUMNS, "reason"], found.rows())
     return found
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from calib.errors import FileFormatError, near_names
 from calib.se3 import FloatArray
-from posedesign.files import read_bytes_bounded, write_text_atomic
+from posedesign.files import StrPath, read_bytes_bounded, write_text_atomic
 
 LARGEST_CSV_BYTES = 50_000_000
 DECIMALS = 9
@@ -78,7 +78,7 @@ def as_read(text: str) -> str:
 
 
 def write_table(
-    path: Path,
+    path: StrPath,
     columns: Sequence[str],
     rows: Iterable[Mapping[str, object]],
     comments: Sequence[str] = (),

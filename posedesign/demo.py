@@ -11,13 +11,20 @@ from calib.se3 import FloatArray
 from posedesign.accuracy_study import AccuracyStudy, accuracy_study, effective_truth
 from posedesign.before_after import Identified
 from posedesign.cell import Cell
-from posedesign.files import make_folder, write_text_atomic
+from posedesign.files import Results, write_text_atomic
 from posedesign.pairs_results import SolverOutcome
 from posedesign.pose_plan import PosePlan
 from posedesign.programming import WrittenProgram, program_options, write_program
 from posedesign.tables import read_poses
 from posedesign.template import cell_template
 from posedesign.workflow import (
+    IDENTIFICATION,
+    PAIRS,
+    POSES,
+    ROBOT_WORLD,
+    ROUNDS,
+    STUDY,
+    TOUCH_UPS,
     camera_noise,
     identify_file,
     plan_poses,
@@ -52,32 +59,38 @@ class DemoResults:
 
 
 def run_demo(
-    out: Path, *, draws: int = 50, progress: Callable[[str, float], None] = lambda what, part: None
+    out: Path | Results,
+    *,
+    draws: int = 50,
+    progress: Callable[[str, float], None] = lambda what, part: None,
 ) -> DemoResults:
     """Write a cell, plan, write the program, touch up, identify, solve AX=ZB, and study.
 
     Parameters
     ----------
-    out : Path
-        Folder for the files; files of an earlier run in it are replaced.
+    out : Path or Results
+        Folder for the files; those of an earlier run in it are replaced.
     draws : int
         Noise draws for each pose set of the study.
     progress : callable
         Called with what is being done and the part of all work that is done.
     """
-    make_folder(out)
-    path = write_text_atomic(out / "cell.toml", cell_template())
+    results = out if isinstance(out, Results) else Results(out, "demo", remakes=True)
+    (file,) = results.claim("computed", ("cell.toml", "reference cell"))
+    results.claim("planned", POSES, ROUNDS)
+    results.claim("simulated", TOUCH_UPS, PAIRS, IDENTIFICATION, *ROBOT_WORLD, *STUDY)
+    path, folder = write_text_atomic(file, cell_template()), results.folder
     progress("planning", 0.0)
     cell = Cell.load(path)
-    plan = plan_poses(cell, out)
-    poses = read_poses(out / "poses.csv", cell.robot.n)
+    plan = plan_poses(cell, results)
+    poses = read_poses(folder / "poses.csv", cell.robot.n)
     name = cell.config.program.name
-    program = write_program(poses, out, "fanuc-ls", program_options(cell, poses), name, cell)
+    program = write_program(poses, folder, "fanuc-ls", program_options(cell, poses), name, cell)
     progress("touching up", 0.05)
-    robot = simulate(cell, poses, out)
-    identification = identify_file(cell, out / "touchups.csv", out)
+    robot = simulate(cell, poses, results)
+    identification = identify_file(cell, folder / "touchups.csv", results)
     progress("solving A X = Z B", 0.1)
-    robot_world = solve_file(out / "pairs.csv", out, noise=camera_noise(cell))
+    robot_world = solve_file(folder / "pairs.csv", results, noise=camera_noise(cell))
     study = accuracy_study(
         cell,
         draws=draws,
@@ -85,6 +98,6 @@ def run_demo(
             f"accuracy study, {what}", _STEPS_BEFORE_STUDY + (1.0 - _STEPS_BEFORE_STUDY) * part
         ),
     )
-    write_study(study, out)
+    write_study(study, results)
     truth = effective_truth(robot, cell.model())
     return DemoResults(plan, program, identification, truth, robot_world, study)

@@ -1,8 +1,12 @@
-"""Files written whole or not at all, and read only up to a size.
+"""Files written whole or not at all, never over what somebody else wrote, and read up to a size.
 
 A robot program or a table that was cut off half-way can still be loaded, and then moves an arm.
 So every file is written aside, in the same folder, and then renamed: readers see the old content
 or the new one, never a part.
+
+What a command is going to write it claims first, before any work: :class:`Results`. A file that is
+there already is replaced only where the same command wrote it for the same purpose and nobody
+changed it since; measured data only from the same files. :mod:`posedesign.origin` tells.
 """
 
 from __future__ import annotations
@@ -11,22 +15,224 @@ import json
 import math
 import os
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from calib.errors import FileFormatError, OutputError
+from posedesign.origin import Kind, Origin, origin_of, read_whole, stamped
+
+StrPath = str | os.PathLike[str]
+
+MEASURED = ("touchups.csv", "measurements.csv", "pairs.csv")
+"""Usual names of tables that people measure; without an origin they are taken for measured."""
+
+
+@dataclass(frozen=True)
+class Claim(os.PathLike[str]):
+    """A file that a command is going to write, and was found free to; a path to write it under.
+
+    Whatever writes files here takes it for a path, and the file then says its origin.
+
+    Attributes
+    ----------
+    path : Path
+    origin : Origin
+    overwrite : bool
+        Whether what is there may be replaced; it is kept beside it, under a name with a number.
+    say : callable
+        Told where what was there is kept.
+    needed_by : str
+        What else belongs to what is there, in words; empty for nothing.
+    bare : bool
+        Whether the file cannot say its origin: other programs could not read it then. It is checked
+        when it is written, and may be replaced by the same bytes only.
+    """
+
+    path: Path
+    origin: Origin
+    overwrite: bool = False
+    say: Callable[[str], None] = lambda text: None
+    needed_by: str = ""
+    bare: bool = False
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    __str__ = __fspath__
+
+    @property
+    def foreign(self) -> str:
+        """Why what is there is not to be replaced, in words; empty where nothing forbids it."""
+        if not self.path.exists():
+            return ""
+        if not self.path.is_file():
+            raise OutputError(
+                f"{self.path} is not an ordinary file", hint="name a file", name=str(self.path)
+            )
+        there, intact = read_whole(self.path)
+        own = self.origin
+        if there is None:
+            return "does not say where it is from"
+        if (there.kind, there.purpose, there.command) != (own.kind, own.purpose, own.command):
+            return f"holds {there}"
+        if not intact:
+            return "was changed since it was written"
+        if own.kind == "measured" and there.inputs != own.inputs:
+            return f"holds {there}: other measurements"
+        return f"belongs to {self.needed_by}" if self.needed_by else ""
+
+    def check(self) -> str:
+        """Why what is there has to be kept aside, empty for nothing.
+
+        Raises
+        ------
+        OutputError
+            What is there must not be replaced.
+        """
+        why = self.foreign
+        measured = self.origin.kind == "simulated" and _is_measured(self.path)
+        if why and (measured or not self.overwrite):
+            raise OutputError(
+                f"{self.path} {why}: it is not replaced by {self.origin.kind} "
+                f"{self.origin.purpose}",
+                hint="name another output folder"
+                + ("" if measured else ", or overwrite: it is then kept under another name"),
+                name=str(self.path),
+            )
+        return why
+
+    def write(self, data: bytes) -> Path:
+        """Write the file with its origin, and keep aside what is there and is not ours."""
+        if not self.bare:
+            data = stamped(data, self.path.name, self.origin)
+        if self.path.is_file() and self.path.read_bytes() == data:
+            return self.path
+        aside = kept_aside(self.path) if self.check() else None
+        make_folder(self.path.parent)
+        written = write_bytes_atomic(self.path, data)
+        if aside is not None:
+            self.say(f"{self.path}: what was there is kept as {aside.name}")
+        return written
+
+
+def _is_measured(path: Path) -> bool:
+    there = origin_of(path)
+    return path.is_file() and (there.kind == "measured" if there else path.name in MEASURED)
+
+
+def kept_aside(path: Path) -> Path:
+    """Give what is at a path a second name, the first that is free of ``path.1``, ``path.2``, ...
+
+    The first name stays until it is written anew, so that a stop in between loses neither.
+    """
+    target = Path(os.path.realpath(path))
+    number = 1
+    while os.path.lexists(aside := target.with_name(f"{target.name}.{number}")):
+        number += 1
+    try:
+        try:
+            os.link(target, aside)
+        except OSError:  # no second names on this disk
+            write_bytes_atomic(aside, target.read_bytes())
+    except OSError as error:
+        raise OutputError(
+            f"{path}: cannot be kept aside: {error.strerror or error}",
+            hint="name another folder with --out",
+            name=str(path),
+        ) from error
+    return aside
+
+
+@dataclass(frozen=True)
+class Results:
+    """The folder that one command writes its results into.
+
+    Attributes
+    ----------
+    folder : Path
+    command : str
+        Name of the command, or of who else writes.
+    inputs : sequence of Path
+        Files that the results are made from.
+    overwrite : bool
+        Whether files that are not its own may be replaced, and kept aside.
+    say : callable
+        Told of what is kept aside.
+    remakes : bool
+        Whether all that follows from its plan is made anew, too.
+    """
+
+    folder: Path
+    command: str = "Python"
+    inputs: Sequence[Path] = ()
+    overwrite: bool = False
+    say: Callable[[str], None] = lambda text: None
+    remakes: bool = False
+
+    @classmethod
+    def of(cls, out: Path | Results, command: str) -> Results:
+        """Results of the caller's, or of this command into a folder."""
+        return out if isinstance(out, Results) else cls(out, command)
+
+    def claim(
+        self,
+        kind: Kind,
+        *files: tuple[str, str],
+        inputs: Sequence[Path] = (),
+        needed_by: Mapping[str, str] | None = None,
+        bare: bool = False,
+    ) -> list[Claim]:
+        """Claim files before the work: all may be written, or none is.
+
+        Parameters
+        ----------
+        kind : {"measured", "simulated", "planned", "computed"}
+        *files : tuple of (str, str)
+            Name and purpose of each.
+        inputs : sequence of Path
+            That they are made from, besides those of the command.
+        needed_by : mapping of str to str, optional
+            By name, what else belongs to the file that is there.
+        bare : bool
+            Whether they cannot say their origin; see :class:`Claim`.
+
+        Raises
+        ------
+        OutputError
+            One is there, and is not this command's own or was changed; or it is in the way.
+        """
+        used = dict.fromkeys((*self.inputs, *inputs))
+        claims = [
+            Claim(
+                self.folder / name,
+                Origin.of(kind, purpose, self.command, used),
+                self.overwrite,
+                self.say,
+                (needed_by or {}).get(name, ""),
+                bare,
+            )
+            for name, purpose in files
+        ]
+        if self.folder.exists() and not self.folder.is_dir():
+            make_folder(self.folder)
+        for claim in claims:
+            if not bare:
+                claim.check()
+        return claims
 
 
 def write_text_atomic(
-    path: Path | str, text: str, *, newline: str = "\n", encoding: str = "utf-8"
+    path: StrPath, text: str, *, newline: str = "\n", encoding: str = "utf-8"
 ) -> Path:
     r"""Write a text file whole or not at all.
 
     Parameters
     ----------
-    path : Path or str
-        The file; one that exists is replaced. Its folder must exist.
+    path : Path, str or Claim
+        The file; one that exists is replaced. Its folder must exist. What is claimed is checked
+        again, and says its origin.
     text : str
         The content; its lines end in ``\n`` or ``\r\n``.
     newline : str
@@ -56,7 +262,7 @@ def write_text_atomic(
     return write_bytes_atomic(path, data)
 
 
-def write_json_atomic(path: Path | str, content: object) -> Path:
+def write_json_atomic(path: StrPath, content: object) -> Path:
     """Write a value as JSON, whole or not at all; see :func:`json_text`."""
     return write_text_atomic(path, json_text(content) + "\n")
 
@@ -78,13 +284,14 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def write_bytes_atomic(path: Path | str, data: bytes) -> Path:
+def write_bytes_atomic(path: StrPath, data: bytes) -> Path:
     """Write a file whole or not at all.
 
     Parameters
     ----------
-    path : Path or str
-        The file; one that exists is replaced. Its folder must exist.
+    path : Path, str or Claim
+        The file; one that exists is replaced. Its folder must exist. What is claimed is checked
+        again, and says its origin.
     data : bytes
         The content.
 
@@ -99,6 +306,8 @@ def write_bytes_atomic(path: Path | str, data: bytes) -> Path:
         The folder is missing or closed to writing, the disk is full, or the path is a folder or a
         device.
     """
+    if isinstance(path, Claim):
+        return path.write(data)
     # The link stays a link, and the rename stays inside one file system.
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():

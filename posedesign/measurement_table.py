@@ -51,6 +51,7 @@ from posedesign.csv_tables import (
     read_rows,
     write_table,
 )
+from posedesign.files import StrPath
 from posedesign.postures_table import joint_columns, pendant_columns, postures_of
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
@@ -112,7 +113,7 @@ class MeasurementTable:
 
 
 def write_measurements(
-    path: Path,
+    path: StrPath,
     data: Measurements,
     kinds: Sequence[str] = (),
     payloads: Sequence[str] = (),

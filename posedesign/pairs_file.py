@@ -17,6 +17,7 @@ import numpy as np
 from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, check_transforms
 from posedesign.csv_tables import Row, read_rows, write_table
+from posedesign.files import StrPath
 from posedesign.pairs_forms import METRES, POSE_COLUMNS, PoseForm, Poses, read_poses_of
 
 DEFAULT_FORM = PoseForm()
@@ -74,7 +75,7 @@ def pair_columns(letter: str, form: PoseForm = DEFAULT_FORM) -> list[str]:
 
 
 def write_pairs(
-    path: Path, pairs: Pairs, a: PoseForm = DEFAULT_FORM, b: PoseForm = DEFAULT_FORM
+    path: StrPath, pairs: Pairs, a: PoseForm = DEFAULT_FORM, b: PoseForm = DEFAULT_FORM
 ) -> Path:
     """Write ``pairs.csv``; InputError for what is no rigid transform: W, P, R would not show it.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from calib.robot_world import PairNoise, RobotWorldResult, result_to_opencv
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.csv_tables import write_table
+from posedesign.files import StrPath
 from posedesign.measurement_table import PLACE, TURN
 from posedesign.pairs_certificate import Proof
 from posedesign.pairs_file import Pairs
@@ -19,12 +19,14 @@ from posedesign.pairs_results import SolverOutcome, places_of
 _SIGMA_AXES = ("rx_deg", "ry_deg", "rz_deg", *PLACE)
 
 
-def write_outcomes(out: Path, pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> None:
+def write_outcomes(
+    answers: StrPath, residuals: StrPath, pairs: Pairs, outcomes: Sequence[SolverOutcome]
+) -> None:
     """Write ``robot_world.csv``, one row a method, and ``robot_world_pairs.csv``, one a pair."""
     rows = [solver_row(outcome) for outcome in outcomes]
-    write_table(out / "robot_world.csv", list(rows[0]), rows)
+    write_table(answers, list(rows[0]), rows)
     each = [row for outcome in outcomes for row in pair_rows(pairs, outcome)]
-    write_table(out / "robot_world_pairs.csv", list(each[0]), each)
+    write_table(residuals, list(each[0]), each)
 
 
 def solver_row(outcome: SolverOutcome) -> dict[str, object]:

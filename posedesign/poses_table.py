@@ -20,6 +20,7 @@ from posedesign.csv_tables import (
     read_table,
     write_table,
 )
+from posedesign.files import StrPath
 from posedesign.indices import Indices
 from posedesign.measurement_table import PLACE, TURN
 from posedesign.pose_list import DroppedPose, PoseList
@@ -43,12 +44,12 @@ _LABELS = ("name", "order", "status", "reason")
 _KNOWN = (*_LABELS, *POSE_AXES, "configuration", *MARGIN_COLUMNS)
 """Columns besides those of the joints that are written anew, and so are not kept from a file."""
 
-_WRITTEN_ANEW = ("units", "poses measured")
+_WRITTEN_ANEW = ("units", "poses measured", "origin")
 """Comments that are not kept from a file, either."""
 
 
 def write_poses(
-    path: Path,
+    path: StrPath,
     robot: Robot,
     poses: PoseSet,
     route: Route,
@@ -87,7 +88,7 @@ def write_poses(
 
 
 def write_pose_list(
-    path: Path,
+    path: StrPath,
     poses: PoseList,
     robot: Robot,
     tool_m: FloatArray,
@@ -123,7 +124,7 @@ def write_pose_list(
 
 
 def _write(
-    path: Path,
+    path: StrPath,
     poses: PoseList,
     robot: Robot,
     tool_m: FloatArray,

@@ -77,6 +77,7 @@ from pathlib import Path
 from calib.errors import FileFormatError
 from calib.measurement import Measurements
 from calib.robots import Controller
+from posedesign.files import StrPath
 from posedesign.measurement_table import read_measurements, write_measurements
 from posedesign.pairs_file import Pairs, pair_columns, read_pairs, write_pairs
 from posedesign.pose_list import DroppedPose, PoseList
@@ -107,7 +108,7 @@ __all__ = [
 ]
 
 
-def write_touch_ups(path: Path, data: Measurements, names: Sequence[str] | None = None) -> Path:
+def write_touch_ups(path: StrPath, data: Measurements, names: Sequence[str] | None = None) -> Path:
     """Write ``touchups.csv``: all of the kind of the cell that they are read for."""
     return write_measurements(path, data if names is None else replace(data, names=tuple(names)))
 

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from posedesign.before_after import (
 from posedesign.cell import Cell
 from posedesign.checks import outside_limits, refuse_unfit
 from posedesign.csv_tables import write_table
-from posedesign.files import make_folder, write_json_atomic
+from posedesign.files import MEASURED, Claim, Results, write_json_atomic
 from posedesign.identification_content import results_as_dict
 from posedesign.indices import Indices
 from posedesign.measurement_table import read_measurements
@@ -31,35 +32,84 @@ from posedesign.optimal import OptimalPlan, Wish, plan_optimal
 from posedesign.optimal.next_poses import NextPoses
 from posedesign.optimal.planning import Advance
 from posedesign.optimal.sequential import plan_next, refuse_cell
+from posedesign.origin import checksum, head_of, origin_of
 from posedesign.pairs_file import Pairs, read_pairs, write_pairs
 from posedesign.pairs_results import SolverOutcome, solve_pairs
 from posedesign.pairs_tables import write_outcomes
 from posedesign.planner import Progress, plan
 from posedesign.pose_margins import Margins
 from posedesign.pose_plan import PosePlan, PoseSet, displayed
+from posedesign.programs import DIALECTS
+from posedesign.programs.reading import MOST_BYTES
 from posedesign.reading_checks import check_readings
 from posedesign.route import Route
 from posedesign.set_up import far_rows
 from posedesign.simulation import SimulatedRobot
 from posedesign.tables import PoseList, write_poses, write_touch_ups
 
-POSES, VALIDATION = "measuring poses", "validation poses"
-"""What tables of poses say that they are."""
+POSES = ("poses.csv", "measuring poses")
+NEXT_POSES = ("poses.csv", "next measuring poses")
+VALIDATION = ("validation.csv", "validation poses")
+ROUNDS = ("rounds.csv", "rounds of a plan")
+TOUCH_UPS = ("touchups.csv", "touch-ups")
+PAIRS = ("pairs.csv", "pairs")
+IDENTIFICATION = ("identification.json", "identification")
+ROBOT_WORLD = (("robot_world.csv", "answers"), ("robot_world_pairs.csv", "residuals of pairs"))
+STUDY = (
+    ("accuracy_vs_condition.csv", "accuracy study"),
+    ("accuracy_vs_condition.png", "accuracy study"),
+)
+"""Names of the files of the steps, and what they say that they are."""
+
+_FINGERPRINT = re.compile(rb"# fingerprint: ([0-9a-f]{4,16})")
+_MOST_NAMED = 3
 
 
-def plan_poses(cell: Cell, out: Path, progress: Progress | None = None) -> PosePlan:
+def claim_plan(out: Results, *files: tuple[str, str], inputs: Sequence[Path] = ()) -> list[Claim]:
+    """Claim ``poses.csv``, the first, and what goes with it.
+
+    Raises
+    ------
+    OutputError
+        A file is not the command's own, or there is what was measured or written from the plan that
+        is there.
+    """
+    needed = "" if out.remakes else depending(out.folder / files[0][0])
+    return out.claim("planned", *files, inputs=inputs, needed_by={files[0][0]: needed})
+
+
+def depending(poses: Path) -> str:
+    """Files beside a list of poses that were measured at them, or hold their program, in words."""
+    found = _FINGERPRINT.search(head_of(poses))
+    if found is None:
+        return ""
+    endings = {e for d in DIALECTS.values() for e in (*d.suffixes, *d.companions)} - {".csv"}
+    own = checksum(poses)
+    names = []
+    for path in sorted({*poses.parent.glob("*"), *poses.parent.glob("*/*")}):
+        if path.name in MEASURED:
+            there = origin_of(path)
+            measured = there is None or there.kind == "measured"
+            if measured and (there is None or dict(there.inputs).get(poses.name, own) == own):
+                names.append(path.name)
+        elif path.suffix.lower() in endings and found[1] in head_of(path, MOST_BYTES):
+            names.append(path.name)
+    return ", ".join(names[:_MOST_NAMED])
+
+
+def plan_poses(cell: Cell, out: Path | Results, progress: Progress | None = None) -> PosePlan:
     """Plan, and write ``poses.csv`` and ``rounds.csv`` into a folder."""
+    poses, rounds = claim_plan(Results.of(out, "plan"), POSES, ROUNDS)
     result = plan(cell, progress)
-    make_folder(out)
-    _write_poses(out / "poses.csv", cell, result.poses, result.route, result.indices)
+    _write_poses(poses, cell, result.poses, result.route, result.indices)
     rows = round_rows(result)
-    write_table(out / "rounds.csv", list(rows[0]), rows)
+    write_table(rounds, list(rows[0]), rows)
     return result
 
 
 def plan_optimal_poses(
     cell: Cell,
-    out: Path,
+    out: Path | Results,
     wish: Wish,
     advance: Advance = lambda what, part: None,
     keep: PoseList | None = None,
@@ -69,32 +119,36 @@ def plan_optimal_poses(
     Parameters
     ----------
     cell : Cell
-    out : Path
+    out : Path or Results
     wish : Wish
     advance : callable, optional
         Called with what is being done and the part of all work that is done.
     keep : PoseList, optional
         Poses that are to be among the chosen, as they are.
     """
+    wanted = (POSES, VALIDATION) if wish.validation else (POSES,)
+    claims = claim_plan(Results.of(out, "plan"), *wanted)
     kept = None
     if keep is not None:
         refuse_unfit(cell, keep)
         kept = keep.measured.postures
     result = plan_optimal(cell, wish, advance, keep=kept)
-    for name, title, poses, route, indices in (
-        ("poses.csv", POSES, result.poses, result.route, result.indices),
-        ("validation.csv", VALIDATION, result.validation, result.validation_route, None),
+    for path, poses, route, indices in zip(
+        claims,
+        (result.poses, result.validation),
+        (result.route, result.validation_route),
+        (result.indices, None),
+        strict=False,
     ):
         if poses is not None and route is not None:
-            make_folder(out)
-            _write_poses(out / name, cell, poses, route, indices, title)
+            _write_poses(path, cell, poses, route, indices)
     return result
 
 
 def plan_next_poses(
     cell: Cell,
     measurements: Path,
-    out: Path,
+    out: Path | Results,
     count: int,
     *,
     criterion: str,
@@ -104,6 +158,7 @@ def plan_next_poses(
 ) -> NextPoses:
     """Choose what to touch up next, after a ``touchups.csv``; write ``poses.csv``."""
     refuse_cell(cell)  # the file of another kind of cell would be found wrong in other words
+    (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[measurements])
     table = read_measurements(
         measurements,
         cell.robot.n,
@@ -119,18 +174,12 @@ def plan_next_poses(
         least_gain=least_gain,
         accuracy_m=accuracy_m,
     )
-    make_folder(out)
-    _write_poses(out / "poses.csv", cell, result.poses, result.route)
+    _write_poses(poses, cell, result.poses, result.route)
     return result
 
 
 def _write_poses(
-    path: Path,
-    cell: Cell,
-    poses: PoseSet,
-    route: Route,
-    indices: Indices | None = None,
-    title: str = POSES,
+    path: Claim, cell: Cell, poses: PoseSet, route: Route, indices: Indices | None = None
 ) -> Path:
     return write_poses(
         path,
@@ -140,7 +189,7 @@ def _write_poses(
         cell.tool_m,
         margins=Margins.of_route(cell, route),
         indices=indices,
-        title=title,
+        title=path.origin.purpose,
     )
 
 
@@ -163,12 +212,16 @@ def round_rows(result: PosePlan) -> list[dict[str, object]]:
     return rows
 
 
-def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) -> SimulatedRobot:
+def simulate(
+    cell: Cell, poses: PoseList, out: Path | Results, seed: int | None = None
+) -> SimulatedRobot:
     """Touch up a pose list with the robot of ``[truth]``; write ``touchups.csv``, ``pairs.csv``.
 
     In a cell of hand-eye calibration nothing is touched, and there are pairs only. The noise
     depends on the seed alone: the one of the cell, unless another is given.
     """
+    wanted = (PAIRS,) if cell.is_hand_eye else (PAIRS, TOUCH_UPS)
+    claims = Results.of(out, "simulate").claim("simulated", *wanted)
     refuse_unfit(cell, poses)
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
@@ -176,19 +229,17 @@ def simulate(cell: Cell, poses: PoseList, out: Path, seed: int | None = None) ->
     postures = poses.postures
     if not cell.is_hand_eye:
         touched = robot.touch_up(postures, rng)
-        make_folder(out)
-        write_touch_ups(out / "touchups.csv", touched, poses.names)
+        write_touch_ups(claims[1], touched, poses.names)
         postures = touched.postures
     A, B = robot.camera_poses(postures, rng)
-    make_folder(out)
-    write_pairs(out / "pairs.csv", Pairs(poses.names, A, B))
+    write_pairs(claims[0], Pairs(poses.names, A, B))
     return robot
 
 
 def identify_file(
     cell: Cell,
     measurements: Path,
-    out: Path,
+    out: Path | Results,
     *,
     trust_units: bool = False,
     warn: Callable[[str], None] = lambda text: None,
@@ -198,6 +249,7 @@ def identify_file(
     ``warn`` is told of what is odd: measurements outside the joint limits, rows that are there
     twice, poses that are not there.
     """
+    (file,) = Results.of(out, "identify").claim("computed", IDENTIFICATION, inputs=[measurements])
     robot = cell.robot
     table = read_measurements(
         measurements,
@@ -221,9 +273,9 @@ def identify_file(
     identified = identify_models(cell, table)
     for line in identified.warnings:
         warn(f"{measurements}: {line}")
-    content = results_as_dict(cell, identified)
-    make_folder(out)
-    write_json_atomic(out / "identification.json", content)
+    source = origin_of(measurements)
+    data = {"file": measurements.name, "origin": None if source is None else str(source)}
+    write_json_atomic(file, {"data": data, **results_as_dict(cell, identified)})
     return identified
 
 
@@ -231,18 +283,22 @@ DEFAULT_METHODS = ("ml", *PAPER_METHODS)
 
 
 def solve_file(
-    pairs: Path, out: Path, methods: Sequence[str] = DEFAULT_METHODS, noise: Noise | None = None
+    pairs: Path,
+    out: Path | Results,
+    methods: Sequence[str] = DEFAULT_METHODS,
+    noise: Noise | None = None,
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB from a ``pairs.csv``; see :func:`solve_and_write`."""
-    return solve_and_write(read_pairs(pairs), out, methods, noise)
+    return solve_and_write(read_pairs(pairs), out, methods, noise, inputs=[pairs])
 
 
 def solve_and_write(
     pairs: Pairs,
-    out: Path,
+    out: Path | Results,
     methods: Sequence[str] = DEFAULT_METHODS,
     noise: Noise | None = None,
     advance: Advance = lambda what, part: None,
+    inputs: Sequence[Path] = (),
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB by several methods; write ``robot_world.csv`` and ``robot_world_pairs.csv``.
 
@@ -255,9 +311,11 @@ def solve_and_write(
     NotIdentifiableError
         No method has an answer because the motions do not allow one.
     """
+    answers, residuals = Results.of(out, "robot-world").claim(
+        "computed", *ROBOT_WORLD, inputs=inputs
+    )
     outcomes = solve_pairs(pairs, methods, noise, advance)
-    make_folder(out)
-    write_outcomes(out, pairs, outcomes)
+    write_outcomes(answers, residuals, pairs, outcomes)
     return outcomes
 
 
@@ -271,11 +329,10 @@ def camera_noise(cell: Cell) -> PairNoise:
     )
 
 
-def write_study(study: AccuracyStudy, out: Path) -> tuple[Path, Path]:
+def write_study(study: AccuracyStudy, out: Path | Results) -> tuple[Path, Path]:
     """Write ``accuracy_vs_condition.csv`` and its figure."""
     from posedesign.report.accuracy_figure import draw_accuracy
 
-    make_folder(out)
+    file, figure = Results.of(out, "study accuracy").claim("simulated", *STUDY)
     rows = [finding.__dict__ for finding in study.findings]
-    table = write_table(out / "accuracy_vs_condition.csv", list(rows[0]), rows)
-    return table, draw_accuracy(study, out / "accuracy_vs_condition.png")
+    return write_table(file, list(rows[0]), rows), draw_accuracy(study, figure)

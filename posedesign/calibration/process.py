@@ -29,7 +29,7 @@ from posedesign.calibration.found_cell import found_cell
 from posedesign.calibration.target_poses import TargetPoses
 from posedesign.cell import Cell
 from posedesign.cell_file import cell_text
-from posedesign.files import make_folder, write_text_atomic
+from posedesign.files import Results, make_folder, write_text_atomic
 from posedesign.pose_list import PoseList
 from posedesign.pose_plan import PosePlan
 from posedesign.tables import Pairs, write_pairs, write_touch_ups
@@ -153,12 +153,13 @@ def calibrate(
     known = found_cell(cell, set_up, station.image_px, sigma if np.isfinite(sigma).all() else None)
     write_text_atomic(out / "found_cell.toml", _found_text(known, source))
     progress("planning", _NOISE)
-    plan = plan_poses(known, out)
+    results = Results(out, "calibrate", remakes=True)
+    plan = plan_poses(known, results)
     touch_ups, missed = touch_up_plan(known, station, set_up, plan, out, loop, progress)
     for pose in missed:
         warn(f"{pose.name} was not touched up: {pose.reason}")
     progress("identifying", 1.0)
-    identified = identify_file(known, out / TOUCH_UPS, out, warn=warn)
+    identified = identify_file(known, out / TOUCH_UPS, results, warn=warn)
     return Calibration(set_up, known, sigma, plan, touch_ups, missed, identified)
 
 

@@ -7,8 +7,17 @@ from typing import Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, say, show_file
-from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, TrustUnits
+from posedesign.cli.output import (
+    DONE,
+    NOT_REACHED,
+    note,
+    print_json,
+    results_in,
+    say,
+    say_rehearsed,
+    show_file,
+)
+from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits
 
 
 def register(app: typer.Typer) -> None:
@@ -20,14 +29,15 @@ def register(app: typer.Typer) -> None:
 def simulate(
     cell: CellFile,
     poses: Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")],
-    out: OutFolder = Path(),
+    out: OutFolder = Path("rehearsal"),
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of the noise; default: the cell's.")
     ] = None,
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
 ) -> int:
-    """Rehearse: touch up the poses with a simulated robot."""
+    """Rehearse: touch up the poses with a simulated robot, into a folder of its own."""
     from posedesign import workflow
     from posedesign.cell import Cell
     from posedesign.tables import read_poses
@@ -36,7 +46,8 @@ def simulate(
     listed = read_poses(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
-    workflow.simulate(loaded, listed, out, seed)
+    results = results_in(out, "simulate", cell, poses, overwrite=overwrite)
+    workflow.simulate(loaded, listed, results, seed)
     count = len(listed.measured.names)
     touched = [] if loaded.is_hand_eye else [str(out / "touchups.csv")]
     files = [*touched, str(out / "pairs.csv")]
@@ -44,7 +55,7 @@ def simulate(
         print_json({"touch_ups": count if touched else 0, "files": files})
     else:
         what = "touch-ups" if touched else "pairs of A X = Z B"
-        say(f"wrote {' and '.join(files)}: {count} {what}")
+        say(f"wrote {' and '.join(files)}: {count} {what}, SIMULATED")
     return DONE
 
 
@@ -56,6 +67,7 @@ def identify(
     out: OutFolder = Path(),
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
 ) -> int:
     """Identify the robot from measurements, by every model of the cell.
 
@@ -68,10 +80,11 @@ def identify(
     identified = identify_file(
         Cell.load(cell),
         measurements,
-        out,
+        results_in(out, "identify", cell, overwrite=overwrite),
         trust_units=trust_units,
         warn=lambda text: note(f"warning: {text}"),
     )
+    say_rehearsed(cell, measurements, as_json=as_json)
     if as_json:
         show_file((out / "identification.json").read_text(encoding="utf-8"))
     else:

@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, say
-from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, TrustUnits
+from posedesign.cli.output import (
+    DONE,
+    NOT_REACHED,
+    note,
+    print_json,
+    print_table,
+    results_in,
+    say,
+    say_rehearsed,
+)
+from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits
 
 if TYPE_CHECKING:
     from posedesign.correction import Correction
@@ -34,6 +43,7 @@ def correct(
     out: OutFolder = Path(),
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
 ) -> int:
     """Write what corrects the robot: description, mastering, poses.
 
@@ -46,11 +56,12 @@ def correct(
         Cell.load(cell),
         cell,
         identification,
-        out,
+        results_in(out, "correct", cell, identification, poses, overwrite=overwrite),
         poses=poses,
         name=model,
         trust_units=trust_units,
     )
+    say_rehearsed(cell, identification, as_json=as_json)
     if as_json:
         _print_as_json(done)
     else:
@@ -116,6 +127,7 @@ def predict(
     out: OutFolder = Path(),
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
 ) -> int:
     """Predict the accuracy over a box, before anything is measured.
 
@@ -131,7 +143,8 @@ def predict(
     listed = read_poses(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
-    found = run(loaded, listed, asked, out, model)
+    results = results_in(out, "predict", cell, poses, overwrite=overwrite)
+    found = run(loaded, listed, asked, results, model)
     if as_json:
         print_json(
             {

@@ -14,7 +14,10 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from calib.model import CalibrationModel
+    from posedesign.files import Results
 
 PIPE_WIDTH = 200
 """Columns of a table that goes into a pipe: wide enough not to be cut."""
@@ -87,6 +90,25 @@ def print_json(content: object) -> None:
 def note(text: str) -> None:
     """Say something that is not the result, on standard error."""
     print(plain(text), file=sys.stderr)
+
+
+def results_in(
+    out: Path, command: str, *inputs: Path | None, overwrite: bool, remakes: bool = False
+) -> Results:
+    """The folder that a command writes into, what it reads, and what it may replace."""
+    from posedesign.files import Results
+
+    read = tuple(path for path in inputs if path is not None)
+    return Results(out, command, read, overwrite, lambda text: note(f"note: {text}"), remakes)
+
+
+def say_rehearsed(*inputs: Path | None, as_json: bool) -> None:
+    """Say before any result that one of the files read is of a simulated robot."""
+    from posedesign.origin import rehearsed
+
+    said = rehearsed(inputs)
+    if said:
+        print(plain(said), file=sys.stderr if as_json else sys.stdout)
 
 
 @contextmanager

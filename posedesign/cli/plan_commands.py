@@ -16,12 +16,15 @@ from posedesign.cli.output import (
     print_json,
     print_table,
     progress,
+    results_in,
     say,
+    say_rehearsed,
     show_file,
 )
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
+    from posedesign.files import Results
     from posedesign.optimal.outlook import Outlook
     from posedesign.pose_check import PoseVerdict
     from posedesign.pose_plan import PosePlan
@@ -36,6 +39,14 @@ touch-ups would end the loop at the narrowest angles."""
 CellFile = Annotated[Path, typer.Argument(help="The cell, made with: posedesign new > cell.toml")]
 OutFolder = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+Overwrite = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite",
+        help="Replace files that this command did not write, too; they are kept beside it as "
+        "NAME.1, NAME.2, ...",
+    ),
+]
 TrustUnits = Annotated[
     bool, typer.Option("--trust-units", help="Accept joint values that look like radians.")
 ]
@@ -146,6 +157,7 @@ def plan(
             help="Choose for robots that are not as described, too: none, average, worst."
         ),
     ] = "none",
+    overwrite: Overwrite = False,
 ) -> int:
     """Plan measuring poses.
 
@@ -169,8 +181,9 @@ def plan(
         robust,
         keep=keep is not None,
     )
+    results = results_in(out, "plan", cell, keep, overwrite=overwrite)
     if wish is None:
-        return _plan_by_grid(loaded, out, as_json=as_json)
+        return _plan_by_grid(loaded, results, as_json=as_json)
     from posedesign.cli.optimal_output import print_optimal
     from posedesign.tables import read_poses
     from posedesign.workflow import plan_optimal_poses
@@ -179,7 +192,7 @@ def plan(
     if keep is not None:
         own = read_poses(keep, loaded.robot.n, controller=loaded.robot.controller)
     with progress("planning") as advance:
-        result = plan_optimal_poses(loaded, out, wish, advance, own)
+        result = plan_optimal_poses(loaded, results, wish, advance, own)
     _print_notices(loaded)
     print_optimal(result, out, as_json=as_json)
     return DONE if result.reached else NOT_REACHED
@@ -200,6 +213,7 @@ def next_poses(
     ] = None,
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
 ) -> int:
     """Say which poses to touch up next, given those that have been, and when to stop."""
     from posedesign.cell import Cell
@@ -211,18 +225,19 @@ def next_poses(
     result = plan_next_poses(
         loaded,
         measurements,
-        out,
+        results_in(out, "next", cell, overwrite=overwrite),
         poses,
         criterion=criterion,
         least_gain=least_gain,
         accuracy_m=None if target_accuracy is None else parse_length(target_accuracy),
         trust_units=trust_units,
     )
+    say_rehearsed(cell, measurements, as_json=as_json)
     print_next(result, out, as_json=as_json)
     return DONE
 
 
-def _plan_by_grid(loaded: Cell, out: Path, *, as_json: bool) -> int:
+def _plan_by_grid(loaded: Cell, out: Results, *, as_json: bool) -> int:
     """The loop of the paper."""
     from posedesign.workflow import plan_poses
 
@@ -242,7 +257,7 @@ def _plan_by_grid(loaded: Cell, out: Path, *, as_json: bool) -> int:
             f"{result.threshold:.4g}: set plan.condition_threshold to 100 or less, or say what is "
             "wanted with --wanted-sigma-mm and --wanted-sigma-deg"
         )
-    print_plan(loaded, result, out, as_json=as_json)
+    print_plan(loaded, result, out.folder, as_json=as_json)
     return DONE if result.reached else NOT_REACHED
 
 

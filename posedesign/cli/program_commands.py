@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, say
-from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, TrustUnits
+from posedesign.cli.output import (
+    DONE,
+    NOT_REACHED,
+    note,
+    print_json,
+    print_table,
+    results_in,
+    say,
+)
+from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits
 
 if TYPE_CHECKING:
     from posedesign.programming import WrittenProgram
@@ -163,19 +171,22 @@ def import_positions(
         typer.Option("--keep-untouched", help="Take positions that stand as planned, too."),
     ] = False,
     as_json: AsJson = False,
+    overwrite: Overwrite = False,
 ) -> int:
     """Read touched-up positions back from the controller; write touchups.csv."""
     from posedesign.cell import Cell
-    from posedesign.files import make_folder
     from posedesign.tables import read_poses, write_touch_ups
     from posedesign.touch_up_import import import_touch_ups
+    from posedesign.workflow import TOUCH_UPS
 
     loaded = Cell.load(cell)
     plan = None
     if poses is not None:
         plan = read_poses(poses, loaded.robot.n, controller=loaded.robot.controller)
+    results = results_in(out, "import", cell, poses, *files, overwrite=overwrite)
+    (claimed,) = results.claim("measured", TOUCH_UPS)
     imported = import_touch_ups(loaded, files, plan, dialect, keep_untouched=keep_untouched)
-    path = write_touch_ups(make_folder(out) / "touchups.csv", imported.touch_ups)
+    path = write_touch_ups(claimed, imported.touch_ups)
     if as_json:
         print_json(
             {

@@ -17,9 +17,11 @@ from posedesign.cli.output import (
     print_json,
     print_table,
     progress,
+    results_in,
     say,
+    say_rehearsed,
 )
-from posedesign.cli.plan_commands import AsJson, OutFolder
+from posedesign.cli.plan_commands import AsJson, OutFolder, Overwrite
 from posedesign.cli.robot_world_options import (
     DEFAULT_METHODS,
     CameraOption,
@@ -47,6 +49,7 @@ from posedesign.cli.robot_world_output import print_solvers
 
 if TYPE_CHECKING:
     from calib.robot_world.noise import Noise
+    from posedesign.files import Results
     from posedesign.pairs_file import Pairs
     from posedesign.pairs_results import NoiseOn, SolverOutcome
 
@@ -74,6 +77,7 @@ def robot_world(
     out: OutFolder = Path(),
     as_json: AsJson = False,
     trust_units: TrustLengths = False,
+    overwrite: Overwrite = False,
 ) -> int:
     """Solve A X = Z B: camera on flange and target in base, or the other way.
 
@@ -95,7 +99,9 @@ def robot_world(
         refuse_uncertifiable(methods, noise_on or "b", camera)
     found = source.read()
     noise = given_noise(found, camera, noise_deg, noise_mm, noise_on)
-    outcomes = _solved(found, out, methods, noise, certify=certify, quiet=as_json)
+    results = results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
+    outcomes = _solved(found, results, methods, noise, certify=certify, quiet=as_json)
+    say_rehearsed(pairs, a, b, as_json=as_json)
     opencv = convention == "opencv"
     if as_json:
         print_json([outcome_as_dict(found, one, camera, opencv=opencv) for one in outcomes])
@@ -126,7 +132,7 @@ def given_noise(
 
 def _solved(
     pairs: Pairs,
-    out: Path,
+    out: Results,
     methods: Sequence[str],
     noise: Noise | None,
     *,

@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress, say
-from posedesign.cli.plan_commands import AsJson, OutFolder
+from posedesign.cli.output import (
+    DONE,
+    NOT_REACHED,
+    note,
+    print_json,
+    print_table,
+    progress,
+    results_in,
+    say,
+)
+from posedesign.cli.plan_commands import AsJson, OutFolder, Overwrite
 
 if TYPE_CHECKING:
     from posedesign.accuracy_study import AccuracyStudy
@@ -37,19 +46,22 @@ def accuracy(
     draws: Draws = 50,
     seed: Seed = 1,
     as_json: AsJson = False,
+    overwrite: Overwrite = False,
 ) -> int:
     """Accuracy against condition number: what better poses buy."""
     from posedesign.accuracy_study import accuracy_study
     from posedesign.cell import Cell
     from posedesign.files import make_folder
     from posedesign.template import cell_template
-    from posedesign.workflow import write_study
+    from posedesign.workflow import STUDY, write_study
 
     loaded = Cell.load(cell) if cell is not None else Cell.from_text(cell_template())
     make_folder(out)  # before the work rather than after it
+    results = results_in(out, "study accuracy", cell, overwrite=overwrite)
+    results.claim("simulated", *STUDY)
     with progress("accuracy study") as advance:
         study = accuracy_study(loaded, draws=draws, seed=seed, progress=advance)
-    table, figure = write_study(study, out)
+    table, figure = write_study(study, results)
     if as_json:
         print_json([finding.__dict__ for finding in study.findings])
     else:
@@ -155,6 +167,7 @@ def demo(
     out: OutFolder = Path("posedesign-demo"),
     draws: Draws = 50,
     as_json: AsJson = False,
+    overwrite: Overwrite = False,
 ) -> int:
     """Run the main job on the reference cell."""
     from posedesign.cell import Cell
@@ -164,7 +177,8 @@ def demo(
     from posedesign.demo import run_demo
 
     with progress("demo") as advance:
-        results = run_demo(out, draws=draws, progress=advance)
+        folder = results_in(out, "demo", overwrite=overwrite, remakes=True)
+        results = run_demo(folder, draws=draws, progress=advance)
     program = results.program
     code = DONE if results.plan.reached and not program.problems else NOT_REACHED
     files = sorted(path.name for path in out.iterdir())
@@ -180,6 +194,7 @@ def demo(
             }
         )
         return code
+    say("SIMULATED, not for a robot: all of this is a rehearsal on the reference cell")
     print_plan(Cell.load(out / "cell.toml"), results.plan, out, as_json=False)
     print_identification(results.identification)
     print_table(

@@ -8,8 +8,14 @@ from typing import Annotated
 
 import typer
 
-from posedesign.cli.output import DONE, note, print_json, say
-from posedesign.cli.plan_commands import AsJson, TrustUnits
+from posedesign.cli.output import (
+    DONE,
+    note,
+    print_json,
+    results_in,
+    say,
+)
+from posedesign.cli.plan_commands import AsJson, Overwrite, TrustUnits
 
 
 class Form(StrEnum):
@@ -41,6 +47,7 @@ def convert(
     ] = Form.USUAL,
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
 ) -> int:
     """Write a table of poses with its joints named in another way.
 
@@ -52,6 +59,9 @@ def convert(
     from posedesign.tables import JointForm, read_robot_poses, write_pose_list
 
     loaded = Cell.load(cell)
+    (file,) = results_in(out.parent, "convert", poses, overwrite=overwrite).claim(
+        "planned", (out.name, "converted poses"), bare=to is Form.ROBODK
+    )
     listed = read_robot_poses(poses, loaded.robot, trust_units=trust_units)
     for said in outside_limits(loaded, listed.names, listed.postures):
         note(f"warning: {poses}: {said}")
@@ -62,7 +72,7 @@ def convert(
             "header are not theirs"
         )
     write_pose_list(
-        out,
+        file,
         listed,
         loaded.robot,
         loaded.tool_m,

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.robot_world import PAPER_METHODS
 from posedesign.accuracy_study import IDENTIFIED_ARM, AccuracyStudy, Finding, pick
-from posedesign.files import write_bytes_atomic
+from posedesign.files import StrPath, write_bytes_atomic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +25,7 @@ MARKERS = ("o", "s", "^", "D")
 ESTIMATORS = ("touch-up weighted", "touch-up unweighted", "view line")
 
 
-def draw_accuracy(study: AccuracyStudy, path: Path) -> Path:
+def draw_accuracy(study: AccuracyStudy, path: StrPath) -> Path:
     """Draw the study into a PNG file; see :func:`accuracy_figure`."""
     figure = accuracy_figure(study.findings, study.plan.model.robot.name)
     data = io.BytesIO()

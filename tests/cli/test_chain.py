@@ -76,7 +76,7 @@ def test_true_camera_and_target_are_found(
     offsets = answer["models"][1]["parameters"][:4]
     assert all(abs(p["value"]) < 5.0 * p["sigma"] for p in offsets)
     with (work / "out" / "robot_world.csv").open() as stream:
-        rows = list(csv.DictReader(stream))
+        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
     loaded = Cell.load(cell)
     tool = 1e3 * loaded.tool_m + loaded.config.truth.tool_error_mm
     camera = tool - [0.0, 0.0, loaded.config.tool.camera_stand_off_mm]
@@ -121,8 +121,10 @@ def test_spreadsheet_round_trip_changes_nothing(cli: Cli, work: Path) -> None:
     touched = "# measured on Monday\n" + plain.replace("\n", "\n\n", 3)
     (work / "excel.csv").write_bytes(("\ufeff" + touched).replace("\n", "\r\n").encode())
     assert cli("identify", work / "cell.toml", work / "excel.csv", "--out", work / "b").code == 0
-    one, two = (work / d / "identification.json" for d in "ab")
-    assert one.read_text() == two.read_text()
+    one, two = (json.loads((work / d / "identification.json").read_text()) for d in "ab")
+    for answer in (one, two):
+        del answer["origin"], answer["data"]
+    assert one == two
 
 
 @pytest.mark.parametrize("name", ["#1", "=T1", "-1", "Zapfen 3, links", 'the "old" one', "'x"])

@@ -361,7 +361,7 @@ def test_what_is_not_checked_is_said(cli: Cli, make_urdf: Callable[..., Path], w
     new = cli("new", "--robot", make_urdf())
     assert new.code == 0
     (work / "own.toml").write_text(new.out)
-    assert cli("plan", work / "own.toml", "--out", work).code in (0, 1)
-    said = cli("check", work / "own.toml", work / "poses.csv")
+    assert cli("plan", work / "own.toml", "--out", work / "own").code in (0, 1)
+    said = cli("check", work / "own.toml", work / "own" / "poses.csv")
     assert "note: small has no collision geometry: no collisions are checked" in said.err
     assert "note: no [camera] is described: the view of the target is not checked" in said.err

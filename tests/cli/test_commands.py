@@ -225,7 +225,7 @@ def test_plan_that_falls_short_says_what_to_change(
     assert said.code == 1
     assert advice in said.out
     assert (work / "out" / "poses.csv").is_file()
-    as_json = json.loads(cli("plan", work / "cell.toml", "--out", work, "--json").out)
+    as_json = json.loads(cli("plan", work / "cell.toml", "--out", work / "out", "--json").out)
     assert as_json["reached"] is False
     assert advice in as_json["message"]
 
@@ -253,12 +253,13 @@ def test_dropped_poses_have_no_numbers_and_are_passed_over(
         "plan.limit_margin_deg": "35.0",
         "variations.start_deg": "[50.0, 50.0, 50.0]",
     }
-    cli("plan", change_cell(keys), "--out", work)
-    rows = rows_of(work / "poses.csv")
+    out = work / "out"
+    cli("plan", change_cell(keys), "--out", out)
+    rows = rows_of(out / "poses.csv")
     dropped = [row for row in rows if row["status"] == "dropped"]
     assert 0 < len(dropped) < 27
     assert all(row["reason"] and not row["j1_deg"] and not row["x_mm"] for row in dropped)
-    said = cli("simulate", work / "cell.toml", work / "poses.csv", "--out", work)
+    said = cli("simulate", work / "cell.toml", out / "poses.csv", "--out", out)
     assert said.code == 0
     assert f"{27 - len(dropped)} touch-ups" in said.out
 
@@ -313,7 +314,8 @@ def test_score_does_not_praise_poses_outside_the_limits(
 
 
 def test_simulate_depends_on_the_seed_alone(cli: Cli, work: Path) -> None:
-    first = (work / "touchups.csv").read_bytes()
+    cli("simulate", work / "cell.toml", work / "poses.csv", "--out", work / "first")
+    first = (work / "first" / "touchups.csv").read_bytes()
     cli("simulate", work / "cell.toml", work / "poses.csv", "--out", work / "same", "--seed", 1)
     cli("simulate", work / "cell.toml", work / "poses.csv", "--out", work / "other", "--seed", 2)
     assert (work / "same" / "touchups.csv").read_bytes() == first
@@ -420,7 +422,7 @@ def test_program(cli: Cli, work: Path) -> None:
     assert f"wrote {work / 'CALIB01.LS'}: 27 poses" in said.out
     assert validate(work / "CALIB01.LS") == []
     text = (work / "CALIB01.LS").read_text()
-    plan = json.loads(cli("plan", work / "cell.toml", "--out", work, "--json").out)
+    plan = json.loads(cli("plan", work / "cell.toml", "--out", work / "out", "--json").out)
     assert plan["fingerprint"] in text
 
 

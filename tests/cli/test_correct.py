@@ -57,7 +57,7 @@ def changed(identified: Path) -> Callable[[Callable[[dict[str, Any]], object]], 
 
 def table(path: Path) -> list[dict[str, Any]]:
     with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     return [
         {k: v if k in TEXTS else (float(v) if v else None) for k, v in row.items()} for row in rows
     ]
@@ -227,8 +227,9 @@ def test_a_urdf_keeps_its_own_text(cli: Cli, work, make_urdf) -> None:
     said = cli("correct", cell, work / "small.json", "--out", work / "out")
     assert said.code == 0, said
     old, new = before.splitlines(), (work / "out" / "corrected.urdf").read_text().splitlines()
-    assert new[0].startswith("<!-- Joint origins as identified")
-    assert sum(a != b for a, b in zip(old, new[1:], strict=True)) == 1
+    assert new[0].startswith("<!-- origin: computed corrected description by correct from small")
+    assert new[1].startswith("<!-- Joint origins as identified")
+    assert sum(a != b for a, b in zip(old, new[2:], strict=True)) == 1
     assert source.read_text() == before
     q = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     again = Robot.from_urdf(work / "out" / "corrected.urdf")

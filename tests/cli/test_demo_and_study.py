@@ -48,7 +48,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 
 def study_rows(folder: Path) -> list[dict[str, str]]:
     with (folder / "accuracy_vs_condition.csv").open() as stream:
-        return list(csv.DictReader(stream))
+        return list(csv.DictReader(line for line in stream if not line.startswith("#")))
 
 
 def test_demo_leaves_its_files(demo: tuple[Path, str]) -> None:
@@ -75,7 +75,10 @@ def test_demo_files_can_be_read_back(demo: tuple[Path, str]) -> None:
     assert answer["recommended"] == "offsets + compliance"
     assert set(answer["models"][1]["parameters"][0]) >= {"name", "value", "unit", "sigma"}
     with (out / "robot_world.csv").open() as stream:
-        assert [row["method"] for row in csv.DictReader(stream)] == ["ml", *PAPER_METHODS]
+        assert [
+            row["method"]
+            for row in csv.DictReader(line for line in stream if not line.startswith("#"))
+        ] == ["ml", *PAPER_METHODS]
     assert (out / "accuracy_vs_condition.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 

@@ -27,7 +27,7 @@ PLACES, TURNS = ("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg")
 def table(path: Path) -> list[dict[str, str]]:
     """Rows of a CSV file."""
     with path.open(newline="") as stream:
-        return list(csv.DictReader(stream))
+        return list(csv.DictReader(line for line in stream if not line.startswith("#")))
 
 
 def save(path: Path, rows: list[dict[str, Any]]) -> Path:

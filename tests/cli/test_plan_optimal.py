@@ -285,7 +285,7 @@ def test_rounds_of_next_go_on_until_they_stop(
         assert told["files"] == [str(out / "poses.csv")]
         simulated = ("simulate", cell, out / "poses.csv", "--seed", turn, "--out", out)
         assert cli(*simulated).code == 0
-        rows = (out / "touchups.csv").read_text().splitlines()[1:]
+        rows = (out / "touchups.csv").read_text().splitlines()[2:]
         every.write_text(every.read_text() + "\n".join(rows) + "\n")
     assert told["go_on"] is False
     assert told["message"].startswith("stop: ")
@@ -294,20 +294,22 @@ def test_rounds_of_next_go_on_until_they_stop(
 
 
 def test_next_before_everything_is_identified(cli: Cli, cell: Path, measured: Path) -> None:
-    lines = measured.read_text().splitlines()
+    lines = measured.read_text().splitlines()[1:]
     measured.write_text("\n".join(lines[:3]) + "\n")
-    said = cli("next", cell, measured, "--poses", 4, "--out", measured.parent)
+    said = cli("next", cell, measured, "--poses", 4, "--out", measured.parent / "next")
     assert said.code == 0
     assert "go on: 2 touch-ups do not yet identify everything" in said.out
     last = max(line.split(",")[-1] for line in lines[1:3])  # as the way leads, not as numbered
     assert f"P{int(last[1:]) + 1:02d}" in said.out
-    told = strict_json(cli("next", cell, measured, "--out", measured.parent, "--json").out)
+    told = strict_json(cli("next", cell, measured, "--out", measured.parent / "next", "--json").out)
     assert told["identified"] is False
     assert "equations for 10 parameters" in told["why_not"]
 
 
 def test_next_says_when_the_accuracy_is_reached(cli: Cli, cell: Path, measured: Path) -> None:
-    said = cli("next", cell, measured, "--target-accuracy", "5mm", "--out", measured.parent)
+    said = cli(
+        "next", cell, measured, "--target-accuracy", "5mm", "--out", measured.parent / "next"
+    )
     assert said.out.count("stop: tool point known to") == 1
     assert "5 mm is reached" in said.out
 

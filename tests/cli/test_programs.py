@@ -28,7 +28,7 @@ def touch_up(program: Path, touchups: Path, poses: Path) -> list[str]:
     with touchups.open() as file:
         found = {
             row["pose"]: [float(row[f"j{j}_deg"]) for j in (1, 2, 3, 4, 5, 6)]
-            for row in csv.DictReader(file)
+            for row in csv.DictReader(line for line in file if not line.startswith("#"))
         }
     with poses.open() as file:
         rows = csv.DictReader(line for line in file if not line.startswith("#"))
@@ -63,7 +63,7 @@ def test_the_way_there_and_back(cli: Cli, work: Path) -> None:
     assert re.search(r"stored to 0.001 deg: that moves the tool point by 0\.0\d+ mm", back.err)
     assert f"wrote {out / 'touchups.csv'}: 27 touch-ups" in back.out
     with (out / "touchups.csv").open() as file:
-        rows = list(csv.DictReader(file))
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     assert [row["pose"] for row in rows] == names
     found = [
         cli("identify", cell, path, "--out", out, "--json").out
@@ -81,7 +81,9 @@ def test_import_says_what_it_did_as_json(cli: Cli, work: Path) -> None:
     names = touch_up(program, work / "touchups.csv", poses)
     text = program.read_text()
     program.write_text(text.replace(text[text.index("P[27:") : text.index("P[28:")], "", 1))
-    said = json.loads(cli("import", cell, program, "--poses", poses, "--out", work, "--json").out)
+    said = json.loads(
+        cli("import", cell, program, "--poses", poses, "--out", work / "back", "--json").out
+    )
     assert said["missing"] == [names[26]]
     assert said["untouched"] == []
     assert len(said["warnings"]) == 1  # of the rounding
@@ -94,7 +96,7 @@ def test_a_program_of_another_plan(cli: Cli, refuse: Refuse, work: Path) -> None
     assert cli("program", poses, "--cell", cell, "--out", work).code == 0
     lines = poses.read_text().splitlines()
     poses.write_text("\n".join([*lines[:-2], lines[-1]]) + "\n")
-    line = refuse("import", cell, work / "CALIB01.LS", "--poses", poses, "--out", work)
+    line = refuse("import", cell, work / "CALIB01.LS", "--poses", poses, "--out", work / "back")
     line.says("was written from the plan", "the poses are the plan", "name the poses.csv")
 
 

@@ -51,7 +51,7 @@ def measured() -> tuple[Pairs, FloatArray, FloatArray]:
 
 def rows_of(path: Path) -> list[dict[str, str]]:
     with path.open(newline="") as stream:
-        return list(csv.DictReader(stream))
+        return list(csv.DictReader(line for line in stream if not line.startswith("#")))
 
 
 def matlab(path: Path, **sides: FloatArray) -> Path:

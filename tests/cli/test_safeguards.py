@@ -27,7 +27,9 @@ def with_joint_2_at_90_deg(path: Path) -> Path:
 def test_an_arm_is_not_sent_beyond_its_limits(refuse: Callable[..., Any], work: Path) -> None:
     poses, cell = with_joint_2_at_90_deg(work / "poses.csv"), work / "cell.toml"
     for words in (("simulate", cell, poses), ("program", poses, "--cell", cell)):
-        refuse(*words, "--out", work).says(": joint_2 90.0 deg is above 76.0 deg", "URDF signs")
+        refuse(*words, "--out", work / "out").says(
+            ": joint_2 90.0 deg is above 76.0 deg", "URDF signs"
+        )
 
 
 def test_touch_ups_beyond_the_limits_are_named(cli: Cli, work: Path) -> None:
@@ -40,7 +42,7 @@ def test_a_target_far_from_the_base_posture_is_worth_a_word(
     cli: Cli, change_cell: ChangeCell, work: Path
 ) -> None:
     cell = change_cell({"target.position_mm": "[1915.4, 50.0, 693.0]"})
-    said = cli("plan", cell, "--out", work)
+    said = cli("plan", cell, "--out", work / "out")
     assert "note: the target is 200 mm from where the base posture puts the tool point" in said.err
 
 
@@ -61,7 +63,7 @@ def test_score_does_not_praise_poses_that_touch_nothing(
     assert said.code == 1
     assert ": the tool point is " in said.err
     assert "mm from the target" in said.err
-    said = cli("simulate", work / "cell.toml", poses, "--out", work)
+    said = cli("simulate", work / "cell.toml", poses, "--out", work / "out")
     assert said.code == 2
     assert "error: pose P" in said.err
 
@@ -70,7 +72,7 @@ def test_predictions_are_those_of_the_estimator_asked_for(
     cli: Cli, change_cell: ChangeCell, work: Path
 ) -> None:
     cell = change_cell({"measurement.weighted": "false"})
-    plan = json.loads(cli("plan", cell, "--out", work, "--json").out)
+    plan = json.loads(cli("plan", cell, "--out", work / "out", "--json").out)
     assert plan["predicted"][0]["predicted sigma"] == pytest.approx(0.01216, rel=0.01)
     score = json.loads(cli("score", cell, work / "poses.csv", "--json").out)
     assert score["predicted"][0]["predicted sigma"] == pytest.approx(0.01216, rel=0.01)
@@ -80,7 +82,7 @@ def test_an_angle_that_is_held(cli: Cli, change_cell: ChangeCell, work: Path) ->
     cell = change_cell(
         {"variations.start_deg": "[5, 5, 0]", "variations.largest_deg": "[60, 60, 0]"}
     )
-    plan = json.loads(cli("plan", cell, "--out", work, "--json").out)
+    plan = json.loads(cli("plan", cell, "--out", work / "out", "--json").out)
     assert {row["grid"] + row["repaired"] for row in plan["rounds"]} == {9}
     assert {row["d_r_deg"] for row in plan["rounds"]} == {0}
 
@@ -102,8 +104,8 @@ def test_a_stiffness_of_ones_own_makes_the_arm_deflect(
     files = []
     for stiffness in ("[1e6, 1e6, 1e6, 1e6, 1e6, 1e6]", "[1e9, 1e9, 1e9, 1e9, 1e9, 1e9]"):
         cell = change_cell({"truth.stiffness_nm_per_rad": stiffness})
-        assert cli("simulate", cell, work / "poses.csv", "--out", work).code == 0
-        files.append((work / "touchups.csv").read_text())
+        assert cli("simulate", cell, work / "poses.csv", "--out", work / "out").code == 0
+        files.append((work / "out" / "touchups.csv").read_text())
     assert files[0] != files[1]
 
 
@@ -136,8 +138,8 @@ def test_a_fanuc_program_is_written_for_a_fanuc_only(cli: Cli, work: Path) -> No
     (work / "arm.urdf").write_text(robot.format(name="other", joints=joints))
     new = cli("new", "--robot", work / "arm.urdf")
     (work / "other.toml").write_text(new.out)
-    assert cli("plan", work / "other.toml", "--out", work).code == 0
-    words = ("program", work / "poses.csv", "--cell", work / "other.toml", "--out", work)
+    assert cli("plan", work / "other.toml", "--out", work / "other").code == 0
+    words = ("program", work / "other" / "poses.csv", "--cell", work / "other.toml", "--out", work)
     said = cli(*words)
     assert said.code == 2
     assert "other has a controller of an unknown maker (choose with --format: fanuc-ls" in said.err

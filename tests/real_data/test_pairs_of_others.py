@@ -19,7 +19,10 @@ pytestmark = pytest.mark.real_data
 
 def rows_of(path: Path) -> dict[str, dict[str, str]]:
     with path.open(newline="") as stream:
-        return {row["method"]: row for row in csv.DictReader(stream)}
+        return {
+            row["method"]: row
+            for row in csv.DictReader(line for line in stream if not line.startswith("#"))
+        }
 
 
 def assert_left_over(row: dict[str, str], deg: float, mm: float, rel: float = 0.01) -> None:

@@ -25,6 +25,7 @@ from calib.parameters import (
     ZeroOffsets,
 )
 from calib.robots import CoupledLimit, Robot
+from calib.robots.arm_shapes import with_capsules, with_shapes_of
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.cell_checks import check_cell, naming
 from posedesign.cell_measurement import make_measurement
@@ -41,7 +42,8 @@ from posedesign.surroundings import (
     meeting_pairs,
     obstacles,
     tool_bodies,
-    what_is_left_out,
+    what_is_not_checked,
+    what_is_odd,
 )
 
 _FACING = np.diag([1.0, -1.0, -1.0])
@@ -118,6 +120,7 @@ class Cell:
                     packages=[path.parent / folder for folder in source.packages],
                     xacro_args=source.xacro_args,
                 )
+        robot = _with_shapes(robot, source, path)
         if source.controller is not None:
             with naming(path, "robot.controller"):
                 robot = robot.controlled_by(source.controller)
@@ -299,8 +302,13 @@ class Cell:
 
     @property
     def notices(self) -> list[str]:
-        """What planning and checking leave out, in words."""
-        return what_is_left_out(self)
+        """What was decided while reading the robot, and what is odd about the cell, in words."""
+        return [*self.robot.notices, *what_is_odd(self)]
+
+    @property
+    def not_checked(self) -> tuple[str, ...]:
+        """What planning and checking do not look at, in words."""
+        return what_is_not_checked(self)
 
     def model(
         self,
@@ -369,6 +377,17 @@ class Cell:
             self.measurement if measurement is None else measurement,
         )
         return model, np.concatenate(values)
+
+
+def _with_shapes(robot: Robot, section: RobotSection, path: Path) -> Robot:
+    """The robot with what its cell says of links that the description gives no shape."""
+    if section.shapes is not None:
+        with naming(path, "robot.shapes"):
+            robot = with_shapes_of(robot, section.shapes)
+    if section.capsule_radius_mm is not None:
+        with naming(path, "robot.capsule_radius_mm"):
+            robot = with_capsules(robot, np.atleast_1d(section.capsule_radius_mm) / 1e3)
+    return robot
 
 
 def _with_coupled_limits(robot: Robot, section: RobotSection, path: Path) -> Robot:

@@ -79,10 +79,12 @@ class CoupledLimitSection(Section):
 
 
 class RobotSection(Section):
-    """Which arm: a preset or a URDF file.
+    """Which arm: a preset or a URDF file, and what its links are like where the URDF says nothing.
 
     ``packages``: folders to search for packages that a URDF names; ``xacro_args``: arguments of a
-    xacro file, each NAME:=VALUE.
+    xacro file, each NAME:=VALUE. ``shapes`` names a preset of the same kinematics;
+    ``capsule_radius_mm``, one radius or one a link, makes capsules along the chain
+    (:mod:`calib.robots.arm_shapes`).
     """
 
     preset: Line | None = None
@@ -93,6 +95,8 @@ class RobotSection(Section):
     lock: tuple[Line, ...] = ()
     packages: tuple[Line, ...] = ()
     xacro_args: tuple[Line, ...] = ()
+    shapes: Line | None = None
+    capsule_radius_mm: Size | tuple[Size, ...] | None = None
     keep_coupled_limits: StrictBool = True
     coupled_limit: tuple[CoupledLimitSection, ...] = ()
 
@@ -104,6 +108,8 @@ class RobotSection(Section):
             raise ValueError("joints can be locked in a urdf only, not in a preset")
         if self.preset is not None and (self.packages or self.xacro_args):
             raise ValueError("packages and xacro_args are of a urdf, not of a preset")
+        if self.preset is not None and (self.shapes or self.capsule_radius_mm):
+            raise ValueError("a preset has its shapes: shapes and capsule_radius_mm are for a urdf")
         return self
 
 

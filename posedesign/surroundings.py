@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.camera import PinholeCamera
+from calib.errors import RobotModelError
 from calib.geometry import Body, Box, Cylinder, HalfSpace, Mesh, Solid, Sphere
 from calib.geometry.scene import Scene
 from calib.geometry.ways import WAY_TOLERANCE_M
 from calib.robots import Robot
+from calib.robots.arm_shapes import has_bare_base, presets_like, unshaped_links
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.config import SolidSection
 from posedesign.feasibility import Checker, Constraint
@@ -131,6 +133,7 @@ def build_collisions(cell: Cell, scene: Scene) -> tuple[Collision, ...]:
         box = np.array([low, high]) / 1e3
         found.append(Workspace(workspace_scene(cell.robot, bodies, cell.tool_m, *box)))
     if section.collisions:
+        refuse_unshaped(cell)
         own, others = scene.own, scene.others
         if len(own.pairs):
             found.append(SelfCollision(own))
@@ -139,27 +142,41 @@ def build_collisions(cell: Cell, scene: Scene) -> tuple[Collision, ...]:
     return tuple(found)
 
 
-def what_is_left_out(cell: Cell) -> list[str]:
-    """What planning and checking of a cell do not look at, in words."""
-    section, name = cell.config.constraints, cell.robot.name
+def refuse_unshaped(cell: Cell) -> None:
+    """Refuse to look for collisions of an arm with links that nothing is known of.
+
+    Raises
+    ------
+    RobotModelError
+        Naming the links, and what can be done.
+    """
+    robot = cell.robot
+    names = ", ".join(unshaped_links(robot))
+    if not names:
+        return
+    same = presets_like(robot)
+    raise RobotModelError(
+        f"{robot.name} has no collision geometry for {names}: what they run into is not seen",
+        hint=(f'set robot.shapes = "{same[0]}", a preset of the same kinematics; ' if same else "")
+        + "set robot.capsule_radius_mm to take these links for capsules of this radius, give their "
+        "collision geometry in the URDF with its meshes, or say constraints.collisions = false",
+        name=names,
+    )
+
+
+def what_is_odd(cell: Cell) -> list[str]:
+    """What a person should know of a cell, in words."""
     said = []
+    if cell.config.camera is None and not (cell.is_hand_eye or cell.config.plan.retreat_mm):
+        said.append(
+            "plan.retreat_mm is 0: a tool that touches the target does not back off between "
+            "the poses"
+        )
     if cell.is_hand_eye:
         said.append(
             "camera and target are calibrated, and the robot is taken to be exact: [parameters] "
             "plays no part, and the robot's errors come on top of what is predicted"
         )
-    if not section.collisions:
-        said.append("collisions are not checked: constraints.collisions is false")
-    elif not cell.robot.bodies:
-        rest = " but of its tool" if cell.tool_bodies and cell.obstacles else ""
-        said.append(f"{name} has no collision geometry: no collisions are checked{rest}")
-    elif not cell.obstacles:
-        said.append(
-            "no [[obstacle]] is described: arm and tool are checked against each other only"
-        )
-    if section.collisions and cell.scene.excluded:
-        pairs = ", ".join(f"{one} and {other}" for one, other in cell.scene.excluded)
-        said.append(f"not checked, because they touch in the zero posture: {pairs}")
     for body in (*cell.tool_bodies, *cell.obstacles):
         if isinstance(body.solid, Mesh):
             size = np.ptp(body.solid.vertices, axis=0).max()
@@ -168,15 +185,53 @@ def what_is_left_out(cell: Cell) -> list[str]:
                     f"the mesh of {body.name} is {1e3 * size:.3g} mm large: is its file in mm? "
                     "(scale = 1000 for metres)"
                 )
+    return said
+
+
+def what_is_not_checked(cell: Cell) -> tuple[str, ...]:
+    """What planning and checking of a cell do not look at, in words."""
+    section = cell.config.constraints
+    said = _unseen_collisions(cell) if section.collisions else _without_collisions(cell)
     if not section.ways:
-        said.append("the ways between poses are not checked: constraints.ways is false")
+        said.append("the ways between poses: constraints.ways is false")
     if cell.config.camera is None:
-        said.append("no [camera] is described: the view of the target is not checked")
-        if not (cell.is_hand_eye or cell.config.plan.retreat_mm):
-            said.append(
-                "plan.retreat_mm is 0: a tool that touches the target does not back off between "
-                "the poses"
-            )
+        said.append("the view of the target: no [camera] is described")
+    return tuple(said)
+
+
+def _without_collisions(cell: Cell) -> list[str]:
+    said = ["collisions: constraints.collisions is false"]
+    unshaped = ", ".join(unshaped_links(cell.robot))
+    if unshaped and (cell.config.camera or cell.config.constraints.workspace_lowest_mm):
+        said.append(f"view and workspace but for joints and tool point: no shape of {unshaped}")
+    return said
+
+
+def _unseen_collisions(cell: Cell) -> list[str]:
+    robot = cell.robot
+    said = []
+    if robot.fitted_links:
+        fitted = ", ".join(robot.fitted_links)
+        said.append(
+            f"what sticks out of the capsules along the chain that stand for {fitted}: an estimate"
+        )
+    if has_bare_base(robot):
+        said.append(f"collisions with {robot.link_names[0]}: it has no shape")
+    if not cell.tool_bodies:
+        said.append("collisions of the tool: no [[tool.body]] is described")
+    if not cell.obstacles:
+        said.append("collisions with what stands around: no [[obstacle]] is described")
+    meeting = meeting_pairs(cell)
+    for pairs, why in (
+        (cell.scene.excluded, "they touch in the zero posture"),
+        (meeting, "in constraints.ignore, at the poses and right before them"),
+        (
+            [pair for pair in cell.config.constraints.ignore if pair not in meeting],
+            "in constraints.ignore",
+        ),
+    ):
+        if pairs:
+            said.append(f"{', '.join(f'{one} against {other}' for one, other in pairs)}: {why}")
     return said
 
 

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError, RobotModelError
-from calib.robots import POSITIVE_AXES, Robot, find_preset, preset_info
+from calib.robots import Robot, find_preset, preset_info
+from calib.robots.arm_shapes import presets_like, unshaped_links
+from calib.robots.controller import controllers_like
 from calib.se3 import FloatArray
 from posedesign.base_posture import suggest_base_posture, suggest_tool
 
@@ -26,10 +28,11 @@ PAYLOAD_USED = 0.6424
 _TEMPLATE = """\
 # A calibration cell for posedesign. Lengths in mm, angles in degrees, joints in URDF signs.
 # Plan with:  posedesign plan cell.toml --out DIR
-
+{decide}
 [robot]
 {robot}
-{notices}# base = "base_link"              # positions are given in this link; default: the root
+{shapes}{notices}\
+# base = "base_link"              # positions are given in this link; default: the root
 tip = {tip}
 # lock = ["joint_7"]              # joints of a URDF that are held at zero
 # packages = ["../ws/src"]        # folders to search for packages that a URDF names
@@ -208,6 +211,11 @@ keep = "position"                 # where a touched-up position is kept; or "reg
 # steps = [3, 3, 3]               # points along x, y and z
 """
 
+_SHAPES = """\
+# shapes = "ur10e"                # of links without, in a URDF: a preset's of the same kinematics,
+# capsule_radius_mm = 80.0        # or capsules from joint to joint: one radius, or one a link
+"""
+
 _BODIES = """
 # Gun, camera, fixture and floor are stand-ins of the size of the arm: put in your own.
 [[tool.body]]                     # what is solid, in the axes of the tip: boxes, cylinders, meshes
@@ -351,6 +359,7 @@ def _for_urdf(path: Path, packages: Sequence[Path], xacro_args: Sequence[str]) -
     robot = Robot.from_urdf(path, packages=packages, xacro_args=xacro_args)
     tool = suggest_tool(robot)
     posture = np.rad2deg(suggest_base_posture(robot, tool))
+    decide, shapes = _shape_lines(robot)
     setup = _Setup(
         tool_note="A SUGGESTION only: put in your own, as good as you know it; it is identified.",
         point_mm=(1e3 * tool).tolist(),
@@ -367,6 +376,8 @@ def _for_urdf(path: Path, packages: Sequence[Path], xacro_args: Sequence[str]) -
         posture=(np.round(posture, 6) + 0.0).tolist(),
         three_sigma=[0.1, 0.1, 0.1],
         deflection=False,
+        decide=decide,
+        shapes=shapes,
     )
 
 
@@ -435,13 +446,61 @@ def _gun_and_camera(
 
 
 def _controller_line(robot: Robot) -> str:
-    """The controller, of a URDF that says by its name that it is ROS-Industrial's of a FANUC."""
-    if robot.name.lower().startswith("fanuc"):
+    """The controller, of a URDF that says by its name that it is ROS-Industrial's of a FANUC.
+
+    Its axes have to be as that maker counts them: a description with another zero posture is read
+    in its own view only.
+    """
+    fitting = sorted(controllers_like(robot), key=lambda maker: maker not in robot.name.lower())
+    if robot.name.lower().startswith("fanuc") and "fanuc" in fitting:
         return (
             'controller = "fanuc"              # what the pendant shows; programs are in its view'
         )
-    others = ", ".join(maker for maker in POSITIVE_AXES if maker != "fanuc")
-    return f'# controller = "fanuc"            # or {others}'
+    if not fitting:
+        return (
+            "# controller: no maker known here counts joints as this description does at zero;\n"
+            "# programs for any robot: ros-trajectory, moveit-joints, robot-calibration, robodk-csv"
+        )
+    return (
+        f'# controller = "{fitting[0]}"'.ljust(34)
+        + "# whose it is: needed for its programs"
+        + (f"; or {', '.join(fitting[1:])}" if fitting[1:] else "")
+    )
+
+
+def _shape_lines(robot: Robot) -> tuple[str, str]:
+    """What to decide about links without a shape, for the top of the file; and the keys for it.
+
+    The shapes of a preset with the same kinematics are taken. Capsules are not: against the shapes
+    of the presets, those from joint to joint would need a radius of 0.04 to 0.32 of the arm's reach
+    to hold a link, so that no radius is both safe and of use for an arm that nobody has looked at.
+    """
+    bare = [_printed(link) for link in unshaped_links(robot)]
+    if not bare:
+        return "", _SHAPES
+    names, same = ", ".join(bare), presets_like(robot)
+    if same:
+        return "", (
+            f"# The URDF has no collision geometry for {names}.\n"
+            + f'shapes = "{same[0]}"'.ljust(34)
+            + "# shapes of a preset with the same kinematics\n"
+        )
+    decide = (
+        f"#\n# DECIDE FIRST: the URDF has no collision geometry for {names}:\n"
+        "# plan refuses until you give it in the URDF, set robot.capsule_radius_mm below, or say\n"
+        "# constraints.collisions = false.\n"
+    )
+    radius = _round(1e2 * robot.chain.reach_m, 0)
+    return decide, (
+        f"# capsule_radius_mm = {radius:g}".ljust(34)
+        + "# or a list, one a link: MEASURE your arm. Capsules run from\n"
+        "# joint to joint: a motor, a counterweight or a shoulder beside it needs a larger one\n"
+    )
+
+
+def _printed(text: str) -> str:
+    """A name on one line: those in a URDF may hold line ends."""
+    return " ".join(text.split())
 
 
 def _world_line(robot: Robot) -> str:
@@ -474,17 +533,21 @@ def _fill(
     posture: Sequence[float],
     three_sigma: Sequence[float],
     deflection: bool,
+    decide: str = "",
+    shapes: str = _SHAPES,
 ) -> str:
     from posedesign.cell import usual_offsets
 
     point = robot.state(np.deg2rad(posture)).point(np.array(setup.point_mm) / 1e3)
     offsets = ", ".join(_quoted(joint) for joint in robot.joint_names[1:-1])
     return _TEMPLATE.format(
+        decide=decide,
+        shapes=shapes,
         robot=source,
         tool_note=setup.tool_note,
         target_mm=[_round(v, 3) for v in 1e3 * point],
         world=_world_line(robot),
-        notices="".join(f"# {' '.join(said.split())}\n" for said in robot.notices),
+        notices="".join(f"# {_printed(said)}\n" for said in robot.notices),
         tip=_quoted(robot.tip_frame),
         point_mm=list(setup.point_mm),
         mass_kg=setup.mass_kg,

@@ -148,12 +148,31 @@ def check_joints(model: pin.Model, joints: list[int], flaws: Mapping[str, RobotM
 
 def body_of(model: pin.Model, shape: LinkShape, joints: list[int], base_id: int) -> Body:
     """A solid of a link on the joint of the chain that moves it; of other links, on the base."""
-    frame = model.frames[frame_id(model, shape.link)]
-    if frame.parentJoint in joints:
-        mover, T_mover_link = joints.index(frame.parentJoint) + 1, frame.placement
-    else:
-        mover, T_mover_link = 0, model.frames[base_id].placement.inverse() * frame.placement
+    mover = link_number(model, shape.link, joints)
+    T_mover_link = model.frames[frame_id(model, shape.link)].placement
+    if not mover:
+        T_mover_link = model.frames[base_id].placement.inverse() * T_mover_link
     return Body(shape.name, mover, T_mover_link.homogeneous @ shape.T_link_shape, shape.solid)
+
+
+def link_number(model: pin.Model, link: str, joints: list[int]) -> int:
+    """Number, from 1, of the joint of the chain that moves a link; 0 where none does."""
+    mover = model.frames[frame_id(model, link)].parentJoint
+    return joints.index(mover) + 1 if mover in joints else 0
+
+
+def link_names(model: pin.Model, joints: Sequence[str], base: str) -> tuple[str, ...]:
+    """Names of the link that the first joint hangs on, and of the link that each joint moves."""
+    frames = model.frames
+    first = frames[model.getFrameId(joints[0], pin.FrameType.JOINT)].parentFrame
+    names = [frames[first].name if frames[first].type == pin.FrameType.BODY else base]
+    for joint in joints:
+        mover = model.getJointId(joint)
+        own = [f for f in frames if f.type == pin.FrameType.BODY and f.parentJoint == mover]
+        # a link sits where its joint is, and stands before what is fixed to it
+        own.sort(key=lambda frame: not frame.placement.isIdentity(1e-9))
+        names.append(own[0].name if own else f"the link of {joint}")
+    return tuple(names)
 
 
 def chain_of(model: pin.Model, joints: list[int], base_id: int, tip_id: int) -> SerialChain:

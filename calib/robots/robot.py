@@ -32,6 +32,8 @@ from calib.robots.model_chain import (
     gravity_at,
     joints_between,
     joints_to_lock,
+    link_names,
+    link_number,
     names_of,
     root_id,
     usual_tip,
@@ -75,6 +77,11 @@ class Robot:
         What was decided while reading the description, in words.
     bodies : tuple of Body
         Solids of the arm; none where the description has none.
+    lost_shapes : tuple of (int, str)
+        Number and name of the links whose description names a solid that cannot be had: a mesh
+        that is not there, say.
+    fitted_links : tuple of str
+        Links whose solids are estimated from the chain (:mod:`calib.robots.arm_shapes`).
     coupled_limits : tuple of CoupledLimit
         Limits that several joints have together.
     controller : Controller or None
@@ -95,6 +102,8 @@ class Robot:
     tip_frame: str
     notices: tuple[str, ...] = ()
     bodies: tuple[Body, ...] = ()
+    lost_shapes: tuple[tuple[int, str], ...] = ()
+    fitted_links: tuple[str, ...] = ()
     coupled_limits: tuple[CoupledLimit, ...] = ()
     controller: Controller | None = None
     model: pin.Model = field(default=None, repr=False, compare=False)
@@ -149,6 +158,7 @@ class Robot:
             joint_notices=urdf.joint_notices,
             flaws=urdf.flaws,
             shapes=urdf.shapes,
+            lost_shapes=urdf.lost_shapes,
         )
 
     @classmethod
@@ -185,6 +195,7 @@ class Robot:
         flaws: Mapping[str, RobotModelError] = MappingProxyType({}),
         stiffness: dict[str, float] | None = None,
         shapes: Sequence[LinkShape] = (),
+        lost_shapes: Sequence[str] = (),
     ) -> Robot:
         """Take the chain between two frames out of a Pinocchio model; other joints are locked."""
         said = list(notices)
@@ -230,6 +241,7 @@ class Robot:
             tip_frame=model.frames[tip_id].name,
             notices=tuple(said),
             bodies=tuple(body_of(model, shape, joints, base_id) for shape in shapes),
+            lost_shapes=tuple((link_number(model, name, joints), name) for name in lost_shapes),
             model=model,
         )
 
@@ -257,6 +269,11 @@ class Robot:
     def n(self) -> int:
         """Number of joints."""
         return self.chain.n
+
+    @cached_property
+    def link_names(self) -> tuple[str, ...]:
+        """The link that the first joint hangs on, and the link that each joint moves."""
+        return link_names(self.model, self.joint_names, self.base_frame)
 
     @property
     def joint_range(self) -> FloatArray:

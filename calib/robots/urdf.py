@@ -74,6 +74,8 @@ class Urdf:
         Joints that can be held still but not moved, and why: no limits, or led by another joint.
     shapes : tuple of LinkShape
         Collision geometry.
+    lost_shapes : tuple of str
+        Links with collision geometry that cannot be had; ``notices`` say why.
     """
 
     model: pin.Model
@@ -81,6 +83,7 @@ class Urdf:
     joint_notices: Mapping[str, str]
     flaws: Mapping[str, RobotModelError]
     shapes: tuple[LinkShape, ...]
+    lost_shapes: tuple[str, ...]
 
 
 def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()) -> Urdf:
@@ -94,13 +97,16 @@ def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[st
     description = read_description(path, packages, xacro_args)
     root = description.root
     kinematics = read_kinematics(root, path)
-    shapes, missing = read_collision_shapes(root, path, description.folders, description.packages)
+    shapes, lost, missing = read_collision_shapes(
+        root, path, description.folders, description.packages
+    )
     return Urdf(
         model=_build(kinematics, path),
         notices=(*description.notices, *missing),
         joint_notices=MappingProxyType(kinematics.notices),
         flaws=MappingProxyType(kinematics.flaws),
         shapes=shapes,
+        lost_shapes=lost,
     )
 
 

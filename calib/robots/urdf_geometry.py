@@ -39,7 +39,7 @@ class _NoMesh(Exception):
 
 def read_collision_shapes(
     root: Element, path: Path, folders: Sequence[Path], packages: Packages | None = None
-) -> tuple[tuple[LinkShape, ...], list[str]]:
+) -> tuple[tuple[LinkShape, ...], tuple[str, ...], list[str]]:
     """Read the ``<collision>`` elements of a URDF.
 
     Parameters
@@ -56,6 +56,8 @@ def read_collision_shapes(
     -------
     shapes : tuple of LinkShape
         Named after their links; ``link/collision`` where a link has several, or names them.
+    lost : tuple of str
+        Links that have lost a shape.
     notices : list of str
         Which links have no geometry, and why: a line for each kind of reason.
 
@@ -89,7 +91,8 @@ def read_collision_shapes(
             continue
         body = _body_name(name, collision, len(link.findall("collision")), taken)
         shapes.append(LinkShape(name, body, T_link_shape, solid))
-    return tuple(shapes), [_told(reason, of) for reason, of in missing.items()]
+    lost = dict.fromkeys(link for of in missing.values() for link, _ in of)
+    return tuple(shapes), tuple(lost), [_told(reason, of) for reason, of in missing.items()]
 
 
 def _body_name(link: str, collision: Element, count: int, taken: set[str]) -> str:

@@ -215,8 +215,10 @@ def _calibrate(
             if len(journal):
                 count = f"{len(journal)} measurement" + "s" * (len(journal) > 1)
                 warn(f"going on from {count} in {journal.path}; anew: --restart")
-            for notice in (*cell.robot.notices, *cell.notices):
+            for notice in cell.notices:
                 warn(notice)
+            for said in cell.not_checked:
+                warn(f"not checked: {said}")
             station = KeptStation(drive_of(cell, arms, warn), journal, seed)
             return calibrate(cell, station, out, source=source, progress=progress, warn=warn)
 

@@ -16,8 +16,6 @@ def print_optimal(result: OptimalPlan, out: Path, *, as_json: bool) -> None:
     """Print what accuracy to expect, what is proven, and what one pose more or fewer changes."""
     from posedesign.planner import scaling_of
 
-    for said in result.model.robot.notices:
-        note(f"note: {said}")
     files = [str(out / "poses.csv")] if result.route is not None else []
     if result.validation is not None:
         files.append(str(out / "validation.csv"))

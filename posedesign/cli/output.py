@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calib.model import CalibrationModel
+    from posedesign.cell import Cell
     from posedesign.files import Results
 
 PIPE_WIDTH = 200
@@ -109,6 +110,14 @@ def say_rehearsed(*inputs: Path | None, as_json: bool) -> None:
     said = rehearsed(inputs)
     if said:
         print(plain(said), file=sys.stderr if as_json else sys.stdout)
+
+
+def say_what_to_know(cell: Cell) -> None:
+    """Say what was decided while reading a cell, what is odd about it, and what is not checked."""
+    for said in cell.notices:
+        note(f"note: {said}")
+    for said in cell.not_checked:
+        note(f"not checked: {said}")
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from posedesign.cli.output import (
     results_in,
     say,
     say_rehearsed,
+    say_what_to_know,
     show_file,
 )
 
@@ -95,12 +96,18 @@ def new(
     ] = None,
 ) -> int:
     """Print a commented cell.toml to start from."""
+    from calib.errors import RobotModelError
     from posedesign.cell import Cell
     from posedesign.template import cell_template
 
     text = cell_template(robot, packages=packages or (), xacro_args=xacro_arg or ())
-    for said in Cell.from_text(text).robot.notices:
+    made = Cell.from_text(text)
+    for said in made.robot.notices:
         note(f"note: {said}")
+    try:
+        made.solid  # noqa: B018
+    except RobotModelError as error:
+        note(f"decide before planning: {error}")
     show_file(text)
     return DONE
 
@@ -262,8 +269,7 @@ def _plan_by_grid(loaded: Cell, out: Results, *, as_json: bool) -> int:
 
 
 def _print_notices(cell: Cell) -> None:
-    for said in cell.notices:
-        note(f"note: {said}")
+    say_what_to_know(cell)
     if cell.target_offset_m > NOTEWORTHY_M:
         note(
             f"note: the target is {cell.target_offset_m * 1e3:.0f} mm from where the base "
@@ -278,8 +284,6 @@ def print_plan(cell: Cell, result: PosePlan, out: Path, *, as_json: bool) -> Non
     from posedesign.workflow import round_rows
 
     outlook = outlook_of(cell, result.model, result.postures)
-    for said in result.model.robot.notices:
-        note(f"note: {said}")
     sigma = [
         {"parameter": name, "predicted sigma": value, "unit": unit}
         for name, unit, value in result.sigma_displayed()
@@ -366,15 +370,15 @@ def check(
     measured = listed.measured
     off = off_target(loaded, measured.names, measured.postures, ON_TARGET_M)
     good = all(verdict.ok for verdict in verdicts) and not off
-    for said in loaded.notices:
-        note(f"note: {said}")
+    say_what_to_know(loaded)
     if as_json:
         print_json(
             {
                 "feasible": good,
                 "poses": [verdict.__dict__ for verdict in verdicts],
                 "off_target": off,
-                "not_checked": loaded.notices,
+                "notices": loaded.notices,
+                "not_checked": loaded.not_checked,
             }
         )
         return DONE if good else NOT_REACHED

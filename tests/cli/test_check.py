@@ -360,8 +360,13 @@ def test_a_preset_with_five_values(refuse: Refuse, change_cell: ChangeCell, work
 def test_what_is_not_checked_is_said(cli: Cli, make_urdf: Callable[..., Path], work: Path) -> None:
     new = cli("new", "--robot", make_urdf())
     assert new.code == 0
-    (work / "own.toml").write_text(new.out)
-    assert cli("plan", work / "own.toml", "--out", work / "own").code in (0, 1)
-    said = cli("check", work / "own.toml", work / "own" / "poses.csv")
-    assert "note: small has no collision geometry: no collisions are checked" in said.err
-    assert "note: no [camera] is described: the view of the target is not checked" in said.err
+    cell = work / "own.toml"
+    cell.write_text(new.out)
+    refused = cli("plan", cell, "--out", work)
+    assert refused.code == 2
+    assert "small has no collision geometry for l2, l3, l4, l5: what they run into" in refused.err
+    cell.write_text(new.out.replace("collisions = true", "collisions = false"))
+    assert cli("plan", cell, "--out", work / "own").code in (0, 1)
+    said = cli("check", cell, work / "own" / "poses.csv")
+    assert "not checked: collisions: constraints.collisions is false" in said.err
+    assert "not checked: the view of the target: no [camera] is described" in said.err

@@ -111,6 +111,12 @@ def test_the_cell_that_new_prints_can_be_planned(cli: Cli, tmp_path: Path, prese
     assert json.loads(planned.out)["indices"]["c_g"] < 1e5
 
 
+def with_capsules(text: str) -> str:
+    """A cell of a URDF without shapes, decided as its head asks for."""
+    assert "# DECIDE FIRST: the URDF has no collision geometry for l2, l3, l4, l5:" in text
+    return text.replace("\n# capsule_radius_mm = ", "\ncapsule_radius_mm = 40 # ", 1)
+
+
 def test_new_for_a_urdf(cli: Cli, make_urdf: Callable[..., Path], tmp_path: Path) -> None:
     urdf = make_urdf()
     said = cli("new", "--robot", urdf)
@@ -120,7 +126,8 @@ def test_new_for_a_urdf(cli: Cli, make_urdf: Callable[..., Path], tmp_path: Path
     assert Path(cell["robot"]["urdf"]) == urdf
     assert cell["robot"]["tip"] == "l6"
     assert cell["parameters"]["zero_offsets"] == ["a2", "a3", "a4", "a5"]
-    (tmp_path / "cell.toml").write_text(said.out)
+    assert "decide before planning: small has no collision geometry for l2, l3, l4, l5" in said.err
+    (tmp_path / "cell.toml").write_text(with_capsules(said.out))
     planned = cli("plan", tmp_path / "cell.toml", "--out", tmp_path)
     assert planned.code == 0, planned
     assert [row["status"] for row in rows_of(tmp_path / "poses.csv")] == ["grid"] * 27 + ["via"]
@@ -130,7 +137,7 @@ def test_urdf_is_found_beside_the_cell(
     cli: Cli, make_urdf: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     urdf = make_urdf()
-    text = cli("new", "--robot", urdf).out
+    text = with_capsules(cli("new", "--robot", urdf).out)
     (tmp_path / "cell.toml").write_text(text.replace(str(urdf), urdf.name))
     monkeypatch.chdir("/")
     assert cli("plan", tmp_path / "cell.toml", "--out", tmp_path).code == 0
@@ -141,8 +148,8 @@ def test_plan_reaches_the_threshold_at_40_deg(cli: Cli, work: Path) -> None:
     said = cli("plan", work / "cell.toml", "--out", out)
     assert said.code == 0
     assert said.err == (
-        "note: collisions are not checked: constraints.collisions is false\n"
-        "note: no [camera] is described: the view of the target is not checked\n"
+        "not checked: collisions: constraints.collisions is false\n"
+        "not checked: the view of the target: no [camera] is described\n"
     )
     assert "threshold reached: C_G 9.719e+04 (asked for 1e+05) with 27 poses" in said.out
     assert "40/40/40 deg" in said.out

@@ -119,7 +119,7 @@ def test_arms_of_few_joints_are_not_planned_for(cli: Cli, tmp_path: Path) -> Non
     (tmp_path / "arm.urdf").write_text(f'<robot name="short"><link name="l0"/>{joints}</robot>')
     (tmp_path / "cell.toml").write_text(
         '[robot]\nurdf = "arm.urdf"\n[tool]\npoint_mm = [10, 0, 10]\n'
-        "[base_pose]\nposture_deg = [10, 20, 30]\n"
+        "[base_pose]\nposture_deg = [10, 20, 30]\n[constraints]\ncollisions = false\n"
     )
     said = cli("plan", tmp_path / "cell.toml", "--out", tmp_path)
     assert said.code == 2

@@ -17,9 +17,9 @@ import numpy as np
 import pinocchio as pin
 
 from calib.errors import RobotModelError, near_names
-from calib.geometry.shapes import Box, Capsule, LinkShape
+from calib.geometry.shapes import Box, LinkShape, capsule_between
 from calib.robots.limits import CoupledLimit
-from calib.se3 import FloatArray, rotation_from_wpr, transform
+from calib.se3 import rotation_from_wpr
 
 _NO_LIMIT = np.finfo(float).max
 
@@ -194,22 +194,9 @@ def _shape(entry: dict[str, Any]) -> LinkShape:
     name = entry.get("name", link)
     if "radius_mm" in entry:
         start, end = np.array([entry["from_mm"], entry["to_mm"]], dtype=float) / 1e3
-        length = float(np.linalg.norm(end - start))
-        placement = transform(_turn_z_to(end - start), (start + end) / 2.0)
-        return LinkShape(link, name, placement, Capsule(entry["radius_mm"] / 1e3, length))
+        return LinkShape(link, name, *capsule_between(start, end, entry["radius_mm"] / 1e3))
     x, y, z = np.array(entry["size_mm"], dtype=float) / 1e3
     return LinkShape(link, name, _placement(entry).homogeneous, Box((x, y, z)))
-
-
-def _turn_z_to(direction: FloatArray) -> FloatArray:
-    """A rotation (3, 3) whose z points along a direction; the identity for none."""
-    length = np.linalg.norm(direction)
-    if length == 0.0:
-        return np.eye(3)
-    z = direction / length
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
 
 
 def _coupled_limit(entry: dict[str, Any]) -> CoupledLimit:

@@ -49,7 +49,7 @@ def test_defaults_are_those_of_the_example() -> None:
 def test_example_names_every_key() -> None:
     """A key that the example does not show is a key that nobody finds."""
     text = cell_template()
-    # these stand in the example of a URDF
+    # this stands in the example of a URDF
     elsewhere = {("robot", "urdf"), ("robot", "controller")}
     # one kind of solid is shown for all; the guide to the file has the others
     elsewhere |= {

@@ -78,7 +78,9 @@ def test_every_line_fits_and_every_key_says_its_unit() -> None:
 
 def test_a_urdf_gets_a_base_pose_of_its_own(tmp_path: Path) -> None:
     urdf = write_arm(tmp_path / "arm.urdf")
-    cell = Cell.from_text(cell_template(str(urdf)))
+    text = cell_template(str(urdf))
+    assert "# DECIDE FIRST: the URDF has no collision geometry for l2, l3, l4, l5:" in text
+    cell = Cell.from_text(text.replace("# capsule_radius_mm = ", "capsule_radius_mm = 40.0 # ", 1))
     check_base_pose(cell)
     down = cell.robot.fk(cell.base_posture)[:3, 2]
     np.testing.assert_allclose(down, [0.0, 0.0, -1.0], atol=0.05)

@@ -1,0 +1,114 @@
+"""Links without a shape: which they are, and what can stand in for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.descriptions.urdf_anew import urdf_of
+from calib.errors import RobotModelError
+from calib.geometry import Capsule
+from calib.geometry.enclosure import outer_points
+from calib.robots import Robot, preset_names
+from calib.robots.arm_shapes import (
+    centre_lines,
+    has_bare_base,
+    presets_like,
+    unshaped_links,
+    with_capsules,
+    with_shapes_of,
+)
+
+
+def without_shapes(preset: str, folder: Path) -> Robot:
+    """The arm of a preset as a URDF of its kinematics alone."""
+    path = folder / f"{preset}.urdf"
+    path.write_bytes(urdf_of(Robot.preset(preset), "kinematics"))
+    return Robot.from_urdf(path)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_preset_knows_all_of_its_links(name: str) -> None:
+    robot = Robot.preset(name)
+    assert unshaped_links(robot) == ()
+    assert not has_bare_base(robot)
+
+
+def test_links_without_length_need_no_shape(tmp_path: Path) -> None:
+    robot = without_shapes("ur10e", tmp_path)
+    # shoulder and last wrist: the next joint, or the flange, sits where theirs does
+    assert unshaped_links(robot) == tuple(robot.link_names[j] for j in (2, 3, 4, 5))
+    assert has_bare_base(robot)
+
+
+@pytest.mark.parametrize("name", ["r2000ic165f", "ur10e", "panda"])
+def test_shapes_of_the_preset_of_the_same_kinematics(name: str, tmp_path: Path) -> None:
+    preset, bare = Robot.preset(name), without_shapes(name, tmp_path)
+    assert name in presets_like(bare)
+    robot = with_shapes_of(bare, name)
+    assert unshaped_links(robot) == ()
+    assert [body.name for body in robot.bodies] == [body.name for body in preset.bodies]
+    for one, other in zip(robot.bodies, preset.bodies, strict=True):
+        np.testing.assert_allclose(one.T_link_body, other.T_link_body, atol=1e-9)
+
+
+def test_another_arm_lends_no_shapes(tmp_path: Path) -> None:
+    with pytest.raises(RobotModelError, match=r"is another arm than .*: at zero, axis 2") as error:
+        with_shapes_of(without_shapes("ur10e", tmp_path), "ur5e")
+    assert error.value.hint == "of the same kinematics: ur10e"
+
+
+def test_capsules_run_from_joint_to_joint(tmp_path: Path) -> None:
+    bare = without_shapes("r2000ic165f", tmp_path)
+    robot = with_capsules(bare, [0.1])
+    assert unshaped_links(robot) == ()
+    assert robot.fitted_links == tuple(dict.fromkeys(b.name.split("/")[0] for b in robot.bodies))
+    state = robot.state(np.linspace(-0.3, 0.4, robot.n))
+    for j in range(1, robot.n):
+        step = state.origins[j] - state.origins[j - 1]
+        if np.linalg.norm(step) < 1e-3:
+            continue
+        # both joints are on the line of the capsules of the link between them
+        own = [body for body in robot.bodies if body.link == j]
+        ends = []
+        for body in own:
+            assert isinstance(body.solid, Capsule)
+            assert body.solid.radius_m == 0.1
+            half = body.T_link_body[:3, 2] * body.solid.length_m / 2.0
+            both = body.T_link_body[:3, 3] + np.array([-half, half])
+            ends.append(both @ state.rotations[j - 1].T + state.origins[j - 1])
+        line = np.concatenate(ends)
+        for joint in (state.origins[j - 1], state.origins[j]):
+            assert np.linalg.norm(line - joint, axis=1).min() < 1e-9
+
+
+def test_capsules_go_round_corners_along_the_axes() -> None:
+    """An elbow that is higher than the forearm's axis: up first, then along it."""
+    chain = Robot.preset("r2000ic165f").chain
+    lines = centre_lines(chain)
+    legs = [np.diff(line, axis=0) for line in lines if len(line)]
+    turns = [legs_of[0] @ legs_of[1] for legs_of in legs if len(legs_of) > 1]
+    np.testing.assert_allclose(turns, 0.0, atol=1e-9)
+
+
+def test_a_radius_for_each_link_or_one_for_all(tmp_path: Path) -> None:
+    bare = without_shapes("ur10e", tmp_path)
+    robot = with_capsules(bare, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    for body in robot.bodies:
+        assert outer_points(body.solid)[1] == pytest.approx(0.1 * max(body.link, 1))
+    with pytest.raises(RobotModelError, match="2 radii for the 6 links"):
+        with_capsules(bare, [0.1, 0.2])
+
+
+def test_a_lost_shape_is_one_that_is_not_there(tmp_path: Path) -> None:
+    """Also of a link without length, and of what hangs on a link beside its other bodies."""
+    whole = Robot.preset("ur10e")
+    name = whole.link_names[6]
+    lost = replace(whole, lost_shapes=((6, name), (6, "gripper"), (0, "table")))
+    assert set(unshaped_links(lost)) == {name, "gripper", "table"}
+    # neither capsules nor a preset know of gripper and table
+    assert set(unshaped_links(with_capsules(lost, [0.1]))) == {"gripper", "table"}
+    assert set(unshaped_links(with_shapes_of(lost, "ur10e"))) == {"gripper", "table"}

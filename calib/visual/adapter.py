@@ -41,3 +41,10 @@ class RobotAdapter(ABC):
     @abstractmethod
     def grab(self) -> GreyImage:
         """Picture ``(height, width)`` of 8 bits, taken now, by the camera on the flange."""
+
+    def identity(self) -> str:
+        """Name of this one robot, its serial number say; empty where it is not known.
+
+        A calibration that was stopped is gone on with by the same robot only.
+        """
+        return ""

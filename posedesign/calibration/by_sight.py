@@ -7,9 +7,8 @@ robot behind an adapter of one's own.
 from __future__ import annotations
 
 import hashlib
-import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ from posedesign.calibration.kept_station import KeptStation
 from posedesign.calibration.moving import drive_of
 from posedesign.calibration.process import TOUCH_UPS, Calibration, Progress, calibrate, loop_of
 from posedesign.cell import Cell
-from posedesign.files import make_folder
+from posedesign.files import json_text, make_folder
 from posedesign.locking import held
 from posedesign.plate import PLATE_PITCH_M, PlateTest
 from posedesign.rehearsal import simulated_arms, true_cell, true_observer
@@ -171,7 +170,9 @@ def run_by_sight(
     own = cell.config.truth.seed if seed is None else seed
     observer = true_observer(cell, kind)
     arms = simulated_arms(cell, observer, own)
-    about = _digest(cell, f"simulated, {kind}, {own}")
+    how = "pictures" if kind == "image" else "drawn noise"
+    about = _about(cell, f"the simulated robot, {how}, seed {own}")
+    about["[truth]"] = _digest(cell.config.truth.model_dump(mode="json"))
     found = _calibrate(cell, arms, out, about, own, path.parent, restart, progress, warn)
     fast = observer if kind == "fast" else true_observer(cell, "fast")
     return SightResult(found, _plate(cell, found, fast, own))
@@ -189,7 +190,7 @@ def calibrate_robot(
 ) -> Calibration:
     """Calibrate a robot behind its adapter; see :func:`run_by_sight`."""
     arms = OneArm(robot, dark=cell.config.target.dark)
-    about = _digest(cell, "a robot")
+    about = _about(cell, _named(robot))
     return _calibrate(cell, arms, out, about, 0, source, restart, progress, warn)
 
 
@@ -197,7 +198,7 @@ def _calibrate(
     cell: Cell,
     arms: Arms,
     out: Path,
-    about: str,
+    about: Mapping[str, str],
     seed: int,
     source: Path,
     restart: bool,
@@ -260,11 +261,33 @@ def _check_results(out: Path) -> None:
         )
 
 
-def _digest(cell: Cell, how: str) -> str:
-    """What the measurements of a journal are of: cell, robot and options."""
-    text = json.dumps([cell.config.model_dump(mode="json"), cell.robot.name, how], sort_keys=True)
-    chain = cell.robot.chain.placements.round(9).tobytes()
-    return hashlib.sha256(text.encode() + chain).hexdigest()[:16]
+def _named(robot: RobotAdapter) -> str:
+    """A robot by its adapter and its own name."""
+    own = robot.identity()
+    if not isinstance(own, str):
+        raise InputError(
+            f"identity() of the robot's adapter gave a {type(own).__name__}",
+            hint="give the name of the robot as text, empty where it is not known",
+            name="identity",
+        )
+    return " ".join(f"{type(robot).__name__} {own}".split())
+
+
+def _about(cell: Cell, robot: str) -> dict[str, str]:
+    """What the measurements of a journal are of."""
+    arm = cell.robot
+    config = cell.config.model_dump(mode="json", exclude={"truth"})
+    return {
+        "robot": robot,
+        "robot description": _digest(
+            [arm.name, arm.chain.placements.round(9), arm.lower.round(9), arm.upper.round(9)]
+        ),
+        "cell": _digest(config),
+    }
+
+
+def _digest(content: object) -> str:
+    return hashlib.sha256(json_text(content).encode()).hexdigest()[:16]
 
 
 def _put_aside(journal: Path) -> None:

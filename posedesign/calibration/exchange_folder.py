@@ -64,12 +64,7 @@ class ExchangeFolder:
                 name=str(self.folder),
             )
         for place in (self.orders, self.results):
-            if place.is_symlink():
-                raise InputError(
-                    f"{place} is a link",
-                    hint="nothing is written outside the folder: make it a folder",
-                    name=str(place),
-                )
+            _refuse_link(place)
             try:
                 place.mkdir(exist_ok=True)
             except OSError as error:
@@ -108,6 +103,8 @@ class ExchangeFolder:
         ------
         OutputError
             The folder cannot be written.
+        InputError
+            A link leads out of it by now.
         """
         try:
             with tempfile.TemporaryDirectory(
@@ -115,9 +112,12 @@ class ExchangeFolder:
             ) as name:
                 aside = Path(name)
                 yield aside
-                for entry in sorted(aside.iterdir(), key=lambda e: (e.name == last, e.name)):
-                    # a link that stands there is replaced, not followed
-                    entry.replace(self.orders / entry.name)
+                entries = sorted(aside.iterdir(), key=lambda e: (e.name == last, e.name))
+                _refuse_link(self.orders)
+                with _unmoved(self.orders) as folder:
+                    for entry in entries:
+                        # a link that stands there is replaced, not followed
+                        os.replace(entry, folder.path / entry.name, dst_dir_fd=folder.descriptor)
         except OSError as error:
             raise _not_written(self.orders, error) from error
 
@@ -152,6 +152,7 @@ class ExchangeFolder:
 
         Letters of either case are the same: controllers write names in capitals.
         """
+        _refuse_link(self.results)
         folder = (self.results / label).parent
         stem = Path(label).name
         try:
@@ -222,6 +223,36 @@ class ExchangeFolder:
             f"could not be used in {self.timeout_s:g} s{why}",
             path=path,
             hint="save it again, whole; asked again, it is waited for again",
+        )
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """A folder that names are relative to: the open one where the system can do that."""
+
+    path: Path
+    descriptor: int | None
+
+
+@contextmanager
+def _unmoved(folder: Path) -> Iterator[_Opened]:
+    """A folder that stays the same while it is written, whatever is put in its place."""
+    if os.rename not in os.supports_dir_fd:
+        yield _Opened(folder, None)
+        return
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        yield _Opened(Path(), descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _refuse_link(place: Path) -> None:
+    if place.is_symlink():
+        raise InputError(
+            f"{place} is a link",
+            hint="nothing is written or read outside the folder: make it a folder",
+            name=str(place),
         )
 
 

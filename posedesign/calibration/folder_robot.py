@@ -134,6 +134,10 @@ class FolderRobot(RobotAdapter):
         """False until a move was answered: nobody has said where the arm stands."""
         return self._move is not None
 
+    def identity(self) -> str:
+        """The folder that this robot is behind, links resolved."""
+        return f"behind {self._exchange.folder.resolve()}"
+
     def move(self, q: FloatArray) -> None:
         """Write the program that moves the joints to ``(n,)`` [rad]; results are waited for later.
 

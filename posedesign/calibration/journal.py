@@ -9,6 +9,7 @@ what failed at the end is tried again: somebody may have brought the target into
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -24,12 +25,15 @@ from posedesign.files import json_text, read_bytes_bounded
 MOST_BYTES = 50_000_000
 """A touch-up takes half a kilobyte: a hundred thousand of them are no calibration of a robot."""
 
-_VERSION = 1
+_VERSION = 2
 _HEAD = b'{"posedesign": "calibration"'
 """How the first line begins."""
 
 _SAME_RAD = 1e-9
 """Joint values asked for that differ by less are the same: they come out of the same arithmetic."""
+
+_LONGEST_INTEGER = 18
+"""Digits of a whole number: more are none of pixels or moves, and no floating-point number."""
 
 T = TypeVar("T")
 
@@ -43,8 +47,9 @@ class Journal:
     ----------
     path : Path
         Made where it does not exist.
-    about : str
-        What the measurements are of: a digest of cell and robot.
+    about : mapping of str to str
+        What the measurements are of, each under a word for it: robot, description, cell. Where the
+        journal has another one under a word, it is named.
 
     Raises
     ------
@@ -52,10 +57,10 @@ class Journal:
         The file is of another calibration, of another version, damaged, or no journal; it is left
         as it is.
     OutputError
-        It cannot be written.
+        It cannot be written, or is a link.
     """
 
-    def __init__(self, path: Path, about: str) -> None:
+    def __init__(self, path: Path, about: Mapping[str, str]) -> None:
         self.path = path
         self._kept: dict[str, dict[str, Any]] = {}
         lines, length = self._read()
@@ -67,14 +72,16 @@ class Journal:
             self._kept[str(entry.get("name"))] = entry
         try:
             # no buffer: what could not be written must not be tried again when it is closed
-            self._stream = open(path, "ab", buffering=0)  # noqa: SIM115 -- closed by __exit__
+            self._stream = open(path, "ab", buffering=0, opener=_opened)  # noqa: SIM115 -- closed by __exit__
             self._stream.truncate(length)  # a line was cut off when the machine went down
         except OSError as error:
             raise _not_written(path, error, "choose another --out") from error
         self._length = length
+        self._folder = _identity(os.stat(path.parent))
         if not lines:
+            head = {"posedesign": "calibration", "version": _VERSION, "about": dict(about)}
             try:
-                self._append({"posedesign": "calibration", "version": _VERSION, "about": about})
+                self._append(head)
             except BaseException:
                 self._stream.close()
                 raise
@@ -118,6 +125,7 @@ class Journal:
             The answer cannot be written.
         """
         if name not in self._kept:
+            self.check_place()  # before an arm moves for what could not be kept
             # as it will be read, so that it is the same whether it was measured now or before
             self._kept[name] = self._append({"name": name, "asked": asked, "answer": measure()})
         entry = self._kept[name]
@@ -128,7 +136,7 @@ class Journal:
             )
             if same:
                 return read(dict(entry["answer"]))
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+        except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
             raise FileFormatError(
                 f"the measurement {name} cannot be read",
                 path=self.path,
@@ -140,9 +148,32 @@ class Journal:
             name=name,
         )
 
+    def check_place(self) -> None:
+        """Refuse to go on where the file, or the folder that it is in, is no longer the same.
+
+        Raises
+        ------
+        OutputError
+            It was removed, or replaced by another one or by a link: what is measured would be lost.
+        """
+        try:
+            same = (
+                _identity(os.lstat(self.path)) == _identity(os.fstat(self._stream.fileno()))
+                and _identity(os.stat(self.path.parent)) == self._folder
+            )
+        except OSError:
+            same = False
+        if not same:
+            raise OutputError(
+                f"{self.path} was removed or replaced while it was written",
+                hint="put its folder back, and start the same command again",
+                name=str(self.path),
+            )
+
     def _append(self, entry: dict[str, Any]) -> dict[str, Any]:
         written: dict[str, Any] = json.loads(json_text(entry))
         line = json.dumps(written).encode() + b"\n"
+        self.check_place()
         left = line
         try:
             while left:
@@ -170,7 +201,9 @@ class Journal:
 
     def _entry(self, number: int, line: bytes) -> dict[str, Any]:
         try:
-            entry = json.loads(line)
+            entry = json.loads(
+                line, parse_float=_finite, parse_int=_whole, parse_constant=_no_number
+            )
         except (ValueError, RecursionError):
             entry = None
         if isinstance(entry, dict):
@@ -184,7 +217,7 @@ class Journal:
             hint="remove this line and all after it to measure from there on, or --restart",
         )
 
-    def _check_head(self, head: dict[str, Any], about: str) -> None:
+    def _check_head(self, head: dict[str, Any], about: Mapping[str, str]) -> None:
         if head.get("posedesign") != "calibration":
             raise self._no_journal()
         if head.get("version") != _VERSION:
@@ -193,17 +226,56 @@ class Journal:
                 path=self.path,
                 hint="go on with the program that it was begun with, or --restart",
             )
-        if head.get("about") != about:
-            raise FileFormatError(
-                "was begun with another cell, robot or options",
-                path=self.path,
-                hint="choose another --out, or --restart",
-            )
+        begun = head.get("about")
+        for what, own in about.items():
+            other = begun.get(what) if isinstance(begun, dict) else None
+            if other != own:
+                shown = f" ({other!s:.200})" if what == "robot" else ""
+                raise FileFormatError(
+                    f"was begun with another {what}{shown}, not with {_told(what, own)}",
+                    path=self.path,
+                    hint="choose another --out, or --restart",
+                    value=other,
+                    bound=own,
+                )
 
     def _no_journal(self) -> FileFormatError:
         return FileFormatError(
             "is no journal of a calibration", path=self.path, hint="choose another --out"
         )
+
+
+def _told(what: str, own: str) -> str:
+    """What a journal is to be of, for the one who is refused."""
+    return own if what == "robot" else f"the {what} that there is now"
+
+
+def _opened(path: str, flags: int) -> int:
+    """Open a file for writing, and no link: what stands behind it is somebody else's."""
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
+
+
+def _identity(status: os.stat_result) -> tuple[int, int]:
+    """What a file or folder is, under whatever name."""
+    return status.st_dev, status.st_ino
+
+
+def _finite(text: str) -> float:
+    """A number of JSON; one that is too large for a floating-point number is damage."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def _whole(text: str) -> int:
+    if len(text) > _LONGEST_INTEGER:
+        raise ValueError(text[:_LONGEST_INTEGER])
+    return int(text)
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(text)
 
 
 def _not_written(path: Path, error: OSError, hint: str) -> OutputError:

@@ -113,9 +113,11 @@ class KeptStation(Station):
 
         def read(answer: dict[str, Any]) -> TouchUps:
             (status,) = answer["status"]
-            touched = status == "touched"
+            joints = _array(answer["q"], (1, len(q)))
+            if status == "touched":
+                self._check_joints(joints[0])
             return TouchUps(
-                (_numbers if touched else _array)(answer["q"], (1, len(q))),
+                joints,
                 _array(answer["error_px"], (1, 3)),
                 _array(answer["ellipses"], (1, 5)),
                 np.array(answer["moves"], dtype=np.intp),
@@ -174,6 +176,12 @@ class KeptStation(Station):
         self._left = answer.q[0] if isinstance(answer, TouchUps) else asked[: self.drive.robot.n]
         self._passing.clear()
         return answer
+
+    def _check_joints(self, q: FloatArray) -> None:
+        """Raise a ValueError for joint values ``(n,)`` [rad] that this arm cannot have shown."""
+        robot, within = self.drive.robot, self.drive.shown_within_rad
+        if not ((q >= robot.lower - within) & (q <= robot.upper + within)).all():
+            raise ValueError("outside the joint limits")
 
     def _prepare(self, name: str) -> None:
         if not self._has_moved and self._left is not None and np.isfinite(self._left).all():

@@ -175,10 +175,48 @@ def test_refusals(refuse, cell: Path, tmp_path: Path) -> None:
         )
 
 
-def test_another_cell_in_the_same_folder(refuse, cell: Path, rehearsed: Rehearsed) -> None:
-    refuse("calibrate", cell, "--out", rehearsed.out, "--seed", 5).says(
-        "journal.jsonl", "another cell, robot or options", "--restart"
+def shared(folder: Path) -> Path:
+    """The folder of a robot, used before."""
+    for name in ("in", "out"):
+        (folder / name).mkdir(parents=True)
+    (folder / "running.lock").touch()
+    return folder
+
+
+def test_another_cell_in_the_same_folder(
+    refuse, cell: Path, rehearsed: Rehearsed, tmp_path: Path
+) -> None:
+    """What is other is named: the robot, its truth, or what the cell says."""
+    out, share = rehearsed.out, shared(tmp_path / "share")
+    fast = ("calibrate", cell, "--out", out, "--no-images")
+    refuse(*fast, "--seed", 5).says("journal.jsonl", "another robot", "seed 5", "--restart")
+    refuse("calibrate", cell, "--out", out).says("another robot (the simulated robot, drawn noise")
+    refuse("calibrate", cell, "--out", out, "--robot-folder", share).says(
+        "another robot (the simulated robot", f"FolderRobot behind {share}"
     )
+    cell.write_text(CELL.replace("backlash_deg = ", "backlash_deg = 0.001  # "))
+    refuse(*fast).says("another [truth]")
+    cell.write_text(CELL.replace("inch_deg = 15.0", "inch_deg = 14.0"))
+    refuse(*fast).says("another cell")
+
+
+def test_touch_ups_of_one_robot_are_not_gone_on_with_by_another(
+    cli, refuse, cell: Path, tmp_path: Path
+) -> None:
+    """Behind another folder stands another arm, with zeros of its own."""
+    out, shares = tmp_path / "run", [shared(tmp_path / name) for name in "ab"]
+    for share in shares:
+        (tmp_path / f"link to {share.name}").symlink_to(share)
+    options = ("--wait-s", "1", "--out", out)
+    for same in (shares[0], tmp_path / "link to a"):
+        said = cli("calibrate", cell, "--robot-folder", same, *options)
+        assert said.code == 2
+        assert "has not come" in said.err
+        assert "the move from there to" in said.err
+    refuse("calibrate", cell, "--robot-folder", shares[1], *options).says(
+        "another robot", f"behind {shares[0]}", f"not with FolderRobot behind {shares[1]}"
+    )
+    assert not list((shares[1] / "out").iterdir())
 
 
 def test_touch_ups_that_were_made_by_hand_are_not_overwritten(

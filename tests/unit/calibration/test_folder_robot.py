@@ -255,15 +255,14 @@ def test_every_controller(name: str, tmp_path: Path) -> None:
 def test_the_table_comes_last(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cell = cell_with(ARMS[DIALECTS[name].maker])
     there: list[list[str]] = []
-    rename = Path.replace
+    rename = os.replace
 
-    def seen(path: Path, target: Path) -> Path:
-        done = rename(path, target)
+    def seen(path: Path, target: Path, **options: int) -> None:
+        rename(path, target, **options)
         there.append(sorted(p.name for p in (tmp_path / "out").iterdir()))
-        return done
 
     robot = robot_in(cell, tmp_path)
-    monkeypatch.setattr(Path, "replace", seen)
+    monkeypatch.setattr(os, "replace", seen)
     robot.move(cell.base_posture)
     assert len(there[-1]) >= 2
     assert [names for names in there if "0001.csv" in names] == there[-1:]
@@ -543,3 +542,22 @@ def test_wrong_uses(reference_cell: Cell, tmp_path: Path) -> None:
     for ask in (robot.grab, robot.joints):
         with pytest.raises(InputError, match="there was no move"):
             ask()
+
+
+@pytest.mark.parametrize("place", ["in", "out"])
+def test_a_folder_that_becomes_a_link_leads_nowhere(
+    place: str, reference_cell: Cell, tmp_path: Path
+) -> None:
+    """Between two moves: what is elsewhere is neither written nor read."""
+    share, elsewhere = tmp_path / "share", tmp_path / "elsewhere"
+    share.mkdir()
+    robot = robot_in(reference_cell, share, timeout_s=0.05)
+    robot.move(reference_cell.base_posture)
+    answered(share, "0001")
+    (share / place).rename(elsewhere)
+    (share / place).symlink_to(elsewhere)
+    before = tree(elsewhere)
+    ask = {"in": robot.grab, "out": lambda: robot.move(reference_cell.base_posture + 0.01)}
+    with pytest.raises(InputError, match="is a link"):
+        ask[place]()
+    assert tree(elsewhere) == before

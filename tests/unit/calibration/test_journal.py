@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,11 @@ LOST = {"reasons": ["no target: dark"]}
 SEEN = {"reasons": [""]}
 
 
-def journal(path: Path, about: str = "cell a") -> Journal:
-    return Journal(path / "journal.jsonl", about)
+ABOUT = {"robot": "MyRobot serial 7", "cell": "a"}
+
+
+def journal(path: Path, **about: str) -> Journal:
+    return Journal(path / "journal.jsonl", ABOUT | about)
 
 
 def never() -> dict[str, Any]:
@@ -86,10 +91,88 @@ def test_another_posture_is_refused(tmp_path: Path) -> None:
                 recalled(kept, "P01", q=asked)
 
 
-def test_another_calibration_is_refused(tmp_path: Path) -> None:
+def test_another_calibration_is_refused_and_what_is_other_is_named(tmp_path: Path) -> None:
     journal(tmp_path).__exit__()
-    with pytest.raises(FileFormatError, match="begun with another cell"):
-        journal(tmp_path, "cell b")
+    before = (tmp_path / "journal.jsonl").read_bytes()
+    with pytest.raises(FileFormatError, match="begun with another cell, not with the cell that"):
+        journal(tmp_path, cell="b")
+    said = r"another robot \(MyRobot serial 7\), not with MyRobot serial 8"
+    with pytest.raises(FileFormatError, match=said):
+        journal(tmp_path, robot="MyRobot serial 8")
+    with pytest.raises(FileFormatError, match="another tool"):
+        journal(tmp_path, tool="none before")
+    assert (tmp_path / "journal.jsonl").read_bytes() == before
+
+
+@pytest.mark.parametrize("number", ["Infinity", "-Infinity", "NaN", "1e999", "1" + 400 * "0"])
+@pytest.mark.parametrize("where", ["asked", "answer"])
+def test_numbers_that_are_none_are_found_when_it_is_opened(
+    tmp_path: Path, number: str, where: str
+) -> None:
+    path = tmp_path / "journal.jsonl"
+    with journal(tmp_path) as kept:
+        for k in range(3):
+            recalled(kept, f"P{k}", {"q": 0.5}, np.array([0.25]))
+    lines = path.read_text().splitlines(keepends=True)
+    lines[2] = lines[2].replace("0.25" if where == "asked" else "0.5", number)
+    path.write_text("".join(lines))
+    with pytest.raises(FileFormatError, match="line 3: is damaged"):
+        journal(tmp_path)
+    assert path.read_text() == "".join(lines)
+
+
+def _gone(folder: Path) -> None:
+    shutil.rmtree(folder)
+
+
+def _made_anew(folder: Path) -> None:
+    shutil.rmtree(folder)
+    folder.mkdir()
+
+
+def _linked(folder: Path) -> None:
+    elsewhere = folder.with_name("elsewhere")
+    shutil.copytree(folder, elsewhere)
+    shutil.rmtree(folder)
+    folder.symlink_to(elsewhere)
+
+
+def _moved_and_linked(folder: Path) -> None:
+    """The same folder by another name is not led outside of."""
+    folder.rename(folder.with_name("elsewhere"))
+    folder.symlink_to(folder.with_name("elsewhere"))
+
+
+@pytest.mark.parametrize("done", [_gone, _made_anew, _linked])
+def test_a_folder_that_is_taken_away_ends_it(tmp_path: Path, done: Callable[[Path], None]) -> None:
+    """Before anything is measured that could not be kept."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    with journal(folder) as kept:
+        recalled(kept, "P01", {"k": 1})
+        done(folder)
+        assert recalled(kept, "P01") == {"k": 1}
+        with pytest.raises(OutputError, match="was removed or replaced while it was written"):
+            kept.recall("P02", Q, never, dict)
+        if (tmp_path / "elsewhere").is_dir():
+            assert len((tmp_path / "elsewhere" / "journal.jsonl").read_text().splitlines()) == 2
+
+
+def test_a_folder_that_was_renamed_is_the_same(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    with journal(folder) as kept:
+        _moved_and_linked(folder)
+        recalled(kept, "P01", {"k": 1})
+    with journal(tmp_path / "elsewhere") as again:
+        assert recalled(again, "P01") == {"k": 1}
+
+
+def test_a_journal_that_is_a_link_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "journal.jsonl").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OutputError, match=r"journal\.jsonl"):
+        journal(tmp_path)
+    assert not (tmp_path / "elsewhere").exists()
 
 
 @pytest.mark.parametrize(
@@ -115,9 +198,9 @@ def test_what_is_no_journal_is_refused_and_left_as_it_is(tmp_path: Path, text: s
 
 
 def test_a_journal_of_another_version_is_told_as_such(tmp_path: Path) -> None:
-    text = '{"posedesign": "calibration", "version": 2, "about": "cell a"}\n{"cut'
+    text = '{"posedesign": "calibration", "version": 3, "about": {"robot": "a"}}\n{"cut'
     (tmp_path / "journal.jsonl").write_text(text)
-    with pytest.raises(FileFormatError, match="version 2, this program has 1"):
+    with pytest.raises(FileFormatError, match="version 3, this program has 2"):
         journal(tmp_path)
     assert (tmp_path / "journal.jsonl").read_text() == text
 
@@ -183,11 +266,12 @@ def test_a_full_disk_leaves_whole_lines(tmp_path: Path, monkeypatch: pytest.Monk
         assert recalled(again, "P02") == {"k": 3}
 
 
-def test_a_disk_that_takes_no_byte(tmp_path: Path) -> None:
+def test_a_disk_that_takes_no_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if not os.path.exists("/dev/full"):
         pytest.skip("no device that is full on this system")
     (tmp_path / "sub").mkdir()
     kept = journal(tmp_path / "sub")
+    monkeypatch.setattr(kept, "check_place", lambda: None)
     kept._stream.close()
     kept._stream = open("/dev/full", "ab", buffering=0)  # noqa: SIM115 -- closed by the journal
     with kept, pytest.raises(OutputError, match="No space left on device"):

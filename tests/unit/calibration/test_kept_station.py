@@ -20,6 +20,8 @@ from posedesign.calibration.journal import Journal
 from posedesign.calibration.kept_station import KeptStation
 from posedesign.cell import Cell
 
+ABOUT = {"robot": "of a test"}
+
 
 class Unmoved:
     """Arms of a robot that takes no picture before it was moved."""
@@ -71,7 +73,7 @@ def test_a_refused_move_is_told_and_no_picture_asked_for(
 ) -> None:
     drive = Drive(reference_cell.robot, Unmoved(), 0.0, refuses)
     for _ in range(2):
-        with Journal(tmp_path / "journal.jsonl", "test") as journal:
+        with Journal(tmp_path / "journal.jsonl", ABOUT) as journal:
             view = KeptStation(drive, journal).look("taught", reference_cell.base_posture)
             assert isinstance(view, Views)
             assert view.reasons == ("the arm would hit the floor",)
@@ -86,7 +88,7 @@ def test_what_is_passed_through_before_a_kept_measurement(
     for whole in (False, True):
         arms = Moved()
         drive = Drive(reference_cell.robot, arms, 0.0)
-        with Journal(tmp_path / "journal.jsonl", "test") as journal:
+        with Journal(tmp_path / "journal.jsonl", ABOUT) as journal:
             station = KeptStation(drive, journal)
             station.pass_through("V01", asked[0])
             station.look("P01", asked[1])
@@ -107,7 +109,7 @@ def test_a_flaw_of_an_adapter_is_not_called_one_of_the_file(
 ) -> None:
     drive = Drive(reference_cell.robot, Failing(), 0.0)
     with (
-        Journal(tmp_path / "journal.jsonl", "test") as journal,
+        Journal(tmp_path / "journal.jsonl", ABOUT) as journal,
         pytest.raises(ValueError, match="a flaw of the adapter"),
     ):
         KeptStation(drive, journal).look("taught", reference_cell.base_posture)
@@ -128,8 +130,9 @@ ANSWER: dict[str, Any] = {
     [
         {},
         {"q": [[0.1] * 5 + [None]]},
-        {"q": [[0.1] * 5 + [float("inf")]]},
         {"q": [[0.1] * 5]},
+        {"q": [[0.1] * 5 + [1e300]]},
+        {"q": [[0.1] * 5 + [100.0]]},
         {"q": "none"},
         {"status": ["done"]},
         {"status": []},
@@ -140,11 +143,11 @@ def test_a_damaged_touch_up(
     reference_cell: Cell, tmp_path: Path, broken: dict[str, object]
 ) -> None:
     path = tmp_path / "journal.jsonl"
-    head = {"posedesign": "calibration", "version": 1, "about": "test"}
+    head = {"posedesign": "calibration", "version": 2, "about": ABOUT}
     line = {"name": "P01", "asked": [0.0] * 6, "answer": ANSWER | broken}
     path.write_text(f"{json.dumps(head)}\n{json.dumps(line)}\n")
     jacobian = ImageJacobian(np.eye(3), Relation(np.zeros(2), 100.0))
-    with Journal(path, "test") as journal:
+    with Journal(path, ABOUT) as journal:
         station = KeptStation(Drive(reference_cell.robot, Unmoved(), 0.0), journal)
         if not broken:
             done = station.touch_up("P01", np.zeros(6), jacobian, Loop())

@@ -68,7 +68,7 @@ def station_of(
 ) -> Iterator[KeptStation]:
     driven = arms or StoppingArms(arms_of(cell), moves)
     out.mkdir(exist_ok=True)
-    with Journal(out / "journal.jsonl", "test") as journal:
+    with Journal(out / "journal.jsonl", {"robot": "of a test"}) as journal:
         yield KeptStation(drive_of(cell, driven), journal, SEED)
 
 

@@ -167,6 +167,12 @@ def run_by_sight(
                 cell, robot, out, source=path.parent, restart=restart, progress=progress, warn=warn
             )
         return SightResult(found, None)
+    if cell.config.camera is None:
+        raise InputError(
+            f"{path}: there is no [camera] that a simulated robot could look through",
+            hint="describe the camera on the flange; without one, plan and simulate touch-ups",
+            name="camera",
+        )
     own = cell.config.truth.seed if seed is None else seed
     observer = true_observer(cell, kind)
     arms = simulated_arms(cell, observer, own)

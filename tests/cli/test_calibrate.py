@@ -28,7 +28,13 @@ def small(text: str) -> str:
     )
 
 
-CELL = small(cell_template(surroundings=False))
+WITHOUT_CAMERA = small(cell_template(surroundings=False))
+CELL = f"""{WITHOUT_CAMERA}
+[camera]
+image_px = [640, 480]
+focal_px = 900.0
+largest_tilt_deg = 85.0
+"""
 SURROUNDED = small(cell_template())
 OUT_OF_VIEW = CELL.replace("[5.0, -4.0, 2.0]", "[200.0, 0.0, 0.0]")
 WORDS = (
@@ -181,6 +187,11 @@ def shared(folder: Path) -> Path:
         (folder / name).mkdir(parents=True)
     (folder / "running.lock").touch()
     return folder
+
+
+def test_no_camera_is_invented(refuse, cell: Path, tmp_path: Path) -> None:
+    cell.write_text(WITHOUT_CAMERA)
+    refuse("calibrate", cell, "--out", tmp_path / "run").says("no [camera]", "describe the camera")
 
 
 def test_another_cell_in_the_same_folder(

@@ -75,12 +75,14 @@ def _trial_as_dict(trial: Trial, identified: Identified) -> dict[str, Any]:
 def _residuals_as_dicts(
     result: IdentificationResult, identified: Identified
 ) -> list[dict[str, Any]]:
-    data, lost = identified.table.data, result.leave_one_out_m
+    data = identified.table.data
+    # each of all rows, asked for once
+    far, lost = result.distances_m, result.leave_one_out_m
     return [
         {
             "pose": data.names[i],
             "target": data.targets[data.target[i]],
-            "mm": 1e3 * result.distances_m[i],
+            "mm": 1e3 * far[i],
             "leave_one_out_mm": _or_none(1e3 * lost[i]),
             "weight": float(result.weights[i]),
             "outlier": bool(result.outliers[i]),

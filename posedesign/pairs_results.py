@@ -19,6 +19,7 @@ from calib.robot_world import (
 )
 from calib.robot_world.accuracy import NOISE_DOUBT
 from calib.robot_world.methods import find_method
+from calib.robot_world.methods.relative_motions import TOO_MANY
 from calib.robot_world.noise import Noise
 from posedesign.pairs_certificate import Proof, prove
 from posedesign.pairs_file import Pairs
@@ -162,6 +163,12 @@ def solve_pairs(
             result = solve(pairs.A, pairs.B, method, noise)
         except NotIdentifiableError as error:
             refused = error
+            outcomes.append(SolverOutcome(method, None, error.message))
+            continue
+        except InputError as error:
+            # a method that cannot take as many is no reason to keep back what the others say
+            if error.name != TOO_MANY or len(methods) == 1:
+                raise
             outcomes.append(SolverOutcome(method, None, error.message))
             continue
         _work_out(result, step)

@@ -143,15 +143,30 @@ def leave_one_out(
         members = np.argsort(groups, kind="stable")
         members = members[np.isin(groups[members], np.flatnonzero(sizes == size))].reshape(-1, size)
         own = Q[members].reshape(len(members), size * m, p)
-        left = np.eye(size * m) - own @ np.swapaxes(own, 1, 2)
-        alone = np.linalg.svd(left, compute_uv=False)[:, -1] < _NOTHING_LEFT
-        left[alone] = np.eye(size * m)
-        found = np.linalg.solve(left, rows[members].reshape(len(members), -1, 1))
-        found[alone] = np.nan
-        out[members] = found.reshape(len(members), size, m)
+        out[members] = _predicted(own, rows[members].reshape(len(members), -1, 1)).reshape(
+            len(members), size, m
+        )
     if weighted:
         return np.asarray((linear.noise_root @ out[..., None])[..., 0])
     return out * equal_sigma(linear.model)
+
+
+def _predicted(own: FloatArray, rows: FloatArray) -> FloatArray:
+    """``(I - Q Qᵀ)⁻¹ r`` of groups ``(G, k, p)`` with rows ``(G, k, 1)``; NaN where singular.
+
+    Of groups with more rows than parameters as ``r + Q (I - Qᵀ Q)⁻¹ Qᵀ r``, whose matrix does not
+    grow with the group: a pose that is measured thousands of times is one.
+    """
+    many = own.shape[1] > own.shape[2]
+    turned = np.swapaxes(own, 1, 2)
+    left = np.eye(min(own.shape[1:])) - (turned @ own if many else own @ turned)
+    alone = np.linalg.svd(left, compute_uv=False).min(axis=-1, initial=1.0) < _NOTHING_LEFT
+    left[alone] = np.eye(left.shape[-1])
+    found = (
+        rows + own @ np.linalg.solve(left, turned @ rows) if many else np.linalg.solve(left, rows)
+    )
+    found[alone] = np.nan
+    return np.asarray(found)
 
 
 def column_lengths(columns: FloatArray) -> FloatArray:

@@ -19,8 +19,10 @@ _FEWEST = 4
 _FEW = 5
 """Pairs up to which one of them bears so much that a single step without it falls short."""
 
-_GROUPS = 100
-"""Of more pairs, so many groups are left out one after the other, for time that is linear in N."""
+_GROUPS, _FEWEST_GROUPS, _PAIRS_IN_ALL = 100, 10, 200_000
+"""Of more pairs than these, so many groups are left out one after the other, and fewer where all of
+them together would have too many pairs: the time is linear in N. Without a tenth of many pairs X
+and Z are as good as without one."""
 
 _PAIRS_AT_ONCE = 20_000
 
@@ -34,7 +36,8 @@ def left_out_residuals(
     """Residuals ``(N, 6)`` of one set, pair by pair, with X and Z from the others.
 
     NaN where the others do not identify X and Z. A pair that was left out already has its own.
-    Without a likelihood, of more than a hundred pairs a hundred groups are left out one by one.
+    Without a likelihood, of more than a hundred pairs a hundred groups are left out one by one, and
+    of thousands fewer, ten at least.
     """
     residual: FloatArray = residuals(pairs.A, pairs.B, found.X, found.Z)[0]
     if int(used.sum()) < _FEWEST:
@@ -82,7 +85,9 @@ def _by_solving(chosen: Method, A: FloatArray, B: FloatArray, noise: Noise | Non
     N = len(A)
     order = own_order(A)
     out = np.full((N, 6), np.nan)
-    for size, groups in _equal(np.array_split(order, min(N, _GROUPS))):
+    count = min(N, max(_FEWEST_GROUPS, min(_GROUPS, _PAIRS_IN_ALL // N)))
+    # every so many: a stretch of the order has poses of one kind, without which the rest is poorer
+    for size, groups in _equal([order[k::count] for k in range(count)]):
         others = np.array([np.setdiff1d(order, group) for group in groups])
         at_once = max(1, _PAIRS_AT_ONCE // N)
         for first in range(0, len(groups), at_once):

@@ -20,6 +20,9 @@ next order takes, and the rounding of a solution divided by it are both far belo
 _EACH_ERROR, _DIRECTIONS = 100, 600
 """Pairs up to which the derivatives by each error are taken, and directions in their place."""
 
+_MOST_PAIRS = 500
+"""Pairs that the method is differentiated at: of more, so many of all kinds stand for them."""
+
 _PAIRS_AT_ONCE = 20_000
 """Pairs that one call of the method sees: bounds the memory to some 100 MB."""
 
@@ -50,15 +53,24 @@ def propagate(
     The derivatives of (X, Z) by the errors of the pairs are central differences of the method. Of
     up to 100 pairs by each of their six errors a side; of more, whose number of problems would grow
     with the square of N, by 600 random directions of all errors at once, always the same ones: the
-    standard deviations then have an error of 3 % of their own.
+    standard deviations then have an error of 3 % of their own. Of more than 500 pairs 500 are
+    taken, every so many in the order of their rotations, and the scatter is as much smaller as
+    there are more: the time does not grow with N then, and the error of the standard deviations
+    is some 5 %.
 
     Half the second derivatives, summed over the errors, are the bias to second order. Methods that
     solve linear equations with noise in their coefficients have one that does not shrink with the
     number of pairs: where a target stays in one place of the view, that of Andreff's method is
     several standard deviations.
     """
-    N = len(A)
+    whole = len(A)
     roots = noise.roots(A, B)
+    if whole > _MOST_PAIRS:
+        some = own_order(A)[np.linspace(0, whole - 1, _MOST_PAIRS).astype(np.intp)]
+        A, B = A[some], B[some]
+        every = [r if r is None or len(r) == 1 else r[some] for r in roots]
+        roots = every[0], every[1]
+    N = len(A)
     sides = [root is not None for root in roots]
     size = 6 * N * sum(sides)
     order = own_order(A)
@@ -72,7 +84,7 @@ def propagate(
     both = [None if root is None else _turned(root, next(errors)) for root in roots]
     J, bias = _derivatives(estimate, A, B, both[0], both[1])
     J, bias = excess * J, excess**2 * bias
-    return np.asarray(J @ J.T + np.outer(bias, bias))
+    return np.asarray(J @ J.T * (N / whole) + np.outer(bias, bias))
 
 
 def _turned(root: FloatArray, white: FloatArray) -> FloatArray:

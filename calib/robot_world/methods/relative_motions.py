@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from calib import se3
+from calib.errors import InputError
 from calib.robot_world.algebra import apply_matrix, least_squares, triangle
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
@@ -28,6 +29,12 @@ from calib.se3 import FloatArray
 
 _MOTIONS_AT_ONCE = 2**15
 """Motions in one step of a sum over all of them: their arrays stay in the cache."""
+
+TOO_MANY = "number of pairs"
+"""What the error names where there are more."""
+
+MOST_PAIRS = 5000
+"""Pairs whose motions are gone through one by one, some seconds long: 12 million of them."""
 
 
 def relative(a_i: FloatArray, a_j: FloatArray) -> FloatArray:
@@ -49,8 +56,16 @@ def all_motions(pairs: PairSets) -> Iterator[tuple[FloatArray, FloatArray]]:
     closed form of all rotations, which knows the sign next to half a turn as well, where the
     usual choice, a scalar part >= 0 in p and in q, may make the two disagree under noise.
     """
-    a, b = (_components_first(q) for q in pairs.quaternions)
     N = pairs.N
+    if N > MOST_PAIRS:
+        raise InputError(
+            f"{N} pairs make {N * (N - 1) // 2} motions, which this method goes through one by one",
+            hint=f"give {MOST_PAIRS} pairs at most, or take another method",
+            name=TOO_MANY,
+            value=N,
+            bound=MOST_PAIRS,
+        )
+    a, b = (_components_first(q) for q in pairs.quaternions)
     count = N * (N - 1) // 2
     at_once = max(1, _MOTIONS_AT_ONCE // pairs.T)
     for first in range(0, count, at_once):

@@ -21,13 +21,16 @@ from calib.robot_world.algebra import (
     least_squares,
 )
 from calib.robot_world.closed_form import assemble
-from calib.robot_world.pairs import PairSets
+from calib.robot_world.pairs import PairSets, own_order
 from calib.robot_world.results import Estimate
-from calib.se3 import FloatArray
+from calib.se3 import FloatArray, IntArray
 
 _SAFE_SCALAR = 0.2
 """Smallest |a_0| that needs no other reference: 157 deg from the mean orientation. A pair weighs
 as a_0², so one below it counts for less than a twentieth."""
+
+_MOST_REFERENCES = 200
+"""Poses that are tried: each is held against all, so that of more the time would be quadratic."""
 
 _SMALLEST_SCALAR = 1e-12
 """What the literal form takes for a_0 = 0: its equations are then wrong, but finite, and the misfit
@@ -138,12 +141,24 @@ def _reference(A: FloatArray) -> FloatArray:
     """
     a = se3.quaternion_from_rotation(A[..., :3, :3])
     axes = np.linalg.eigh(np.swapaxes(a, -1, -2) @ a)[1]  # columns, ascending: last is the mean
+    mean = np.ascontiguousarray(axes[..., 3])
+    safe = np.abs(a @ mean[..., None]).min(axis=(-2, -1)) > _SAFE_SCALAR
+    if safe.all():
+        return mean
     mixtures = np.array(list(itertools.product([1.0], [1.0, -1.0], [1.0, -1.0], [1.0, -1.0]))) / 2.0
+    poses = np.take_along_axis(a, _spread(A)[..., None], axis=1)
     candidates = np.concatenate(
-        [axes[:, None, :, 3], a, mixtures @ np.swapaxes(axes, -1, -2)], axis=1
+        [mean[:, None], poses, mixtures @ np.swapaxes(axes, -1, -2)], axis=1
     )
     squares = (candidates @ np.swapaxes(a, -1, -2)) ** 2
     score = 1.0 / (1.0 / np.maximum(squares, _SMALLEST_SCALAR)).mean(axis=-1)
-    safe = squares[:, 0].min(axis=-1) > _SAFE_SCALAR**2
-    best = np.where(safe, 0, score.argmax(axis=-1))
-    return np.asarray(np.take_along_axis(candidates, best[:, None, None], axis=1)[:, 0])
+    best = score.argmax(axis=-1)[:, None, None]
+    return np.where(safe[:, None], mean, np.take_along_axis(candidates, best, axis=1)[:, 0])
+
+
+def _spread(A: FloatArray) -> IntArray:
+    """Indices ``(T, few)`` of poses that are tried as a reference: all, or some of all kinds."""
+    N = A.shape[1]
+    if N <= _MOST_REFERENCES:
+        return np.tile(np.arange(N), (len(A), 1))
+    return own_order(A)[:, np.linspace(0, N - 1, _MOST_REFERENCES).astype(np.intp)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -138,3 +139,35 @@ def test_a_pose_that_alone_holds_a_parameter_is_not_a_number(reference_robot):
     assert np.isfinite(result.leave_one_out[~lost]).all()
     assert result.indispensable == 1
     assert np.isfinite(result.leave_one_out_rms_m)
+
+
+def repeated_poses(robot, times: int, poses: int = 9) -> tuple[CalibrationModel, Measurements]:
+    """Poses that are each measured many times: more rows a pose than the model has parameters."""
+    rng = np.random.default_rng(4)
+    blocks = [
+        ZeroOffsets(robot, JOINTS),
+        ToolPoints([[0.1, 0.0, 0.2]], ["A"]),
+        TargetFrame(T_TRACKER),
+    ]
+    model = CalibrationModel(robot, blocks, Point([1e-6, 2e-6, 4e-6]))
+    q = np.repeat(rng.uniform(-1, 1, (poses, 6)), times, axis=0)
+    return model, simulate(model, model.nominal, q, rng)
+
+
+def test_a_pose_with_more_rows_than_there_are_parameters(reference_robot):
+    model, data = repeated_poses(reference_robot, 12)
+    data = replace(data, names=tuple(f"P{k // 12}" for k in range(data.count)))
+    assert 12 * model.rows > model.p
+    assert_spared(model, data)
+
+
+def test_memory_grows_with_the_rows_not_with_their_square(reference_robot):
+    model, data = repeated_poses(reference_robot, 600, poses=5)
+    peaks = []
+    for rows in (slice(0, None, 4), slice(None)):
+        tracemalloc.start()
+        identify(model, data[rows])
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 6.0 * peaks[0]  # of four times the rows; sixteen times with their square
+    assert peaks[1] < 60e6

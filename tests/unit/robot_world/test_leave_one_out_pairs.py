@@ -1,8 +1,11 @@
 """Residuals of a pair with X and Z from all others, against solving without it."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
+from calib.errors import InputError
 from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve
 from calib.robot_world.results import residuals
 
@@ -132,3 +135,38 @@ def test_size_is_that_of_new_poses():
         shown.append((fresh[:, :3] ** 2).sum(axis=1).mean())
     # eight pairs in place of nine: the prediction is on the safe side by a few per cent
     assert 0.95 < np.sqrt(np.mean(predicted) / np.mean(shown)) < 1.08
+
+
+def test_of_thousands_of_pairs_some_stand_for_all():
+    """Standard deviations and left-out residuals of a method without a likelihood."""
+    noise = PairNoise(**USUAL)
+    A, B = measured(3, 3000, noise)
+    linear, likeliest = solve(A, B, "shah", noise), solve(A, B, "ml", noise)
+    # rotations first is next to the likeliest for translations of this size
+    ratio = linear.sigma_X / likeliest.sigma_X
+    assert (ratio > 0.9).all()
+    assert (ratio < 1.6).all()
+    left = linear.left_out_residuals
+    assert np.isfinite(left).all()
+    assert relative(left, linear.residuals) < 0.1
+
+
+@pytest.mark.parametrize("method", ["zhuang", "shah", "ml-robust"])
+def test_memory_grows_with_the_pairs_not_with_their_square(method):
+    peaks = []
+    for pairs in (1000, 4000):
+        A, B = measured(5, pairs, PairNoise(**USUAL))
+        tracemalloc.start()
+        solve(A, B, method)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 6.0 * peaks[0]
+    assert peaks[1] < 150e6
+
+
+@pytest.mark.parametrize("method", ["park-martin", "horaud-dornaika-literal"])
+def test_methods_that_go_through_all_motions_take_so_many_pairs(method):
+    A, B = measured(5, 6000, PairNoise(**USUAL))
+    with pytest.raises(InputError, match=r"6000 pairs make 17997000 motions") as error:
+        solve(A, B, method)
+    assert "5000 pairs at most" in error.value.hint

@@ -24,7 +24,14 @@ from posedesign.calibration.folder_robot import FolderRobot
 from posedesign.calibration.journal import Journal
 from posedesign.calibration.kept_station import KeptStation
 from posedesign.calibration.moving import drive_of
-from posedesign.calibration.process import TOUCH_UPS, Calibration, Progress, calibrate, loop_of
+from posedesign.calibration.process import (
+    LEAST_SIGMA_M,
+    TOUCH_UPS,
+    Calibration,
+    Progress,
+    calibrate,
+    loop_of,
+)
 from posedesign.cell import Cell
 from posedesign.files import json_text, make_folder
 from posedesign.locking import held
@@ -75,10 +82,17 @@ class SightResult:
         )
         sigma = self.calibration.sigma_m
         if np.isfinite(sigma).all():
-            x, y, z = (f"{3e3 * s:.3f}" for s in sigma.tolist())
+            x, y, z = (
+                f"{bound}{3e3 * s:.3f}" for bound, s in zip(self._bounds, sigma, strict=True)
+            )
             said += f"\n3 sigma of a touch-up, from repeats: {x}, {y}, {z} mm along the camera's "
             said += "x, y and depth"
         return said
+
+    @property
+    def _bounds(self) -> list[str]:
+        """In words, along which axes the repeats say no more than that the noise is small."""
+        return ["at most " if s <= LEAST_SIGMA_M else "" for s in self.calibration.sigma_m]
 
     def plate_rows(self) -> list[dict[str, object]]:
         """Worst error of a distance [mm] by model, for 1 to 4 pitches; nothing without a plate."""
@@ -106,6 +120,7 @@ class SightResult:
             "focal_px": found.set_up.jacobian.focal_px,
             "target_diameter_mm": 1e3 * found.set_up.jacobian.diameter_m,
             "three_sigma_mm": 3e3 * found.sigma_m,
+            "three_sigma_is_a_bound": [bool(bound) for bound in self._bounds],
             "plan": found.plan.message,
             "touched": list(found.touch_ups.names),
             "missed": {pose.name: pose.reason for pose in found.missed},

@@ -89,8 +89,8 @@ def cloud_rows(clouds: dict[str, dict[str, FloatArray]], part: str) -> list[dict
 
 def against_pin(trials: int | None = None, seen: str = "image") -> dict[str, Any]:
     """Table 3, and the largest of its figures with a pin that is as good as it is."""
-    bench = Bench.of(SETTINGS, {"seen": seen})
-    rows = pin.differences(bench, SETTINGS, trials or SETTINGS["pin"]["trials"])
+    benches = [Bench.of(SETTINGS, {"seen": seen}, k) for k in range(SETTINGS["pin"]["set_ups"])]
+    rows = pin.differences(benches, SETTINGS, trials or SETTINGS["pin"]["trials"])
     rng = np.random.default_rng([SETTINGS["seed"], pin.PIN])
     return {"rows": rows, "largest": pin.largest(rows, SETTINGS, rng)}
 
@@ -112,14 +112,12 @@ def _short(value: float, sign: str = "") -> str:
     return re.sub(r"\b0\.", ".", f"{round(value, 3) + 0.0:{sign}.3f}")
 
 
-def _cells(row: dict[str, Any], axes: Sequence[str], *, interval: bool) -> list[str]:
-    cells = []
-    for axis in axes:
-        text = _short(row[f"{axis}_mm"])
-        if interval:
-            text += f" ({_short(row[f'{axis}_low_mm'])} to {_short(row[f'{axis}_high_mm'])})"
-        cells.append(text)
-    return cells
+def _cells(row: dict[str, Any], axes: Sequence[str]) -> list[str]:
+    return [
+        f"{_short(row[f'{axis}_mm'])} "
+        f"({_short(row[f'{axis}_low_mm'])} to {_short(row[f'{axis}_high_mm'])})"
+        for axis in axes
+    ]
 
 
 def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
@@ -130,15 +128,19 @@ def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
 def markdown_repeated(rows: list[dict[str, Any]], axes: Sequence[str]) -> str:
     """Table 1 (axes X, Y, Z) or Table 2 (V, H, D) as the README has it."""
     is_stereo = tuple(axes) == tables.BASE_AXES
-    last = ["Z / D of a touch-up"] if is_stereo else ["moves"]
+    last = ["Z / D of a touch-up"] if is_stereo else ["D, least to most of a set-up", "moves"]
     lines = []
     for row in rows:
         if row["key"] == LINE_ONLY and not is_stereo:
             continue  # the same touch-ups as in the base
         failed = row["stereo_failed" if is_stereo else "failed"]
-        value = f"{row['depth_ratio']:.2f}" if is_stereo else f"{row['moves']:.1f}"
-        cells = _cells(row, axes, interval=row["seen"] == "image")
-        lines.append([row["says"], str(row["trials"]), *cells, value, str(failed)])
+        if is_stereo:
+            ends = (row[f"depth_ratio{end}"] for end in ("", "_low", "_high"))
+            values = ["{:.2f} ({:.2f} to {:.2f})".format(*ends)]
+        else:
+            ends = (_short(row[f"D_{end}_mm"]) for end in ("least", "most"))
+            values = [" to ".join(ends), f"{row['moves']:.1f}"]
+        lines.append([row["says"], str(row["trials"]), *_cells(row, axes), *values, str(failed)])
     return _table(["condition", "trials", *axes, *last, "failed"], lines)
 
 
@@ -165,7 +167,7 @@ def markdown(said: Mapping[str, Any]) -> str:
 def _flat(row: dict[str, Any]) -> dict[str, Any]:
     """A row of Table 3 without lists."""
     out = {"about": "xyz"[int(np.argmax(row["turn_deg"]))], "touch_up": row["variant"]}
-    for name in ("mean_mm", "sigma_mm", "predicted_mm"):
+    for name in ("mean_mm", "mean_error_mm", "sigma_mm", "predicted_mm"):
         stem = name.removesuffix("_mm")
         out |= {f"{stem}_{axis}_mm": v for axis, v in zip("xyz", row[name], strict=True)}
     return out | {"trials": row["trials"], "failed": row["failed"]}

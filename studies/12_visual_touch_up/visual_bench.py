@@ -68,7 +68,8 @@ class Bench:
     jacobian : ImageJacobian
     home : array (n,)
         Where the target was first touched up [rad]; all is repeated around it.
-    seed : int
+    stream : tuple of int
+        Seed of the study and number of the set-up: its random numbers are its own.
     """
 
     cell: Cell
@@ -77,22 +78,22 @@ class Bench:
     condition: dict[str, Any]
     jacobian: ImageJacobian
     home: FloatArray
-    seed: int
+    stream: tuple[int, int]
 
     @classmethod
-    def of(cls, settings: dict[str, Any], condition: dict[str, Any]) -> Bench:
+    def of(cls, settings: dict[str, Any], condition: dict[str, Any], set_up: int = 0) -> Bench:
         """Set up a cell: designate the relation, measure the Jacobian, touch up once."""
         how = settings["base"] | condition
         cell = cell_of(settings, how)
         true = true_cell(cell)
-        seed = settings["seed"]
-        jacobian, home = _set_up(settings, how, cell, true)
+        stream = (settings["seed"], set_up)
+        jacobian, home = _set_up(settings, how, cell, true, stream)
         observer = _camera(settings, how, cell)
-        return cls(cell, true, observer, how, jacobian, home, seed)
+        return cls(cell, true, observer, how, jacobian, home, stream)
 
     def rng(self, *part: int) -> np.random.Generator:
         """Random numbers of a part of the runs."""
-        return np.random.default_rng([self.seed, _RUNNING, *part])
+        return np.random.default_rng([*self.stream, _RUNNING, *part])
 
     @property
     def loop(self) -> Loop:
@@ -183,10 +184,14 @@ def joint_scatter(cell: Cell, repeatability_m: float) -> float:
 
 
 def _set_up(
-    settings: dict[str, Any], how: dict[str, Any], cell: Cell, true: TrueCell
+    settings: dict[str, Any],
+    how: dict[str, Any],
+    cell: Cell,
+    true: TrueCell,
+    stream: tuple[int, int],
 ) -> tuple[ImageJacobian, FloatArray]:
     """Through pictures, by one arm: the Jacobian, and where the target is touched up."""
-    rng = np.random.default_rng([settings["seed"], _FINDING])
+    rng = np.random.default_rng([*stream, _FINDING])
     camera = true_camera(cell)
     target, imaging = circle_target(cell), imaging_of(cell)
     pictures = make_observer("image", camera, target, imaging)
@@ -201,7 +206,7 @@ def _set_up(
         jacobian = _in_depth(drive, q, _measured(drive, q, relation, step), settings["depth_mm"])
         q = touch_up(drive, q[None], jacobian, loop).q[0]
     if how["jacobian"] != "linear":
-        arms.reseed(np.random.default_rng([settings["seed"], _MEASURING]))
+        arms.reseed(np.random.default_rng([*stream, _MEASURING]))
         jacobian = as_printed(drive, q, jacobian, how["jacobian"], step, settings["off_mm"] / 1e3)
     return jacobian, q
 

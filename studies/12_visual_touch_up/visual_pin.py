@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,25 +99,36 @@ def predicted(bench: Bench, posture: FloatArray) -> FloatArray:
     return np.asarray(1e3 * R @ in_camera)
 
 
-def differences(bench: Bench, settings: dict[str, Any], trials: int) -> list[dict[str, Any]]:
-    """Table 3 for each turn and variant, in tip axes [mm]: mean, deviation, prediction."""
+def differences(
+    benches: Sequence[Bench], settings: dict[str, Any], trials: int
+) -> list[dict[str, Any]]:
+    """Table 3 for each turn and variant, in tip axes [mm]: mean, deviation, prediction.
+
+    Trials are shared among the set-ups. The mean is that of the set-ups, and so is its interval.
+    """
     part = settings["pin"]
+    count = trials // len(benches)
     rows = []
     for number, turn_deg in enumerate(part["turns_deg"]):
-        posture = bench.turned(np.deg2rad(turn_deg))
-        pin = touch_with_pin(bench, posture)
-        expected = predicted(bench, posture)
+        placed = []
+        for bench in benches:
+            posture = bench.turned(np.deg2rad(turn_deg))
+            placed.append((bench, posture, touch_with_pin(bench, posture)))
+        expected = np.mean([predicted(bench, posture) for bench, posture, _ in placed], axis=0)
         for variant, says in enumerate(VARIANTS):
-            off, failed = _visual(bench, part, posture, pin, variant, trials, number)
+            done = [_visual(*at, part, variant, count, number) for at in placed]
+            means = np.array([off.mean(axis=0) for off, _ in done])
+            variance = np.mean([off.var(axis=0, ddof=1) for off, _ in done], axis=0)
             rows.append(
                 {
                     "turn_deg": turn_deg,
                     "variant": says,
-                    "mean_mm": off.mean(axis=0).tolist(),
-                    "sigma_mm": off.std(axis=0, ddof=1).tolist(),
+                    "mean_mm": means.mean(axis=0).tolist(),
+                    "mean_error_mm": (means.std(axis=0, ddof=1) / np.sqrt(len(means))).tolist(),
+                    "sigma_mm": np.sqrt(variance).tolist(),
                     "predicted_mm": (expected * _LEFT[variant]).tolist(),
-                    "trials": trials,
-                    "failed": failed,
+                    "trials": count * len(benches),
+                    "failed": sum(failed for _, failed in done),
                 }
             )
     return rows
@@ -124,9 +136,9 @@ def differences(bench: Bench, settings: dict[str, Any], trials: int) -> list[dic
 
 def _visual(
     bench: Bench,
-    part: dict[str, Any],
     posture: FloatArray,
     pin: FloatArray,
+    part: dict[str, Any],
     variant: int,
     trials: int,
     number: int,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import t as t_distribution
 from visual_bench import Bench
 from visual_lines import first_guess, follow_line, identify_line, meet
 
@@ -15,6 +15,9 @@ from calib.visual.servo import touch_up
 LEVEL = 0.95
 AXES = ("V", "H", "D")
 BASE_AXES = ("X", "Y", "Z")
+LEAST_TRIALS = 5
+"""Of a set-up: fewer say little of its scatter, and a short form has fewer set-ups instead."""
+
 _TOUCHING, _STEREO, _LINE = range(3)
 
 
@@ -44,7 +47,8 @@ def stereo(
     T, ok = follow_line(bench, postures, trials, bench.rng(_STEREO))
     line, found = _lines(bench, settings, trials)
     met = meet(T, line)[ok & found]
-    return 1e3 * (met - met.mean(axis=0)), {"failed": int((~(ok & found)).sum())}
+    off = met - met.mean(axis=0) if len(met) else met
+    return 1e3 * off, {"failed": int((~(ok & found)).sum())}
 
 
 def _lines(bench: Bench, settings: dict[str, Any], trials: int) -> tuple[FloatArray, FloatArray]:
@@ -61,45 +65,89 @@ def _lines(bench: Bench, settings: dict[str, Any], trials: int) -> tuple[FloatAr
     return np.broadcast_to(line, (trials, 4)), np.broadcast_to(ok, trials)
 
 
-def three_sigma(off: FloatArray) -> list[float]:
-    """Three standard deviations of each column ``(S, 3)``."""
-    return [float(v) for v in 3.0 * off.std(axis=0, ddof=1)]
+def over_set_ups(variances: FloatArray, less: FloatArray | None = None) -> tuple[float, float]:
+    """Logarithm of a deviation from many set-ups, and how far it is known at the 95 % level.
+
+    Parameters
+    ----------
+    variances : array (K,)
+        Of the trials of each set-up, from their own mean; NaN for a set-up that failed.
+    less : array (K,), optional
+        The same of what the deviation is divided by, in the same set-ups.
+
+    Returns
+    -------
+    log, half : float
+        Half of the logarithm of the mean variance, and half the width of its interval: Student's,
+        of the set-ups to first order, so that trials of one set-up do not count as if they were
+        apart.
+    """
+    there = np.isfinite(variances if less is None else variances + less)
+    variances = variances[there]
+    parts = variances / variances.mean()
+    log = 0.5 * np.log(variances.mean())
+    if less is not None:
+        parts = parts - less[there] / less[there].mean()
+        log -= 0.5 * np.log(less[there].mean())
+    count = len(variances)
+    half = 0.5 * parts.std(ddof=1) / np.sqrt(count) * t_distribution.ppf(0.5 + LEVEL / 2, count - 1)
+    return float(log), float(half)
 
 
-def interval(three: float, count: int) -> tuple[float, float]:
-    """95 % interval of three standard deviations from so many normal draws, by chi-squared."""
-    tail = (1.0 - LEVEL) / 2.0
-    ends = chi2.ppf([1.0 - tail, tail], count - 1)
-    low, high = three * np.sqrt((count - 1) / ends)
-    return float(low), float(high)
+def _variance(cloud: FloatArray) -> FloatArray:
+    """Variance of the trials ``(S, 3)`` of a set-up; NaN where too few of them ended."""
+    return cloud.var(axis=0, ddof=1) if len(cloud) >= LEAST_TRIALS else np.full(3, np.nan)
 
 
 def row(
     condition: dict[str, Any], settings: dict[str, Any], trials: int | None = None
 ) -> tuple[dict[str, Any], dict[str, FloatArray]]:
     """All figures of a condition, and the clouds behind them."""
-    bench = Bench.of(settings, condition)
-    seen = bench.condition["seen"]
-    count = trials or settings["trials" if seen == "image" else "fast_trials"]
-    touch, went = touched(bench, count)
-    met, followed = stereo(bench, settings, count)
+    seen = (settings["base"] | condition)["seen"]
+    wanted = trials or settings["trials" if seen == "image" else "fast_trials"]
+    set_ups = min(settings["set_ups"], wanted // LEAST_TRIALS)
+    count = wanted // set_ups
+    touch, met, moves, failed, stereo_failed = [], [], [], 0, 0
+    for number in range(set_ups):
+        bench = Bench.of(settings, condition, number)
+        off, went = touched(bench, count)
+        lines, followed = stereo(bench, settings, count)
+        touch.append(off)
+        met.append(lines)
+        moves.append(went["moves"])
+        failed += int(went["failed"])
+        stereo_failed += int(followed["failed"])
     found: dict[str, Any] = {
         "key": condition["key"],
         "says": condition["says"],
         "seen": seen,
-        "trials": count,
+        "set_ups": set_ups,
+        "trials": count * set_ups,
     }
-    for names, off in ((AXES, touch), (BASE_AXES, met)):
-        for name, three in zip(names, three_sigma(off), strict=True):
-            low, high = interval(three, len(off))
-            found |= {f"{name}_mm": three, f"{name}_low_mm": low, f"{name}_high_mm": high}
+    variances = {}
+    for names, clouds in ((AXES, touch), (BASE_AXES, met)):
+        of_each = np.array([_variance(cloud) for cloud in clouds])
+        variances |= dict(zip(names, of_each.T, strict=True))
+    for name, each in variances.items():
+        log, half = over_set_ups(each)
+        single = 3.0 * np.sqrt(each)
+        found |= {
+            f"{name}_mm": 3.0 * np.exp(log),
+            f"{name}_low_mm": 3.0 * np.exp(log - half),
+            f"{name}_high_mm": 3.0 * np.exp(log + half),
+            f"{name}_least_mm": float(np.nanmin(single)),
+            f"{name}_most_mm": float(np.nanmax(single)),
+        }
+    log, half = over_set_ups(variances["Z"], variances["D"])
     found |= {
-        "moves": went["moves"],
-        "failed": went["failed"],
-        "stereo_failed": followed["failed"],
-        "depth_ratio": found["Z_mm"] / found["D_mm"],
+        "moves": float(np.mean(moves)),
+        "failed": failed,
+        "stereo_failed": stereo_failed,
+        "depth_ratio": np.exp(log),
+        "depth_ratio_low": np.exp(log - half),
+        "depth_ratio_high": np.exp(log + half),
     }
-    return found, {"touch_up": touch, "stereo": met}
+    return found, {"touch_up": np.concatenate(touch), "stereo": np.concatenate(met)}
 
 
 def depth_of_stereo(turns_deg: list[float]) -> tuple[float, float, float]:

@@ -98,15 +98,22 @@ def visual_sentences() -> Iterable[str]:
     yield f"(2 deg) the errors of the arm show as scatter: {mm['turned V']}"
     yield f"is better in D ({mm['square D']})"
     yield f"({mm['printed V']}, {mm['printed H']}, {mm['printed D']})"
+    lost = rows["elsewhere"]
+    yield f"{lost['stereo_failed']} of {lost['trials']} stereo measurements do not end"
+    single = [short(images[f"D_{end}_mm"]) for end in ("least", "most")]
+    yield f"a single set-up has from {single[0]} to {single[1]}"
     taken = f"takes {moves['elsewhere']:.1f} moves in place of {moves['fast']:.1f}"
     yield f"{taken} and V and H are {mm['elsewhere V']} and {mm['elsewhere H']}"
     sideways = " and ".join(f"{a:.2f}" for a in across)
     yield f"{gain:.2f} times the scatter of one of them in depth ({sideways} times across)"
     line, papers = rows["fast"]["D_mm"] / gain, paper["touch_up_mm"][2] / gain
     yield f"D / {gain:.2f} = {line:.3f} mm ({short(papers)} mm for the paper's .12)"
-    yield f"breaks even ({ratio['double']:.2f}; D suffers, too)"
+    for key, words in (("catalogue", "times as bad)"), ("double", "; D suffers, too)")):
+        row = rows[key]
+        ends = f"({row['depth_ratio_low']:.2f} to {row['depth_ratio_high']:.2f})"
+        yield f"({ratio[key]:.2f} {ends}{' ' * (words[0] != ';')}{words}"
     yield f"one of .3 mm is {ratio['nominal']:.1f} times as bad"
-    yield f"a tenth is left {ratio[tenth]:.1f} times, with all of it {ratio['any side']:.0f}"
+    yield f"a tenth is left {ratio[tenth]:.1f} times, with all of it {ratio['any side']:.1f}"
     yield f"The paper has {paper['stereo_mm'][2] / paper['touch_up_mm'][2]:.1f}."
     asked = paper["stereo_mm"][2] / gain
     times = WORDS[round(asked / paper["touch_up_mm"][0])]

@@ -57,6 +57,16 @@ def test_claims_have_the_figures_of_their_studies() -> None:
         assert not missing, f"{folder}: {figures}"
 
 
+def test_claims_that_chance_has_a_part_in_carry_their_intervals() -> None:
+    """A median of forty arms that are anywhere between -.82 and .96 is no figure without them."""
+    text = (STUDIES / "README.md").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if "/README.md) |" in line]
+    drawn = [line for line in lines if " % of " in line or "rank correlation 0." in line]
+    assert len(drawn) > 6
+    for line in drawn:
+        assert re.search(r"[\d.]+ to [\d.]+", line), line
+
+
 def test_the_table_of_the_accuracy_study_is_its_result() -> None:
     """The figures that people read are those that the run wrote, to their last digit."""
     folder = STUDIES / "14_one_cell_in_depth"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from calib.camera import MeasurementNoise
 from calib.errors import ConvergenceError, UnreachableError
 from calib.se3 import FloatArray, IntArray, inverse
 from calib.visual.simulated import SimulatedArms
+from posedesign.calibration.by_sight import SightResult
 from posedesign.calibration.journal import Journal
 from posedesign.calibration.kept_station import KeptStation
 from posedesign.calibration.moving import drive_of, refusals_of
-from posedesign.calibration.process import Calibration, calibrate
+from posedesign.calibration.process import LEAST_SIGMA_M, Calibration, calibrate
 from posedesign.cell import Cell
 from posedesign.measurement_table import read_measurements
 from posedesign.rehearsal import true_cell, true_observer
@@ -109,6 +111,14 @@ def test_touch_ups_leave_what_noise_and_lost_motion_leave(whole: Whole) -> None:
     assert frames.leave_one_out_rms_m > 5e-4
     assert elastic.leave_one_out_rms_m < 0.1 * frames.leave_one_out_rms_m
     assert done.identified.comparison.recommended == "offsets + compliance"
+
+
+def test_noise_that_repeats_cannot_show_is_a_bound(whole: Whole) -> None:
+    """Repeats that agree by chance are weighted by the least noise, and no figure was measured."""
+    found = replace(whole[0], sigma_m=np.array([LEAST_SIGMA_M, 2e-5, 4e-5]))
+    said = SightResult(found, None)
+    assert "from repeats: at most 0.009, 0.060, 0.120 mm" in said.noise_in_words()
+    assert said.as_dict()["three_sigma_is_a_bound"] == [True, False, False]
 
 
 def test_files_say_the_same(whole: Whole) -> None:

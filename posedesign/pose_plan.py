@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from hashlib import sha256
@@ -83,6 +83,18 @@ class PoseSet:
         status = (PoseStatus.CHOSEN,) * count
         return cls(postures, status, ("",) * count, orientations, np.full(count, np.nan))
 
+    def and_dropped(self, reasons: Sequence[str]) -> PoseSet:
+        """The set with poses behind it that were asked for and cannot be had, each for a reason."""
+        count, n = len(reasons), self.postures.shape[1]
+        return replace(
+            self,
+            postures=np.concatenate([self.postures, np.full((count, n), np.nan)]),
+            status=(*self.status, *[PoseStatus.DROPPED] * count),
+            shut_out=(*self.shut_out, *reasons),
+            orientations=np.concatenate([self.orientations, np.full((count, 3, 3), np.nan)]),
+            turned=np.append(self.turned, np.full(count, np.nan)),
+        )
+
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why each pose is not that of the grid, in words; empty where it is."""
@@ -100,6 +112,12 @@ class PoseSet:
             why + endings[status][i]
             for i, (why, status) in enumerate(zip(self.shut_out, self.status, strict=True))
         )
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """Why poses were dropped, one reason each."""
+        pairs = zip(self.reasons, self.status, strict=True)
+        return tuple(why for why, status in pairs if status is PoseStatus.DROPPED)
 
     @property
     def names(self) -> tuple[str, ...]:

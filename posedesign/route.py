@@ -15,7 +15,7 @@ import numpy as np
 
 from calib.errors import UnreachableError
 from calib.robots import Robot
-from calib.se3 import FloatArray
+from calib.se3 import BoolArray, FloatArray
 from posedesign.approach import find_approaches
 from posedesign.feasibility import Checker
 from posedesign.feasibility.retreat import Retreat
@@ -67,6 +67,7 @@ class Router:
         self._passing = passing
         self._start = start
         self._retreat = retreat
+        self._led_to: set[bytes] = set()  # postures that a route has led to
         self.options = options or RouteOptions()
         # joints whose speed is not known are taken to be as fast as the others
         known = np.isfinite(robot.speed)
@@ -108,6 +109,7 @@ class Router:
                 why = self._passages.reason(*places.leg(order[cut - 1], node))
                 lost[node - 1] = f"no clear way to it: {why}"
                 order = self._clear_order(places, order)
+        self._led_to.update(postures[row - 1].tobytes() for row in order if row)
         stops = tuple(self._stops(places, order))
         path = np.array([self._start, *(stop.posture for stop in stops)])
         moving = moving_time_s(path, self._speeds, ACCELERATION_S) if self._timed else np.nan
@@ -118,6 +120,21 @@ class Router:
         self._passages.check([(start, end)])
         through = self._passages.through(start, end, [])
         return None if through is None else self._passages.in_steps([start, *through, end])[1:-1]
+
+    def reached(self, postures: FloatArray) -> BoolArray:
+        """Postures ``(N, n)`` [rad] that a clear way leads to.
+
+        Straight from the base posture and back; or on a route that was found before.
+        """
+        places, lost = self._places(postures)
+        found = np.array([i not in lost for i in range(len(postures))], dtype=bool)
+        rows = (np.flatnonzero(found) + 1).tolist()
+        legs = {i: (places.leg(0, i), places.leg(i, 0)) for i in rows}
+        self._passages.check([leg for both in legs.values() for leg in both])
+        for i, both in legs.items():
+            found[i - 1] = not any(self._passages.reason(*leg) for leg in both)
+        before = np.array([q.tobytes() in self._led_to for q in postures], dtype=bool)
+        return np.asarray(found | before)
 
     def _places(self, postures: FloatArray) -> tuple[_Places, dict[int, str]]:
         """The base posture and the poses, and which of these have no approach."""

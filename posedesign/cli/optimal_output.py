@@ -40,7 +40,8 @@ def _as_dict(result: OptimalPlan) -> dict[str, object]:
     found, goal, tried = result.selection, result.goal, result.robustness
     return {
         "reached": result.reached,
-        "poses": found.count,
+        "poses": len(result.poses.kept_names),
+        "dropped": result.dropped,
         "pool": result.pool_size,
         "pool_in_words": result.pool_words,
         "message": result.message,
@@ -56,7 +57,7 @@ def _as_dict(result: OptimalPlan) -> dict[str, object]:
             "wanted": goal.limit,
             "of_the_pool": found.value,
             "bound": found.bound,
-            "efficiency": found.efficiency,
+            "efficiency": None if result.dropped else found.efficiency,
             "unit": goal.unit,
         },
         "at_least": None if result.fewest is None else result.fewest.at_least,
@@ -104,7 +105,8 @@ def print_next(result: NextPoses, out: Path, *, as_json: bool) -> None:
                 "noise_scale": result.noise_scale,
                 "tcp_rms_mm": [1e3 * float(value) for value in result.tcp_m],
                 "task_box": result.box_words,
-                "poses": list(result.poses.names),
+                "poses": list(result.poses.kept_names),
+                "dropped": result.dropped,
                 "files": files,
             }
         )

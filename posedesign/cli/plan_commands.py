@@ -241,7 +241,7 @@ def next_poses(
     )
     say_rehearsed(cell, measurements, as_json=as_json)
     print_next(result, out, as_json=as_json)
-    return DONE
+    return NOT_REACHED if result.dropped else DONE
 
 
 def _plan_by_grid(loaded: Cell, out: Results, *, as_json: bool) -> int:

@@ -63,8 +63,18 @@ class NextPoses:
         return int(np.argmax(enough)) if enough.any() else len(gains)
 
     @property
+    def dropped(self) -> tuple[str, ...]:
+        """Why poses that were asked for cannot be had, one reason each."""
+        return self.poses.dropped
+
+    @property
     def message(self) -> str:
         """What to do, in one line."""
+        lost = f"; {len(self.dropped)} pose(s) dropped: {self.dropped[0]}" if self.dropped else ""
+        return self._advice + lost
+
+    @property
+    def _advice(self) -> str:
         now, best = 1e3 * self.tcp_m[0], 1e3 * self.tcp_m[-1]
         done = f"{self.measured} touch-up{'s' * (self.measured > 1)}"
         if self.identified is None:

@@ -29,7 +29,13 @@ from posedesign.optimal.robust import (
     robustness,
 )
 from posedesign.optimal.validation import choose_validation
-from posedesign.optimal.ways import ATTEMPTS, no_clear_way, refined_with_way, without_alike
+from posedesign.optimal.ways import (
+    ATTEMPTS,
+    no_clear_way,
+    reached_of,
+    refined_with_way,
+    without_unreached,
+)
 from posedesign.optimal.wish import Wish
 from posedesign.planner import check_base_pose, regressor
 from posedesign.pools import Pool
@@ -113,6 +119,7 @@ class _Planning:
     def __init__(self, cell: Cell, wish: Wish, advance: Advance, keep: FloatArray) -> None:
         self._cell, self._wish, self._advance = cell, wish, advance
         self._kept = keep
+        self._why, self._dropped = "", list[str]()
         self._model = cell.model()
         self._box, self._box_words = functions_over_box(cell, self._model)
         self._goal = goal_of(wish, self._model, self._box)
@@ -131,10 +138,10 @@ class _Planning:
         self._advance("looking for postures", 0.0)
         pool = with_kept(self._cell, pool_of(self._cell), self._kept)
         self._check_pool(pool)
-        why = ""
+        whole = len(pool)
         for attempt in range(ATTEMPTS):
             self._advance("choosing poses", 0.2 + 0.6 * attempt / ATTEMPTS)
-            selection, fewest = self._choose(pool)
+            selection, fewest = self._choose(pool, first=attempt == 0)
             if fewest is not None and not fewest.reached:
                 return self._result(pool, selection, fewest, pool.take(selection.indices), None)
             chosen = pool.take(selection.indices)
@@ -145,16 +152,28 @@ class _Planning:
                 )
             else:
                 route = self._router.route(chosen.postures)
-            if not route.lost:
-                return self._result(pool, selection, fewest, chosen, route)
-            why = next(iter(route.lost.values()))
-            if min(route.lost) < len(self._kept):
+            if not route.lost or attempt == ATTEMPTS - 1:
                 break
-            lost = selection.indices[list(route.lost)]
-            pool = without_alike(pool, lost, attempt, len(self._kept))
-            if len(pool) < len(chosen):
+            others = self._others_than(pool, selection, route, attempt)
+            if others is None:
                 break
-        raise no_clear_way(why)
+            pool = others
+        plan = self._result(pool, selection, fewest, chosen, route)
+        return replace(plan, left_out=whole - len(pool))
+
+    def _others_than(
+        self, pool: Pool, selection: Selection, route: Route, attempt: int
+    ) -> Pool | None:
+        """The pool without poses that no clear way leads to; None where too few would be left."""
+        lost = selection.indices[list(route.lost)]
+        others = without_unreached(self._router, pool, lost, attempt, len(self._kept))
+        if len(others) * self._model.measurement.rows < self._model.p:
+            return None
+        self._why = next(iter(route.lost.values()))
+        of_own = [i for i in route.lost if i < len(self._kept)]
+        self._dropped += [f"was to be kept: {route.lost[i]}" for i in of_own]
+        self._kept = np.delete(self._kept, of_own, axis=0)
+        return others
 
     def _refined(self, chosen: Pool) -> Pool:
         """Those that are kept are the first of the pool, and so of the choice."""
@@ -178,7 +197,8 @@ class _Planning:
                 name="validation",
             )
 
-    def _choose(self, pool: Pool) -> tuple[Selection, Fewest | None]:
+    def _choose(self, pool: Pool, *, first: bool) -> tuple[Selection, Fewest | None]:
+        """The best of the pool; what the whole of it cannot give is refused at the first choice."""
         goal, wish = self._goal, self._wish
         blocks, criterion = self._blocks_and_criterion(pool)
         if wish.count is None:
@@ -194,11 +214,11 @@ class _Planning:
         try:
             found = select(
                 blocks,
-                wish.count,
+                wish.count if first else min(wish.count, len(pool)),
                 criterion,
                 wish.method,
                 names=self._model.names,
-                threshold=goal.limit,
+                threshold=goal.limit if first else None,
                 keep=range(len(self._kept)),
             )
         except InputError as error:
@@ -237,9 +257,16 @@ class _Planning:
         chosen: Pool,
         route: Route | None,
     ) -> OptimalPlan:
+        as_they_were, dropped = pool.take(selection.indices), list(self._dropped)
+        if route is not None:
+            missing = (self._wish.count or len(chosen)) - len(chosen)
+            dropped += [*route.lost.values(), *[self._why] * missing]
+            rows, route = reached_of(self._router, chosen.postures, route)
+            chosen, as_they_were = chosen.take(rows), as_they_were.take(rows)
+            if len(rows) * self._model.measurement.rows < self._model.p:
+                raise no_clear_way(dropped[-1])
         linear = chosen.linearise(self._model)
         blocks, white = regressor(linear), linear.white_jacobian
-        as_they_were = pool.take(selection.indices)
         of_pool = accuracy = self._accuracy(as_they_were)
         if not np.array_equal(chosen.postures, as_they_were.postures):
             accuracy = self._accuracy(chosen)
@@ -251,7 +278,7 @@ class _Planning:
             goal=self._goal,
             selection=selection,
             fewest=fewest,
-            poses=as_pose_set(chosen),
+            poses=as_pose_set(chosen).and_dropped(dropped),
             route=route,
             pool_words=pool.summary(),
             pool_size=len(pool),
@@ -270,21 +297,27 @@ class _Planning:
             return plan
         self._advance("poses for validation", 0.9)
         left = pool.take(np.setdiff1d(np.arange(len(pool)), selection.indices))
-        found, found_route = self._validation(left, white)
-        poses = replace(as_pose_set(found), letter="V")
-        return replace(plan, validation=poses, validation_route=found_route)
+        return self._with_validation(plan, left, white)
 
-    def _validation(self, left: Pool, white: FloatArray) -> tuple[Pool, Route]:
-        """Poses for validation out of what is left, and the way through them."""
-        count = self._wish.validation
+    def _with_validation(self, plan: OptimalPlan, left: Pool, white: FloatArray) -> OptimalPlan:
+        """The plan with poses for validation out of what is left, and the way through them."""
+        count, why = self._wish.validation, self._why
         for attempt in range(ATTEMPTS):
-            rows = choose_validation(self._model, left, white, self._box, count)
-            found = left.take(rows)
+            if not len(left):
+                nothing = as_pose_set(left).and_dropped([why] * count)
+                return replace(plan, validation=replace(nothing, letter="V"))
+            few = min(count, len(left))
+            indices = choose_validation(self._model, left, white, self._box, few)
+            found = left.take(indices)
             route = self._router.route(found.postures)
             if not route.lost:
-                return found, route
-            left = without_alike(left, rows[list(route.lost)], attempt)
-        raise no_clear_way(next(iter(route.lost.values())))
+                break
+            why = next(iter(route.lost.values()))
+            left = without_unreached(self._router, left, indices[list(route.lost)], attempt)
+        dropped = [*route.lost.values(), *[why] * (count - few)]
+        rows, route = reached_of(self._router, found.postures, route)
+        poses = as_pose_set(found.take(rows)).and_dropped(dropped)
+        return replace(plan, validation=replace(poses, letter="V"), validation_route=route)
 
     def _refuse_too_few(self, white: FloatArray) -> None:
         """Say which parameters the chosen poses leave open."""

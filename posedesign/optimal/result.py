@@ -54,6 +54,9 @@ class OptimalPlan:
     validation : PoseSet or None
         Poses that are kept out of the fit.
     validation_route : Route or None
+    left_out : int
+        Candidates of the pool that were left out because no clear way to them is known, or to
+        others like them.
     """
 
     wish: Wish
@@ -74,13 +77,21 @@ class OptimalPlan:
     robustness: Robustness | None = None
     validation: PoseSet | None = None
     validation_route: Route | None = None
+    left_out: int = 0
 
     @property
     def reached(self) -> bool:
         """Whether what is wanted is reached; True where nothing was."""
         if self.fewest is not None:
-            return self.fewest.reached
-        return self.route is not None and self._is_within(self.accuracy.value)
+            return self.fewest.reached and not self.dropped
+        within = self.route is not None and self._is_within(self.accuracy.value)
+        return within and not self.dropped
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """Why poses that were asked for cannot be had, one reason each."""
+        of_validation = () if self.validation is None else self.validation.dropped
+        return (*self.poses.dropped, *of_validation)
 
     def _is_within(self, value: float) -> bool:
         limit = self.goal.limit
@@ -133,6 +144,11 @@ class OptimalPlan:
                 f"{self.selection.duplicates} candidates tell the same as others, and were "
                 "offered once"
             )
+        if self.left_out:
+            said.append(
+                f"{self.left_out} candidates were left out because no clear motion to them is "
+                "known, or to others like them: what is proven is of the rest of the pool"
+            )
         return said
 
     @property
@@ -145,7 +161,9 @@ class OptimalPlan:
         over = "" if self.wish.robust == "none" else f", in the {self.wish.robust} of the robots,"
         return (
             f"proven: no {found.count} poses of the pool{over} are {side} "
-            f"{self.goal.words(found.bound)} (efficiency {found.efficiency:.3f})"
+            f"{self.goal.words(found.bound)}"
+            + f" (efficiency {found.efficiency:.3f})"
+            * (found.count == self.accuracy.poses)
         )
 
     @property
@@ -154,7 +172,7 @@ class OptimalPlan:
         if self.fewest is not None:
             said = self._fewest_words(self.fewest)
         else:
-            said = f"{self.selection.count} poses, {self.goal.words(self.accuracy.value)}"
+            said = f"{len(self.poses.kept)} poses, {self.goal.words(self.accuracy.value)}"
             if self.wish.robust != "none":
                 said += (
                     f" as described, {self.goal.words(self.selection.value)} in the "
@@ -174,6 +192,8 @@ class OptimalPlan:
                 said = f"not reached: {said}"
                 if not self.wish.wants_sigma:
                     said += f"; {self.goal.amount(self.goal.limit)} is wanted"
+        if self.dropped:
+            said += f"; {len(self.dropped)} pose(s) dropped: {self.dropped[0]}"
         return said
 
     def _fewest_words(self, fewest: Fewest) -> str:

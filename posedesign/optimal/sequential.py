@@ -31,9 +31,10 @@ from posedesign.optimal.pool_of_cell import (
     functions_over_box,
     pool_of,
 )
-from posedesign.optimal.ways import ATTEMPTS, no_clear_way, without_alike
+from posedesign.optimal.ways import ATTEMPTS, no_clear_way, reached_of, without_unreached
 from posedesign.optimal.wish import Wish
 from posedesign.pools import Pool
+from posedesign.pose_plan import PoseSet
 from posedesign.route import Route, Router
 from posedesign.selection import select
 
@@ -108,7 +109,7 @@ def plan_next(
         before = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
     box, box_words = functions_over_box(cell, model)
     goal = goal_of(Wish(count=count, criterion=criterion), model, box)
-    chosen, route, errors = _Choice(cell, model, goal, box, x).make(measured, before, count)
+    poses, route, errors = _Choice(cell, model, goal, box, x).make(measured, before, count)
     noise = _noise_scale(identified)
     return NextPoses(
         goal,
@@ -116,7 +117,7 @@ def plan_next(
         identified,
         why_not,
         noise,
-        replace(as_pose_set(chosen), first=_last_number(data.names) + 1),
+        replace(poses, first=_last_number(data.names) + 1),
         route,
         noise * errors,
         box_words,
@@ -135,23 +136,34 @@ class _Choice:
 
     def make(
         self, measured: Linearisation, before: FloatArray, count: int
-    ) -> tuple[Pool, Route, FloatArray]:
-        """Poses, the one that gains most first; the way through them; errors ``(count + 1,)`` [m].
+    ) -> tuple[PoseSet, Route, FloatArray]:
+        """Poses, the one that gains most first; the way through them; errors ``(k + 1,)`` [m].
 
-        ``before`` are rows of what was known before measuring.
+        Poses that cannot be had are dropped. ``before`` are rows of what is known beforehand.
         """
         known = np.vstack([measured.white_jacobian.reshape(-1, self._model.p), before])
         pool = pool_of(away_from_singularities(self._cell))
         router = Router.of_cell(self._cell)
+        why = ""
         for attempt in range(ATTEMPTS):
-            rows, white = self._rows(pool, measured, before, count)
+            few = min(count, len(pool)) if attempt else count
+            rows, white = self._rows(pool, measured, before, few)
             rows = _best_first(white, rows, known, self._box)
-            chosen = pool.take(rows)
-            route = router.route(chosen.postures)
+            route = router.route(pool.postures[rows])
             if not route.lost:
-                return chosen, route, _errors(white[rows], known, self._box)
-            pool = without_alike(pool, rows[list(route.lost)], attempt)
-        raise no_clear_way(next(iter(route.lost.values())))
+                break
+            why = next(iter(route.lost.values()))
+            others = without_unreached(router, pool, rows[list(route.lost)], attempt)
+            if attempt == ATTEMPTS - 1 or not len(others):
+                break
+            pool = others
+        dropped = [*route.lost.values(), *[why] * (count - len(rows))]
+        reached, route = reached_of(router, pool.postures[rows], route)
+        if not len(reached):
+            raise no_clear_way(why)
+        rows = rows[reached]
+        poses = as_pose_set(pool.take(rows)).and_dropped(dropped)
+        return poses, route, _errors(white[rows], known, self._box)
 
     def _rows(
         self, pool: Pool, measured: Linearisation, before: FloatArray, count: int

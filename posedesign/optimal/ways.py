@@ -8,12 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from calib.errors import InputError
-from calib.se3 import IntArray
+from calib.se3 import FloatArray, IntArray
 from posedesign.pools import Pool
 from posedesign.route import Route, Router
 
-ATTEMPTS = 10
-"""How often poses that no clear way leads to are left out of the pool and others are chosen."""
+ATTEMPTS = 6
+"""How often poses are chosen while no clear way leads to some of them."""
+
+FROM_BASE = 3
+"""Attempts after which only such candidates are left as :meth:`.Router.reached` knows a way to:
+most straight from the base posture, over which there is a way from each to each."""
 
 TURNED_BACK = 3
 """How often those of the refined poses that no clear way leads to are turned back to what they
@@ -64,24 +68,56 @@ def refined_with_way(
     return chosen, plain
 
 
-def without_alike(pool: Pool, lost: IntArray, attempt: int, kept: int = 0) -> Pool:
-    """The pool without postures that no clear way leads to, and those like them.
+def without_unreached(
+    router: Router, pool: Pool, lost: IntArray, attempt: int, kept: int = 0
+) -> Pool:
+    """The pool without postures that no clear way leads to, and those that may share their fate.
+
+    At first those like them, in the end all that no way is known to lead to.
 
     Parameters
     ----------
+    router : Router
     pool : Pool
     lost : ndarray of int
         Rows of the pool.
     attempt : int
         How often others have been left out before.
     kept : int
-        How many of the first postures stay in any case.
+        How many of the first postures stay in any case, if they are not lost.
     """
+    if attempt + 1 < FROM_BASE:
+        return without_alike(pool, lost, attempt, kept)
+    keep = router.reached(pool.postures)
+    keep[:kept] = True
+    keep[lost] = False
+    return pool.take(keep)
+
+
+def without_alike(pool: Pool, lost: IntArray, attempt: int, kept: int = 0) -> Pool:
+    """The pool without some postures and those like them; see :func:`without_unreached`."""
     apart = np.abs(pool.postures[:, None] - pool.postures[lost]).max(axis=2).min(axis=1)
     keep = apart > ALIKE_RAD[min(attempt, len(ALIKE_RAD) - 1)]
-    keep[lost] = False
     keep[:kept] = True
+    keep[lost] = False
     return pool.take(keep)
+
+
+def reached_of(router: Router, postures: FloatArray, route: Route) -> tuple[IntArray, Route]:
+    """Rows of postures ``(N, n)`` [rad] that a clear way leads to, and the route through them.
+
+    Parameters
+    ----------
+    router : Router
+    postures : ndarray (N, n)
+    route : Route
+        Through all of them, as far as there is one.
+    """
+    rows = np.arange(len(postures))
+    while route.lost:
+        rows = np.delete(rows, list(route.lost))
+        route = router.route(postures[rows])
+    return rows, route
 
 
 def no_clear_way(why: str) -> InputError:

@@ -61,18 +61,38 @@ def test_others_take_the_place_of_poses_that_no_way_leads_to(camera_cell, monkey
     assert not (second.poses.kept == cut_off).all(axis=1).any()
 
 
-def test_without_any_way_it_says_what_is_in_it(camera_cell, monkeypatch):
+def test_the_rest_is_kept_where_no_way_leads_to_a_pose(camera_cell, monkeypatch):
+    """Whatever is chosen, its first is cut off: it is dropped, and what is left is planned."""
     route, tries = Router.route, []
 
     def losing(self, postures):
         tries.append(postures)
-        return replace(route(self, postures), lost={0: "no clear way to it: a wall"})
+        lost = {0: "no clear way to it: a wall"} if len(tries) <= 3 else {}
+        kept = route(self, np.delete(postures, list(lost), axis=0))
+        return replace(kept, lost=lost)
 
     monkeypatch.setattr(Router, "route", losing)
     monkeypatch.setattr(planning, "ATTEMPTS", 3)
+    found = plan_fewest(camera_cell, WANTED_M)
+    assert len(tries) == 4
+    assert not found.reached
+    assert found.dropped == ("no clear way to it: a wall",)
+    count = found.selection.count - 1
+    assert len(found.postures) == len(found.poses.kept_names) == found.accuracy.poses == count
+    assert len(found.poses.names) == count + 1
+    assert found.message.endswith("1 pose(s) dropped: no clear way to it: a wall")
+
+
+def test_without_any_way_it_says_what_is_in_it(camera_cell, monkeypatch):
+    route = Router.route
+
+    def losing(self, postures):
+        nothing = route(self, postures[:0])
+        return replace(nothing, lost=dict.fromkeys(range(len(postures)), "a wall"))
+
+    monkeypatch.setattr(Router, "route", losing)
     with pytest.raises(InputError, match="a wall"):
         plan_fewest(camera_cell, 1e-3)
-    assert len(tries) == 3
 
 
 def test_something_has_to_be_wanted(camera_cell):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -12,6 +14,7 @@ from calib.measurement import touch_ups
 from calib.measurement.simulate import simulate
 from posedesign.optimal.pool_of_cell import functions_over_box, pool_of
 from posedesign.optimal.sequential import plan_next
+from posedesign.route import Router
 
 POOL = {"candidates": 80}
 
@@ -55,6 +58,23 @@ def test_errors_are_those_of_one_design_of_what_was_and_will_be_measured(cell, s
         together = np.concatenate([data.postures, found.poses.kept[:k]])
         expected = tcp_rms(cell, together, x)
         assert error / found.noise_scale == pytest.approx(expected, rel=1e-6)
+
+
+def test_next_poses_that_no_way_leads_to_are_dropped(cell, six, monkeypatch):
+    data, _ = six
+    route = Router.route
+
+    def losing(self, postures):
+        lost = {1: "a wall"} if len(postures) > 2 else {}
+        return replace(route(self, np.delete(postures, list(lost), axis=0)), lost=lost)
+
+    monkeypatch.setattr(Router, "route", losing)
+    found = plan_next(cell, data, 3)
+    assert found.dropped == ("a wall",)
+    assert found.poses.kept_names == ("P07", "P08")
+    assert len(found.tcp_m) == 3
+    assert [row["pose"] for row in found.rows()] == ["", "P07", "P08"]
+    assert found.message.endswith("1 pose(s) dropped: a wall")
 
 
 def test_each_pose_gains_and_none_of_the_rest_would_have_gained_more(cell, six):

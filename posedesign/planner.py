@@ -204,6 +204,7 @@ class _Loop:
             threshold=self.cell.config.plan.condition_threshold,
             stop=stop,
             advice=_advice(stop, self.rounds[best], self._cut_off),
+            not_checked=self.cell.not_checked,
         )
 
 

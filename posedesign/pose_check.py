@@ -109,8 +109,13 @@ def _motions(cell: Cell, poses: PoseList) -> WayVerdicts:
     return WayVerdicts(clear, ways.travel, part, tuple(reasons))
 
 
-def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> None:
+def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ...]:
     """Refuse poses that break a constraint of the cell, or cannot be reached one from the next.
+
+    Returns
+    -------
+    tuple of str
+        Those that are let through, each with its reason.
 
     Raises
     ------
@@ -118,15 +123,17 @@ def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> None:
         Unless ``force`` says that it is meant so.
     """
     broken = [verdict for verdict in check_poses(cell, poses) if not verdict.ok]
-    if broken and not force:
-        first = broken[0]
-        why = f"on the way to it: {first.way}" if first.feasible else first.says
-        more = f", and {len(broken) - 1} more" if len(broken) > 1 else ""
+    said = tuple(
+        f"{v.name}: " + (f"on the way to it: {v.way}" if v.feasible else v.says) for v in broken
+    )
+    if said and not force:
+        more = f", and {len(said) - 1} more" if len(said) > 1 else ""
         raise InputError(
-            f"pose {first.name}: {why}{more}",
+            f"pose {said[0]}{more}",
             hint="look at them with posedesign check; --force writes the program all the same",
             name="poses",
         )
+    return said
 
 
 def _judge(

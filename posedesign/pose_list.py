@@ -11,6 +11,12 @@ from calib.se3 import BoolArray, FloatArray
 from posedesign.pose_plan import PoseSet, PoseStatus, fingerprint, named_stops
 from posedesign.route import Route
 
+NOT_CHECKED = "not checked"
+"""Begins the comments of a list that say what planning did not look at, one a comment."""
+
+ALL_CHECKED = "nothing that the cell asks for"
+"""Said in their place where there are none, so that a list without any is one that nobody knows."""
+
 
 @dataclass(frozen=True)
 class DroppedPose:
@@ -105,6 +111,17 @@ class PoseList:
             if colon:
                 found.setdefault(name.strip(), value.strip())
         return found
+
+    @property
+    def not_checked(self) -> tuple[str, ...]:
+        """What planning did not look at, as the comments say; nothing that they say is nothing."""
+        pairs = (comment.partition(":") for comment in self.comments)
+        said = tuple(value.strip() for key, _, value in pairs if key.strip() == NOT_CHECKED)
+        if not said:
+            return ("anything: the list of poses does not say what was",)
+        if self.fingerprint_written not in ("", self.fingerprint):
+            return ("anything: the list was changed after planning",)
+        return said
 
     @property
     def fingerprint(self) -> str:

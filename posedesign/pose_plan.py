@@ -208,6 +208,8 @@ class PosePlan:
     stop : StopReason
     advice : str
         What to change where the threshold was not reached.
+    not_checked : tuple of str
+        What planning did not look at (:attr:`.Cell.not_checked`).
     """
 
     poses: PoseSet
@@ -220,6 +222,7 @@ class PosePlan:
     threshold: float
     stop: StopReason
     advice: str
+    not_checked: tuple[str, ...] = ()
 
     @property
     def reached(self) -> bool:
@@ -253,6 +256,7 @@ class PosePlan:
             + f", {self.route.detours} posture(s) passed through on the way"
             * bool(self.route.detours)
             + f"; {self.advice}" * bool(self.advice)
+            + not_checked_words(self.not_checked)
         )
 
     @property
@@ -282,6 +286,11 @@ def named_stops(poses: PoseSet, route: Route) -> list[tuple[str, FloatArray, boo
         name = f"V{passed + 1:02d}" if stop.pose is None else names[stop.pose]
         found.append((name, stop.posture, stop.pose is None))
     return found
+
+
+def not_checked_words(not_checked: Sequence[str]) -> str:
+    """The end of a verdict that says what was not looked at; empty where all was."""
+    return f"; NOT CHECKED: {'; '.join(not_checked)}" if not_checked else ""
 
 
 def displayed(model: CalibrationModel, values: FloatArray) -> list[tuple[str, str, float]]:

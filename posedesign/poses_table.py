@@ -23,7 +23,7 @@ from posedesign.csv_tables import (
 from posedesign.files import StrPath
 from posedesign.indices import Indices
 from posedesign.measurement_table import PLACE, TURN
-from posedesign.pose_list import DroppedPose, PoseList
+from posedesign.pose_list import ALL_CHECKED, NOT_CHECKED, DroppedPose, PoseList
 from posedesign.pose_margins import MARGIN_COLUMNS, Margins
 from posedesign.pose_plan import PoseSet, PoseStatus
 from posedesign.postures_table import (
@@ -58,6 +58,7 @@ def write_poses(
     margins: Margins | None = None,
     indices: Indices | None = None,
     title: str = "measuring poses",
+    not_checked: Sequence[str] | None = None,
 ) -> Path:
     """Write ``poses.csv``: the stops of a route through the kept poses, then what was dropped.
 
@@ -75,6 +76,9 @@ def write_poses(
         Of the poses, for the comments before the header.
     title : str
         What the poses are, for the same.
+    not_checked : sequence of str, optional
+        What planning did not look at (:attr:`.Cell.not_checked`), for the same; None where nobody
+        knows.
     """
     listed = PoseList.of_route(poses, route)
     comments = [f"posedesign: {title} of {robot.name}", f"fingerprint: {listed.fingerprint}"]
@@ -84,6 +88,8 @@ def write_poses(
         values = indices.as_dict()
         del values["poses"]  # said already
         comments += [f"{name}: {value:.12g}" for name, value in values.items()]
+    if not_checked is not None:
+        comments += [f"{NOT_CHECKED}: {said}" for said in not_checked or (ALL_CHECKED,)]
     return _write(path, listed, robot, tool_m, JointForm.USUAL, margins, comments)
 
 

@@ -54,6 +54,9 @@ class WrittenProgram:
         Of the poses as planned, and as they stand in the program; None without a cell.
     note : str
         What the program takes for granted; empty for nothing.
+    not_checked, forced : tuple of str
+        What nobody looked at, and poses written although they break a constraint; both stand in
+        the head of the program.
     """
 
     paths: tuple[Path, ...]
@@ -63,6 +66,8 @@ class WrittenProgram:
     c_g: float | None = None
     c_g_rounded: float | None = None
     note: str = ""
+    not_checked: tuple[str, ...] = ()
+    forced: tuple[str, ...] = ()
 
     @property
     def warning(self) -> str:
@@ -218,8 +223,12 @@ def write_program(
     options: ProgramOptions,
     name: str,
     cell: Cell | None = None,
+    forced: Sequence[str] = (),
 ) -> WrittenProgram:
     """Write a robot program, validate it, read it back, and judge what it has become.
+
+    Its head says what was not checked: by the cell, or without one when the list was planned.
+    ``forced`` are poses that are written although they break a constraint, each with the reason.
 
     Raises
     ------
@@ -243,7 +252,14 @@ def write_program(
         note = tool_note(cell, chosen)
     stops = zip(poses.names, poses.postures, poses.via, strict=True)
     listed = tuple(ProgramPose(label, q, via=bool(via)) for label, q, via in stops)
-    program = PoseProgram(name, listed, options, None if cell is None else arm_of(cell))
+    program = PoseProgram(
+        name,
+        listed,
+        options,
+        None if cell is None else arm_of(cell),
+        not_checked=poses.not_checked if cell is None else cell.not_checked,
+        forced=tuple(forced),
+    )
     paths = chosen.write(program, out)
     problems = [
         f"{path.name}: {problem}"
@@ -261,6 +277,8 @@ def write_program(
         None if cell is None else _c_g(cell, planned),
         None if cell is None else _c_g(cell, rounded),
         note,
+        program.not_checked,
+        program.forced,
     )
 
 

@@ -190,6 +190,7 @@ def _write_poses(
         margins=Margins.of_route(cell, route),
         indices=indices,
         title=path.origin.purpose,
+        not_checked=cell.not_checked,
     )
 
 

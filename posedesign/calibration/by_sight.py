@@ -122,6 +122,7 @@ class SightResult:
             "three_sigma_mm": 3e3 * found.sigma_m,
             "three_sigma_is_a_bound": [bool(bound) for bound in self._bounds],
             "plan": found.plan.message,
+            "not_checked": found.plan.not_checked,
             "touched": list(found.touch_ups.names),
             "missed": {pose.name: pose.reason for pose in found.missed},
             "recommended": found.identified.comparison.recommended,

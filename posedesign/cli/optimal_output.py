@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from posedesign.cli.output import explain_frames, note, print_json, print_table, say
 
 if TYPE_CHECKING:
+    from posedesign.cell import Cell
     from posedesign.optimal import OptimalPlan
     from posedesign.optimal.next_poses import NextPoses
 
@@ -46,6 +47,7 @@ def _as_dict(result: OptimalPlan) -> dict[str, object]:
         "pool_in_words": result.pool_words,
         "message": result.message,
         "remarks": result.remarks,
+        "not_checked": result.not_checked,
         "fingerprint": result.fingerprint,
         "method": result.wish.method,
         "robust": result.wish.robust,
@@ -89,7 +91,7 @@ def _as_dict(result: OptimalPlan) -> dict[str, object]:
     }
 
 
-def print_next(result: NextPoses, out: Path, *, as_json: bool) -> None:
+def print_next(cell: Cell, result: NextPoses, out: Path, *, as_json: bool) -> None:
     """Print what each further pose would gain, and whether to go on."""
     files = [str(out / "poses.csv")]
     if as_json:
@@ -101,6 +103,7 @@ def print_next(result: NextPoses, out: Path, *, as_json: bool) -> None:
                 "message": result.message,
                 "identified": result.identified is not None,
                 "why_not": result.why_not or None,
+                "not_checked": cell.not_checked,
                 "criterion": result.goal.criterion.name,
                 "noise_scale": result.noise_scale,
                 "tcp_rms_mm": [1e3 * float(value) for value in result.tcp_m],

@@ -240,7 +240,8 @@ def next_poses(
         trust_units=trust_units,
     )
     say_rehearsed(cell, measurements, as_json=as_json)
-    print_next(result, out, as_json=as_json)
+    say_what_to_know(loaded)
+    print_next(loaded, result, out, as_json=as_json)
     return NOT_REACHED if result.dropped else DONE
 
 
@@ -295,6 +296,7 @@ def print_plan(cell: Cell, result: PosePlan, out: Path, *, as_json: bool) -> Non
                 "stop": str(result.stop),
                 "message": result.message,
                 "threshold": result.threshold,
+                "not_checked": result.not_checked,
                 "fingerprint": result.fingerprint,
                 "cycle_time_s": result.cycle_time_s,
                 "rounds": round_rows(result),
@@ -437,6 +439,7 @@ def score(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
     scored = score_poses(loaded, listed.measured)
+    say_what_to_know(loaded)
     scaling = scaling_of(loaded.model())
     threshold = loaded.config.plan.condition_threshold
     below = scored.indices.c_g < threshold
@@ -454,6 +457,7 @@ def score(
                 "problem": scored.problem,
                 "not_feasible": scored.not_feasible,
                 "off_target": scored.off_target,
+                "not_checked": loaded.not_checked,
                 "threshold": threshold,
                 "reached": good,
             }

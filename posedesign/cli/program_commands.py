@@ -85,13 +85,20 @@ def program(
     )
     chosen = chosen_dialect(loaded, listed, dialect)
     listed = with_approaches(loaded, listed, approach_deg)
+    forced: tuple[str, ...] = ()
     if loaded:
         refuse_unfit(loaded, listed)
-        refuse_blocked(loaded, listed, force=force)
+        forced = refuse_blocked(loaded, listed, force=force)
     usual = loaded.config.program.name if loaded else USUAL_NAME
     title = usual if name is None else name
     options = program_options(loaded, listed, form)
-    written = write_program(listed, out, chosen, options, title, loaded)
+    written = write_program(listed, out, chosen, options, title, loaded, forced)
+    for said in () if loaded is None else loaded.notices:
+        note(f"note: {said}")
+    for said in written.not_checked:
+        note(f"not checked: {said}")
+    for said in written.forced:
+        note(f"warning: written in spite of {said}")
     if as_json:
         print_json({**written.__dict__, "paths": [str(path) for path in written.paths]})
     else:

@@ -292,6 +292,7 @@ class _Planning:
             robustness=None
             if route is None or self._cell.is_hand_eye
             else robustness(self._cell, self._model, self._goal, chosen),
+            not_checked=self._cell.not_checked,
         )
         if route is None or not self._wish.validation:
             return plan

@@ -13,7 +13,13 @@ from posedesign.optimal.accuracy import Accuracy
 from posedesign.optimal.goal import TCP, TCP_WORST, Goal
 from posedesign.optimal.robust import SCENARIOS, Robustness
 from posedesign.optimal.wish import Wish
-from posedesign.pose_plan import PoseSet, displayed, fingerprint, named_stops
+from posedesign.pose_plan import (
+    PoseSet,
+    displayed,
+    fingerprint,
+    named_stops,
+    not_checked_words,
+)
 from posedesign.route import Route
 from posedesign.selection import Fewest, Selection
 
@@ -49,6 +55,8 @@ class OptimalPlan:
         One pose fewer and one more, out of the pool, where there are such.
     box_words : str
         The task box in words.
+    not_checked : tuple of str
+        What planning did not look at (:attr:`.Cell.not_checked`).
     robustness : Robustness or None
         What the poses are worth for robots that are not as described.
     validation : PoseSet or None
@@ -78,6 +86,7 @@ class OptimalPlan:
     validation: PoseSet | None = None
     validation_route: Route | None = None
     left_out: int = 0
+    not_checked: tuple[str, ...] = ()
 
     @property
     def reached(self) -> bool:
@@ -194,7 +203,7 @@ class OptimalPlan:
                     said += f"; {self.goal.amount(self.goal.limit)} is wanted"
         if self.dropped:
             said += f"; {len(self.dropped)} pose(s) dropped: {self.dropped[0]}"
-        return said
+        return said + not_checked_words(self.not_checked)
 
     def _fewest_words(self, fewest: Fewest) -> str:
         count = fewest.selection.count

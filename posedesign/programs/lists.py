@@ -5,6 +5,9 @@ from __future__ import annotations
 from calib.errors import InputError
 from posedesign.programs.program import PoseProgram
 
+WARNING_LENGTH = 90
+"""Characters of a line of what the head of a list warns of."""
+
 
 def comment_text(what: str, text: str) -> str:
     """A text that can stand in a comment, and comes back as it is.

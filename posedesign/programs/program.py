@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Literal, Protocol, cast, get_args, runtime_checkable
@@ -28,6 +28,9 @@ in a register of its own."""
 
 MOST_ARGUMENT = 32767
 """Largest whole number that every controller takes as an argument."""
+
+MOST_WARNINGS = 10
+"""Of a kind in the head of a program; lists of a hundred are read by nobody at a pendant."""
 
 _FINGERPRINT = re.compile(r"[0-9a-f]{4,16}")
 
@@ -184,6 +187,10 @@ class Planned(Protocol):
         """Short digest of the measured postures."""
 
     @property
+    def not_checked(self) -> tuple[str, ...]:
+        """What planning did not look at, in words."""
+
+    @property
     def model(self) -> CalibrationModel:
         """What it was planned for."""
 
@@ -206,6 +213,10 @@ class PoseProgram:
         Number of the first measured pose: parts of a plan go on counting.
     in_all : int, optional
         Measured poses of the whole plan, where this is a part of it.
+    not_checked : tuple of str
+        What nobody looked at before the program was written; stands in its head.
+    forced : tuple of str
+        Poses that are written although they break a constraint, each with the reason; the same.
 
     Raises
     ------
@@ -219,6 +230,8 @@ class PoseProgram:
     arm: Arm | None = None
     first: int = 1
     in_all: int | None = None
+    not_checked: tuple[str, ...] = ()
+    forced: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         poses = tuple(self.poses)
@@ -246,7 +259,8 @@ class PoseProgram:
         """The program of a plan: its route, with the plan's fingerprint, for its robot."""
         poses = tuple(ProgramPose(name, posture, via=via) for name, posture, via in plan.stops)
         chosen = replace(options or ProgramOptions(), fingerprint=plan.fingerprint)
-        return cls(name, poses, chosen, Arm.of(plan.model.robot))
+        arm = Arm.of(plan.model.robot)
+        return cls(name, poses, chosen, arm, not_checked=plan.not_checked)
 
     @property
     def measured_count(self) -> int:
@@ -270,6 +284,18 @@ class PoseProgram:
         fingerprint = self.options.fingerprint
         return PlanMark(fingerprint, self.measured_count).words if fingerprint else ""
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the head of the program says to whoever runs it, at most so much of each kind."""
+        return tuple(
+            f"{word}: {text}"
+            for word, texts in (
+                ("WRITTEN IN SPITE OF", self.forced),
+                ("NOT CHECKED", self.not_checked),
+            )
+            for text in first_of(texts, MOST_WARNINGS)
+        )
+
     def split(self, most: int) -> Iterator[PoseProgram]:
         """Parts of at most so many poses, each ending at one that is measured, where it can."""
         rest, first = list(self.poses), self.first
@@ -286,6 +312,13 @@ class PoseProgram:
     def postures_rad(self) -> FloatArray:
         """Postures of all poses, shape (N, n) [rad], in the signs of the URDF."""
         return np.stack([pose.posture_rad for pose in self.poses])
+
+
+def first_of(texts: Sequence[str], most: int) -> list[str]:
+    """At most so many texts, the last of them saying how many there are besides."""
+    if len(texts) <= most:
+        return list(texts)
+    return [*texts[: most - 1], f"and {len(texts) - most + 1} more"]
 
 
 def in_range(name: str, value: float, lower: float, upper: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -12,8 +13,11 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
-from posedesign.programs.program import ProgramOptions, ProgramPose
+from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.reading import MOST_JOINT_DEG
+
+LONGEST_WARNING = 300
+"""Characters of one warning in the head of a program: ten lines of a FANUC remark."""
 
 
 def plain(value: float, decimals: int) -> str:
@@ -115,6 +119,20 @@ def check_text(what: str, text: str, length: int, forbidden: str = "") -> None:
         value=text,
         bound=length,
     )
+
+
+def warning_lines(program: PoseProgram, length: int, forbidden: str = "") -> list[str]:
+    """What the head of a program warns of, as comments of at most so many ASCII characters.
+
+    Each begins with a star, which no comment does that readers take something from. Characters
+    that a comment cannot hold are left out: a warning never keeps a program from being written.
+    """
+    lines = []
+    for text in program.warnings:
+        plain_text = text.encode("ascii", "replace").decode()
+        kept = "".join(c if c.isprintable() and c not in forbidden else " " for c in plain_text)
+        lines += textwrap.wrap(textwrap.shorten(kept, LONGEST_WARNING), length - 2)
+    return [f"* {line}" for line in lines]
 
 
 def check_call(

@@ -362,7 +362,7 @@ def test_what_is_not_checked_is_said(cli: Cli, make_urdf: Callable[..., Path], w
     assert new.code == 0
     cell = work / "own.toml"
     cell.write_text(new.out)
-    refused = cli("plan", cell, "--out", work)
+    refused = cli("plan", cell, "--out", work / "own")
     assert refused.code == 2
     assert "small has no collision geometry for l2, l3, l4, l5: what they run into" in refused.err
     cell.write_text(new.out.replace("collisions = true", "collisions = false"))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from calib.descriptions.urdf_anew import urdf_of
@@ -64,8 +66,8 @@ def only_the_first(poses: Path) -> Path:
 @pytest.mark.parametrize(
     "words",
     [
-        ("plan", "{cell}"),
-        ("plan", "{cell}", "--method", "exchange"),
+        ("plan", "{cell}", "--out", "planned"),
+        ("plan", "{cell}", "--out", "planned", "--method", "exchange"),
         ("check", "{cell}", "{poses}"),
         ("score", "{cell}", "{poses}"),
         ("program", "{first}", "--cell", "{cell}", "--format", "ros-trajectory"),
@@ -81,8 +83,9 @@ def test_links_without_a_shape_are_refused_by_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    places = {"cell": bare_cell(), "poses": poses, "first": only_the_first(poses)}
-    before = set(tmp_path.iterdir())
+    camera = "[camera]" if "calibrate" in words else ""
+    places = {"cell": bare_cell("", camera), "poses": poses, "first": only_the_first(poses)}
+    before = set(tmp_path.rglob("*"))
     typed = [word.format(**places) for word in words]
     said = cli(*typed)
     assert said.code == 2
@@ -95,8 +98,8 @@ def test_links_without_a_shape_are_refused_by_name(
         "constraints.collisions = false",
     ):
         assert way_out in said.err
-    left = {path.name for path in set(tmp_path.iterdir()) - before}
-    assert not [name for name in left if name.endswith((".csv", ".yaml", ".json"))]
+    left = set(tmp_path.rglob("*")) - before
+    assert not [path for path in left if path.suffix in (".csv", ".yaml", ".json")]
 
 
 @pytest.mark.parametrize("robot", ['shapes = "ur10e"', "capsule_radius_mm = 80"])
@@ -157,3 +160,44 @@ def test_meshes_that_are_gone_after_planning_are_refused(
     refused = cli("program", only_the_first(poses), "--cell", cell, "--format", "ros-trajectory")
     assert refused.code == 2
     assert "no collision geometry for forearm_link" in refused.err
+
+
+def test_what_is_not_checked_goes_with_the_poses(
+    cli: Cli, bare_cell: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Verdict, JSON, list of poses, and the program that is written from it without the cell."""
+    cell, out = bare_cell('shapes = "ur10e"'), tmp_path / "out"
+    said = cli("plan", cell, "--out", out, "--json")
+    told = json.loads(said.out)
+    view = "the view of the target: no [camera] is described"
+    assert view in told["not_checked"]
+    assert f"NOT CHECKED: {'; '.join(told['not_checked'])}" in told["message"]
+    assert f"not checked: {view}" in said.err
+    for line in told["not_checked"]:
+        assert f"\n# not checked: {line}\n" in (out / "poses.csv").read_text()
+    alone = cli("program", out / "poses.csv", "--format", "ros-trajectory", "--out", out)
+    assert alone.code == 0
+    assert f"not checked: {view}" in alone.err
+    assert f"# * NOT CHECKED: {view}" in (out / "CALIB01.yaml").read_text()
+    for words in (("check", cell, out / "poses.csv"), ("score", cell, out / "poses.csv")):
+        assert json.loads(cli(*words, "--json").out)["not_checked"] == told["not_checked"]
+
+
+def test_what_force_lets_through_is_named(
+    cli: Cli, bare_cell: Callable[..., Path], poses: Path, tmp_path: Path
+) -> None:
+    cell, first = bare_cell('shapes = "ur10e"'), only_the_first(poses)
+    elbow = Robot.preset("ur10e").state(np.deg2rad([0, -70, 90, -110, -90, 0])).origins[2]
+    at_mm = np.round(1e3 * elbow).tolist()
+    post = f'[[obstacle]]\nname = "post"\nkind = "sphere"\nradius_mm = 50\nat_mm = {at_mm}'
+    cell.write_text(f"{cell.read_text()}\n{post}\n")
+    words = ["program", first, "--cell", cell, "--format", "ros-trajectory", "--out", tmp_path]
+    refused = cli(*words)
+    assert refused.code == 2
+    forced = cli(*words, "--force", "--json")
+    assert forced.code == 0
+    (spite,) = json.loads(forced.out)["forced"]
+    assert spite.startswith("P01: ")
+    assert "post" in spite
+    assert f"warning: written in spite of {spite}" in forced.err
+    assert f"# * WRITTEN IN SPITE OF: {spite[:40]}" in (tmp_path / "CALIB01.yaml").read_text()

@@ -157,7 +157,7 @@ def _take_remark(module: _Module, remark: str) -> None:
         module.pose_names.setdefault(int(named[1]), named[2].strip())
     elif register:
         module.first_register = int(register[1]), int(register[2])
-    elif not (module.comment or module.mark or module.pose_names):
+    elif not (remark.startswith("* ") or module.comment or module.mark or module.pose_names):
         module.comment = remark
 
 

@@ -27,6 +27,7 @@ from posedesign.programs.writing import (
     plain,
     plain_all,
     shown_deg,
+    warning_lines,
 )
 
 _RESERVED = """
@@ -89,6 +90,7 @@ def render_abb_rapid(program: PoseProgram, arm: Arm) -> str:
     work_object = _frame_name(arm.T_world_user, WORK_OBJECT, "wobj0")
     lines = [f"MODULE {program.name}"]
     lines += [f"  ! {text}" for text in (options.comment, program.mark) if text]
+    lines += [f"  ! {line}" for line in warning_lines(program, TEXT_LENGTH)]
     lines += (
         _frames(arm, tool, work_object, options.form)
         + _positions(program, arm)

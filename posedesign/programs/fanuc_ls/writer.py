@@ -14,7 +14,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
-from posedesign.programs.writing import NameRule, check_call, check_text, shown_deg
+from posedesign.programs.writing import NameRule, check_call, check_text, shown_deg, warning_lines
 
 _RESERVED = "ABORT CALL CON ELSE END FOR IF JMP LBL MOVE NUL PAUSE PRN RUN SELECT TO WAIT"
 NAMES = NameRule("a FANUC program name", 8, reserved=frozenset(_RESERVED.split()))
@@ -128,6 +128,7 @@ def _instructions(program: PoseProgram) -> list[str]:
 def _head(program: PoseProgram) -> list[str]:
     options = program.options
     mark = [f"  !{program.mark}"] if program.mark else []
+    mark += [f"  !{line}" for line in warning_lines(program, REMARK_LENGTH, _SPECIAL)]
     return [*mark, f"  UFRAME_NUM={options.user_frame}", f"  UTOOL_NUM={options.tool_frame}"]
 
 

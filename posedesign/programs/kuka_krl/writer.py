@@ -27,6 +27,7 @@ from posedesign.programs.writing import (
     plain,
     plain_all,
     shown_deg,
+    warning_lines,
 )
 
 _RESERVED = """
@@ -137,6 +138,7 @@ def _source(program: PoseProgram, arm: Arm) -> str:
     lines = [*_head(program), f"DEF {program.name}( )"]
     if program.mark:
         lines.append(f";{program.mark}")
+    lines += [f";{line}" for line in warning_lines(program, TEXT_LENGTH)]
     lines += [
         "BAS(#INITMOV,0)",
         f"BAS(#VEL_PTP,{options.speed_percent})",

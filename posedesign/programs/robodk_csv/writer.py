@@ -11,9 +11,9 @@ beside it. RoboDK's documentation of its own import dialogs was not at hand.
 from __future__ import annotations
 
 from posedesign.programs.arm import Arm
-from posedesign.programs.lists import check_options, comment_text
+from posedesign.programs.lists import WARNING_LENGTH, check_options, comment_text
 from posedesign.programs.program import PoseProgram
-from posedesign.programs.writing import plain_all, shown_deg
+from posedesign.programs.writing import plain_all, shown_deg, warning_lines
 
 DECIMALS = 6
 """Of degrees, as RoboDK saves them: joint values are rounded by at most 5e-7 deg."""
@@ -49,6 +49,7 @@ def render_robodk_csv(program: PoseProgram, arm: Arm) -> dict[str, str]:
         beside.append(f"title: {comment_text('comment', options.comment)}")
     if program.mark:
         beside.append(program.mark)
+    beside += [f"note: {line}" for line in warning_lines(program, WARNING_LENGTH)]
     beside.append(f"controller: {arm.maker or 'as described'}")
     beside.append(f"rows: {len(rows)}")
     stops = zip(program.numbers, program.poses, strict=True)

@@ -14,9 +14,9 @@ import numpy as np
 
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
-from posedesign.programs.lists import comment_text
+from posedesign.programs.lists import WARNING_LENGTH, comment_text
 from posedesign.programs.program import PoseProgram, ProgramPose
-from posedesign.programs.writing import shown_deg
+from posedesign.programs.writing import shown_deg, warning_lines
 
 DECIMALS = 12
 """Of joint values [rad]: they are rounded by at most 5e-13 rad."""
@@ -34,6 +34,7 @@ def heading(program: PoseProgram, what: str) -> list[str]:
         lines.append(f"# title: {comment_text('comment', options.comment)}")
     if program.mark:
         lines.append(f"# {program.mark}")
+    lines += [f"# {line}" for line in warning_lines(program, WARNING_LENGTH)]
     lines.append(
         f"# tool frame {options.tool_frame}, user frame {options.user_frame}, "
         f"speed {options.speed_percent} percent, settling {options.settle_s:g} s"

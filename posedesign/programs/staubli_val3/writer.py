@@ -35,7 +35,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
-from posedesign.programs.writing import NameRule, check_text, plain_all, shown_deg
+from posedesign.programs.writing import NameRule, check_text, plain_all, shown_deg, warning_lines
 
 _WORDS = (
     "AND BEGIN BOOL CALL CASE DEFAULT DO ELSE END ENDFOR ENDIF ENDSWITCH ENDWHILE FALSE FOR IF NOT "
@@ -141,6 +141,7 @@ def _fits(text: str) -> bool:
 def _start(program: PoseProgram) -> list[str]:
     options = program.options
     notes = [f"// {text}" for text in (options.comment, program.mark) if text]
+    notes += [f"// {line}" for line in warning_lines(program, TEXT_LENGTH, "[]<>&")]
     lines = [*notes, "resetMotion()"]
     for number, pose in zip(program.numbers, program.poses, strict=True):
         lines += _at_pose(options, pose, number)

@@ -38,6 +38,7 @@ from posedesign.programs.writing import (
     plain,
     plain_all,
     shown_deg,
+    warning_lines,
 )
 
 _WORDS = (
@@ -174,6 +175,8 @@ def _head(program: PoseProgram, arm: Arm) -> Iterator[str]:
         yield f"# Title: {options.comment}"
     if program.mark:
         yield f"# {program.mark}"
+    for line in warning_lines(program, TEXT_LENGTH, FORBIDDEN):
+        yield f"# {line}"
     if options.measure_call is not None:
         yield from _measuring(program)
     frames = np.stack([arm.T_tip_tool, arm.T_world_user])

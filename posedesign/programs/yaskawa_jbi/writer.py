@@ -29,7 +29,14 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
-from posedesign.programs.writing import NameRule, check_call, check_text, plain_all, shown_deg
+from posedesign.programs.writing import (
+    NameRule,
+    check_call,
+    check_text,
+    plain_all,
+    shown_deg,
+    warning_lines,
+)
 from posedesign.programs.yaskawa_jbi.pulses import checked, comments
 
 NAMES = NameRule("a Yaskawa job name", 8)
@@ -103,7 +110,7 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
 def lines_besides(program: PoseProgram) -> tuple[int, int]:
     """Instructions besides those of the poses, and most of one pose, remarks included."""
     pose = ProgramPose("", program.poses[0].posture_rad, comment="-")
-    return len(_head(program.mark, (1.0,) * 6)) + 1, len(_at_pose(program.options, pose, 0, 1))
+    return len(_head(program, (1.0,) * 6)) + 1, len(_at_pose(program.options, pose, 0, 1))
 
 
 def _check_options(program: PoseProgram) -> None:
@@ -175,7 +182,7 @@ def _attributes(options: ProgramOptions) -> list[str]:
 
 
 def _instructions(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> list[str]:
-    lines = _head(program.mark, pulses_per_deg)
+    lines = _head(program, pulses_per_deg)
     for k, (number, pose) in enumerate(zip(program.numbers, program.poses, strict=True)):
         if pose.comment:
             what = f"comment of pose {pose.name!r}"
@@ -191,8 +198,10 @@ def _instructions(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> li
     return [*lines, "END"]
 
 
-def _head(mark: str, pulses_per_deg: tuple[float, ...]) -> list[str]:
-    notes = ([mark] if mark else []) + (comments(pulses_per_deg) if pulses_per_deg else [])
+def _head(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> list[str]:
+    notes = [program.mark] if program.mark else []
+    notes += comments(pulses_per_deg) if pulses_per_deg else []
+    notes += warning_lines(program, COMMENT_LENGTH)
     return ["NOP", *(f"'{note}" for note in notes)]
 
 

@@ -1,0 +1,113 @@
+"""The head of every program says what was not checked, and what was written in spite of what."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.robots import Robot
+from posedesign.pose_list import ALL_CHECKED
+from posedesign.programming import program_options, write_program
+from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs.program import MOST_WARNINGS
+from posedesign.tables import PoseList, read_poses
+
+ARMS = {"fanuc": "r2000ic165f", "abb": "irb120", "kuka": "kr6r900sixx", "ur": "ur10e"}
+ARMS |= {"yaskawa": "hp3", "staubli": "tx2_60", None: "ur10e"}
+PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)
+HOSTILE = "collisions with \"gun\" ; 'table' é ]]> \n END <a>& \\ and " + "x" * 400
+
+
+def program(name: str, **warnings: tuple[str, ...]) -> PoseProgram:
+    robot = Robot.preset(ARMS[DIALECTS[name].maker])
+    rng = np.random.default_rng(3)
+    middle, half = (robot.lower + robot.upper) / 2.0, (robot.upper - robot.lower) / 4.0
+    poses = tuple(
+        ProgramPose(f"P{k:02d}", middle + half * rng.uniform(-1, 1, robot.n)) for k in range(1, 4)
+    )
+    options = ProgramOptions(fingerprint="0123abcd", pulses_per_deg=PULSES)
+    return PoseProgram("CALIB01", poses, options, Arm.of(robot), **warnings)
+
+
+def words_of(text: str) -> str:
+    """What the comments with a star say, their lines put together."""
+    found = re.findall(r"\* ([^\n]*?)[ ;]*$", text.replace("\r", ""), flags=re.MULTILINE)
+    return " ".join(" ".join(found).split())
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_the_head_says_what_was_not_checked(name: str, tmp_path: Path) -> None:
+    dialect = DIALECTS[name]
+    warned = program(
+        name,
+        not_checked=("collisions: constraints.collisions is false", HOSTILE),
+        forced=tuple(f"P{k:02d}: forearm and table run {k} mm into each other" for k in range(40)),
+    )
+    files = dialect.write(warned, tmp_path)
+    said = words_of("\n".join(path.read_text() for path in files))
+    assert "NOT CHECKED: collisions: constraints.collisions is false" in said
+    assert "WRITTEN IN SPITE OF: P03: forearm and table run 3 mm into each other" in said
+    assert f"WRITTEN IN SPITE OF: and {41 - MOST_WARNINGS} more" in said
+    # nothing that is read back, or that the controller checks, is another for it
+    plain = dialect.write(program(name), tmp_path / "plain")
+    reader = dialect.reading(PULSES)
+    for path in files:
+        if path.suffix.lower() in dialect.suffixes:
+            assert not dialect.validate(path)
+    one, two = reader.read(files[0]), reader.read(plain[0])
+    assert (one.name, one.comment, one.mark) == (two.name, two.comment, two.mark)
+    for ours, theirs in zip(one.positions, two.positions, strict=True):
+        assert (ours.number, ours.name) == (theirs.number, theirs.name)
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_a_warning_is_no_title(name: str, tmp_path: Path) -> None:
+    """Without a fingerprint it is the first remark of the file."""
+    unmarked = replace(
+        program(name, not_checked=("anything",)), options=ProgramOptions(pulses_per_deg=PULSES)
+    )
+    read = DIALECTS[name].reading(PULSES).read(DIALECTS[name].write(unmarked, tmp_path)[0])
+    assert read.comment == ""
+
+
+def listed(*comments: str) -> PoseList:
+    pose = program("ros-trajectory").poses[0]
+    return PoseList(
+        ("P01",), pose.posture_rad[None], np.array([False]), comments=("posedesign: x", *comments)
+    )
+
+
+@pytest.mark.parametrize(
+    ("comments", "said"),
+    [
+        (("not checked: the view of the target", "not checked: ways"), "the view of the target"),
+        ((), "anything: the list of poses does not say what was"),
+        ((f"not checked: {ALL_CHECKED}",), ALL_CHECKED),
+        (
+            ("not checked: the view of the target", "fingerprint: 00000000"),
+            "anything: the list was changed after planning",
+        ),
+    ],
+)
+def test_without_a_cell_the_list_of_poses_says_it(
+    comments: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    poses = listed(*comments)
+    options = program_options(None, poses)
+    written = write_program(poses, tmp_path, "ros-trajectory", options, "CALIB01")
+    assert written.not_checked[0] == said
+    assert f"NOT CHECKED: {said}" in words_of(written.paths[0].read_text())
+
+
+def test_a_list_that_is_read_keeps_what_it_says(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text(
+        "# not checked: link_1 against link_3, gun against table: they touch\n"
+        "name,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\nP01,1.5,2,3,4,5,60\n"
+    )
+    said = read_poses(path, 6).not_checked
+    assert said == ("link_1 against link_3, gun against table: they touch",)

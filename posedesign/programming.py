@@ -239,7 +239,8 @@ def write_program(
     """
     chosen = find_dialect(dialect)
     refuse_doubles(poses)
-    if not chosen.passes and Passing.RETREAT in poses.reasons:
+    backs_off = Passing.RETREAT in poses.reasons or (cell is not None and cell.retreat is not None)
+    if backs_off and not chosen.passes:
         raise InputError(
             f"{chosen.name} lists measured poses only: the tool would not back off between them",
             hint="write another format: the others have postures that are passed through",

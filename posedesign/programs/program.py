@@ -297,13 +297,17 @@ class PoseProgram:
         )
 
     def split(self, most: int) -> Iterator[PoseProgram]:
-        """Parts of at most so many poses, each ending at one that is measured, where it can."""
+        """Parts of at most so many poses, each ending at one that is measured, where it can.
+
+        Where two or more are passed behind it, at the first of them: the tool has backed off there.
+        """
         rest, first = list(self.poses), self.first
         while rest:
             cut = len(rest)
             if cut > most:
-                ends = [k + 1 for k, pose in enumerate(rest[:most]) if not pose.via]
-                cut = ends[-1] if ends else most
+                via = [pose.via for pose in rest]
+                ends = [k + 1 + all(via[k + 1 : k + 3]) for k in range(most) if not via[k]]
+                cut = max((end for end in ends if end <= most), default=most)
             part, rest = tuple(rest[:cut]), rest[cut:]
             yield replace(self, poses=part, first=first, in_all=self.measured_count)
             first += sum(not pose.via for pose in part)

@@ -61,6 +61,26 @@ def test_a_program_has_poses_of_one_arm() -> None:
 
 
 @pytest.mark.parametrize(
+    ("stops", "parts"),
+    [
+        ("PPPPPPP", ["PPPPP", "PP"]),
+        ("vPvPvPvP", ["vPvP", "vPvP"]),
+        ("vPvvPvvPv", ["vPv", "vPv", "vPv"]),
+        ("vvvvvvP", ["vvvvv", "vP"]),
+    ],
+    ids=["poses", "approached", "backed off", "none in reach"],
+)
+def test_parts_of_a_program_end_at_a_pose_or_backed_off_from_it(
+    stops: str, parts: list[str]
+) -> None:
+    poses = tuple(ProgramPose("T1", np.zeros(6), via=stop == "v") for stop in stops)
+    found = list(PoseProgram("CAL", poses).split(5))
+    assert ["".join("Pv"[pose.via] for pose in part.poses) for part in found] == parts
+    measured = [part.numbers[i] for part in found for i, p in enumerate(part.poses) if not p.via]
+    assert measured == list(range(1, stops.count("P") + 1))
+
+
+@pytest.mark.parametrize(
     ("option", "value", "message"),
     [
         ("user_frame", 1.0, "not a whole number"),

@@ -10,11 +10,12 @@ from scipy.stats import chi2 as chi2_distribution
 from calib.posture_last import columns_of, turn
 from calib.robot_world.adjustment import adjust
 from calib.robot_world.errors_of_pairs import derivatives
-from calib.robot_world.methods import Method
+from calib.robot_world.methods import Method, maximum_likelihood
 from calib.robot_world.noise import LEAST_NOISE, Noise, PairNoise
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.propagation import propagate
 from calib.robot_world.results import Estimate
+from calib.robot_world.serial import widening
 from calib.se3 import BoolArray, FloatArray
 
 NOISE_DOUBT = 1e-4
@@ -65,7 +66,7 @@ def goodness(
     return GoodnessOfFit(chi2, freedom, float(probability[0]), float(excess[0]))
 
 
-def judged(chi2: FloatArray, freedom: int) -> tuple[FloatArray, FloatArray]:
+def judged(chi2: FloatArray, freedom: FloatArray | int) -> tuple[FloatArray, FloatArray]:
     """Probabilities of values of χ² as large ``(T,)``, and how many times the noise they are.
 
     1 where chance may have made them as large.
@@ -93,15 +94,26 @@ def covariance_of(
     found: Estimate,
     used: BoolArray,
     excess: float,
+    given: bool,
     noise: Noise | None,
 ) -> FloatArray | None:
-    """Covariance ``(12, 12)`` of one solution, the residuals being ``excess`` times the noise."""
+    """Covariance ``(12, 12)`` of one solution, the residuals being ``excess`` times the noise.
+
+    By the noise, given or not, and by runs of pairs whose errors follow each other: see
+    :mod:`calib.robot_world.serial`. Those widen what any method says by as much as maximum
+    likelihood.
+    """
     if noise is None:
         return None
     if found.fit is not None:
-        return np.asarray(found.fit.covariance[0] * excess**2)
+        factor = widening(found.fit, used[None], np.array([excess]), noise_known=given)[0]
+        return np.asarray(found.fit.covariance[0] * excess**2 * np.outer(factor, factor))
     A, B = pairs.A[0, used], pairs.B[0, used]
-    return propagate(chosen.estimate, A, B, noise, excess)
+    factor = np.ones(12)
+    likeliest = maximum_likelihood.estimate(PairSets(A[None], B[None])).fit
+    if likeliest is not None:
+        factor = widening(likeliest, np.ones((1, len(A)), dtype=bool))[0]
+    return propagate(chosen.estimate, A, B, noise, excess) * np.outer(factor, factor)
 
 
 def rank_of(pairs: PairSets, X: FloatArray, Z: FloatArray, used: BoolArray) -> int:

@@ -31,6 +31,7 @@ from calib.robot_world.methods import Method, find_method
 from calib.robot_world.noise import Noise, PairNoise, check_noise
 from calib.robot_world.pairs import FEWEST_PAIRS, PairSets, checked_pairs, checked_problem
 from calib.robot_world.results import Estimate, RobotWorldBatch, RobotWorldResult
+from calib.robot_world.serial import widening
 from calib.se3 import BoolArray, FloatArray
 
 _FEWEST_FOR_SIGMA = 6
@@ -166,11 +167,14 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
             converged[usable] = found.converged
         if covariance is not None and found.fit is not None:
             covariance[usable] = found.fit.covariance
+            used = np.ones((usable.size, pairs.N)) if found.weights is None else found.weights
+            excess = np.ones(usable.size)
             if chi2 is not None:
                 chi2[usable] = found.fit.cost
-                counts = pairs.N if found.weights is None else found.weights.sum(axis=-1)
-                _, excess = judged(found.fit.cost, 6 * counts - 12)
-                covariance[usable] *= excess[:, None, None] ** 2
+                _, excess = judged(found.fit.cost, 6 * used.sum(axis=-1) - 12)
+            factor = widening(found.fit, used > 0, excess, noise_known=noise is not None)
+            factor *= excess[:, None]
+            covariance[usable] *= factor[:, :, None] * factor[:, None]
         if found.weights is not None:
             rank_deficient, degenerate, doubtful = _judged_by_used(pairs, found.weights > 0)
             X[rank_deficient] = Z[rank_deficient] = np.nan
@@ -283,7 +287,7 @@ def _result(
         _noise=partial(_noise, found, used, noise, status),
         _doubts=partial(_doubts, chosen, pairs, found, motion, used, noise, doubts),
         _rank=partial(rank_of, pairs, found.X, found.Z, used),
-        _spread=partial(covariance_of, chosen, pairs, found, used, excess),
+        _spread=partial(covariance_of, chosen, pairs, found, used, excess, noise is not None),
         _leave_out=partial(left_out_residuals, chosen, pairs, found, used, noise),
     )
 

@@ -48,6 +48,8 @@ class Claim(os.PathLike[str]):
     bare : bool
         Whether the file cannot say its origin: other programs could not read it then. It is checked
         when it is written, and may be replaced by the same bytes only.
+    place : tuple of int, optional
+        The folder as it was claimed in, by device and number: see :func:`identity_of`.
     """
 
     path: Path
@@ -56,6 +58,7 @@ class Claim(os.PathLike[str]):
     say: Callable[[str], None] = lambda text: None
     needed_by: str = ""
     bare: bool = False
+    place: tuple[int, int] | None = None
 
     def __fspath__(self) -> str:
         return str(self.path)
@@ -91,6 +94,7 @@ class Claim(os.PathLike[str]):
         OutputError
             What is there must not be replaced.
         """
+        self._check_place()
         why = self.foreign
         measured = self.origin.kind == "simulated" and _is_measured(self.path)
         if why and (measured or not self.overwrite):
@@ -103,8 +107,18 @@ class Claim(os.PathLike[str]):
             )
         return why
 
+    def _check_place(self) -> None:
+        """Refuse a folder that is another one than when it was claimed in."""
+        if self.place is not None and identity_of(self.path.parent) != self.place:
+            raise OutputError(
+                f"{self.path.parent} was removed or replaced since this began",
+                hint="put the folder back, and start the same command again",
+                name=str(self.path),
+            )
+
     def write(self, data: bytes) -> Path:
         """Write the file with its origin, and keep aside what is there and is not ours."""
+        self._check_place()
         if not self.bare:
             data = stamped(data, self.path.name, self.origin)
         if self.path.is_file() and self.path.read_bytes() == data:
@@ -115,6 +129,15 @@ class Claim(os.PathLike[str]):
         if aside is not None:
             self.say(f"{self.path}: what was there is kept as {aside.name}")
         return written
+
+
+def identity_of(path: Path) -> tuple[int, int] | None:
+    """What a file or folder is, under whatever name: device and number; None where it is not."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
 
 
 def _is_measured(path: Path) -> bool:
@@ -162,6 +185,8 @@ class Results:
         Told of what is kept aside.
     remakes : bool
         Whether all that follows from its plan is made anew, too.
+    place : tuple of int, optional
+        The folder as it was at first; see :func:`identity_of`.
     """
 
     folder: Path
@@ -170,6 +195,7 @@ class Results:
     overwrite: bool = False
     say: Callable[[str], None] = lambda text: None
     remakes: bool = False
+    place: tuple[int, int] | None = None
 
     @classmethod
     def of(cls, out: Path | Results, command: str) -> Results:
@@ -183,6 +209,7 @@ class Results:
         inputs: Sequence[Path] = (),
         needed_by: Mapping[str, str] | None = None,
         bare: bool = False,
+        check: bool = True,
     ) -> list[Claim]:
         """Claim files before the work: all may be written, or none is.
 
@@ -197,6 +224,8 @@ class Results:
             By name, what else belongs to the file that is there.
         bare : bool
             Whether they cannot say their origin; see :class:`Claim`.
+        check : bool
+            False: what is there is looked at when they are written only.
 
         Raises
         ------
@@ -212,14 +241,14 @@ class Results:
                 self.say,
                 (needed_by or {}).get(name, ""),
                 bare,
+                self.place or identity_of(self.folder),
             )
             for name, purpose in files
         ]
         if self.folder.exists() and not self.folder.is_dir():
             make_folder(self.folder)
-        for claim in claims:
-            if not bare:
-                claim.check()
+        for claim in claims if check and not bare else ():
+            claim.check()
         return claims
 
 

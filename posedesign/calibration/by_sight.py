@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,18 +25,21 @@ from posedesign.calibration.journal import Journal
 from posedesign.calibration.kept_station import KeptStation
 from posedesign.calibration.moving import drive_of
 from posedesign.calibration.process import (
+    COMMAND,
     LEAST_SIGMA_M,
-    TOUCH_UPS,
     Calibration,
     Progress,
+    SessionFiles,
     calibrate,
     loop_of,
 )
 from posedesign.cell import Cell
-from posedesign.files import json_text, make_folder
+from posedesign.files import Results, identity_of, json_text, make_folder
 from posedesign.locking import held
+from posedesign.origin import origin_of
 from posedesign.plate import PLATE_PITCH_M, PlateTest
 from posedesign.rehearsal import simulated_arms, true_cell, true_observer
+from posedesign.workflow import PAIRS, TOUCH_UPS
 
 JOURNAL = "journal.jsonl"
 _DOING = "calibrating"
@@ -140,6 +143,7 @@ def run_by_sight(
     kind: Kind = "image",
     seed: int | None = None,
     restart: bool = False,
+    overwrite: bool = False,
     progress: Progress = lambda what, part: None,
     warn: Callable[[str], None] = lambda text: None,
 ) -> SightResult:
@@ -162,7 +166,9 @@ def run_by_sight(
     seed : int, optional
         Of the simulated noise; by default the cell's.
     restart : bool
-        Put what was measured before aside, and begin anew.
+        Put all files of what was measured before aside, together, and begin anew.
+    overwrite : bool
+        Replace files that no calibration wrote; they are kept under other names.
     progress, warn : callable
         See :func:`~posedesign.calibration.process.calibrate`.
 
@@ -180,7 +186,14 @@ def run_by_sight(
         robot = FolderRobot(cell, folder, dialect, timeout_s=wait_s)
         with held(folder, _DOING, "name another folder with --robot-folder"):
             found = calibrate_robot(
-                cell, robot, out, source=path.parent, restart=restart, progress=progress, warn=warn
+                cell,
+                robot,
+                out,
+                source=path.parent,
+                restart=restart,
+                overwrite=overwrite,
+                progress=progress,
+                warn=warn,
             )
         return SightResult(found, None)
     if cell.config.camera is None:
@@ -195,7 +208,9 @@ def run_by_sight(
     how = "pictures" if kind == "image" else "drawn noise"
     about = _about(cell, f"the simulated robot, {how}, seed {own}")
     about["[truth]"] = _digest(cell.config.truth.model_dump(mode="json"))
-    found = _calibrate(cell, arms, out, about, own, path.parent, restart, progress, warn)
+    session = _Session(about, own, pictures=kind == "image", simulated=True)
+    results = Results(out, COMMAND, overwrite=overwrite, say=warn, remakes=True)
+    found = _calibrate(cell, arms, results, session, path.parent, restart, progress, warn)
     fast = observer if kind == "fast" else true_observer(cell, "fast")
     return SightResult(found, _plate(cell, found, fast, own))
 
@@ -207,34 +222,67 @@ def calibrate_robot(
     *,
     source: Path = Path(),
     restart: bool = False,
+    overwrite: bool = False,
     progress: Progress = lambda what, part: None,
     warn: Callable[[str], None] = lambda text: None,
 ) -> Calibration:
     """Calibrate a robot behind its adapter; see :func:`run_by_sight`."""
     arms = OneArm(robot, dark=cell.config.target.dark)
-    about = _about(cell, _named(robot))
-    return _calibrate(cell, arms, out, about, 0, source, restart, progress, warn)
+    session = _Session(_about(cell, _named(robot)))
+    results = Results(out, COMMAND, overwrite=overwrite, say=warn, remakes=True)
+    return _calibrate(cell, arms, results, session, source, restart, progress, warn)
+
+
+@dataclass(frozen=True)
+class _Session:
+    """What is measured with.
+
+    Attributes
+    ----------
+    about : mapping of str to str
+        See :class:`~posedesign.calibration.journal.Journal`.
+    seed : int
+    pictures, simulated : bool
+    """
+
+    about: Mapping[str, str]
+    seed: int = 0
+    pictures: bool = True
+    simulated: bool = False
+
+    def files(self, results: Results, *, check: bool) -> SessionFiles:
+        """Its files in a folder, under a name that no other session has."""
+        return SessionFiles.of(
+            results,
+            session=f"session {_digest(self.about)[:8]}",
+            simulated=self.simulated,
+            pictures=self.pictures,
+            check=check,
+        )
 
 
 def _calibrate(
     cell: Cell,
     arms: Arms,
-    out: Path,
-    about: Mapping[str, str],
-    seed: int,
+    results: Results,
+    session: _Session,
     source: Path,
     restart: bool,
     progress: Progress,
     warn: Callable[[str], None],
 ) -> Calibration:
     _check_kind(cell)
-    make_folder(out)
+    out = make_folder(results.folder)
+    results = replace(results, place=identity_of(out))
     with held(out, _DOING):
         if restart:
-            _put_aside(out / JOURNAL)
-        else:
+            _put_aside(out, session.files(results, check=False), warn)
+        elif not results.overwrite:
             _check_results(out)
-        with Journal(out / JOURNAL, about) as journal:
+        if not (out / JOURNAL).exists():
+            session.files(results, check=True)  # before there is a journal of nothing
+        with Journal(out / JOURNAL, session.about) as journal:
+            files = session.files(results, check=True)
             if len(journal):
                 count = f"{len(journal)} measurement" + "s" * (len(journal) > 1)
                 warn(f"going on from {count} in {journal.path}; anew: --restart")
@@ -242,8 +290,12 @@ def _calibrate(
                 warn(notice)
             for said in cell.not_checked:
                 warn(f"not checked: {said}")
-            station = KeptStation(drive_of(cell, arms, warn), journal, seed)
-            return calibrate(cell, station, out, source=source, progress=progress, warn=warn)
+            station = KeptStation(drive_of(cell, arms, warn), journal, session.seed)
+            done = calibrate(
+                cell, station, results, source=source, files=files, progress=progress, warn=warn
+            )
+            journal.check_place()
+            return done
 
 
 def _check_options(folder: Path | None, dialect: str | None, kind: Kind, seed: int | None) -> None:
@@ -273,14 +325,21 @@ def _check_kind(cell: Cell) -> None:
 
 
 def _check_results(out: Path) -> None:
-    """Refuse to write over touch-ups that no journal has: they were made some other way."""
-    touch_ups = out / TOUCH_UPS
-    if touch_ups.exists() and not (out / JOURNAL).exists():
-        raise InputError(
-            f"{touch_ups} is there, and no {JOURNAL} that it comes from: it would be overwritten",
-            hint="choose another --out, or --restart",
-            name=str(touch_ups),
-        )
+    """Refuse to write over what was measured and no journal has."""
+    for name, _ in (TOUCH_UPS, PAIRS):
+        if (out / name).exists() and not (out / JOURNAL).exists() and _is_own(out / name):
+            raise InputError(
+                f"{out / name} is there, and no {JOURNAL} that it comes from: it would be "
+                "overwritten",
+                hint="choose another --out, or --restart to put it aside",
+                name=str(out / name),
+            )
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a file was written by a calibration."""
+    origin = origin_of(path)
+    return origin is not None and origin.command == COMMAND
 
 
 def _named(robot: RobotAdapter) -> str:
@@ -312,21 +371,34 @@ def _digest(content: object) -> str:
     return hashlib.sha256(json_text(content).encode()).hexdigest()[:16]
 
 
-def _put_aside(journal: Path) -> None:
-    """Rename a journal to a name that is free: touch-ups on a real robot took hours."""
-    if not journal.exists():
+def _put_aside(out: Path, files: SessionFiles, warn: Callable[[str], None]) -> None:
+    """Move all files of a session into a folder of their own: touch-ups on a robot took hours.
+
+    What no calibration wrote stays, and is refused before anything is moved where it is in the way.
+    The journal goes last, so that a stop in between leaves what it is gone on from.
+    """
+    there = [claim.path for claim in files.claims if claim.path.exists()]
+    for claim in files.claims:
+        if not _is_own(claim.path):
+            claim.check()
+    own = [path for path in (*there, out / PAIRS[0]) if _is_own(path)]
+    own += [out / JOURNAL] * (out / JOURNAL).exists()
+    if not own:
         return
     number = 1
-    while (aside := journal.with_name(f"journal.{number}.jsonl")).exists():
+    while os.path.lexists(aside := out / f"session.{number}"):
         number += 1
     try:
-        os.replace(journal, aside)
+        aside.mkdir()
+        for path in dict.fromkeys(own):
+            os.replace(path, aside / path.name)
     except OSError as error:
         raise OutputError(
-            f"{journal}: cannot be put aside: {error.strerror}",
+            f"{aside}: what was measured before cannot be put aside: {error.strerror}",
             hint="choose another --out",
-            name=str(journal),
+            name=str(aside),
         ) from error
+    warn(f"what was measured before is in {aside}")
 
 
 def _plate(cell: Cell, found: Calibration, observer: Observer, seed: int) -> PlateTest | str:

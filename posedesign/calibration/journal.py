@@ -20,7 +20,7 @@ import numpy as np
 
 from calib.errors import FileFormatError, InputError, OutputError
 from calib.se3 import FloatArray
-from posedesign.files import json_text, read_bytes_bounded
+from posedesign.files import identity_of, json_text, read_bytes_bounded
 
 MOST_BYTES = 50_000_000
 """A touch-up takes half a kilobyte: a hundred thousand of them are no calibration of a robot."""
@@ -77,7 +77,7 @@ class Journal:
         except OSError as error:
             raise _not_written(path, error, "choose another --out") from error
         self._length = length
-        self._folder = _identity(os.stat(path.parent))
+        self._folder = identity_of(path.parent)
         if not lines:
             head = {"posedesign": "calibration", "version": _VERSION, "about": dict(about)}
             try:
@@ -156,13 +156,12 @@ class Journal:
         OutputError
             It was removed, or replaced by another one or by a link: what is measured would be lost.
         """
-        try:
-            same = (
-                _identity(os.lstat(self.path)) == _identity(os.fstat(self._stream.fileno()))
-                and _identity(os.stat(self.path.parent)) == self._folder
-            )
-        except OSError:
-            same = False
+        own = os.fstat(self._stream.fileno())
+        same = (
+            not self.path.is_symlink()
+            and identity_of(self.path) == (own.st_dev, own.st_ino)
+            and identity_of(self.path.parent) == self._folder
+        )
         if not same:
             raise OutputError(
                 f"{self.path} was removed or replaced while it was written",
@@ -224,7 +223,7 @@ class Journal:
             raise FileFormatError(
                 f"is a journal of version {head.get('version')!r:.20}, this program has {_VERSION}",
                 path=self.path,
-                hint="go on with the program that it was begun with, or --restart",
+                hint="go on with the program that it was begun with, or choose another --out",
             )
         begun = head.get("about")
         for what, own in about.items():
@@ -253,11 +252,6 @@ def _told(what: str, own: str) -> str:
 def _opened(path: str, flags: int) -> int:
     """Open a file for writing, and no link: what stands behind it is somebody else's."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
-
-
-def _identity(status: os.stat_result) -> tuple[int, int]:
-    """What a file or folder is, under whatever name."""
-    return status.st_dev, status.st_ino
 
 
 def _finite(text: str) -> float:

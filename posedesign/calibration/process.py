@@ -10,7 +10,7 @@ robot behind its adapter. Nothing here knows which.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,13 +29,25 @@ from posedesign.calibration.found_cell import found_cell
 from posedesign.calibration.target_poses import TargetPoses
 from posedesign.cell import Cell
 from posedesign.cell_file import cell_text
-from posedesign.files import Results, make_folder, write_text_atomic
+from posedesign.files import Claim, Results, identity_of, make_folder, write_text_atomic
+from posedesign.origin import Kind
 from posedesign.pose_list import PoseList
 from posedesign.pose_plan import PosePlan
 from posedesign.tables import Pairs, write_pairs, write_touch_ups
-from posedesign.workflow import identify_file, plan_poses
+from posedesign.workflow import (
+    IDENTIFICATION,
+    PAIRS,
+    POSES,
+    ROUNDS,
+    TOUCH_UPS,
+    identify_file,
+    plan_poses,
+)
 
-TOUCH_UPS, PAIRS = "touchups.csv", "pairs.csv"
+COMMAND = "calibrate"
+"""What its files say that they were written by."""
+
+FOUND_CELL = ("found_cell.toml", "cell as it was found")
 
 Progress = Callable[[str, float], None]
 
@@ -99,12 +111,79 @@ def loop_of(cell: Cell) -> Loop:
     )
 
 
+@dataclass(frozen=True)
+class SessionFiles:
+    """Files of one calibration, claimed before the arm moves.
+
+    Attributes
+    ----------
+    found_cell, touch_ups : Claim
+    pairs : Claim or None
+        None where there are no pictures.
+    planned : tuple of Claim
+        What planning and identification will write, and claim once more.
+    """
+
+    found_cell: Claim
+    touch_ups: Claim
+    pairs: Claim | None
+    planned: tuple[Claim, ...]
+
+    @classmethod
+    def of(
+        cls,
+        results: Results,
+        *,
+        session: str = "a calibration",
+        simulated: bool = False,
+        pictures: bool = True,
+        check: bool = True,
+    ) -> SessionFiles:
+        """Files in a folder.
+
+        Parameters
+        ----------
+        results : Results
+        session : str
+            What they are of: files of another session are not replaced.
+        simulated : bool
+            Whether the robot is.
+        pictures : bool
+            Whether there are any, to have pairs from.
+        check : bool
+            Refuse what must not be replaced, at once.
+
+        Raises
+        ------
+        OutputError
+            There is a file of somebody else's.
+        """
+        kind: Kind = "simulated" if simulated else "measured"
+        made: Kind = "simulated" if simulated else "computed"
+        measured = [(name, f"{purpose} of {session}") for name, purpose in (TOUCH_UPS, PAIRS)]
+        (found,) = results.claim(made, FOUND_CELL, check=check)
+        touch_ups, *pairs = results.claim(kind, *measured[: 1 + pictures], check=check)
+        known = [found.path]
+        planned = results.claim("planned", POSES, ROUNDS, inputs=known, check=check)
+        identified = results.claim(
+            "computed", IDENTIFICATION, inputs=[*known, touch_ups.path], check=check
+        )
+        return cls(found, touch_ups, pairs[0] if pairs else None, (*planned, *identified))
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """All of them."""
+        pairs = () if self.pairs is None else (self.pairs,)
+        return self.found_cell, self.touch_ups, *pairs, *self.planned
+
+
 def calibrate(
     cell: Cell,
     station: Station,
-    out: Path,
+    out: Path | Results,
     *,
     source: Path = Path(),
+    files: SessionFiles | None = None,
     progress: Progress = lambda what, part: None,
     warn: Callable[[str], None] = lambda text: None,
 ) -> Calibration:
@@ -119,9 +198,11 @@ def calibrate(
         Its base posture is the taught one, with the target in view. What it says of tool point,
         camera and target is not looked at.
     station : Station
-    out : Path
+    out : Path or Results
     source : Path
         Folder that the paths in the cell are relative to.
+    files : SessionFiles, optional
+        As they were claimed; by default those of a real robot with pictures.
     progress : callable
         Called with what is being done and the part of all work that is done.
     warn : callable
@@ -133,10 +214,15 @@ def calibrate(
         Camera and target were not found, or no poses can be planned for them.
     ConvergenceError
         Too few poses could be touched up.
+    OutputError
+        There is a file of somebody else's, or the folder was replaced meanwhile.
     CalibError
         What the adapter of a robot raises.
     """
-    make_folder(out)
+    results = results_of(out)
+    if results.place is None:
+        results = replace(results, place=identity_of(make_folder(results.folder)))
+    files = files or SessionFiles.of(results)
     loop = loop_of(cell)
     set_up = find_set_up(
         station,
@@ -151,16 +237,21 @@ def calibrate(
         warn(f"a turn around the target was left out: {note}")
     sigma = measure_noise(cell, station, set_up, loop, progress)
     known = found_cell(cell, set_up, station.image_px, sigma if np.isfinite(sigma).all() else None)
-    write_text_atomic(out / "found_cell.toml", _found_text(known, source))
+    write_text_atomic(files.found_cell, _found_text(known, source))
     progress("planning", _NOISE)
-    results = Results(out, "calibrate", remakes=True)
-    plan = plan_poses(known, results)
-    touch_ups, missed = touch_up_plan(known, station, set_up, plan, out, loop, progress)
+    later = replace(results, inputs=(*results.inputs, files.found_cell.path))
+    plan = plan_poses(known, later)
+    touch_ups, missed = touch_up_plan(known, station, set_up, plan, files, loop, progress)
     for pose in missed:
         warn(f"{pose.name} was not touched up: {pose.reason}")
     progress("identifying", 1.0)
-    identified = identify_file(known, out / TOUCH_UPS, results, warn=warn)
+    identified = identify_file(known, files.touch_ups.path, later, warn=warn)
     return Calibration(set_up, known, sigma, plan, touch_ups, missed, identified)
+
+
+def results_of(out: Path | Results) -> Results:
+    """The folder of a calibration, which makes its own plan anew."""
+    return out if isinstance(out, Results) else Results(out, COMMAND, remakes=True)
 
 
 def tilt_bias(cell: Cell, set_up: SetUp) -> TiltBias | None:
@@ -211,7 +302,7 @@ def touch_up_plan(
     station: Station,
     set_up: SetUp,
     plan: PosePlan,
-    out: Path,
+    files: SessionFiles,
     loop: Loop,
     progress: Progress,
 ) -> tuple[Measurements, tuple[Missed, ...]]:
@@ -240,14 +331,12 @@ def touch_up_plan(
         names.append(name)
         postures.append(done.q[0])
         data = _measurements(cell, names, postures)
-        write_touch_ups(out / TOUCH_UPS, data)
+        write_touch_ups(files.touch_ups, data)
         seen.add(name, done.q[0])
     station.rest()
-    if len(seen.names) > 1:
+    if files.pairs is not None and len(seen.names) > 1:
         pairs = Pairs(tuple(seen.names), np.array(seen.A), np.array(seen.B))
-        write_pairs(out / PAIRS, pairs)
-    elif (out / PAIRS).is_file():
-        (out / PAIRS).unlink()  # of a run before this one
+        write_pairs(files.pairs, pairs)
     if len(names) < 2:
         why = missed[0].reason if missed else "there are none"
         raise ConvergenceError(

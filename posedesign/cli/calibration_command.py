@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress, say
-from posedesign.cli.plan_commands import AsJson, CellFile
+from posedesign.cli.plan_commands import AsJson, CellFile, Overwrite
 
 if TYPE_CHECKING:
     from posedesign.calibration.by_sight import SightResult
@@ -45,8 +45,12 @@ def calibrate(
         int | None, typer.Option(min=0, help="Of the simulated noise; default: the cell's.")
     ] = None,
     restart: Annotated[
-        bool, typer.Option("--restart", help="Begin anew: touch-ups made before are put aside.")
+        bool,
+        typer.Option(
+            "--restart", help="Begin anew: the files made before are put aside, together."
+        ),
     ] = False,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> int:
     """Calibrate by sight: find camera and target, plan, touch up, identify.
@@ -66,6 +70,7 @@ def calibrate(
             kind="image" if images else "fast",
             seed=seed,
             restart=restart,
+            overwrite=overwrite,
             progress=advance,
             warn=lambda text: note(f"warning: {text}"),
         )
@@ -73,6 +78,8 @@ def calibrate(
     if as_json:
         print_json(done.as_dict())
     else:
+        if folder is None:
+            say("SIMULATED, not for a robot: this is a rehearsal")
         print_calibration(done)
         say(f"everything is in {out}")
     good = done.calibration.plan.reached and not done.calibration.missed

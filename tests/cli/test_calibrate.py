@@ -7,12 +7,15 @@ import csv
 import io
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from calib.errors import OutputError
+from posedesign.calibration import run_by_sight
 from posedesign.cli.main import run
 from posedesign.locking import held
 from posedesign.template import cell_template
@@ -127,12 +130,13 @@ def test_stopped_and_gone_on(cli, cell: Path, rehearsed: Rehearsed, tmp_path: Pa
     lines = rehearsed.lines
     # the machine went down there
     (out / "journal.jsonl").write_text("".join(lines[:30]) + lines[30][:50])
-    (out / "pairs.csv").write_text("of a run before")
+    (out / "pairs.csv").write_text("an afternoon's work")  # nothing is written in its place
     said = cli("calibrate", cell, "--out", out, "--no-images")
     assert said.code == 0, said.err
     assert "going on from 29 measurements" in said.err
     assert [words for words in WORDS if words not in said.out] == []
-    assert {path.name for path in out.iterdir()} == FILES
+    assert {path.name for path in out.iterdir()} == FILES | {"pairs.csv"}
+    assert (out / "pairs.csv").read_text() == "an afternoon's work"
     for name in ("journal.jsonl", "touchups.csv", "poses.csv", "identification.json"):
         assert (out / name).read_text() == (rehearsed.out / name).read_text()
 
@@ -140,15 +144,121 @@ def test_stopped_and_gone_on(cli, cell: Path, rehearsed: Rehearsed, tmp_path: Pa
 def test_restart_puts_what_was_measured_aside(
     cli, cell: Path, rehearsed: Rehearsed, tmp_path: Path
 ) -> None:
+    """All of it together: a journal alone says neither what was planned nor what came out."""
     out = tmp_path / "run"
     shutil.copytree(rehearsed.out, out)
+    before = {name: (out / name).read_bytes() for name in FILES - {"running.lock"}}
     cell.write_text(OUT_OF_VIEW)
     for number in (1, 2):
-        before = (out / "journal.jsonl").read_text()
+        journal = (out / "journal.jsonl").read_bytes()
         said = cli("calibrate", cell, "--out", out, "--restart")
         assert "not seen from the taught posture" in said.err
         assert "going on" not in said.err
-        assert (out / f"journal.{number}.jsonl").read_text() == before
+        assert f"what was measured before is in {out / f'session.{number}'}" in said.err
+        assert (out / f"session.{number}" / "journal.jsonl").read_bytes() == journal
+    aside = {path.name: path.read_bytes() for path in (out / "session.1").iterdir()}
+    assert aside == before
+    assert [path.name for path in (out / "session.2").iterdir()] == ["journal.jsonl"]
+    assert {path.name for path in out.iterdir()} == {
+        "journal.jsonl",
+        "running.lock",
+        "session.1",
+        "session.2",
+    }
+
+
+@pytest.mark.parametrize("name", ["touchups.csv", "poses.csv", "found_cell.toml"])
+@pytest.mark.parametrize("words", [[], ["--restart"]])
+def test_what_a_person_measured_is_never_replaced(
+    refuse, cell: Path, rehearsed: Rehearsed, tmp_path: Path, words: list[str], name: str
+) -> None:
+    """Beside a journal of ours, imported or by hand; nothing is moved either."""
+    out = tmp_path / "run"
+    shutil.copytree(rehearsed.out, out)
+    (out / name).write_text("an afternoon's work")
+    refuse("calibrate", cell, "--out", out, "--no-images", *words).says(name, "is not replaced by")
+
+
+@pytest.mark.parametrize("words", [[], ["--restart"]])
+def test_pairs_that_a_person_measured(refuse, cell: Path, tmp_path: Path, words: list[str]) -> None:
+    out = tmp_path / "run"
+    out.mkdir()
+    (out / "running.lock").touch()
+    (out / "pairs.csv").write_text("an afternoon's work")
+    with held(out, "looking"):
+        pass
+    refuse("calibrate", cell, "--out", out, *words).says("pairs.csv", "is not replaced by")
+
+
+def test_what_a_person_changed_is_kept_under_another_name(
+    cli, refuse, cell: Path, rehearsed: Rehearsed, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    shutil.copytree(rehearsed.out, out)
+    touched = (out / "touchups.csv").read_text().replace("P27", "P27x")
+    (out / "touchups.csv").write_text(touched)
+    words = ("calibrate", cell, "--out", out, "--no-images")
+    refuse(*words).says("touchups.csv", "was changed since it was written")
+    said = cli(*words, "--overwrite")
+    assert said.code == 0, said.err
+    assert "what was there is kept as touchups.csv.1" in said.err
+    assert (out / "touchups.csv.1").read_text() == touched
+    assert "P27x" not in (out / "touchups.csv").read_text()
+
+
+def _removed(out: Path, elsewhere: Path) -> None:
+    shutil.rmtree(out)
+
+
+def _linked(out: Path, elsewhere: Path) -> None:
+    shutil.rmtree(out)
+    out.symlink_to(elsewhere)
+
+
+@pytest.mark.parametrize("done", [_removed, _linked])
+@pytest.mark.parametrize("at", ["touch-up S03", "planning", "touch-up P02", "identifying", ""])
+def test_a_folder_that_is_taken_away_while_it_runs(
+    cell: Path,
+    rehearsed: Rehearsed,
+    tmp_path: Path,
+    at: str,
+    done: Callable[[Path, Path], None],
+) -> None:
+    """It ends with an error, and nothing is written where a link leads to."""
+    out, elsewhere = tmp_path / "run", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    shutil.copytree(rehearsed.out, out)
+    lines = rehearsed.lines
+    names = [json.loads(line).get("name") for line in lines]
+    kept = {"touch-up S03": 5, "touch-up P02": names.index("P02")}.get(at)
+    (out / "journal.jsonl").write_text("".join(lines[:kept]))
+
+    def progress(what: str, part: float) -> None:
+        if at and what.endswith(at):
+            done(out, elsewhere)
+
+    def warn(text: str) -> None:
+        if not at and "going on" in text:
+            done(out, elsewhere)
+
+    with pytest.raises(OutputError, match="was removed or replaced"):
+        run_by_sight(cell, out, kind="fast", progress=progress, warn=warn)
+    assert not list(elsewhere.iterdir())
+    assert out.is_symlink() == (done is _linked)
+    assert out.exists() == (done is _linked)
+
+
+def test_a_journal_that_is_gone_takes_no_touch_ups_with_it(
+    refuse, cli, cell: Path, rehearsed: Rehearsed, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    shutil.copytree(rehearsed.out, out)
+    (out / "journal.jsonl").unlink()
+    before = (out / "touchups.csv").read_bytes()
+    words = ("calibrate", cell, "--out", out, "--no-images")
+    refuse(*words).says("touchups.csv", "no journal.jsonl that it comes from", "--restart")
+    assert cli(*words, "--restart").code == 0
+    assert (out / "session.1" / "touchups.csv").read_bytes() == before
 
 
 def test_a_target_that_was_not_in_view_may_be_brought_there(
@@ -228,18 +338,6 @@ def test_touch_ups_of_one_robot_are_not_gone_on_with_by_another(
         "another robot", f"behind {shares[0]}", f"not with FolderRobot behind {shares[1]}"
     )
     assert not list((shares[1] / "out").iterdir())
-
-
-def test_touch_ups_that_were_made_by_hand_are_not_overwritten(
-    refuse, cell: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "run"
-    out.mkdir()
-    (out / "running.lock").touch()
-    (out / "touchups.csv").write_text("an afternoon's work")
-    with held(out, "looking"):
-        pass  # the lock has our number, as it will have
-    refuse("calibrate", cell, "--out", out).says("touchups.csv", "--restart")
 
 
 @pytest.mark.parametrize("words", [[], ["--restart"]])

@@ -15,6 +15,7 @@ from posedesign.files import Results, write_text_atomic
 from posedesign.pairs_results import SolverOutcome
 from posedesign.pose_plan import PosePlan
 from posedesign.programming import WrittenProgram, program_options, write_program
+from posedesign.programs.registry import find_dialect
 from posedesign.tables import read_poses
 from posedesign.template import cell_template
 from posedesign.workflow import (
@@ -79,13 +80,15 @@ def run_demo(
     (file,) = results.claim("computed", ("cell.toml", "reference cell"))
     results.claim("planned", POSES, ROUNDS)
     results.claim("simulated", TOUCH_UPS, PAIRS, IDENTIFICATION, *ROBOT_WORLD, *STUDY)
-    path, folder = write_text_atomic(file, cell_template()), results.folder
+    text = cell_template()
+    find_dialect("fanuc-ls").claim(Cell.from_text(text).config.program.name, results)
+    path, folder = write_text_atomic(file, text), results.folder
     progress("planning", 0.0)
     cell = Cell.load(path)
     plan = plan_poses(cell, results)
     poses = read_poses(folder / "poses.csv", cell.robot.n)
     name = cell.config.program.name
-    program = write_program(poses, folder, "fanuc-ls", program_options(cell, poses), name, cell)
+    program = write_program(poses, results, "fanuc-ls", program_options(cell, poses), name, cell)
     progress("touching up", 0.05)
     robot = simulate(cell, poses, results)
     identification = identify_file(cell, folder / "touchups.csv", results)

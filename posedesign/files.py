@@ -279,8 +279,13 @@ def write_text_atomic(
     OutputError
         The text does not fit the encoding, or the file cannot be written.
     """
+    return write_bytes_atomic(path, encoded(path, text, newline=newline, encoding=encoding))
+
+
+def encoded(path: StrPath, text: str, *, newline: str = "\n", encoding: str = "utf-8") -> bytes:
+    """The bytes of a text file; OutputError where the text does not fit the encoding."""
     try:
-        data = text.replace("\r\n", "\n").replace("\n", newline).encode(encoding)
+        return text.replace("\r\n", "\n").replace("\n", newline).encode(encoding)
     except UnicodeEncodeError as error:
         raise OutputError(
             f"{path}: {text[error.start]!a} cannot be written in {encoding}",
@@ -288,7 +293,6 @@ def write_text_atomic(
             name=str(path),
             value=text[error.start],
         ) from error
-    return write_bytes_atomic(path, data)
 
 
 def write_json_atomic(path: StrPath, content: object) -> Path:

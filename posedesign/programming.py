@@ -14,6 +14,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.approach import find_approaches
 from posedesign.cell import Cell
+from posedesign.files import Results
 from posedesign.indices import evaluate
 from posedesign.passages import Passages
 from posedesign.planner import regressor
@@ -218,7 +219,7 @@ def refuse_doubles(poses: PoseList) -> None:
 
 def write_program(
     poses: PoseList,
-    out: Path,
+    out: Path | Results,
     dialect: str,
     options: ProgramOptions,
     name: str,
@@ -261,7 +262,7 @@ def write_program(
         not_checked=poses.not_checked if cell is None else cell.not_checked,
         forced=tuple(forced),
     )
-    paths = chosen.write(program, out)
+    paths = chosen.write(program, Results.of(out, "program"))
     problems = [
         f"{path.name}: {problem}"
         for path in paths

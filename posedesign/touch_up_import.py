@@ -22,12 +22,14 @@ from posedesign.before_after import summed_up
 from posedesign.cell import Cell
 from posedesign.checks import NEAR_TARGET_M, off_target, outside_limits
 from posedesign.files import read_bytes_bounded
+from posedesign.origin import head_of
 from posedesign.pose_plan import fingerprint
 from posedesign.program_frames import arm_of, check_recorded_frames
 from posedesign.programming import refuse_doubles
 from posedesign.programs import DIALECTS, Dialect, RecordedPosition, RecordedProgram, postures_of
 from posedesign.programs.reading import MOST_BYTES
-from posedesign.programs.registry import dialect_of
+from posedesign.programs.registry import dialect_of, find_dialect
+from posedesign.programs.sets import set_mark
 from posedesign.tables import PoseList, read_poses
 from posedesign.touch_up_doubts import exchanged, refuse_far, rounding_words, tool_moved_m
 
@@ -118,6 +120,7 @@ def import_touch_ups(
     parts: list[_Positions] = []
     if plan is not None:
         refuse_doubles(plan.measured)
+    _refuse_mixed(files, dialect)
     for path in _with_positions(files):
         part = _positions(cell, path, plan, dialect, warnings, keep_untouched=keep_untouched)
         before = {name for other in parts for name in other.names}
@@ -156,6 +159,32 @@ def import_touch_ups(
         tuple(warnings),
         bool(doubts),
     )
+
+
+def _refuse_mixed(files: Sequence[Path], dialect: str | None) -> None:
+    """Refuse files of programs that do not belong together, or to what stands beside them."""
+    marks = {path: set_mark(head_of(path, MOST_BYTES)) for path in files}
+    for path in files:
+        for d in DIALECTS.values() if dialect is None else [find_dialect(dialect)]:
+            said = d.strangers(path) if path.suffix.lower() in d.suffixes else []
+            mixed = next(iter(said), None)
+            if mixed is not None:
+                raise InputError(
+                    f"{path.parent}: {mixed}", hint="save all files of one program", name=str(path)
+                )
+        own = marks[path]
+        for other, mark in marks.items():
+            same = (
+                own
+                and mark
+                and (own == mark or (path.stem != other.stem and own.plan == mark.plan))
+            )
+            if own and mark and not same:
+                raise InputError(
+                    f"{path} is of {own}, {other} of {mark}: they do not belong together",
+                    hint="name the files of one program",
+                    name=str(path),
+                )
 
 
 def _missing(plan: PoseList | None, names: Sequence[str]) -> tuple[str, ...]:

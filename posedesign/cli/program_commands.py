@@ -63,6 +63,7 @@ def program(
     ] = False,
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
 ) -> int:
     """Write the robot program that visits the poses."""
     from posedesign.cell import Cell
@@ -92,7 +93,8 @@ def program(
     usual = loaded.config.program.name if loaded else USUAL_NAME
     title = usual if name is None else name
     options = program_options(loaded, listed, form)
-    written = write_program(listed, out, chosen, options, title, loaded, forced)
+    results = results_in(out, "program", poses, cell, overwrite=overwrite)
+    written = write_program(listed, results, chosen, options, title, loaded, forced)
     for said in () if loaded is None else loaded.notices:
         note(f"note: {said}")
     for said in written.not_checked:

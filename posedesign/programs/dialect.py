@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar, get_args
@@ -11,11 +11,12 @@ from typing import ClassVar, get_args
 import numpy as np
 
 from calib.errors import InputError
-from posedesign.files import make_folder, write_text_atomic
+from posedesign.files import Results, encoded
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import Form, PoseProgram
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Problem, RecordedProgram
+from posedesign.programs.sets import MOST_PARTS, claim_set, marked_as_set, strangers, write_set
 from posedesign.programs.writing import NameRule
 
 
@@ -139,23 +140,38 @@ class Dialect(ABC):
         parts = [list(self.render(part, arm).items()) for part in self.parts(program)]
         return dict([part[0] for part in parts] + [file for part in parts for file in part[1:]])
 
-    def write(self, program: PoseProgram, folder: Path) -> tuple[Path, ...]:
+    def write(self, program: PoseProgram, out: Path | Results) -> tuple[Path, ...]:
         """Write the files of a program into a folder, which is made; see :meth:`files`.
+
+        Files of an older program of the name give way: in a folder whatever they are, in results
+        only where they are as they were written.
 
         Raises
         ------
         InputError
             The program cannot be said in this dialect.
         OutputError
-            A file cannot be written.
+            A file cannot be written, or is there and must not be replaced.
         """
-        files = {folder / name: text for name, text in self.files(program).items()}
-        for path in files:
-            make_folder(path.parent)
-        return tuple(
-            write_text_atomic(path, text, newline=self.newline, encoding=self.encoding)
-            for path, text in files.items()
+        results = out if isinstance(out, Results) else None
+        folder = results.folder if results else Path(out)  # type: ignore[arg-type]
+        files = marked_as_set(
+            {
+                folder / name: encoded(name, text, newline=self.newline, encoding=self.encoding)
+                for name, text in self.files(program).items()
+            }
         )
+        old = self.claim(program.name, results, files) if results else []
+        write_set(files, old, in_folder=self.in_folder)
+        return tuple(files)
+
+    def claim(
+        self, name: str, results: Results, files: Mapping[Path, bytes] | None = None
+    ) -> list[Path]:
+        """Files of older programs of a name; OutputError where they must not be replaced."""
+        parts = [self.names.part(name, k) for k in range(1, MOST_PARTS + 1)]
+        endings = {path.suffix.lower() for path in files or ()} or {*self.suffixes}
+        return claim_set(name, parts, endings, results, in_folder=self.in_folder, new=files)
 
     def read(self, path: Path) -> RecordedProgram:
         """Read a program of this controller.
@@ -176,7 +192,12 @@ class Dialect(ABC):
             The file cannot be opened or is far too large.
         """
         found = self.check(read_program_bytes(path), path)
+        found += [Problem(1, "set", said) for said in self.strangers(path)]
         return sorted(found, key=lambda p: (p.line, p.rule, p.message))
+
+    def strangers(self, path: Path) -> list[str]:
+        """Files beside one of this dialect that it does not belong to, in words."""
+        return strangers(path, self.suffixes, in_folder=self.in_folder) if self.companions else []
 
     def seen(self, arm: Arm) -> Arm:
         """An arm as the programs of this dialect show it.

@@ -12,7 +12,8 @@ from calib.se3 import FloatArray, inverse
 from posedesign.programs.arm import Arm
 from posedesign.programs.configuration import Configuration
 
-_MARK = re.compile(r"PLAN ([0-9a-f]{4,16}) (\d{1,7})")
+_MARK = re.compile(r"PLAN ([0-9a-f]{4,16}) (\d{1,7})(?: \d{1,3} [0-9a-f]{8})?")
+"""What stands behind it is of the files of the program: :mod:`.sets`."""
 
 
 @dataclass(frozen=True)

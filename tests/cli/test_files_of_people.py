@@ -35,7 +35,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "demo": (
         ("demo", "--draws", "10"),
         (
-            *("cell.toml", "poses.csv", "rounds.csv", "touchups.csv", "pairs.csv"),
+            *("CALIB01.LS", "cell.toml", "poses.csv", "rounds.csv", "touchups.csv", "pairs.csv"),
             *("identification.json", "robot_world.csv", "robot_world_pairs.csv"),
             *("accuracy_vs_condition.csv", "accuracy_vs_condition.png"),
         ),
@@ -64,7 +64,40 @@ def test_a_persons_file_is_not_replaced(
     (out / file).write_bytes(b"target,j1_deg\nT1,12.5\n")
     words = [word.format(**inputs) for word in COMMANDS[name][0]]
     line = refuse(*words, "--out", out)
-    line.says(str(out / file), "does not say where it is from", "name another output folder")
+    line.says(str(out / file), "is not replaced", "name another")
+
+
+@pytest.mark.parametrize(
+    ("dialect", "file"),
+    [
+        ("fanuc-ls", "CALIB01.LS"),
+        ("fanuc-ls", "CALB01_2.LS"),
+        ("ros-trajectory", "CALIB01.yaml"),
+        ("moveit-joints", "CALIB01.yaml"),
+        ("robot-calibration", "CALIB01.yaml"),
+        ("robodk-csv", "CALIB01.csv"),
+        ("robodk-csv", "CALIB01.txt"),
+    ],
+)
+def test_a_persons_program_is_not_replaced(
+    refuse: Refuse, inputs: dict[str, str], tmp_path: Path, dialect: str, file: str
+) -> None:
+    out = tmp_path / "somebodys"
+    out.mkdir()
+    (out / file).write_bytes(b"mine")
+    line = refuse("program", inputs["poses"], "--format", dialect, "--out", out)
+    line.says(str(out / file), "is not replaced")
+
+
+@pytest.mark.parametrize("form", ["usual", "ros", "robodk"])
+def test_convert_does_not_replace(
+    cli: Cli, refuse: Refuse, inputs: dict[str, str], tmp_path: Path, form: str
+) -> None:
+    words = ("convert", inputs["poses"], "--cell", inputs["cell"], "--to", form, "--out")
+    assert cli(*words, tmp_path / "new.csv").code == 0
+    assert cli(*words, tmp_path / "new.csv").code == 0
+    (tmp_path / "mine.csv").write_bytes(b"mine")
+    refuse(*words, tmp_path / "mine.csv").says("does not say where it is from")
 
 
 def test_each_command_runs_over_its_own_files(cli: Cli, work: Path) -> None:

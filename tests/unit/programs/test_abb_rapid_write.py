@@ -58,7 +58,7 @@ JOINT = PoseProgram(
 
 JOINT_MODULE = r"""MODULE CalPose
   ! after service
-  ! PLAN 00c0ffee 2
+  ! PLAN 00c0ffee 2 1 2191dcd1
   ! P1 T1
   LOCAL CONST jointtarget jp1:=[[10.00000,-5.00000,20.00000,0.00000,45.00000,30.00000],[#]];
   LOCAL CONST jointtarget jp2:=[[-10.00000,20.00000,10.00000,-5.00000,35.00000,130.00000],[#]];

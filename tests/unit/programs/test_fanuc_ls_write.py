@@ -55,7 +55,7 @@ TCD:  STACK_SIZE\t= 0,
 DEFAULT_GROUP\t= 1,*,*,*,*;
 CONTROL_CODE\t= 00000000 00000000;
 /MN
-   1:  !PLAN abcdef12 2 ;
+   1:  !PLAN abcdef12 2 1 4abaef9f ;
    2:  UFRAME_NUM=2 ;
    3:  UTOOL_NUM=3 ;
    4:J P[1] 25% FINE    ;

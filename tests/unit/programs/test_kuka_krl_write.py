@@ -67,7 +67,7 @@ JOINT_DAT = """\
 &REL 1
 &COMMENT after service
 DEFDAT CalPose
-;PLAN 00c0ffee 2
+;PLAN 00c0ffee 2 2 6b650f58
 ;TOOL 2 BASE 3
 EXT BAS(BAS_COMMAND :IN,REAL :IN)
 ;P1 T1
@@ -84,7 +84,7 @@ JOINT_SRC = """\
 &REL 1
 &COMMENT after service
 DEF CalPose( )
-;PLAN 00c0ffee 2
+;PLAN 00c0ffee 2 2 6b650f58
 BAS(#INITMOV,0)
 BAS(#VEL_PTP,20)
 BAS(#TOOL,2)

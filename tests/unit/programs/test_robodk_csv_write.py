@@ -41,7 +41,7 @@ BESIDE = """\
 posedesign rows of CAL.csv
 program: CAL
 title: cell 7
-PLAN abcdef12 2
+PLAN abcdef12 2 2 c98fba8c
 controller: fanuc
 rows: 3
 row 1: pose 1: T 1

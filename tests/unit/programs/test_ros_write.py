@@ -43,7 +43,7 @@ TRAJECTORY = """\
 # trajectory_msgs/msg/JointTrajectory, joint values in rad
 # program: CAL
 # title: cell 7
-# PLAN abcdef12 2
+# PLAN abcdef12 2 1 470ef245
 # tool frame 1, user frame 0, speed 50 percent, settling 0.5 s
 header:
   stamp:
@@ -72,7 +72,7 @@ MOVEIT = """\
 # joint states of moveit_calibration, joint values in rad
 # program: CAL
 # title: cell 7
-# PLAN abcdef12 2
+# PLAN abcdef12 2 1 039c9f49
 # tool frame 1, user frame 0, speed 50 percent, settling 0.5 s
 joint_names:
 - joint_1
@@ -92,7 +92,7 @@ CAPTURE = """\
 # capture poses of robot_calibration, joint values in rad
 # program: CAL
 # title: cell 7
-# PLAN abcdef12 2
+# PLAN abcdef12 2 1 af985700
 # tool frame 1, user frame 0, speed 50 percent, settling 0.5 s
 # pose 1: T 1
 - joints:

@@ -64,7 +64,7 @@ leave="50" reach="50" />
     <Data name="nTraj" access="public" xsi:type="array" type="num" size="1">
     </Data>
     <Data name="sPlan" access="public" xsi:type="array" type="string" size="1">
-      <Value key="0" value="PLAN abcdef12 2" />
+      <Value key="0" value="PLAN abcdef12 2 5 382c0ddf" />
     </Data>
     <Data name="sTitle" access="public" xsi:type="array" type="string" size="1">
       <Value key="0" value="cell 7" />
@@ -86,7 +86,7 @@ leave="50" reach="50" />
 START = """\
 begin
   // cell 7
-  // PLAN abcdef12 2
+  // PLAN abcdef12 2 5 382c0ddf
   resetMotion()
   // POSE 1 T 1
   nTraj=movej(jPose[0],tTool[0],mMeasure)

@@ -40,7 +40,7 @@ OPTIONS = ProgramOptions(
 EXPECTED = """\
 def Calpose():
   # Title: cell 7
-  # PLAN abcdef12 2
+  # PLAN abcdef12 2 1 b4b57d06
   def MEASURE(number):
     textmsg("measuring ", number)
     freedrive_mode()

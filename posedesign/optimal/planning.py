@@ -159,7 +159,7 @@ class _Planning:
                 break
             pool = others
         plan = self._result(pool, selection, fewest, chosen, route)
-        return replace(plan, left_out=whole - len(pool))
+        return replace(plan, left_out=whole - len(pool), left_out_for=self._why)
 
     def _others_than(
         self, pool: Pool, selection: Selection, route: Route, attempt: int

@@ -65,6 +65,8 @@ class OptimalPlan:
     left_out : int
         Candidates of the pool that were left out because no clear way to them is known, or to
         others like them.
+    left_out_for : str
+        What is in the way to one of them.
     """
 
     wish: Wish
@@ -86,6 +88,7 @@ class OptimalPlan:
     validation: PoseSet | None = None
     validation_route: Route | None = None
     left_out: int = 0
+    left_out_for: str = ""
     not_checked: tuple[str, ...] = ()
 
     @property
@@ -156,7 +159,8 @@ class OptimalPlan:
         if self.left_out:
             said.append(
                 f"{self.left_out} candidates were left out because no clear motion to them is "
-                "known, or to others like them: what is proven is of the rest of the pool"
+                f"known, or to others like them ({self.left_out_for}): what is proven is of the "
+                "rest of the pool"
             )
         return said
 

@@ -74,7 +74,7 @@ def test_next_poses_that_no_way_leads_to_are_dropped(cell, six, monkeypatch):
     assert found.poses.kept_names == ("P07", "P08")
     assert len(found.tcp_m) == 3
     assert [row["pose"] for row in found.rows()] == ["", "P07", "P08"]
-    assert found.message.endswith("1 pose(s) dropped: a wall")
+    assert "1 pose(s) dropped: a wall" in found.message
 
 
 def test_each_pose_gains_and_none_of_the_rest_would_have_gained_more(cell, six):

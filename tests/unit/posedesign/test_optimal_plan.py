@@ -263,7 +263,7 @@ def test_an_arm_half_of_whose_postures_are_out_of_the_way(make_cell):
     assert found.reached
     assert len(found.postures) == 12
     assert found.left_out > 50
-    assert "candidates were left out" in found.remarks[1]
+    assert "(no clear way to it: forearm_link" in found.remarks[1]
     assert found.accuracy.value >= found.selection.bound
     stops = np.array([cell.base_posture, *(stop.posture for stop in found.route.stops)])
     assert cell.ways.check(stops[:-1], stops[1:]).clear.all()
@@ -286,7 +286,7 @@ def test_what_was_to_be_kept_and_is_not_reached_is_dropped(cell, planned, monkey
     assert len(found.postures) == 9
     assert (found.poses.kept == own[0]).all(axis=1).any()
     assert not (found.poses.kept == own[1]).all(axis=1).any()
-    assert found.message.endswith("1 pose(s) dropped: was to be kept: a wall")
+    assert "1 pose(s) dropped: was to be kept: a wall" in found.message
 
 
 def test_poses_for_validation_that_are_not_reached_cost_nothing_else(cell, monkeypatch):

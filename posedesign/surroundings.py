@@ -72,6 +72,7 @@ def build_scene(cell: Cell, ignore: Sequence[tuple[str, str]]) -> Scene:
         obstacles=cell.obstacles,
         ignore=ignore,
         zero=np.clip(np.zeros(robot.n), robot.lower, robot.upper),
+        last_range=(float(robot.lower[-1]), float(robot.upper[-1])),
     )
 
 
@@ -223,7 +224,10 @@ def _unseen_collisions(cell: Cell) -> list[str]:
         said.append("collisions with what stands around: no [[obstacle]] is described")
     meeting = meeting_pairs(cell)
     for pairs, why in (
-        (cell.scene.excluded, "they touch in the zero posture"),
+        (
+            cell.scene.excluded,
+            "they touch in the zero posture (tool and wrist: at every angle of the last joint)",
+        ),
         (meeting, "in constraints.ignore, at the poses and right before them"),
         (
             [pair for pair in cell.config.constraints.ignore if pair not in meeting],

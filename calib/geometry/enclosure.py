@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import assert_never
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -83,13 +85,18 @@ def outer_points(solid: Solid) -> tuple[FloatArray, float]:
     return around.corners, around.radius_m
 
 
+_HULLS: WeakKeyDictionary[Mesh, FloatArray] = WeakKeyDictionary()
+
+
 def hull_vertices(mesh: Mesh) -> FloatArray:
     """The vertices ``(K, 3)`` [m] of a mesh that lie on its convex hull."""
-    used = mesh.vertices[np.unique(mesh.triangles)]
-    try:
-        return np.asarray(used[ConvexHull(used).vertices])
-    except QhullError:  # all in a plane
-        return np.asarray(used)
+    found = _HULLS.get(mesh)
+    if found is None:
+        found = mesh.vertices[np.unique(mesh.triangles)]
+        with suppress(QhullError):  # all in a plane
+            found = found[ConvexHull(found).vertices]
+        _HULLS[mesh] = found
+    return found
 
 
 def reach(solid: Solid, hull: FloatArray | None, direction: FloatArray) -> FloatArray:

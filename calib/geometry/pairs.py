@@ -55,14 +55,14 @@ def candidate_pairs(
 ) -> IntArray:
     """Pairs ``(P, 2)`` of rows of arm, tool and obstacles in a row that can come together.
 
-    Neighbouring links touch at their joint and are left out, so is the tool against the last two
-    links, and the base, which stands on the floor, against obstacles.
+    Neighbouring links touch at their joint and are left out, so is the tool against the last link,
+    which carries it, and the base, which stands on the floor, against obstacles.
     """
     arms = list(enumerate(arm))
     tools = [len(arm) + i for i in range(len(tool))]
     fixed = [len(arm) + len(tool) + i for i in range(len(obstacles))]
     pairs = [(i, k) for i, a in arms for k, b in arms[i + 1 :] if abs(a.link - b.link) >= 2]
-    pairs += [(i, t) for t in tools for i, a in arms if a.link <= n - 2]
+    pairs += [(i, t) for t in tools for i, a in arms if a.link < n]
     pairs += [(i, o) for o in fixed for i, a in arms if a.link >= 1]
     pairs += [(t, o) for o in fixed for t in tools]
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)

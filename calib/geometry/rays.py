@@ -20,7 +20,7 @@ _WINDING_ENTRIES = 500_000
 def crosses(solid: Solid, start: FloatArray, end: FloatArray) -> BoolArray:
     """Whether segments (M, 3) to (M, 3) [m], in the axes of a solid, run through it, (M,).
 
-    Not for meshes (see :class:`calib.geometry.engine.MeshSight`).
+    Not for meshes (see :class:`calib.geometry.engine.MeshSurface`).
     """
     middle, half = (start + end) / 2.0, (end - start) / 2.0
     match solid:

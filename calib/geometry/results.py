@@ -15,8 +15,9 @@ class Clearance:
     Attributes
     ----------
     distance_m : array (S,)
-        Smallest distance of all pairs, or the cap where that is farther; zero or less where
-        bodies touch (for meshes, how deep they do is not measured). Infinite without pairs.
+        Smallest distance of all pairs, or the cap where that is farther; below zero where bodies
+        touch, by how far one would have to be moved to come free; of meshes by a micrometre, unless
+        depths were asked for. Infinite without pairs.
     pair : array (S,) of int
         Which pair, a row of :attr:`~calib.geometry.scene.Scene.pairs`; beyond the cap one that
         may be the nearest. -1 without pairs.

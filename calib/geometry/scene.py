@@ -19,7 +19,7 @@ from calib.geometry.rays import contains
 from calib.geometry.results import Clearance, Extent, Sight, Ways
 from calib.geometry.shapes import Body
 from calib.geometry.sight import LinesOfSight
-from calib.geometry.ways import check_ways, nearest
+from calib.geometry.ways import TOUCH_M, check_ways, nearest
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:  # calib.robots imports the shapes of this package
@@ -28,8 +28,8 @@ if TYPE_CHECKING:  # calib.robots imports the shapes of this package
 CAP_M = 0.5
 """Distances beyond this are not told apart: nobody asks for more room than half a metre."""
 
-CONTACT_M = 1e-6
-"""Bodies that are this near touch: coal's distances are not better."""
+_TURNS = 73
+"""Angles of the last joint at which a tool is looked at: every 5 deg of a turn."""
 
 _CHUNK_ENTRIES = 200_000
 """Postures times pairs that are held at once; bounds the memory to some 50 MB."""
@@ -38,12 +38,12 @@ _CHUNK_ENTRIES = 200_000
 class Scene:
     """The bodies of a cell and the pairs of them that must not meet.
 
-    Checked are links of the arm at least two apart, the tool against all links but the last two,
-    and obstacles against the tool and the moving links. Pairs of the arm's own bodies that touch
-    in the zero posture are left out, since descriptions overlap at the joints.
+    Checked are links of the arm at least two apart, the tool against all links but the last, and
+    obstacles against the tool and the moving links. Pairs of the arm's own bodies that touch in
+    the zero posture are left out, since descriptions overlap at the joints; so are a body of the
+    tool and one of the last link but one that touch at every angle of the last joint.
 
-    Bodies are solid, but a mesh is its surface: what lies wholly inside a closed mesh is not near
-    it. Only :meth:`inside` knows the inside of a mesh.
+    Bodies are solid, closed meshes too.
 
     Parameters
     ----------
@@ -60,6 +60,8 @@ class Scene:
         name; all of them are meant.
     zero : array_like (n,), optional
         The zero posture [rad]; zeros by default.
+    last_range : (float, float)
+        Smallest and largest angle of the last joint [rad]; of more than a turn, the first counts.
 
     Attributes
     ----------
@@ -68,7 +70,7 @@ class Scene:
     pairs : array (P, 2) of int
         The pairs that are checked, as rows of ``bodies``.
     excluded : tuple of (str, str)
-        Names of the bodies of the arm that touch in the zero posture.
+        Names of the bodies that are left out because they touch, see above.
 
     Raises
     ------
@@ -86,6 +88,7 @@ class Scene:
         obstacles: Sequence[Body] = (),
         ignore: Sequence[tuple[str, str]] = (),
         zero: ArrayLike | None = None,
+        last_range: tuple[float, float] = (-np.pi, np.pi),
     ) -> None:
         check_groups(chain.n, arm, tool, obstacles)
         self._chain = chain
@@ -94,10 +97,17 @@ class Scene:
         self.bodies: tuple[Body, ...] = (*arm, *tool, *obstacles)
         names = [body.name for body in self.bodies]
         pairs = without_ignored(candidate_pairs(chain.n, arm, tool, obstacles), names, ignore)
-        own = pairs[:, 1] < len(arm)
+        rest = self._postures(np.zeros(chain.n) if zero is None else zero, "zero")
+        if len(rest) != 1:
+            raise InputError(
+                f"zero has {len(rest)} postures", hint="give one value a joint", name="zero"
+            )
+        low, high = last_range
+        turned = np.repeat(rest, _TURNS, axis=0)
+        turned[:, -1] = np.linspace(low, min(high, low + 2.0 * np.pi), _TURNS)
         touching = np.zeros(len(pairs), dtype=bool)
-        rest = np.zeros(chain.n) if zero is None else zero
-        touching[own] = self._touching(pairs[own], self._postures(rest, "zero"))
+        for rows, postures in ((pairs[:, 1] < len(arm), rest), (self._mounted(pairs), turned)):
+            touching[rows] = self._touching(pairs[rows], postures)
         self.pairs: IntArray = pairs[~touching]
         self.excluded: tuple[tuple[str, str], ...] = tuple(
             dict.fromkeys((names[a], names[b]) for a, b in pairs[touching])
@@ -110,13 +120,27 @@ class Scene:
 
     @property
     def own(self) -> Scene:
-        """The same bodies, with only the pairs of the arm's own links."""
-        return self._with_pairs(self.pairs.max(axis=1, initial=-1) < self._tool_from)
+        """The same bodies, with only the pairs whose distances are the maker's affair.
+
+        Links of the arm, and the tool with the last link but one: how far these two are apart is
+        how the tool is mounted, whatever the posture.
+        """
+        return self._with_pairs(self._own)
 
     @property
     def others(self) -> Scene:
-        """The same bodies, with only the pairs of which one is the tool or an obstacle."""
-        return self._with_pairs(self.pairs.max(axis=1, initial=-1) >= self._tool_from)
+        """The same bodies, with only the other pairs, of which one is the tool or an obstacle."""
+        return self._with_pairs(~self._own)
+
+    @property
+    def _own(self) -> BoolArray:
+        return (self.pairs[:, 1] < self._tool_from) | self._mounted(self.pairs)
+
+    def _mounted(self, pairs: IntArray) -> BoolArray:
+        """Which pairs (P,) are of the tool and the last link but one."""
+        links = np.array([body.link for body in self.bodies], dtype=np.intp)[pairs]
+        tool = (pairs[:, 1] >= self._tool_from) & (pairs[:, 1] < self._fixed_from)
+        return np.asarray(tool & (links[:, 0] == self._chain.n - 1))
 
     def _with_pairs(self, kept: BoolArray) -> Scene:
         scene = copy(self)  # without what is made of the pairs, see __getstate__
@@ -129,7 +153,12 @@ class Scene:
         return self.bodies[a].name, self.bodies[b].name
 
     def clearance(
-        self, q: ArrayLike, *, cap_m: float = CAP_M, state: ChainState | None = None
+        self,
+        q: ArrayLike,
+        *,
+        cap_m: float = CAP_M,
+        depths: bool = False,
+        state: ChainState | None = None,
     ) -> Clearance:
         """How near bodies come to each other at postures ``(S, n)`` [rad].
 
@@ -138,6 +167,8 @@ class Scene:
         q : array_like (S, n)
         cap_m : float
             Distances beyond this are not told apart.
+        depths : bool
+            Say how deep meshes are in what they touch, which takes milliseconds a contact.
         state : ChainState, optional
             What ``chain.forward(q)`` gives, where it is known already.
 
@@ -153,6 +184,8 @@ class Scene:
         for rows in self._chunks(len(postures)):
             known = self._engine.bounds(self._place(postures, state, rows))
             self._engine.settle(known, 0.0, cap_m)
+            if depths:
+                self._engine.measure(known)
             distance[rows], pair[rows] = nearest(known.distance_m, cap_m)
         return Clearance(distance, pair)
 
@@ -162,7 +195,8 @@ class Scene:
         """Check straight joint-space ways as a whole, not at samples alone.
 
         A clear way keeps the distance everywhere, to within
-        :data:`~calib.geometry.ways.WAY_TOLERANCE_M`.
+        :data:`~calib.geometry.ways.WAY_TOLERANCE_M`, and touches nothing if the distance is
+        :data:`~calib.geometry.ways.TOUCH_M` at least.
 
         Parameters
         ----------
@@ -214,8 +248,9 @@ class Scene:
         ----------
         q : array_like (S, n) or (n,)
             Postures [rad]; one for all lines, or one a line.
-        start, end : array_like (S, 3)
-            Ends of each line in the base frame [m]. A line that begins or ends inside a body is
+        start, end : array_like (S, 3) or (S, K, 3)
+            Ends of the lines of each posture in the base frame [m]; K of them are a beam, which is
+            free if all of them are. A line that begins or ends inside a body is
             blocked by it, one that ends on its surface is not. A mesh blocks the lines that
             cross its surface, not those that lie wholly inside.
         ignore : sequence of str
@@ -230,8 +265,8 @@ class Scene:
             not as many, or an ignored name is not that of a body.
         """
         postures = self._postures(q, "q")
-        starts, ends = _points(start, "start"), _points(end, "end")
-        if len(ends) != len(starts) or len(postures) not in (1, len(starts)):
+        starts, ends = _points(start, "start", beams=True), _points(end, "end", beams=True)
+        if ends.shape != starts.shape or len(postures) not in (1, len(starts)):
             raise InputError(
                 f"there are {len(postures)} postures, {len(starts)} starts and {len(ends)} ends",
                 hint="give a posture, a start and an end for each line of sight",
@@ -329,15 +364,12 @@ class Scene:
         step = self._chunk if width is None else max(1, _CHUNK_ENTRIES // max(1, width))
         return (slice(first, first + step) for first in range(0, count, step))
 
-    def _touching(self, pairs: IntArray, zero: FloatArray) -> BoolArray:
-        if len(zero) != 1:
-            raise InputError(
-                f"zero has {len(zero)} postures", hint="give one value a joint", name="zero"
-            )
+    def _touching(self, pairs: IntArray, postures: FloatArray) -> BoolArray:
+        """Which pairs touch at all of some postures."""
         engine = Engine(self.bodies, pairs)
-        known = engine.bounds(engine.place(self._chain.forward(zero)))
-        engine.settle_all(known, CONTACT_M)
-        return np.asarray(known.distance_m[0] <= CONTACT_M)
+        known = engine.bounds(engine.place(self._chain.forward(postures)))
+        engine.settle_all(known, TOUCH_M)
+        return np.asarray((known.distance_m < TOUCH_M).all(axis=0))
 
     def _postures(self, q: ArrayLike, name: str) -> FloatArray:
         postures = np.atleast_2d(np.asarray(q, dtype=float))
@@ -355,9 +387,9 @@ class Scene:
         return postures
 
 
-def _points(points: ArrayLike, name: str) -> FloatArray:
+def _points(points: ArrayLike, name: str, *, beams: bool = False) -> FloatArray:
     array = np.asarray(points, dtype=float)
-    if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
+    if array.ndim not in (2, 2 + beams) or array.shape[-1] != 3 or not np.isfinite(array).all():
         raise InputError(
             f"{name} has shape {array.shape}, or a value that is not finite",
             hint="give an array (S, 3) of finite values, in metres",

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from calib.geometry.enclosure import enclose
-from calib.geometry.engine import MeshSight, Placed
+from calib.geometry.engine import MeshSurface, Placed
 from calib.geometry.rays import crosses
 from calib.geometry.segments import point_segment
 from calib.geometry.shapes import Body, HalfSpace, Mesh
@@ -30,7 +30,7 @@ class LinesOfSight:
             for e in around
         ]
         self._meshes = {
-            b: MeshSight(body.solid)
+            b: MeshSurface(body.solid)
             for b, body in enumerate(bodies)
             if isinstance(body.solid, Mesh)
         }
@@ -44,8 +44,8 @@ class LinesOfSight:
         ----------
         placed : Placed
             The bodies for each of the S lines, or for all of them.
-        start, end : array (S, 3)
-            In the base frame [m].
+        start, end : array (S, 3) or (S, K, 3)
+            In the base frame [m]; a body in any of K lines counts.
         ignore : collection of str
             Names of bodies that are looked through.
 
@@ -54,8 +54,13 @@ class LinesOfSight:
         array (S,) of int
             Row of the bodies, or -1.
         """
+        start, end = (a.reshape(len(a), -1, 3) for a in (start, end))
         found = np.full(len(start), -1, dtype=np.intp)
-        middle, half = (start + end) / 2.0, (end - start) / 2.0
+        # all lines of a beam lie this near to the segment between its middle ends
+        from_, to = start.mean(axis=1), end.mean(axis=1)
+        aside = (np.linalg.norm(a - b[:, None], axis=2) for a, b in ((start, from_), (end, to)))
+        spread = np.maximum(*(a.max(axis=1, initial=0.0) for a in aside))
+        middle, half = (from_ + to) / 2.0, (to - from_) / 2.0
         for b, body in enumerate(self._bodies):
             if body.name in ignore:
                 continue
@@ -64,15 +69,15 @@ class LinesOfSight:
             ball = self._balls[b]
             if ball is not None:  # most lines pass far from most bodies
                 centre, radius = ball
-                near &= point_segment(middle - origin - axes @ centre, half) <= radius
+                near &= point_segment(middle - origin - axes @ centre, half) <= radius + spread
             rows = np.flatnonzero(near)
             at = rows if len(axes) > 1 else np.zeros_like(rows)
             hit = self._crosses(
                 b,
                 _seen_from(axes[at], origin[at], start[rows]),
                 _seen_from(axes[at], origin[at], end[rows]),
-            )
-            found[rows[hit]] = b
+            ).reshape(len(rows), start.shape[1])
+            found[rows[hit.any(axis=1)]] = b
         return found
 
     def _crosses(self, body: int, start: FloatArray, end: FloatArray) -> BoolArray:
@@ -82,5 +87,5 @@ class LinesOfSight:
 
 
 def _seen_from(R_base_body: FloatArray, p_base_body: FloatArray, points: FloatArray) -> FloatArray:
-    """Points (M, 3) of the base frame in the axes of bodies (M, 3, 3) at (M, 3)."""
-    return np.asarray(np.einsum("mij,mi->mj", R_base_body, points - p_base_body))
+    """Points (M, K, 3) of the base frame in axes of bodies (M, 3, 3) at (M, 3), (M K, 3)."""
+    return np.asarray(((points - p_base_body[:, None]) @ R_base_body).reshape(-1, 3))

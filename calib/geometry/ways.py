@@ -22,7 +22,12 @@ if TYPE_CHECKING:  # calib.robots imports the shapes of this package
 
 WAY_TOLERANCE_M = 1e-3
 """Pieces in which a pair cannot move by more are not halved: their middle decides. A way may so
-come nearer than asked by this much, which is below what cells are measured to."""
+come nearer than asked by this much, which is below what cells are measured to, but by no more than
+what is asked for: it does not come to a contact."""
+
+TOUCH_M = 1e-4
+"""Bodies nearer than this count as touching: descriptions are no better. Ways that are to keep it
+are free of contact all along; less cannot be asked of them in a bounded number of pieces."""
 
 
 @dataclass(eq=False)
@@ -72,6 +77,7 @@ def check_ways(
     """
     W = len(start)
     speed = np.abs(end - start) @ radii.T  # (W, P): metres a whole way
+    tolerance_m = min(WAY_TOLERANCE_M, max(keep_m, TOUCH_M))
     found = _Found(np.full(W, np.inf), np.full(W, -1, dtype=np.intp), np.zeros(W))
     everything = np.arange(W)
     ways, middles = np.repeat(everything, 2), np.tile([0.0, 1.0], W)
@@ -86,7 +92,10 @@ def check_ways(
             engine.settle(known, 0.0, cap_m)
             found.take(way, middle, *nearest(known.distance_m, cap_m))
             here = found.distance_m[way] >= keep_m
-            here[here] = _undecided(engine, known.rows(here), speed[way[here]] * half, keep_m)
+            motion = speed[way[here]] * half
+            # a pair that can no longer move noticeably is decided by its distance at the middle
+            beyond = np.where(motion > tolerance_m, motion, -np.inf)
+            here[here] = _undecided(engine, known.rows(here), beyond, keep_m)
             undone[rows] = here
         open_ = undone & (found.distance_m[ways] >= keep_m)
         if half == 0.0:
@@ -100,7 +109,7 @@ def check_ways(
     return Ways(found.distance_m >= keep_m, found.distance_m, found.pair, found.part)
 
 
-def _undecided(engine: Engine, known: Bounds, motion: FloatArray, keep_m: float) -> BoolArray:
+def _undecided(engine: Engine, known: Bounds, beyond: FloatArray, keep_m: float) -> BoolArray:
     """Which pieces (S,) have a pair that may come too near before an end of the piece.
 
     Parameters
@@ -108,12 +117,11 @@ def _undecided(engine: Engine, known: Bounds, motion: FloatArray, keep_m: float)
     engine : Engine
     known : Bounds
         At the middles of the pieces, where all keep the distance.
-    motion : array (S, P)
-        What the distance of a pair can change until an end of the piece [m].
+    beyond : array (S, P)
+        What the distance of a pair can change until an end of the piece [m]; minus infinity where
+        that is not looked at.
     keep_m : float
     """
-    # a pair that can no longer move noticeably has been decided by its distance at the middle
-    beyond = np.where(motion > WAY_TOLERANCE_M, motion, -np.inf)
     engine.settle(known, beyond, keep_m)
     return np.asarray((known.distance_m - beyond <= keep_m).any(axis=1))
 

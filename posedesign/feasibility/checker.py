@@ -50,14 +50,14 @@ class Verdicts:
         """Index ``(S,)`` of the constraint that has least room, or is broken most."""
         return np.asarray(np.argmin(self._parts, axis=1))
 
-    def says(self, i: int) -> str:
-        """What the tightest constraint of posture i says, in words."""
-        k = int(self.tightest[i])
+    def says(self, i: int, k: int | None = None) -> str:
+        """What constraint k of posture i says, in words; the tightest unless it is given."""
+        k = int(self.tightest[i]) if k is None else k
         return self.constraints[k].says(self.arm, i, float(self.room[i, k]), int(self.which[i, k]))
 
-    def remedy(self, i: int) -> str:
-        """What to change where posture i breaks its tightest constraint, or nothing."""
-        k = int(self.tightest[i])
+    def remedy(self, i: int, k: int | None = None) -> str:
+        """What to change where posture i breaks that constraint, or nothing."""
+        k = int(self.tightest[i]) if k is None else k
         return self.constraints[k].remedy(float(self.room[i, k]))
 
     @property
@@ -93,9 +93,11 @@ class Checker:
         ----------
         q : array (S, n)
         every : bool
-            False: a posture that breaks one constraint is not looked at by those after it.
+            False: a posture that breaks one constraint is not looked at by those after it, and
+            how deep meshes run into something is not measured. Enough to tell what is feasible,
+            not to tell people why something is not.
         """
-        arm = Situation(self.robot.chain, q)
+        arm = Situation(self.robot.chain, q, depths=every)
         room = np.full((len(q), len(self.constraints)), np.nan)
         which = np.zeros(room.shape, dtype=np.intp)
         alive = np.arange(len(q))

@@ -48,7 +48,7 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
     q = np.full((count, checker.robot.n), np.nan)
     feasible = np.zeros(count, dtype=bool)
     slack = np.full(count, np.nan)  # NaN until a posture of the pose has been looked at
-    reasons, remedies = [""] * count, [""] * count
+    best = np.full((count, checker.robot.n), np.nan)
     for rows in _nearest_first(solutions, reference):
         rows = rows[~feasible[solutions.pose[rows]]]
         if not len(rows):
@@ -59,15 +59,18 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
         q[poses[good]] = solutions.postures[rows[good]]
         feasible[poses[good]] = True
         # of all branches, the one that comes nearest to being possible is worth talking about
-        for i in np.flatnonzero(~good & ~(verdicts.slack <= slack[poses])):
-            slack[poses[i]] = verdicts.slack[i]
-            reasons[poses[i]], remedies[poses[i]] = verdicts.says(int(i)), verdicts.remedy(int(i))
+        nearer = ~good & ~(verdicts.slack <= slack[poses])
+        slack[poses[nearer]], best[poses[nearer]] = verdicts.slack[nearer], verdicts.arm.q[nearer]
+    reasons, remedies = [""] * count, [""] * count
+    blocked = np.flatnonzero(~feasible & ~np.isnan(slack))
+    verdicts = checker.check(best[blocked])  # by all constraints: the first broken is not the worst
+    for i, pose in enumerate(blocked):
+        reasons[pose], remedies[pose] = verdicts.says(i), verdicts.remedy(i)
     unreached = np.flatnonzero(~feasible & np.isnan(slack))
     if len(unreached):
         why = _unreached(checker, solutions)
         for pose in unreached:
             reasons[pose], remedies[pose] = why[pose]
-    reasons = ["" if ok else why for ok, why in zip(feasible, reasons, strict=True)]
     return Postures(q, feasible, tuple(reasons), tuple(remedies))
 
 

@@ -17,11 +17,21 @@ class Situation:
     ----------
     chain : SerialChain
     q : array (S, n)
+    depths : bool
+        Whether somebody reads how deep meshes are in what they run into.
     """
 
-    def __init__(self, chain: SerialChain, q: FloatArray, state: ChainState | None = None) -> None:
+    def __init__(
+        self,
+        chain: SerialChain,
+        q: FloatArray,
+        state: ChainState | None = None,
+        *,
+        depths: bool = False,
+    ) -> None:
         self.chain = chain
         self.q = q
+        self.depths = depths
         if state is not None:
             self.state = state
 
@@ -33,7 +43,8 @@ class Situation:
     def take(self, rows: IntArray) -> Situation:
         """The same at some of the postures."""
         state = self.__dict__.get("state")
-        return Situation(self.chain, self.q[rows], None if state is None else _rows(state, rows))
+        some = None if state is None else _rows(state, rows)
+        return Situation(self.chain, self.q[rows], some, depths=self.depths)
 
 
 def _rows(state: ChainState, rows: IntArray) -> ChainState:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.geometry import Body, HalfSpace, Mesh, Sphere
+from calib.geometry import Body, HalfSpace, Sphere
 from calib.geometry.scene import CAP_M, Scene
+from calib.geometry.ways import TOUCH_M
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, transform
 from posedesign.feasibility.constraint import Constraint
@@ -16,9 +17,12 @@ from posedesign.feasibility.situation import Situation
 _POINT_M = 1e-6
 """Radius of the balls that stand for points."""
 
+_SHOWN_M = 0.5e-3
+"""Depths below this would be written as 0 mm."""
+
 
 class Collision(Constraint):
-    """A safety distance between tool, obstacles and arm."""
+    """A safety distance between tool, obstacles and arm; contact is never allowed."""
 
     name = "collision"
     unit = "mm"
@@ -27,12 +31,12 @@ class Collision(Constraint):
 
     def __init__(self, scene: Scene, keep_m: float) -> None:
         self.scene = scene
-        self.keep_m = keep_m
+        self.keep_m = max(keep_m, TOUCH_M)
         self._cap_m = max(CAP_M, keep_m + self.comfort)
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """See :meth:`Constraint.room`; which: the pair of bodies."""
-        found = self.scene.clearance(arm.q, cap_m=self._cap_m, state=arm.state)
+        found = self.scene.clearance(arm.q, cap_m=self._cap_m, depths=arm.depths, state=arm.state)
         return found.distance_m - self.keep_m, found.pair
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
@@ -44,11 +48,11 @@ class Collision(Constraint):
         if distance_m >= self._cap_m:
             return f"nothing within {self._cap_m * 1e3:g} mm"
         one, other = self.scene.names(pair)
-        if distance_m <= 0.0:
-            if any(isinstance(self.scene.bodies[b].solid, Mesh) for b in self.scene.pairs[pair]):
-                return f"{one} runs into {other}"  # a surface has no depth
+        if distance_m < TOUCH_M:
+            if distance_m > -_SHOWN_M:  # or a mesh of which nobody asked how deep it is
+                return f"{one} runs into {other}"
             return f"{one} and {other} run {-distance_m * 1e3:.0f} mm into each other"
-        asked = f", {self.keep_m * 1e3:g} mm asked for" if self.keep_m else ""
+        asked = f", {self.keep_m * 1e3:g} mm asked for" if self.keep_m > TOUCH_M else ""
         return f"{one} {distance_m * 1e3:.1f} mm from {other}{asked}"
 
     def remedy(self, room: float) -> str:
@@ -60,7 +64,10 @@ class Collision(Constraint):
 
 
 class SelfCollision(Collision):
-    """The links of the arm not running into each other: their makers keep no distance."""
+    """The links of the arm not running into each other, nor the tool into the wrist it is on.
+
+    Their makers keep no distance.
+    """
 
     name = "self-collision"
 
@@ -79,6 +86,7 @@ class Workspace(Collision):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene, 0.0)
+        self.keep_m = 0.0  # nothing stands there that could be touched
 
     def explain(self, distance_m: float, pair: int) -> str:
         """In words, how near arm or tool come to a side of the box."""

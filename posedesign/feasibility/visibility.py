@@ -15,6 +15,13 @@ from posedesign.feasibility.situation import Situation
 _RIM = 8
 """Points of the target's rim that must be in the image: the corners of an octagon about it."""
 
+_SIGHT_RIM = 24
+"""Points of the rim that lines of sight lead to: what covers a part of the target and is wider than
+an eighth of it meets one."""
+
+_AT_ONCE = 10_000
+"""Postures whose lines of sight are held at once; bounds the memory to some 30 MB."""
+
 _CLEAR_OF_LENS_M = 1e-3
 _CLEAR_OF_TARGET_M = 2e-3
 """Parts of the line of sight, next to the lens and to the target, where nothing is looked for: the
@@ -54,12 +61,16 @@ class TargetView:
 
     def rim(self) -> FloatArray:
         """Centre of the target and an octagon about it, ``(K, 3)`` [m] in the base frame."""
+        return self.circle(_RIM, 1.0 / np.cos(np.pi / _RIM))
+
+    def circle(self, count: int, part: float = 1.0) -> FloatArray:
+        """Centre of the target and points at a part of its radius, ``(K, 3)`` [m] in base axes."""
         if self.radius_m == 0.0:
             return self.target_m[None]
         across = np.linalg.svd(self.normal[None])[2][1:]  # two directions across the normal
-        angle = np.arange(_RIM) * 2.0 * np.pi / _RIM
-        corner = np.stack([np.cos(angle), np.sin(angle)], axis=1) / np.cos(np.pi / _RIM)
-        return np.vstack([self.target_m, self.target_m + self.radius_m * corner @ across])
+        angle = np.arange(count) * 2.0 * np.pi / count
+        around = part * self.radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return np.vstack([self.target_m, self.target_m + around @ across])
 
 
 class Distance(Constraint):
@@ -163,7 +174,7 @@ class InImage(Constraint):
 
 
 class LineOfSight(Constraint):
-    """Nothing between the lens and the middle of the target."""
+    """Nothing between the lens and the target: its middle, and its rim, where it is measured."""
 
     name = "line of sight"
     measured = False
@@ -177,13 +188,18 @@ class LineOfSight(Constraint):
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """See :meth:`Constraint.room`: infinite or -1; which: what is in the way."""
-        lens = self._view.lens(arm)
-        way = self._view.target_m - lens
-        length = np.linalg.norm(way, axis=1, keepdims=True)
-        along = way / np.maximum(length, ROUNDING)
-        end = self._view.target_m - _CLEAR_OF_TARGET_M * along
-        seen = self._scene.sight(arm.q, lens + _CLEAR_OF_LENS_M * along, end, state=arm.state)
-        return np.where(seen.clear, np.inf, -1.0), np.maximum(seen.blocker, 0)
+        parts = [np.arange(len(arm.q))[i : i + _AT_ONCE] for i in range(0, len(arm.q), _AT_ONCE)]
+        blocker = np.concatenate(
+            [np.empty(0, np.intp), *(self._blocker(arm.take(p)) for p in parts)]
+        )
+        return np.where(blocker < 0, np.inf, -1.0), np.maximum(blocker, 0)
+
+    def _blocker(self, arm: Situation) -> IntArray:
+        lens, points = self._view.lens(arm)[:, None], self._view.circle(_SIGHT_RIM)
+        way = points - lens  # (S, K, 3)
+        along = way / np.maximum(np.linalg.norm(way, axis=2, keepdims=True), ROUNDING)
+        start, end = lens + _CLEAR_OF_LENS_M * along, points - _CLEAR_OF_TARGET_M * along
+        return self._scene.sight(arm.q, start, end, state=arm.state).blocker
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """See :meth:`Constraint.says`."""

@@ -16,8 +16,6 @@ from posedesign.feasibility.constraint import ROUNDING
 _LOOKED_AT = 200
 """Poses that the reason is sought at."""
 
-_OUT_OF_REACH, _NOT_ASKED_FOR = -1, -2
-
 _HINT = "make room around the base pose, or choose another base posture"
 
 
@@ -30,8 +28,8 @@ def no_pose(
 ) -> UnreachableError:
     """The error of a pool of poses ``(N, 4, 4)`` without a posture: the reason met most often.
 
-    Of each pose the branch counts that comes nearest to being possible, and of the poses that fail
-    at the same constraint the one that comes nearest is told of.
+    Of each pose the branch counts that comes nearest to being possible, and of the poses that break
+    the same constraint the one that comes nearest is told of.
 
     Parameters
     ----------
@@ -46,27 +44,29 @@ def no_pose(
     """
     some = T_base_tip[_some(len(T_base_tip))]
     solutions = checker.robot.inverse(some, near=base, margin=checker.margin)
-    verdicts = checker.check(solutions.postures, every=False)
+    verdicts = checker.check(solutions.postures)
     branch = first_per_group(solutions.pose, -_nearness(verdicts), len(some))
-    kind = np.full(len(some), _OUT_OF_REACH)
-    kind[branch >= 0] = verdicts.tightest[branch[branch >= 0]]
-    kind[solutions.pose[verdicts.feasible & ~asked_for(solutions)]] = _NOT_ASKED_FOR
-    most, share = _most_often(kind)
-    if most == _OUT_OF_REACH:
-        reason, remedy = "out of reach", "move the target, or the base posture"
-    elif most == _NOT_ASKED_FOR:
-        reason, remedy = otherwise
+    reached = branch >= 0
+    unasked = np.zeros(len(some), dtype=bool)
+    unasked[solutions.pose[verdicts.feasible & ~asked_for(solutions)]] = True
+    constraint, count = _most_often(verdicts, branch[reached & ~unasked])
+    counts = [count, int((~reached).sum()), int(unasked.sum())]
+    most = int(np.argmax(counts))
+    if most == 0:
+        reason, remedy = _said(verdicts, branch[reached & ~unasked], constraint)
     else:
-        reason, remedy = _said(verdicts, branch[kind == most])
-    return _error(len(T_base_tip), "poses can be taken", share, reason, remedy)
+        far = "out of reach", "move the target, or the base posture"
+        reason, remedy = (far, otherwise)[most - 1]
+    return _error(len(T_base_tip), "poses can be taken", counts[most] / len(some), reason, remedy)
 
 
 def no_posture(checker: Checker, postures: FloatArray, tried: int) -> UnreachableError:
     """The same for postures ``(S, n)`` [rad] that were drawn, of so many."""
-    verdicts = checker.check(postures[_some(len(postures))], every=False)
-    most, share = _most_often(verdicts.tightest)
-    reason, remedy = _said(verdicts, np.flatnonzero(verdicts.tightest == most))
-    return _error(tried, "postures keep every constraint", share, reason, remedy)
+    verdicts = checker.check(postures[_some(len(postures))])
+    rows = np.arange(len(verdicts.room))
+    most, count = _most_often(verdicts, rows)
+    reason, remedy = _said(verdicts, rows, most)
+    return _error(tried, "postures keep every constraint", count / len(rows), reason, remedy)
 
 
 def _some(count: int) -> IntArray:
@@ -74,20 +74,25 @@ def _some(count: int) -> IntArray:
 
 
 def _nearness(verdicts: Verdicts) -> FloatArray:
-    """How many constraints postures keep ``(S,)``, and how far the first is broken that is not."""
+    """How many constraints postures keep ``(S,)``, and how far they are from the tightest."""
     return np.asarray((verdicts.room >= -ROUNDING).sum(axis=1) + np.tanh(verdicts.slack))
 
 
-def _most_often(kind: IntArray) -> tuple[int, float]:
-    kinds, counts = np.unique(kind, return_counts=True)
-    most = int(np.argmax(counts))
-    return int(kinds[most]), float(counts[most] / len(kind))
+def _most_often(verdicts: Verdicts, rows: IntArray) -> tuple[int, int]:
+    """The constraint that most postures break, and how many do; of several the one broken worst."""
+    if not len(rows):
+        return 0, 0
+    broken = (verdicts.room[rows] < -ROUNDING).sum(axis=0)
+    worst = np.bincount(verdicts.tightest[rows], minlength=len(broken))
+    most = int(np.lexsort((worst, broken))[-1])
+    return most, int(broken[most])
 
 
-def _said(verdicts: Verdicts, rows: IntArray) -> tuple[str, str]:
+def _said(verdicts: Verdicts, rows: IntArray, k: int) -> tuple[str, str]:
+    rows = rows[verdicts.room[rows, k] < -ROUNDING]
     best = int(rows[np.argmax(_nearness(verdicts)[rows])])
-    name = verdicts.constraints[int(verdicts.tightest[best])].name
-    return f"{name}, e.g. {verdicts.says(best)}", verdicts.remedy(best)
+    name = verdicts.constraints[k].name
+    return f"{name}, e.g. {verdicts.says(best, k)}", verdicts.remedy(best, k)
 
 
 def _error(tried: int, what: str, share: float, reason: str, remedy: str) -> UnreachableError:

@@ -340,7 +340,7 @@ def test_meshes_in_another_unit_are_noted(
     base.write_text("".join((work / "poses.csv").read_text().splitlines(keepends=True)[:2]))
     said = cli("check", path, base)
     assert ("the mesh of cube is 0.4 mm large: is its file in mm?" in said.err) == noted
-    assert ("gun runs into cube" in said.out) == (not noted)
+    assert ("gun and cube run" in said.out) == (not noted)
     assert said.code == (0 if noted else 1)
 
 

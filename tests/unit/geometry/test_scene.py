@@ -43,7 +43,7 @@ def test_which_pairs_are_checked(make, body):
     scene = make(obstacles=[body(f"part{i}", 0, BALL, (0, 9 + i, 0)) for i in range(2)])
     names = {frozenset(scene.names(p)) for p in range(len(scene.pairs))}
     arm = ("link1 link3", "link1 link4", "link2 link4", "link2 base", "link3 base", "link4 base")
-    tool = ("tool link1", "tool link2", "tool base")
+    tool = ("tool link1", "tool link2", "tool link3", "tool base")
     parts = [
         f"{name} part{i}" for i in range(2) for name in ("link1", "link2", "link3", "link4", "tool")
     ]
@@ -62,7 +62,12 @@ def test_own_pairs_and_those_with_others(make):
     named = [{frozenset(s.names(p)) for p in range(len(s.pairs))} for s in (scene, own, others)]
     assert named[0] == named[1] | named[2]
     assert not named[1] & named[2]
-    assert all(name.startswith(("link", "base")) for pair in named[1] for name in pair)
+    mounted = {"tool", "link3"}  # their distance is that of the mount
+    assert mounted in named[1]
+    assert all(
+        pair == mounted or all(name.startswith(("link", "base")) for name in pair)
+        for pair in named[1]
+    )
     assert all(pair & {"tool", "part"} for pair in named[2])
     apart = np.minimum(own.clearance(q).distance_m, others.clearance(q).distance_m)
     np.testing.assert_array_equal(apart, whole.distance_m)
@@ -84,8 +89,8 @@ def test_pairs_that_touch_at_zero_are_left_out_and_told(make, body):
     assert inside.clearance(ZERO).distance_m[0] == pytest.approx(-0.2)
 
 
-@pytest.mark.parametrize(("gap_m", "touch"), [(1e-4, False), (-1e-4, True)])
-def test_touching_is_meant_literally(make, body, gap_m, touch):
+@pytest.mark.parametrize(("gap_m", "touch"), [(1.1e-4, False), (0.9e-4, True), (-1e-4, True)])
+def test_touching_is_nearer_than_a_tenth_of_a_millimetre(make, body, gap_m, touch):
     """For boxes, too, whose distance needs iterations."""
     cube = Box((0.2, 0.2, 0.2))
     arm = [body("link1", 1, cube, (1.5, 0, 0)), body("link3", 3, cube, (-0.3 + gap_m, 0, 0))]
@@ -105,8 +110,9 @@ def test_distances_by_hand(make):
     scene = make()
     q = np.array([[0.0, 0, 0, 0], [np.pi / 2, 0, 0, 0], [0, np.pi / 2, 0, 0]])
     found = scene.clearance(q, cap_m=2.0)
-    # link2 is at (1.5, 0), at (0, 1.5), and at (1, 0.5); link1 at (0.5, 0), then (0, 0.5)
-    expected = np.array([1.0, np.hypot(1.5, 0.5), np.hypot(0.5, 0.5)]) - 0.2
+    # link2 is at (1.5, 0), at (0, 1.5), and at (1, 0.5); link1 at (0.5, 0), then (0, 0.5);
+    # the tool 1.5 m from link3
+    expected = np.array([1.0, 1.5, np.hypot(0.5, 0.5)]) - 0.2
     np.testing.assert_allclose(found.distance_m, expected, atol=1e-12)
     assert [set(scene.names(p)) for p in found.pair[[0]]] == [{"link2", "part"}]
 

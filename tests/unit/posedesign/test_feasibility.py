@@ -17,6 +17,7 @@ from posedesign.feasibility.joints import CoupledLimits, JointLimits, Singularit
 from posedesign.feasibility.space import Collision
 from posedesign.feasibility.visibility import Distance, InImage, LineOfSight, Tilt
 from posedesign.generation import touching_poses
+from posedesign.pools.reasons import no_pose
 
 MakeCell = Callable[..., Cell]
 
@@ -219,6 +220,23 @@ def test_something_in_the_line_of_sight(make_demo_cell: MakeCell) -> None:
     assert beside.checker.check(cell.base_posture[None]).feasible[0]
 
 
+@pytest.mark.parametrize(("beside_mm", "seen"), [(0.2, False), (1.0, True)])
+def test_a_clamp_over_the_rim_blocks_the_view(
+    make_demo_cell: MakeCell, beside_mm: float, seen: bool
+) -> None:
+    """The middle of the target is free, and its rim where the clamp ends just outside."""
+    plain = make_demo_cell()
+    x, y, z = 1e3 * plain.target_m
+    radius = plain.config.target.radius_mm
+    edge = radius * (beside_mm if not seen else 1.0) + (0.5 if seen else 0.0)
+    clamp = {"name": "clamp", "size_mm": [40.0, 40.0, 1.0], "at_mm": [x, y + edge + 20.0, z + 3.0]}
+    cell = make_demo_cell(obstacle=[clamp], constraints={"collisions": False})
+    straight = cell.checker.check(cell.base_posture[None])
+    assert straight.feasible[0] == seen
+    if not seen:
+        assert straight.says(0) == "clamp stands between camera and target"
+
+
 def test_the_tool_itself_may_block_the_view(make_demo_cell: MakeCell) -> None:
     tool = {"name": "clamp", "size_mm": [300.0, 300.0, 50.0], "at_mm": [100.0, 0.0, 200.0]}
     cell = make_demo_cell(tool={"body": [tool]}, obstacle=None, constraints={"collisions": False})
@@ -400,6 +418,38 @@ def test_a_branch_that_collides_gives_way_to_another(make_demo_cell: MakeCell) -
     branches = cell.robot.inverse(pose, near=cell.base_posture).of(0)
     apart = np.sort(np.linalg.norm(branches - cell.base_posture, axis=1))
     assert np.linalg.norm(other.q[0] - cell.base_posture) == pytest.approx(apart[1])
+
+
+class Shallow(Constraint):
+    """A bound that is broken a little by every posture."""
+
+    name, unit, display, comfort, off = "shallow", "mm", 1e3, 0.05, -0.01
+
+    def room(self, arm: Situation) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(len(arm.q), self.off), np.zeros(len(arm.q), dtype=np.intp)
+
+    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+        return f"{self.name} {-1e3 * room:.0f} mm"
+
+    def remedy(self, room: float) -> str:
+        return f"mend {self.name}"
+
+
+class Deep(Shallow):
+    """One that is broken far more, and looked at later."""
+
+    name, off = "deep", -0.091
+
+
+def test_the_reason_is_what_is_broken_worst_not_first(demo_cell: Cell) -> None:
+    checker = Checker(demo_cell.robot, [Shallow(), Deep()])
+    base = demo_cell.base_posture
+    poses = demo_cell.robot.fk(np.tile(base, (3, 1)))
+    found = nearest_postures(checker, poses, base)
+    assert found.reasons == ("deep 91 mm",) * 3
+    assert found.remedies == ("mend deep",) * 3
+    nothing = no_pose(checker, poses, base, lambda s: np.ones(len(s.pose), dtype=bool), ("", ""))
+    assert str(nothing).startswith("none of 3 poses can be taken; 100% of them: deep, e.g. deep 91")
 
 
 def test_reasons_of_poses_that_cannot_be_taken(make_demo_cell: MakeCell) -> None:

@@ -239,6 +239,7 @@ class Scene:
         start: ArrayLike,
         end: ArrayLike,
         *,
+        around: ArrayLike = (),
         ignore: Sequence[str] = (),
         state: ChainState | None = None,
     ) -> Sight:
@@ -248,11 +249,12 @@ class Scene:
         ----------
         q : array_like (S, n) or (n,)
             Postures [rad]; one for all lines, or one a line.
-        start, end : array_like (S, 3) or (S, K, 3)
-            Ends of the lines of each posture in the base frame [m]; K of them are a beam, which is
-            free if all of them are. A line that begins or ends inside a body is
+        start, end : array_like (S, 3)
+            Ends of each line in the base frame [m]. A line that begins or ends inside a body is
             blocked by it, one that ends on its surface is not. A mesh blocks the lines that
             cross its surface, not those that lie wholly inside.
+        around : array_like (K, 3), optional
+            From the end of each line to further ends [m]: lines to all of them must be free.
         ignore : sequence of str
             Names of bodies that may be looked through.
         state : ChainState, optional
@@ -265,8 +267,9 @@ class Scene:
             not as many, or an ignored name is not that of a body.
         """
         postures = self._postures(q, "q")
-        starts, ends = _points(start, "start", beams=True), _points(end, "end", beams=True)
-        if ends.shape != starts.shape or len(postures) not in (1, len(starts)):
+        starts, ends = _points(start, "start"), _points(end, "end")
+        aside = np.vstack([np.zeros(3), np.reshape(np.asarray(around, dtype=float), (-1, 3))])
+        if len(ends) != len(starts) or len(postures) not in (1, len(starts)):
             raise InputError(
                 f"there are {len(postures)} postures, {len(starts)} starts and {len(ends)} ends",
                 hint="give a posture, a start and an end for each line of sight",
@@ -282,7 +285,7 @@ class Scene:
         for rows in self._chunks(len(starts), len(self.bodies)):
             of = rows if len(postures) == len(starts) else slice(0, 1)
             placed = self._place(postures, state, of)
-            blocker[rows] = self._lines.blockers(placed, starts[rows], ends[rows], ignore)
+            blocker[rows] = self._lines.blockers(placed, starts[rows], ends[rows], aside, ignore)
         return Sight(blocker < 0, blocker)
 
     def extent(self, q: ArrayLike, *, state: ChainState | None = None) -> Extent:
@@ -387,9 +390,9 @@ class Scene:
         return postures
 
 
-def _points(points: ArrayLike, name: str, *, beams: bool = False) -> FloatArray:
+def _points(points: ArrayLike, name: str) -> FloatArray:
     array = np.asarray(points, dtype=float)
-    if array.ndim not in (2, 2 + beams) or array.shape[-1] != 3 or not np.isfinite(array).all():
+    if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
         raise InputError(
             f"{name} has shape {array.shape}, or a value that is not finite",
             hint="give an array (S, 3) of finite values, in metres",

@@ -9,7 +9,7 @@ import numpy as np
 from calib.geometry.enclosure import enclose
 from calib.geometry.engine import MeshSurface, Placed
 from calib.geometry.rays import crosses
-from calib.geometry.segments import point_segment
+from calib.geometry.segments import segment_segment
 from calib.geometry.shapes import Body, HalfSpace, Mesh
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -24,10 +24,8 @@ class LinesOfSight:
 
     def __init__(self, bodies: Sequence[Body]) -> None:
         self._bodies = bodies
-        around = [None if isinstance(b.solid, HalfSpace) else enclose(b.solid) for b in bodies]
-        self._balls = [
-            None if e is None else (e.centre, float(np.linalg.norm(e.half)) + e.radius_m)
-            for e in around
+        self._around = [
+            None if isinstance(b.solid, HalfSpace) else enclose(b.solid) for b in bodies
         ]
         self._meshes = {
             b: MeshSurface(body.solid)
@@ -36,16 +34,23 @@ class LinesOfSight:
         }
 
     def blockers(
-        self, placed: Placed, start: FloatArray, end: FloatArray, ignore: Collection[str]
+        self,
+        placed: Placed,
+        start: FloatArray,
+        end: FloatArray,
+        aside: FloatArray,
+        ignore: Collection[str],
     ) -> IntArray:
-        """Find the first body in each line.
+        """Find the first body in each beam of lines.
 
         Parameters
         ----------
         placed : Placed
-            The bodies for each of the S lines, or for all of them.
-        start, end : array (S, 3) or (S, K, 3)
-            In the base frame [m]; a body in any of K lines counts.
+            The bodies for each of the S beams, or for all of them.
+        start, end : array (S, 3)
+            In the base frame [m].
+        aside : array (K, 3)
+            From the end of a beam to those of its lines, in base axes [m].
         ignore : collection of str
             Names of bodies that are looked through.
 
@@ -54,31 +59,46 @@ class LinesOfSight:
         array (S,) of int
             Row of the bodies, or -1.
         """
-        start, end = (a.reshape(len(a), -1, 3) for a in (start, end))
         found = np.full(len(start), -1, dtype=np.intp)
-        # all lines of a beam lie this near to the segment between its middle ends
-        from_, to = start.mean(axis=1), end.mean(axis=1)
-        aside = (np.linalg.norm(a - b[:, None], axis=2) for a, b in ((start, from_), (end, to)))
-        spread = np.maximum(*(a.max(axis=1, initial=0.0) for a in aside))
-        middle, half = (from_ + to) / 2.0, (to - from_) / 2.0
+        # all lines of a beam lie this near to its middle one
+        spread = float(np.linalg.norm(aside, axis=1).max())
         for b, body in enumerate(self._bodies):
             if body.name in ignore:
                 continue
             axes, origin = placed.rotations[:, b], placed.origins[:, b]
             near = found < 0
-            ball = self._balls[b]
-            if ball is not None:  # most lines pass far from most bodies
-                centre, radius = ball
-                near &= point_segment(middle - origin - axes @ centre, half) <= radius + spread
+            near[near] = self._near(b, axes, origin, start, end, near) <= spread
             rows = np.flatnonzero(near)
             at = rows if len(axes) > 1 else np.zeros_like(rows)
+            lines = np.broadcast_to(start[rows, None], (len(rows), *aside.shape))
             hit = self._crosses(
                 b,
-                _seen_from(axes[at], origin[at], start[rows]),
-                _seen_from(axes[at], origin[at], end[rows]),
-            ).reshape(len(rows), start.shape[1])
+                _seen_from(axes[at], origin[at], lines),
+                _seen_from(axes[at], origin[at], end[rows, None] + aside),
+            ).reshape(len(rows), len(aside))
             found[rows[hit.any(axis=1)]] = b
         return found
+
+    def _near(
+        self,
+        body: int,
+        axes: FloatArray,
+        origin: FloatArray,
+        start: FloatArray,
+        end: FloatArray,
+        some: BoolArray,
+    ) -> FloatArray:
+        """Distance (M,) of some lines from what encloses a body, or less [m]."""
+        at = some if len(axes) > 1 else np.zeros(1, dtype=np.intp)
+        axes, origin, start, end = axes[at], origin[at], start[some], end[some]
+        around = self._around[body]
+        if around is None:
+            heights = [((p - origin) * axes[:, :, 2]).sum(axis=1) for p in (start, end)]
+            return np.asarray(np.minimum(*heights))
+        tip, radius = around.capsule
+        away = (start + end) / 2.0 - origin - axes @ around.centre
+        along = np.broadcast_to(axes @ tip, away.shape)
+        return segment_segment(away, along, (end - start) / 2.0) - radius
 
     def _crosses(self, body: int, start: FloatArray, end: FloatArray) -> BoolArray:
         if body in self._meshes:

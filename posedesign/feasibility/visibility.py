@@ -19,9 +19,6 @@ _SIGHT_RIM = 24
 """Points of the rim that lines of sight lead to: what covers a part of the target and is wider than
 an eighth of it meets one."""
 
-_AT_ONCE = 10_000
-"""Postures whose lines of sight are held at once; bounds the memory to some 30 MB."""
-
 _CLEAR_OF_LENS_M = 1e-3
 _CLEAR_OF_TARGET_M = 2e-3
 """Parts of the line of sight, next to the lens and to the target, where nothing is looked for: the
@@ -188,18 +185,14 @@ class LineOfSight(Constraint):
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """See :meth:`Constraint.room`: infinite or -1; which: what is in the way."""
-        parts = [np.arange(len(arm.q))[i : i + _AT_ONCE] for i in range(0, len(arm.q), _AT_ONCE)]
-        blocker = np.concatenate(
-            [np.empty(0, np.intp), *(self._blocker(arm.take(p)) for p in parts)]
-        )
-        return np.where(blocker < 0, np.inf, -1.0), np.maximum(blocker, 0)
-
-    def _blocker(self, arm: Situation) -> IntArray:
-        lens, points = self._view.lens(arm)[:, None], self._view.circle(_SIGHT_RIM)
-        way = points - lens  # (S, K, 3)
-        along = way / np.maximum(np.linalg.norm(way, axis=2, keepdims=True), ROUNDING)
-        start, end = lens + _CLEAR_OF_LENS_M * along, points - _CLEAR_OF_TARGET_M * along
-        return self._scene.sight(arm.q, start, end, state=arm.state).blocker
+        lens = self._view.lens(arm)
+        way = self._view.target_m - lens
+        along = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), ROUNDING)
+        start = lens + _CLEAR_OF_LENS_M * along
+        end = self._view.target_m - _CLEAR_OF_TARGET_M * along
+        around = self._view.circle(_SIGHT_RIM)[1:] - self._view.target_m
+        seen = self._scene.sight(arm.q, start, end, around=around, state=arm.state)
+        return np.where(seen.clear, np.inf, -1.0), np.maximum(seen.blocker, 0)
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
         """See :meth:`Constraint.says`."""

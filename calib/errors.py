@@ -190,6 +190,16 @@ def limit_reason(joint: str, value_deg: float, lower_deg: float, upper_deg: floa
     return f"{joint} {value_deg:.{digits}f} deg is {side} {bound_deg:.{digits}f} deg"
 
 
+def one_line(value: object) -> str:
+    """A value for a message: its representation in one line, cut where it is long."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ... ({type(value).__name__})"
+
+
+_SHOWN = 60
+"""Characters of a value in a message."""
+
+
 def near_names(name: str, known: Iterable[str], *, most: int = 5) -> str:
     """Hint for a mistyped name: the nearest known ones, or all of them where none is near."""
     choices = list(known)

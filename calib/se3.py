@@ -258,6 +258,28 @@ def columns_if_exactly_rigid(T: FloatArray) -> FloatArray | None:
     return columns if exact else None
 
 
+def numbers(value: ArrayLike, name: str) -> FloatArray:
+    """Return real numbers as a float array: the one given, where it is one.
+
+    Raises
+    ------
+    InputError
+        Text, complex numbers, rows of unequal length, or what is no numbers at all.
+    """
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        return value
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind in "biufO":
+            return np.asarray(array, dtype=float)
+        what = "complex numbers" if array.dtype.kind == "c" else f"of type {array.dtype}"
+    except (ValueError, TypeError, OverflowError):
+        what = f"a {type(value).__name__}" + (
+            " whose parts make no array" if isinstance(value, tuple | list) else ""
+        )
+    raise InputError(f"{name} is {what}, not an array of real numbers", name=name)
+
+
 def check_transforms(T: ArrayLike, name: str) -> FloatArray:
     """Return T as a float array ``(..., 4, 4)`` after checking that it is a rigid transform.
 
@@ -272,20 +294,19 @@ def check_transforms(T: ArrayLike, name: str) -> FloatArray:
 
 def _checked(T: ArrayLike, name: str) -> tuple[FloatArray, FloatArray]:
     """Transforms as a float array, and the largest ``|RᵀR - I|`` of each; see check_transforms."""
-    array = np.asarray(T, dtype=float)
+    array = numbers(T, name)
     if array.ndim < 2 or array.shape[-2:] != (4, 4):
         raise InputError(f"{name} has shape {array.shape}, not (..., 4, 4)", name=name)
+    if not np.isfinite(array).all():
+        where = np.argwhere(~np.isfinite(array))[0]
+        raise InputError(f"{name}{_place(where)} is not a finite number", name=name)
     deviation, determinant = _deviation_and_determinant(array)
     if (
-        np.isfinite(array).all()
-        and (array[..., 3, :] == [0.0, 0.0, 0.0, 1.0]).all()
+        (array[..., 3, :] == [0.0, 0.0, 0.0, 1.0]).all()
         and deviation.max(initial=0.0) <= RIGID_TOLERANCE
         and determinant.min(initial=1.0) > 0.0
     ):
         return array, deviation
-    if not np.isfinite(array).all():
-        where = np.argwhere(~np.isfinite(array))[0]
-        raise InputError(f"{name}{_place(where)} is not a finite number", name=name)
     if np.abs(array[..., 3, :] - [0, 0, 0, 1]).max(initial=0.0) > RIGID_TOLERANCE:
         raise InputError(
             f"{name}: the last row of a transform must be 0 0 0 1",

@@ -21,6 +21,7 @@ from calib.robot_world.accuracy import NOISE_DOUBT
 from calib.robot_world.methods import find_method
 from calib.robot_world.methods.relative_motions import TOO_MANY
 from calib.robot_world.noise import Noise
+from calib.se3 import FloatArray
 from posedesign.pairs_certificate import Proof, prove
 from posedesign.pairs_file import Pairs
 from posedesign.pairs_frames import Camera
@@ -31,9 +32,6 @@ NoiseOn = Literal["A", "B", "both", "seen"]
 
 Advance = Callable[[str, float], None]
 """Told what is being done, and the part of all work that is done."""
-
-_SUSPECT = ("doubtful", "ambiguous")
-"""Status of an answer that the pairs are to blame for, whatever the method."""
 
 _STEPS = 3
 """Solving, standard deviations, leaving out: the last two take most of the time of most methods."""
@@ -94,11 +92,6 @@ def methods_of(names: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(chosen))
 
 
-def compares_all(names: str) -> bool:
-    """Whether ``all`` is among names with commas between them."""
-    return ALL in _split(names)
-
-
 def _split(names: str) -> list[str]:
     return [part.strip() for part in names.split(",")]
 
@@ -131,6 +124,8 @@ def solve_pairs(
     methods: Sequence[str],
     noise: Noise | None = None,
     advance: Advance = lambda what, part: None,
+    *,
+    estimate_scale: bool = False,
 ) -> tuple[SolverOutcome, ...]:
     """Solve A X = Z B by several methods.
 
@@ -141,6 +136,8 @@ def solve_pairs(
     noise : PairNoise or PairCovariances, optional
     advance : callable, optional
         Told what is being done, and the part of all work that is done.
+    estimate_scale : bool
+        Whether to estimate the scale of B's translations as well.
 
     Raises
     ------
@@ -160,7 +157,7 @@ def solve_pairs(
 
         step("solving", 0)
         try:
-            result = solve(pairs.A, pairs.B, method, noise)
+            result = solve(pairs.A, pairs.B, method, noise, estimate_scale=estimate_scale)
         except NotIdentifiableError as error:
             refused = error
             outcomes.append(SolverOutcome(method, None, error.message))
@@ -200,24 +197,31 @@ def certified(pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> tuple[SolverOu
         See :func:`posedesign.pairs_certificate.refuse_uncertifiable`.
     """
     return tuple(
-        replace(outcome, proof=prove(pairs.A, pairs.B, outcome.result))
+        replace(outcome, proof=prove(pairs.A, _corrected(pairs.B, outcome.result), outcome.result))
         if outcome.result is not None and METHODS[outcome.method].likelihood
         else outcome
         for outcome in outcomes
     )
 
 
-def reached(outcomes: Sequence[SolverOutcome], *, comparison: bool = False) -> bool:
-    """Whether the answers are to be trusted.
+def _corrected(B: FloatArray, result: RobotWorldResult) -> FloatArray:
+    """B with the scale of its translations that a result has estimated."""
+    if not result.scale_estimated or result.scale is None:
+        return B
+    unit = np.ones((4, 4))
+    unit[:3, 3] = result.scale.value
+    return B * unit
 
-    In a comparison of all methods some are at work on what they are not made for: their failures
-    do not count, doubts about the pairs do, and so does a proof that was asked for and not found.
+
+def reached(outcomes: Sequence[SolverOutcome]) -> bool:
+    """Whether the answer that was asked for first is to be trusted; the others are compared to it.
+
+    Some of them are at work on what they are not made for. A proof that was asked for and not found
+    does count.
     """
     if any(o.proof is not None and o.proof.status != "proven" for o in outcomes):
         return False
-    if any(o.result is not None and o.result.status in _SUSPECT for o in outcomes):
-        return False
-    return (any if comparison else all)(outcome.ok for outcome in outcomes)
+    return outcomes[0].ok
 
 
 def warnings_of(outcomes: Iterable[SolverOutcome], *, misread: bool = False) -> list[str]:

@@ -37,6 +37,7 @@ def solver_row(outcome: SolverOutcome) -> dict[str, object]:
         "status": result.status if result else "refused",
         "iterations": result.iterations if result else None,
         **_left_over(result),
+        **_scale_numbers(result),
     }
     for letter in "xz":
         values = _pose_numbers(result, letter) if result else [None] * 6
@@ -47,6 +48,17 @@ def solver_row(outcome: SolverOutcome) -> dict[str, object]:
             row[f"sigma_{letter}_{axis}"] = deviation
     row["message"] = outcome.said
     return row
+
+
+def _scale_numbers(result: RobotWorldResult | None) -> dict[str, object]:
+    """Factor of B's translations and its deviation; nothing where the pairs do not tell it."""
+    scale = result.scale if result else None
+    told = scale is not None and np.isfinite(scale.sigma)
+    return {
+        "scale_of_b": scale.value if scale and told else None,
+        "sigma_scale_of_b": scale.sigma if scale and told else None,
+        "scale_estimated": ("yes" if result.scale_estimated else "no") if result else None,
+    }
 
 
 def _left_over(result: RobotWorldResult | None) -> dict[str, object]:
@@ -147,6 +159,7 @@ def outcome_as_dict(
         "X": result.X,
         "Z": result.Z,
         "covariance": result.covariance,
+        "covariance_with_scale": result.scale.covariance if result.scale else None,
         "residuals": result.residuals,
         "rank": result.rank,
         "warnings": result.warnings,

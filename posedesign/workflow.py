@@ -300,6 +300,8 @@ def solve_and_write(
     noise: Noise | None = None,
     advance: Advance = lambda what, part: None,
     inputs: Sequence[Path] = (),
+    *,
+    estimate_scale: bool = False,
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB by several methods; write ``robot_world.csv`` and ``robot_world_pairs.csv``.
 
@@ -315,7 +317,7 @@ def solve_and_write(
     answers, residuals = Results.of(out, "robot-world").claim(
         "computed", *ROBOT_WORLD, inputs=inputs
     )
-    outcomes = solve_pairs(pairs, methods, noise, advance)
+    outcomes = solve_pairs(pairs, methods, noise, advance, estimate_scale=estimate_scale)
     write_outcomes(answers, residuals, pairs, outcomes)
     return outcomes
 

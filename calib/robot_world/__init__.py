@@ -10,6 +10,7 @@ from calib.robot_world.noise import PairCovariances, PairNoise
 from calib.robot_world.opencv import pairs_from_opencv, result_to_opencv
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import RobotWorldBatch, RobotWorldResult
+from calib.robot_world.scale import Scale
 from calib.robot_world.simulation import Problems, add_noise, random_problems
 from calib.robot_world.solver import solve, solve_batch
 
@@ -24,6 +25,7 @@ __all__ = [
     "Problems",
     "RobotWorldBatch",
     "RobotWorldResult",
+    "Scale",
     "add_noise",
     "certify",
     "design",

@@ -18,11 +18,12 @@ from __future__ import annotations
 import numpy as np
 
 from calib import se3
+from calib.errors import InputError
 from calib.posture_last import columns_of, turn
 from calib.robot_world.algebra import triangle
 from calib.robot_world.errors_of_pairs import derivatives
 from calib.robot_world.identifiability import examine, not_identifiable
-from calib.robot_world.noise import Noise
+from calib.robot_world.noise import Noise, check_noise_given
 from calib.robot_world.pairs import PairSets
 from calib.se3 import FloatArray
 
@@ -38,7 +39,27 @@ for other models: analytic Jacobians leave 1e-15 where nothing is seen."""
 
 def planned_B(A: FloatArray, X: FloatArray, Z: FloatArray) -> FloatArray:
     """What the camera would see without noise: ``B = Z⁻¹ A X``, ``(..., N, 4, 4)``."""
+    A, X, Z = _checked(A, X, Z)
     return np.asarray(se3.inverse(Z)[..., None, :, :] @ A @ X[..., None, :, :])
+
+
+def _checked(
+    A: FloatArray, X: FloatArray, Z: FloatArray, *, alike: bool = False
+) -> tuple[FloatArray, ...]:
+    """Poses, and X and Z of the same problems or of all, as rigid transforms."""
+    A, X, Z = (se3.check_transforms(T, name) for T, name in ((A, "A"), (X, "X"), (Z, "Z")))
+    try:
+        together = np.broadcast_shapes(A.shape[:-3], X.shape[:-2], Z.shape[:-2])
+        fit = A.ndim > 2 and A.size > 0 and (not alike or together == A.shape[:-3])
+    except ValueError:
+        fit = False
+    if not fit:
+        raise InputError(
+            f"shapes {A.shape} of A, {X.shape} of X and {Z.shape} of Z do not go together",
+            hint="give A (..., N, 4, 4), X and Z (4, 4) or (..., 4, 4)",
+            name="A",
+        )
+    return A, X, Z
 
 
 def blocks(A: FloatArray, X: FloatArray, Z: FloatArray, noise: Noise) -> FloatArray:
@@ -66,7 +87,8 @@ def blocks(A: FloatArray, X: FloatArray, Z: FloatArray, noise: Noise) -> FloatAr
         Something that is no rigid transform, or a noise that is zero: nothing would limit how well
         X and Z are known.
     """
-    A, X, Z = (se3.check_transforms(T, name) for T, name in ((A, "A"), (X, "X"), (Z, "Z")))
+    A, X, Z = _checked(A, X, Z, alike=True)
+    check_noise_given(noise)
     shape = A.shape
     A = A.reshape(-1, *shape[-3:])
     X, Z = (np.broadcast_to(T, (*shape[:-3], 4, 4)).reshape(-1, 4, 4) for T in (X, Z))
@@ -111,6 +133,8 @@ def check_identifiable(A: FloatArray, X: FloatArray, Z: FloatArray) -> None:
         Naming what stays free, and why.
     """
     B = planned_B(A, X, Z)
+    if B.ndim != 3 or not len(B):
+        raise InputError(f"A has shape {np.shape(A)}, not (N, 4, 4)", name="A")
     motion = examine(PairSets(A[None], B[None]))
     if motion.rank_deficient[0]:
         raise not_identifiable(motion, A, B)
@@ -118,5 +142,10 @@ def check_identifiable(A: FloatArray, X: FloatArray, Z: FloatArray) -> None:
 
 def _stacked(blocks: FloatArray) -> FloatArray:
     """All rows of all pairs ``(..., 6N, 12)``."""
+    blocks = se3.numbers(blocks, "blocks")
+    if blocks.ndim < 3 or blocks.shape[-2:] != (6, 12) or not np.isfinite(blocks).all():
+        raise InputError(
+            f"blocks of shape {blocks.shape} are not finite numbers (..., N, 6, 12)", name="blocks"
+        )
     *batch, N, m, p = blocks.shape
     return blocks.reshape(*batch, N * m, p)

@@ -159,7 +159,7 @@ def outstanding(sizes: Sequence[FloatArray], used: BoolArray) -> tuple[str, ...]
     if not far.any():
         return ()
     return (
-        f"{_named(far)} {'is' if far.sum() == 1 else 'are'} more than {_STANDS_OUT:.0f} times as "
+        f"{named(far)} {'is' if far.sum() == 1 else 'are'} more than {_STANDS_OUT:.0f} times as "
         "far off as the median: the method ml-robust leaves such pairs out",
     )
 
@@ -204,12 +204,12 @@ def _contradicting(motion: Motion) -> tuple[str, ...]:
         if turned_rad < _FAR_BETTER * float(motion.residual_rad[0]):
             remedy = f"exchanged with each other they fit; otherwise {remedy}"
     return (
-        f"{_named(~agree)} {'contradicts' if len(rows) == 1 else 'contradict'} the other {count}, "
+        f"{named(~agree)} {'contradicts' if len(rows) == 1 else 'contradict'} the other {count}, "
         f"which agree to {_sizes(others)}: {remedy}",
     )
 
 
-def _named(chosen: BoolArray) -> str:
+def named(chosen: BoolArray) -> str:
     """Pairs as people count them, ten at most."""
     rows: IntArray = np.flatnonzero(chosen)
     text = ", ".join(str(i + 1) for i in rows[:10]) + (", ..." if len(rows) > 10 else "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib import se3
-from calib.errors import InputError, near_names
+from calib.errors import InputError, near_names, one_line
 from calib.robot_world.errors_of_pairs import ErrorModel, General, Isotropic
 from calib.robot_world.pairs import PairSets
 from calib.se3 import FloatArray
@@ -43,18 +44,18 @@ class PairNoise:
     def __post_init__(self) -> None:
         for name in ("rotation_rad", "translation_m"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and (value == 0.0 or value >= LEAST_NOISE)):
+            if not (is_number(value) and (value == 0.0 or value >= LEAST_NOISE)):
                 raise InputError(
-                    f"{name} of the noise is {value}",
+                    f"{name} of the noise is {one_line(value)}",
                     hint=f"give a standard deviation: 0, or {LEAST_NOISE:g} or more",
                     name=name,
                     value=value,
                     bound=0.0,
                 )
-        if self.on not in get_args(Side):
+        if not isinstance(self.on, str) or self.on not in get_args(Side):
             raise InputError(
-                f"noise on {self.on!r}",
-                hint=near_names(self.on, get_args(Side)),
+                f"noise on {one_line(self.on)}",
+                hint=near_names(one_line(self.on), get_args(Side)),
                 name="on",
                 value=self.on,
             )
@@ -118,10 +119,10 @@ class PairCovariances:
     def __post_init__(self) -> None:
         if self.A is None and self.B is None:
             raise InputError("no covariance is given", hint="give that of A, of B or of both")
-        if self.axes not in get_args(Axes):
+        if not isinstance(self.axes, str) or self.axes not in get_args(Axes):
             raise InputError(
-                f"there are no axes {self.axes!r}",
-                hint=near_names(self.axes, get_args(Axes)),
+                f"there are no axes {one_line(self.axes)}",
+                hint=near_names(one_line(self.axes), get_args(Axes)),
                 name="axes",
                 value=self.axes,
             )
@@ -197,6 +198,31 @@ class PairCovariances:
 Noise: TypeAlias = PairNoise | PairCovariances
 
 
+def is_number(value: object) -> bool:
+    """Whether it is one finite real number."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return False
+    try:
+        return math.isfinite(float(value))
+    except OverflowError:
+        return False
+
+
+def check_noise_given(noise: object) -> None:
+    """Refuse what is no noise of pairs, None among it.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(noise, PairNoise | PairCovariances):
+        raise InputError(
+            f"the noise is {one_line(noise)}, neither PairNoise nor PairCovariances",
+            hint="say PairNoise(rotation_rad, translation_m)",
+            name="noise",
+        )
+
+
 def check_noise(noise: object, N: int) -> None:
     """Refuse what is no noise of N pairs.
 
@@ -205,14 +231,11 @@ def check_noise(noise: object, N: int) -> None:
     InputError
         Something else, or covariances of another number of pairs.
     """
-    if noise is None or isinstance(noise, PairNoise):
+    if noise is None:
         return
+    check_noise_given(noise)
     if not isinstance(noise, PairCovariances):
-        raise InputError(
-            f"the noise is {noise!r}, neither PairNoise nor PairCovariances",
-            hint="say PairNoise(rotation_rad, translation_m)",
-            name="noise",
-        )
+        return
     for name in ("A", "B"):
         given = getattr(noise, name)
         if given is not None and len(given) not in (1, N):
@@ -227,14 +250,16 @@ def check_noise(noise: object, N: int) -> None:
 
 def _checked_covariance(value: ArrayLike, name: str) -> FloatArray:
     """Covariances ``(1 or N, 6, 6)``, finite, symmetric and positive definite."""
-    C = np.asarray(value, dtype=float)
+    C = se3.numbers(value, f"the covariance of {name}")
     if C.ndim not in (2, 3) or C.shape[-2:] != (6, 6) or not C.size:
         raise InputError(
             f"the covariance of {name} has shape {C.shape}, not (6, 6) or (N, 6, 6)", name=name
         )
+    if not np.isfinite(C).all():
+        raise InputError(f"the covariance of {name} is not finite and symmetric", name=name)
     size = np.sqrt(np.abs(np.diagonal(C, axis1=-2, axis2=-1)))
     lengths = size[..., :, None] * size[..., None, :]
-    if not np.isfinite(C).all() or (np.abs(C - np.swapaxes(C, -1, -2)) > 1e-9 * lengths).any():
+    if (np.abs(C - np.swapaxes(C, -1, -2)) > 1e-9 * lengths).any():
         raise InputError(f"the covariance of {name} is not finite and symmetric", name=name)
     if not (size > 0).all() or np.linalg.eigvalsh(C / lengths).min() < 1e-12:
         raise InputError(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from calib import se3
+from calib.errors import InputError, one_line
 from calib.robot_world.results import RobotWorldResult
 from calib.se3 import FloatArray
 
@@ -42,5 +43,13 @@ def pairs_from_opencv(
 
 
 def result_to_opencv(result: RobotWorldResult) -> tuple[FloatArray, FloatArray]:
-    """``base2world`` = T_target_base and ``gripper2cam`` = T_camera_flange ``(4, 4)`` [m]."""
+    """``base2world`` = T_target_base and ``gripper2cam`` = T_camera_flange ``(4, 4)`` [m].
+
+    Raises
+    ------
+    InputError
+        Something else than a result.
+    """
+    if not isinstance(result, RobotWorldResult):
+        raise InputError(f"{one_line(result)} is no result of solve", name="result")
     return se3.inverse(result.Z), se3.inverse(result.X)

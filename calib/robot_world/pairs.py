@@ -44,6 +44,12 @@ class PairSets:
         tentative: bool = False,
         columns: tuple[FloatArray | None, FloatArray | None] = (None, None),
     ) -> None:
+        for T, name in ((A, "A"), (B, "B")):
+            if not isinstance(T, np.ndarray) or T.ndim != 4 or T.shape[-2:] != (4, 4):
+                shape = f"has shape {np.shape(T)}" if isinstance(T, np.ndarray) else "is no array"
+                raise InputError(f"{name} {shape}, not (T, N, 4, 4)", name=name)
+        if A.shape != B.shape:
+            raise InputError(f"A has shape {A.shape} and B has {B.shape}", name="B")
         self.A, self.B, self.tentative = A, B, tentative
         self.T, self.N = A.shape[:2]
         self._given = columns
@@ -221,7 +227,7 @@ def _rigid_copy(T: ArrayLike, name: str) -> tuple[FloatArray, FloatArray | None]
 
     And their columns ``(4, 4, S)`` where the check has them.
     """
-    copy = np.array(T, dtype=float)
+    copy = np.array(se3.numbers(T, name))
     columns = se3.columns_if_exactly_rigid(copy)
     return (se3.rigid(copy, name), None) if columns is None else (copy, columns)
 

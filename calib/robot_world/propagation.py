@@ -30,7 +30,7 @@ _PAIRS_AT_ONCE = 20_000
 def propagate(
     estimate: Estimator, A: FloatArray, B: FloatArray, noise: Noise, excess: float = 1.0
 ) -> FloatArray:
-    """Mean square error ``(12, 12)`` of X and Z: the scatter that noise makes, and the bias.
+    """Mean square error of X and Z: the scatter that noise makes, and the bias.
 
     Parameters
     ----------
@@ -45,8 +45,9 @@ def propagate(
 
     Returns
     -------
-    ndarray (12, 12)
-        In the order and frames of :class:`~calib.robot_world.results.RobotWorldResult`.
+    ndarray (12, 12) or (13, 13)
+        In the order and frames of :class:`~calib.robot_world.results.RobotWorldResult`; last the
+        scale of B's translations, where the method estimates it.
 
     Notes
     -----
@@ -101,8 +102,8 @@ def _derivatives(
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives ``(12, K)`` of the errors of X and Z along directions ``(K, N, 6)`` of errors.
 
-    And half the sum ``(12,)`` of the second ones. Steps are as long as their largest component
-    allows.
+    And half the sum ``(12,)`` of the second ones; 13 with the scale. Steps are as long as their
+    largest component allows.
     """
     given = [errors for errors in (errors_A, errors_B) if errors is not None]
     count, N = given[0].shape[:2]
@@ -111,20 +112,19 @@ def _derivatives(
     # a side without errors, or a part of one, has steps of no length, whatever they are divided by
     scale = _STEP / np.where(largest > 0.0, largest, _STEP)
     at_once = max(1, _PAIRS_AT_ONCE // (2 * N))
-    found, curved = [], np.zeros(12)
+    found, curved = [], []
     for first in range(0, count, at_once):
         rows = slice(first, first + at_once)
         size = scale[rows, None, None]
         ends = estimate(PairSets(_ends(A, errors_A, rows, size), _ends(B, errors_B, rows, size)))
         length = scale[rows, None]
-        middle = ends.X[-1], ends.Z[-1]
-        moved = np.concatenate(
-            [difference(T, one) for T, one in zip((ends.X, ends.Z), middle, strict=True)], axis=-1
-        )
+        moved = np.concatenate([difference(T, T[-1]) for T in (ends.X, ends.Z)], axis=-1)
+        if ends.scale is not None:
+            moved = np.column_stack([moved, ends.scale - ends.scale[-1]])
         there, back, _ = np.split(moved, [len(length), 2 * len(length)])
         found.append((there - back) / (2.0 * length))
-        curved += ((there + back) / (2.0 * length**2)).sum(axis=0)
-    return np.concatenate(found).T, curved
+        curved.append((there + back) / (2.0 * length**2))
+    return np.concatenate(found).T, np.concatenate(curved).sum(axis=0)
 
 
 def _ends(T: FloatArray, errors: FloatArray | None, rows: slice, size: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from calib.se3 import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from calib.robot_world.noise import Noise
+    from calib.robot_world.scale import Scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,8 @@ class Estimate:
         Where the method estimates the noise, the standard deviations of rotation and translation.
     weights : ndarray (T, N) or None
         Where the method leaves pairs out, 0 for these and 1 for the others.
+    scale : ndarray (T,) or None
+        Where it was estimated, the factor of B's translations.
     """
 
     X: FloatArray
@@ -45,6 +48,7 @@ class Estimate:
     fit: Fit | None = None
     sigma: FloatArray | None = None
     weights: FloatArray | None = None
+    scale: FloatArray | None = None
 
 
 def residuals(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray) -> FloatArray:
@@ -146,12 +150,9 @@ class RobotWorldResult:
         The transforms [m]; eye in hand, ``T_flange_camera`` and ``T_base_target``.
     method : str
         Name of the method.
-    status : str
-        ``"ok"``; ``"not converged"`` where an iteration did not arrive; ``"misfit"`` where the
-        residuals are several times those of the closed form; ``"ambiguous"`` where other X and Z
-        fit as well; ``"doubtful"`` where the warnings say that the pairs do not belong together.
-    message : str
-        The status in a sentence.
+    scale_estimated : bool
+        Whether the scale of B's translations was estimated with X and Z; residuals are then those
+        of B corrected.
     iterations : int or None
         Cycles of an iterative method.
     used : ndarray of bool (N,)
@@ -171,14 +172,13 @@ class RobotWorldResult:
     -----
     The covariance, and what each pair's residual is when it is left out, take many solutions by
     most methods. They are worked out when they are first asked for, as all that X and Z do not
-    depend on.
+    depend on: the status asks for both.
     """
 
     X: FloatArray
     Z: FloatArray
     method: str
-    status: str
-    message: str
+    scale_estimated: bool
     iterations: int | None
     used: BoolArray
     noise_estimated: bool
@@ -189,10 +189,33 @@ class RobotWorldResult:
     alternatives: tuple[tuple[FloatArray, FloatArray], ...]
     _residuals: Callable[[], FloatArray] = field(repr=False)
     _noise: Callable[[FloatArray], Noise | None] = field(repr=False)
-    _doubts: Callable[[FloatArray], tuple[str, ...]] = field(repr=False)
+    _doubts: Callable[[RobotWorldResult], tuple[str, ...]] = field(repr=False)
     _rank: Callable[[], int] = field(repr=False)
     _spread: Callable[[Noise | None], FloatArray | None] = field(repr=False)
     _leave_out: Callable[[], FloatArray] = field(repr=False)
+    _scale: Callable[[RobotWorldResult], Scale | None] = field(repr=False)
+    _judged: Callable[[RobotWorldResult], tuple[str, str]] = field(repr=False)
+
+    @property
+    def status(self) -> str:
+        """``"ok"`` where X and Z may be used as they are; else what is the matter.
+
+        ``"not converged"`` where an iteration did not arrive; ``"misfit"`` where the residuals are
+        several times those of the closed form; ``"ambiguous"`` where other X and Z fit as well;
+        ``"doubtful"`` where the message says that the pairs do not belong together, that the
+        standard deviations are too large for a calibration, that X and Z of the other pairs do not
+        predict those left out, or that the translations of B have another scale than those of A.
+        """
+        return self._verdict[0]
+
+    @property
+    def message(self) -> str:
+        """The status in a sentence."""
+        return self._verdict[1]
+
+    @cached_property
+    def _verdict(self) -> tuple[str, str]:
+        return self._judged(self)
 
     @cached_property
     def residuals(self) -> FloatArray:
@@ -213,7 +236,16 @@ class RobotWorldResult:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What seems to be wrong with the pairs, each in a sentence."""
-        return self._doubts(self.residuals)
+        return self._doubts(self)
+
+    @cached_property
+    def scale(self) -> Scale | None:
+        """By what the translations of B have to be multiplied to fit those of A, and how sure.
+
+        Estimated with X and Z by maximum likelihood whatever the method, from the pairs used; by
+        the method itself where :attr:`scale_estimated`. None where the method has failed.
+        """
+        return self._scale(self)
 
     @cached_property
     def rank(self) -> int:
@@ -228,8 +260,12 @@ class RobotWorldResult:
         is meant as ``R_estimated = exp([w]) R_true`` and ``p_estimated = p_true + v``: rotation
         and translation in the axes of the frame that the transform maps to, the flange for X and
         the base for Z. Scaled up where the residuals are larger than the noise given explains. A
-        bias of the method, to second order, is in it by its square.
+        bias of the method, to second order, is in it by its square, and where the scale of B was
+        estimated, what that adds.
         """
+        if self.scale_estimated and self.scale is not None:
+            joint = self.scale.covariance
+            return None if joint is None else joint[:12, :12]
         return self._spread(self.noise)
 
     @cached_property
@@ -305,6 +341,10 @@ class RobotWorldResult:
             lines.append(
                 f"chi² {self.chi2:.1f} of {self.freedom} degrees of freedom: probability "
                 f"{self.chi2_probability:.2g} with the noise given"
+            )
+        if self.scale is not None:
+            lines.append(
+                f"scale of B's translations {self.scale.value:.6g}, sigma {self.scale.sigma:.2g}"
             )
         lines += [f"known least: {text}" for text in self.weak_directions]
         lines += [f"ambiguous: {text}" for text in self.ambiguities]

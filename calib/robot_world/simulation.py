@@ -8,12 +8,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib import se3
-from calib.robot_world.noise import Noise, perturb
+from calib.errors import InputError, one_line
+from calib.robot_world.noise import Noise, check_noise, check_noise_given, is_number, perturb
 from calib.robot_world.pairs import PairSets
 from calib.se3 import FloatArray
 
 _REACH_M = 0.5
 """Half the side of the cube that the flange moves in."""
+
+_MOST_DRAWN = 10_000_000
+"""Trials or pairs beyond any study, and beyond the memory."""
 
 _CAMERA_OFFSET_M = 0.3
 _TARGET_OFFSET_M = 1.0
@@ -64,6 +68,14 @@ def random_problems(
         With ``B = Z⁻¹ A X``. Flange in a cube of 1 m, camera within 0.3 m of it and target within
         1 m of the base along each axis.
     """
+    check_generator(rng)
+    for name, count in (("trials", trials), ("pairs", pairs)):
+        if not is_number(count) or count != int(count) or not 0 < count < _MOST_DRAWN:
+            raise InputError(
+                f"{name} is {one_line(count)}, not a number from 1 to {_MOST_DRAWN:.0e}", name=name
+            )
+    if cone_deg is not None and not (is_number(cone_deg) and cone_deg >= 0.0):
+        raise InputError(f"cone_deg is {one_line(cone_deg)}, not an angle", name="cone_deg")
     X = se3.transform(_any_rotation(rng, trials), _box(rng, _CAMERA_OFFSET_M, (trials, 3)))
     Z = se3.transform(_any_rotation(rng, trials), _box(rng, _TARGET_OFFSET_M, (trials, 3)))
     shape = (trials, pairs)
@@ -81,6 +93,12 @@ def add_noise(
     rng: np.random.Generator, A: FloatArray, B: FloatArray, noise: Noise
 ) -> tuple[FloatArray, FloatArray]:
     """A and B ``(..., N, 4, 4)`` as measured, with independent noise on the sides that have it."""
+    check_generator(rng)
+    check_noise_given(noise)
+    A, B = se3.check_transforms(A, "A"), se3.check_transforms(B, "B")
+    if A.ndim < 3 or A.shape != B.shape:
+        raise InputError(f"A has shape {A.shape} and B has {B.shape}, not both (..., N, 4, 4)")
+    check_noise(noise, A.shape[-3])
     found = []
     for T, root in zip((A, B), noise.roots(A, B), strict=True):
         if root is None:
@@ -89,6 +107,16 @@ def add_noise(
             white = rng.normal(size=(*T.shape[:-2], 6)).reshape(-1, 6, 1)
             found.append(perturb(T, (root @ white).reshape(*T.shape[:-2], 6)))
     return found[0], found[1]
+
+
+def check_generator(rng: object) -> None:
+    """Refuse what is no source of random numbers."""
+    if not isinstance(rng, np.random.Generator):
+        raise InputError(
+            f"rng is {one_line(rng)}, no generator of random numbers",
+            hint="give np.random.default_rng(seed)",
+            name="rng",
+        )
 
 
 def _any_rotation(rng: np.random.Generator, count: int) -> FloatArray:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError
+from calib.errors import InputError, NotIdentifiableError
 from calib.robot_world.accuracy import (
     GoodnessOfFit,
     covariance_of,
@@ -30,8 +31,11 @@ from calib.robot_world.leave_one_out import left_out_residuals
 from calib.robot_world.methods import Method, find_method
 from calib.robot_world.noise import Noise, PairNoise, check_noise
 from calib.robot_world.pairs import FEWEST_PAIRS, PairSets, checked_pairs, checked_problem
+from calib.robot_world.propagation import propagate
 from calib.robot_world.results import Estimate, RobotWorldBatch, RobotWorldResult
+from calib.robot_world.scale import Scale, by_rotations_first, likeliest, scaled
 from calib.robot_world.serial import widening
+from calib.robot_world.verdict import alone, judge, scale_doubts, too_uncertain
 from calib.se3 import BoolArray, FloatArray
 
 _FEWEST_FOR_SIGMA = 6
@@ -41,8 +45,17 @@ _PAIRS_AT_ONCE = 20_000
 """Pairs that one call of a method sees: bounds its memory to some 100 MB."""
 
 
+_SCALE_ROUNDS = 4
+"""Times that a robust method leaves pairs out and the scale is estimated from the others."""
+
+
 def solve(
-    A: ArrayLike, B: ArrayLike, method: str = "ml", noise: Noise | None = None
+    A: ArrayLike,
+    B: ArrayLike,
+    method: str = "ml",
+    noise: Noise | None = None,
+    *,
+    estimate_scale: bool = False,
 ) -> RobotWorldResult:
     """Solve ``A_i X = Z B_i`` for X and Z.
 
@@ -59,6 +72,10 @@ def solve(
     noise : PairNoise or PairCovariances, optional
         Noise of the transforms. Without it the residuals say how large it is, and it counts as
         that of B.
+    estimate_scale : bool
+        Whether to estimate the scale of B's translations with X and Z, and to correct B by it:
+        where the size of the target is not sure, say. Lengths of A count as true; the noise is
+        that of B corrected.
 
     Returns
     -------
@@ -80,6 +97,10 @@ def solve(
     chosen = find_method(method)
     pairs = checked_problem(A, B)
     check_noise(noise, pairs.N)
+    factor = None
+    if estimate_scale:
+        factor = _factor(chosen, pairs, noise)
+        pairs = scaled(pairs, factor)
     if chosen.robust:
         found, used = _robust(chosen, pairs, noise)
         kept = PairSets(pairs.A[:, used], pairs.B[:, used])
@@ -104,7 +125,25 @@ def solve(
             for text, X, Z in half_turns(kept, motion, found.X[0, :3, :3])
             if not motion.is_misfit(*residual_rms(kept, X[None], Z[None]))[0]
         )
-    return _result(chosen, pairs, found, used, motion, noise, doubts, others)
+    return _result(chosen, pairs, found, used, motion, noise, doubts, others, factor)
+
+
+def _factor(chosen: Method, pairs: PairSets, noise: Noise | None) -> float:
+    """Scale of B's translations of one set, by least squares or as likely as X and Z are found."""
+    factor = float(by_rotations_first(pairs)[0])
+    used = np.ones(pairs.N, dtype=bool)
+    if not np.isfinite(likeliest(pairs, pairs, used, noise).sigma):
+        raise NotIdentifiableError(
+            ["the scale of B's translations"],
+            ["X and Z take up any change of it where the origin of A hardly moves"],
+            hint="measure poses that move the flange as well as turn it, or leave the scale alone",
+        )
+    for _ in range((_SCALE_ROUNDS if chosen.robust else 1) if chosen.likelihood else 0):
+        if chosen.robust:
+            _, used = _robust(chosen, scaled(pairs, factor), noise)
+        kept = PairSets(pairs.A[:, used], pairs.B[:, used])
+        factor = likeliest(pairs, kept, used, noise).value
+    return factor
 
 
 def solve_batch(
@@ -126,7 +165,9 @@ def solve_batch(
     RobotWorldBatch
         X and Z ``(T, 4, 4)``. A single bad trial does not stop the others, so degenerate motion
         is a mask here, not an error: X and Z are NaN where nothing identifies them, and ``ok``
-        is False wherever :func:`solve` would raise or give a status other than ``"ok"``.
+        is False wherever :func:`solve` would raise or give a status other than ``"ok"``, but for
+        what takes many solutions of one problem: residuals of pairs left out, the scale of B, and
+        the covariance of methods that are no maximum likelihood.
 
     Raises
     ------
@@ -175,6 +216,7 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
             factor = widening(found.fit, used > 0, excess, noise_known=noise is not None)
             factor *= excess[:, None]
             covariance[usable] *= factor[:, :, None] * factor[:, None]
+            doubtful[usable] |= too_uncertain(covariance[usable], kept.size)
         if found.weights is not None:
             rank_deficient, degenerate, doubtful = _judged_by_used(pairs, found.weights > 0)
             X[rank_deficient] = Z[rank_deficient] = np.nan
@@ -243,6 +285,7 @@ def _result(
     noise: Noise | None,
     doubts: tuple[str, ...],
     others: tuple[tuple[str, FloatArray, FloatArray], ...],
+    factor: float | None,
 ) -> RobotWorldResult:
     """All that is said of one solution."""
     status, message = _verdict(found, motion)
@@ -273,8 +316,7 @@ def _result(
         X=found.X[0],
         Z=found.Z[0],
         method=chosen.name,
-        status=status,
-        message=message,
+        scale_estimated=factor is not None,
         iterations=None if found.iterations is None else int(found.iterations[0]),
         used=used,
         noise_estimated=noise is None,
@@ -285,11 +327,43 @@ def _result(
         alternatives=tuple((X, Z) for _, X, Z in others),
         _residuals=partial(_residuals, pairs, found),
         _noise=partial(_noise, found, used, noise, status),
-        _doubts=partial(_doubts, chosen, pairs, found, motion, used, noise, doubts),
+        _doubts=partial(_doubts, chosen, pairs, found, motion, noise, doubts),
         _rank=partial(rank_of, pairs, found.X, found.Z, used),
         _spread=partial(covariance_of, chosen, pairs, found, used, excess, noise is not None),
         _leave_out=partial(left_out_residuals, chosen, pairs, found, used, noise),
+        _scale=partial(_scale, chosen, pairs, motion, noise, factor, excess, status),
+        _judged=partial(judge, status=status, message=message, motion=motion),
     )
+
+
+def _scale(
+    chosen: Method,
+    pairs: PairSets,
+    motion: Motion,
+    noise: Noise | None,
+    factor: float | None,
+    excess: float,
+    status: str,
+    result: RobotWorldResult,
+) -> Scale | None:
+    """Scale of B's translations that is left in pairs, times the factor that they have already."""
+    if status != "ok" or result.noise is None:
+        return None
+    used = result.used
+    if factor is None or chosen.likelihood:
+        scale = likeliest(pairs, motion.pairs, used, noise)
+    else:
+        A, B = pairs.A[0, used], pairs.B[0, used]
+        covariance = propagate(partial(_with_scale, chosen), A, B, result.noise, excess)
+        sigma = float(np.sqrt(covariance[12, 12]))
+        scale = Scale(1.0, sigma, result.X, result.Z, covariance, 6 * int(used.sum()) - 13)
+    return scale if factor is None else scale.times(factor)
+
+
+def _with_scale(chosen: Method, pairs: PairSets) -> Estimate:
+    """What a method without a likelihood finds when the scale is estimated as well."""
+    factor = by_rotations_first(pairs)
+    return replace(chosen.estimate(scaled(pairs, factor)), scale=factor)
 
 
 def _residuals(pairs: PairSets, found: Estimate) -> FloatArray:
@@ -310,14 +384,16 @@ def _doubts(
     pairs: PairSets,
     found: Estimate,
     motion: Motion,
-    used: BoolArray,
     noise: Noise | None,
     doubts: tuple[str, ...],
-    error: FloatArray,
+    result: RobotWorldResult,
 ) -> tuple[str, ...]:
     """What seems to be wrong with the pairs of a solution, besides what was found before it."""
-    if not (chosen.robust or doubts):
-        doubts = outstanding(_sizes(pairs, found, noise, error), used)
+    used = result.used
+    if not doubts:
+        doubts = scale_doubts(result) + alone(result, motion)
+        if not chosen.robust:
+            doubts += outstanding(_sizes(pairs, found, noise, result.residuals), used)
     N = int(used.sum())
     if noise is None and N < _FEWEST_FOR_SIGMA:
         part = 100.0 / np.sqrt(2.0 * (6 * N - 12))

@@ -29,6 +29,7 @@ from posedesign.cli.robot_world_options import (
     Certify,
     Columns,
     ConventionOption,
+    EstimateScale,
     FileA,
     FileB,
     InvertOption,
@@ -73,6 +74,7 @@ def robot_world(
     noise_deg: NoiseDeg = None,
     noise_mm: NoiseMm = None,
     noise_on: NoiseOnOption = None,
+    estimate_scale: EstimateScale = False,
     certify: Certify = False,
     out: OutFolder = Path(),
     as_json: AsJson = False,
@@ -85,7 +87,7 @@ def robot_world(
     each pair has left over when it is left out.
     """
     from posedesign.pairs_certificate import refuse_uncertifiable
-    from posedesign.pairs_results import compares_all, methods_of, reached
+    from posedesign.pairs_results import methods_of, reached
     from posedesign.pairs_source import PairSource
     from posedesign.pairs_tables import outcome_as_dict
 
@@ -100,7 +102,15 @@ def robot_world(
     found = source.read()
     noise = given_noise(found, camera, noise_deg, noise_mm, noise_on)
     results = results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
-    outcomes = _solved(found, results, methods, noise, certify=certify, quiet=as_json)
+    outcomes = _solved(
+        found,
+        results,
+        methods,
+        noise,
+        estimate_scale=estimate_scale,
+        certify=certify,
+        quiet=as_json,
+    )
     say_rehearsed(pairs, a, b, as_json=as_json)
     opencv = convention == "opencv"
     if as_json:
@@ -108,7 +118,7 @@ def robot_world(
     else:
         _print_answers(outcomes, camera, out, opencv=opencv, inverted=invert in ("b", "both"))
     _warn_of(found, outcomes)
-    return DONE if reached(outcomes, comparison=compares_all(method)) else NOT_REACHED
+    return DONE if reached(outcomes) else NOT_REACHED
 
 
 def given_noise(
@@ -136,6 +146,7 @@ def _solved(
     methods: Sequence[str],
     noise: Noise | None,
     *,
+    estimate_scale: bool,
     certify: bool,
     quiet: bool,
 ) -> tuple[SolverOutcome, ...]:
@@ -149,7 +160,9 @@ def _solved(
     )
     try:
         with shown as advance:
-            outcomes = solve_and_write(pairs, out, methods, noise, advance)
+            outcomes = solve_and_write(
+                pairs, out, methods, noise, advance, estimate_scale=estimate_scale
+            )
             return certified(pairs, outcomes) if certify else outcomes
     except CalibError as error:
         for text in pairs.notes:

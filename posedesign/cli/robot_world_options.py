@@ -81,6 +81,15 @@ NoiseOnOption = Annotated[
         "camera's data sheet has it: with the camera on the flange, the inverse of B."
     ),
 ]
+EstimateScale = Annotated[
+    bool,
+    typer.Option(
+        "--estimate-scale",
+        help="Estimate by what B's translations are to be multiplied, with X and Z, and correct "
+        "them: where the size of the target, the unit or the focal length is not sure. Without it "
+        "the scale is estimated, too, and said where it is not 1.",
+    ),
+]
 Certify = Annotated[
     bool,
     typer.Option(

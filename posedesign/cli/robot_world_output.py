@@ -35,6 +35,11 @@ def print_solvers(outcomes: Sequence[SolverOutcome], camera: Camera = "on-flange
     frames = FRAMES[camera]
     _print_transform("x", f"X = {frames.X}", rows, outcomes)
     _print_transform("z", f"Z = {frames.Z}", rows, outcomes)
+    print_table(
+        "Scale of B's translations"
+        + (", corrected" if any(row["scale_estimated"] == "yes" for row in rows) else ""),
+        [{key: row[key] for key in ("method", "scale_of_b", "sigma_scale_of_b")} for row in rows],
+    )
     print_table("Left over (rms)", [_picked(row, _LEFT_OVER) for row in rows])
     for text in noise_judged(outcomes):
         say(text)

@@ -22,7 +22,7 @@ from calib.robot_world.certificate.polynomial import (
     cost_weights,
     quadratic_form,
 )
-from calib.robot_world.noise import PairNoise
+from calib.robot_world.noise import PairNoise, check_noise_given
 from calib.robot_world.pairs import checked_pairs
 from calib.se3 import FloatArray
 
@@ -119,6 +119,13 @@ def certify(
     ``B X⁻¹ = Z⁻¹ A``. Noise on both is not: an error in the rotation of A moves the origin of X,
     so that the cost is no polynomial of the second degree in the rotations.
     """
+    check_noise_given(noise)
+    if not isinstance(noise, PairNoise):
+        raise InputError(
+            "there is a certificate only for noise that is the same in all directions",
+            hint="give PairNoise, on A or on B",
+            name="noise",
+        )
     weights = cost_weights(noise)
     A, B = checked_pairs(A, B, dimensions=3)
     X, Z = _candidate(X, "X"), _candidate(Z, "Z")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-from calib.errors import InputError, near_names
+from calib.errors import InputError, near_names, one_line
 from calib.robot_world.methods import (
     andreff,
     daniilidis,
@@ -273,10 +273,10 @@ def find_method(name: str) -> Method:
     InputError
         No method has this name; the hint lists the nearest ones.
     """
-    if name not in METHODS:
+    if not isinstance(name, str) or name not in METHODS:
         raise InputError(
-            f"there is no method {name!r} for A X = Z B",
-            hint=near_names(str(name), METHODS),
+            f"there is no method {one_line(name)} for A X = Z B",
+            hint=near_names(one_line(name), METHODS),
             name="method",
             value=name,
         )

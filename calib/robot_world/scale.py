@@ -1,0 +1,239 @@
+"""The scale of B's translations: one more linear unknown, by which they fit those of A.
+
+A tag of another size than was said, a board with other squares, millimetres read as centimetres
+and a wrong focal length multiply the translations of B, as a robot in another unit does those of
+A. The rotations do not change, and with few poses that look at one place X and Z take up most of
+it: residuals say little. With s beside X and Z the translations say ``R_A p_X + p_A - s R_Z p_B -
+p_Z = 0``, linear in p_X, p_Z and s. Multiplied by any number the same equation holds with other
+lengths of A, p_X and p_Z, so that the pairs tell the ratio of the two scales alone: lengths of A
+are taken as true.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import t as student
+
+from calib import se3
+from calib.posture_last import columns_of, turn
+from calib.robot_world.accuracy import judged
+from calib.robot_world.adjustment import adjust
+from calib.robot_world.algebra import apply_matrix, least_squares
+from calib.robot_world.closed_form import assemble
+from calib.robot_world.fit import Fit
+from calib.robot_world.methods.maximum_likelihood import estimated_model, with_estimated_noise
+from calib.robot_world.noise import Noise
+from calib.robot_world.pairs import PairSets
+from calib.robot_world.serial import widening
+from calib.se3 import BoolArray, FloatArray
+
+UNKNOWN = 0.1
+"""Standard deviation of the scale, in parts of it, from which on the pairs do not tell it: twice
+the size of a tag would be within a few of them."""
+
+_ROUNDS = 12
+"""Steps of the scale; three or four are usual."""
+
+_SETTLED = 1e-3
+"""Step in standard deviations that counts as none."""
+
+_LARGEST_STEP = 1.0
+"""Largest step of the logarithm of the scale."""
+
+_LARGEST = 1e5
+"""Scale beyond which, and below whose inverse, there is none to start from: more than mm for m."""
+
+_UNSEEN = 1e-10
+"""Part of the scale's rows that X and Z do not take up, below which nothing is left of it."""
+
+
+_RUNS, _FEWEST_IN_RUN = 8, 2
+"""Runs of pairs that are left out one after the other, and pairs in each."""
+
+_LEAST = 1e-300
+"""Length of derivatives that are none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """By what the translations of B have to be multiplied, estimated together with X and Z.
+
+    Attributes
+    ----------
+    value, sigma : float
+        The factor and its standard deviation; infinite where the pairs do not tell it.
+    X, Z : ndarray (4, 4)
+        The likeliest ones with it [m], lengths of A being true.
+    covariance : ndarray (13, 13) or None
+        Of X and Z, as :attr:`RobotWorldResult.covariance`, and of the factor; None where the pairs
+        do not tell it.
+    freedom : int
+        Degrees of freedom of the residuals that it comes from.
+    """
+
+    value: float
+    sigma: float
+    X: FloatArray
+    Z: FloatArray
+    covariance: FloatArray | None
+    freedom: int
+
+    @property
+    def is_told(self) -> bool:
+        """Whether the pairs tell the scale at all."""
+        return self.sigma < UNKNOWN * self.value
+
+    @property
+    def sigmas(self) -> float:
+        """How far the factor is from 1, in standard deviations of its logarithm."""
+        return abs(float(np.log(self.value))) * self.value / self.sigma
+
+    @property
+    def probability(self) -> float:
+        """Of a factor as far from 1 by chance, by Student's distribution."""
+        return float(2.0 * student.sf(self.sigmas, max(self.freedom, 1)))
+
+    def times(self, factor: float) -> Scale:
+        """The scale of pairs that these came from by a factor."""
+        covariance = self.covariance
+        if covariance is not None:
+            unit = np.append(np.ones(12), factor)
+            covariance = covariance * np.outer(unit, unit)
+        sigma = self.sigma * factor
+        return replace(self, value=self.value * factor, sigma=sigma, covariance=covariance)
+
+
+def scaled(pairs: PairSets, factor: FloatArray | float) -> PairSets:
+    """Pairs with the translations of B multiplied by a factor for each set ``(T,)``."""
+    B = pairs.B.copy()
+    B[..., :3, 3] *= np.reshape(factor, (-1, 1, 1))
+    return PairSets(pairs.A, B, tentative=pairs.tentative)
+
+
+def by_rotations_first(pairs: PairSets) -> FloatArray:
+    """Factors ``(T,)`` by least squares of the translations, with the rotations in closed form.
+
+    1 where there is none. The equations are solved for 1/s, whose coefficients are translations of
+    A: those of B have most of the noise, which would make s too small as coefficients.
+    """
+    R_A, p_A = pairs.A[..., :3, :3], pairs.A[..., :3, 3]
+    q = apply_matrix(pairs.rotations[1][:, None], pairs.B[..., :3, 3])
+    rows = np.concatenate([R_A, p_A[..., None]], axis=-1)
+    rows = (rows - rows.mean(axis=1, keepdims=True)).reshape(pairs.T, -1, 4)
+    right = (q - q.mean(axis=1, keepdims=True)).reshape(pairs.T, -1)
+    inverse = least_squares(rows, right)[:, 3]
+    sound = (inverse > 1.0 / _LARGEST) & (inverse < _LARGEST)
+    return np.where(sound, 1.0 / np.where(sound, inverse, 1.0), 1.0)
+
+
+def likeliest(pairs: PairSets, kept: PairSets, used: BoolArray, noise: Noise | None) -> Scale:
+    """Estimate the scale of one set with X and Z, weighted as the noise says.
+
+    Parameters
+    ----------
+    pairs, kept : PairSets
+        All pairs, and those that are used, with the rotations to start from.
+    used : ndarray of bool (N,)
+    noise : PairNoise or PairCovariances, optional
+        Of the pairs with the scale corrected. Without it, as the residuals show it.
+    """
+    weights = used[None].astype(float)
+    log_scale = float(np.log(by_rotations_first(kept)[0]))
+    R_X, R_Z = kept.rotations
+    X, Z = assemble(scaled(kept, np.exp(log_scale)), R_X, R_Z)
+    for _ in range(_ROUNDS):
+        fit = _with_column(scaled(pairs, np.exp(log_scale)), X, Z, weights, noise)
+        X, Z = fit.X, fit.Z
+        own, whole = _not_taken_up(fit.jacobian[:, :, 0].reshape(13, -1))
+        information = float(own @ own)
+        told = information > _UNSEEN * whole
+        if not told:
+            break
+        step = -float(own @ fit.white[:, 0].reshape(-1)) / information
+        log_scale += float(np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
+        if step**2 * information < _SETTLED**2:
+            break
+    value = float(np.exp(log_scale))
+    freedom = 6 * int(used.sum()) - 13
+    excess = 1.0 if noise is None else float(judged(fit.cost, freedom)[1][0])
+    if not told:
+        return Scale(1.0, np.inf, X[0], Z[0], None, freedom)
+    covariance = _joint(fit, used, excess, known=noise is not None)
+    unit = np.append(np.ones(12), value)
+    covariance *= np.outer(unit, unit)
+    return Scale(value, float(np.sqrt(covariance[12, 12])), X[0], Z[0], covariance, freedom)
+
+
+def _joint(fit: Fit, used: BoolArray, excess: float, *, known: bool) -> FloatArray:
+    """Covariance ``(13, 13)``, by the noise or by runs of pairs, whatever is larger."""
+    joint = fit.covariance[0] * excess**2
+    # what more the scale's own deviation is moves X and Z along with it
+    along = joint[12] / joint[12, 12]
+    more = max(_by_runs(fit, used) ** 2 - joint[12, 12], 0.0)
+    joint = joint + more * np.outer(along, along)
+    alone = replace(fit, jacobian=fit.jacobian[:12], information=fit.information[:, :12, :12])
+    factor = widening(alone, used[None], np.array([excess]), noise_known=known)[0]
+    factor = np.append(factor, 1.0)
+    return np.asarray(joint * np.outer(factor, factor))
+
+
+def _by_runs(fit: Fit, used: BoolArray) -> float:
+    """Standard deviation of the last unknown, by leaving out runs of pairs (jackknife).
+
+    Errors of a robot are alike from pose to pose, and look like those of a scale where the poses
+    show little of it: the white rows know nothing of that. 0 where the pairs are too few.
+    """
+    J, white = fit.jacobian[:, :, 0][..., used], fit.white[:, 0][:, used]
+    runs = np.array_split(np.arange(int(used.sum())), _RUNS)
+    if len(runs[-1]) < _FEWEST_IN_RUN:
+        return 0.0
+    size = np.sqrt((J**2).sum(axis=(1, 2)))
+    J = J / np.where(size > 0.0, size, 1.0)[:, None, None]
+    own = [J[..., run].reshape(13, -1) for run in runs]
+    information = np.array([rows @ rows.T for rows in own])
+    gradient = np.array(
+        [rows @ white[:, run].reshape(-1) for rows, run in zip(own, runs, strict=True)]
+    )
+    rest = information.sum(axis=0) - information
+    without = -(np.linalg.pinv(rest, hermitian=True) @ (gradient.sum(axis=0) - gradient)[..., None])
+    last = without[:, 12, 0] / size[12]
+    return float(np.sqrt((_RUNS - 1) / _RUNS * ((last - last.mean()) ** 2).sum()))
+
+
+def _not_taken_up(J: FloatArray) -> tuple[FloatArray, float]:
+    """Last of rows ``(13, 6 N)`` of derivatives less what the others explain, and its square."""
+    others = J[:12] / np.maximum(np.linalg.norm(J[:12], axis=1, keepdims=True), _LEAST)
+    explained = others.T @ np.linalg.lstsq(others.T, J[12], rcond=None)[0]
+    return J[12] - explained, float(J[12] @ J[12])
+
+
+def _with_column(
+    pairs: PairSets, X: FloatArray, Z: FloatArray, weights: FloatArray, noise: Noise | None
+) -> Fit:
+    """The likeliest X and Z of one set at its scale, with the logarithm of that as 13th column.
+
+    Its rows are what the true translations of B are turned to: by A, X and Z where B has noise.
+    """
+    if noise is None:
+        fit, sigma = with_estimated_noise(pairs, X, Z, weights)
+        model = estimated_model(pairs, sigma)
+    else:
+        model = noise.model(pairs)
+        fit = adjust(pairs, model, X, Z, weights=weights)
+    R_Z, p_X, p_Z = columns_of(fit.Z[:, :3, :3]), fit.X[:, :3, 3].T, fit.Z[:, :3, 3].T
+    m = turn(pairs.R_A, p_X)
+    q = m + pairs.p_A - p_Z if model.on_B else turn(R_Z, pairs.p_B)
+    column = np.concatenate([np.zeros_like(q), -q])
+    white = model.at(m, R_Z).whiten(column).reshape(1, 6, 1, -1) * np.sqrt(weights)
+    jacobian = np.concatenate([fit.jacobian, white])
+    rows = jacobian[:, :, 0].reshape(13, -1)
+    return replace(fit, jacobian=jacobian, information=(rows @ rows.T)[None])
+
+
+def moved(scale: Scale, X: FloatArray, Z: FloatArray) -> tuple[float, float]:
+    """Largest turn [rad] and shift [m] of X and Z ``(4, 4)`` to those with the scale."""
+    pairs_of = ((scale.X, X), (scale.Z, Z))
+    turned = max(float(se3.rotation_angle(a[:3, :3] @ b[:3, :3].T)) for a, b in pairs_of)
+    return turned, max(float(np.linalg.norm(a[:3, 3] - b[:3, 3])) for a, b in pairs_of)

@@ -35,11 +35,13 @@ from posedesign.feasibility.retreat import Retreat
 from posedesign.feasibility.space import Collision
 from posedesign.feasibility.ways import WayChecker
 from posedesign.surroundings import (
+    Whereabouts,
     build_checker,
     build_collisions,
     build_retreat,
     build_scene,
     meeting_pairs,
+    nearest_body,
     obstacles,
     tool_bodies,
     what_is_not_checked,
@@ -298,6 +300,17 @@ class Cell:
         return WayChecker(
             self.solid_passing if section.ways else (),
             np.inf if travel is None else float(np.deg2rad(travel)),
+        )
+
+    @cached_property
+    def whereabouts(self) -> Whereabouts:
+        """Where target and tool point are, for people to see before anything is planned."""
+        return Whereabouts(
+            self.robot.base_frame,
+            self.config.target.name,
+            self.target_m,
+            self.robot.state(self.base_posture).point(self.tool_m),
+            nearest_body(self.robot, self.obstacles, self.target_m),
         )
 
     @property

@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.errors import CalibError, FileFormatError, InputError
-from posedesign.surroundings import meeting_pairs
+from posedesign.surroundings import meeting_pairs, nearest_body
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
+
+TOUCHING_M = 0.02
+"""A tool that is to touch its target ends within this of the tool point, what it touches within
+this of the target: bodies are described a few millimetres short, and measured by hand."""
 
 NEAREST_LENS_M = 1e-3
 """A lens nearer to its target than this is a mistake: nothing could be told of what it sees."""
@@ -94,6 +98,7 @@ def _check_surroundings(cell: Cell, path: Path) -> None:
             key="target.position_mm",
             hint="correct the place of one of them; a target sits on its fixture, not in it",
         )
+    _check_contact(cell, path)
     if cell.config.camera and np.linalg.norm(cell.lens_m - cell.target_m) < NEAREST_LENS_M:
         raise FileFormatError(
             "the lens of the camera lies on the target",
@@ -101,6 +106,37 @@ def _check_surroundings(cell: Cell, path: Path) -> None:
             key="camera.position_mm",
             hint="give the place of the lens in the axes of the tip, or tool.camera_stand_off_mm",
         )
+
+
+def _check_contact(cell: Cell, path: Path) -> None:
+    """Refuse a tool that would not touch what it is described to touch.
+
+    Bodies of tool and surroundings that ``constraints.ignore`` lets come together meet at the
+    target, and the tool point is where the tool ends, unless a camera looks from afar.
+    """
+    pairs = {name for pair in meeting_pairs(cell) for name in pair}
+    if cell.config.camera is not None or not pairs:
+        return
+    tool = [body for body in cell.tool_bodies if body.name in pairs]
+    around = [body for body in cell.obstacles if body.name in pairs]
+    point = cell.robot.chain.T_link_tip @ [*cell.tool_m, 1.0]
+    checks = (
+        (nearest_body(cell.robot, around, cell.target_m), "the target", "obstacle"),
+        (nearest_body(cell.robot, tool, point[:3]), "the tool point", "tool.body"),
+        ((cell.target_offset_m, "the tool point of the base posture"), "the target", "base_pose"),
+    )
+    for found, place, key in checks:
+        if found is not None and found[0] > TOUCHING_M:
+            raise FileFormatError(
+                f"{found[1]} is {1e3 * found[0]:.0f} mm from {place}, and is to touch there "
+                "(constraints.ignore)",
+                path=path,
+                key=key,
+                hint="correct the place of one of them: tool.point_mm, target.position_mm, or "
+                "at_mm of the body",
+                value=found[0],
+                bound=TOUCHING_M,
+            )
 
 
 def _check_margins(cell: Cell, path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,12 +16,18 @@ from calib.geometry.scene import Scene
 from calib.geometry.ways import WAY_TOLERANCE_M
 from calib.robots import Robot
 from calib.robots.arm_shapes import has_bare_base, presets_like, unshaped_links
-from calib.se3 import FloatArray, rotation_from_wpr, transform
+from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from posedesign.config import SolidSection
 from posedesign.feasibility import Checker, Constraint
 from posedesign.feasibility.joints import Singularity
 from posedesign.feasibility.retreat import BackingOff, Retreat
-from posedesign.feasibility.space import Collision, SelfCollision, Workspace, workspace_scene
+from posedesign.feasibility.space import (
+    POINT_M,
+    Collision,
+    SelfCollision,
+    Workspace,
+    workspace_scene,
+)
 from posedesign.feasibility.visibility import Distance, InImage, LineOfSight, TargetView, Tilt
 from posedesign.feasibility.ways import WayChecker
 
@@ -30,6 +37,12 @@ if TYPE_CHECKING:
 
 NOT_TOUCHING_M = 2.0 * WAY_TOLERANCE_M
 """Distance that bodies which meet at the target keep before: moves are checked to half of it."""
+
+NOTEWORTHY_M = 0.05
+"""Distance of the target from the tool point at the base posture that is worth a word."""
+
+FARTHEST_M = 100.0
+"""Nothing of a cell is farther away."""
 
 SMALL_MESH_M, LARGE_MESH_M = 0.01, 50.0
 """Meshes of a cell are larger and smaller than this: others were made in another unit."""
@@ -143,6 +156,86 @@ def build_collisions(cell: Cell, scene: Scene) -> tuple[Collision, ...]:
     return tuple(found)
 
 
+def nearest_body(
+    robot: Robot, bodies: Sequence[Body], point_m: FloatArray
+) -> tuple[float, str] | None:
+    """Distance [m] of a point from the nearest of some bodies, and its name; None without any.
+
+    Parameters
+    ----------
+    robot : Robot
+    bodies : sequence of Body
+        All of them on the base, or all on the last link.
+    point_m : array (3,)
+        In the frame that their placements are given in [m].
+    """
+    if not bodies:
+        return None
+    rest = np.clip(np.zeros(robot.n), robot.lower, robot.upper)
+    state = robot.state(rest)
+    T_base_link = transform(state.rotations[-1], state.origins[-1])
+    place = inverse(T_base_link) @ transform(np.eye(3), point_m)
+    around = [replace(body, link=0) for body in bodies]
+    point = Body("point", robot.n, place, Sphere(POINT_M))
+    scene = Scene(robot.chain, tool=[point], obstacles=around)
+    found = scene.clearance(rest[None], cap_m=FARTHEST_M)
+    return float(found.distance_m[0]) + POINT_M, scene.names(int(found.pair[0]))[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Whereabouts:
+    """Where the target of a cell is, and where its tool points to.
+
+    Attributes
+    ----------
+    frame, target : str
+        The base frame, and the name of the target.
+    target_m, tool_m : array (3,)
+        The target, and the tool point at the base posture, in the base frame [m].
+    nearest : (float, str) or None
+        Distance [m] and name of the obstacle nearest to the target.
+    """
+
+    frame: str
+    target: str
+    target_m: FloatArray
+    tool_m: FloatArray
+    nearest: tuple[float, str] | None
+
+    @property
+    def apart_m(self) -> float:
+        """Distance of the tool point at the base posture from the target [m]."""
+        return float(np.linalg.norm(self.target_m - self.tool_m))
+
+    @property
+    def words(self) -> str:
+        """All of it in one line."""
+        target, tool = (
+            "(" + ", ".join(f"{1e3 * value + 0.0:.1f}" for value in point.round(6)) + ") mm"
+            for point in (self.target_m, self.tool_m)
+        )
+        near = "no obstacle is described"
+        if self.nearest is not None:
+            near = f"nearest obstacle: {self.nearest[1]}, {1e3 * self.nearest[0]:.1f} mm from it"
+        return (
+            f"target {self.target} at {target}, tool point of the base posture at {tool} in "
+            f"{self.frame}, {1e3 * self.apart_m:.1f} mm apart; {near}"
+        )
+
+    def as_dict(self) -> dict[str, object]:
+        """The same for programs, in mm."""
+        far, name = self.nearest or (None, None)
+        return {
+            "name": self.target,
+            "frame": self.frame,
+            "position_mm": 1e3 * self.target_m,
+            "tool_point_mm": 1e3 * self.tool_m,
+            "apart_mm": 1e3 * self.apart_m,
+            "nearest_obstacle": name,
+            "nearest_mm": None if far is None else 1e3 * far,
+        }
+
+
 def refuse_unshaped(cell: Cell) -> None:
     """Refuse to look for collisions of an arm with links that nothing is known of.
 
@@ -168,6 +261,11 @@ def refuse_unshaped(cell: Cell) -> None:
 def what_is_odd(cell: Cell) -> list[str]:
     """What a person should know of a cell, in words."""
     said = []
+    if cell.target_offset_m > NOTEWORTHY_M:
+        said.append(
+            f"the target is {1e3 * cell.target_offset_m:.0f} mm from where the base posture puts "
+            "the tool point"
+        )
     if cell.config.camera is None and not (cell.is_hand_eye or cell.config.plan.retreat_mm):
         said.append(
             "plan.retreat_mm is 0: a tool that touches the target does not back off between "

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from posedesign.optimal.next_poses import NextPoses
 
 
-def print_optimal(result: OptimalPlan, out: Path, *, as_json: bool) -> None:
+def print_optimal(cell: Cell, result: OptimalPlan, out: Path, *, as_json: bool) -> None:
     """Print what accuracy to expect, what is proven, and what one pose more or fewer changes."""
     from posedesign.planner import scaling_of
 
@@ -21,7 +21,8 @@ def print_optimal(result: OptimalPlan, out: Path, *, as_json: bool) -> None:
     if result.validation is not None:
         files.append(str(out / "validation.csv"))
     if as_json:
-        print_json(_as_dict(result) | {"scaling": scaling_of(result.model), "files": files})
+        told = {"scaling": scaling_of(result.model), "target": cell.whereabouts.as_dict()}
+        print_json(_as_dict(result) | told | {"files": files})
         return
     print_table("Predicted before measuring, from the noise alone", result.rows())
     print_table(

@@ -113,7 +113,8 @@ def say_rehearsed(*inputs: Path | None, as_json: bool) -> None:
 
 
 def say_what_to_know(cell: Cell) -> None:
-    """Say what was decided while reading a cell, what is odd about it, and what is not checked."""
+    """Say where the target of a cell is, what was decided, what is odd, and what is not checked."""
+    note(cell.whereabouts.words)
     for said in cell.notices:
         note(f"note: {said}")
     for said in cell.not_checked:

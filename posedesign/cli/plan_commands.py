@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from posedesign.pose_check import PoseVerdict
     from posedesign.pose_plan import PosePlan
 
-NOTEWORTHY_M = 0.05
-"""Distance of the target from the tool point at the base posture that is worth a word."""
-
 LOOSE_HAND_EYE = 1e3
 """C_G that the first round of a hand-eye calibration hardly ever exceeds: the usual threshold of
 touch-ups would end the loop at the narrowest angles."""
@@ -189,6 +186,7 @@ def plan(
         keep=keep is not None,
     )
     results = results_in(out, "plan", cell, keep, overwrite=overwrite)
+    say_what_to_know(loaded)  # before anything is planned for it
     if wish is None:
         return _plan_by_grid(loaded, results, as_json=as_json)
     from posedesign.cli.optimal_output import print_optimal
@@ -200,8 +198,7 @@ def plan(
         own = read_poses(keep, loaded.robot.n, controller=loaded.robot.controller)
     with progress("planning") as advance:
         result = plan_optimal_poses(loaded, results, wish, advance, own)
-    _print_notices(loaded)
-    print_optimal(result, out, as_json=as_json)
+    print_optimal(loaded, result, out, as_json=as_json)
     return DONE if result.reached else NOT_REACHED
 
 
@@ -258,7 +255,6 @@ def _plan_by_grid(loaded: Cell, out: Results, *, as_json: bool) -> int:
                 f"round {turn.number}, C_G {turn.c_g:.3g}", max(turn.variation_deg) / largest
             ),
         )
-    _print_notices(loaded)
     if loaded.is_hand_eye and result.threshold >= LOOSE_HAND_EYE:
         note(
             f"note: hardly any poses of a hand-eye calibration have a C_G above "
@@ -267,15 +263,6 @@ def _plan_by_grid(loaded: Cell, out: Results, *, as_json: bool) -> int:
         )
     print_plan(loaded, result, out.folder, as_json=as_json)
     return DONE if result.reached else NOT_REACHED
-
-
-def _print_notices(cell: Cell) -> None:
-    say_what_to_know(cell)
-    if cell.target_offset_m > NOTEWORTHY_M:
-        note(
-            f"note: the target is {cell.target_offset_m * 1e3:.0f} mm from where the base "
-            "posture puts the tool point"
-        )
 
 
 def print_plan(cell: Cell, result: PosePlan, out: Path, *, as_json: bool) -> None:
@@ -296,6 +283,7 @@ def print_plan(cell: Cell, result: PosePlan, out: Path, *, as_json: bool) -> Non
                 "stop": str(result.stop),
                 "message": result.message,
                 "threshold": result.threshold,
+                "target": cell.whereabouts.as_dict(),
                 "not_checked": result.not_checked,
                 "fingerprint": result.fingerprint,
                 "cycle_time_s": result.cycle_time_s,
@@ -368,17 +356,18 @@ def check(
     listed = read_poses(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
+    say_what_to_know(loaded)
     verdicts = check_poses(loaded, listed)
     measured = listed.measured
     off = off_target(loaded, measured.names, measured.postures, ON_TARGET_M)
     good = all(verdict.ok for verdict in verdicts) and not off
-    say_what_to_know(loaded)
     if as_json:
         print_json(
             {
                 "feasible": good,
                 "poses": [verdict.__dict__ for verdict in verdicts],
                 "off_target": off,
+                "target": loaded.whereabouts.as_dict(),
                 "notices": loaded.notices,
                 "not_checked": loaded.not_checked,
             }

@@ -15,6 +15,7 @@ from posedesign.cli.output import (
     print_table,
     results_in,
     say,
+    say_what_to_know,
 )
 from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits
 
@@ -88,6 +89,7 @@ def program(
     listed = with_approaches(loaded, listed, approach_deg)
     forced: tuple[str, ...] = ()
     if loaded:
+        say_what_to_know(loaded)
         refuse_unfit(loaded, listed)
         forced = refuse_blocked(loaded, listed, force=force)
     usual = loaded.config.program.name if loaded else USUAL_NAME
@@ -95,9 +97,7 @@ def program(
     options = program_options(loaded, listed, form)
     results = results_in(out, "program", poses, cell, overwrite=overwrite)
     written = write_program(listed, results, chosen, options, title, loaded, forced)
-    for said in () if loaded is None else loaded.notices:
-        note(f"note: {said}")
-    for said in written.not_checked:
+    for said in () if loaded else written.not_checked:
         note(f"not checked: {said}")
     for said in written.forced:
         note(f"warning: written in spite of {said}")

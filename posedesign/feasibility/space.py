@@ -14,7 +14,7 @@ from calib.se3 import FloatArray, IntArray, transform
 from posedesign.feasibility.constraint import Constraint
 from posedesign.feasibility.situation import Situation
 
-_POINT_M = 1e-6
+POINT_M = 1e-6
 """Radius of the balls that stand for points."""
 
 _SHOWN_M = 0.5e-3
@@ -122,7 +122,7 @@ def workspace_scene(
     lowest_m, highest_m : array (3,)
         Corners of the box in the base frame [m].
     """
-    point = Sphere(_POINT_M)
+    point = Sphere(POINT_M)
     tip = robot.chain.T_link_tip
     moving = [body for body in bodies if body.link >= 2]
     moving += [

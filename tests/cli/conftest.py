@@ -54,18 +54,24 @@ def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
 
 @pytest.fixture
 def refuse(cli: Cli, tmp_path: Path) -> Refuse:
-    """Run a command line that has to be refused, and return the one line that it says."""
+    """Run a command line that has to be refused, and return the one line that says why.
+
+    Before it stands at most where the target is, and what is noted and not checked of the cell.
+    """
 
     def refused(*words: object) -> Refusal:
         before = contents(tmp_path)
         said = cli(*words)
         assert said.code == 2, said
         assert said.out == ""
-        assert re.fullmatch(r"error: [^\n]+\n", said.err), said.err
+        *before_it, line = said.err.splitlines(keepends=True)
+        assert re.fullmatch(r"error: [^\n]+\n", line), said.err
         assert "Traceback" not in said.err
-        assert len(said.err) < 1000
+        assert len(line) < 1000
+        known = ("target ", "note: ", "not checked: ")
+        assert all(text.startswith(known) for text in before_it), said.err
         assert contents(tmp_path) == before
-        return Refusal(said.err)
+        return Refusal(line)
 
     return refused
 

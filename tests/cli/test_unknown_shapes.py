@@ -173,6 +173,10 @@ def test_what_is_not_checked_goes_with_the_poses(
     assert view in told["not_checked"]
     assert f"NOT CHECKED: {'; '.join(told['not_checked'])}" in told["message"]
     assert f"not checked: {view}" in said.err
+    assert said.err.startswith("target T1 at (")
+    assert "nearest obstacle: table" in said.err
+    assert told["target"]["nearest_obstacle"] == "table"
+    assert told["target"]["apart_mm"] == 0.0
     for line in told["not_checked"]:
         assert f"\n# not checked: {line}\n" in (out / "poses.csv").read_text()
     alone = cli("program", out / "poses.csv", "--format", "ros-trajectory", "--out", out)

@@ -170,6 +170,11 @@ class Cell:
         return self.config.measurement.kind == "camera-pose"
 
     @property
+    def has_camera(self) -> bool:
+        """Whether something on the flange sees: it is described, or is what is calibrated."""
+        return self.is_hand_eye or self.config.camera is not None
+
+    @property
     def tool_axes(self) -> str:
         """Axes along which the tool point is identified by the cell's own measurement."""
         given = self.config.parameters.tool_axes

@@ -218,22 +218,26 @@ def simulate(
 ) -> SimulatedRobot:
     """Touch up a pose list with the robot of ``[truth]``; write ``touchups.csv``, ``pairs.csv``.
 
-    In a cell of hand-eye calibration nothing is touched, and there are pairs only. The noise
-    depends on the seed alone: the one of the cell, unless another is given.
+    In a cell of hand-eye calibration nothing is touched, and there are pairs only; without a camera
+    there are none. The noise depends on the seed alone: the one of the cell, unless another is
+    given.
     """
-    wanted = (PAIRS,) if cell.is_hand_eye else (PAIRS, TOUCH_UPS)
-    claims = Results.of(out, "simulate").claim("simulated", *wanted)
+    touches = not cell.is_hand_eye
+    claims = Results.of(out, "simulate").claim(
+        "simulated", *([TOUCH_UPS] * touches), *([PAIRS] * cell.has_camera)
+    )
     refuse_unfit(cell, poses)
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
     poses = poses.measured
     postures = poses.postures
-    if not cell.is_hand_eye:
+    if touches:
         touched = robot.touch_up(postures, rng)
-        write_touch_ups(claims[1], touched, poses.names)
+        write_touch_ups(claims[0], touched, poses.names)
         postures = touched.postures
-    A, B = robot.camera_poses(postures, rng)
-    write_pairs(claims[0], Pairs(poses.names, A, B))
+    if cell.has_camera:
+        A, B = robot.camera_poses(postures, rng)
+        write_pairs(claims[-1], Pairs(poses.names, A, B))
     return robot
 
 

@@ -50,7 +50,7 @@ def simulate(
     workflow.simulate(loaded, listed, results, seed)
     count = len(listed.measured.names)
     touched = [] if loaded.is_hand_eye else [str(out / "touchups.csv")]
-    files = [*touched, str(out / "pairs.csv")]
+    files = touched + [str(out / "pairs.csv")] * loaded.has_camera
     if as_json:
         print_json({"touch_ups": count if touched else 0, "files": files})
     else:

@@ -99,8 +99,20 @@ def worked_on(folder: Path, text: str) -> Path:
     (folder / "cell.toml").write_text(text)
     cell, poses = str(folder / "cell.toml"), str(folder / "poses.csv")
     assert run(["plan", cell, "--out", str(folder)]) == 0
-    assert run(["simulate", cell, poses, "--out", str(folder)]) == 0
+    assert (
+        run(["simulate", str(with_camera(folder / "cell.toml")), poses, "--out", str(folder)]) == 0
+    )
     return folder
+
+
+def with_camera(cell: Path) -> Path:
+    """The same cell with a camera, where it has none: pairs are not simulated without."""
+    text = cell.read_text()
+    if "\n[camera]" in text:
+        return cell
+    path = cell.with_name(f"camera_{cell.name}")
+    path.write_text(f"{text}\n[camera]\n")
+    return path
 
 
 @pytest.fixture

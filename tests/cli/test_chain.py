@@ -14,6 +14,7 @@ import pytest
 from posedesign.cell import Cell
 from posedesign.programs import read
 from posedesign.tables import read_poses
+from tests.cli.conftest import with_camera
 
 Cli = Callable[..., Any]
 ChangeCell = Callable[[Mapping[str, str]], Path]
@@ -32,7 +33,7 @@ def chain(cli: Cli, cell: Path, out: Path) -> dict[str, Any]:
     for line in (
         ("plan", cell),
         ("program", out / "poses.csv", "--cell", cell),
-        ("simulate", cell, out / "poses.csv"),
+        ("simulate", with_camera(cell), out / "poses.csv"),
         ("identify", cell, out / "touchups.csv"),
         ("robot-world", out / "pairs.csv"),
     ):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.cli.conftest import with_camera
 
 Cli = Callable[..., Any]
 Refuse = Callable[..., Any]
@@ -16,7 +19,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "plan": (("plan", "{cell}"), ("poses.csv", "rounds.csv")),
     "plan, best": (("plan", "{cell}", *OPTIMAL), ("poses.csv", "validation.csv")),
     "next": (("next", "{cell}", "{touchups}"), ("poses.csv",)),
-    "simulate": (("simulate", "{cell}", "{poses}"), ("touchups.csv", "pairs.csv")),
+    "simulate": (("simulate", "{sighted}", "{poses}"), ("touchups.csv", "pairs.csv")),
     "identify": (("identify", "{cell}", "{touchups}"), ("identification.json",)),
     "predict": (
         ("predict", "{cell}", "{poses}", "--box", "1500,-300,300,2100,300,900"),
@@ -51,6 +54,7 @@ def inputs(work: Path) -> dict[str, str]:
     """What the commands read, in a folder of its own."""
     files = {key: str(work / f"{key}.csv") for key in ("poses", "touchups", "pairs")}
     files |= {"cell": str(work / "cell.toml"), "program": str(work / "CALIB01.LS")}
+    files["sighted"] = str(with_camera(work / "cell.toml"))
     files["identification"] = str(work / "identification.json")
     return files
 
@@ -104,7 +108,7 @@ def test_each_command_runs_over_its_own_files(cli: Cli, work: Path) -> None:
     cell, out = work / "cell.toml", work / "out"
     for line in (
         ("plan", cell),
-        ("simulate", cell, out / "poses.csv"),
+        ("simulate", with_camera(cell), out / "poses.csv"),
         ("identify", cell, out / "touchups.csv"),
         ("correct", cell, out / "identification.json", out / "poses.csv"),
         ("robot-world", out / "pairs.csv", "--method", "shah"),
@@ -115,9 +119,16 @@ def test_each_command_runs_over_its_own_files(cli: Cli, work: Path) -> None:
     assert not [path for path in out.iterdir() if path.suffix == ".1"]
 
 
+def test_no_camera_is_invented(cli: Cli, work: Path) -> None:
+    """Pairs of a camera that the cell does not have would be taken for ones that it could give."""
+    said = cli("simulate", work / "cell.toml", work / "poses.csv", "--out", work / "out", "--json")
+    assert [Path(name).name for name in json.loads(said.out)["files"]] == ["touchups.csv"]
+    assert [path.name for path in (work / "out").iterdir()] == ["touchups.csv"]
+
+
 def test_simulated_is_said_in_the_headline(cli: Cli, work: Path) -> None:
     cell, out = work / "cell.toml", work / "out"
-    assert "SIMULATED" in cli("simulate", cell, work / "poses.csv", "--out", out).out
+    assert "SIMULATED" in cli("simulate", with_camera(cell), work / "poses.csv", "--out", out).out
     for line in (
         ("identify", cell, out / "touchups.csv"),
         ("correct", cell, out / "identification.json", work / "poses.csv"),

@@ -31,6 +31,7 @@ from posedesign.config_types import (
     Pixels,
     Positive,
     Section,
+    Seed,
     Size,
     Step,
     VariationVector,
@@ -57,6 +58,11 @@ _IN_WORDS = {
     "string_pattern_mismatch": "has characters that are not allowed here, or in another order",
 }
 """Pydantic's words for programmers, in words for people who write the file."""
+
+
+_PLAN_OF_CAMERA_POSES = {"condition_threshold": 50.0, "dwell_s": 2.0}
+"""Defaults where a camera sees a target: C_G of X and Z is below a thousand with any poses, and a
+picture takes the time in which the arm comes to rest."""
 
 
 class CoupledLimitSection(Section):
@@ -209,8 +215,9 @@ class PlanSection(Section):
     ``approach_deg``: the lost motion of a reducer is about one arc minute, and a touch-up moves the
     joints by up to half a degree from where they were sent (5 mm at 0.6 m): one degree is beyond
     both, so that the side stays the same. ``dwell_s``: one visual touch-up took Watanabe et al.
-    2006 about 20 s (section 4, Table 2), the arm's settling included. ``contact_mm``: an arm that
-    is not calibrated misses a planned pose by some millimetres.
+    2006 about 20 s (section 4, Table 2), the arm's settling included; of it and of
+    ``condition_threshold`` a camera-pose has defaults of its own. ``contact_mm``: an arm that is
+    not calibrated misses a planned pose by some millimetres.
     """
 
     condition_threshold: Positive = 1.0e5
@@ -296,7 +303,7 @@ class TruthSection(Section):
     is how well a joint stops where it stopped before, from the same side.
     """
 
-    seed: Annotated[int, Field(strict=True, ge=0)] = 1
+    seed: Seed = 1
     zero_offsets_deg: tuple[Finite, ...] | None = None
     tool_error_mm: Vector = (2.0, -1.0, 3.0)
     target_error_mm: Vector = (5.0, -4.0, 2.0)
@@ -360,7 +367,7 @@ class PoolSection(Section):
     candidates: Annotated[int, Field(strict=True, ge=1, le=100_000)] = 1500
     configurations: Literal["nearest", "front", "all"] = "front"
     smallest_singular_value: Annotated[float, Field(strict=True, ge=0, lt=1)] = 0.03
-    seed: Annotated[int, Field(strict=True, ge=0)] = 0
+    seed: Seed = 0
 
 
 class TaskBoxSection(Section):
@@ -400,6 +407,17 @@ class CellConfig(Section):
     truth: TruthSection = TruthSection()
     program: ProgramSection = ProgramSection()
     task_box: TaskBoxSection | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plan_follows_the_measurement(cls, raw: Any) -> Any:
+        if not isinstance(raw, dict):
+            return raw
+        measurement, plan = raw.get("measurement", {}), raw.get("plan", {})
+        if not (isinstance(measurement, dict) and isinstance(plan, dict)):
+            return raw
+        by_camera = measurement.get("kind") == "camera-pose"
+        return {**raw, "plan": {**_PLAN_OF_CAMERA_POSES, **plan}} if by_camera else raw
 
     @model_validator(mode="after")
     def _names_differ(self) -> CellConfig:

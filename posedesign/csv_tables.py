@@ -20,6 +20,7 @@ import numpy as np
 from calib.errors import FileFormatError, near_names
 from calib.se3 import FloatArray
 from posedesign.files import StrPath, read_bytes_bounded, write_text_atomic
+from posedesign.numbers import LARGEST_NUMBER, usable
 
 LARGEST_CSV_BYTES = 50_000_000
 DECIMALS = 9
@@ -235,11 +236,12 @@ def numbers_of(path: Path, rows: Sequence[Row], columns: Sequence[str]) -> Float
     for i, row in enumerate(rows):
         for j, column in enumerate(columns):
             text = row.cells[column]
-            out[i, j] = float(text) if _NUMBER.fullmatch(text) else math.nan
-            if not math.isfinite(out[i, j]):
+            out[i, j] = usable(float(text)) if _NUMBER.fullmatch(text) else math.nan
+            if math.isnan(out[i, j]):
                 shown = repr(text[:LONGEST_SHOWN]) if text else "an empty cell"
                 raise FileFormatError(
-                    f"{shown} is not a finite number",
+                    f"{shown} is not a finite number"
+                    + (f" within {LARGEST_NUMBER:g}" if _NUMBER.fullmatch(text) else ""),
                     path=path,
                     row=row.line,
                     column=column,

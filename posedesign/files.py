@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.errors import FileFormatError, OutputError
+from calib.reading import read_bounded
 from posedesign.origin import Kind, Origin, origin_of, read_whole, stamped
 
 StrPath = str | os.PathLike[str]
@@ -396,8 +397,7 @@ def read_bytes_bounded(path: Path | str, *, most_bytes: int) -> bytes:
         The file is missing, cannot be opened, or is larger.
     """
     try:
-        with open(path, "rb") as stream:
-            data = stream.read(most_bytes + 1)
+        data = read_bounded(path, most_bytes)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = getattr(error, "strerror", None) or str(error)
         raise FileFormatError(

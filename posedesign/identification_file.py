@@ -5,7 +5,6 @@ The file is hostile until read: size, JSON, the robot's name, every name and eve
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.files import read_bytes_bounded
 from posedesign.models import arm_as_dict, model_of
+from posedesign.numbers import LARGEST_NUMBER, load_json, usable
 
 LARGEST_JSON_BYTES = 20_000_000
 """Ten models of a hundred parameters and a thousand measurements are three megabytes."""
@@ -132,22 +132,17 @@ def _check_arm(content: dict[str, Any], path: Path, cell: Cell) -> None:
 def _parsed(path: Path) -> Any:
     data = read_bytes_bounded(path, most_bytes=LARGEST_JSON_BYTES)
     try:
-        return json.loads(data.decode("utf-8-sig"), parse_constant=_no_constant)
+        return load_json(data)
     except UnicodeDecodeError as error:
         raise FileFormatError(
             "is not UTF-8 text", path=path, hint="is it the right file?"
         ) from error
-    except (ValueError, RecursionError) as error:  # too deep, or an integer of thousands of digits
-        why = str(error).splitlines()[0] if isinstance(error, ValueError) else "nested too deep"
+    except ValueError as error:
         raise FileFormatError(
-            f"is no valid JSON: {why[:100]}",
+            f"is no valid JSON: {str(error).splitlines()[0][:100]}",
             path=path,
             hint="give the identification.json that posedesign identify has written",
         ) from error
-
-
-def _no_constant(text: str) -> float:
-    raise ValueError(f"{text} is not a finite number")
 
 
 def _picked(content: dict[str, Any], path: Path, name: str | None) -> tuple[str, dict[str, Any]]:
@@ -257,15 +252,10 @@ def _text(value: Any, path: Path, key: str) -> str:
 
 
 def _number(value: Any, path: Path, name: str, key: str) -> float:
-    number = math.nan
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-    if not math.isfinite(number):
+    number = usable(value)
+    if math.isnan(number):
         raise FileFormatError(
-            f"the {key} of {_shown(name)} is not a finite number",
+            f"the {key} of {_shown(name)} is not a finite number within {LARGEST_NUMBER:g}",
             path=path,
             key=key,
             hint="a model that was refused, or did not converge, cannot be used",

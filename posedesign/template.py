@@ -85,7 +85,7 @@ largest_deg = [60.0, 60.0, 60.0]
 raise = "together"                # or "best": only the angle that lowers the condition most
 
 [plan]
-condition_threshold = {threshold} # C_G = cond(G'G); the loop stops below it. camera-pose: 50
+# condition_threshold = 1.0e5     # C_G = cond(G'G); the loop stops below it; 50 for camera-pose
 limit_margin_deg = {margin}            # kept from every joint limit: no zero is exact yet
 repair = true                     # replace poses that cannot be taken
 repair_margin_deg = 2.0           # kept by the replacements
@@ -96,7 +96,7 @@ approach = "none"                 # or "same-side": all joints arrive at all pos
 approach_deg = 1.0                # by a last movement of this angle, for arms with backlash
 # retreat_mm = 50.0               # a pin backs off so far along its axis, turns, and comes in again
 # contact_mm = 5.0                # within this of the target pairs of constraints.ignore may touch
-dwell_s = 20.0                    # at each pose, for the cycle time: a touch-up; camera-pose: 2
+# dwell_s = 20.0                  # at each pose, for the cycle time: a touch-up; 2 for camera-pose
 
 [pool]
 # What poses are chosen from: plan --method exchange, --target-accuracy, next.
@@ -560,7 +560,6 @@ def _fill(
         collisions=str(setup.collisions).lower(),
         pendant=pendant,
         posture_deg=list(posture),
-        threshold="1.0e5",
         offsets=f"[{offsets}]",
         three_sigma=list(three_sigma),
         truth=np.round(np.rad2deg(usual_offsets(robot.n)), 6).tolist(),

@@ -202,11 +202,11 @@ def _with_positions(files: Sequence[Path]) -> list[Path]:
             None,
         )
         beside = {
-            (other.parent if held and held.in_folder else other.with_suffix(""))
+            (other.parent if held and held.in_folder else other.parent / other.stem)
             for other in files
             if held and other.suffix.lower() == held.suffixes[0]
         }
-        own = path.parent if held and held.in_folder else path.with_suffix("")
+        own = path.parent if held and held.in_folder else path.parent / path.stem
         if own not in beside:
             kept.append(path)
     return kept

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import logging
+import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -31,6 +33,14 @@ LARGEST_COORDINATE_M = 1000.0
 _STL_HEADER_BYTES, _STL_TRIANGLE_BYTES = 84, 50
 
 _LONGEST_REASON = 150
+
+_SOLID, _END_SOLID, _END_FACET, _VERTEX = (
+    re.compile(rb"^[ \t]*" + word + rb"\b", re.MULTILINE | re.IGNORECASE)
+    for word in (b"solid", b"endsolid", b"endfacet", b"vertex")
+)
+
+# its readers log tracebacks where they go on: what matters of them is checked here
+logging.getLogger("trimesh").setLevel(logging.CRITICAL)
 
 
 def read_mesh(path: Path | str, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
@@ -181,6 +191,13 @@ def _stl(data: bytes) -> list[tuple[FloatArray, IntArray]]:
         if b"\0" in data:
             raise ValueError("its length is not what it says: it is cut off, or no STL")
         data = _text(data)
+        starts, ends = (len(pattern.findall(data)) for pattern in (_SOLID, _END_SOLID))
+        facets, corners = (len(pattern.findall(data)) for pattern in (_END_FACET, _VERTEX))
+        if starts != ends or corners != 3 * facets:
+            raise ValueError(
+                f"{starts} solids with {ends} ends, {facets} facets with {corners} corners: it is "
+                "cut off or damaged"
+            )
     return list(_parts(load_stl(io.BytesIO(data))))
 
 

@@ -23,6 +23,7 @@ from calib.descriptions.packages import Packages, folders_to_search
 from calib.descriptions.xacro_file import expand_xacro
 from calib.errors import RobotModelError
 from calib.geometry.shapes import LinkShape
+from calib.reading import read_bounded
 from calib.robots.urdf_geometry import read_collision_shapes
 from calib.robots.urdf_kinematics import Kinematics, read_kinematics, shown
 
@@ -189,8 +190,7 @@ def _folders(path: Path, packages: Iterable[Path]) -> tuple[Path, ...]:
 
 def _read(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:  # a pipe or a device has no size to ask for
-            text = file.read(LARGEST_URDF_BYTES + 1)
+        text = read_bounded(path, LARGEST_URDF_BYTES)
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
         raise RobotModelError(
             f"{path}: cannot be read: {getattr(error, 'strerror', error)}",

@@ -9,7 +9,6 @@ what failed at the end is tried again: somebody may have brought the target into
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -21,6 +20,7 @@ import numpy as np
 from calib.errors import FileFormatError, InputError, OutputError
 from calib.se3 import FloatArray
 from posedesign.files import identity_of, json_text, read_bytes_bounded
+from posedesign.numbers import load_json
 
 MOST_BYTES = 50_000_000
 """A touch-up takes half a kilobyte: a hundred thousand of them are no calibration of a robot."""
@@ -31,9 +31,6 @@ _HEAD = b'{"posedesign": "calibration"'
 
 _SAME_RAD = 1e-9
 """Joint values asked for that differ by less are the same: they come out of the same arithmetic."""
-
-_LONGEST_INTEGER = 18
-"""Digits of a whole number: more are none of pixels or moves, and no floating-point number."""
 
 T = TypeVar("T")
 
@@ -200,10 +197,8 @@ class Journal:
 
     def _entry(self, number: int, line: bytes) -> dict[str, Any]:
         try:
-            entry = json.loads(
-                line, parse_float=_finite, parse_int=_whole, parse_constant=_no_number
-            )
-        except (ValueError, RecursionError):
+            entry = load_json(line)
+        except ValueError:
             entry = None
         if isinstance(entry, dict):
             return entry
@@ -252,24 +247,6 @@ def _told(what: str, own: str) -> str:
 def _opened(path: str, flags: int) -> int:
     """Open a file for writing, and no link: what stands behind it is somebody else's."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
-
-
-def _finite(text: str) -> float:
-    """A number of JSON; one that is too large for a floating-point number is damage."""
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(text)
-    return value
-
-
-def _whole(text: str) -> int:
-    if len(text) > _LONGEST_INTEGER:
-        raise ValueError(text[:_LONGEST_INTEGER])
-    return int(text)
-
-
-def _no_number(text: str) -> float:
-    raise ValueError(text)
 
 
 def _not_written(path: Path, error: OSError, hint: str) -> OutputError:

@@ -17,7 +17,14 @@ from posedesign.cli.output import (
     say_rehearsed,
     show_file,
 )
-from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits
+from posedesign.cli.plan_commands import (
+    LARGEST_SEED,
+    AsJson,
+    CellFile,
+    OutFolder,
+    Overwrite,
+    TrustUnits,
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -31,7 +38,7 @@ def simulate(
     poses: Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")],
     out: OutFolder = Path("rehearsal"),
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Of the noise; default: the cell's.")
+        int | None, typer.Option(min=0, max=LARGEST_SEED, help="Of the noise; default: the cell's.")
     ] = None,
     as_json: AsJson = False,
     trust_units: TrustUnits = False,

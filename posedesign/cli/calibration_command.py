@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_table, progress, say
-from posedesign.cli.plan_commands import AsJson, CellFile, Overwrite
+from posedesign.cli.plan_commands import LARGEST_SEED, AsJson, CellFile, Overwrite
 
 if TYPE_CHECKING:
     from posedesign.calibration.by_sight import SightResult
@@ -39,10 +39,14 @@ def calibrate(
         typer.Option(help="Of the programs in the folder; default: the robot's controller's."),
     ] = None,
     wait_s: Annotated[
-        float, typer.Option("--wait-s", min=1.0, help="With a folder: longest wait for a picture.")
+        float,
+        typer.Option(
+            "--wait-s", min=1.0, max=1e6, help="With a folder: longest wait for a picture."
+        ),
     ] = 600.0,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Of the simulated noise; default: the cell's.")
+        int | None,
+        typer.Option(min=0, max=LARGEST_SEED, help="Of the simulated noise; default: the cell's."),
     ] = None,
     restart: Annotated[
         bool,

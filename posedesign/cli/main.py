@@ -27,6 +27,9 @@ from posedesign.cli.output import BAD_INPUT, FAULT, STOPPED, plain
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
+LONGEST_LINE = 1500
+"""Characters of an error; a path or a name in it may be as long as it likes."""
+
 app = typer.Typer(
     name="posedesign",
     help="Plan the measuring poses of a robot calibration, write the robot's program, and "
@@ -93,7 +96,8 @@ def _of_the_machine(error: Exception) -> str:
 
 
 def _one_line(text: str) -> str:
-    return plain(" ".join(text.split()))
+    line = plain(" ".join(text.split()))
+    return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE - 4]} ..."
 
 
 class _Output(io.FileIO):

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from posedesign.pose_check import PoseVerdict
     from posedesign.pose_plan import PosePlan
 
+LARGEST_SEED = 2**63 - 1
+"""As in a cell."""
+
 LOOSE_HAND_EYE = 1e3
 """C_G that the first round of a hand-eye calibration hardly ever exceeds: the usual threshold of
 touch-ups would end the loop at the narrowest angles."""

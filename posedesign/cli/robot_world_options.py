@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -109,10 +108,11 @@ def refuse_unfit_noise(
     """Both sizes of the noise, none below zero, or nothing of it."""
     from calib.errors import InputError
     from calib.robot_world import METHODS
+    from posedesign.numbers import LEAST_POSITIVE, usable
 
     weighing = [name for name in methods if METHODS[name].likelihood]
     for option, value, unit in (("--noise-deg", noise_deg, "deg"), ("--noise-mm", noise_mm, "mm")):
-        if value is None or (math.isfinite(value) and value > 0.0):
+        if value is None or usable(value) >= LEAST_POSITIVE:
             continue
         if value == 0.0 and not weighing:
             continue

@@ -17,14 +17,19 @@ from posedesign.cli.output import (
     results_in,
     say,
 )
-from posedesign.cli.plan_commands import AsJson, OutFolder, Overwrite
+from posedesign.cli.plan_commands import LARGEST_SEED, AsJson, OutFolder, Overwrite
+
+MOST_TRIALS = 10_000_000
+"""Of a study; its own numbers are thousands."""
 
 if TYPE_CHECKING:
     from posedesign.accuracy_study import AccuracyStudy
     from posedesign.demo import DemoResults
 
-Draws = Annotated[int, typer.Option(min=10, help="Noise draws for each pose set, at least 10.")]
-Seed = Annotated[int, typer.Option(min=0, help="Of the noise.")]
+Draws = Annotated[
+    int, typer.Option(min=10, max=100_000, help="Noise draws for each pose set, at least 10.")
+]
+Seed = Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Of the noise.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -101,7 +106,9 @@ def run(
     name: StudyName,
     trials: Annotated[
         int | None,
-        typer.Option(min=1, help="In place of the study's own number; each has its least."),
+        typer.Option(
+            min=1, max=MOST_TRIALS, help="In place of the study's own number; each has its least."
+        ),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes on this machine.")] = 1,
     scheduler: Annotated[

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError, near_names
+from posedesign.numbers import LARGEST_NUMBER, LEAST_POSITIVE, usable
 from posedesign.selection.search import METHODS
 
 MOST_POSES = 1000
@@ -67,13 +68,13 @@ class Wish:
             ("a wanted standard deviation", self.sigma_rad),
             ("the threshold", self.threshold),
         ):
-            if value is not None and not (np.isfinite(value) and value > 0.0):
+            if value is not None and not usable(value) >= LEAST_POSITIVE:
                 raise InputError(
                     f"{name} is not above zero and finite",
-                    hint="give a number above zero",
+                    hint=f"give a number from {LEAST_POSITIVE:g} to {LARGEST_NUMBER:g}",
                     name="wanted",
                     value=value,
-                    bound=0.0,
+                    bound=(LEAST_POSITIVE, LARGEST_NUMBER),
                 )
         if self.count is not None and not 1 <= self.count <= MOST_POSES:
             raise InputError(

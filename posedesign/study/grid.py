@@ -10,6 +10,9 @@ import numpy as np
 
 from calib.errors import InputError
 
+MOST_TASKS = 100_000
+"""Of a study: the results of each are a file until all are done."""
+
 
 @dataclass(frozen=True)
 class Task:
@@ -70,6 +73,14 @@ class Grid:
                 raise InputError(
                     f"{getattr(self, name)} {name}", hint="give one or more", name=name
                 )
+        if self.conditions and len(self) > MOST_TASKS:
+            raise InputError(
+                f"{self.trials} trials are {len(self)} tasks, each with a file of its own",
+                hint=f"give fewer: at most {MOST_TASKS} tasks",
+                name="trials",
+                value=self.trials,
+                bound=MOST_TASKS,
+            )
         if not self.conditions:
             raise InputError("the study has no conditions", name="conditions")
 

@@ -19,6 +19,16 @@ Advance = Callable[[str, float], None]
 
 _NUMBER = "0123456789_"
 
+_OF_DAMAGED_TABLES = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    OSError,
+    TypeError,
+    ValueError,
+)
+"""What pandas, pyarrow and matplotlib raise on them."""
+
 
 @dataclass(frozen=True)
 class Options:
@@ -110,22 +120,22 @@ class Study:
         FileFormatError
             A table is damaged.
         """
-        from pandas.errors import EmptyDataError, ParserError
-
         try:
             return list(self._function("plot")(folder))
-        except (EmptyDataError, ParserError) as error:
-            raise FileFormatError(
-                f"has a table that cannot be read: {str(error).strip()}",
-                path=folder,
-                hint=f"run it again: posedesign study run {self.name} --restart",
-            ) from error
         except FileNotFoundError as error:
             raise self._not_run(folder, error) from error
         except FileFormatError as error:
             if isinstance(error.__cause__, FileNotFoundError):
                 raise self._not_run(folder, error.__cause__) from error
             raise
+        # what plot() works on is these tables and nothing else: a column that is missing or is of
+        # text, a file that is cut off, a number that cannot be drawn
+        except _OF_DAMAGED_TABLES as error:
+            raise FileFormatError(
+                f"has tables that cannot be drawn: {type(error).__name__}: {error!s:.200}",
+                path=folder,
+                hint=f"run it again: posedesign study run {self.name} --restart",
+            ) from error
 
     def _not_run(self, folder: Path, error: FileNotFoundError) -> InputError:
         return InputError(

@@ -20,6 +20,7 @@ from posedesign.files import (
     write_text_atomic,
 )
 from posedesign.locking import held
+from posedesign.numbers import load_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -167,8 +168,8 @@ class Store:
 
     def _check(self, about: Path) -> None:
         try:
-            found = json.loads(read_bytes_bounded(about, most_bytes=_MOST_BYTES))
-        except (ValueError, RecursionError):
+            found = load_json(read_bytes_bounded(about, most_bytes=_MOST_BYTES))
+        except ValueError:
             found = None
         if found != self._about:
             raise FileFormatError(

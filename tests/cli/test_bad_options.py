@@ -154,3 +154,52 @@ def test_mistyped_commands(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     refuse(*words).says(said, "--help)")
+
+
+HUGE = "9" * 400
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("study", "accuracy", "--draws", "999999999"), ("--draws", "less than or equal to")),
+        (("study", "run", "peers", "--trials", "99999999999999999999"), ("--trials", "less than")),
+        (("simulate", "cell.toml", "poses.csv", "--seed", HUGE), ("--seed", "less than")),
+        (("plan", "cell.toml", "--threshold", "1e-320"), ("the threshold is not above zero",)),
+        (("plan", "cell.toml", "--target-accuracy", "1e308"), ("the target accuracy is not",)),
+        (("plan", "cell.toml", "--wanted-sigma-deg", "1e308"), ("wanted standard deviation",)),
+        (
+            ("robot-world", "pairs.csv", "--noise-deg", "1e308", "--noise-mm", "1"),
+            ("no standard deviation",),
+        ),
+        (("import", "cell.toml", "."), ("is a folder",)),
+        (("score", "cell.toml", "x" * 5000), ("cannot be read: File name too long",)),
+    ],
+    ids=lambda value: " ".join(value)[:50],
+)
+def test_numbers_and_names_beyond_all_bounds(
+    refuse: Refuse,
+    work: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    said: tuple[str, ...],
+) -> None:
+    monkeypatch.chdir(work)
+    if len(words[-1]) > 1000:  # the one line of an error is cut
+        monkeypatch.setattr("posedesign.cli.main.LONGEST_LINE", 900)
+        said = ("...",)
+    refuse(*words).says(*said)
+
+
+def test_a_machine_that_has_not_enough(
+    cli: Cli, work: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Memory and the system's own errors are one line, too."""
+
+    def lacking(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("posedesign.workflow.plan_poses", lacking)
+    said = cli("plan", work / "cell.toml", "--out", work / "out")
+    assert said.code == 2
+    assert said.err.startswith("error: the memory is not enough")

@@ -20,6 +20,7 @@ NUMBER_CASES = {
     "text": "abc",
     "empty": "",
     "infinite": "inf",
+    "beyond all bounds": "1e308",
     "too large for a float": "1e999",
     "formula": "=1+1",
     "hexadecimal": "0x10",

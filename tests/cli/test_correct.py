@@ -267,6 +267,10 @@ BAD_CHANGES = {
     "value true": (lambda c: first(c).update(value=True), ["not a finite number"]),
     "value missing": (lambda c: first(c).pop("value"), ["not a finite number"]),
     "value null": (lambda c: first(c).update(value=None), ["not a finite number"]),
+    "a payload of 400 digits": (
+        lambda c: c["arm"]["payloads"][0].__setitem__(1, 10**400),
+        ["is no valid JSON", "1000", "not a finite number"],
+    ),
     "value huge": (lambda c: first(c).update(value=10**400), ["not a finite number"]),
     "sigma below zero": (lambda c: first(c).update(sigma=-1.0), ["below zero"]),
     "another unit": (lambda c: first(c).update(unit="rad"), ["'rad'", "not in deg"]),

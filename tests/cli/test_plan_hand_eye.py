@@ -59,10 +59,19 @@ def test_people_are_told_which_is_X_and_which_is_Z(cli: Cli, cell: Path, tmp_pat
 
 
 def test_the_usual_threshold_of_touch_ups_is_spoken_of(cli: Cli, change_cell: ChangeCell) -> None:
-    path = change_cell(CAMERA)
+    path = change_cell(CAMERA | {"plan.condition_threshold": "1e5"})
     said = cli("plan", path, "--out", path.parent / "plan")
     assert said.code == 0
     assert "set plan.condition_threshold to 100 or less" in said.err
+
+
+def test_threshold_and_dwell_follow_the_kind_of_measurement(change_cell: ChangeCell) -> None:
+    """Of a cell that was written for touch-ups, when nothing but the kind is changed."""
+    of_touch_ups, of_poses = (Cell.load(change_cell(keys)).config.plan for keys in ({}, CAMERA))
+    assert (of_touch_ups.condition_threshold, of_touch_ups.dwell_s) == (1e5, 20.0)
+    assert (of_poses.condition_threshold, of_poses.dwell_s) == (50.0, 2.0)
+    given = Cell.load(change_cell(CAMERA | {"plan.dwell_s": "20.0"})).config.plan
+    assert (given.condition_threshold, given.dwell_s) == (50.0, 20.0)
 
 
 def test_the_fewest_poses_for_an_accuracy(cli: Cli, cell: Path, tmp_path: Path) -> None:

@@ -54,6 +54,9 @@ def study(options):
 
 def plot(folder):
     rows = pd.read_csv(folder / "small.csv")
+    if (folder / "small.parquet").exists():
+        pd.read_parquet(folder / "small.parquet")
+    rows["trial"].mean() + 1.0
     path = folder / "small.txt"
     path.write_text(f"{len(rows)} rows")
     return [path]
@@ -90,8 +93,13 @@ def test_run_and_plot(cli, small_study: str, tmp_path: Path) -> None:
 
 def test_damaged_tables(refuse, small_study: str, tmp_path: Path) -> None:
     (tmp_path / "here").mkdir()
-    for text in ("", 'a,b\n1,2,3\n"'):
-        (tmp_path / "here" / "small.csv").write_text(text)
+    damaged = ("", 'a,b\n1,2,3\n"', "other\n1\n", "trial\nx\n", "trial\n\xff", "\0\0")
+    for text in damaged:
+        (tmp_path / "here" / "small.csv").write_bytes(text.encode("latin-1"))
+        refuse("study", "plot", small_study, "--out", "here").says("here", "--restart")
+    (tmp_path / "here" / "small.csv").write_text("trial\n1\n")
+    for data in (b"", b"PAR1", b"PAR1" + 60 * b"x" + b"PAR1"):
+        (tmp_path / "here" / "small.parquet").write_bytes(data)
         refuse("study", "plot", small_study, "--out", "here").says("here", "--restart")
 
 

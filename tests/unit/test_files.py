@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 
 import pytest
 
+from calib import reading
 from calib.errors import FileFormatError, OutputError
-from posedesign import files
+from posedesign import files, numbers
 from posedesign.files import read_bytes_bounded, write_bytes_atomic, write_text_atomic
 
 
@@ -126,3 +128,37 @@ def test_a_large_file_is_refused(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path, name: str) -> None:
     with pytest.raises(FileFormatError, match="cannot be read"):
         read_bytes_bounded(tmp_path / name, most_bytes=4)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")
+def test_a_pipe_that_nobody_writes_into_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reading, "PATIENCE_S", 0.1)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(FileFormatError, match=r"nothing came out of this pipe for 0.1 s"):
+        files.read_bytes_bounded(tmp_path / "pipe", most_bytes=10)
+
+
+@pytest.mark.skipif(not Path("/dev/fd").is_dir(), reason="descriptors as files")
+def test_a_pipe_that_somebody_writes_into_is_read() -> None:
+    out, into = os.pipe()
+    os.write(into, b"12345")
+    os.close(into)
+    try:
+        assert files.read_bytes_bounded(f"/dev/fd/{out}", most_bytes=10) == b"12345"
+    finally:
+        os.close(out)
+
+
+@pytest.mark.parametrize("text", ["9" * 400, "9" * 5000, "1e999", "-1e301", "NaN", "[" * 200_000])
+def test_numbers_of_json_that_no_result_has(text: str) -> None:
+    with pytest.raises(ValueError, match=r"finite number within|nested too deep"):
+        numbers.load_json(f'{{"a": {text}')
+
+
+def test_one_bound_for_all_numbers() -> None:
+    assert numbers.usable(3) == 3.0
+    assert numbers.usable(-numbers.LARGEST_NUMBER) == -numbers.LARGEST_NUMBER
+    for value in (10**400, 1e308, -(10**13), float("nan"), float("-inf"), True, "1", None):
+        assert math.isnan(numbers.usable(value))

@@ -13,13 +13,16 @@ from typing import Any
 _LONGEST = 20_000
 """Characters of a line that is tried: a point of a hundred joints has 5,000."""
 
+_MOST_DIGITS = 19
+"""Of an integer: nanoseconds since 1970 have as many."""
+
 
 class Pairs(list[tuple[str, Any]]):
     """Keys and values of an object, as they stand."""
 
 
 class Word(str):
-    """NaN or Infinity, as it stands."""
+    """NaN or Infinity, or an integer that no float can be, as it stands."""
 
 
 def json_items(text: str) -> tuple[str, dict[str, tuple[Pairs, int]]]:
@@ -48,4 +51,8 @@ def json_items(text: str) -> tuple[str, dict[str, tuple[Pairs, int]]]:
     return "\n".join(lines), found
 
 
-_DECODER = json.JSONDecoder(object_pairs_hook=Pairs, parse_constant=Word)
+def _whole(text: str) -> int | Word:
+    return int(text) if len(text) <= _MOST_DIGITS else Word(text)
+
+
+_DECODER = json.JSONDecoder(object_pairs_hook=Pairs, parse_constant=Word, parse_int=_whole)

@@ -3,8 +3,10 @@
 Positions are the targets of ``movej``, ``movel`` and ``movep`` in their order: lists of joints and
 poses ``p[...]``, there or in variables (``q1=[...]``, ``global Waypoint_1_q=[...]``), also inside
 ``get_inverse_kin`` and ``pose_trans``; a target that is moved to again is one position. Without any
-move the lists of joints in variables are taken. Numbers are those of comments ``# POSE n name``
-above the moves, where there are any: other targets then stand behind all.
+move the lists of joints in variables are taken: all of a file that is nothing but lists, those that
+PolyScope names (``Waypoint_1_q``) of a program, whose other lists are speeds and forces. Numbers
+are those of comments ``# POSE n name`` above the moves, where there are any: other targets then
+stand behind all.
 
 A pose whose joints stand beside it has both: PolyScope stores ``Waypoint_1_p`` and ``Waypoint_1_q``
 together, and below ``# POSE n`` the joints are those planned. Any other ``qnear`` only says which
@@ -73,6 +75,7 @@ class _ScriptReader:
         self.name = self.title = ""
         self.mark = PlanMark()
         self.depth = 0
+        self._is_program = False
         self._variables = Variables()
         self._tcp: str | None = None
         self._found: dict[tuple[str, int], Target] = {}
@@ -94,6 +97,7 @@ class _ScriptReader:
             self.name = definition[1]
         if _OPENS.fullmatch(code):
             self.depth += 1
+            self._is_program = True
         elif _ENDS.match(code):
             self.depth -= 1
         move = _MOVE.search(code)
@@ -142,7 +146,7 @@ class _ScriptReader:
             name, row = self._variables.forgotten
             reason = f"an element of {name[:30]} is changed: what it is then is not known"
             refuse(reason, self.path, row, "give whole lists")
-        return self._variables.joint_targets()
+        return self._variables.joint_targets(of_polyscope=self._is_program)
 
     def _add_poses(
         self,

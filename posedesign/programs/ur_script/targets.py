@@ -85,10 +85,15 @@ class Variables:
         else:
             self._lists.pop(assigned[1], None)
 
-    def joint_targets(self) -> dict[tuple[str, int], Target]:
-        """Variables that hold joints, each with the pose that PolyScope stores beside it."""
+    def joint_targets(self, *, of_polyscope: bool) -> dict[tuple[str, int], Target]:
+        """Variables that hold joints, each with the pose that PolyScope stores beside it.
+
+        ``of_polyscope``: only those that it names.
+        """
         out = {}
         for name, target in self._lists.items():
+            if of_polyscope and not name.endswith("_q"):
+                continue
             if target.joints is not None and target.joints.count(",") == JOINTS - 1:
                 beside = self._lists.get(f"{target.name}_p")
                 pose = beside.pose if beside is not None and name.endswith("_q") else None

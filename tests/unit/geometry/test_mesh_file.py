@@ -317,3 +317,34 @@ def test_files_that_are_too_large(read, monkeypatch):
 def test_scales_that_cannot_be(read, scale):
     with pytest.raises(InputError, match="the scale of"):
         read("a.stl", STL, scale=scale)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("endsolid", ""),
+        (
+            "endfacet\n",
+            "",
+        ),
+        ("vertex 1 0 0\n", ""),
+    ],
+)
+def test_a_damaged_text_stl_is_refused(tmp_path: Path, before: str, after: str) -> None:
+    facet = "facet normal 0 0 {}\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    facet += "endloop\nendfacet\n"
+    text = f"solid a\n{facet.format(1)}{facet.format(1)}endsolid a\n"
+    path = tmp_path / "a.stl"
+    path.write_text(text)
+    assert len(read_mesh(path).triangles) == 2
+    path.write_text(text.replace(before, after, 1))
+    with pytest.raises(FileFormatError, match="cut off or damaged"):
+        read_mesh(path)
+
+
+def test_readers_of_meshes_log_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Normals are not used; trimesh logs a traceback where they are no numbers."""
+    text = "solid a\nfacet normal 0 0 x\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    (tmp_path / "a.stl").write_text(text + "endloop\nendfacet\nendsolid a\n")
+    assert len(read_mesh(tmp_path / "a.stl").triangles) == 1
+    assert caplog.text == ""

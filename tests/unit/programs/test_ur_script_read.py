@@ -445,3 +445,15 @@ def test_random_files_are_refused() -> None:
         data = rng.bytes(int(size))
         assert read_or_refused(data) is None
         assert DIALECT.check(data, PATH)
+
+
+def test_speeds_and_forces_of_a_program_are_no_positions() -> None:
+    """A program that moves by ``speedj`` in a loop, as for admittance, has lists of six as well."""
+    text = (
+        "def admittance():\n  vel_target = [0, 0, 0, 0, 0, 0]\n  global stiffness=[1,1,1,0,0,0]\n"
+        "  while True:\n    speedj(vel_target, 5, 0.002)\n  end\nend\n"
+    )
+    with pytest.raises(FileFormatError, match="holds no positions"):
+        parse(text)
+    stored = text.replace("  while", "  P1_q=[1,2,3,0,0,0]\n  while")
+    assert joints(parse(stored)) == {1: pytest.approx([1, 2, 3, 0, 0, 0])}

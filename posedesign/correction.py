@@ -71,6 +71,8 @@ class Correction:
         Commands for the poses.
     notes : tuple of str
     files : tuple of Path
+    rehearsed : str
+        What is to be said first of what comes of a simulated robot; empty for a real one.
     """
 
     identified: IdentifiedModel
@@ -80,6 +82,7 @@ class Correction:
     compensated: Compensated | None
     notes: tuple[str, ...]
     files: tuple[Path, ...]
+    rehearsed: str = ""
 
     @property
     def ok(self) -> bool:
@@ -153,7 +156,9 @@ def correct(
     if poses is not None and listed is not None and compensated is not None:
         columns, corrected = _pose_rows(cell, poses, listed, compensated)
         files.append(write_table(claims[2], columns, corrected, [warned] if warned else []))
-    return Correction(identified, robot, table, listed, compensated, tuple(notes), tuple(files))
+    return Correction(
+        identified, robot, table, listed, compensated, tuple(notes), tuple(files), warned
+    )
 
 
 def _notes(identified: IdentifiedModel, robot: CorrectedRobot, table: Mastering) -> list[str]:

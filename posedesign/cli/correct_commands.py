@@ -81,6 +81,7 @@ def _print_as_json(done: Correction) -> None:
     print_json(
         {
             "model": done.identified.name,
+            "simulated": done.rehearsed or None,
             "mastering": done.mastering.rows(),
             "left_out": done.robot.left_out,
             "poses": []

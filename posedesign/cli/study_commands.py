@@ -124,16 +124,18 @@ def run(
 
     Stop it at any time: the same command goes on where it was.
     """
+    from posedesign.study.folder import own_folder
     from posedesign.study.library import Options, find_study
     from posedesign.study.runner import Workers
 
     found = find_study(name)
     folder = out or results_of(found.name)
-    with progress(found.name, with_time_left=True) as advance:
-        workers = Workers(jobs, scheduler)
-        options = Options(folder, trials, workers, restart=restart, advance=advance)
-        figures = found.run(options)
-    drawn = found.plot(folder)
+    with own_folder(folder, found.name):
+        with progress(found.name, with_time_left=True) as advance:
+            workers = Workers(jobs, scheduler)
+            options = Options(folder, trials, workers, restart=restart, advance=advance)
+            figures = found.run(options)
+        drawn = found.plot(folder)
     if as_json:
         print_json(figures)
     else:
@@ -145,10 +147,14 @@ def run(
 
 def plot(name: StudyName, out: StudyOut = None) -> int:
     """Draw the figures of a study again, from the tables of a run."""
+    from posedesign.study.folder import PICTURES, own_folder
     from posedesign.study.library import find_study
 
     found = find_study(name)
-    for path in found.plot(out or results_of(found.name)):
+    folder = out or results_of(found.name)
+    with own_folder(folder, found.name, PICTURES):
+        drawn = found.plot(folder)
+    for path in drawn:
         say(f"wrote {path}")
     return DONE
 

@@ -91,6 +91,31 @@ def test_run_and_plot(cli, small_study: str, tmp_path: Path) -> None:
     assert (tmp_path / "here" / "small.txt").read_text() == "3 rows"
 
 
+@pytest.mark.parametrize("name", ["small.csv", "figures.json", "any.svg"])
+def test_results_of_others_are_not_replaced(
+    cli, refuse, small_study: str, tmp_path: Path, name: str
+) -> None:
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / name).write_text("mine")
+    words = ("study", "run", small_study, "--out", "here", "--restart")
+    refuse(*words).says(f"here/{name}", "is not of the study small", "another output folder")
+    (tmp_path / "here" / "about.json").write_text('{"mine": 1}')
+    refuse(*words).says(f"here/{name}")
+
+
+def test_edited_results_are_not_replaced(cli, refuse, small_study: str, tmp_path: Path) -> None:
+    words = ("study", "run", small_study, "--out", "here")
+    for _ in range(2):
+        assert cli(*words, "--trials", "4").code == 0
+    table = tmp_path / "here" / "small.csv"
+    table.write_text(table.read_text() + "99\n")
+    assert cli("study", "plot", small_study, "--out", "here").code == 0
+    refuse(*words).says("small.csv was changed since the study wrote it")
+    picture = tmp_path / "here" / "mine.png"
+    picture.write_bytes(b"mine")
+    refuse("study", "plot", small_study, "--out", "here").says("mine.png")
+
+
 def test_damaged_tables(refuse, small_study: str, tmp_path: Path) -> None:
     (tmp_path / "here").mkdir()
     damaged = ("", 'a,b\n1,2,3\n"', "other\n1\n", "trial\nx\n", "trial\n\xff", "\0\0")

@@ -125,7 +125,8 @@ def correct(
         A model that says nothing of the arm.
     """
     wanted = CORRECTION if poses is not None else CORRECTION[:2]
-    claims = Results.of(out, "correct").claim("computed", *wanted, inputs=[identification])
+    results = Results.of(out, "correct")
+    claims = results.claim("computed", *wanted, inputs=[identification])
     identified = read_identification(identification, cell, name)
     model, x = identified.model, identified.x
     if model.nuisance.all():
@@ -156,6 +157,7 @@ def correct(
     if poses is not None and listed is not None and compensated is not None:
         columns, corrected = _pose_rows(cell, poses, listed, compensated)
         files.append(write_table(claims[2], columns, corrected, [warned] if warned else []))
+    results.remove(*(entry for entry in CORRECTION if entry not in wanted))
     return Correction(
         identified, robot, table, listed, compensated, tuple(notes), tuple(files), warned
     )

@@ -252,6 +252,23 @@ class Results:
             claim.check()
         return claims
 
+    def remove(self, *files: tuple[str, str]) -> None:
+        """Remove what the command wrote before this time, and has not written anew.
+
+        It would stand beside results that it does not belong to. What is not the command's own, or
+        was changed, stays, and is named.
+        """
+        for name, purpose in files:
+            path = self.folder / name
+            there, intact = read_whole(path)
+            if there is None or (there.purpose, there.command) != (purpose, self.command):
+                continue
+            if intact:
+                path.unlink(missing_ok=True)
+            self.say(
+                f"{path} {'was' if intact else 'is'} of an earlier time" + ": removed" * intact
+            )
+
 
 def write_text_atomic(
     path: StrPath, text: str, *, newline: str = "\n", encoding: str = "utf-8"

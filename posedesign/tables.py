@@ -38,6 +38,10 @@ column                          unit  meaning
 The last six are there as far as the cell describes what they are about, negative where a bound is
 broken, and empty where a pose has none: what is passed through sees no target.
 
+The first line of every file that a command writes says where it is from, see
+:mod:`posedesign.origin`: ``# origin: simulated touch-ups by simulate from cell.toml (699b0640)
+poses.csv (b8b363e3) on 2026-05-31 digest 266059b4d3459982``.
+
 Columns of other names are kept: :attr:`.PoseList.extra`, :func:`write_pose_list`. Before the header
 stand lines with ``# name: value``: ``fingerprint`` of the measured postures, ``poses measured``,
 the indices of the plan by the names of :class:`posedesign.indices.Indices` (``c_g`` is C_G), and

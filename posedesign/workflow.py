@@ -80,30 +80,36 @@ def claim_plan(out: Results, *files: tuple[str, str], inputs: Sequence[Path] = (
 
 def depending(poses: Path) -> str:
     """Files beside a list of poses that were measured at them, or hold their program, in words."""
-    found = _FINGERPRINT.search(head_of(poses))
+    found, own = _FINGERPRINT.search(head_of(poses)), checksum(poses)
     if found is None:
         return ""
-    endings = {e for d in DIALECTS.values() for e in (*d.suffixes, *d.companions)} - {".csv"}
-    own = checksum(poses)
-    names = []
-    for path in sorted({*poses.parent.glob("*"), *poses.parent.glob("*/*")}):
-        if path.name in MEASURED:
-            there = origin_of(path)
-            measured = there is None or there.kind == "measured"
-            if measured and (there is None or dict(there.inputs).get(poses.name, own) == own):
-                names.append(path.name)
-        elif path.suffix.lower() in endings and found[1] in head_of(path, MOST_BYTES):
-            names.append(path.name)
-    return ", ".join(names[:_MOST_NAMED])
+    names = [
+        path.name
+        for path in map(poses.with_name, MEASURED)
+        if path.is_file()
+        and ((there := origin_of(path)) is None or there.kind == "measured")
+        and (there is None or dict(there.inputs).get(poses.name, own) == own)
+    ]
+    for dialect in DIALECTS.values():
+        endings = {*dialect.suffixes, *dialect.companions} - {".csv"}
+        files = poses.parent.glob("*/*" if dialect.in_folder else "*")
+        names += [
+            path.name
+            for path in sorted(path for path in files if path.suffix.lower() in endings)
+            if found[1] in head_of(path, MOST_BYTES)
+        ]
+    return ", ".join(list(dict.fromkeys(names))[:_MOST_NAMED])
 
 
 def plan_poses(cell: Cell, out: Path | Results, progress: Progress | None = None) -> PosePlan:
     """Plan, and write ``poses.csv`` and ``rounds.csv`` into a folder."""
-    poses, rounds = claim_plan(Results.of(out, "plan"), POSES, ROUNDS)
+    results = Results.of(out, "plan")
+    poses, rounds = claim_plan(results, POSES, ROUNDS)
     result = plan(cell, progress)
     _write_poses(poses, cell, result.poses, result.route, result.indices)
     rows = round_rows(result)
     write_table(rounds, list(rows[0]), rows)
+    results.remove(VALIDATION)
     return result
 
 
@@ -127,7 +133,8 @@ def plan_optimal_poses(
         Poses that are to be among the chosen, as they are.
     """
     wanted = (POSES, VALIDATION) if wish.validation else (POSES,)
-    claims = claim_plan(Results.of(out, "plan"), *wanted)
+    results = Results.of(out, "plan")
+    claims = claim_plan(results, *wanted)
     kept = None
     if keep is not None:
         refuse_unfit(cell, keep)
@@ -142,6 +149,7 @@ def plan_optimal_poses(
     ):
         if poses is not None and route is not None:
             _write_poses(path, cell, poses, route, indices)
+            results.remove(ROUNDS, *({VALIDATION} - {*wanted}))
     return result
 
 

@@ -175,6 +175,19 @@ def test_a_plan_that_is_in_use_is_not_replaced(
     assert (out / "poses.csv.1").read_bytes() == before
 
 
+def test_nothing_of_an_earlier_plan_stays_beside_a_new_one(cli: Cli, work: Path) -> None:
+    cell, out = work / "cell.toml", work / "out"
+    assert cli("plan", cell, "--out", out).code == 0
+    said = cli("plan", cell, *OPTIMAL, "--out", out)
+    assert f"{out / 'rounds.csv'} was of an earlier time: removed" in said.err
+    assert sorted(path.name for path in out.iterdir()) == ["poses.csv", "validation.csv"]
+    (out / "validation.csv").write_text((out / "validation.csv").read_text() + "mine\n")
+    said = cli("plan", cell, "--out", out)
+    assert f"{out / 'validation.csv'} is of an earlier time" in said.err
+    names = ["poses.csv", "rounds.csv", "validation.csv"]
+    assert sorted(path.name for path in out.iterdir()) == names
+
+
 def test_an_edited_result_is_kept(cli: Cli, refuse: Refuse, work: Path) -> None:
     cell, out = work / "cell.toml", work / "out"
     assert cli("plan", cell, "--out", out).code == 0

@@ -148,7 +148,7 @@ def correct(
             poses, cell.robot.n, controller=cell.robot.controller, trust_units=trust_units
         )
         point, setup, said = _meant(cell, identified, len(listed.names))
-        notes += said
+        notes += [*said, *([f"{poses}: {listed.misfit}"] if listed.misfit else [])]
         compensated = compensate(model, x, postures=listed.postures, point=point, setup=setup)
     warned = rehearsed([identification])
     files = [write_bytes_atomic(claims[0], text)]

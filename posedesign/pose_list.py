@@ -136,3 +136,13 @@ class PoseList:
         the indices beside it are not theirs.
         """
         return self.header.get("fingerprint", "")
+
+    @property
+    def misfit(self) -> str:
+        """That the fingerprint is not that of the postures, in words; empty where it is."""
+        if self.fingerprint_written in ("", self.fingerprint):
+            return ""
+        return (
+            f"the postures are others than those that were planned ({self.fingerprint}, not "
+            f"{self.fingerprint_written}): what stands before the header is not of them"
+        )

@@ -11,6 +11,7 @@ from posedesign.cli.output import (
     DONE,
     NOT_REACHED,
     note,
+    note_misfit,
     print_json,
     results_in,
     say,
@@ -53,6 +54,7 @@ def simulate(
     listed = read_poses(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
+    note_misfit(poses, listed)
     results = results_in(out, "simulate", cell, poses, overwrite=overwrite)
     workflow.simulate(loaded, listed, results, seed)
     count = len(listed.measured.names)

@@ -11,6 +11,7 @@ from posedesign.cli.output import (
     DONE,
     NOT_REACHED,
     note,
+    note_misfit,
     print_json,
     print_table,
     results_in,
@@ -144,6 +145,7 @@ def predict(
     listed = read_poses(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
+    note_misfit(poses, listed)
     results = results_in(out, "predict", cell, poses, overwrite=overwrite)
     found = run(loaded, listed, asked, results, model)
     if as_json:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from calib.model import CalibrationModel
     from posedesign.cell import Cell
     from posedesign.files import Results
+    from posedesign.pose_list import PoseList
 
 PIPE_WIDTH = 200
 """Columns of a table that goes into a pipe: wide enough not to be cut."""
@@ -91,6 +92,12 @@ def print_json(content: object) -> None:
 def note(text: str) -> None:
     """Say something that is not the result, on standard error."""
     print(plain(text), file=sys.stderr)
+
+
+def note_misfit(path: Path, listed: PoseList) -> None:
+    """Warn of a list of poses that was changed after it was planned."""
+    if listed.misfit:
+        note(f"warning: {path}: {listed.misfit}")
 
 
 def results_in(

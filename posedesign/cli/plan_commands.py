@@ -13,6 +13,7 @@ from posedesign.cli.output import (
     NOT_REACHED,
     explain_frames,
     note,
+    note_misfit,
     print_json,
     print_table,
     progress,
@@ -199,6 +200,7 @@ def plan(
     own = None
     if keep is not None:
         own = read_poses(keep, loaded.robot.n, controller=loaded.robot.controller)
+        note_misfit(keep, own)
     with progress("planning") as advance:
         result = plan_optimal_poses(loaded, results, wish, advance, own)
     print_optimal(loaded, result, out, as_json=as_json)
@@ -359,6 +361,7 @@ def check(
     listed = read_poses(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
+    note_misfit(poses, listed)
     say_what_to_know(loaded)
     verdicts = check_poses(loaded, listed)
     measured = listed.measured
@@ -430,6 +433,7 @@ def score(
     listed = read_poses(
         poses, loaded.robot.n, controller=loaded.robot.controller, trust_units=trust_units
     )
+    note_misfit(poses, listed)
     scored = score_poses(loaded, listed.measured)
     say_what_to_know(loaded)
     scaling = scaling_of(loaded.model())

@@ -11,6 +11,7 @@ from posedesign.cli.output import (
     DONE,
     NOT_REACHED,
     note,
+    note_misfit,
     print_json,
     print_table,
     results_in,
@@ -85,6 +86,7 @@ def program(
         controller=loaded.robot.controller if loaded else None,
         trust_units=trust_units,
     )
+    note_misfit(poses, listed)
     chosen = chosen_dialect(loaded, listed, dialect)
     listed = with_approaches(loaded, listed, approach_deg)
     forced: tuple[str, ...] = ()
@@ -192,6 +194,7 @@ def import_positions(
     plan = None
     if poses is not None:
         plan = read_poses(poses, loaded.robot.n, controller=loaded.robot.controller)
+        note_misfit(poses, plan)
     results = results_in(out, "import", cell, poses, *files, overwrite=overwrite)
     (claimed,) = results.claim("measured", TOUCH_UPS)
     imported = import_touch_ups(loaded, files, plan, dialect, keep_untouched=keep_untouched)

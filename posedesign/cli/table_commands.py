@@ -11,6 +11,7 @@ import typer
 from posedesign.cli.output import (
     DONE,
     note,
+    note_misfit,
     print_json,
     results_in,
     say,
@@ -65,12 +66,7 @@ def convert(
     listed = read_robot_poses(poses, loaded.robot, trust_units=trust_units)
     for said in outside_limits(loaded, listed.names, listed.postures):
         note(f"warning: {poses}: {said}")
-    if listed.fingerprint_written not in ("", listed.fingerprint):
-        note(
-            f"warning: {poses}: the postures are others than those that were planned "
-            f"({listed.fingerprint}, not {listed.fingerprint_written}): the indices before the "
-            "header are not theirs"
-        )
+    note_misfit(poses, listed)
     write_pose_list(
         file,
         listed,

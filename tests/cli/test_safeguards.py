@@ -164,3 +164,26 @@ def test_a_study_on_an_arm_without_room_for_the_plate(
     assert said.code == 0
     assert "note: plate test left out: point" in said.err
     assert (work / "accuracy_vs_condition.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("check", "{cell}", "{poses}"),
+        ("score", "{cell}", "{poses}"),
+        ("program", "{poses}", "--cell", "{cell}"),
+        ("simulate", "{cell}", "{poses}"),
+        ("predict", "{cell}", "{poses}", "--box", "1500,-300,300,2100,300,900"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_poses_that_were_changed_after_planning_are_told(
+    cli: Cli, work: Path, words: tuple[str, ...]
+) -> None:
+    """Their program would carry another plan's margins, indices and what was checked."""
+    poses = work / "poses.csv"
+    poses.write_text(f"# fingerprint: 0123456789ab\n{poses.read_text()}")
+    said = [word.format(cell=work / "cell.toml", poses=poses) for word in words]
+    out = ["--out", work / "out"] * (words[0] not in ("check", "score"))
+    err = cli(*said, *out).err
+    assert f"warning: {poses}: the postures are others than those that were planned" in err

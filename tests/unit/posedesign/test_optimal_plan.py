@@ -16,6 +16,7 @@ from calib.prediction import predict_accuracy
 from posedesign.cell import Cell
 from posedesign.checks import off_target
 from posedesign.config import parse_config
+from posedesign.feasibility.ways import WayChecker, WayVerdicts
 from posedesign.optimal import Wish, plan_optimal
 from posedesign.optimal.accuracy import accuracy_of
 from posedesign.optimal.goal import goal_of
@@ -25,8 +26,10 @@ from posedesign.optimal.ways import without_alike
 from posedesign.route import Router
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.exchange import exchange
+from posedesign.tables import read_poses
 from posedesign.task_box import predict_box, reached_points
 from posedesign.template import cell_template
+from posedesign.workflow import plan_optimal_poses
 
 POOL = {"candidates": 80}
 FIVE_SIGMA = 5.0
@@ -267,6 +270,36 @@ def test_an_arm_half_of_whose_postures_are_out_of_the_way(make_cell):
     assert found.accuracy.value >= found.selection.bound
     stops = np.array([cell.base_posture, *(stop.posture for stop in found.route.stops)])
     assert cell.ways.check(stops[:-1], stops[1:]).clear.all()
+
+
+class Gate(WayChecker):
+    """No way leads to postures with joint 4 beyond an angle [rad]."""
+
+    highest: float
+
+    def check(self, start, end, *, far=False):
+        clear = (np.abs(np.stack([start, end])[:, :, 3]) <= self.highest).all(axis=0)
+        said = tuple("" if good else "a gate" for good in clear)
+        return WayVerdicts(clear, np.zeros(len(end)), np.full(len(end), np.nan), said)
+
+
+def test_as_many_poses_are_chosen_as_can_be_reached(make_cell, tmp_path):
+    """Eight of the pool, of twelve that are asked for: four are dropped, in the file, too."""
+    cell = make_cell(pool=POOL)
+    gate = Gate((), np.inf)
+    fourth = np.sort(np.abs(pool_of(cell).postures[:, 3]))
+    object.__setattr__(gate, "highest", float(0.5 * (fourth[7] + fourth[8])))
+    cell.__dict__["ways"] = gate
+    found = plan_optimal_poses(cell, tmp_path, Wish(count=12, refine=False))
+    assert not found.reached
+    assert len(found.postures) == 8
+    assert (np.abs(found.postures[:, 3]) <= gate.highest).all()
+    assert found.left_out == len(fourth) - 8
+    assert found.dropped == ("no clear way to it: a gate",) * 4
+    assert "8 poses, tcp" in found.message
+    listed = read_poses(tmp_path / "poses.csv", 6)
+    assert len(listed.measured.names) == 8
+    assert [pose.reason for pose in listed.dropped] == list(found.dropped)
 
 
 def test_what_was_to_be_kept_and_is_not_reached_is_dropped(cell, planned, monkeypatch):

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from calib.errors import InputError
+from calib.robots.controller import controllers_like
 from calib.se3 import FloatArray
 from posedesign.approach import find_approaches
 from posedesign.cell import Cell
@@ -143,12 +144,16 @@ def chosen_dialect(cell: Cell | None, poses: PoseList, name: str | None) -> str:
         return name
     own = next((d.name for d in DIALECTS.values() if maker and d.maker == maker), None)
     if own is None:
+        # programs of a maker need a controller of theirs, which a cell says and a list may not
+        open_to = [d.name for d in DIALECTS.values() if d.maker is None or not (cell or maker)]
+        way = "pass --cell, or " if cell is None else ""
+        if cell is not None and not maker:
+            fitting = " or ".join(f'"{name}"' for name in controllers_like(cell.robot))
+            way = f"set robot.controller = {fitting} in the cell, or " if fitting else ""
         raise InputError(
             f"{robot} has a controller of {maker or 'an unknown maker'}",
-            hint=("" if cell else "pass --cell, or ")
-            + "choose with --format: "
-            + ", ".join(d.name for d in DIALECTS.values() if not maker or d.maker is None),
-            name="format",
+            hint=f"{way}choose with --format: {', '.join(open_to)}",
+            name="robot.controller",
         )
     return own
 

@@ -142,7 +142,8 @@ def test_a_fanuc_program_is_written_for_a_fanuc_only(cli: Cli, work: Path) -> No
     words = ("program", work / "other" / "poses.csv", "--cell", work / "other.toml", "--out", work)
     said = cli(*words)
     assert said.code == 2
-    assert "other has a controller of an unknown maker (choose with --format: fanuc-ls" in said.err
+    assert 'an unknown maker (set robot.controller = "fanuc" or ' in said.err
+    assert "choose with --format: ros-trajectory, moveit-joints" in said.err
     said = cli(*words, "--format", "fanuc-ls")
     assert said.code == 2
     assert "other has an unknown controller: its joints would be taken in the wrong" in said.err

@@ -135,3 +135,33 @@ def test_unknown_robots(name: str, said: str, hint: str) -> None:
     with pytest.raises(RobotModelError, match=said) as caught:
         cell_template(name)
     assert hint in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("axes", "written"),
+    [
+        ({2: "0 -1 0", 3: "-1 0 0", 4: "0 -1 0", 5: "-1 0 0"}, 'controller = "fanuc"'),
+        ({3: "0 0 1"}, "# controller: no maker known here counts joints as this description does"),
+    ],
+)
+def test_only_a_controller_that_fits_is_proposed(
+    axes: dict[int, str], written: str, tmp_path: Path
+) -> None:
+    """A description that is named after FANUC's may have another zero posture."""
+    path = write_arm(tmp_path / "arm.urdf")
+    text = path.read_text().replace('name="arm"', 'name="fanuc_lr"')
+    for k, axis in axes.items():
+        old = JOINT.format(
+            name=f'"a{k + 1}"',
+            kind="revolute",
+            parent=f'"l{k}"',
+            child=f'"l{k + 1}"',
+            xyz=PLACES[k][0],
+            axis=PLACES[k][1],
+        )
+        assert old in text
+        text = text.replace(old, old.replace(f'axis xyz="{PLACES[k][1]}"', f'axis xyz="{axis}"'))
+    path.write_text(text)
+    template = cell_template(str(path))
+    assert written in template
+    Cell.from_text(template)  # it is never one that the arm is refused for

@@ -7,6 +7,7 @@ the scenes of the tool.
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -17,10 +18,12 @@ import pytest
 
 from calib.errors import FileFormatError, InputError, UnreachableError
 from calib.geometry.ways import WAY_TOLERANCE_M
-from calib.se3 import FloatArray
+from calib.se3 import FloatArray, rotation_angle
 from calib.visual.following import follow
 from posedesign.cell import Cell
+from posedesign.config import parse_config
 from posedesign.optimal import Wish, plan_optimal
+from posedesign.optimal.pool_of_cell import pool_of
 from posedesign.planner import plan
 from posedesign.pose_check import check_poses
 from posedesign.pose_list import PoseList
@@ -30,6 +33,7 @@ from posedesign.route import Passing, Route
 from posedesign.sequence import ACCELERATION_S, moving_time_s
 from posedesign.surroundings import NOT_TOUCHING_M
 from posedesign.tables import read_poses
+from posedesign.template import cell_template
 from posedesign.touch_up_import import import_touch_ups
 from posedesign.workflow import plan_poses
 
@@ -170,6 +174,34 @@ def test_a_pin_along_another_axis(pin_cell: MakeCell) -> None:
     np.testing.assert_allclose(T_back[:3, :3], T[:3, :3], atol=1e-7)
     np.testing.assert_allclose(T_back[:3, 3], T[:3, 3] - 0.05 * T[:3, 0], atol=1e-7)
     assert "pin 3.6 mm from fixture" in reasons[0], "beside the gun it slides along the fixture"
+
+
+@pytest.mark.parametrize("robot", ["ur10e", "tx2_60", "hp3", "panda"])
+def test_arms_back_off_straight_on_their_branch(robot: str) -> None:
+    """60 mm along the tool, its orientation kept; a move that the joints would bend is refused."""
+    raw = tomllib.loads(cell_template(robot, surroundings=False))
+    raw["plan"]["retreat_mm"] = 60.0
+    raw["pool"] = {"candidates": 40, "tilt_deg": 60.0}
+    cell = Cell.from_config(parse_config(raw, Path("cell.toml")), Path("cell.toml"))
+    bare = {**raw, "plan": {**raw["plan"], "retreat_mm": 0.0}}
+    free = Cell.from_config(parse_config(bare, Path("cell.toml")), Path("cell.toml"))
+    q = pool_of(free).postures
+    assert cell.retreat is not None
+    back, reasons = cell.retreat.back_off(q)
+    good = np.array([not why for why in reasons])
+    assert good.mean() > 0.7
+    np.testing.assert_array_equal(cell.checker.check(q).feasible, good)
+    parts = np.linspace(0.0, 1.0, 41)[:, None]
+    for pose, away in zip(q[good], back[good], strict=True):
+        T = cell.robot.fk(away + (pose - away) * parts)
+        T_pose = cell.robot.fk(pose)
+        turn = rotation_angle(T_pose[:3, :3].T @ T[:, :3, :3])
+        assert turn[0] < 1e-7
+        assert turn.max() <= np.deg2rad(1.01)
+        distance, off = off_axis(cell, away + (pose - away) * parts, pose)
+        assert distance[0] == pytest.approx(0.06, abs=1e-7)
+        assert (np.diff(distance) < 0.0).all()
+        assert off.max() <= 0.05 * 0.06 * 1.01
 
 
 def test_the_time_of_the_retreats_is_part_of_the_round(planned: Planned) -> None:

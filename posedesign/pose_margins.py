@@ -35,6 +35,10 @@ COLUMN_OF: dict[type[Constraint], str] = {
 
 MARGIN_COLUMNS = tuple(dict.fromkeys(COLUMN_OF.values()))
 
+CLEARANCE_DECIMALS = 6
+"""Of clearances in mm. They are found by iteration: what comes after that depends on what was
+looked at before, and would be another after a stop."""
+
 
 @dataclass(frozen=True, eq=False)
 class Margins:
@@ -67,6 +71,8 @@ class Margins:
                 margin = verdicts.room[:, k] + _kept(cell, checker, constraint)
                 # what has no limit has no margin
                 margin = np.where(np.isposinf(margin), np.nan, margin * constraint.display)
+                if isinstance(constraint, Collision):
+                    margin = np.round(margin, CLEARANCE_DECIMALS)
                 into = found.setdefault(column, np.full(len(postures), np.nan))
                 into[rows] = np.fmin(into[rows], margin)
         return cls({column: found[column] for column in MARGIN_COLUMNS if column in found})

@@ -13,7 +13,7 @@ import pytest
 
 import posedesign
 from calib.camera import MeasurementNoise
-from calib.errors import ConvergenceError, UnreachableError
+from calib.errors import ConvergenceError, InputError, UnreachableError
 from calib.se3 import FloatArray, IntArray, inverse
 from calib.visual.simulated import SimulatedArms
 from posedesign.calibration.by_sight import SightResult
@@ -24,6 +24,7 @@ from posedesign.calibration.process import LEAST_SIGMA_M, Calibration, calibrate
 from posedesign.cell import Cell
 from posedesign.measurement_table import read_measurements
 from posedesign.rehearsal import true_cell, true_observer
+from posedesign.template import cell_template
 
 Whole = tuple[Calibration, Path, int]
 """What was found, where, and how many moves it took."""
@@ -277,3 +278,28 @@ def test_a_motion_that_is_not_clear_from_where_the_arm_stands(demo_cell: Cell) -
     assert made.made > 2
     path = np.array([blocked[0][0], *made.visited])
     assert not any(refuses(path[:-1], path[1:]))
+
+
+class TurnedOn(StoppingArms):
+    """Arms whose controller shows J2 one turn on after so many moves."""
+
+    def __init__(self, arms: SimulatedArms, lies_from: int) -> None:
+        super().__init__(arms, None)
+        self._lies_from = lies_from
+
+    def joints(self, which: IntArray) -> FloatArray:
+        lies = self.made >= self._lies_from
+        return np.asarray(self._arms.joints(which) + lies * 2.0 * np.pi * np.eye(6)[1])
+
+
+@pytest.mark.parametrize("lies_from", [0, 1, 22, 61, 140, 180])
+def test_a_turn_too_many_ends_it_before_the_next_move(tmp_path: Path, lies_from: int) -> None:
+    """At whatever move of a calibration, of an arm that may turn by a whole turn."""
+    cell = Cell.from_text(cell_template("ur10e", surroundings=False))
+    arms = TurnedOn(arms_of(cell), lies_from)
+    with (
+        station_of(cell, tmp_path, arms=arms) as station,
+        pytest.raises(InputError, match="one turn of 360 deg on"),
+    ):
+        calibrate(cell, station, tmp_path)
+    assert arms.made == lies_from

@@ -143,6 +143,7 @@ def test_margins_are_what_a_second_calculation_finds(written: Path, demo_cell: C
     ):
         each = [scene.clearance(posture[None]).distance_m[0] for posture in q]
         np.testing.assert_allclose(table[column], 1e3 * np.array(each), atol=1e-6)
+        assert (table[column] == table[column].round(6)).all()
     # the view, from the positions of lens, target and its rim alone
     section, target = demo_cell.config.camera, demo_cell.target_m
     assert section is not None

@@ -20,7 +20,7 @@ from calib.robot_world import (
 from calib.robot_world.accuracy import NOISE_DOUBT
 from calib.robot_world.methods import find_method
 from calib.robot_world.methods.relative_motions import TOO_MANY
-from calib.robot_world.noise import Noise
+from calib.robot_world.noise import Noise, difference
 from calib.se3 import FloatArray
 from posedesign.pairs_certificate import Proof, prove
 from posedesign.pairs_file import Pairs
@@ -163,8 +163,9 @@ def solve_pairs(
             outcomes.append(SolverOutcome(method, None, error.message))
             continue
         except InputError as error:
-            # a method that cannot take as many is no reason to keep back what the others say
-            if error.name != TOO_MANY or len(methods) == 1:
+            # what one method cannot take is no reason to keep back what the others say
+            alone = METHODS[method].robust or error.name == TOO_MANY
+            if not alone or not any(outcome.result for outcome in outcomes):
                 raise
             outcomes.append(SolverOutcome(method, None, error.message))
             continue
@@ -273,6 +274,7 @@ def remarks_of(outcomes: Sequence[SolverOutcome]) -> list[str]:
     said += [(o.method, f"did not use {', '.join(o.left_out)}") for o in outcomes if o.left_out]
     results = [outcome.result for outcome in outcomes if outcome.ok and outcome.result]
     said += [(o.method, o.proof.message) for o in outcomes if o.proof is not None]
+    said += [("ml-robust", text) for text in _robust_against_all(outcomes)]
     # of one method alone: it is a matter of the poses, and much the same for all
     known = [
         f"known least, by {result.method}: {text}"
@@ -280,6 +282,29 @@ def remarks_of(outcomes: Sequence[SolverOutcome]) -> list[str]:
         for text in result.weak_directions
     ]
     return [*_together(said), *known]
+
+
+def _robust_against_all(outcomes: Sequence[SolverOutcome]) -> list[str]:
+    """How far the answer from the pairs that agree is from the one of all, in a sentence."""
+    found = {outcome.method: outcome.result for outcome in outcomes if outcome.result}
+    if not {"ml", "ml-robust"} <= found.keys():
+        return []
+    whole, robust = found["ml"], found["ml-robust"]
+    count = int((~robust.used).sum())
+    if not count:
+        return ["takes all pairs, as ml does: no pair contradicts the others"]
+    far = [
+        f"{name} {1e3 * np.linalg.norm(off[3:]):.2g} mm and "
+        f"{np.degrees(np.linalg.norm(off[:3])):.2g} deg"
+        for name, off in (
+            ("X", difference(robust.X, whole.X)),
+            ("Z", difference(robust.Z, whole.Z)),
+        )
+    ]
+    return [
+        f"without the {count} of {len(robust.used)} pairs that contradict the others, "
+        f"{' and '.join(far)} from ml, which takes all"
+    ]
 
 
 def _together(said: Iterable[tuple[str, str]]) -> list[str]:

@@ -292,7 +292,7 @@ def identify_file(
     return identified
 
 
-DEFAULT_METHODS = ("ml", *PAPER_METHODS)
+DEFAULT_METHODS = ("ml", "ml-robust", *PAPER_METHODS)
 
 
 def solve_file(

@@ -20,6 +20,7 @@ from calib.robot_world.accuracy import (
 from calib.robot_world.adjustment import linear_rows
 from calib.robot_world.closed_form import residual_rms, residual_rows
 from calib.robot_world.diagnosis import ALIEN, few_for_the_noise, outstanding, suspicions
+from calib.robot_world.drift import drifting
 from calib.robot_world.identifiability import (
     Motion,
     examine,
@@ -125,6 +126,8 @@ def solve(
             for text, X, Z in half_turns(kept, motion, found.X[0, :3, :3])
             if not motion.is_misfit(*residual_rms(kept, X[None], Z[None]))[0]
         )
+    if not (doubts or others):
+        doubts = drifting(pairs, found, used, noise)
     return _result(chosen, pairs, found, used, motion, noise, doubts, others, factor)
 
 
@@ -197,7 +200,7 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
     covariance = np.full((pairs.T, 12, 12), np.nan) if chosen.likelihood else None
     chi2 = np.full(pairs.T, np.nan) if chosen.likelihood and noise is not None else None
     degenerate, rank_deficient = motion.degenerate, motion.rank_deficient
-    doubtful = motion.misfit > ALIEN
+    doubtful, uncertain = motion.misfit > ALIEN, np.zeros(pairs.T, dtype=bool)
     if usable.size:
         kept = pairs if usable.size == pairs.T else PairSets(pairs.A[usable], pairs.B[usable])
         found = chosen.run(kept, noise)
@@ -216,7 +219,9 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
             factor = widening(found.fit, used > 0, excess, noise_known=noise is not None)
             factor *= excess[:, None]
             covariance[usable] *= factor[:, :, None] * factor[:, None]
-            doubtful[usable] |= too_uncertain(covariance[usable], kept.size)
+            uncertain[usable] = too_uncertain(covariance[usable], kept.size) | [
+                bool(drifting(kept, found, own > 0, noise, trial)) for trial, own in enumerate(used)
+            ]
         if found.weights is not None:
             rank_deficient, degenerate, doubtful = _judged_by_used(pairs, found.weights > 0)
             X[rank_deficient] = Z[rank_deficient] = np.nan
@@ -233,7 +238,7 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
         rank_deficient,
         degenerate,
         misfit,
-        doubtful,
+        doubtful | uncertain,
         covariance,
         chi2,
     )

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-DEFAULT_METHODS = "ml,papers"
+DEFAULT_METHODS = "ml,ml-robust,papers"
 
 CameraPlace = Literal["on-flange", "fixed"]
 Inverted = Literal["none", "a", "b", "both"]

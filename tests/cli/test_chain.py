@@ -82,7 +82,7 @@ def test_true_camera_and_target_are_found(
     tool = 1e3 * loaded.tool_m + loaded.config.truth.tool_error_mm
     camera = tool - [0.0, 0.0, loaded.config.tool.camera_stand_off_mm]
     target = 1e3 * loaded.target_m + loaded.config.truth.target_error_mm
-    assert len(rows) == 5
+    assert len(rows) == 6
     for row in rows:
         x = [float(row[f"x_{axis}_mm"]) for axis in "xyz"]
         z = [float(row[f"z_{axis}_mm"]) for axis in "xyz"]

@@ -78,7 +78,7 @@ def test_demo_files_can_be_read_back(demo: tuple[Path, str]) -> None:
         assert [
             row["method"]
             for row in csv.DictReader(line for line in stream if not line.startswith("#"))
-        ] == ["ml", *PAPER_METHODS]
+        ] == ["ml", "ml-robust", *PAPER_METHODS]
     assert (out / "accuracy_vs_condition.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 

@@ -295,13 +295,15 @@ def test_notes_on_the_file_are_warnings(cli: Cli, tmp_path: Path, measured: Any)
     assert "if in B the four numbers called qx qy qz qw are w x y z" in said.err
 
 
-def test_likelihood_and_papers_are_the_default(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_likelihood_with_and_without_all_pairs_and_papers_are_the_default(
+    cli: Cli, tmp_path: Path, measured: Any
+) -> None:
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs)
     (tmp_path / "named").mkdir()
     papers = list(PAPER_METHODS)
     for methods, expected in (
-        ((), ["ml", *papers]),
+        ((), ["ml", "ml-robust", *papers]),
         (("--method", "papers"), papers),
         (("--method", "shah,papers,zhuang"), ["shah", *papers]),
     ):

@@ -19,12 +19,14 @@ import numpy as np
 from calib.errors import RobotModelError
 from calib.geometry.shapes import Body, capsule_between
 from calib.robots.chain import SerialChain
+from calib.robots.ideal import SLIGHT_M
 from calib.robots.presets import preset_names
 from calib.robots.robot import Robot
 from calib.se3 import FloatArray, inverse, transform
 
-SHORT_M = 1e-3
-"""A link whose joints are no farther apart has no length, and needs no shape of its own."""
+SHORT_M = SLIGHT_M
+"""A link whose joints are no farther apart has no length, and needs no shape of its own: frames of
+a calibrated arm have its errors in them, and its wrist is still one."""
 
 SAME_M, SAME_RAD = 5e-3, float(np.deg2rad(1.0))
 """Arms are one for their shapes where no joint axis at zero is farther off: a calibration moves

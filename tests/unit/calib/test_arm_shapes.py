@@ -44,6 +44,17 @@ def test_links_without_length_need_no_shape(tmp_path: Path) -> None:
     assert has_bare_base(robot)
 
 
+def test_a_calibrated_wrist_is_still_one_without_length(tmp_path: Path) -> None:
+    """Its frames have the errors of the arm in them, of a millimetre or two."""
+    bare = without_shapes("tx2_60", tmp_path)
+    placements = bare.chain.placements.copy()
+    placements[1::2, :3, 3] += 1e-3
+    placements[2::2, :3, 3] -= 1e-3
+    calibrated = replace(bare, chain=replace(bare.chain, placements=placements))
+    assert unshaped_links(calibrated) == unshaped_links(bare)
+    assert unshaped_links(with_shapes_of(calibrated, "tx2_60")) == ()
+
+
 @pytest.mark.parametrize("name", ["r2000ic165f", "ur10e", "panda"])
 def test_shapes_of_the_preset_of_the_same_kinematics(name: str, tmp_path: Path) -> None:
     preset, bare = Robot.preset(name), without_shapes(name, tmp_path)

@@ -89,7 +89,9 @@ def origin_of(path: Path | str) -> Origin | None:
 
 
 def head_of(path: Path | str, most_bytes: int = _HEAD_BYTES) -> bytes:
-    """The first bytes of a file; none where it cannot be read."""
+    """The first bytes of a file; none where it cannot be read, or is a pipe."""
+    if not os.path.isfile(path):
+        return b""
     try:
         with open(path, "rb") as stream:
             return stream.read(most_bytes)

@@ -63,7 +63,8 @@ def accuracy_figure(findings: Sequence[Finding], arm: str) -> Figure:
         panel.yaxis.set_minor_formatter(few)
         panel.grid(True, which="both", alpha=0.25)
     draws = f"{findings[0].draws} noise draws for each pose set"
-    figure.suptitle(f"Accuracy against condition number: {arm}, {draws}")
+    title = f"Accuracy against condition number: {arm}, {draws}"
+    figure.suptitle(title, parse_math=False)  # a name from a file may hold anything
     return figure
 
 

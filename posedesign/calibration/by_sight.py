@@ -344,7 +344,8 @@ def _is_own(path: Path) -> bool:
 
 def _named(robot: RobotAdapter) -> str:
     """A robot by its adapter and its own name."""
-    own = robot.identity()
+    own: object = robot.identity
+    own = own() if callable(own) else own  # a plain attribute says it as well
     if not isinstance(own, str):
         raise InputError(
             f"identity() of the robot's adapter gave a {type(own).__name__}",

@@ -13,9 +13,12 @@ import pytest
 
 import posedesign
 from calib.camera import MeasurementNoise
-from calib.errors import ConvergenceError, InputError, UnreachableError
+from calib.camera.rendering import GreyImage
+from calib.errors import ConvergenceError, FileFormatError, InputError, UnreachableError
 from calib.se3 import FloatArray, IntArray, inverse
+from calib.visual.adapter import RobotAdapter
 from calib.visual.simulated import SimulatedArms
+from posedesign.calibration import calibrate_robot
 from posedesign.calibration.by_sight import SightResult
 from posedesign.calibration.journal import Journal
 from posedesign.calibration.kept_station import KeptStation
@@ -303,3 +306,37 @@ def test_a_turn_too_many_ends_it_before_the_next_move(tmp_path: Path, lies_from:
     ):
         calibrate(cell, station, tmp_path)
     assert arms.made == lies_from
+
+
+class Named(RobotAdapter):
+    """Says who it is, and that its gate is open."""
+
+    def __init__(self, identity: object) -> None:
+        self.identity = identity
+
+    def move(self, q: FloatArray) -> None:
+        raise AssertionError("was moved")
+
+    def joints(self) -> FloatArray:
+        raise UnreachableError("the gate is open")
+
+    def grab(self) -> GreyImage:
+        raise AssertionError("a picture was taken")
+
+
+@pytest.mark.parametrize(
+    ("identity", "kind", "said"),
+    [
+        ("serial 7", UnreachableError, "the gate is open"),
+        (lambda: "serial 7", UnreachableError, "the gate is open"),
+        ("serial 8", FileFormatError, r"another robot \(Named serial 7\), not with Named serial 8"),
+        (7, InputError, r"identity\(\) of the robot's adapter gave a int"),
+    ],
+)
+def test_touch_ups_belong_to_the_robot_that_its_adapter_names(
+    cell: Cell, tmp_path: Path, identity: object, kind: type[Exception], said: str
+) -> None:
+    with pytest.raises(UnreachableError, match="the gate is open"):
+        calibrate_robot(cell, Named("serial 7"), tmp_path)
+    with pytest.raises(kind, match=said):
+        calibrate_robot(cell, Named(identity), tmp_path)

@@ -222,6 +222,10 @@ class _Oracle:
             for b, body in enumerate(bodies)
             if isinstance(body.solid, Mesh)
         }
+        self._is_mesh = np.array([b in self._meshes for b in range(len(bodies))], dtype=bool)
+        self._low, self._high = np.full((2, len(bodies), 3), np.nan)  # nothing is within
+        for b, surface in self._meshes.items():
+            self._low[b], self._high[b] = surface.low, surface.high
         self._points = np.array([_a_point(body.solid) for body in bodies]).reshape(-1, 3)
         self._request = coal.DistanceRequest()
         self._result = coal.DistanceResult()
@@ -242,14 +246,14 @@ class _Oracle:
             found[m] = self._functors[pair](here, there, request, result)
         found[found <= CONTACT_M] = np.minimum(found[found <= CONTACT_M], -CONTACT_M)
         a, b = self._pairs[pairs].T
-        for mesh, surface in self._meshes.items():
-            found[(found < 0.0) & ((a == mesh) | (b == mesh))] = -CONTACT_M
-            rows = np.flatnonzero((a == mesh) & (found > 0.0))
-            points = (R_a_b[rows] @ self._points[b[rows], :, None])[..., 0] + p_a_b[rows]
-            found[rows[surface.encloses(points)]] = -CONTACT_M
-            rows = np.flatnonzero((b == mesh) & (found > 0.0))
-            points = (self._points[a[rows]] - p_a_b[rows])[:, None] @ R_a_b[rows]
-            found[rows[surface.encloses(points[:, 0])]] = -CONTACT_M
+        found[(found < 0.0) & (self._is_mesh[a] | self._is_mesh[b])] = -CONTACT_M
+        of_b = (R_a_b @ self._points[b, :, None])[..., 0] + p_a_b
+        of_a = ((self._points[a] - p_a_b)[:, None] @ R_a_b)[:, 0]
+        for outer, points in ((a, of_b), (b, of_a)):
+            within = (points > self._low[outer]) & (points < self._high[outer])
+            for row in np.flatnonzero(within.all(axis=1) & (found > 0.0)):
+                if self._meshes[outer[row]].encloses(points[row, None])[0]:
+                    found[row] = -CONTACT_M
         return found
 
     def depth(self, pair: int, R_a_b: FloatArray, p_a_b: FloatArray) -> float:
@@ -284,17 +288,19 @@ class MeshSurface:
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
         self._tree = _tree(mesh)
-        self._size_m = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+        self.low, self.high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        self._size_m = float(np.linalg.norm(self.high - self.low))
 
     def encloses(self, points: FloatArray) -> BoolArray:
         """Whether points (M, 3) [m], in the axes of the mesh, lie in its inside, (M,).
 
         A point from which a straight line leads out of the mesh does not, be it closed or not.
         """
-        low, high = self._mesh.vertices.min(axis=0), self._mesh.vertices.max(axis=0)
-        inside = np.asarray(((points > low) & (points < high)).all(axis=-1))
+        inside = np.asarray(((points > self.low) & (points < self.high)).all(axis=-1))
         for way in _DIRECTIONS[:6]:
             rows = np.flatnonzero(inside)
+            if not len(rows):
+                return inside
             inside[rows] = self.crosses(points[rows], points[rows] + self._size_m * way)
         inside[inside] = contains(self._mesh, points[inside])
         return inside

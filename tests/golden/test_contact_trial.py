@@ -52,10 +52,6 @@ def lump(rng: np.random.Generator, size_m: float) -> Mesh:
     return Mesh(np.asarray(made.vertices, dtype=float), np.asarray(made.faces, dtype=np.intp))
 
 
-def place(rng: np.random.Generator, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    return transform(rotation_exp(rng.uniform(-2.0, 2.0, 3)), rng.uniform(low, high))
-
-
 def cell_of(name: str, kind: str, rng: np.random.Generator) -> tuple[Robot, Scene]:
     """An arm with a camera and a lump on its flange, among parts of all kinds on a floor."""
     robot = Robot.preset(name)
@@ -78,7 +74,9 @@ def cell_of(name: str, kind: str, rng: np.random.Generator) -> tuple[Robot, Scen
     for k in range(5):
         a, b, c = (float(v) for v in reach * rng.uniform(0.05, 0.25, 3))
         solids = (Box((a, b, c)), Cylinder(a, b), Sphere(a), Capsule(a / 2, c), lump(rng, a))
-        T = place(rng, np.array([-0.8, -0.8, 0.0]) * reach, np.array([0.8, 0.8, 1.0]) * reach)
+        turn = rng.uniform(-np.pi, np.pi)
+        at = rng.uniform(0.5, 1.0) * np.array([np.cos(turn), np.sin(turn), rng.uniform(0.0, 1.5)])
+        T = transform(rotation_exp(rng.uniform(-2.0, 2.0, 3)), reach * at)
         obstacles.append(Body(f"part{k}", 0, T, of_kind(solids[k])))
     scene = Scene(
         robot.chain,

@@ -200,6 +200,20 @@ _SHOWN = 60
 """Characters of a value in a message."""
 
 
+def check_type(value: object, kind: type | tuple[type, ...], name: str) -> None:
+    """Refuse an argument that is of another kind.
+
+    Raises
+    ------
+    InputError
+    """
+    if isinstance(value, kind):
+        return
+    kinds = kind if isinstance(kind, tuple) else (kind,)
+    wanted = " or ".join(one.__name__ for one in kinds if one is not type(None))
+    raise InputError(f"{name} is {one_line(value)}, not of type {wanted}", name=name)
+
+
 def near_names(name: str, known: Iterable[str], *, most: int = 5) -> str:
     """Hint for a mistyped name: the nearest known ones, or all of them where none is near."""
     choices = list(known)

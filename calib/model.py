@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.arm_view import NO_TURN, ArmErrors, ArmView, Feature, Setup
-from calib.errors import InputError, near_names
+from calib.errors import InputError, check_type, near_names
 from calib.knowledge import KnownDistance, known_rows
 from calib.linearisation import Linearisation
 from calib.measurement.base import Measurement
 from calib.parameters.base import ParameterBlock, Unit
 from calib.posture_last import product, turn
 from calib.robots.robot import Robot
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import FloatArray, IntArray, numbers
 
 
 class CalibrationModel:
@@ -60,11 +60,20 @@ class CalibrationModel:
         measurement: Measurement | Sequence[Measurement],
         distances: Sequence[KnownDistance] = (),
     ) -> None:
+        check_type(robot, Robot, "robot")
         self.robot = robot
+        check_type(parameters, (tuple, list), "parameters")
+        for block in parameters:
+            check_type(block, ParameterBlock, "parameters")
         self.parameters = tuple(parameters)
+        check_type(measurement, (Measurement, tuple, list), "measurement")
         self.measurements = (
             (measurement,) if isinstance(measurement, Measurement) else tuple(measurement)
         )
+        if not self.measurements:
+            raise InputError("a calibration model needs a measurement", name="measurement")
+        for kind in self.measurements:
+            check_type(kind, Measurement, "measurement")
         self.tools = tuple(label for block in parameters for label in block.tools)
         self.targets = tuple(label for block in parameters for label in block.targets)
         for labels, what, example in (
@@ -176,7 +185,7 @@ class CalibrationModel:
         posture = self.robot.check_posture(q)
         if posture.ndim < 2:
             raise InputError("a model takes a list of postures, (N, n)", name="posture")
-        values = self.nominal if x is None else np.atleast_1d(np.asarray(x, dtype=float))
+        values = self.nominal if x is None else np.atleast_1d(numbers(x, "x"))
         if values.shape[-1] != self.p:
             raise InputError(f"the model has {self.p} parameters, {values.shape[-1]} were given")
         count, n = posture.shape[-2:]
@@ -352,6 +361,7 @@ class CalibrationModel:
 
         Rows ``(..., N, m)`` are blocks of one column: ``rows[..., None]``.
         """
+        rows = numbers(rows, "rows")
         if rows.ndim < 3 or rows.shape[-2] != self.rows:
             raise InputError(
                 f"blocks to whiten have shape (N, {self.rows}, k), not {rows.shape}", name="rows"

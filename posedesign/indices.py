@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.se3 import FloatArray
+from calib.se3 import FloatArray, numbers
 
 NOTHING = 1e-13
 """Part of the largest entry of G below which a column is rounding of zero. Scaled up, it would
@@ -40,7 +40,7 @@ def stack(G: ArrayLike) -> FloatArray:
     InputError
         Neither shape, or numbers that are not finite.
     """
-    matrix = np.asarray(G, dtype=float)
+    matrix = numbers(G, "G")
     if matrix.ndim == 3:
         matrix = matrix.reshape(-1, matrix.shape[-1])
     if matrix.ndim != 2 or matrix.shape[1] == 0:

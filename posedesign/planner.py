@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from calib.errors import InputError, UnreachableError
+from calib.errors import InputError, UnreachableError, check_type
 from calib.identification import check_identifiable, covariance_of
 from calib.linearisation import Linearisation
 from calib.model import CalibrationModel
@@ -57,6 +57,7 @@ def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
     NotIdentifiableError
         No poses can identify some of the parameters, which are named.
     """
+    check_type(cell, Cell, "cell")
     return _Loop(cell, progress).run()
 
 

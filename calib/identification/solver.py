@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from calib.arm_view import Setup
-from calib.errors import ConvergenceError, InputError
+from calib.errors import ConvergenceError, InputError, check_type
 from calib.identification.checks import check_enough, check_identifiable_at
 from calib.identification.covariance import check_unweighted
 from calib.identification.identifiability import check_believable
@@ -76,6 +76,8 @@ def identify(
     ConvergenceError
         No minimum within the iterations allowed.
     """
+    check_type(model, CalibrationModel, "model")
+    check_type(measurements, Measurements, "measurements")
     _check_options(model, method, loss, weighted)
     check_enough(model, measurements)
     if measurements.postures.ndim != 2:

@@ -164,6 +164,19 @@ def outstanding(sizes: Sequence[FloatArray], used: BoolArray) -> tuple[str, ...]
     )
 
 
+def copies(pairs: PairSets, used: BoolArray) -> tuple[str, ...]:
+    """Pairs of one set that are others once more, to the last digit, as a sentence."""
+    both = np.concatenate([pairs.A[0], pairs.B[0]], axis=1).reshape(pairs.N, -1)
+    _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    again = (first[inverse.reshape(-1)] != np.arange(pairs.N)) & used
+    if not again.any():
+        return ()
+    return (
+        f"{named(again)} {'is a copy' if again.sum() == 1 else 'are copies'} of others, which tell "
+        "nothing new: standard deviations count them as measured again, and are too small",
+    )
+
+
 def _meant(pairs: PairSets, whole: Motion) -> tuple[str, ...]:
     """A change of all pairs that makes them fit far better, as a sentence."""
     doubtful = whole.turned_rad[0] < _NO_TURN_RAD

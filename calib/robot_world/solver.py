@@ -19,7 +19,13 @@ from calib.robot_world.accuracy import (
 )
 from calib.robot_world.adjustment import linear_rows
 from calib.robot_world.closed_form import residual_rms, residual_rows
-from calib.robot_world.diagnosis import ALIEN, few_for_the_noise, outstanding, suspicions
+from calib.robot_world.diagnosis import (
+    ALIEN,
+    copies,
+    few_for_the_noise,
+    outstanding,
+    suspicions,
+)
 from calib.robot_world.drift import drifting
 from calib.robot_world.identifiability import (
     Motion,
@@ -399,6 +405,7 @@ def _doubts(
         doubts = scale_doubts(result) + alone(result, motion)
         if not chosen.robust:
             doubts += outstanding(_sizes(pairs, found, noise, result.residuals), used)
+    doubts += copies(pairs, used)
     N = int(used.sum())
     if noise is None and N < _FEWEST_FOR_SIGMA:
         part = 100.0 / np.sqrt(2.0 * (6 * N - 12))

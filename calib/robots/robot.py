@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 
@@ -17,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError, JointLimitError, RobotModelError
+from calib.errors import InputError, JointLimitError, RobotModelError, check_type
 from calib.geometry.shapes import Body, LinkShape
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds
 from calib.robots.chain import ChainState, SerialChain
@@ -41,7 +42,7 @@ from calib.robots.model_chain import (
 from calib.robots.presets import load_preset
 from calib.robots.solvers import solver_for
 from calib.robots.urdf import load_urdf
-from calib.se3 import FloatArray, check_transforms
+from calib.se3 import FloatArray, check_transforms, numbers
 
 _WORLD = "base"
 """Name that ROS-Industrial gives to the controller's world."""
@@ -148,6 +149,9 @@ class Robot:
             to lock does not exist, or what moves between base and tip is not a row of revolute
             joints with limits.
         """
+        check_type(path, (str, PathLike), "path")
+        check_type(tip, (str, type(None)), "tip")
+        check_type(base, (str, type(None)), "base")
         urdf = load_urdf(Path(path), packages, xacro_args)
         return cls.from_model(
             urdf.model,
@@ -170,6 +174,7 @@ class Robot:
         RobotModelError
             There is no preset of that name; the hint lists near names.
         """
+        check_type(name, str, "name")
         preset = load_preset(name)
         robot = cls.from_model(
             preset.model,
@@ -350,7 +355,7 @@ class Robot:
 
     def check_posture(self, q: ArrayLike) -> FloatArray:
         """Return q as a float array after checking that it has n finite values a posture."""
-        posture = np.asarray(q, dtype=float)
+        posture = numbers(q, "the posture")
         if posture.ndim == 0 or posture.shape[-1] != self.n:
             found = posture.shape[-1] if posture.ndim else 0
             raise InputError(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from os import PathLike
 from pathlib import Path
 
-from calib.errors import FileFormatError, InputError, near_names
+from calib.errors import FileFormatError, InputError, check_type, near_names
 from posedesign.programs.abb_rapid import AbbRapid
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls import FanucLs
@@ -72,6 +73,7 @@ def write(
         The file cannot be written.
     """
     chosen = find_dialect(dialect)
+    check_type(folder, (str, PathLike), "folder")
     if not isinstance(program, PoseProgram):
         program = PoseProgram.of_plan(program, name, options)
     return chosen.write(program, Path(folder))
@@ -99,6 +101,7 @@ def read(path: Path | str, dialect: str | None = None) -> RecordedProgram:
     FileFormatError
         The file is not such a program.
     """
+    check_type(path, (str, PathLike), "path")
     return dialect_of(Path(path), dialect).read(Path(path))
 
 
@@ -124,11 +127,13 @@ def validate(path: Path | str, dialect: str | None = None) -> list[Problem]:
     FileFormatError
         The file cannot be opened.
     """
+    check_type(path, (str, PathLike), "path")
     return dialect_of(Path(path), dialect).validate(Path(path))
 
 
 def find_dialect(name: str) -> Dialect:
     """Return the dialect of this name; InputError with the near names where there is none."""
+    check_type(name, str, "dialect")
     if name not in DIALECTS:
         raise InputError(
             f"unknown dialect {name!r}", hint=near_names(name, DIALECTS), name="dialect", value=name

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, NotIdentifiableError
-from calib.se3 import FloatArray, IntArray
+from calib.se3 import FloatArray, IntArray, numbers
 
 RANK_TOLERANCE = 1e-9
 """Smallest singular value, relative to the largest, of columns of unit length that still counts."""
@@ -62,14 +62,14 @@ class Candidates:
         known: ArrayLike | None = None,
         names: Sequence[str] | None = None,
     ) -> None:
-        given = np.asarray(blocks, dtype=float)
+        given = numbers(blocks, "blocks")
         if given.ndim != _ONE_IN_A_BLOCK or 0 in given.shape:
             raise InputError(
                 f"a pool needs blocks (N, m, p), not an array of shape {given.shape}",
                 name="blocks",
             )
         p = given.shape[2]
-        rows = np.zeros((0, p)) if known is None else np.asarray(known, dtype=float)
+        rows = np.zeros((0, p)) if known is None else numbers(known, "known")
         if rows.shape[-1] != p:
             raise InputError(
                 f"known rows of shape {rows.shape} for {p} parameters",

@@ -9,7 +9,7 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError, near_names
+from calib.errors import InputError, check_type, near_names, one_line
 from calib.se3 import IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, covariance_of_root
@@ -186,6 +186,7 @@ def _checked_keep(keep: Sequence[int], N: int) -> IntArray:
 
 
 def _check_options(method: str, starts: int, tolerance: float, threshold: float | None) -> None:
+    check_type(method, str, "method")
     if method not in METHODS:
         raise InputError(
             f"there is no method {method[:40]!r}",
@@ -215,7 +216,7 @@ def _check_options(method: str, starts: int, tolerance: float, threshold: float 
 def _check_count(n: int, kept: int, offered: int, N: int) -> None:
     if not isinstance(n, Integral):
         raise InputError(
-            f"{n} poses", hint="the number of poses is a whole number", name="n", value=n
+            f"{one_line(n)} poses", hint="the number of poses is a whole number", name="n", value=n
         )
     if n > offered:
         doubles = f" ({N - offered} more are there twice)" * (offered < N)

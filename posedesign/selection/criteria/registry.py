@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError, near_names
+from calib.errors import InputError, check_type, near_names
 from calib.se3 import FloatArray
 from posedesign.selection.criteria.base import Criterion
 from posedesign.selection.criteria.conditioning import Conditioning, Kind
@@ -48,6 +48,7 @@ def criterion_by_name(
         Columns of the parameters of interest; the others are nuisances, and marginalised. Of D, A
         and E.
     """
+    check_type(name, str, "criterion")
     known = {key.lower(): key for key in CRITERIA}
     key = known.get(name.lower())
     if key is None:

@@ -358,7 +358,7 @@ def _scale(
     result: RobotWorldResult,
 ) -> Scale | None:
     """Scale of B's translations that is left in pairs, times the factor that they have already."""
-    if status != "ok" or result.noise is None:
+    if status not in ("ok", "doubtful") or result.noise is None:
         return None
     used = result.used
     if factor is None or chosen.likelihood:

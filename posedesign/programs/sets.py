@@ -181,6 +181,9 @@ def claim_set(
     texts = {path: head_of(path, MOST_BYTES) for path in there}
     ours, given = as_written(texts, in_folder=in_folder), new or {}
     foreign = [path for path in there if path not in ours and given.get(path) != texts[path]]
+    other = next((path for path in foreign if not path.is_file()), None)
+    if other is not None:
+        raise OutputError(f"{other} is not an ordinary file", hint="move it", name=str(other))
     if foreign and not results.overwrite:
         raise OutputError(
             f"{foreign[0]} is not as a program was written here, or of another one: it is not "

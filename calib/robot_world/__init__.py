@@ -5,6 +5,7 @@ One file for each method, one result type for all; :data:`METHODS` lists them.
 
 from calib.robot_world import design
 from calib.robot_world.certificate import Certificate, certify
+from calib.robot_world.components import shown_noise
 from calib.robot_world.methods import METHODS, PAPER_METHODS, Method
 from calib.robot_world.noise import PairCovariances, PairNoise
 from calib.robot_world.opencv import pairs_from_opencv, result_to_opencv
@@ -32,6 +33,7 @@ __all__ = [
     "pairs_from_opencv",
     "random_problems",
     "result_to_opencv",
+    "shown_noise",
     "solve",
     "solve_batch",
 ]

@@ -19,6 +19,7 @@ from calib.robot_world.accuracy import (
 )
 from calib.robot_world.adjustment import linear_rows
 from calib.robot_world.closed_form import residual_rms, residual_rows
+from calib.robot_world.components import explain
 from calib.robot_world.diagnosis import (
     ALIEN,
     copies,
@@ -413,6 +414,13 @@ def _doubts(
             f"{N} pairs show the noise to {part:.0f} %, and so much at least the standard "
             "deviations may be off: measure more, or give the noise",
         )
+    if noise is None and chosen.likelihood:
+        other = explain(pairs.A[0], pairs.B[0], found.X[0], found.Z[0], used)
+        if other is not None:
+            doubts += (
+                f"residuals show other noise than the one of B that is the same in all directions: "
+                f"{other.name}; solve again with the noise that shown_noise finds",
+            )
     return doubts + few_for_the_noise(motion)
 
 

@@ -1,0 +1,237 @@
+"""How the noise of pairs is made, as far as their residuals tell it.
+
+The same in all directions and all on B is what is taken where nothing is known. Two things show in
+the residuals of many pairs. Noise of A turns the origin of X about the flange, so that residual
+translations go with residual rotations across the lever: its share of the rotations shows, that of
+the translations does not, and matters to neither X nor Z. And what a camera sees is less certain
+the farther it is away: rotation and place across the line of sight with the distance, depth with
+its square. Each is fitted to the residuals by likelihood, and taken where Akaike's criterion says
+so by far (Akaike, IEEE Trans. Autom. Control 19, 1974); the rest stays as it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize_scalar
+
+from calib import se3
+from calib.robot_world.adjustment import adjust
+from calib.robot_world.methods import robust
+from calib.robot_world.noise import LEAST_NOISE, Noise, PairCovariances, PairNoise, difference
+from calib.robot_world.pairs import checked_problem
+from calib.se3 import BoolArray, FloatArray
+
+FEWEST_PAIRS = 20
+"""Pairs from which on the noise is questioned: of fewer, one that is wrong would make it."""
+
+SURELY = 10.0
+"""By how much Akaike's criterion has to fall: e⁵ in likelihood, for each parameter e more."""
+
+_FARTHEST = 20.0
+"""Distance, over the median, of pairs that are wrong rather than far."""
+
+_TINY = 1e-300
+
+_ROUNDS = 3
+"""Rounds of noise, and X and Z by it: from the second on both change by little."""
+
+_ALL = 0.97
+"""Share that counts as the whole: the covariance of the other side would be next to singular."""
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """One way in which noise may be made.
+
+    Attributes
+    ----------
+    name : str
+        In words.
+    criterion : float
+        Akaike's, of all pairs used; the constants that all have in common left out.
+    noise : callable
+        Makes the noise of all pairs.
+    """
+
+    name: str
+    criterion: float
+    noise: Callable[[], Noise]
+
+
+def shown_noise(A: ArrayLike, B: ArrayLike) -> Noise:
+    """Noise of pairs ``(N, 4, 4)`` as their residuals show it, for :func:`solve`.
+
+    Of the pairs that agree; isotropic and on B where nothing else shows. Which side has errors of
+    translation cannot be told, and matters to neither X nor Z.
+
+    Raises
+    ------
+    InputError
+        As :func:`~calib.robot_world.solve`.
+    """
+    pairs = checked_problem(A, B)
+    found = robust.estimate(pairs)
+    used = np.ones(pairs.N, dtype=bool) if found.weights is None else found.weights[0] > 0
+    sizes = np.maximum(np.ones(2) if found.sigma is None else found.sigma[:, 0], LEAST_NOISE)
+    noise: Noise = PairNoise(*sizes.tolist())
+    X, Z = found.X, found.Z
+    for _ in range(_ROUNDS):
+        best = explain(pairs.A[0], pairs.B[0], X[0], Z[0], used)
+        if best is None:
+            break
+        noise = best.noise()
+        fit = adjust(pairs, noise.model(pairs), X, Z, weights=used[None].astype(float))
+        X, Z = fit.X, fit.Z
+    return noise
+
+
+def explain(
+    A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray, used: BoolArray
+) -> Component | None:
+    """The way in which the noise of one set is made; None where isotropic noise of B will do.
+
+    Parameters
+    ----------
+    A, B : ndarray (N, 4, 4)
+    X, Z : ndarray (4, 4)
+        The likeliest by isotropic noise of B.
+    used : ndarray of bool (N,)
+        Pairs that count.
+    """
+    if used.sum() < FEWEST_PAIRS:
+        return None
+    plain = _isotropic(A, B, X, Z, used)
+    others = [_shared(A, B, X, Z, used), *_seen(A, B, X, Z, used)]
+    best = min(others, key=lambda one: one.criterion)
+    return best if best.criterion < plain - SURELY else None
+
+
+def _loose(count: int) -> float:
+    """Variance over what residuals show, of which X and Z have taken up twelve numbers."""
+    return 6.0 * count / (6.0 * count - 12.0)
+
+
+def _criterion(squares: FloatArray, counts: FloatArray, more: float = 0.0, extra: int = 0) -> float:
+    """Akaike's criterion of normal numbers in groups, each with the variance that it shows."""
+    return (
+        float((counts * np.log(squares / counts + _TINY)).sum())
+        + more
+        + 2.0 * (len(counts) + extra)
+    )
+
+
+def _isotropic(
+    A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray, used: BoolArray
+) -> float:
+    square = (difference(A @ X, Z @ B)[used] ** 2).sum(axis=0).reshape(2, 3).sum(axis=1)
+    return _criterion(square, np.full(2, 3.0 * used.sum()))
+
+
+def _shared(
+    A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray, used: BoolArray
+) -> Component:
+    """Noise of A and B: the share of A in the rotations."""
+    error, count = difference(A @ X, Z @ B)[used], int(used.sum())
+    e_R, e_p = error[:, :3], error[:, 3:]
+    m = A[used, :3, :3] @ X[:3, 3]
+    turn = float((e_R**2).sum()) / (3.0 * count)
+    length2 = (m**2).sum(axis=1)
+
+    def fitted(share: float) -> tuple[float, float]:
+        """Criterion, and variance of the translations."""
+        rest = e_p - share * np.cross(e_R, m)
+        along = (rest * m).sum(axis=1) ** 2 / np.where(length2 > 0.0, length2, 1.0)
+        across = (rest**2).sum(axis=1) - along
+        more = share * (1.0 - share) * turn * length2
+
+        def worse(log_shift: float) -> float:
+            shift = np.exp(log_shift)
+            return float(
+                (np.log(shift) + along / shift).sum()
+                + (2.0 * np.log(shift + more) + across / (shift + more)).sum()
+            )
+
+        largest = np.log(float((rest**2).sum()) / (3.0 * count) + _TINY)
+        found = minimize_scalar(worse, bounds=(largest - 12.0, largest + 1.0), method="bounded")
+        rotations = 3.0 * count * np.log(turn + _TINY)
+        return float(rotations + found.fun - 3.0 * count + 6.0), float(np.exp(found.x))
+
+    best = minimize_scalar(lambda s: fitted(s)[0], bounds=(0.0, 1.0), method="bounded").x
+    share = min((float(best), 1.0), key=lambda s: fitted(s)[0])
+    criterion, shift = fitted(share)
+
+    def noise() -> Noise:
+        loose = _loose(count)
+        # of translations the sides cannot be told apart; where all is on A, so are they
+        sides = np.diag(np.repeat([share * turn, 0.5 * shift], 3) * loose)
+        others = np.diag(np.repeat([(1.0 - share) * turn, 0.5 * shift], 3) * loose)
+        if share > _ALL:
+            return PairCovariances(A=np.diag(np.repeat([turn, shift], 3) * loose))
+        return PairCovariances(A=sides, B=others)
+
+    return Component(
+        f"{100.0 * share:.0f} % of the variance of rotations is of A", criterion, noise
+    )
+
+
+def _seen(
+    A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray, used: BoolArray
+) -> list[Component]:
+    """Noise that grows with the distance, of the target as B or its inverse has it."""
+    implied = se3.inverse(Z) @ A @ X
+    found = []
+    for inverse in (False, True):
+        own, true = (se3.inverse(B), se3.inverse(implied)) if inverse else (B, implied)
+        error = difference(own, true)
+        far = np.linalg.norm(own[:, :3, 3], axis=1)
+        middle = float(np.median(far[used]))
+        if middle <= 0.0 or far[used].min() <= middle / _FARTHEST or far.max() > _FARTHEST * middle:
+            continue
+        sight = own[:, :3, 3] / np.where(far > 0.0, far, 1.0)[:, None]
+        for growth in ((0.0, 0.0, 0.0), (1.0, 1.0, 2.0)):
+            found.append(_of_distance(error, sight, far / middle, growth, used, own, inverse))
+    return found
+
+
+def _of_distance(
+    error: FloatArray,
+    sight: FloatArray,
+    far: FloatArray,
+    growth: tuple[float, float, float],
+    used: BoolArray,
+    own: FloatArray,
+    inverse: bool,
+) -> Component:
+    """Rotation, place across the line of sight, depth, each by its power of the distance."""
+    depth = (error[:, 3:] * sight).sum(axis=1)
+    squares = np.stack(
+        [
+            (error[:, :3] ** 2).sum(axis=1),
+            (error[:, 3:] ** 2).sum(axis=1) - depth**2,
+            depth**2,
+        ]
+    )
+    size = far ** (2.0 * np.array(growth)[:, None])
+    count = int(used.sum())
+    counts = np.array([3.0, 2.0, 1.0]) * count
+    own_squares = (squares / size)[:, used].sum(axis=1)
+    more = float((np.array([3.0, 2.0, 1.0])[:, None] * np.log(size[:, used])).sum())
+    variance = own_squares / counts * _loose(count)
+
+    def noise() -> Noise:
+        along = sight[:, :, None] * sight[:, None, :]
+        C = np.zeros((len(far), 6, 6))
+        C[:, :3, :3] = (variance[0] * size[0])[:, None, None] * np.eye(3)
+        C[:, 3:, 3:] = (variance[1] * size[1])[:, None, None] * (np.eye(3) - along)
+        C[:, 3:, 3:] += (variance[2] * size[2])[:, None, None] * along
+        return (
+            PairCovariances.of_seen_target(se3.inverse(own), C) if inverse else PairCovariances(B=C)
+        )
+
+    grows = "grows with the distance" if growth[0] else "is not the same along the line of sight"
+    what = "the inverse of B" if inverse else "B"
+    return Component(f"noise of {what} {grows}", _criterion(own_squares, counts, more), noise)

@@ -394,6 +394,7 @@ def test_robot_world(cli: Cli, work: Path) -> None:
     rows = json.loads(said.out)
     assert [row["method"] for row in rows] == [
         "ml",
+        "ml-robust",
         "li-kronecker",
         "li-dual-quaternion",
         "zhuang",

@@ -156,7 +156,7 @@ def test_a_condition_number_needs_no_noise(
         (("--target-accuracy", "5 parsecs"), ("'5 parsecs' is no accuracy",)),
         (("--target-accuracy", "0,2mm"), ("'0,2mm' is no accuracy",)),
         (("--target-accuracy", "1e400mm"), ("is no accuracy",)),
-        (("--threshold", "0"), ("threshold is not above zero", "give a number above zero")),
+        (("--threshold", "0"), ("threshold is not above zero", "give a number from 1e-12")),
         (("--threshold", "nan"), ("threshold is not above zero",)),
         (("--threshold", "inf"), ("threshold is not above zero and finite",)),
         (("--threshold", "many"), ("'--threshold'", "--help")),

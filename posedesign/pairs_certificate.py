@@ -80,7 +80,7 @@ def refuse_uncertifiable(methods: Sequence[str], on: str, camera: Camera) -> Non
     Parameters
     ----------
     methods : sequence of str
-    on : {"a", "b", "both", "seen"}
+    on : {"a", "b", "both", "seen", "shown"}
         Where the noise is.
     camera : {"on-flange", "fixed"}
 
@@ -94,6 +94,12 @@ def refuse_uncertifiable(methods: Sequence[str], on: str, camera: Camera) -> Non
             "--certify: only a maximum of the likelihood can be proven to be one",
             hint="add the method ml",
             name="method",
+        )
+    if on == "shown":
+        raise InputError(
+            "--noise-on shown may find noise on both sides, of which there is no certificate",
+            hint="certify without it, or with --noise-on a or b and its sizes",
+            name="noise",
         )
     if on == "both":
         raise InputError(

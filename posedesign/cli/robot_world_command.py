@@ -131,8 +131,11 @@ def given_noise(
     """The noise of the options, if they say one."""
     import math
 
+    from calib.robot_world import shown_noise
     from posedesign.pairs_results import noise_of
 
+    if noise_on == "shown":
+        return shown_noise(pairs.A, pairs.B)
     if noise_deg is None or noise_mm is None:
         return None
     sides: dict[str, NoiseOn] = {"a": "A", "b": "B", "both": "both", "seen": "seen"}

@@ -13,7 +13,7 @@ DEFAULT_METHODS = "ml,ml-robust,papers"
 CameraPlace = Literal["on-flange", "fixed"]
 Inverted = Literal["none", "a", "b", "both"]
 Naming = Literal["axzb", "opencv"]
-NoiseSide = Literal["a", "b", "both", "seen"]
+NoiseSide = Literal["a", "b", "both", "seen", "shown"]
 
 PairsFile = Annotated[
     Path | None,
@@ -77,7 +77,8 @@ NoiseOnOption = Annotated[
     NoiseSide | None,
     typer.Option(
         help="Which side has it; default: b. seen: the target as the camera sees it, as a "
-        "camera's data sheet has it: with the camera on the flange, the inverse of B."
+        "camera's data sheet has it: with the camera on the flange, the inverse of B. shown: as "
+        "the residuals of 20 pairs or more show it, its sizes, too."
     ),
 ]
 EstimateScale = Annotated[
@@ -124,6 +125,12 @@ def refuse_unfit_noise(
             value=value,
             bound=0.0,
         )
+    if noise_on == "shown":
+        if noise_deg is not None or noise_mm is not None:
+            raise InputError(
+                "--noise-on shown finds the sizes itself: give no others", name="noise"
+            )
+        return
     if (noise_deg is None) != (noise_mm is None):
         raise InputError("give both --noise-deg and --noise-mm, or neither", name="noise")
     if noise_deg is None and noise_on is not None:

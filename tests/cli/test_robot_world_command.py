@@ -354,6 +354,10 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
         "give gripper2base as A and target2cam as B",
     ),
     "side without noise": (("p.csv", "--noise-on", "a"), "--noise-on says nothing without"),
+    "shown, and given": (
+        ("p.csv", "--noise-on", "shown", "--noise-deg", "1", "--noise-mm", "1"),
+        "finds the sizes itself",
+    ),
     "side of noise": (("p.csv", "--noise-on", "c"), "'--noise-on'"),
     "half a noise": (("p.csv", "--noise-mm", "1"), "or neither"),
     "no such file": (("no.csv",), "no.csv: cannot be read: No such file"),
@@ -443,11 +447,32 @@ def test_optimum_that_is_proven_away_from_the_answer_is_no_proof_of_it(
     assert "ml: proven" not in said
 
 
+def test_noise_of_the_robot_is_found_where_the_residuals_show_it(cli: Cli, tmp_path: Path) -> None:
+    """Taken for noise of B, as where nothing is known, that of A puts the target farther off."""
+    rng = np.random.default_rng(5)
+    problem = random_problems(rng, 1, 60, 15.0)
+    noise = PairNoise(rotation_rad=np.radians(0.5), translation_m=1e-3, on="A")
+    A, B = add_noise(rng, problem.A[0], problem.B[0], noise)
+    names = tuple(f"P{i + 1:02d}" for i in range(60))
+    path = write_pairs(tmp_path / "pairs.csv", Pairs(names, A, B))
+    off = []
+    for k, words in enumerate(((), ("--noise-on", "shown"))):
+        said = cli(
+            "robot-world", path, "--method", "ml", *words, "--out", tmp_path / f"{k}", "--json"
+        )
+        assert said.code == 0, said.err
+        assert ("residuals show other noise" in said.err) == (not words)
+        (answer,) = json.loads(said.out)
+        off.append(np.linalg.norm(np.subtract(answer["Z"], problem.Z[0])[:3, 3]))
+    assert off[1] < off[0]
+
+
 @pytest.mark.parametrize(
     ("options", "reasons"),
     [
         (("--method", "shah"), ("proven to be one", "add the method ml")),
         ((*TYPED, "--noise-on", "both"), ("noise on A and B at once", "--noise-on a or b")),
+        (("--noise-on", "shown"), ("--noise-on shown may find noise on both sides",)),
         (
             (*TYPED, "--noise-on", "seen"),
             ("--noise-on seen has another size in each direction", "certify with --noise-on b"),

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.robot_world import PairNoise, add_noise, random_problems, solve_batch
+from calib.robot_world import (
+    PairNoise,
+    add_noise,
+    random_problems,
+    shown_noise,
+    solve,
+    solve_batch,
+)
 from calib.robot_world.noise import difference, perturb
 
 BLOCKS = {
@@ -126,3 +133,27 @@ def test_methods_that_do_not_weigh_by_the_noise_miss_the_bound():
     assert ratios["X translation"][0] > 1.2
     assert ratios["Z rotation"][0] > 2.0
     assert ratios["Z translation"][0] > 2.0
+
+
+def test_noise_that_the_residuals_show_reaches_the_bound():
+    """Noise of A in a narrow cone, of unknown size and side: taken for B's it costs twice that."""
+    rng = np.random.default_rng(3)
+    trials = 60
+    noise = PairNoise(**NOISE, on="A")
+    problems = random_problems(rng, trials, 50, 15.0)
+    bound = cramer_rao(problems, noise)
+    A, B = add_noise(rng, problems.A, problems.B, noise)
+    squares = np.zeros((2, trials, len(BLOCKS)))
+    for t in range(trials):
+        for k, known in enumerate((None, shown_noise(A[t], B[t]))):
+            found = solve(A[t], B[t], "ml", known)
+            error = [difference(found.X, problems.X[t]), difference(found.Z, problems.Z[t])]
+            error = np.concatenate(error)
+            squares[k, t] = [
+                (error[part] ** 2).sum() / np.trace(bound[t, part, part])
+                for part in BLOCKS.values()
+            ]
+    taken, shown = np.sqrt(squares.mean(axis=1))
+    assert (taken[1:] > 2.0).all()
+    # sampling of as many trials with three numbers each, at three sigma
+    assert (shown < 1.0 + 3.0 / np.sqrt(2.0 * trials)).all()

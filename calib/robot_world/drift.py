@@ -28,6 +28,10 @@ FEWEST_PAIRS = 12
 _FEWEST_ASIDE = 4
 """Pairs before and after a step: of three, one that is wrong is no step."""
 
+_MOST_SPLITS = 100
+"""Places along the sequence at which a step is looked for: where it lies between two of them, all
+but half a hundredth of the pairs are on the right side, and long sequences cost no more."""
+
 CHANCE = 1e-4
 """Probability that a steady set is said not to be."""
 
@@ -119,7 +123,9 @@ def _steps(one: _Sequence, rows: IntArray) -> list[tuple[float, str]]:
     information = np.cumsum(np.swapaxes(J, 1, 2) @ J, axis=0)
     scores = np.cumsum((np.swapaxes(J, 1, 2) @ one.white[..., None])[..., 0], axis=0)
     # of the pairs before the split: at the least sum of squares those after it are its opposite
-    at = np.arange(_FEWEST_ASIDE, count - _FEWEST_ASIDE + 1) - 1
+    splits = count - 2 * _FEWEST_ASIDE + 1
+    at = np.linspace(0, splits - 1, min(splits, _MOST_SPLITS)).round().astype(np.intp)
+    at += _FEWEST_ASIDE - 1
     for name, part in (("X", slice(0, 6)), ("Z", slice(6, 12))):
         S = scores[at, part]
         cross = information[at][:, part]

@@ -419,7 +419,7 @@ def _doubts(
         if other is not None:
             doubts += (
                 f"residuals show other noise than the one of B that is the same in all directions: "
-                f"{other.name}; solve again with the noise that shown_noise finds",
+                f"{other.name}; solve again with the noise shown",
             )
     return doubts + few_for_the_noise(motion)
 

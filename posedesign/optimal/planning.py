@@ -121,6 +121,7 @@ class _Planning:
         self._kept = keep
         self._why, self._dropped = "", list[str]()
         self._model = cell.model()
+        check_base_pose(cell)  # what is wrong with it is wrong with the task box about it, too
         self._box, self._box_words = functions_over_box(cell, self._model)
         self._goal = goal_of(wish, self._model, self._box)
         if self._goal.weighted and not cell.config.measurement.weighted:
@@ -129,7 +130,6 @@ class _Planning:
                 hint="set measurement.weighted = true",
                 name="measurement.weighted",
             )
-        check_base_pose(cell)
         self._cell = away_from_singularities(cell)
         self._router = Router.of_cell(cell)
 

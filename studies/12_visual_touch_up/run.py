@@ -32,7 +32,7 @@ DIGITS = 5
 """Significant digits of what is written: more than the sampling leaves."""
 
 FIGURE = "visual_touch_up"
-CLOUD_SHOWN = 600
+CLOUD_SHOWN = 300
 """Points of a cloud that are kept: enough for its shape, few enough to see a hundred among them."""
 
 
@@ -83,8 +83,13 @@ def cloud_rows(clouds: dict[str, dict[str, FloatArray]], part: str) -> list[dict
     return [
         {"condition": key} | dict(zip(names, point, strict=True))
         for key in CLOUDS[part]
-        for point in clouds[key][part][:CLOUD_SHOWN].tolist()
+        for point in _shown(clouds[key][part]).tolist()
     ]
+
+
+def _shown(cloud: FloatArray) -> FloatArray:
+    """Points ``(S, 3)`` of all set-ups alike: those of one follow each other."""
+    return cloud[:: -(-len(cloud) // CLOUD_SHOWN)]
 
 
 def against_pin(trials: int | None = None, seen: str = "image") -> dict[str, Any]:

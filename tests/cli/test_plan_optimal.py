@@ -237,7 +237,7 @@ def test_a_plan_that_is_stopped_leaves_the_last_one_whole(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(_Planning, "_validation", stop)
+        patch.setattr(_Planning, "_with_validation", stop)
         said = cli(*words[:4], "--poses", 9, *words[6:])
     assert (said.code, said.err.splitlines()[-1]) == (output.STOPPED, "stopped")
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before

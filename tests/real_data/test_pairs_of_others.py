@@ -52,9 +52,11 @@ def test_matlab_file_of_a_ur3e(
     for key in ("x_x_mm", "x_w_deg", "z_z_mm", "sigma_x_x_mm"):
         assert float(same[key]) == pytest.approx(float(flange[key]), rel=1e-5)
     assert abs(float(flange["x_z_mm"])) < 200.0  # a camera on a small arm's flange
-    # nothing is wrong with how the pairs are read; a few of them stand out
-    warnings = capsys.readouterr().err.splitlines()
-    assert all("pair" in line and "times as far off as the median" in line for line in warnings)
+    # nothing is wrong with how the pairs are read; a few of them stand out, and their noise is not
+    # what is taken where nothing is known
+    said = ("times as far off as the median", "residuals show other noise than the one of B")
+    for line in capsys.readouterr().err.splitlines():
+        assert any(words in line for words in said), line
 
 
 @pytest.mark.parametrize(("tag", "count"), [("tag_15_cam_1", 142), ("tag_22_cam_2", 228)])

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.errors import InputError
+from calib.errors import InputError, UnreachableError
 from calib.identification import covariance_of, identify_batch
 from calib.measurement.simulate import simulate
 from calib.prediction import predict_accuracy
@@ -103,6 +103,12 @@ def test_a_proof_of_the_pool_is_not_said_of_poses_turned_off_it(planned):
     before, _, proven = planned.message.partition("turned off the pool, which the proof does not")
     assert f"tcp {value:.4g} mm" in before
     assert f"tcp {of_pool:.4g} mm, proven: no 9 poses of the pool are below tcp" in proven
+
+
+def test_a_base_pose_that_cannot_be_taken_is_no_fault_of_the_task_box(make_demo_cell):
+    slab = {"name": "slab", "size_mm": [600.0, 600.0, 100.0], "at_mm": [0.0, 0.0, 900.0]}
+    with pytest.raises(UnreachableError, match=r"the base pose cannot be taken: .* slab"):
+        plan_optimal(make_demo_cell(obstacle=[slab]), Wish(count=9))
 
 
 def test_too_few_poses_promise_nothing(cell):

@@ -42,6 +42,7 @@ WRONG = {
 CALLS = {
     "solve": (robot_world.solve, {"A": A, "B": B, "method": "ml", "noise": NOISE}),
     "solve_batch": (robot_world.solve_batch, {"A": A[None], "B": B[None], "method": "shah"}),
+    "shown_noise": (robot_world.shown_noise, {"A": A, "B": B}),
     "certify": (robot_world.certify, {"A": A, "B": B, "X": X, "Z": Z, "noise": NOISE}),
     "add_noise": (
         robot_world.add_noise,

@@ -94,8 +94,10 @@ def _shown(cloud: FloatArray) -> FloatArray:
 
 def against_pin(trials: int | None = None, seen: str = "image") -> dict[str, Any]:
     """Table 3, and the largest of its figures with a pin that is as good as it is."""
-    benches = [Bench.of(SETTINGS, {"seen": seen}, k) for k in range(SETTINGS["pin"]["set_ups"])]
-    rows = pin.differences(benches, SETTINGS, trials or SETTINGS["pin"]["trials"])
+    count = trials or SETTINGS["pin"]["trials"]
+    set_ups = min(SETTINGS["pin"]["set_ups"], max(2, count // tables.LEAST_TRIALS))
+    benches = [Bench.of(SETTINGS, {"seen": seen}, k) for k in range(set_ups)]
+    rows = pin.differences(benches, SETTINGS, count)
     rng = np.random.default_rng([SETTINGS["seed"], pin.PIN])
     return {"rows": rows, "largest": pin.largest(rows, SETTINGS, rng)}
 

@@ -84,6 +84,8 @@ def over_set_ups(variances: FloatArray, less: FloatArray | None = None) -> tuple
     """
     there = np.isfinite(variances if less is None else variances + less)
     variances = variances[there]
+    if len(variances) < 2:  # a short form of which set-ups failed: no interval
+        return (float(0.5 * np.log(variances[0])) if len(variances) else np.nan), np.inf
     parts = variances / variances.mean()
     log = 0.5 * np.log(variances.mean())
     if less is not None:
@@ -105,7 +107,7 @@ def row(
     """All figures of a condition, and the clouds behind them."""
     seen = (settings["base"] | condition)["seen"]
     wanted = trials or settings["trials" if seen == "image" else "fast_trials"]
-    set_ups = min(settings["set_ups"], wanted // LEAST_TRIALS)
+    set_ups = min(settings["set_ups"], max(2, wanted // LEAST_TRIALS))
     count = wanted // set_ups
     touch, met, moves, failed, stereo_failed = [], [], [], 0, 0
     for number in range(set_ups):

@@ -222,9 +222,15 @@ def _of_cluster(
                 if error is not None:
                     raise error
             for future in done:
-                del in_hand[future]
                 with _reached(address):
-                    found = future.result(_PATIENCE_S)
+                    try:
+                        found = future.result(_PATIENCE_S)
+                    except TimeoutError:
+                        # the worker that held it is gone, and it is computed again; or the
+                        # scheduler is, which this call says
+                        _workers(client)
+                        continue
+                del in_hand[future]
                 yield found
 
 
@@ -237,7 +243,7 @@ def _wait(client: Any, address: str, futures: list[Any]) -> None:
         with suppress(TimeoutError):
             wait(futures, timeout=_LOOK_S, return_when="FIRST_COMPLETED")
             return
-        if client.sync(client.scheduler.ncores, callback_timeout=_PATIENCE_S):
+        if _workers(client):
             seen = time.monotonic()
         elif time.monotonic() - seen > _PATIENCE_S:
             raise CalibError(
@@ -245,6 +251,12 @@ def _wait(client: Any, address: str, futures: list[Any]) -> None:
                 "done is kept",
                 hint="start some with: dask worker ADDRESS, then the same command again",
             )
+
+
+def _workers(client: Any) -> dict[str, int]:
+    """Ask the scheduler for its workers and their threads."""
+    found: dict[str, int] = client.sync(client.scheduler.ncores, callback_timeout=_PATIENCE_S)
+    return found
 
 
 @contextmanager

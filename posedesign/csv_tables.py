@@ -34,8 +34,11 @@ wide forms of = + - @, which some spreadsheets take for the same."""
 _QUOTED = frozenset(',"#\n')
 """Characters for which a cell is put between quotation marks."""
 
-_SPLITS = re.compile(r'[\x00-\x1f\x7f-\x9f\u2028\u2029,;"]+')
-"""What ends a line of comment, or what a spreadsheet would cut it at, into cells of its own."""
+_NO_COMMENT = re.compile(r'[\x00-\x1f\x7f-\x9f\u2028\u2029"]+')
+"""What ends a line of comment, or begins a quoted cell."""
+
+_BARE_COMMA = re.compile(rf"[,;](?=\s*([,;{re.escape(''.join(_ESCAPED))}]|$))")
+"""One that a spreadsheet would cut a comment at into a cell that it runs, or into an empty one."""
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 """``float()`` would take more: 1_0, nan, digits of other scripts."""
@@ -94,9 +97,10 @@ def write_table(
         By column; missing values are empty cells.
     comments : sequence of str
         Lines to stand before the header, each with # before it. What would end such a line, or be
-        cut into cells by a spreadsheet, becomes a space.
+        run by a spreadsheet that cuts it into cells, becomes a space, and a semicolon a comma: at
+        commas such a line can be cut and put together again (:func:`read_table`).
     """
-    lines = ["# " + " ".join(_SPLITS.sub(" ", comment).split()) for comment in comments]
+    lines = ["# " + _comment(text) for text in comments]
     lines.append(_line(columns))
     lines += [_line([row.get(column) for column in columns]) for row in rows]
     return write_text_atomic(path, "\n".join([*lines, ""]))
@@ -249,6 +253,11 @@ def numbers_of(path: Path, rows: Sequence[Row], columns: Sequence[str]) -> Float
                     value=text,
                 )
     return out
+
+
+def _comment(text: str) -> str:
+    without = _BARE_COMMA.sub(" ", _NO_COMMENT.sub(" ", text)).replace(";", ",")
+    return " ".join(without.split())
 
 
 def _line(values: Iterable[object]) -> str:

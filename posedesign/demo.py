@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from calib.identification import IdentificationResult
@@ -88,7 +88,8 @@ def run_demo(
     plan = plan_poses(cell, results)
     poses = read_poses(folder / "poses.csv", cell.robot.n)
     name = cell.config.program.name
-    program = write_program(poses, results, "fanuc-ls", program_options(cell, poses), name, cell)
+    made = replace(results, inputs=(*results.inputs, folder / "poses.csv", path))
+    program = write_program(poses, made, "fanuc-ls", program_options(cell, poses), name, cell)
     progress("touching up", 0.05)
     robot = simulate(cell, poses, results)
     identification = identify_file(cell, folder / "touchups.csv", results)

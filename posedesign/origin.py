@@ -111,6 +111,13 @@ def rehearsed(inputs: Iterable[Path | None]) -> str:
     return f"SIMULATED, not for a robot: from {'; '.join(said)}" if said else ""
 
 
+def described(path: Path) -> str:
+    """A file in words that no format gives a meaning: name, checksum, and what it says it is."""
+    found = origin_of(path)
+    said = f", {found.kind} {found.purpose} by {found.command}" if found else ""
+    return f"{_word(path.name)} ({checksum(path)}){said}"
+
+
 def read_whole(path: Path) -> tuple[Origin | None, bool]:
     """What a file says of itself, and whether it is as it was written."""
     try:

@@ -17,6 +17,7 @@ from posedesign.approach import find_approaches
 from posedesign.cell import Cell
 from posedesign.files import Results
 from posedesign.indices import evaluate
+from posedesign.origin import described, is_simulated
 from posedesign.passages import Passages
 from posedesign.planner import regressor
 from posedesign.pose_plan import fingerprint
@@ -59,6 +60,8 @@ class WrittenProgram:
     not_checked, forced : tuple of str
         What nobody looked at, and poses written although they break a constraint; both stand in
         the head of the program.
+    simulated, made_from : tuple of str
+        The files that it was made from, those of a simulated robot apart; the same.
     """
 
     paths: tuple[Path, ...]
@@ -70,6 +73,8 @@ class WrittenProgram:
     note: str = ""
     not_checked: tuple[str, ...] = ()
     forced: tuple[str, ...] = ()
+    simulated: tuple[str, ...] = ()
+    made_from: tuple[str, ...] = ()
 
     @property
     def warning(self) -> str:
@@ -233,8 +238,9 @@ def write_program(
 ) -> WrittenProgram:
     """Write a robot program, validate it, read it back, and judge what it has become.
 
-    Its head says what was not checked: by the cell, or without one when the list was planned.
-    ``forced`` are poses that are written although they break a constraint, each with the reason.
+    Its head says what was not checked: by the cell, or without one when the list was planned; and
+    which files ``out`` says that it is made from, those of a simulated robot first. ``forced`` are
+    poses that are written although they break a constraint, each with the reason.
 
     Raises
     ------
@@ -257,6 +263,8 @@ def write_program(
     if cell is not None and options.form == "cartesian":
         check_frames(cell, chosen)
         note = tool_note(cell, chosen)
+    results = Results.of(out, "program")
+    files = [path for path in results.inputs if path.is_file()]
     stops = zip(poses.names, poses.postures, poses.via, strict=True)
     listed = tuple(ProgramPose(label, q, via=bool(via)) for label, q, via in stops)
     program = PoseProgram(
@@ -266,8 +274,10 @@ def write_program(
         None if cell is None else arm_of(cell),
         not_checked=poses.not_checked if cell is None else cell.not_checked,
         forced=tuple(forced),
+        simulated=tuple(described(path) for path in files if is_simulated(path)),
+        made_from=tuple(described(path) for path in files if not is_simulated(path)),
     )
-    paths = chosen.write(program, Results.of(out, "program"))
+    paths = chosen.write(program, results)
     problems = [
         f"{path.name}: {problem}"
         for path in paths
@@ -286,6 +296,8 @@ def write_program(
         note,
         program.not_checked,
         program.forced,
+        program.simulated,
+        program.made_from,
     )
 
 

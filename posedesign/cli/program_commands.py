@@ -16,6 +16,7 @@ from posedesign.cli.output import (
     print_table,
     results_in,
     say,
+    say_rehearsed,
     say_what_to_know,
 )
 from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits
@@ -99,6 +100,7 @@ def program(
     options = program_options(loaded, listed, form)
     results = results_in(out, "program", poses, cell, overwrite=overwrite)
     written = write_program(listed, results, chosen, options, title, loaded, forced)
+    say_rehearsed(poses, cell, as_json=as_json)
     for said in () if loaded else written.not_checked:
         note(f"not checked: {said}")
     for said in written.forced:

@@ -217,6 +217,8 @@ class PoseProgram:
         What nobody looked at before the program was written; stands in its head.
     forced : tuple of str
         Poses that are written although they break a constraint, each with the reason; the same.
+    simulated, made_from : tuple of str
+        The files that it was made from, in words, those of a simulated robot apart; the same.
 
     Raises
     ------
@@ -232,6 +234,8 @@ class PoseProgram:
     in_all: int | None = None
     not_checked: tuple[str, ...] = ()
     forced: tuple[str, ...] = ()
+    simulated: tuple[str, ...] = ()
+    made_from: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         poses = tuple(self.poses)
@@ -290,8 +294,10 @@ class PoseProgram:
         return tuple(
             f"{word}: {text}"
             for word, texts in (
+                ("SIMULATED, NOT FOR A ROBOT", self.simulated),
                 ("WRITTEN IN SPITE OF", self.forced),
                 ("NOT CHECKED", self.not_checked),
+                ("FROM", self.made_from),
             )
             for text in first_of(texts, MOST_WARNINGS)
         )

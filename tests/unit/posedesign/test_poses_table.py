@@ -239,8 +239,21 @@ def test_comments_cannot_break_out_of_their_lines(tmp_path: Path) -> None:
     said = ["a\n=cmd(),2", "x,=cmd()", 'x;"=cmd()"', "x\u2028y\tz\r"]
     path = write_table(tmp_path / "a.csv", ["a"], [{"a": 1.0}], said)
     text = path.read_text()
-    assert text == "# a =cmd() 2\n# x =cmd()\n# x =cmd()\n# x y z\na\n1\n"
-    assert read_table(path).comments == ["a =cmd() 2", "x =cmd()", "x =cmd()", "x y z"]
+    assert text == "# a =cmd(),2\n# x =cmd()\n# x =cmd()\n# x y z\na\n1\n"
+    assert read_table(path).comments == ["a =cmd(),2", "x =cmd()", "x =cmd()", "x y z"]
+    for line in csv.reader(text.splitlines()[:4]):
+        assert not any(cell.lstrip().startswith(tuple("=+-@")) for cell in line)
+
+
+def test_comments_keep_their_commas(tmp_path: Path) -> None:
+    """A spreadsheet cuts them into cells there, and fills the line up with more commas."""
+    said = "not checked: link_1, gun against table; 3 of 27, at most"
+    path = write_table(tmp_path / "a.csv", ["a", "b"], [{"a": 1.0, "b": 2.0}], [said])
+    kept = said.replace(";", ",")
+    assert read_table(path).comments == [kept]
+    path.write_text(path.read_text().replace("most\n", "most,,,\n"))
+    assert read_table(path).comments == [kept]
+    assert list(pd.read_csv(path, comment="#")) == ["a", "b"]
 
 
 def test_comments_that_a_spreadsheet_saved(written: Path, demo_plan: PosePlan) -> None:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from calib.robots import Robot
+from posedesign.files import Results, write_text_atomic
+from posedesign.origin import checksum
 from posedesign.pose_list import ALL_CHECKED
 from posedesign.programming import program_options, write_program
 from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramOptions, ProgramPose
@@ -45,10 +47,14 @@ def test_the_head_says_what_was_not_checked(name: str, tmp_path: Path) -> None:
     warned = program(
         name,
         not_checked=("collisions: constraints.collisions is false", HOSTILE),
+        simulated=("corrected_poses.csv (0a1b2c3d), simulated corrected poses by correct",),
+        made_from=("cell.toml (4e5f6a7b)",),
         forced=tuple(f"P{k:02d}: forearm and table run {k} mm into each other" for k in range(40)),
     )
     files = dialect.write(warned, tmp_path)
     said = words_of("\n".join(path.read_text() for path in files))
+    assert said.startswith("SIMULATED, NOT FOR A ROBOT: corrected_poses.csv (0a1b2c3d), simulated")
+    assert "FROM: cell.toml (4e5f6a7b)" in said
     assert "NOT CHECKED: collisions: constraints.collisions is false" in said
     assert "WRITTEN IN SPITE OF: P03: forearm and table run 3 mm into each other" in said
     assert f"WRITTEN IN SPITE OF: and {41 - MOST_WARNINGS} more" in said
@@ -111,3 +117,27 @@ def test_a_list_that_is_read_keeps_what_it_says(tmp_path: Path) -> None:
     )
     said = read_poses(path, 6).not_checked
     assert said == ("link_1 against link_3, gun against table: they touch",)
+
+
+def test_a_program_says_from_which_files_it_is_made(tmp_path: Path) -> None:
+    """What comes of a simulated robot first, whatever command wrote it, and through any other."""
+    (tmp_path / "cell.toml").write_text("# mine\n")
+    poses, out = listed(), Results(tmp_path, "plan")
+    sources = []
+    for kind, name in (("planned", "poses.csv"), ("simulated", "my corrected; 'poses'.csv")):
+        (claim,) = out.claim(kind, (name, "measuring poses"))
+        sources.append(write_text_atomic(claim, f"name,j1_deg\n{kind},1\n"))
+    inputs = (*map(Path, sources), tmp_path / "cell.toml", tmp_path / "none.csv")
+    results = Results(tmp_path / "out", "program", inputs)
+    options = program_options(None, poses)
+    written = write_program(poses, results, "fanuc-ls", options, "CALIB01")
+    plan, corrected, cell = (checksum(path) for path in inputs[:3])
+    said = words_of(written.paths[0].read_text())
+    assert said.startswith(
+        f"SIMULATED, NOT FOR A ROBOT: my_corrected_poses_.csv ({corrected}), simulated measuring "
+        "poses by plan NOT CHECKED: "
+    )
+    assert said.endswith(
+        f"FROM: poses.csv ({plan}), planned measuring poses by plan FROM: cell.toml ({cell})"
+    )
+    assert not written.problems

@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,8 @@ from calib.errors import CalibError, InputError
 from posedesign.csv_tables import AsItIs, write_table
 from posedesign.csv_tables import read_rows as read_cells
 from posedesign.files import make_folder, write_json_atomic
-from posedesign.study.library import Advance, Options
+from posedesign.study.folder import own_folder
+from posedesign.study.library import Advance, Options, Study
 from posedesign.study.runner import Workers
 
 if TYPE_CHECKING:
@@ -135,22 +137,27 @@ def script(
     """Run a study as a script: ``python studies/NN_name/run.py [--trials N] [--jobs N] [--out]``.
 
     Without ``--out`` and ``--trials`` the results are those of the study's own folder, key figures
-    included. Tables of the key figures are printed as the README has them.
+    included; any other folder is one of results, which a study replaces its own in only. Tables of
+    the key figures are printed as the README has them.
     """
     parser = argparse.ArgumentParser(description=study.__doc__)
     parser.add_argument("--trials", type=int, help="in place of the study's own number")
     parser.add_argument("--jobs", type=int, default=1, help="processes, where it uses several")
-    parser.add_argument("--out", type=Path, default=here, help="folder for the results")
+    parser.add_argument("--out", type=Path, help="folder for the results")
     given = parser.parse_args()
-    options = Options(given.out, given.trials, Workers(given.jobs))
+    if given.trials is not None and given.out is None:
+        parser.error("--trials is a short form of the study: name a folder for it with --out")
+    out = here if given.out is None else given.out
     try:
-        figures = study(options)
+        with nullcontext() if given.out is None else own_folder(out, Study(here).name):
+            figures = study(Options(out, given.trials, Workers(given.jobs)))
+            if given.out is None:
+                write_json_atomic(here / "expected.json", figures)
+                (here / FIGURES).unlink(missing_ok=True)
+            drawn = plot(out)
     except CalibError as error:
         raise SystemExit(str(error)) from None
-    if given.out == here and given.trials is None:
-        write_json_atomic(here / "expected.json", figures)
-        (here / FIGURES).unlink(missing_ok=True)
     if tables is not None:
         print(tables(figures))
-    for path in plot(given.out):
+    for path in drawn:
         print(f"drew {path}")

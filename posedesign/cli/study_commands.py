@@ -124,7 +124,7 @@ def run(
 
     Stop it at any time: the same command goes on where it was.
     """
-    from posedesign.study.folder import own_folder
+    from posedesign.study.folder import PICTURES, own_folder
     from posedesign.study.library import Options, find_study
     from posedesign.study.runner import Workers
 
@@ -135,6 +135,7 @@ def run(
             workers = Workers(jobs, scheduler)
             options = Options(folder, trials, workers, restart=restart, advance=advance)
             figures = found.run(options)
+    with own_folder(folder, found.name, PICTURES):
         drawn = found.plot(folder)
     if as_json:
         print_json(figures)

@@ -20,12 +20,13 @@ ABOUT = "about.json"
 """The note of a run that can be stopped, see :mod:`.store`; without it nothing is gone on with."""
 
 PICTURES = (".png", ".svg")
-_ENDINGS = (".csv", ".parquet", ".json", *PICTURES)
+TABLES = (".csv", ".parquet", ".json")
+_ENDINGS = (*TABLES, *PICTURES)
 
 
 @contextmanager
 def own_folder(folder: Path, study: str, endings: Sequence[str] = _ENDINGS) -> Iterator[None]:
-    """Run a study, or draw it, in a folder; what it leaves there is noted.
+    """Run a study, or draw it, in a folder; what it leaves there is noted, also where it fails.
 
     Parameters
     ----------
@@ -41,24 +42,39 @@ def own_folder(folder: Path, study: str, endings: Sequence[str] = _ENDINGS) -> I
         There are files of such endings that the study has not written, or that were changed since.
     """
     listed = _listed(folder, study)
-    begun = "study" in _parsed(folder / ABOUT)
-    for path in _files(folder, endings):
+    begun = str(_parsed(folder / ABOUT).get("study")).lstrip("0123456789_") == study
+    for path, why in _not_as_written(folder, study, endings).items():
         if path.name not in listed and begun:
             continue  # of a run that was stopped before it could be noted
-        if listed.get(path.name) != _digest(path):
-            changed = "was changed since the study wrote it"
-            foreign = f"is not of the study {study}"
-            raise OutputError(
-                f"{path} {changed if path.name in listed else foreign}: it is not replaced",
-                hint="name another output folder",
-                name=str(path),
-            )
+        raise OutputError(
+            f"{path} {why}: it is not replaced", hint="name another output folder", name=str(path)
+        )
     before = {path.name: _digest(path) for path in _files(folder, _ENDINGS)}
-    yield
-    after = {path.name: _digest(path) for path in _files(folder, _ENDINGS)}
-    new = {name: digest for name, digest in after.items() if before.get(name) != digest}
-    if new:
-        write_json_atomic(folder / WRITTEN, {"study": study, "files": listed | new})
+    try:
+        yield
+    finally:
+        after = {path.name: _digest(path) for path in _files(folder, _ENDINGS)}
+        new = {name: digest for name, digest in after.items() if before.get(name) != digest}
+        if new:
+            write_json_atomic(folder / WRITTEN, {"study": study, "files": listed | new})
+
+
+def strange_table(folder: Path, study: str) -> str:
+    """The first table in a folder that is not as the study left it, in words; empty for none."""
+    found = _not_as_written(folder, study, TABLES).items()
+    return next((f"{path.name} {why}" for path, why in found), "")
+
+
+def _not_as_written(folder: Path, study: str, endings: Sequence[str]) -> dict[Path, str]:
+    """Files of some endings that are not as the study wrote them, and why, in words."""
+    listed = _listed(folder, study)
+    return {
+        path: "was changed since the study wrote it"
+        if path.name in listed
+        else f"is not of the study {study}"
+        for path in _files(folder, endings)
+        if listed.get(path.name) != _digest(path)
+    }
 
 
 def _files(folder: Path, endings: Sequence[str]) -> list[Path]:

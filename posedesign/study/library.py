@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import Any
 
 from calib.errors import CalibError, FileFormatError, InputError, near_names
+from posedesign.study.folder import strange_table
 from posedesign.study.runner import Workers
 
 Advance = Callable[[str, float], None]
@@ -118,21 +119,26 @@ class Study:
         InputError
             A table is not there.
         FileFormatError
-            A table is damaged.
+            A table is damaged, or another than the study left there.
         """
         try:
             return list(self._function("plot")(folder))
         except FileNotFoundError as error:
+            if not Path(str(error.filename)).is_relative_to(folder):
+                raise
             raise self._not_run(folder, error) from error
         except FileFormatError as error:
             if isinstance(error.__cause__, FileNotFoundError):
                 raise self._not_run(folder, error.__cause__) from error
             raise
-        # what plot() works on is these tables and nothing else: a column that is missing or is of
-        # text, a file that is cut off, a number that cannot be drawn
+        # a column that is missing or is of text, a file that is cut off, a number that cannot be
+        # drawn; where all tables are as the study left them, the fault is the study's
         except _OF_DAMAGED_TABLES as error:
+            strange = strange_table(folder, self.name)
+            if not strange:
+                raise
             raise FileFormatError(
-                f"has tables that cannot be drawn: {type(error).__name__}: {error!s:.200}",
+                f"cannot be drawn: {strange} ({type(error).__name__}: {error!s:.200})",
                 path=folder,
                 hint=f"run it again: posedesign study run {self.name} --restart",
             ) from error

@@ -10,6 +10,7 @@ import pytest
 
 from posedesign.study import library, runner
 from posedesign.study.library import find_study, list_studies
+from studies import writing
 
 STUDIES = Path(__file__).parents[2] / "studies"
 
@@ -126,6 +127,75 @@ def test_damaged_tables(refuse, small_study: str, tmp_path: Path) -> None:
     for data in (b"", b"PAR1", b"PAR1" + 60 * b"x" + b"PAR1"):
         (tmp_path / "here" / "small.parquet").write_bytes(data)
         refuse("study", "plot", small_study, "--out", "here").says("here", "--restart")
+
+
+def test_a_fault_in_drawing_is_no_damaged_table(
+    cli, refuse, small_study: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert cli("study", "run", small_study, "--out", "here").code == 0
+    words = ("study", "plot", small_study, "--out", "here")
+
+    def faulty(folder: Path) -> list[Path]:
+        return [folder / {"a": "b"}["c"]]
+
+    monkeypatch.setattr(find_study(small_study).load(), "plot", faulty)
+    with pytest.raises(KeyError):
+        cli(*words)
+    with pytest.raises(KeyError):
+        cli("study", "run", small_study, "--out", "there")
+    (tmp_path / "here" / "small.csv").write_text("trial\n7\n")
+    refuse(*words).says("small.csv was changed since the study wrote it", "KeyError: 'c'")
+    monkeypatch.setattr(find_study(small_study).load(), "plot", lambda _: [*Path("no").open()])
+    with pytest.raises(FileNotFoundError):
+        find_study(small_study).plot(tmp_path / "here")
+
+
+def test_what_a_run_left_that_failed_is_its_own(
+    cli, small_study: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = find_study(small_study).load()
+    study = module.study
+
+    def stopped(options: library.Options) -> None:
+        study(options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "study", stopped)
+    assert cli("study", "run", small_study, "--out", "here").code == 130
+    monkeypatch.setattr(module, "study", study)
+    assert cli("study", "run", small_study, "--out", "here").code == 0
+
+
+def test_the_note_of_another_study_opens_nothing(refuse, small_study: str, tmp_path: Path) -> None:
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "small.csv").write_text("mine")
+    words = ("study", "run", small_study, "--out", "here")
+    (tmp_path / "here" / "about.json").write_text('{"study": "08_large"}')
+    refuse(*words).says("here/small.csv", "is not of the study small")
+
+
+def test_a_study_as_a_script_replaces_its_own_only(
+    small_study: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    module = find_study(small_study).load()
+
+    def script(*words: str) -> None:
+        monkeypatch.setattr(sys, "argv", ["run.py", *words])
+        writing.script(module.study, module.plot, tmp_path / "studies" / "07_small")
+
+    script("--out", "here", "--trials", "4")
+    script("--out", "here")
+    assert (tmp_path / "here" / "small.txt").read_text() == "3 rows"
+    assert not (tmp_path / "studies" / "07_small" / "expected.json").exists()
+    (tmp_path / "here" / "small.csv").write_text("mine")
+    with pytest.raises(SystemExit, match="small.csv was changed"):
+        script("--out", "here")
+    assert (tmp_path / "here" / "small.csv").read_text() == "mine"
+    with pytest.raises(SystemExit, match="2"):
+        script("--trials", "4")
+    assert "--out" in capsys.readouterr().err
+    script()
+    assert json.loads((tmp_path / "studies" / "07_small" / "expected.json").read_text())
 
 
 @pytest.mark.slow

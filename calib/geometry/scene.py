@@ -268,7 +268,7 @@ class Scene:
         """
         postures = self._postures(q, "q")
         starts, ends = _points(start, "start"), _points(end, "end")
-        aside = np.vstack([np.zeros(3), np.reshape(np.asarray(around, dtype=float), (-1, 3))])
+        aside = np.reshape(np.asarray(around, dtype=float), (-1, 3))
         if len(ends) != len(starts) or len(postures) not in (1, len(starts)):
             raise InputError(
                 f"there are {len(postures)} postures, {len(starts)} starts and {len(ends)} ends",

@@ -13,6 +13,15 @@ from calib.geometry.segments import segment_segment
 from calib.geometry.shapes import Body, HalfSpace, Mesh
 from calib.se3 import BoolArray, FloatArray, IntArray
 
+_MARGIN_M = 1e-5
+"""Bounds leave this much room for what lines are thick as meshes see them, and for rounding."""
+
+_FLAT_M = 1e-9
+"""Beams that reach no farther than this in a direction do not reach in it."""
+
+_TINY = 1e-200
+"""Takes the place of a slope of zero: quotients become huge and stay finite."""
+
 
 class LinesOfSight:
     """Looks for bodies in lines of sight.
@@ -50,7 +59,7 @@ class LinesOfSight:
         start, end : array (S, 3)
             In the base frame [m].
         aside : array (K, 3)
-            From the end of a beam to those of its lines, in base axes [m].
+            From the end of a beam's middle line to those of its others, in base axes [m].
         ignore : collection of str
             Names of bodies that are looked through.
 
@@ -60,24 +69,55 @@ class LinesOfSight:
             Row of the bodies, or -1.
         """
         found = np.full(len(start), -1, dtype=np.intp)
-        # all lines of a beam lie this near to its middle one
-        spread = float(np.linalg.norm(aside, axis=1).max())
+        # all lines of a beam lie this near to its middle one, and only in these directions from it
+        spread = float(np.linalg.norm(aside, axis=1).max(initial=0.0))
+        _, sizes, directions = np.linalg.svd(aside, full_matrices=False)
+        directions = directions[sizes > _FLAT_M]
         for b, body in enumerate(self._bodies):
             if body.name in ignore:
                 continue
             axes, origin = placed.rotations[:, b], placed.origins[:, b]
             near = found < 0
-            near[near] = self._near(b, axes, origin, start, end, near) <= spread
+            near[near] = self._near(b, axes, origin, start, end, near) <= spread + _MARGIN_M
             rows = np.flatnonzero(near)
             at = rows if len(axes) > 1 else np.zeros_like(rows)
-            lines = np.broadcast_to(start[rows, None], (len(rows), *aside.shape))
-            hit = self._crosses(
-                b,
-                _seen_from(axes[at], origin[at], lines),
-                _seen_from(axes[at], origin[at], end[rows, None] + aside),
-            ).reshape(len(rows), len(aside))
-            found[rows[hit.any(axis=1)]] = b
+            R = axes[at]
+            here, there = (((p[rows] - origin[at])[:, None] @ R)[:, 0] for p in (start, end))
+            away = spread * np.linalg.norm(directions @ R, axis=1)
+            left = self._may_meet(b, here, there, away)
+            rows, R, here, there = rows[left], R[left], here[left], there[left]
+            hit = self._crosses(b, here, there)
+            found[rows[hit]] = b
+            rows, R, here, there = rows[~hit], R[~hit], here[~hit], there[~hit]
+            ends = (there[:, None] + aside @ R).reshape(-1, 3)
+            hit = self._crosses(b, np.repeat(here, len(aside), axis=0), ends)
+            found[rows[hit.reshape(len(rows), len(aside)).any(axis=1)]] = b
         return found
+
+    def _may_meet(
+        self, body: int, start: FloatArray, end: FloatArray, aside: FloatArray
+    ) -> BoolArray:
+        """Whether beams (M,) may meet what encloses a body, in its axes; no is certain.
+
+        At a part t of its way, a beam reaches t ``aside`` (M, 3) from its middle line [m].
+        """
+        around = self._around[body]
+        if around is None:
+            return np.ones(len(start), dtype=bool)
+        half = around.half + (around.radius_m + _MARGIN_M)
+        at, way = start - around.centre, end - start
+        # a face of the box bounds the part where the beam is not all beyond it
+        first, last = np.zeros(len(at)), np.ones(len(at))
+        for k in range(3):
+            for sign in (1.0, -1.0):
+                beyond = sign * at[:, k] - half[k]
+                slope = sign * way[:, k] - aside[:, k]
+                slope[np.abs(slope) < _TINY] = _TINY
+                t = -beyond / slope
+                falls = slope < 0.0
+                np.maximum(first, t, out=first, where=falls)
+                np.minimum(last, t, out=last, where=~falls)
+        return np.asarray(first <= last)
 
     def _near(
         self,
@@ -104,8 +144,3 @@ class LinesOfSight:
         if body in self._meshes:
             return self._meshes[body].crosses(start, end)
         return crosses(self._bodies[body].solid, start, end)
-
-
-def _seen_from(R_base_body: FloatArray, p_base_body: FloatArray, points: FloatArray) -> FloatArray:
-    """Points (M, K, 3) of the base frame in axes of bodies (M, 3, 3) at (M, 3), (M K, 3)."""
-    return np.asarray(((points - p_base_body[:, None]) @ R_base_body).reshape(-1, 3))

@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 from calib import se3
 from calib.geometry import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
 from calib.geometry.enclosure import enclose, outer_points, reach
-from calib.geometry.engine import CONTACT_M, coal_solid
+from calib.geometry.engine import CONTACT_M, MeshSurface, coal_solid
 from calib.geometry.pairs import motion_radii
+from calib.geometry.rays import crosses
 from calib.geometry.scene import Scene
 from calib.geometry.segments import box_box_bound, segment_segment
 from calib.geometry.ways import WAY_TOLERANCE_M
@@ -293,6 +294,40 @@ def test_sight_against_points_along_the_line(seed, n, one):
                 assert 0 <= found.blocker[s] <= b
             if found.blocker[s] == b:
                 assert away <= step
+
+
+@settings(max_examples=25)
+@given(seed=seeds, n=st.integers(2, 7), one=st.booleans(), flat=st.booleans())
+def test_sight_of_a_beam_is_that_of_all_its_lines(seed, n, one, flat):
+    """Each line against each body, without bounds: a disc of 24, or any ends about the middle."""
+    rng = np.random.default_rng(seed)
+    chain = random_chain(rng, n)
+    scene = Scene(chain, **random_bodies(rng, n))
+    S = 100
+    q = rng.uniform(-np.pi, np.pi, (1 if one else S, n))
+    start, end = rng.uniform(-2, 2, (2, S, 3))
+    size, angle = rng.choice([0.01, 0.1, 0.5]), np.arange(24) * np.pi / 12
+    disc = np.stack([np.cos(angle), np.sin(angle), np.zeros(24)], axis=1) @ pose(rng)[:3, :3]
+    around = size * (disc if flat else rng.normal(size=(rng.integers(6), 3)))
+    found = scene.sight(q, start, end, around=around)
+    ends = end[:, None] + np.vstack([np.zeros(3), around])
+    starts = np.broadcast_to(start[:, None], ends.shape)
+    state = chain.forward(np.broadcast_to(q, (S, n)))
+    expected = np.full(S, -1)
+    for b, body in reversed(list(enumerate(scene.bodies))):
+        T = np.broadcast_to(body.T_link_body, (S, 4, 4))
+        if body.link:
+            T = (
+                se3.transform(state.rotations[:, body.link - 1], state.origins[:, body.link - 1])
+                @ T
+            )
+        R, p = T[:, :3, :3], T[:, None, :3, 3]
+        lines = [((points - p) @ R).reshape(-1, 3) for points in (starts, ends)]
+        mesh = isinstance(body.solid, Mesh)
+        met = MeshSurface(body.solid).crosses(*lines) if mesh else crosses(body.solid, *lines)
+        expected[met.reshape(S, -1).any(axis=1)] = b
+    np.testing.assert_array_equal(found.blocker, expected)
+    np.testing.assert_array_equal(found.clear, expected < 0)
 
 
 @settings(max_examples=25)

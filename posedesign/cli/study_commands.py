@@ -130,11 +130,10 @@ def run(
 
     found = find_study(name)
     folder = out or results_of(found.name)
-    with own_folder(folder, found.name):
-        with progress(found.name, with_time_left=True) as advance:
-            workers = Workers(jobs, scheduler)
-            options = Options(folder, trials, workers, restart=restart, advance=advance)
-            figures = found.run(options)
+    with own_folder(folder, found.name), progress(found.name, with_time_left=True) as advance:
+        workers = Workers(jobs, scheduler)
+        options = Options(folder, trials, workers, restart=restart, advance=advance)
+        figures = found.run(options)
     with own_folder(folder, found.name, PICTURES):
         drawn = found.plot(folder)
     if as_json:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import beta, binom
+from scipy.stats import beta, binom, norm
 
 from calib.se3 import BoolArray, FloatArray
 
@@ -16,6 +16,22 @@ def share(of: BoolArray, level: float = LEVEL) -> dict[str, float]:
     low = beta.ppf(tail, wins, trials - wins + 1) if wins else 0.0
     high = beta.isf(tail, wins + 1, trials - wins) if wins < trials else 1.0
     return {"share": wins / trials, "low": float(low), "high": float(high)}
+
+
+def wilson(of: BoolArray, level: float = LEVEL) -> dict[str, float]:
+    """The same with the interval of Wilson 1927: right on average, where that one is at least."""
+    trials = len(of)
+    if not trials:
+        return {"share": float("nan"), "low": 0.0, "high": 1.0}
+    share, z = float(np.mean(of)), float(norm.isf((1.0 - level) / 2.0))
+    middle = (share + z**2 / (2 * trials)) / (1 + z**2 / trials)
+    reach = z * np.sqrt(share * (1 - share) / trials + (z / (2 * trials)) ** 2)
+    reach /= 1 + z**2 / trials
+    return {
+        "share": share,
+        "low": float(max(middle - reach, 0.0)),
+        "high": float(min(middle + reach, 1.0)),
+    }
 
 
 def median_interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float]:

@@ -1,0 +1,272 @@
+"""Simulated arms, richer than any model that is tried on them, and what is measured of them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.arm_view import Setup
+from calib.errors import ConvergenceError
+from calib.measurement import Measurement, Point
+from calib.measurement.simulate import simulate
+from calib.model import CalibrationModel
+from calib.parameters import (
+    JointCompliance,
+    JointHarmonics,
+    LinkGeometry,
+    LostMotion,
+    ParameterBlock,
+    TargetFrame,
+    TargetPoints,
+    ToolFrame,
+    ToolPoints,
+    ZeroOffsets,
+)
+from calib.parameters.gravity import GravityLoad
+from calib.parameters.links import AXES
+from calib.robots import Robot
+from calib.se3 import FloatArray, IntArray, rotation_exp, transform
+from posedesign.cell import Cell
+from posedesign.feasibility.postures import nearest_postures
+from posedesign.generation import touching_poses
+from posedesign.measurement_table import TOOL, MeasurementTable
+from posedesign.optimal.pool_of_cell import away_from_singularities, box_of_cell
+from posedesign.pools import Pool, cone_pool, joint_pool
+from posedesign.template import cell_template
+
+SETTINGS: dict[str, Any] = tomllib.loads(
+    Path(__file__).with_name("study.toml").read_text(encoding="utf-8")
+)
+
+KINDS = {"touch-up": "touch-up", "camera": "camera-pose", "tracker": "point"}
+"""Kind of measurement of each way to measure."""
+
+TRIES = 20
+"""Draws of postures, where the arm cannot touch from one of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """An arm as it really is.
+
+    Attributes
+    ----------
+    model : CalibrationModel
+        With all its errors, and the noise as it is.
+    values : array (p,)
+        [SI]
+    compliant, wavy : bool
+        Whether its joints give way, and whether its transmissions run unevenly and have play.
+    noise : float
+        Over what the cell says.
+    """
+
+    model: CalibrationModel
+    values: FloatArray
+    compliant: bool
+    wavy: bool
+    noise: float
+
+    def without(self, *words: str) -> FloatArray:
+        """Its parameters ``(p,)``, those whose names begin with a word at zero."""
+        gone = [name.partition(".")[0] in words for name in self.model.names]
+        return np.where(gone, 0.0, self.values)
+
+
+class Bench:
+    """A cell as it is written for a preset, and postures to measure arms in it.
+
+    Parameters
+    ----------
+    preset, way : str
+    settings : mapping
+    """
+
+    def __init__(self, preset: str, way: str, settings: Mapping[str, Any]) -> None:
+        self.way, self.settings = way, settings
+        self._number = settings["presets"].index(preset)
+        text = cell_template(preset)
+        if way == "camera":
+            text = text.replace('\nkind = "touch-up" ', '\nkind = "camera-pose" ')
+        self.cell = Cell.from_text(text)
+        self.kind = KINDS[way]
+
+    @cached_property
+    def pool(self) -> Pool:
+        """What measuring postures are drawn from."""
+        cell, count = away_from_singularities(self.cell), self.settings["candidates"]
+        rng = np.random.default_rng(self.settings["seed"])
+        if self.way == "touch-up":
+            tilt = float(np.deg2rad(cell.config.pool.tilt_deg))
+            few = self.settings["touch_candidates"]
+            return cone_pool(cell, tilt, few, rng, targets_m=self.targets_m)
+        if self.way == "camera":
+            return joint_pool(cell, count, rng)
+        return joint_pool(_blind(cell), count, rng, np.deg2rad(self.settings["turn_deg"]))
+
+    @cached_property
+    def targets_m(self) -> FloatArray:
+        """Targets ``(K, 3)`` [m]."""
+        apart = np.array(self.settings["offsets_of_reach"]) * self.cell.robot.chain.reach_m
+        return self.cell.target_m + apart
+
+    @cached_property
+    def fresh(self) -> FloatArray:
+        """Postures ``(V, n)`` [rad] that are not measured, over the usual task box."""
+        cell, count = self.cell, self.settings["fresh"]
+        box = box_of_cell(cell)[0]
+        rng = np.random.default_rng([self.settings["seed"], 1])
+        drawn = rng.standard_normal((2 * count, 3))
+        drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
+        turn = np.deg2rad(self.settings["turned_deg"]) * drawn * rng.random((2 * count, 1))
+        rotations = cell.robot.fk(cell.base_posture)[:3, :3] @ rotation_exp(turn)
+        points = box.lowest_m + rng.random((2 * count, 3)) * (box.highest_m - box.lowest_m)
+        poses = touching_poses(rotations, cell.tool_m, points)
+        found = nearest_postures(cell.passing, poses, cell.base_posture)
+        return found.q[found.feasible][:count]
+
+    @cached_property
+    def torque_nm(self) -> FloatArray:
+        """Largest torque of gravity ``(n,)`` [Nm] at the measuring postures, a little at least."""
+        q = self.pool.postures
+        torque = GravityLoad(self.cell.robot, self.cell.payload).joint_torque(
+            np.ascontiguousarray(q.T), Setup.of(len(q))
+        )
+        found = np.abs(torque).max(axis=1)
+        return np.asarray(np.maximum(found, 0.1 * found.max()))
+
+    def arm(self, trial: int) -> Arm:
+        """The arm of a trial: the same, however it is measured, but for tool and target."""
+        settings, robot, n = self.settings, self.cell.robot, self.cell.robot.n
+        rng = np.random.default_rng([settings["seed"], self._number, trial])
+
+        def size(name: str, factor: float = 1.0) -> float:
+            return float(rng.uniform(*settings[name])) * factor
+
+        degree = np.pi / 180.0
+        offsets = size("offset_deg", degree) * rng.standard_normal(n)
+        links = LinkGeometry(robot, _across(robot))
+        lengths, angles = size("length_mm", 1e-3), size("angle_deg", degree)
+        sigma = np.where([unit == "m" for unit in links.units], lengths, angles)
+        blocks: list[ParameterBlock] = [ZeroOffsets(robot, robot.joint_names), links]
+        values = [offsets, sigma * rng.standard_normal(links.size)]
+        compliant = bool(trial % 2) and bool(robot.link_mass.any())
+        wavy = trial % 3 == 0
+        low, high = settings["give_mrad"]
+        give, spread = rng.uniform(low, high, n) * 1e-3, rng.standard_normal(n)
+        if compliant:
+            known = settings["stiffness_spread"] ** spread / robot.stiffness
+            blocks.append(JointCompliance(robot, robot.joint_names, self.cell.payload))
+            stiff = np.isfinite(robot.stiffness)
+            values.append(np.where(stiff, known, give / self.torque_nm))
+        if wavy:
+            waves = JointHarmonics(robot, robot.joint_names, [1.0, 2.0])
+            play = LostMotion(
+                robot,
+                robot.joint_names,
+                settings["friction_share"] * self.torque_nm,
+                self.cell.payload,
+            )
+            blocks += [waves, play]
+            values.append(size("harmonic_deg", degree) * rng.standard_normal(waves.size))
+            values.append(size("lost_motion_deg", degree) * np.abs(rng.standard_normal(n)))
+        scale = float(settings["noise_scales"][trial // 3 % len(settings["noise_scales"])])
+        set_up, placed = self._set_up(rng)
+        model = CalibrationModel(robot, [*blocks, *set_up], self._measurement(scale))
+        return Arm(model, np.concatenate([*values, *placed]), compliant, wavy, scale)
+
+    def measured(self, arm: Arm, trial: int) -> tuple[MeasurementTable, FloatArray, Setup]:
+        """What is measured of an arm: the table, and from which planned postures ``(N, n)``."""
+        way = list(KINDS).index(self.way)
+        rng = np.random.default_rng([self.settings["seed"], self._number, trial, way])
+        for left in reversed(range(TRIES)):
+            rows = self._drawn(rng)
+            q = self.pool.postures[rows]
+            how = Setup.of(len(rows), target=self.pool.target[rows])
+            try:
+                data = simulate(arm.model, arm.values, q, rng, setup=how)
+            except ConvergenceError:
+                if not left:
+                    raise
+                continue
+            break
+        lines = tuple(range(2, 2 + data.count))
+        return MeasurementTable(data, (self.kind,), lines), q, how
+
+    def _drawn(self, rng: np.random.Generator) -> IntArray:
+        target, count = self.pool.target, self.settings["poses"]
+        if self.way == "touch-up":
+            count = self.settings["touched"]
+        each = [np.flatnonzero(target == k) for k in range(len(self.pool.targets_m))]
+        return np.concatenate([rng.choice(rows, count, replace=False) for rows in each])
+
+    def _measurement(self, scale: float) -> Measurement:
+        if self.way == "tracker":
+            return Point(np.full(3, self.settings["tracker_three_sigma_mm"] / 3e3 * scale))
+        own = self.cell.measurement
+        return own.with_noise(np.full(own.rows, scale))
+
+    def _set_up(self, rng: np.random.Generator) -> tuple[list[ParameterBlock], list[FloatArray]]:
+        """Where tool and targets really are: as the cell has them, and what it does not know."""
+        tool, target = (self.settings[k] * 1e-3 for k in ("tool_mm", "target_mm"))
+        turn = np.deg2rad(self.settings["frame_deg"])
+
+        def six(size: float) -> FloatArray:
+            return np.array([size] * 3 + [turn] * 3) * rng.standard_normal(6)
+
+        cell, name = self.cell, self.cell.config.target.name
+        if self.way == "camera":
+            frames = (
+                ToolFrame(_moved(cell.T_tip_camera, six(tool))),
+                TargetFrame(_moved(cell.T_base_target, six(target)), name),
+            )
+            return list(frames), [frame.nominal for frame in frames]
+        point = ToolPoints([cell.tool_m + tool * rng.standard_normal(3)], [TOOL])
+        if self.way == "tracker":
+            away = transform(rotation_exp(rng.uniform(-1.0, 1.0, 3)), rng.uniform(-3.0, 3.0, 3))
+            frame = TargetFrame(away, "tracker")
+            return [point, frame], [point.nominal, frame.nominal]
+        there = self.targets_m + target * rng.standard_normal(self.targets_m.shape)
+        points = TargetPoints(there, self.pool.target_names)
+        return [point, points], [point.nominal, points.nominal]
+
+
+@lru_cache(maxsize=18)
+def bench_of(preset: str, way: str) -> Bench:
+    """The bench of the study, made once a process."""
+    return Bench(preset, way, SETTINGS)
+
+
+def aligned_rms_m(said: FloatArray, true: FloatArray) -> float:
+    """Root mean square distance [m] of points ``(V, 3)``, one set laid on the other as one body.
+
+    By the rotation of Kabsch 1976, and the middles of both.
+    """
+    a, b = said - said.mean(axis=0), true - true.mean(axis=0)
+    U, _, Vt = np.linalg.svd(b.T @ a)
+    turn = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return float(np.sqrt(np.mean(np.sum((a @ turn.T - b) ** 2, axis=1))))
+
+
+def _across(robot: Robot) -> list[str]:
+    """Errors of links but turns about the joints' own axes, which are zero offsets."""
+    own = {
+        f"link.{joint}.{AXES[3 + int(np.argmax(np.abs(axis)))]}"
+        for joint, axis in zip(robot.joint_names, robot.chain.axes, strict=True)
+    }
+    return [name for name in LinkGeometry(robot).names if name not in own]
+
+
+def _blind(cell: Cell) -> Cell:
+    """The cell without its camera: a tracker looks from elsewhere."""
+    return Cell.from_config(cell.config.model_copy(update={"camera": None}), Path("cell.toml"))
+
+
+def _moved(T: FloatArray, six: FloatArray) -> FloatArray:
+    return np.asarray(T @ transform(rotation_exp(six[3:]), six[:3]))

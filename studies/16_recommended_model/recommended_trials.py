@@ -1,0 +1,184 @@
+"""A trial: one arm, measured one way, identified; every model held against the arm as it is."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from recommended_arms import Arm, Bench, aligned_rms_m, bench_of
+from recommended_peers import (
+    PULLED,
+    REDUCED,
+    all_links,
+    by_least_squares,
+    by_pull,
+    reduced_by_qr,
+)
+
+from calib.arm_view import Setup
+from calib.errors import CalibError
+from calib.identification import IdentificationResult, identify
+from calib.measurement.simulate import simulate as measure
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray
+from posedesign.before_after import Identified, identify_models
+from posedesign.identification_content import results_as_dict
+from posedesign.study.grid import Task
+
+NOMINAL = "frames only"
+"""The arm as described, tool and targets placed."""
+
+COLUMNS = (
+    *("preset", "way", "trial", "compliant", "wavy", "noise", "model", "role", "error_mm"),
+    *("expected_mm", "expected_low_mm", "expected_high_mm", "recommended", "reference"),
+    *("incomplete", "covered", "parameters", "give_mm", "seconds", "said"),
+)
+"""Of the table: a row a model, those of a trial behind each other."""
+
+_INCOMPLETE = re.compile(r"incomplete|leaves something out|does not describe|not covered")
+
+_ERRORS = ("link", "compliance", "harmonic", "lost_motion")
+"""First parts of the names of what an arm may have besides zero offsets."""
+
+
+def simulate(task: Task) -> dict[str, Any]:
+    """Rows of all trials of a task, by columns."""
+    rows = []
+    for trial in range(task.first, task.first + task.trials):
+        rows += trial_of(task.condition["preset"], task.condition["way"], trial)
+    return {column: [row[column] for row in rows] for column in COLUMNS}
+
+
+def trial_of(preset: str, way: str, trial: int) -> list[dict[str, Any]]:
+    """Rows of one trial."""
+    bench = bench_of(preset, way)
+    arm = bench.arm(trial)
+    head = {"preset": preset, "way": way, "trial": trial, "compliant": arm.compliant}
+    head |= {"wavy": arm.wavy, "noise": arm.noise}
+    empty = dict.fromkeys(COLUMNS, float("nan")) | head
+    empty |= {"recommended": False, "reference": False, "incomplete": False, "said": ""}
+    empty |= {"covered": 0, "parameters": 0}
+    table, q, how = bench.measured(arm, trial)
+    start = time.perf_counter()
+    try:
+        identified = identify_models(bench.cell, table)
+    except CalibError as error:
+        return [empty | {"model": NOMINAL, "role": "refused", "said": _short(str(error))}]
+    seconds = time.perf_counter() - start
+    content = results_as_dict(bench.cell, identified)
+    recommended, reference = content["recommended"], content.get("reference")
+    true = arm.model.view(bench.fresh, arm.values).tool_points
+    rows = []
+    for one, said in zip(identified.comparison.trials, content["models"], strict=True):
+        if one.result is None:
+            continue
+        model, x = one.candidate.model, one.result.values
+        row = empty | {"model": one.name, "role": "model", "seconds": seconds}
+        row["error_mm"] = error_mm(model, x, bench, true)
+        row |= _expected(said)
+        row["reference"] = one.name == reference
+        if one.name == recommended:
+            row["recommended"] = True
+            row["said"] = _short(content["reason"])
+            row["incomplete"] = _says_incomplete(content, said)
+            row["give_mm"] = _give_mm(model, x, bench)
+            row |= _coverage(arm, model, one.result, (q, how))
+        rows.append(row)
+    for name, off in _peers(bench, identified, q, true):
+        rows.append(empty | {"model": name, "role": "peer", "error_mm": off})
+    return rows
+
+
+def error_mm(model: CalibrationModel, x: FloatArray, bench: Bench, true: FloatArray) -> float:
+    """Error of the tool point at the fresh postures [mm], the base laid on the true one."""
+    return 1e3 * aligned_rms_m(model.view(bench.fresh, x).tool_points, true)
+
+
+def _expected(said: Mapping[str, Any]) -> dict[str, float]:
+    """What the result says of its error over the task box, where it does."""
+    found = said.get("expected_box_mm")
+    if found is None:
+        return {}
+    if isinstance(found, Mapping):
+        value, low, high = (found.get(k, np.nan) for k in ("value", "low", "high"))
+    else:
+        value = found
+        low, high = said.get("expected_box_interval_mm") or (np.nan, np.nan)
+    values = [np.nan if v is None else float(v) for v in (value, low, high)]
+    return dict(zip(("expected_mm", "expected_low_mm", "expected_high_mm"), values, strict=True))
+
+
+def _says_incomplete(content: Mapping[str, Any], said: Mapping[str, Any]) -> bool:
+    """Whether the result says that the recommended model leaves something of the arm out."""
+    lines = [content["reason"], *content["warnings"], said["message"], *said["notes"]]
+    return any(_INCOMPLETE.search(line) for line in lines)
+
+
+def _give_mm(model: CalibrationModel, x: FloatArray, bench: Bench) -> float:
+    """How far compliance as identified moves the tool point [mm], rms, the base laid anew."""
+    gives = [name.startswith(("compliance.", "bearing")) for name in model.names]
+    if not any(gives):
+        return 0.0
+    stiff = model.view(bench.fresh, np.where(gives, 0.0, x)).tool_points
+    return 1e3 * aligned_rms_m(model.view(bench.fresh, x).tool_points, stiff)
+
+
+def _coverage(
+    arm: Arm,
+    model: CalibrationModel,
+    result: IdentificationResult,
+    measured: tuple[FloatArray, Setup],
+) -> dict[str, int]:
+    """How many parameters of the arm there are, and how many intervals of 95 % hold the truth."""
+    true = _truth(arm, model, measured)
+    own = ~result.nuisance & np.isfinite(true)
+    low, high = result.interval
+    return {
+        "parameters": int(own.sum()),
+        "covered": int(((low <= true) & (true <= high))[own].sum()),
+    }
+
+
+def _truth(arm: Arm, model: CalibrationModel, measured: tuple[FloatArray, Setup]) -> FloatArray:
+    """What the parameters ``(p,)`` of a model truly are.
+
+    Those that priors hold are the arm's own. Others stand for those merged with them, too: they are
+    what the model finds without noise of an arm that has errors of its kinds only.
+    """
+    if np.isfinite(model.prior).any() or not (~model.nuisance).any():
+        by_name = dict(zip(arm.model.names, arm.values, strict=True))
+        return np.array([by_name.get(name, np.nan) for name in model.names])
+    has = {name.partition(".")[0] for name in model.names}
+    values = arm.without(*(word for word in _ERRORS if word not in has))
+    q, how = measured
+    try:
+        return identify(model, measure(arm.model, values, q, setup=how)).values
+    except CalibError:
+        return np.full(model.p, np.nan)
+
+
+def _peers(
+    bench: Bench, identified: Identified, planned: FloatArray, true: FloatArray
+) -> Sequence[tuple[str, float]]:
+    """Errors [mm] of what others would have fitted."""
+    baseline = identified.comparison.trials[0]
+    data = identified.table.data
+    if baseline.result is None:
+        return []
+    whole = all_links(baseline.candidate.model)
+    start = np.where(whole.nuisance, 0.0, whole.nominal)
+    start[whole.nuisance] = baseline.result.values
+    few = reduced_by_qr(whole, data, planned, bench.settings["qr_tolerance"])
+    kept = [whole.names.index(name) for name in few.names]
+    found = [
+        (REDUCED, few, by_least_squares(few, data, start[kept])),
+        (PULLED, whole, by_pull(whole, data, start, bench.settings["pull"])),
+    ]
+    return [(name, error_mm(model, x, bench, true)) for name, model, x in found]
+
+
+def _short(text: str) -> str:
+    return " ".join(text.split())[:200]

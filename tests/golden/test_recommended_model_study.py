@@ -1,0 +1,132 @@
+"""Is the recommended model the one to take: a short form, and what its figures stand on."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.se3 import rotation_exp
+from posedesign.models import candidates
+from posedesign.study.library import Options, find_study
+from studies.intervals import wilson
+
+STUDY = find_study("recommended_model")
+EXPECTED: dict[str, Any] = json.loads((STUDY.folder / "expected.json").read_text(encoding="utf-8"))
+TRIALS = 3
+
+
+@pytest.fixture(scope="module")
+def run() -> ModuleType:
+    return STUDY.load()
+
+
+@pytest.fixture(scope="module")
+def arms(run: ModuleType) -> ModuleType:
+    return sys.modules["recommended_arms"]
+
+
+@pytest.fixture(scope="module")
+def trials(run: ModuleType) -> ModuleType:
+    return sys.modules["recommended_trials"]
+
+
+@pytest.fixture(scope="module")
+def peers(run: ModuleType) -> ModuleType:
+    return sys.modules["recommended_peers"]
+
+
+def test_the_interval_of_wilson_is_the_published_one() -> None:
+    """Eight of ten: .490 to .943 (Newcombe 1998 gives the formula; none of ten ends at .278)."""
+    eight = wilson(np.arange(10) < 8)
+    assert (eight["low"], eight["high"]) == pytest.approx((0.4902, 0.9433), abs=1e-4)
+    none = wilson(np.zeros(10, dtype=bool))
+    assert (none["low"], none["high"]) == pytest.approx((0.0, 0.2775), abs=1e-4)
+
+
+def test_a_base_that_stands_elsewhere_is_no_error_and_a_scale_is(arms: ModuleType) -> None:
+    rng = np.random.default_rng(1)
+    points = rng.standard_normal((200, 3))
+    moved = points @ rotation_exp(np.array([0.3, -0.2, 0.5])).T + [1.0, -2.0, 0.5]
+    assert arms.aligned_rms_m(moved, points) < 1e-12
+    middle = points - points.mean(axis=0)
+    size = np.sqrt(np.mean(np.sum(middle**2, axis=1)))
+    assert arms.aligned_rms_m(1.01 * moved, points) == pytest.approx(0.01 * size, rel=1e-9)
+
+
+def test_an_arm_is_the_same_however_it_is_measured(arms: ModuleType) -> None:
+    drawn = [arms.bench_of("irb120", way).arm(1) for way in ("camera", "tracker")]
+    first, second = (dict(zip(one.model.names, one.values, strict=True)) for one in drawn)
+    own = [n for n in first if n.startswith(("zero_offset", "link"))]
+    assert len(own) == 6 + 30
+    assert [first[n] for n in own] == [second[n] for n in own]
+
+
+def test_qr_keeps_what_the_measurements_tell(arms: ModuleType, peers: ModuleType) -> None:
+    """As many columns as the matrix has singular values above noise."""
+    bench = arms.bench_of("irb120", "tracker")
+    arm = bench.arm(0)
+    table, q, how = bench.measured(arm, 0)
+    whole = peers.all_links(candidates(bench.cell, table)[0].model)
+    few = peers.reduced_by_qr(whole, table.data, q, 1e-6)
+    J = whole.linearise(q, whole.nominal, how, table.data.observed).white_jacobian
+    J = J.reshape(-1, whole.p)
+    assert few.p == np.linalg.matrix_rank(J / np.linalg.norm(J, axis=0), tol=1e-8)
+
+
+def test_each_model_is_held_against_the_arm_as_it_is(
+    arms: ModuleType, trials: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An arm that is off in its zeros alone, measured without noise: offsets leave nothing."""
+    bench = arms.bench_of("irb120", "tracker")
+    drawn = bench.arm(2)  # neither compliant nor wavy
+    kinds = [kind.with_noise(1e-6) for kind in drawn.model.measurements]
+    model = drawn.model.with_measurements(kinds)
+    arm = arms.Arm(model, drawn.without("link"), False, False, 1e-6)
+    monkeypatch.setattr(bench, "arm", lambda trial: arm)
+    rows = {row["model"]: row for row in trials.trial_of("irb120", "tracker", 2)}
+    assert rows["frames only"]["error_mm"] > 0.05
+    for name in ("offsets", "geometry", "QR, least squares"):
+        assert rows[name]["error_mm"] < 1e-4, name
+    taken = next(row for row in rows.values() if row["recommended"])
+    assert taken["model"] == "offsets"
+    assert taken["parameters"] == 4
+
+
+@pytest.mark.slow
+def test_a_short_form_has_the_structure_of_the_full_one(
+    run: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One preset in one way; what was done before a stop is not done again."""
+    monkeypatch.setattr(run, "conditions", lambda: [{"preset": "irb120", "way": "tracker"}])
+    said: list[float] = []
+    found = STUDY.run(Options(tmp_path, TRIALS, advance=lambda what, part: said.append(part)))
+    assert said == [0.0, 0.5, 1.0]
+    assert set(found) == set(EXPECTED)
+    assert [set(row) for row in found["rows"]] == [set(EXPECTED["rows"][0])] * 2
+    assert found["rows"][0]["arms"] == TRIALS
+    assert sum(found["taken"]["tracker"].values()) == TRIALS
+    drawn = STUDY.plot(tmp_path)
+    assert {path.suffix for path in drawn} == {".png", ".svg"}
+    monkeypatch.setattr(run, "simulate", None)
+    assert STUDY.run(Options(tmp_path, TRIALS)) == found
+
+
+def test_the_tables_that_people_read_are_the_result(run: ModuleType) -> None:
+    text = (STUDY.folder / "README.md").read_text(encoding="utf-8")
+    for line in run.markdown(EXPECTED).splitlines():
+        assert line in text
+    assert f"{EXPECTED['trials']} arms of each preset" in text
+
+
+def test_its_readme_has_its_commands() -> None:
+    text = (STUDY.folder / "README.md").read_text(encoding="utf-8")
+    for command in ("run", "plot"):
+        assert f"posedesign study {command} recommended_model " in text
+    assert STUDY.question.endswith("?")
+    assert "(recommended_model.png)" in text

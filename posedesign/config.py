@@ -217,7 +217,8 @@ class PlanSection(Section):
     both, so that the side stays the same. ``dwell_s``: one visual touch-up took Watanabe et al.
     2006 about 20 s (section 4, Table 2), the arm's settling included; of it and of
     ``condition_threshold`` a camera-pose has defaults of its own. ``contact_mm``: an arm that is
-    not calibrated misses a planned pose by some millimetres.
+    not calibrated misses a planned pose by some millimetres. ``stop_short_mm``: programs go to
+    touch-ups from no farther off than positions are imported.
     """
 
     condition_threshold: Positive = 1.0e5
@@ -232,12 +233,18 @@ class PlanSection(Section):
     dwell_s: NotNegative = 20.0
     retreat_mm: NotNegative = 0.0
     contact_mm: Positive = 5.0
+    stop_short_mm: Annotated[float, Field(strict=True, ge=0, le=40)] = 0.0
 
     @model_validator(mode="after")
     def _backs_off_far_enough(self) -> PlanSection:
         if self.retreat_mm and self.retreat_mm <= self.contact_mm:
             raise ValueError(
                 f"retreat_mm {self.retreat_mm:g} is not above contact_mm {self.contact_mm:g}"
+            )
+        if self.stop_short_mm and self.retreat_mm <= self.stop_short_mm:
+            raise ValueError(
+                f"stop_short_mm {self.stop_short_mm:g} is not below retreat_mm "
+                f"{self.retreat_mm:g}: a program stops short on the way in from there"
             )
         if self.retreat_mm and self.approach == "same-side":
             raise ValueError(

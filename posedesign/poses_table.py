@@ -23,7 +23,7 @@ from posedesign.csv_tables import (
 from posedesign.files import StrPath
 from posedesign.indices import Indices
 from posedesign.measurement_table import PLACE, TURN
-from posedesign.pose_list import ALL_CHECKED, NOT_CHECKED, DroppedPose, PoseList
+from posedesign.pose_list import ALL_CHECKED, NOT_CHECKED, STOPS_SHORT, DroppedPose, PoseList
 from posedesign.pose_margins import MARGIN_COLUMNS, Margins
 from posedesign.pose_plan import PoseSet, PoseStatus
 from posedesign.postures_table import (
@@ -59,6 +59,7 @@ def write_poses(
     indices: Indices | None = None,
     title: str = "measuring poses",
     not_checked: Sequence[str] | None = None,
+    stop_short_mm: float = 0.0,
 ) -> Path:
     """Write ``poses.csv``: the stops of a route through the kept poses, then what was dropped.
 
@@ -79,6 +80,8 @@ def write_poses(
     not_checked : sequence of str, optional
         What planning did not look at (:attr:`.Cell.not_checked`), for the same; None where nobody
         knows.
+    stop_short_mm : float
+        How far before the poses programs are to stop, for the same.
     """
     listed = PoseList.of_route(poses, route)
     comments = [f"posedesign: {title} of {robot.name}", f"fingerprint: {listed.fingerprint}"]
@@ -88,6 +91,8 @@ def write_poses(
         values = indices.as_dict()
         del values["poses"]  # said already
         comments += [f"{name}: {value:.12g}" for name, value in values.items()]
+    if stop_short_mm:
+        comments.append(f"{STOPS_SHORT}: {stop_short_mm:g}")
     if not_checked is not None:
         comments += [f"{NOT_CHECKED}: {said}" for said in not_checked or (ALL_CHECKED,)]
     return _write(path, listed, robot, tool_m, JointForm.USUAL, margins, comments)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +20,7 @@ from posedesign.indices import evaluate
 from posedesign.origin import described, is_simulated
 from posedesign.passages import Passages
 from posedesign.planner import regressor
+from posedesign.pose_list import STOPS_SHORT
 from posedesign.pose_plan import fingerprint
 from posedesign.program_frames import arm_of, check_frames, tool_note
 from posedesign.programs import (
@@ -220,6 +221,15 @@ def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | No
     return PoseList(tuple(names), np.stack(postures), np.array(via))
 
 
+def stopping_short(cell: Cell, poses: PoseList) -> PoseList:
+    """The list with its measured postures as far before the target as programs of the cell stop."""
+    if cell.retreat is None or not cell.retreat.short_m:
+        return poses
+    postures = poses.postures.copy()
+    postures[~poses.via] = cell.retreat.stop_short(postures[~poses.via])
+    return replace(poses, postures=postures)
+
+
 def refuse_doubles(poses: PoseList) -> None:
     """Refuse a list in which two poses have one name: what comes back could not be told apart."""
     twice = next((name for name, times in Counter(poses.names).items() if times > 1), None)
@@ -238,7 +248,8 @@ def write_program(
 ) -> WrittenProgram:
     """Write a robot program, validate it, read it back, and judge what it has become.
 
-    Its head says what was not checked: by the cell, or without one when the list was planned; and
+    The measured postures are those where the tool stops short of its target, if the cell says so.
+    The head says what was not checked: by the cell, or without one when the list was planned; and
     which files ``out`` says that it is made from, those of a simulated robot first. ``forced`` are
     poses that are written although they break a constraint, each with the reason.
 
@@ -259,6 +270,15 @@ def write_program(
             name="format",
             value=chosen.name,
         )
+    if cell is not None:
+        poses = stopping_short(cell, poses)
+    elif poses.header.get(STOPS_SHORT):
+        raise InputError(
+            f"programs are to stop {poses.header[STOPS_SHORT]} mm short of these poses: where that "
+            "is follows from the cell",
+            hint="pass --cell",
+            name="cell",
+        )
     note = ""
     if cell is not None and options.form == "cartesian":
         check_frames(cell, chosen)
@@ -276,6 +296,7 @@ def write_program(
         forced=tuple(forced),
         simulated=tuple(described(path) for path in files if is_simulated(path)),
         made_from=tuple(described(path) for path in files if not is_simulated(path)),
+        short_m=cell.config.plan.stop_short_mm / 1e3 if cell is not None else 0.0,
     )
     paths = chosen.write(program, results)
     problems = [

@@ -131,6 +131,7 @@ def build_retreat(cell: Cell) -> Retreat | None:
         axis=axis / np.linalg.norm(axis),
         length_m=plan.retreat_mm / 1e3,
         contact_m=plan.contact_mm / 1e3,
+        short_m=plan.stop_short_mm / 1e3,
         passing=cell.passing,
         others=WayChecker(cell.solid if ways else (), cell.ways.largest_travel),
         meeting=WayChecker((meeting,) if ways and met else (), np.inf),

@@ -96,6 +96,7 @@ approach = "none"                 # or "same-side": all joints arrive at all pos
 approach_deg = 1.0                # by a last movement of this angle, for arms with backlash
 # retreat_mm = 50.0               # a pin backs off so far along its axis, turns, and comes in again
 # contact_mm = 5.0                # within this of the target pairs of constraints.ignore may touch
+# stop_short_mm = 0.0             # programs stop so far before the target: jog in, touch up
 # dwell_s = 20.0                  # at each pose, for the cycle time: a touch-up; 2 for camera-pose
 
 [pool]

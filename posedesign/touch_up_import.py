@@ -25,7 +25,7 @@ from posedesign.files import read_bytes_bounded
 from posedesign.origin import head_of
 from posedesign.pose_plan import fingerprint
 from posedesign.program_frames import arm_of, check_recorded_frames
-from posedesign.programming import refuse_doubles
+from posedesign.programming import refuse_doubles, stopping_short
 from posedesign.programs import DIALECTS, Dialect, RecordedPosition, RecordedProgram, postures_of
 from posedesign.programs.reading import MOST_BYTES
 from posedesign.programs.registry import dialect_of, find_dialect
@@ -135,7 +135,10 @@ def import_touch_ups(
     names = tuple(name for part in parts for name in part.names)
     q = np.concatenate([part.postures for part in parts])
     planned = _planned(names, q, plan)
-    unmoved = _unmoved(q, planned, np.concatenate([part.unmoved_rad for part in parts]))
+    unmoved_rad = np.concatenate([part.unmoved_rad for part in parts])
+    unmoved = _unmoved(q, planned, unmoved_rad)
+    if plan is not None:  # a list has the poses themselves, a program where it stops before them
+        unmoved |= _unmoved(q, _planned(names, q, stopping_short(cell, plan)), unmoved_rad)
     kept = np.flatnonzero(~unmoved | keep_untouched)
     if not len(kept):
         raise InputError(

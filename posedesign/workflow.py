@@ -199,6 +199,7 @@ def _write_poses(
         indices=indices,
         title=path.origin.purpose,
         not_checked=cell.not_checked,
+        stop_short_mm=cell.config.plan.stop_short_mm,
     )
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.errors import UnreachableError
 from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_angle
 from calib.visual.following import follow
@@ -43,8 +44,9 @@ class Retreat:
         Tool point in the tip frame [m].
     axis : array (3,)
         Unit vector in the tip frame along which the tool comes to the target.
-    length_m, contact_m : float
-        How far the tool backs off, and within how much of the pose bodies may touch.
+    length_m, contact_m, short_m : float
+        How far the tool backs off, within how much of the pose bodies may touch, and how far
+        before the pose a program stops.
     passing : Checker
         What a posture that is backed off must keep: all distances.
     others : WayChecker
@@ -58,6 +60,7 @@ class Retreat:
     axis: FloatArray
     length_m: float
     contact_m: float
+    short_m: float
     passing: Checker
     others: WayChecker
     meeting: WayChecker
@@ -68,9 +71,7 @@ class Retreat:
         Of the same arm configuration, and with the same orientation of the tool. Reasons are empty
         where nothing is.
         """
-        T = self.robot.fk(q)
-        T[:, :3, 3] -= self.length_m * T[:, :3, :3] @ self.axis
-        back, found = follow(self.robot, q, T)
+        back, found = self._backed_off(q)
         where = f"{self.length_m * 1e3:g} mm back along the tool"
         reasons = [f"no posture {where}"] * len(q)
         rows = np.flatnonzero(found)
@@ -87,6 +88,31 @@ class Retreat:
             reasons[i] = f"on the last {self.length_m * 1e3:g} mm along the tool: {why}" * bool(why)
         return back, tuple(reasons)
 
+    def stop_short(self, q: FloatArray) -> FloatArray:
+        """Postures ``(N, n)`` [rad] on the moves in to others, where a program stops.
+
+        Raises
+        ------
+        UnreachableError
+            The tool cannot back off from one of them.
+        """
+        back, found = self._backed_off(q)
+        if not found.all():
+            row = int(np.argmin(found))
+            raise UnreachableError(
+                f"posture {row + 1} has none {self.length_m * 1e3:g} mm back along the tool: there "
+                f"is no way in to stop {self.short_m * 1e3:g} mm short on",
+                hint="set plan.stop_short_mm = 0, or change plan.retreat_mm",
+                name="plan.stop_short_mm",
+            )
+        return back + (q - back) * self._part_before(back, q, self.short_m)[:, None]
+
+    def _backed_off(self, q: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Postures ``(N, n)`` [rad] with the tool backed off, and which there are ``(N,)``."""
+        T = self.robot.fk(q)
+        T[:, :3, 3] -= self.length_m * T[:, :3, :3] @ self.axis
+        return follow(self.robot, q, T)
+
     def is_along(self, away: FloatArray, q: FloatArray) -> BoolArray:
         """Joint moves ``(N,)`` from postures ``(N, n)`` that come in along the tool's axis."""
         T = self.robot.fk(q)
@@ -102,21 +128,21 @@ class Retreat:
     def check(self, away: FloatArray, q: FloatArray) -> WayVerdicts:
         """Verdicts on moves along the tool from postures ``(N, n)`` to those that touch [rad]."""
         found = self.others.check(away, q)
-        contact = self._contact(away, q)
+        contact = self._part_before(away, q, self.contact_m)
         met = self.meeting.check(away, away + (q - away) * contact[:, None])
         first = found.clear & ~met.clear
         reasons = np.where(first, met.reasons, found.reasons).tolist()
         part = np.where(first, met.part * contact, found.part)
         return WayVerdicts(found.clear & met.clear, found.travel, part, tuple(reasons))
 
-    def _contact(self, away: FloatArray, q: FloatArray) -> FloatArray:
-        """Parts of moves ``(N,)`` after which the tool point is within the last millimetres."""
+    def _part_before(self, away: FloatArray, q: FloatArray, far_m: float) -> FloatArray:
+        """Parts of moves ``(N,)`` after which the tool point is within so far of their end."""
         end = self._points(self.robot.fk(q))
         left = np.ones(len(q))
         for _ in range(4):  # the move is all but even: each step gains two digits
             point = self._points(self.robot.fk(q + (away - q) * left[:, None]))
             far = np.linalg.norm(point - end, axis=-1)
-            left = np.minimum(1.0, left * self.contact_m / np.maximum(far, self.contact_m / 1e3))
+            left = np.minimum(1.0, left * far_m / np.maximum(far, far_m / 1e3))
         return np.asarray(1.0 - left)
 
     def _points(self, T: FloatArray) -> FloatArray:

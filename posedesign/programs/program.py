@@ -219,6 +219,8 @@ class PoseProgram:
         Poses that are written although they break a constraint, each with the reason; the same.
     simulated, made_from : tuple of str
         The files that it was made from, in words, those of a simulated robot apart; the same.
+    short_m : float
+        How far before the target the poses stop [m]; the same.
 
     Raises
     ------
@@ -236,6 +238,7 @@ class PoseProgram:
     forced: tuple[str, ...] = ()
     simulated: tuple[str, ...] = ()
     made_from: tuple[str, ...] = ()
+    short_m: float = 0.0
 
     def __post_init__(self) -> None:
         poses = tuple(self.poses)
@@ -291,10 +294,12 @@ class PoseProgram:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the head of the program says to whoever runs it, at most so much of each kind."""
+        short = (f"{self.short_m * 1e3:g} mm, jog in and touch up",) if self.short_m else ()
         return tuple(
             f"{word}: {text}"
             for word, texts in (
                 ("SIMULATED, NOT FOR A ROBOT", self.simulated),
+                ("STOPS SHORT OF THE TARGET", short),
                 ("WRITTEN IN SPITE OF", self.forced),
                 ("NOT CHECKED", self.not_checked),
                 ("FROM", self.made_from),

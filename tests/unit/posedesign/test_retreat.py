@@ -252,6 +252,7 @@ def test_the_pin_without_a_retreat_is_refused(pin_cell: MakeCell) -> None:
     [
         ({"approach": "same-side"}, "not all joints come from one side"),
         ({"contact_mm": 50.0}, "not above contact_mm"),
+        ({"retreat_mm": 30.0, "stop_short_mm": 30.0}, "stop_short_mm 30 is not below retreat_mm"),
     ],
 )
 def test_retreats_that_cannot_be(pin_cell: MakeCell, keys: dict[str, Any], said: str) -> None:
@@ -273,6 +274,16 @@ POSITION = re.compile(r"P\[(\d+)[^\]]*\]\{(.*?)\};", re.DOTALL)
 JOINT = re.compile(r"J\d=\s*(-?[\d.]+) deg")
 
 
+def postures_in(cell: Cell, text: str) -> dict[int, FloatArray]:
+    """Postures ``(n,)`` [rad] of the positions of a program, by number."""
+    controller = cell.robot.controller
+    assert controller is not None
+    return {
+        int(number): controller.posture(np.array([float(v) for v in JOINT.findall(body)]))
+        for number, body in POSITION.findall(text)
+    }
+
+
 def test_the_program_backs_off(planned: Planned, tmp_path: Path) -> None:
     """From a file of poses to a program, its motions read line by line and sampled; and back."""
     cell, _, listed = planned
@@ -285,12 +296,7 @@ def test_the_program_backs_off(planned: Planned, tmp_path: Path) -> None:
     )
     assert written.problems == ()
     text = (tmp_path / "PIN.LS").read_text()
-    controller = cell.robot.controller
-    assert controller is not None
-    stored = {
-        int(number): controller.posture(np.array([float(v) for v in JOINT.findall(body)]))
-        for number, body in POSITION.findall(text)
-    }
+    stored = postures_in(cell, text)
     moves = [int(number) for number in re.findall(r"^\s*\d+:J P\[(\d+)", text, re.MULTILINE)]
     path = np.array([cell.base_posture, *(stored[number] for number in moves)])
     check_route(cell, path, np.array([False, *(number > 27 for number in moves)]))
@@ -300,6 +306,45 @@ def test_the_program_backs_off(planned: Planned, tmp_path: Path) -> None:
     (tmp_path / "PIN.LS").write_text(shifted)
     found = import_touch_ups(cell, [tmp_path / "PIN.LS"], listed)
     assert sorted(found.touch_ups.names) == sorted(listed.measured.names)
+
+
+def test_a_program_may_stop_short(pin_cell: MakeCell, tmp_path: Path) -> None:
+    """Each move in ends 10 mm before the target; what is jogged on from there is a touch-up."""
+    cell = pin_cell(variations=ONE_ROUND, plan={"stop_short_mm": 10.0})
+    plan_poses(cell, tmp_path)
+    listed = read_poses(tmp_path / "poses.csv", 6)
+    assert all(verdict.ok for verdict in check_poses(cell, listed))
+    options = program_options(cell, listed)
+    with pytest.raises(InputError, match="stop 10 mm short of these poses") as caught:
+        write_program(listed, tmp_path, "fanuc-ls", options, "PIN")
+    assert "--cell" in str(caught.value)
+    written = write_program(listed, tmp_path, "fanuc-ls", options, "PIN", cell)
+    assert written.problems == ()
+    text = (tmp_path / "PIN.LS").read_text()
+    assert "STOPS SHORT OF THE TARGET: 10 mm" in re.sub(r" ;\s+\d+:  !\* ", " ", text)
+    stored = postures_in(cell, text)
+    poses = np.array([stored[k] for k in range(1, 28)])
+    for q, touching, away in zip(
+        poses,
+        listed.measured.postures,
+        listed.postures[np.flatnonzero(~listed.via) - 1],
+        strict=True,
+    ):
+        back, _ = off_axis(cell, q[None], touching)
+        assert back[0] == pytest.approx(0.010, abs=5e-5)  # bent by up to 1 in 20, and rounded
+        part = (q - away) @ (touching - away) / ((touching - away) @ (touching - away))
+        np.testing.assert_allclose(q, away + part * (touching - away), atol=2e-5)
+
+    with pytest.raises(InputError, match="none was touched up"):
+        import_touch_ups(cell, [tmp_path / "PIN.LS"], listed)
+    with pytest.raises(InputError, match="none was touched up"):
+        import_touch_ups(cell, [tmp_path / "poses.csv"], listed)
+    first = next(body for number, body in POSITION.findall(text) if number == "1")
+    jogged = re.sub(r"(J6=\s*)(-?[\d.]+)", lambda m: f"{m[1]}{float(m[2]) + 0.05:.3f}", first)
+    (tmp_path / "PIN.LS").write_text(text.replace(first, jogged))
+    found = import_touch_ups(cell, [tmp_path / "PIN.LS"], listed)
+    assert found.touch_ups.names == (listed.measured.names[0],)
+    assert len(found.untouched) == 26
 
 
 def test_formats_without_passed_postures_are_refused(planned: Planned, tmp_path: Path) -> None:

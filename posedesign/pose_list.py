@@ -14,7 +14,7 @@ from posedesign.route import Route
 NOT_CHECKED = "not checked"
 """Begins the comments of a list that say what planning did not look at, one a comment."""
 
-STOPS_SHORT = "stop short of the target [mm]"
+STOPS_SHORT = "stop short [mm]"
 """Begins the comment of a list that says how far before its poses programs are to stop."""
 
 ALL_CHECKED = "nothing that the cell asks for"

@@ -262,7 +262,8 @@ def _dialect(cell: Cell, path: Path, name: str | None) -> Dialect | None:
     """The dialect of a file, as the cell's program has it; None: a list of poses of our own."""
     if name is None and path.suffix.lower() == ".csv":
         head = read_bytes_bounded(path, most_bytes=MOST_BYTES)[:100_000].lower()
-        if b"target" in head.split(b"j1_", 1)[0]:
+        columns = b"".join(line for line in head.splitlines() if not line.startswith(b"#"))
+        if b"target" in columns.split(b"j1_", 1)[0]:
             raise InputError(
                 f"{path} is a list of touch-ups already",
                 hint="pass it to posedesign identify",

@@ -231,7 +231,8 @@ class Results:
         Raises
         ------
         OutputError
-            One is there, and is not this command's own or was changed; or it is in the way.
+            One is there, and is not this command's own or was changed; or it is in the way; or its
+            folder is closed to writing.
         """
         used = dict.fromkeys((*self.inputs, *inputs))
         claims = [
@@ -246,10 +247,10 @@ class Results:
             )
             for name, purpose in files
         ]
-        if self.folder.exists() and not self.folder.is_dir():
-            make_folder(self.folder)
-        for claim in claims if check and not bare else ():
-            claim.check()
+        for claim in claims if check else ():
+            check_writable(claim.path)
+            if not bare:
+                claim.check()
         return claims
 
     def remove(self, *files: tuple[str, str]) -> None:
@@ -268,6 +269,23 @@ class Results:
             self.say(
                 f"{path} {'was' if intact else 'is'} of an earlier time" + ": removed" * intact
             )
+
+
+def check_writable(path: Path) -> None:
+    """Refuse a file, before the work for it, whose folder is closed to writing.
+
+    Of a folder that is not there yet the first one above it counts that is.
+    """
+    target = Path(os.path.realpath(path))
+    there = next((folder for folder in target.parents if folder.exists()), target)
+    if not there.is_dir():
+        make_folder(target.parent)  # says that it cannot be made
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise OutputError(
+            f"{path}: cannot be written: the folder {there} is closed to writing",
+            hint="name another one with --out",
+            name=str(path),
+        )
 
 
 def write_text_atomic(

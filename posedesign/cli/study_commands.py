@@ -56,12 +56,10 @@ def accuracy(
     """Accuracy against condition number: what better poses buy."""
     from posedesign.accuracy_study import accuracy_study
     from posedesign.cell import Cell
-    from posedesign.files import make_folder
     from posedesign.template import cell_template
     from posedesign.workflow import STUDY, write_study
 
     loaded = Cell.load(cell) if cell is not None else Cell.from_text(cell_template())
-    make_folder(out)  # before the work rather than after it
     results = results_in(out, "study accuracy", cell, overwrite=overwrite)
     results.claim("simulated", *STUDY)
     with progress("accuracy study") as advance:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from calib.errors import OutputError
-from posedesign.files import write_json_atomic
+from posedesign.files import check_writable, write_json_atomic
 from posedesign.origin import MOST_BYTES, head_of
 
 WRITTEN = "written.json"
@@ -39,8 +39,10 @@ def own_folder(folder: Path, study: str, endings: Sequence[str] = _ENDINGS) -> I
     Raises
     ------
     OutputError
-        There are files of such endings that the study has not written, or that were changed since.
+        There are files of such endings that the study has not written, or that were changed since;
+        or the folder is closed to writing.
     """
+    check_writable(folder / WRITTEN)
     listed = _listed(folder, study)
     begun = str(_parsed(folder / ABOUT).get("study")).lstrip("0123456789_") == study
     for path, why in _not_as_written(folder, study, endings).items():

@@ -138,7 +138,7 @@ def test_simulated_is_said_in_the_headline(cli: Cli, work: Path) -> None:
         said = cli(*line, "--out", out)
         assert said.out.startswith("SIMULATED, not for a robot: from "), line
     for name in ("mastering.csv", "corrected_poses.csv"):
-        assert "# SIMULATED not for a robot: from" in (out / name).read_text()
+        assert "# SIMULATED, not for a robot: from" in (out / name).read_text()
     assert '"kind": "simulated"' in (out / "identification.json").read_text()
 
 

@@ -11,7 +11,8 @@ import pytest
 from calib import reading
 from calib.errors import FileFormatError, OutputError
 from posedesign import files, numbers
-from posedesign.files import read_bytes_bounded, write_bytes_atomic, write_text_atomic
+from posedesign.files import Results, read_bytes_bounded, write_bytes_atomic, write_text_atomic
+from posedesign.study.folder import own_folder
 
 
 def test_text_is_written_with_the_asked_line_ends(tmp_path: Path) -> None:
@@ -114,6 +115,28 @@ def test_a_closed_folder_is_named(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     with pytest.raises(OutputError, match="cannot be written"):
         write_text_atomic(tmp_path / "a.txt", "x")
+
+
+def test_a_closed_folder_is_found_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it is asked for the right to write; root has it everywhere."""
+    closed, (open_, name) = tmp_path / "closed", (tmp_path / "open", "poses.csv")
+    closed.mkdir()
+    (tmp_path / "file").write_text("")
+    (closed / "mine.csv").symlink_to(open_ / "mine.csv")
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: path != closed and access(path, mode))
+    for folder in (closed, closed / "new" / "newer"):
+        with pytest.raises(OutputError, match=r"the folder .*closed is closed to writing"):
+            Results(folder).claim("planned", (name, "measuring poses"))
+        with pytest.raises(OutputError, match="closed to writing"), own_folder(folder, "small"):
+            pytest.fail("the study was run")
+    for folder in (tmp_path / "file", tmp_path / "file" / "new"):
+        with pytest.raises(OutputError, match="cannot be made"):
+            Results(folder).claim("planned", (name, "measuring poses"))
+    for folder, file in ((open_, name), (closed, "mine.csv")):
+        assert Results(folder).claim("planned", (file, "measuring poses"))
 
 
 def test_a_large_file_is_refused(tmp_path: Path) -> None:

@@ -58,7 +58,8 @@ class Arm:
     Attributes
     ----------
     model : CalibrationModel
-        With all its errors, and the noise as it is.
+        With all its errors, held by priors of the sizes that they were drawn with, and the noise as
+        it is: what whoever knew all that would identify.
     values : array (p,)
         [SI]
     compliant, wavy : bool
@@ -150,12 +151,14 @@ class Bench:
             return float(rng.uniform(*settings[name])) * factor
 
         degree = np.pi / 180.0
-        offsets = size("offset_deg", degree) * rng.standard_normal(n)
+        zero = size("offset_deg", degree)
+        offsets = zero * rng.standard_normal(n)
         links = LinkGeometry(robot, _across(robot))
         lengths, angles = size("length_mm", 1e-3), size("angle_deg", degree)
         sigma = np.where([unit == "m" for unit in links.units], lengths, angles)
         blocks: list[ParameterBlock] = [ZeroOffsets(robot, robot.joint_names), links]
         values = [offsets, sigma * rng.standard_normal(links.size)]
+        sizes = [np.full(n, zero), sigma]
         compliant = bool(trial % 2) and bool(robot.link_mass.any())
         wavy = trial % 3 == 0
         low, high = settings["give_mrad"]
@@ -165,6 +168,8 @@ class Bench:
             blocks.append(JointCompliance(robot, robot.joint_names, self.cell.payload))
             stiff = np.isfinite(robot.stiffness)
             values.append(np.where(stiff, known, give / self.torque_nm))
+            usual = (low + high) / 2.0 * 1e-3 / self.torque_nm
+            sizes.append(np.where(stiff, 1.0 / robot.stiffness, usual))
         if wavy:
             waves = JointHarmonics(robot, robot.joint_names, [1.0, 2.0])
             play = LostMotion(
@@ -174,11 +179,15 @@ class Bench:
                 self.cell.payload,
             )
             blocks += [waves, play]
-            values.append(size("harmonic_deg", degree) * rng.standard_normal(waves.size))
-            values.append(size("lost_motion_deg", degree) * np.abs(rng.standard_normal(n)))
+            wave = size("harmonic_deg", degree)
+            values.append(wave * rng.standard_normal(waves.size))
+            lost = size("lost_motion_deg", degree)
+            values.append(lost * np.abs(rng.standard_normal(n)))
+            sizes += [np.full(waves.size, wave), np.full(n, lost)]
         scale = float(settings["noise_scales"][trial // 3 % len(settings["noise_scales"])])
         set_up, placed = self._set_up(rng)
         model = CalibrationModel(robot, [*blocks, *set_up], self._measurement(scale))
+        model = model.with_prior([*np.concatenate(sizes), *np.full(sum(map(len, placed)), np.inf)])
         return Arm(model, np.concatenate([*values, *placed]), compliant, wavy, scale)
 
     def measured(self, arm: Arm, trial: int) -> tuple[MeasurementTable, FloatArray, Setup]:

@@ -53,15 +53,15 @@ def reduced_by_qr(
 
 
 def by_least_squares(model: CalibrationModel, data: Measurements, start: FloatArray) -> FloatArray:
-    """Parameters ``(p,)`` that leave least, in units of the noise."""
+    """Parameters ``(p,)`` that leave least, in units of the noise and of priors."""
 
     def rows(x: FloatArray) -> FloatArray:
         found = model.linearise(data.postures, x, data.setup, data.observed)
-        return np.asarray(found.white_rows.ravel())
+        return np.concatenate([found.white_rows.ravel(), (x - model.nominal) / model.prior])
 
     def jacobian(x: FloatArray) -> FloatArray:
         found = model.linearise(data.postures, x, data.setup, data.observed)
-        return np.asarray(found.white_jacobian.reshape(-1, model.p))
+        return np.concatenate([found.white_jacobian.reshape(-1, model.p), np.diag(1 / model.prior)])
 
     return _solved(rows, jacobian, start)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from recommended_peers import PULLED, REDUCED
-from recommended_trials import NOMINAL
+from recommended_trials import KNOWN, NOMINAL
 
 from posedesign.models import OFFSETS
 from studies.intervals import wilson
@@ -38,7 +38,7 @@ class Outcome:
         Nothing could be identified.
     model : str
         The recommended one; the nominal one where none is.
-    recommended, best, nominal, offsets, reference, reduced, pulled : float
+    recommended, best, nominal, offsets, reference, reduced, pulled, known : float
     reach : float
         How much above its expected error the upper end of the recommended model's interval is.
     incomplete : bool
@@ -63,6 +63,7 @@ class Outcome:
     reference: float
     reduced: float
     pulled: float
+    known: float
     reach: float
     incomplete: bool
     covered: int
@@ -91,7 +92,7 @@ def outcomes(table: pd.DataFrame) -> list[Outcome]:
     found = []
     for _, rows in table.groupby(["preset", "way", "trial"], sort=False):
         models = rows[rows["role"] == "model"].set_index("model")
-        peers = rows[rows["role"] == "peer"].set_index("model")["error_mm"]
+        peers = rows[rows["role"].isin(["peer", "bound"])].set_index("model")["error_mm"]
         head = rows.iloc[0]
         chosen = models[models["recommended"].astype(bool)] if len(models) else models
         nominal = _of(models, NOMINAL)
@@ -114,6 +115,7 @@ def outcomes(table: pd.DataFrame) -> list[Outcome]:
                 reference=float(own["error_mm"].iloc[0]) if len(own) else np.nan,
                 reduced=float(peers.get(REDUCED, np.nan)),
                 pulled=float(peers.get(PULLED, np.nan)),
+                known=float(peers.get(KNOWN, np.nan)),
                 reach=float(reach) if np.isfinite(reach) else 0.0,
                 incomplete=taken is not None and bool(taken["incomplete"]),
                 covered=0 if taken is None else int(taken["covered"]),
@@ -150,12 +152,22 @@ def _row(way: str, preset: str, found: Sequence[Outcome], near: float) -> dict[s
     row["refused"] = sum(one.refused for one in found)
     row |= _share("best", ratio <= 1.0 + WORSE)
     row |= _share("near", ratio <= 1.0 + near)
+    row |= _share("known_near", _flags(one.known <= (1.0 + near) * one.best for one in told))
     row["over_best_median"] = _median(ratio)
     row["over_best_worst"] = float(ratio.max()) if len(ratio) else None
     row |= _share("harms", _flags(one.harms for one in told))
     row |= _share("worse_than_offsets", _flags(one.worse_than_offsets for one in told))
     row |= _share("compliance_of_rigid", _flags("compliance" in one.model for one in rigid))
-    for name in ("nominal", "offsets", "recommended", "best", "reference", "reduced", "pulled"):
+    for name in (
+        "nominal",
+        "offsets",
+        "recommended",
+        "best",
+        "reference",
+        "reduced",
+        "pulled",
+        "known",
+    ):
         row[f"{name}_mm"] = _median([getattr(one, name) for one in told])
     row |= _coverage("covered", told)
     row |= _coverage("covered_smooth", [one for one in told if not one.wavy])
@@ -217,7 +229,7 @@ def markdown(said: Mapping[str, Any]) -> str:
 
 
 def _choice(rows: Sequence[Mapping[str, Any]]) -> str:
-    head = ["measured by", "arms", "within 10 %", "95 %", "median", "worst"]
+    head = ["measured by", "arms", "within 10 %", "95 %", "sizes known", "median", "worst"]
     head += ["worse than nominal", "95 %", "than offsets", "95 %"]
     head += ["compliance on rigid arms", "95 %"]
     return table_of(
@@ -225,6 +237,7 @@ def _choice(rows: Sequence[Mapping[str, Any]]) -> str:
         [
             [
                 *(_where(row), f"{row['arms']}", _percent(row, "near"), _ends(row, "near")),
+                _percent(row, "known_near"),
                 *(_digits(row["over_best_median"]), _digits(row["over_best_worst"])),
                 *(f"{row['harms']}", _ends(row, "harms")),
                 *(f"{row['worse_than_offsets']}", _ends(row, "worse_than_offsets")),
@@ -237,9 +250,9 @@ def _choice(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _errors(rows: Sequence[Mapping[str, Any]]) -> str:
-    names = ("nominal", "offsets", "recommended", "reference", "best", "reduced", "pulled")
+    names = ("nominal", "offsets", "recommended", "reference", "best", "reduced", "pulled", "known")
     head = ["measured by", "nominal", "offsets", "recommended", "reference", "best model"]
-    head += ["QR, no priors", "pulled to nominal"]
+    head += ["QR, no priors", "pulled to nominal", "sizes known"]
     return table_of(
         head, [[_where(row), *(_mm(row[f"{name}_mm"]) for name in names)] for row in rows]
     )

@@ -31,6 +31,9 @@ from posedesign.study.grid import Task
 NOMINAL = "frames only"
 """The arm as described, tool and targets placed."""
 
+KNOWN = "all sizes known"
+"""The posterior mean of whoever knew what the arm has, how large, and the noise."""
+
 COLUMNS = (
     *("preset", "way", "trial", "compliant", "wavy", "noise", "model", "role", "error_mm"),
     *("expected_mm", "expected_low_mm", "expected_high_mm", "recommended", "reference"),
@@ -89,6 +92,9 @@ def trial_of(preset: str, way: str, trial: int) -> list[dict[str, Any]]:
         rows.append(row)
     for name, off in _peers(bench, identified, q, true):
         rows.append(empty | {"model": name, "role": "peer", "error_mm": off})
+    known = by_least_squares(arm.model, table.data, arm.model.nominal)
+    off = error_mm(arm.model, known, bench, true)
+    rows.append(empty | {"model": KNOWN, "role": "bound", "error_mm": off})
     return rows
 
 

@@ -91,7 +91,7 @@ def test_each_model_is_held_against_the_arm_as_it_is(
     monkeypatch.setattr(bench, "arm", lambda trial: arm)
     rows = {row["model"]: row for row in trials.trial_of("irb120", "tracker", 2)}
     assert rows["frames only"]["error_mm"] > 0.05
-    for name in ("offsets", "geometry", "QR, least squares"):
+    for name in ("offsets", "geometry", "QR, least squares", "all sizes known"):
         assert rows[name]["error_mm"] < 1e-4, name
     taken = next(row for row in rows.values() if row["recommended"])
     assert taken["model"] == "offsets"

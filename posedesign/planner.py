@@ -32,6 +32,13 @@ FARTHEST_M = 0.5
 """Distance of the target from the tool point at the base posture beyond which one of the two is a
 mistake: metres for millimetres, or another frame."""
 
+BESIDE_RAD = tuple(np.deg2rad([15.0, 30.0, 45.0]))
+"""Turns in W, P and R by which another base posture is looked for where that of the cell is not
+free; a base pose turned farther is no more the one that was meant."""
+
+FLIP_DEG = 90.0
+"""A joint that moves by more than this belongs to another arm configuration."""
+
 PATIENCE = 3
 """Rounds without improvement after which the loop ends."""
 
@@ -242,9 +249,26 @@ def check_base_pose(cell: Cell) -> None:
         raise UnreachableError(
             f"the base pose cannot be taken: {reason}",
             hint="move the target (target.position_mm) or the base posture (base_pose.posture_deg)"
-            + f"; or {remedy}" * bool(remedy),
+            + f"; or {remedy}" * bool(remedy)
+            + _free_beside(cell),
             name="base_pose",
         )
+
+
+def _free_beside(cell: Cell) -> str:
+    """A base posture that can be taken, turned as little as there is one, in words; or nothing."""
+    q = cell.base_posture
+    wpr = wpr_from_rotation(cell.robot.fk(q)[:3, :3])
+    for angle in BESIDE_RAD:
+        poses = touching_poses(wpr_rotations(wpr, np.full(3, angle)), cell.tool_m, cell.target_m)
+        found = nearest_postures(cell.checker, poses, q)
+        shown_deg = np.round(np.rad2deg(found.q[found.feasible]), 2)  # as a person writes it
+        moved_deg = np.abs(shown_deg - np.rad2deg(q)).max(axis=1)
+        good = cell.checker.check(np.deg2rad(shown_deg)).feasible & (moved_deg < FLIP_DEG)
+        if good.any():
+            best = shown_deg[np.where(good, moved_deg, np.inf).argmin()] + 0.0
+            return f"; free is posture_deg = [{', '.join(f'{value:g}' for value in best)}]"
+    return ""
 
 
 def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:

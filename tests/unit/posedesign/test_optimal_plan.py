@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from posedesign.optimal.goal import goal_of
 from posedesign.optimal.outlook import outlook_of
 from posedesign.optimal.pool_of_cell import box_of_cell, functions_over_box, pool_of
 from posedesign.optimal.ways import without_alike
+from posedesign.planner import check_base_pose
 from posedesign.route import Router
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.exchange import exchange
@@ -109,6 +111,22 @@ def test_a_base_pose_that_cannot_be_taken_is_no_fault_of_the_task_box(make_demo_
     slab = {"name": "slab", "size_mm": [600.0, 600.0, 100.0], "at_mm": [0.0, 0.0, 900.0]}
     with pytest.raises(UnreachableError, match=r"the base pose cannot be taken: .* slab"):
         plan_optimal(make_demo_cell(obstacle=[slab]), Wish(count=9))
+
+
+def test_where_the_base_pose_is_blocked_a_free_one_is_named(make_demo_cell):
+    """A ball in the elbow: the arm turned a little about the target passes it, not flipped over."""
+    demo = make_demo_cell()
+    around = [body.model_dump(exclude_none=True) for body in demo.config.obstacle]
+    elbow = (1e3 * demo.robot.state(demo.base_posture).origins[2]).tolist()
+    around.append({"name": "ball", "kind": "sphere", "radius_mm": 30.0, "at_mm": elbow})
+    with pytest.raises(UnreachableError, match="link_3 and ball run") as caught:
+        check_base_pose(make_demo_cell(obstacle=around))
+    named = re.search(r"free is posture_deg = \[(.*)\]", str(caught.value))
+    posture_deg = [float(value) for value in named[1].split(", ")]
+    assert np.abs(posture_deg - np.rad2deg(demo.base_posture)).max() < 45.0
+    other = make_demo_cell(obstacle=around, base_pose={"posture_deg": posture_deg})
+    check_base_pose(other)
+    assert np.linalg.norm(other.target_m - demo.target_m) < 1e-3
 
 
 def test_too_few_poses_promise_nothing(cell):

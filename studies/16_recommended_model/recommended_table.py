@@ -39,8 +39,8 @@ class Outcome:
     model : str
         The recommended one; the nominal one where none is.
     recommended, best, nominal, offsets, reference, reduced, pulled, known : float
-    reach : float
-        How much above its expected error the upper end of the recommended model's interval is.
+    expected, expected_low, expected_high : float
+        What the result says of its recommended model's error, with its interval; NaN without.
     incomplete : bool
         Whether the result says that the model leaves something of the arm out.
     covered, parameters : int
@@ -64,7 +64,9 @@ class Outcome:
     reduced: float
     pulled: float
     known: float
-    reach: float
+    expected: float
+    expected_low: float
+    expected_high: float
     incomplete: bool
     covered: int
     parameters: int
@@ -78,8 +80,19 @@ class Outcome:
 
     @property
     def harms(self) -> bool:
-        """Whether it is worse than the nominal arm, by more than its interval where it has one."""
-        return self.recommended > (1.0 + WORSE) * self.nominal + self.reach
+        """Whether it is worse than the nominal arm."""
+        return self.recommended > (1.0 + WORSE) * self.nominal
+
+    @property
+    def harms_beyond(self) -> bool:
+        """Whether it is, by more than its interval says that it may be off."""
+        reach = self.expected_high - self.expected
+        return self.harms and not self.recommended <= self.nominal + reach
+
+    @property
+    def is_expected(self) -> bool:
+        """Whether its error is in the interval that the result gives."""
+        return self.expected_low <= self.recommended <= self.expected_high
 
     @property
     def worse_than_offsets(self) -> bool:
@@ -98,7 +111,6 @@ def outcomes(table: pd.DataFrame) -> list[Outcome]:
         nominal = _of(models, NOMINAL)
         taken = chosen.iloc[0] if len(chosen) else None
         own = models[models["reference"].astype(bool)] if len(models) else models
-        reach = np.nan if taken is None else taken["expected_high_mm"] - taken["expected_mm"]
         found.append(
             Outcome(
                 preset=str(head["preset"]),
@@ -116,7 +128,9 @@ def outcomes(table: pd.DataFrame) -> list[Outcome]:
                 reduced=float(peers.get(REDUCED, np.nan)),
                 pulled=float(peers.get(PULLED, np.nan)),
                 known=float(peers.get(KNOWN, np.nan)),
-                reach=float(reach) if np.isfinite(reach) else 0.0,
+                expected=_said(taken, "expected_mm"),
+                expected_low=_said(taken, "expected_low_mm"),
+                expected_high=_said(taken, "expected_high_mm"),
                 incomplete=taken is not None and bool(taken["incomplete"]),
                 covered=0 if taken is None else int(taken["covered"]),
                 parameters=0 if taken is None else int(taken["parameters"]),
@@ -125,6 +139,10 @@ def outcomes(table: pd.DataFrame) -> list[Outcome]:
             )
         )
     return found
+
+
+def _said(taken: pd.Series[Any] | None, column: str) -> float:
+    return float("nan") if taken is None else float(taken[column])
 
 
 def _of(models: pd.DataFrame, name: str) -> float:
@@ -156,6 +174,7 @@ def _row(way: str, preset: str, found: Sequence[Outcome], near: float) -> dict[s
     row["over_best_median"] = _median(ratio)
     row["over_best_worst"] = float(ratio.max()) if len(ratio) else None
     row |= _share("harms", _flags(one.harms for one in told))
+    row |= _share("harms_beyond", _flags(one.harms_beyond for one in told))
     row |= _share("worse_than_offsets", _flags(one.worse_than_offsets for one in told))
     row |= _share("compliance_of_rigid", _flags("compliance" in one.model for one in rigid))
     for name in (
@@ -173,6 +192,9 @@ def _row(way: str, preset: str, found: Sequence[Outcome], near: float) -> dict[s
     row |= _coverage("covered_smooth", [one for one in told if not one.wavy])
     row |= _coverage("covered_wavy", wavy)
     row |= _coverage("covered_wavy_silent", [one for one in wavy if not one.incomplete])
+    expects = [one for one in told if np.isfinite(one.expected)]
+    row |= _share("expected", _flags(one.is_expected for one in expects))
+    row["found_over_expected"] = _median([one.recommended / one.expected for one in expects])
     row |= _share("incomplete_wavy", _flags(one.incomplete for one in wavy))
     row["seconds"] = _median([one.seconds for one in told])
     return row
@@ -230,7 +252,7 @@ def markdown(said: Mapping[str, Any]) -> str:
 
 def _choice(rows: Sequence[Mapping[str, Any]]) -> str:
     head = ["measured by", "arms", "within 10 %", "95 %", "sizes known", "median", "worst"]
-    head += ["worse than nominal", "95 %", "than offsets", "95 %"]
+    head += ["worse than nominal", "beyond its interval", "95 %", "than offsets", "95 %"]
     head += ["compliance on rigid arms", "95 %"]
     return table_of(
         head,
@@ -239,7 +261,7 @@ def _choice(rows: Sequence[Mapping[str, Any]]) -> str:
                 *(_where(row), f"{row['arms']}", _percent(row, "near"), _ends(row, "near")),
                 _percent(row, "known_near"),
                 *(_digits(row["over_best_median"]), _digits(row["over_best_worst"])),
-                *(f"{row['harms']}", _ends(row, "harms")),
+                *(f"{row['harms']}", f"{row['harms_beyond']}", _ends(row, "harms_beyond")),
                 *(f"{row['worse_than_offsets']}", _ends(row, "worse_than_offsets")),
                 *(f"{row['compliance_of_rigid']} of {row['compliance_of_rigid_of']}",),
                 _ends(row, "compliance_of_rigid"),
@@ -260,7 +282,7 @@ def _errors(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _belief(rows: Sequence[Mapping[str, Any]]) -> str:
     head = ["measured by", "covered", "95 %", "smooth", "wavy", "wavy, nothing said"]
-    head += ["said of wavy"]
+    head += ["said of wavy", "error in its interval", "found over expected"]
     return table_of(
         head,
         [
@@ -269,6 +291,7 @@ def _belief(rows: Sequence[Mapping[str, Any]]) -> str:
                 *(_percent(row, "covered_smooth"), _percent(row, "covered_wavy")),
                 *(_percent(row, "covered_wavy_silent"),),
                 f"{row['incomplete_wavy']} of {row['incomplete_wavy_of']}",
+                *(_percent(row, "expected"), _digits(row["found_over_expected"])),
             ]
             for row in rows
         ],

@@ -151,12 +151,13 @@ def _coverage(
 def _truth(arm: Arm, model: CalibrationModel, measured: tuple[FloatArray, Setup]) -> FloatArray:
     """What the parameters ``(p,)`` of a model truly are.
 
-    Those that priors hold are the arm's own. Others stand for those merged with them, too: they are
-    what the model finds without noise of an arm that has errors of its kinds only.
+    Those that priors hold are the arm's own, zero of what it has not. Others stand for those merged
+    with them, too: they are what the model finds without noise of an arm that has errors of its
+    kinds only.
     """
-    if np.isfinite(model.prior).any() or not (~model.nuisance).any():
+    if np.isfinite(model.prior).any():
         by_name = dict(zip(arm.model.names, arm.values, strict=True))
-        return np.array([by_name.get(name, np.nan) for name in model.names])
+        return np.array([by_name.get(name, 0.0) for name in model.names])
     has = {name.partition(".")[0] for name in model.names}
     values = arm.without(*(word for word in _ERRORS if word not in has))
     q, how = measured

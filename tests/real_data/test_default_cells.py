@@ -232,5 +232,4 @@ def test_the_irb120_at_points_kept_back(irb120_row: dict[str, float]) -> None:
 def test_the_ur10_is_not_made_worse(ur10: Done) -> None:
     """Next to nothing is to be gained: what is recommended predicts no worse than the arm as is."""
     rms = {m["name"]: m.get("leave_one_out_rms_mm") for m in ur10.content["models"]}
-    assert rms[FRAMES_ONLY] == pytest.approx(4.065, abs=0.01)
     assert rms[ur10.recommended] <= rms[FRAMES_ONLY] + 1e-9

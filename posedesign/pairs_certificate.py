@@ -98,7 +98,7 @@ def refuse_uncertifiable(methods: Sequence[str], on: str, camera: Camera) -> Non
     if on == "shown":
         raise InputError(
             "--noise-on shown may find noise on both sides, of which there is no certificate",
-            hint="certify without it, or with --noise-on a or b and its sizes",
+            hint="certify without it, by noise of B, or with --noise-on a or b and its sizes",
             name="noise",
         )
     if on == "both":
@@ -128,7 +128,7 @@ def prove(A: FloatArray, B: FloatArray, result: RobotWorldResult) -> Proof | Non
     if not isinstance(result.noise, PairNoise):
         raise InputError(
             "there is a certificate only for noise that is the same in all directions",
-            hint="give the noise on A or on B",
+            hint='solve with noise="B", or give it on A or on B',
             name="noise",
         )
     used = result.used

@@ -20,7 +20,7 @@ from calib.robot_world import (
 from calib.robot_world.accuracy import NOISE_DOUBT
 from calib.robot_world.methods import find_method
 from calib.robot_world.methods.relative_motions import TOO_MANY
-from calib.robot_world.noise import Noise, difference
+from calib.robot_world.noise import Noise, NoiseShown, difference
 from calib.se3 import FloatArray
 from posedesign.pairs_certificate import Proof, prove
 from posedesign.pairs_file import Pairs
@@ -122,7 +122,7 @@ def noise_of(
 def solve_pairs(
     pairs: Pairs,
     methods: Sequence[str],
-    noise: Noise | None = None,
+    noise: Noise | NoiseShown | None = None,
     advance: Advance = lambda what, part: None,
     *,
     estimate_scale: bool = False,
@@ -133,7 +133,8 @@ def solve_pairs(
     ----------
     pairs : Pairs
     methods : sequence of str
-    noise : PairNoise or PairCovariances, optional
+    noise : PairNoise, PairCovariances, "B" or "shown", optional
+        See :func:`calib.robot_world.solve`.
     advance : callable, optional
         Told what is being done, and the part of all work that is done.
     estimate_scale : bool
@@ -274,6 +275,11 @@ def remarks_of(outcomes: Sequence[SolverOutcome]) -> list[str]:
     said += [(o.method, f"did not use {', '.join(o.left_out)}") for o in outcomes if o.left_out]
     results = [outcome.result for outcome in outcomes if outcome.ok and outcome.result]
     said += [(o.method, o.proof.message) for o in outcomes if o.proof is not None]
+    said += [
+        (o.method, "proofs are of noise of B, the same in all directions, as large as residuals")
+        for o in outcomes
+        if o.proof is not None and o.result is not None and o.result.noise_estimated
+    ]
     said += [("ml-robust", text) for text in _robust_against_all(outcomes)]
     # of one method alone: it is a matter of the poses, and much the same for all
     known = [

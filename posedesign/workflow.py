@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.robot_world import PAPER_METHODS, PairNoise
-from calib.robot_world.noise import Noise
+from calib.robot_world.noise import Noise, NoiseShown
 from posedesign.accuracy_study import AccuracyStudy
 from posedesign.before_after import (
     Identified,
@@ -300,7 +300,7 @@ def solve_file(
     pairs: Path,
     out: Path | Results,
     methods: Sequence[str] = DEFAULT_METHODS,
-    noise: Noise | None = None,
+    noise: Noise | NoiseShown | None = None,
 ) -> tuple[SolverOutcome, ...]:
     """Solve AX=ZB from a ``pairs.csv``; see :func:`solve_and_write`."""
     return solve_and_write(read_pairs(pairs), out, methods, noise, inputs=[pairs])
@@ -310,7 +310,7 @@ def solve_and_write(
     pairs: Pairs,
     out: Path | Results,
     methods: Sequence[str] = DEFAULT_METHODS,
-    noise: Noise | None = None,
+    noise: Noise | NoiseShown | None = None,
     advance: Advance = lambda what, part: None,
     inputs: Sequence[Path] = (),
     *,

@@ -16,13 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize_scalar
 
 from calib import se3
 from calib.robot_world.adjustment import adjust
 from calib.robot_world.methods import robust
 from calib.robot_world.noise import LEAST_NOISE, Noise, PairCovariances, PairNoise, difference
-from calib.robot_world.pairs import checked_problem
+from calib.robot_world.pairs import PairSets, checked_problem
 from calib.se3 import BoolArray, FloatArray
 
 FEWEST_PAIRS = 20
@@ -36,8 +35,15 @@ _FARTHEST = 20.0
 
 _TINY = 1e-300
 
-_ROUNDS = 3
-"""Rounds of noise, and X and Z by it: from the second on both change by little."""
+_ROUNDS, _SETTLED = 10, 0.1
+"""Rounds of noise, and X and Z by it, at most: until the criterion changes by less than shows."""
+
+_SHARES, _ZOOMS, _SCORES = 9, 3, 8
+"""Shares of A that are tried at once, each time between the neighbours of the best one: to half a
+hundredth; and steps of the variance that goes with each."""
+
+_LEAST_SHIFT = 12.0
+"""Logarithm of the largest variance of translations over the least one looked for."""
 
 _ALL = 0.97
 """Share that counts as the whole: the covariance of the other side would be next to singular."""
@@ -55,11 +61,32 @@ class Component:
         Akaike's, of all pairs used; the constants that all have in common left out.
     noise : callable
         Makes the noise of all pairs.
+    by_distance : bool
+        Whether it is of what is seen, by its distance or along the line of sight.
     """
 
     name: str
     criterion: float
-    noise: Callable[[], Noise]
+    noise: Callable[[], PairCovariances]
+    by_distance: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ShownNoise:
+    """Noise of one set as its residuals show it.
+
+    Attributes
+    ----------
+    name : str
+        How it is made, in words.
+    noise : PairCovariances
+    by_distance : bool
+        Whether it is of what is seen, by its distance or along the line of sight.
+    """
+
+    name: str
+    noise: PairCovariances
+    by_distance: bool
 
 
 def shown_noise(A: ArrayLike, B: ArrayLike) -> Noise:
@@ -76,9 +103,30 @@ def shown_noise(A: ArrayLike, B: ArrayLike) -> Noise:
     pairs = checked_problem(A, B)
     found = robust.estimate(pairs)
     used = np.ones(pairs.N, dtype=bool) if found.weights is None else found.weights[0] > 0
+    shown = settled(pairs, found.X, found.Z, used)
+    if shown is not None:
+        return shown.noise
     sizes = np.maximum(np.ones(2) if found.sigma is None else found.sigma[:, 0], LEAST_NOISE)
-    noise: Noise = PairNoise(*sizes.tolist())
-    X, Z = found.X, found.Z
+    return PairNoise(*sizes.tolist())
+
+
+def settled(
+    pairs: PairSets, X: FloatArray, Z: FloatArray, used: BoolArray, widening: float = 1.0
+) -> ShownNoise | None:
+    """Noise that the residuals of one set show, and X and Z by it; None where isotropic one does.
+
+    Parameters
+    ----------
+    pairs : PairSets
+    X, Z : ndarray (1, 4, 4)
+        The likeliest by isotropic noise of B.
+    used : ndarray of bool (N,)
+        Pairs that count.
+    widening : float
+        By how much the standard deviations are larger than what these show, where they were chosen
+        by their residuals.
+    """
+    shown, criterion = None, np.inf
     for _ in range(_ROUNDS):
         best = explain(pairs.A[0], pairs.B[0], X[0], Z[0], used)
         if best is None:
@@ -86,7 +134,14 @@ def shown_noise(A: ArrayLike, B: ArrayLike) -> Noise:
         noise = best.noise()
         fit = adjust(pairs, noise.model(pairs), X, Z, weights=used[None].astype(float))
         X, Z = fit.X, fit.Z
-    return noise
+        # white rows have a mean square of one for each degree of freedom, as those of any noise
+        # that is estimated have
+        larger = widening**2 * float(fit.cost[0]) / (6.0 * int(used.sum()) - 12.0)
+        shown = ShownNoise(best.name, noise.times(larger), best.by_distance)
+        if abs(best.criterion - criterion) < _SETTLED:
+            break
+        criterion = best.criterion
+    return shown
 
 
 def explain(
@@ -138,33 +193,28 @@ def _shared(
     error, count = difference(A @ X, Z @ B)[used], int(used.sum())
     e_R, e_p = error[:, :3], error[:, 3:]
     m = A[used, :3, :3] @ X[:3, 3]
+    across = np.cross(e_R, m)
     turn = float((e_R**2).sum()) / (3.0 * count)
     length2 = (m**2).sum(axis=1)
+    along = (e_p * m).sum(axis=1) ** 2 / np.where(length2 > 0.0, length2, 1.0)
+    lever = _Lever(
+        along,
+        (e_p**2).sum(axis=1) - along,
+        (e_p * across).sum(axis=1),
+        (across**2).sum(axis=1),
+        turn * length2,
+    )
+    low, high = 0.0, 1.0
+    for _ in range(_ZOOMS):
+        shares = np.linspace(low, high, _SHARES)
+        worse, shifts = lever.fitted(shares)
+        best = int(np.argmin(worse))
+        low, high = shares[max(best - 1, 0)], shares[min(best + 1, _SHARES - 1)]
+    share, shift = float(shares[best]), float(shifts[best])
+    rotations = 3.0 * count * np.log(turn + _TINY)
+    criterion = float(rotations + worse[best] - 3.0 * count + 6.0)
 
-    def fitted(share: float) -> tuple[float, float]:
-        """Criterion, and variance of the translations."""
-        rest = e_p - share * np.cross(e_R, m)
-        along = (rest * m).sum(axis=1) ** 2 / np.where(length2 > 0.0, length2, 1.0)
-        across = (rest**2).sum(axis=1) - along
-        more = share * (1.0 - share) * turn * length2
-
-        def worse(log_shift: float) -> float:
-            shift = np.exp(log_shift)
-            return float(
-                (np.log(shift) + along / shift).sum()
-                + (2.0 * np.log(shift + more) + across / (shift + more)).sum()
-            )
-
-        largest = np.log(float((rest**2).sum()) / (3.0 * count) + _TINY)
-        found = minimize_scalar(worse, bounds=(largest - 12.0, largest + 1.0), method="bounded")
-        rotations = 3.0 * count * np.log(turn + _TINY)
-        return float(rotations + found.fun - 3.0 * count + 6.0), float(np.exp(found.x))
-
-    best = minimize_scalar(lambda s: fitted(s)[0], bounds=(0.0, 1.0), method="bounded").x
-    share = min((float(best), 1.0), key=lambda s: fitted(s)[0])
-    criterion, shift = fitted(share)
-
-    def noise() -> Noise:
+    def noise() -> PairCovariances:
         loose = _loose(count)
         # of translations the sides cannot be told apart; where all is on A, so are they
         sides = np.diag(np.repeat([share * turn, 0.5 * shift], 3) * loose)
@@ -174,8 +224,49 @@ def _shared(
         return PairCovariances(A=sides, B=others)
 
     return Component(
-        f"{100.0 * share:.0f} % of the variance of rotations is of A", criterion, noise
+        f"{100.0 * share:.0f} % of the variance of rotations is of A", criterion, noise, False
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Lever:
+    """Squares ``(n,)`` of residual translations by m, the vector from the flange to X's origin.
+
+    Attributes
+    ----------
+    along, across : ndarray (n,)
+        Along m, and at right angles to it.
+    mixed, turned : ndarray (n,)
+        Product of the translation with ``e_R x m``, and square of that: it is across m.
+    rotation : ndarray (n,)
+        Variance of the rotations times the square of m.
+    """
+
+    along: FloatArray
+    across: FloatArray
+    mixed: FloatArray
+    turned: FloatArray
+    rotation: FloatArray
+
+    def fitted(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Minus twice the log-likelihood, and variance of translations, of shares of A ``(k,)``.
+
+        The variance by Fisher's scores.
+        """
+        s = shares[:, None]
+        across = np.maximum(self.across - 2.0 * s * self.mixed + s**2 * self.turned, 0.0)
+        more = s * (1.0 - s) * self.rotation
+        shift = (self.along + across).mean(axis=1, keepdims=True) / 3.0 + _TINY
+        least = np.exp(-_LEAST_SHIFT) * shift
+        for _ in range(_SCORES):
+            both = shift + more
+            part = shift / both
+            slope = 1.0 - self.along / shift + part * (2.0 - across / both)
+            step = -slope.sum(axis=1) / (1.0 + 2.0 * part**2).sum(axis=1)
+            shift = np.maximum(shift * np.exp(np.clip(step, -2.0, 2.0))[:, None], least)
+        both = shift + more
+        worse = np.log(shift) + self.along / shift + 2.0 * np.log(both) + across / both
+        return worse.sum(axis=1), shift[:, 0]
 
 
 def _seen(
@@ -222,7 +313,7 @@ def _of_distance(
     more = float((np.array([3.0, 2.0, 1.0])[:, None] * np.log(size[:, used])).sum())
     variance = own_squares / counts * _loose(count)
 
-    def noise() -> Noise:
+    def noise() -> PairCovariances:
         along = sight[:, :, None] * sight[:, None, :]
         C = np.zeros((len(far), 6, 6))
         C[:, :3, :3] = (variance[0] * size[0])[:, None, None] * np.eye(3)
@@ -234,4 +325,4 @@ def _of_distance(
 
     grows = "grows with the distance" if growth[0] else "is not the same along the line of sight"
     what = "the inverse of B" if inverse else "B"
-    return Component(f"noise of {what} {grows}", _criterion(own_squares, counts, more), noise)
+    return Component(f"noise of {what} {grows}", _criterion(own_squares, counts, more), noise, True)

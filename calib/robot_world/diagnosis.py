@@ -141,8 +141,8 @@ def few_for_the_noise(motion: Motion) -> tuple[str, ...]:
     )
 
 
-def outstanding(sizes: Sequence[FloatArray], used: BoolArray) -> tuple[str, ...]:
-    """Pairs that are far off, named in one sentence.
+def standing_out(sizes: Sequence[FloatArray], used: BoolArray) -> BoolArray:
+    """Pairs ``(N,)`` that are far off.
 
     Parameters
     ----------
@@ -155,7 +155,12 @@ def outstanding(sizes: Sequence[FloatArray], used: BoolArray) -> tuple[str, ...]
     for size in sizes:
         median = np.median(size[used])
         far |= (size > _STANDS_OUT * median) & (median > 0.0)
-    far &= used
+    return far & used
+
+
+def outstanding(sizes: Sequence[FloatArray], used: BoolArray) -> tuple[str, ...]:
+    """Pairs that are far off, named in one sentence; see :func:`standing_out`."""
+    far = standing_out(sizes, used)
     if not far.any():
         return ()
     return (

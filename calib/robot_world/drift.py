@@ -94,7 +94,7 @@ def drifting(
     used : ndarray of bool (N,)
         Pairs that they are from.
     noise : PairNoise or PairCovariances, optional
-        Where it was given.
+        That they were weighed by; else it is that of B which they have been found with.
     trial : int
         Which of many sets.
     """
@@ -102,10 +102,11 @@ def drifting(
         return ()
     fit = found.fit.of(np.array([trial]))
     pairs = PairSets(pairs.A[trial : trial + 1], pairs.B[trial : trial + 1])
-    model = noise.model(pairs) if noise is not None else None
-    if found.sigma is not None:
+    if noise is not None:
+        model = noise.model(pairs)
+    elif found.sigma is not None:
         model = estimated_model(pairs, found.sigma[:, trial : trial + 1])
-    if model is None:
+    else:
         return ()
     one = _Sequence(
         fit.white[:, 0, used].T, fit.jacobian[:, :, 0, used].transpose(2, 1, 0), fit.covariance[0]

@@ -153,6 +153,11 @@ class PairCovariances:
         M[:, 3:, :3] = -se3.skew(seen)
         return cls(B=M @ _checked_covariance(covariance, "B") @ M.transpose(0, 2, 1), axes="from")
 
+    def times(self, factor: float) -> PairCovariances:
+        """The same noise with all covariances times a factor."""
+        A, B = (None if C is None else factor * np.asarray(C) for C in (self.A, self.B))
+        return PairCovariances(A, B, self.axes)
+
     @property
     def on(self) -> Side:
         """The transforms that carry noise."""
@@ -197,6 +202,9 @@ class PairCovariances:
 
 Noise: TypeAlias = PairNoise | PairCovariances
 
+NoiseShown = Literal["B", "shown"]
+"""Noise to be estimated: of B, the same in all directions; or as the residuals show it."""
+
 
 def is_number(value: object) -> bool:
     """Whether it is one finite real number."""
@@ -220,6 +228,25 @@ def check_noise_given(noise: object) -> None:
             f"the noise is {one_line(noise)}, neither PairNoise nor PairCovariances",
             hint="say PairNoise(rotation_rad, translation_m)",
             name="noise",
+        )
+
+
+def check_asked_noise(noise: object, N: int) -> None:
+    """Refuse what is neither noise of N pairs nor one to be estimated.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(noise, str):
+        check_noise(noise, N)
+    elif noise not in get_args(NoiseShown):
+        raise InputError(
+            f"the noise is {one_line(noise)}, which is none",
+            hint='give PairNoise or PairCovariances, or have it estimated: "B" is that of B, the '
+            'same in all directions, "shown" what the residuals show',
+            name="noise",
+            value=noise,
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +49,37 @@ class Estimate:
     sigma: FloatArray | None = None
     weights: FloatArray | None = None
     scale: FloatArray | None = None
+
+    def of(self, trial: int) -> Estimate:
+        """The estimate of one of the problems."""
+        own = np.array([trial])
+        return Estimate(
+            self.X[own],
+            self.Z[own],
+            None if self.iterations is None else self.iterations[own],
+            None if self.converged is None else self.converged[own],
+            None if self.fit is None else self.fit.of(own),
+            None if self.sigma is None else self.sigma[:, own],
+            None if self.weights is None else self.weights[own],
+            None if self.scale is None else self.scale[own],
+        )
+
+    def with_others(self, others: Sequence[tuple[int, Estimate]]) -> Estimate:
+        """These estimates with those of some problems, one at a time, in their place."""
+        values: dict[str, Any] = {name: getattr(self, name) for name in _EACH}
+        values = {name: None if v is None else v.copy() for name, v in values.items()}
+        fit = self.fit
+        for trial, one in others:
+            for name, value in values.items():
+                if value is not None:
+                    value[trial] = getattr(one, name)[0]
+            if fit is not None and one.fit is not None:
+                fit = fit.with_others(np.array([trial]), one.fit)
+        return replace(self, fit=fit, **values)
+
+
+_EACH = ("X", "Z", "iterations", "converged", "weights")
+"""Arrays of :class:`Estimate` with the problems along their first axis."""
 
 
 def residuals(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray) -> FloatArray:
@@ -159,6 +190,9 @@ class RobotWorldResult:
         False for the pairs that a robust method left out.
     noise_estimated : bool
         Whether the noise was not given.
+    noise_made : str
+        How the noise is made, in words, where it was estimated and the residuals show one that is
+        not of B, alike in all directions; else empty.
     chi2, freedom, chi2_probability : float, int, float or None
         Sum of the squares of the residuals in units of the noise given, at the likeliest X and Z
         whatever the method, its degrees of freedom, and the probability of one as large. None
@@ -182,6 +216,7 @@ class RobotWorldResult:
     iterations: int | None
     used: BoolArray
     noise_estimated: bool
+    noise_made: str
     chi2: float | None
     freedom: int
     chi2_probability: float | None
@@ -189,6 +224,7 @@ class RobotWorldResult:
     alternatives: tuple[tuple[FloatArray, FloatArray], ...]
     _residuals: Callable[[], FloatArray] = field(repr=False)
     _noise: Callable[[FloatArray], Noise | None] = field(repr=False)
+    _drift: Callable[[], tuple[str, ...]] = field(repr=False)
     _doubts: Callable[[RobotWorldResult], tuple[str, ...]] = field(repr=False)
     _rank: Callable[[], int] = field(repr=False)
     _spread: Callable[[Noise | None], FloatArray | None] = field(repr=False)
@@ -227,11 +263,18 @@ class RobotWorldResult:
 
     @cached_property
     def noise(self) -> Noise | None:
-        """Noise of the pairs: that given, or else as the residuals show it, on B.
+        """Noise of the pairs: that given, or else as the residuals show it.
+
+        On B where they show no other, which :attr:`noise_made` tells.
 
         None where the status is ``"misfit"`` or ``"not converged"``.
         """
         return self._noise(self.residuals)
+
+    @cached_property
+    def drift(self) -> tuple[str, ...]:
+        """What changes along the sequence of pairs, in sentences."""
+        return self._drift()
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,12 +20,14 @@ from calib.robot_world.accuracy import (
 )
 from calib.robot_world.adjustment import linear_rows
 from calib.robot_world.closed_form import residual_rms, residual_rows
-from calib.robot_world.components import explain
+from calib.robot_world.components import FEWEST_PAIRS as FEWEST_FOR_NOISE
+from calib.robot_world.components import ShownNoise, explain, settled, shown_noise
 from calib.robot_world.diagnosis import (
     ALIEN,
     copies,
     few_for_the_noise,
     outstanding,
+    standing_out,
     suspicions,
 )
 from calib.robot_world.drift import drifting
@@ -37,13 +40,22 @@ from calib.robot_world.identifiability import (
 )
 from calib.robot_world.leave_one_out import left_out_residuals
 from calib.robot_world.methods import Method, find_method
-from calib.robot_world.noise import Noise, PairNoise, check_noise
+from calib.robot_world.methods.robust import WIDENING
+from calib.robot_world.noise import Noise, NoiseShown, PairNoise, check_asked_noise
 from calib.robot_world.pairs import FEWEST_PAIRS, PairSets, checked_pairs, checked_problem
 from calib.robot_world.propagation import propagate
 from calib.robot_world.results import Estimate, RobotWorldBatch, RobotWorldResult
 from calib.robot_world.scale import Scale, by_rotations_first, likeliest, scaled
 from calib.robot_world.serial import widening
-from calib.robot_world.verdict import alone, judge, scale_doubts, too_uncertain
+from calib.robot_world.verdict import (
+    HARDLY,
+    alone,
+    is_named,
+    is_one,
+    judge,
+    scale_doubts,
+    too_uncertain,
+)
 from calib.se3 import BoolArray, FloatArray
 
 _FEWEST_FOR_SIGMA = 6
@@ -61,7 +73,7 @@ def solve(
     A: ArrayLike,
     B: ArrayLike,
     method: str = "ml",
-    noise: Noise | None = None,
+    noise: Noise | NoiseShown | None = None,
     *,
     estimate_scale: bool = False,
 ) -> RobotWorldResult:
@@ -77,9 +89,12 @@ def solve(
         Measured transforms [m], N >= 3, pair by pair.
     method : str
         One of :data:`~calib.robot_world.METHODS`.
-    noise : PairNoise or PairCovariances, optional
-        Noise of the transforms. Without it the residuals say how large it is, and it counts as
-        that of B.
+    noise : PairNoise, PairCovariances, "B" or "shown", optional
+        Noise of the transforms. Without it the residuals say how large it is. ``"B"``: it counts as
+        that of B, the same in all directions, as for all methods but those of maximum likelihood.
+        These take it as the residuals of twenty pairs or more show it, where they show another
+        and nothing else is wrong with the pairs; ``"shown"``: so do the standard deviations of the
+        others.
     estimate_scale : bool
         Whether to estimate the scale of B's translations with X and Z, and to correct B by it:
         where the size of the target is not sure, say. Lengths of A count as true; the noise is
@@ -104,7 +119,59 @@ def solve(
     """
     chosen = find_method(method)
     pairs = checked_problem(A, B)
-    check_noise(noise, pairs.N)
+    check_asked_noise(noise, pairs.N)
+    known = None if isinstance(noise, str) else noise
+    if noise == "shown" and not chosen.likelihood:
+        known = shown_noise(pairs.A[0], pairs.B[0])
+    solution = _solved(chosen, pairs, known, estimate_scale)
+    made = ""
+    if chosen.likelihood and noise in (None, "shown"):
+        shown = _other_noise(chosen, solution)
+        if shown is not None:
+            known, made = shown.noise, shown.name
+            solution = _solved(chosen, pairs, known, estimate_scale)
+    return _result(
+        chosen, solution, known, estimated=noise is None or isinstance(noise, str), made=made
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """What a method makes of one set of pairs, and what is wrong with these.
+
+    Attributes
+    ----------
+    pairs : PairSets
+        With the scale of B corrected where that was estimated.
+    found : Estimate
+    used : ndarray of bool (N,)
+    motion : Motion
+        Of the pairs used.
+    doubts : tuple of str
+    others : tuple of (str, X, Z)
+        Solutions that fit as well.
+    factor : float or None
+        The scale of B's translations where it was estimated.
+    """
+
+    pairs: PairSets
+    found: Estimate
+    used: BoolArray
+    motion: Motion
+    doubts: tuple[str, ...]
+    others: tuple[tuple[str, FloatArray, FloatArray], ...]
+    factor: float | None
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether there is one answer, and nothing is wrong with the pairs so far."""
+        return not (self.doubts or self.others) and _verdict(self.found, self.motion)[0] == "ok"
+
+
+def _solved(
+    chosen: Method, pairs: PairSets, noise: Noise | None, estimate_scale: bool
+) -> _Solution:
+    """Solve one set by noise that is given, or else by that of B alike in all directions."""
     factor = None
     if estimate_scale:
         factor = _factor(chosen, pairs, noise)
@@ -133,9 +200,30 @@ def solve(
             for text, X, Z in half_turns(kept, motion, found.X[0, :3, :3])
             if not motion.is_misfit(*residual_rms(kept, X[None], Z[None]))[0]
         )
-    if not (doubts or others):
-        doubts = drifting(pairs, found, used, noise)
-    return _result(chosen, pairs, found, used, motion, noise, doubts, others, factor)
+    return _Solution(pairs, found, used, motion, doubts, others, factor)
+
+
+def _other_noise(chosen: Method, one: _Solution) -> ShownNoise | None:
+    """Noise that the residuals show, where it is not that of B alike in all directions.
+
+    None where the pairs do not belong together, where a few of them that are far off show it
+    alone, and where the translations of B may have another scale: what that leaves is no noise,
+    though it grows with the distance.
+    """
+    found, used = one.found, one.used
+    if not one.is_sound:
+        return None
+    shown = settled(one.pairs, found.X, found.Z, used, WIDENING if chosen.robust else 1.0)
+    if shown is None:
+        return None
+    far = standing_out(_sizes(one.pairs, found, None, _residuals(one.pairs, found)), used)
+    if far.any():
+        others = explain(one.pairs.A[0], one.pairs.B[0], found.X[0], found.Z[0], used & ~far)
+        if others is None or others.by_distance != shown.by_distance:
+            return None
+    scale = likeliest(one.pairs, one.motion.pairs, used, shown.noise)
+    wrong = not is_one(scale) if shown.by_distance else is_named(scale)
+    return None if wrong else shown
 
 
 def _factor(chosen: Method, pairs: PairSets, noise: Noise | None) -> float:
@@ -157,7 +245,10 @@ def _factor(chosen: Method, pairs: PairSets, noise: Noise | None) -> float:
 
 
 def solve_batch(
-    A: ArrayLike, B: ArrayLike, method: str = "ml", noise: Noise | None = None
+    A: ArrayLike,
+    B: ArrayLike,
+    method: str = "ml",
+    noise: Noise | Literal["B"] | None = None,
 ) -> RobotWorldBatch:
     """Solve T problems ``A_i X = Z B_i`` at once, as Monte Carlo studies need it.
 
@@ -167,8 +258,8 @@ def solve_batch(
         Measured transforms of T problems with N >= 3 pairs each.
     method : str
         One of :data:`~calib.robot_world.METHODS`.
-    noise : PairNoise or PairCovariances, optional
-        Noise of the transforms, for the methods that weigh by it.
+    noise : PairNoise, PairCovariances or "B", optional
+        Noise of the transforms, for the methods that weigh by it; as :func:`solve` takes it.
 
     Returns
     -------
@@ -187,7 +278,7 @@ def solve_batch(
     chosen = find_method(method)
     A, B = checked_pairs(A, B, dimensions=4)
     T, N = A.shape[:2]
-    check_noise(noise, N)
+    check_asked_noise(noise, N)
     at_once = max(1, _PAIRS_AT_ONCE // N)
     parts = [
         _batch(chosen, PairSets(A[first : first + at_once], B[first : first + at_once]), noise)
@@ -196,8 +287,9 @@ def solve_batch(
     return parts[0] if len(parts) == 1 else RobotWorldBatch.joined(parts)
 
 
-def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBatch:
+def _batch(chosen: Method, pairs: PairSets, asked: Noise | NoiseShown | None) -> RobotWorldBatch:
     """Solve some problems, whatever their motion."""
+    noise = None if isinstance(asked, str) else asked
     motion = examine(pairs)
     every = np.arange(pairs.T)
     usable = every if chosen.robust else np.flatnonzero(~motion.rank_deficient)
@@ -211,6 +303,9 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
     if usable.size:
         kept = pairs if usable.size == pairs.T else PairSets(pairs.A[usable], pairs.B[usable])
         found = chosen.run(kept, noise)
+        noises: list[Noise | None] = [noise] * kept.T
+        if chosen.likelihood and asked in (None, "shown"):
+            found, noises = _with_other_noise(chosen, kept, found)
         X[usable], Z[usable] = found.X, found.Z
         if iterations is not None and found.iterations is not None:
             iterations[usable] = found.iterations
@@ -227,7 +322,8 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
             factor *= excess[:, None]
             covariance[usable] *= factor[:, :, None] * factor[:, None]
             uncertain[usable] = too_uncertain(covariance[usable], kept.size) | [
-                bool(drifting(kept, found, own > 0, noise, trial)) for trial, own in enumerate(used)
+                bool(drifting(kept, found, own > 0, noises[trial], trial))
+                for trial, own in enumerate(used)
             ]
         if found.weights is not None:
             rank_deficient, degenerate, doubtful = _judged_by_used(pairs, found.weights > 0)
@@ -249,6 +345,28 @@ def _batch(chosen: Method, pairs: PairSets, noise: Noise | None) -> RobotWorldBa
         covariance,
         chi2,
     )
+
+
+def _with_other_noise(
+    chosen: Method, pairs: PairSets, found: Estimate
+) -> tuple[Estimate, list[Noise | None]]:
+    """Estimates with those in place whose residuals show other noise, and that noise of each."""
+    noises: list[Noise | None] = [None] * pairs.T
+    own: list[tuple[int, Estimate]] = []
+    used = np.ones((pairs.T, pairs.N)) if found.weights is None else found.weights
+    for trial in np.flatnonzero(used.sum(axis=1) >= FEWEST_FOR_NOISE).tolist():
+        one = found.of(trial)
+        kept = used[trial] > 0
+        sets = PairSets(pairs.A[trial][None], pairs.B[trial][None])
+        motion = examine(PairSets(sets.A[:, kept], sets.B[:, kept]))
+        if motion.degenerate[0] or not _enough_agree(kept):
+            continue
+        doubts = suspicions(sets, kept, motion)
+        shown = _other_noise(chosen, _Solution(sets, one, kept, motion, doubts, (), None))
+        if shown is not None:
+            noises[trial] = shown.noise
+            own.append((trial, chosen.run(sets, shown.noise)))
+    return found.with_others(own), noises
 
 
 def _judged_by_used(pairs: PairSets, used: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
@@ -289,26 +407,35 @@ def _robust(chosen: Method, pairs: PairSets, noise: Noise | None) -> tuple[Estim
 
 
 def _result(
-    chosen: Method,
-    pairs: PairSets,
-    found: Estimate,
-    used: BoolArray,
-    motion: Motion,
-    noise: Noise | None,
-    doubts: tuple[str, ...],
-    others: tuple[tuple[str, FloatArray, FloatArray], ...],
-    factor: float | None,
+    chosen: Method, one: _Solution, noise: Noise | None, *, estimated: bool, made: str
 ) -> RobotWorldResult:
-    """All that is said of one solution."""
+    """All that is said of one solution.
+
+    Parameters
+    ----------
+    chosen : Method
+    one : _Solution
+    noise : PairNoise or PairCovariances, optional
+        By which the pairs were weighed.
+    estimated : bool
+        Whether it was not given.
+    made : str
+        How it is made, in words, where the residuals show one that is not of B alike in all
+        directions.
+    """
+    pairs, found, used, motion = one.pairs, one.found, one.used, one.motion
+    others = one.others
     status, message = _verdict(found, motion)
     fit: GoodnessOfFit | None = None
-    if status == "ok" and noise is not None:
+    if status == "ok" and noise is not None and not estimated:
         fit = goodness(pairs, found, used, noise)
         if fit is not None and fit.excess > 1.0:
             message += (
                 f"; the least residuals are {fit.excess:.1f} times the noise given: standard "
                 "deviations are scaled up to them, which does not cover a bias of A or B"
             )
+    if made:
+        message += f"; noise as the residuals show it: {made}"
     if not used.all():
         rows = ", ".join(str(i + 1) for i in np.flatnonzero(~used))
         message += f"; left out as contradicting the others: {rows} (counted from 1)"
@@ -320,18 +447,19 @@ def _result(
             "; all rotations between the poses are about one axis or half turns, which leave a "
             "choice: add a pose that turns otherwise, or pick X by where the camera looks"
         )
-    if doubts and status == "ok":
+    if one.doubts and status == "ok":
         status = "doubtful"
-        message += "; but the pairs hardly belong together, as the warnings say"
+        message += f"; {HARDLY}"
     excess = fit.excess if fit else 1.0
     return RobotWorldResult(
         X=found.X[0],
         Z=found.Z[0],
         method=chosen.name,
-        scale_estimated=factor is not None,
+        scale_estimated=one.factor is not None,
         iterations=None if found.iterations is None else int(found.iterations[0]),
         used=used,
-        noise_estimated=noise is None,
+        noise_estimated=estimated,
+        noise_made=made,
         chi2=fit.chi2 if fit else None,
         freedom=6 * int(used.sum()) - 12,
         chi2_probability=fit.probability if fit else None,
@@ -339,21 +467,20 @@ def _result(
         alternatives=tuple((X, Z) for _, X, Z in others),
         _residuals=partial(_residuals, pairs, found),
         _noise=partial(_noise, found, used, noise, status),
-        _doubts=partial(_doubts, chosen, pairs, found, motion, noise, doubts),
+        _drift=partial(_drift, one, noise),
+        _doubts=partial(_doubts, chosen, one, noise, estimated, made),
         _rank=partial(rank_of, pairs, found.X, found.Z, used),
-        _spread=partial(covariance_of, chosen, pairs, found, used, excess, noise is not None),
+        _spread=partial(covariance_of, chosen, pairs, found, used, excess, not estimated),
         _leave_out=partial(left_out_residuals, chosen, pairs, found, used, noise),
-        _scale=partial(_scale, chosen, pairs, motion, noise, factor, excess, status),
+        _scale=partial(_scale, chosen, one, noise, excess, status),
         _judged=partial(judge, status=status, message=message, motion=motion),
     )
 
 
 def _scale(
     chosen: Method,
-    pairs: PairSets,
-    motion: Motion,
+    one: _Solution,
     noise: Noise | None,
-    factor: float | None,
     excess: float,
     status: str,
     result: RobotWorldResult,
@@ -362,14 +489,14 @@ def _scale(
     if status not in ("ok", "doubtful") or result.noise is None:
         return None
     used = result.used
-    if factor is None or chosen.likelihood:
-        scale = likeliest(pairs, motion.pairs, used, noise)
+    if one.factor is None or chosen.likelihood:
+        scale = likeliest(one.pairs, one.motion.pairs, used, noise)
     else:
-        A, B = pairs.A[0, used], pairs.B[0, used]
+        A, B = one.pairs.A[0, used], one.pairs.B[0, used]
         covariance = propagate(partial(_with_scale, chosen), A, B, result.noise, excess)
         sigma = float(np.sqrt(covariance[12, 12]))
         scale = Scale(1.0, sigma, result.X, result.Z, covariance, 6 * int(used.sum()) - 13)
-    return scale if factor is None else scale.times(factor)
+    return scale if one.factor is None else scale.times(one.factor)
 
 
 def _with_scale(chosen: Method, pairs: PairSets) -> Estimate:
@@ -391,35 +518,42 @@ def _noise(
     return noise_shown(found, error, used) if given is None else given
 
 
+def _drift(one: _Solution, noise: Noise | None) -> tuple[str, ...]:
+    """What changes along the sequence of pairs that nothing else is wrong with."""
+    if one.doubts or one.others:
+        return ()
+    return drifting(one.pairs, one.found, one.used, noise)
+
+
 def _doubts(
     chosen: Method,
-    pairs: PairSets,
-    found: Estimate,
-    motion: Motion,
+    one: _Solution,
     noise: Noise | None,
-    doubts: tuple[str, ...],
+    estimated: bool,
+    made: str,
     result: RobotWorldResult,
 ) -> tuple[str, ...]:
-    """What seems to be wrong with the pairs of a solution, besides what was found before it."""
-    used = result.used
+    """What seems to be wrong with the pairs of a solution."""
+    pairs, found, used, motion = one.pairs, one.found, one.used, one.motion
+    doubts = one.doubts or result.drift
     if not doubts:
         doubts = scale_doubts(result) + alone(result, motion)
         if not chosen.robust:
             doubts += outstanding(_sizes(pairs, found, noise, result.residuals), used)
     doubts += copies(pairs, used)
     N = int(used.sum())
-    if noise is None and N < _FEWEST_FOR_SIGMA:
+    if estimated and N < _FEWEST_FOR_SIGMA:
         part = 100.0 / np.sqrt(2.0 * (6 * N - 12))
         doubts += (
             f"{N} pairs show the noise to {part:.0f} %, and so much at least the standard "
             "deviations may be off: measure more, or give the noise",
         )
-    if noise is None and chosen.likelihood:
+    if estimated and chosen.likelihood and not made:
         other = explain(pairs.A[0], pairs.B[0], found.X[0], found.Z[0], used)
         if other is not None:
             doubts += (
-                f"residuals show other noise than the one of B that is the same in all directions: "
-                f"{other.name}; solve again with the noise shown",
+                "residuals show other noise than the one of B that is the same in all directions, "
+                f"which was taken: {other.name}",
             )
     return doubts + few_for_the_noise(motion)
 

@@ -32,6 +32,8 @@ _FEWEST_LEFT = 3
 _ROUNDING = 1e-8
 """Residual, in parts of the motion, that is none."""
 
+HARDLY = "but the pairs hardly belong together, as the warnings say"
+
 _SCALE_NAMED, _SCALE_WRONG = 1e-3, 1e-2
 """Distance of the scale from 1 from which on it is named, and from which on X and Z without it are
 doubted: a printed target is as long as it should be to some thousandths."""
@@ -51,13 +53,15 @@ def judge(result: RobotWorldResult, status: str, message: str, motion: Motion) -
     if status != "ok":
         return status, message
     size = float(motion.pairs.size[0])
+    if result.drift:
+        return "doubtful", f"{message}; {HARDLY}"
     reasons = _uncertain(result, size)
     if int(result.used.sum()) > _FEW:
         reasons += _not_predicted(result, motion)
     if result.scale is not None:
         if result.scale_estimated:
             message += f"; {_corrected(result.scale)}"
-        elif _is_named(result.scale) and abs(result.scale.value - 1.0) > _SCALE_WRONG:
+        elif is_named(result.scale) and abs(result.scale.value - 1.0) > _SCALE_WRONG:
             reasons += (_off(result.scale),)
     return ("doubtful", f"{message}; but {'; '.join(reasons)}") if reasons else (status, message)
 
@@ -91,7 +95,7 @@ def scale_doubts(result: RobotWorldResult) -> tuple[str, ...]:
             f"the pairs tell the scale of B's translations {how}: a wrong size of the target, unit "
             "or focal length would go unnoticed; measure from other distances and sides",
         )
-    if result.scale_estimated or not _is_named(scale):
+    if result.scale_estimated or not is_named(scale):
         return ()
     turned_rad, moved_m = moved(scale, result.X, result.Z)
     return (
@@ -102,9 +106,15 @@ def scale_doubts(result: RobotWorldResult) -> tuple[str, ...]:
     )
 
 
-def _is_named(scale: Scale) -> bool:
+def is_named(scale: Scale) -> bool:
+    """Whether a scale is told to be another than 1."""
     far = abs(scale.value - 1.0) > _SCALE_NAMED
     return far and scale.is_told and scale.probability < NOISE_DOUBT
+
+
+def is_one(scale: Scale) -> bool:
+    """Whether a scale is told to be 1, as closely as matters."""
+    return max(abs(scale.value - 1.0), scale.sigma) < _SCALE_WRONG and not is_named(scale)
 
 
 def _off(scale: Scale) -> str:

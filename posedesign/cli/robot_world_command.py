@@ -49,7 +49,7 @@ from posedesign.cli.robot_world_options import (
 from posedesign.cli.robot_world_output import print_solvers
 
 if TYPE_CHECKING:
-    from calib.robot_world.noise import Noise
+    from calib.robot_world.noise import Noise, NoiseShown
     from posedesign.files import Results
     from posedesign.pairs_file import Pairs
     from posedesign.pairs_results import NoiseOn, SolverOutcome
@@ -98,9 +98,11 @@ def robot_world(
     methods = methods_of(method)
     refuse_unfit_noise(methods, noise_deg, noise_mm, noise_on)
     if certify:
-        refuse_uncertifiable(methods, noise_on or "b", camera)
+        # a proof is of one noise that is known beforehand, and of the answer by it
+        noise_on = noise_on or "b"
+        refuse_uncertifiable(methods, noise_on, camera)
     found = source.read()
-    noise = given_noise(found, camera, noise_deg, noise_mm, noise_on)
+    noise = asked_noise(found, camera, noise_deg, noise_mm, noise_on)
     results = results_in(out, "robot-world", pairs, a, b, overwrite=overwrite)
     outcomes = _solved(
         found,
@@ -121,23 +123,22 @@ def robot_world(
     return DONE if reached(outcomes) else NOT_REACHED
 
 
-def given_noise(
+def asked_noise(
     pairs: Pairs,
     camera: CameraPlace,
     noise_deg: float | None,
     noise_mm: float | None,
     noise_on: NoiseSide | None,
-) -> Noise | None:
-    """The noise of the options, if they say one."""
+) -> Noise | NoiseShown | None:
+    """The noise of the options, or how it is to be estimated, if they say any."""
     import math
 
-    from calib.robot_world import shown_noise
     from posedesign.pairs_results import noise_of
 
     if noise_on == "shown":
-        return shown_noise(pairs.A, pairs.B)
+        return "shown"
     if noise_deg is None or noise_mm is None:
-        return None
+        return "B" if noise_on == "b" else None
     sides: dict[str, NoiseOn] = {"a": "A", "b": "B", "both": "both", "seen": "seen"}
     side = sides[noise_on or "b"]
     return noise_of(pairs, camera, math.radians(noise_deg), noise_mm / 1e3, side)
@@ -147,7 +148,7 @@ def _solved(
     pairs: Pairs,
     out: Results,
     methods: Sequence[str],
-    noise: Noise | None,
+    noise: Noise | NoiseShown | None,
     *,
     estimate_scale: bool,
     certify: bool,

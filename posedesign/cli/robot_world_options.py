@@ -76,9 +76,11 @@ NoiseMm = Annotated[
 NoiseOnOption = Annotated[
     NoiseSide | None,
     typer.Option(
-        help="Which side has it; default: b. seen: the target as the camera sees it, as a "
-        "camera's data sheet has it: with the camera on the flange, the inverse of B. shown: as "
-        "the residuals of 20 pairs or more show it, its sizes, too."
+        help="Which side has it; default: b, and without sizes, for ml and ml-robust, what the "
+        "residuals of 20 pairs or more show. b without sizes: that of B, the same in all "
+        "directions. seen: the target as the camera sees it, as a camera's data sheet has it: with "
+        "the camera on the flange, the inverse of B. shown: as the residuals show it for the "
+        "standard deviations of all methods."
     ),
 ]
 EstimateScale = Annotated[
@@ -95,7 +97,7 @@ Certify = Annotated[
     typer.Option(
         "--certify",
         help="Prove that no other X and Z are likelier: needs the method ml, and noise on one "
-        "side.",
+        "side, the same in all directions: that of B where no sizes are given.",
     ),
 ]
 TrustLengths = Annotated[
@@ -133,8 +135,12 @@ def refuse_unfit_noise(
         return
     if (noise_deg is None) != (noise_mm is None):
         raise InputError("give both --noise-deg and --noise-mm, or neither", name="noise")
-    if noise_deg is None and noise_on is not None:
-        raise InputError("--noise-on says nothing without --noise-deg and --noise-mm", name="noise")
+    if noise_deg is None and noise_on not in (None, "b"):
+        raise InputError(
+            f"--noise-on {noise_on} needs --noise-deg and --noise-mm",
+            hint="b and shown alone have their sizes from the residuals",
+            name="noise",
+        )
 
 
 def refuse_fixed_opencv(camera: str, convention: str) -> None:

@@ -45,9 +45,9 @@ def print_solvers(outcomes: Sequence[SolverOutcome], camera: Camera = "on-flange
         say(text)
     say(f"A = {frames.A}; B = {frames.B}")
     sources = {row["noise"] for row in rows}
-    noise = (
-        "the noise given" if "given" in sources else "the noise that the residuals show, as of B"
-    )
+    noise = "the noise given" if "given" in sources else "the noise that the residuals show"
+    if "given" not in sources and all(row["noise_on"] in ("B", None) for row in rows):
+        noise += ", as of B"
     say(f"sigma: the largest of the three axes, by {noise}; left_out: of pairs not seen.")
     for text in remarks_of(outcomes):
         say(text)

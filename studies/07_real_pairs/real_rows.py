@@ -12,8 +12,9 @@ from calib.robot_world.noise import difference
 from calib.se3 import FloatArray
 from studies.real_pairs import MM, Sides
 
-RATIO = "ml, ratio"
-"""``ml`` with the ratio of the noises given; every other row leaves the noise to the residuals."""
+RATIO, ON_B = "ml, ratio", "ml, on B"
+"""``ml`` with the ratio of the noises given, and with noise of B alone, the same in all directions;
+every other row leaves the noise to the residuals."""
 
 PARTS = (slice(0, 3), slice(3, 6))
 TO_SHOW = (float(np.degrees(1.0)), 1.0 / MM)
@@ -23,9 +24,9 @@ Settings = Mapping[str, Any]
 
 
 def row_names(methods: Iterable[str] | None = None) -> list[str]:
-    """Names of the rows of a data set: every method, ``ml`` twice."""
+    """Names of the rows of a data set: every method, ``ml`` three times."""
     names = list(METHODS if methods is None else methods)
-    return [RATIO, *names] if "ml" in names else names
+    return [RATIO, ON_B, *names] if "ml" in names else names
 
 
 def given_noise(settings: Settings) -> PairNoise:
@@ -35,6 +36,8 @@ def given_noise(settings: Settings) -> PairNoise:
 
 def solved(sides: Sides, name: str, settings: Settings) -> RobotWorldResult:
     """One solution. Of the noise given only the ratio counts: its size is as the residuals say."""
+    if name == ON_B:
+        return solve(*sides, "ml", "B")
     if name != RATIO:
         return solve(*sides, name)
     noise = given_noise(settings)
@@ -63,6 +66,7 @@ def row_of(name: str, result: RobotWorldResult, sigma: bool = True) -> dict[str,
     known = isinstance(noise, PairNoise)
     row["noise_deg"] = float(np.degrees(noise.rotation_rad)) if known else None
     row["noise_mm"] = noise.translation_m / MM if known else None
+    row["noise_made"] = result.noise_made
     if sigma:
         for letter, at in (("X", 0), ("Z", 6)):
             for unit, first, scale in zip(("deg", "mm"), (0, 3), TO_SHOW, strict=True):
@@ -79,7 +83,7 @@ def _largest(covariance: FloatArray | None, own: slice, scale: float) -> float |
 
 
 def proof(sides: Sides, result: RobotWorldResult) -> dict[str, Any]:
-    """What the certificate says of a solution of ``ml``, with the noise that it estimated."""
+    """What the certificate says of a solution of ``ml``, with the noise of B that it estimated."""
     noise = result.noise
     if not isinstance(noise, PairNoise):
         raise RuntimeError(f"no noise to weigh by: {result.message}")

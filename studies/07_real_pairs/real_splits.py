@@ -11,7 +11,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from real_rows import PARTS, RATIO, TO_SHOW, Settings, given_noise
+from real_rows import ON_B, PARTS, RATIO, TO_SHOW, Settings, given_noise
 
 from calib.robot_world import solve_batch
 from calib.robot_world.results import residuals
@@ -33,14 +33,15 @@ def halves(count: int, runs: int) -> BoolArray:
 def predictions(sides: Sides, learn: BoolArray, name: str, settings: Settings) -> FloatArray:
     """What is left ``(S, 4)`` of the pairs that did not learn, in the order of FIGURES."""
     A, B = sides
-    noise = given_noise(settings) if name == RATIO else None
+    noise = {RATIO: given_noise(settings), ON_B: "B"}.get(name)
+    method = "ml" if name in (RATIO, ON_B) else name
     out = np.full((len(learn), len(FIGURES)), np.nan)
     sizes = learn.sum(axis=1)
     for size in np.unique(sizes):  # runs differ by a pair where their number is no divisor
         rows = np.flatnonzero(sizes == size)
         inside = np.array([np.flatnonzero(learn[row]) for row in rows])
         outside = np.array([np.flatnonzero(~learn[row]) for row in rows])
-        found = solve_batch(A[inside], B[inside], "ml" if name == RATIO else name, noise)
+        found = solve_batch(A[inside], B[inside], method, noise)
         error = residuals(A[outside], B[outside], found.X, found.Z)
         for k, (part, scale) in enumerate(zip(PARTS, TO_SHOW, strict=True)):
             size_of = scale * np.linalg.norm(error[..., part], axis=-1)

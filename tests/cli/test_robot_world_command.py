@@ -353,7 +353,7 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
         ("p.csv", "--camera", "fixed", "--convention", "opencv"),
         "give gripper2base as A and target2cam as B",
     ),
-    "side without noise": (("p.csv", "--noise-on", "a"), "--noise-on says nothing without"),
+    "side without noise": (("p.csv", "--noise-on", "a"), "--noise-on a needs --noise-deg"),
     "shown, and given": (
         ("p.csv", "--noise-on", "shown", "--noise-deg", "1", "--noise-mm", "1"),
         "finds the sizes itself",
@@ -456,15 +456,22 @@ def test_noise_of_the_robot_is_found_where_the_residuals_show_it(cli: Cli, tmp_p
     names = tuple(f"P{i + 1:02d}" for i in range(60))
     path = write_pairs(tmp_path / "pairs.csv", Pairs(names, A, B))
     off = []
-    for k, words in enumerate(((), ("--noise-on", "shown"))):
+    for k, words in enumerate((("--noise-on", "b"), ("--noise-on", "shown"), (), ("--certify",))):
         said = cli(
             "robot-world", path, "--method", "ml", *words, "--out", tmp_path / f"{k}", "--json"
         )
         assert said.code == 0, said.err
-        assert ("residuals show other noise" in said.err) == (not words)
+        of_B = k in (0, 3)
+        assert ("residuals show other noise" in said.err) == of_B
         (answer,) = json.loads(said.out)
+        assert answer["noise"] == "estimated"
+        assert answer["noise_on"] == ("B" if of_B else "A")
+        assert ("of the variance of rotations is of A" in answer["message"]) == (not of_B)
         off.append(np.linalg.norm(np.subtract(answer["Z"], problem.Z[0])[:3, 3]))
-    assert off[1] < off[0]
+    assert off[1] == off[2] < off[0] == off[3]
+    assert answer["certificate"]["status"] == "proven"
+    said = cli("robot-world", path, "--method", "ml", "--certify", "--out", tmp_path / "c")
+    assert "proofs are of noise of B, the same in all directions" in said.out
 
 
 @pytest.mark.parametrize(

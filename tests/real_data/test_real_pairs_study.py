@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from calib.robot_world import PairNoise, solve, solve_batch
+from calib.robot_world.noise import difference
 from calib.robot_world.results import residuals
 from posedesign.pairs_source import PairSource
 
@@ -144,7 +145,7 @@ def test_estimated_noise_goes_with_the_residuals_of_every_half(
     for learn in module("real_splits").halves(len(A), study.SETTINGS["splits"]["runs"])[::5]:
         if solve_batch(A[None, learn], B[None, learn], "shah").degenerate[0]:
             continue
-        result = solve(A[learn], B[learn], "ml")
+        result = solve(A[learn], B[learn], "ml", "B")
         noise = result.noise
         assert isinstance(noise, PairNoise)
         sizes = [result.rotation_rms_rad, result.translation_rms_m]
@@ -152,14 +153,36 @@ def test_estimated_noise_goes_with_the_residuals_of_every_half(
         assert learn.sum() * square.sum() == pytest.approx(6 * learn.sum() - 12, rel=1e-3)
 
 
+@pytest.mark.slow
+def test_halves_agree_better_by_the_noise_that_shows(study: ModuleType, pairs: Row) -> None:
+    """X and Z of two halves that share no pair are nearer, and as near as they say."""
+    A, B = pairs["UR3e"]
+    learn = module("real_splits").halves(len(A), study.SETTINGS["splits"]["runs"])
+    apart: dict[str | None, list[Any]] = {"B": [], None: []}
+    inside: dict[str | None, list[Any]] = {"B": [], None: []}
+    for half in learn[: len(learn) // 2]:
+        for noise, own in apart.items():
+            one, other = (solve(A[some], B[some], "ml", noise) for some in (half, ~half))
+            far = [difference(one.X, other.X), difference(one.Z, other.Z)]
+            own.append(np.concatenate(far))
+            sigma = np.sqrt(np.diag(one.covariance + other.covariance))
+            inside[noise].append(np.abs(own[-1]) < 1.96 * sigma)
+    squares = {k: np.square(own).mean(axis=0).reshape(4, 3).sum(axis=1) for k, own in apart.items()}
+    assert (np.sqrt(squares[None] / squares["B"]) < 0.95).all()
+    assert 0.90 < np.mean(inside[None]) < 0.98
+    assert np.mean(inside[None]) >= np.mean(inside["B"])
+
+
 def test_side_of_the_noise_decides_where_the_camera_ends(found: Row) -> None:
     """Against the images: 50 mm off along the view with noise on the robot's side alone."""
     sides = found["images"]["noise_on"]
-    b, a, both = sides.values()
+    b, a, both, shown = sides.values()
     along = [of["components"]["X shift z"] for of in (b, a, both)]
     assert along[0]["difference"] < -4.0 * along[0]["sigma"]
     assert abs(along[1]["difference"]) < along[1]["sigma"]
     assert b["chi2"] > a["chi2"] > both["chi2"]
+    # found in the residuals, too
+    assert abs(shown["components"]["X shift z"]["difference"]) < 0.2 * abs(along[0]["difference"])
     assert found["images"]["reference_rms_mm"] > rows(found, "Tabb")["ml"]["rms_mm"]
 
 

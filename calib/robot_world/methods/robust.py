@@ -43,7 +43,7 @@ _ROUNDS = 30
 _SETS_AT_ONCE, _RESIDUALS_AT_ONCE = 4000, 100_000
 
 _KEPT = 1.0 - CHANCE
-_WIDENING = float(np.sqrt(_KEPT / chi2.cdf(chi2.ppf(_KEPT, 6), 8)))
+WIDENING = float(np.sqrt(_KEPT / chi2.cdf(chi2.ppf(_KEPT, 6), 8)))
 """Standard deviation over what those of six normal numbers show that are left when the sum of their
 squares may not exceed its quantile: E[s | s < c] / 6 = F_8(c) / F_6(c)."""
 
@@ -108,7 +108,7 @@ def _fitted(
     """Adjust X and Z to the pairs used, and the noise where it is unknown."""
     weights = used.astype(float)
     if noise is None:
-        return with_estimated_noise(pairs, X, Z, weights, _WIDENING)
+        return with_estimated_noise(pairs, X, Z, weights, WIDENING)
     return adjust(pairs, noise.model(pairs), X, Z, weights=weights), None
 
 
@@ -236,7 +236,7 @@ def _explained(
         return np.asarray(square <= _more(square) * chi2.ppf(_KEPT, 6))
     # the white rows of the pairs used have a mean square of one: the rest of them shows the noise
     freedom = 6.0 * used.sum(axis=1, keepdims=True) - 12.0
-    left = freedom / _WIDENING**2 - np.where(used, square, 0.0)
+    left = freedom / WIDENING**2 - np.where(used, square, 0.0)
     others = freedom - 6.0 * used
     told = others > 0.0
     bound = f_distribution.isf(CHANCE, 6.0, np.where(told, others, 1.0))

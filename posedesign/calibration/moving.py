@@ -45,6 +45,9 @@ def refusals_of(cell: Cell) -> Refuses:
 
     A motion from where an arm really stands is checked as the planner checks its own; no joint
     travels farther in it than a planned one, but for what corrections have added at both ends.
+
+    Bodies that may meet at the target keep their distance there, too, unlike in a plan: the loop
+    corrects sideways, and where the target is it has yet to find.
     """
     checker = Checker(cell.robot, cell.solid)
     travel = cell.ways.largest_travel + 2.0 * LARGEST_CORRECTION_RAD

@@ -1,26 +1,31 @@
 """What is done with an identification: corrected description, mastering, corrected poses.
 
 =======================  ========================================================================
-``corrected.urdf``       the robot with its identified joint frames
-``mastering.csv``        ``pendant_joint, joint, correction_deg, sigma_deg, meaning``
+``corrected.urdf``       the robot with the joint frames that are best for a description
+``mastering.csv``        ``pendant_joint, joint, correction_deg, sigma_deg, meaning``: the zero
+                         offsets that are best where nothing else is corrected
 ``corrected_poses.csv``  as ``poses.csv``: the commands that bring the real tool point to where
                          the poses have it; x, y, z, W, P, R are the Cartesian points to command.
                          A pose that cannot be reached so is dropped, with the reason.
 =======================  ========================================================================
+
+Each says for which task box its values are the best, and what error to expect with it: see
+:mod:`posedesign.correction_routes`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from calib.arm_view import Setup
-from calib.compensation import Compensated, Point, compensate
+from calib.carried import Carried, part_of
+from calib.compensation import Compensated, compensate
 from calib.corrected import CorrectedRobot, corrected_robot
 from calib.descriptions.urdf_write import corrected_urdf
-from calib.errors import InputError, near_names
+from calib.errors import FileFormatError, InputError, near_names
 from calib.identification.checks import check_enough, check_identifiable_at
 from calib.identification.covariance import covariance_of
 from calib.measurement import Measurements, touch_ups
@@ -28,26 +33,34 @@ from calib.model import CalibrationModel
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.checks import refuse_hand_eye
+from posedesign.correction_routes import (
+    AS_IT_IS,
+    DESCRIPTION,
+    FILES,
+    MASTERING,
+    POSES,
+    Routes,
+    routes_of,
+)
 from posedesign.csv_tables import read_rows, write_table
 from posedesign.files import Results, write_bytes_atomic
 from posedesign.identification_file import IdentifiedModel, read_identification
 from posedesign.mastering import Mastering, mastering
-from posedesign.measurement_table import TOOL, MeasurementTable
-from posedesign.models import candidates
+from posedesign.measurement_table import MeasurementTable
+from posedesign.models import candidates, model_of
 from posedesign.origin import rehearsed
 from posedesign.pose_plan import PoseStatus
 from posedesign.postures_table import joint_columns, pendant_columns
 from posedesign.tables import POSE_AXES, PoseList, read_poses
 from posedesign.task_box import COLUMNS, BoxAccuracy, TaskBox, predict_box
 
-OTHER_TOOL_M = 0.02
-"""Distance of the identified tool point from the cell's beyond which it is another point: of a
-reflector, say. No tool is known as badly as that."""
-
-CORRECTION = (
-    ("corrected.urdf", "corrected description"),
-    ("mastering.csv", "mastering"),
-    ("corrected_poses.csv", "corrected poses"),
+CORRECTION = tuple(
+    (FILES[route], what)
+    for route, what in (
+        (DESCRIPTION, "corrected description"),
+        (MASTERING, "mastering"),
+        (POSES, "corrected poses"),
+    )
 )
 PREDICTION = ("predicted_accuracy.csv", "predicted accuracy")
 
@@ -55,6 +68,13 @@ ONLY_ONE = (
     "use one of them: master the arm, or take the corrected poses, or plan with the corrected "
     "description; two together correct twice"
 )
+
+IDLE_RAD = 1e-8
+"""Zero offset below which a joint that was not identified is left as it is."""
+
+WORTH = 0.9
+"""Expected error of the best way over that of the arm as it is above which it is said that there is
+next to nothing to gain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +84,9 @@ class Correction:
     Attributes
     ----------
     identified : IdentifiedModel
+        What is corrected by.
+    routes : Routes
+        What error each way leaves.
     robot : CorrectedRobot
     mastering : Mastering
     poses : PoseList or None
@@ -76,6 +99,7 @@ class Correction:
     """
 
     identified: IdentifiedModel
+    routes: Routes
     robot: CorrectedRobot
     mastering: Mastering
     poses: PoseList | None
@@ -89,6 +113,19 @@ class Correction:
         """Whether every pose can be corrected."""
         return self.compensated is None or bool(self.compensated.ok.all())
 
+    def verdict(self) -> str:
+        """Which way is best, in a sentence."""
+        best, before = self.routes.routes[0], self.routes[AS_IT_IS].expected.rms_m
+        if best.name == AS_IT_IS:
+            return "best: leave the arm as it is"
+        if best.expected.rms_m > WORTH * before:
+            return (
+                "there is next to nothing to gain over the box: the best way leaves "
+                f"{1e3 * best.expected.rms_m:.3g} mm, the arm as it is {1e3 * before:.3g} mm"
+            )
+        asked = best.name == POSES and self.poses is None
+        return f"best: {best.name}" + (" (give poses.csv to have them)" if asked else "")
+
 
 def correct(
     cell: Cell,
@@ -98,6 +135,8 @@ def correct(
     *,
     poses: Path | None = None,
     name: str | None = None,
+    tool: str | None = None,
+    box: TaskBox | None = None,
     trust_units: bool = False,
 ) -> Correction:
     """Write corrected description, mastering and, of a pose list, corrected poses into a folder.
@@ -113,7 +152,12 @@ def correct(
     poses : Path, optional
         A ``poses.csv``.
     name : str, optional
-        Of the model; the recommended one by default.
+        Of a model whose values are used as they are. By default they are the best ones for each
+        way, by the reference of the identification.
+    tool : str, optional
+        Which tool point of the identification is that of the cell.
+    box : TaskBox, optional
+        Where the arm works; that of the cell by default.
     trust_units : bool
         See :func:`posedesign.tables.read_poses`.
 
@@ -122,74 +166,108 @@ def correct(
     FileFormatError
         A file that cannot be used.
     InputError
-        A model that says nothing of the arm.
+        A model that says nothing of the arm, a tool that the identification does not have.
+    UnreachableError
+        No point of the box can be reached.
     """
     wanted = CORRECTION if poses is not None else CORRECTION[:2]
     results = Results.of(out, "correct")
     claims = results.claim("computed", *wanted, inputs=[identification])
-    identified = read_identification(identification, cell, name)
-    model, x = identified.model, identified.x
-    if model.nuisance.all():
+    identified = read_identification(identification, cell, name, reference=True)
+    if identified.model.nuisance.all():
         raise InputError(
             f"the model {identified.name!r:.60} places the set-up only: there is nothing of the "
             "arm to correct",
             hint="choose another one with --model",
             name="model",
         )
-    robot = corrected_robot(model, x)
-    section, folder = cell.config.robot, cell_file.parent
-    source = None if section.urdf is None else folder / section.urdf
-    searched = [folder / name for name in section.packages]
-    text = corrected_urdf(robot, source, searched, section.xacro_args)
-    table = mastering(model, x, identified.covariance, identified.sigma)
-    listed, compensated, notes = None, None, _notes(identified, robot, table)
+    known = identified if name is None else _judge(identification, cell, identified)
+    routes = routes_of(cell, known, box=box, tool=tool, used=None if name is None else identified)
+    description, zeros, whole = (routes[r].values for r in (DESCRIPTION, MASTERING, POSES))
+    zeros = _without_idle(cell, identified, zeros)
+    robot = corrected_robot(description.model, description.x)
+    robot = replace(robot, left_out=corrected_robot(whole.model, whole.x).left_out)
+    table = mastering(
+        zeros.model,
+        zeros.x,
+        None if identified.covariance is None else zeros.covariance,
+        np.sqrt(np.diag(zeros.covariance)),
+    )
+    notes = _notes(identified, known, robot, table)
+    listed, compensated = None, None
     if poses is not None:
         listed = read_poses(
             poses, cell.robot.n, controller=cell.robot.controller, trust_units=trust_units
         )
-        point, setup, said = _meant(cell, identified, len(listed.names))
-        notes += [*said, *([f"{poses}: {listed.misfit}"] if listed.misfit else [])]
-        compensated = compensate(model, x, postures=listed.postures, point=point, setup=setup)
+        notes += [f"{poses}: {listed.misfit}"] if listed.misfit else []
+        compensated = compensate(
+            whole.model,
+            whole.x,
+            postures=listed.postures,
+            setup=Setup.of(len(listed.names), tool=routes.tool.index),
+        )
     warned = rehearsed([identification])
+    section, folder = cell.config.robot, cell_file.parent
+    text = corrected_urdf(
+        robot,
+        None if section.urdf is None else folder / section.urdf,
+        [folder / name for name in section.packages],
+        section.xacro_args,
+        said=routes.words(DESCRIPTION),
+    )
     files = [write_bytes_atomic(claims[0], text)]
+    heads = {way: [*([warned] if warned else []), *routes.words(way)] for way in (MASTERING, POSES)}
     rows = table.rows()
-    files.append(write_table(claims[1], list(rows[0]), rows, [warned] if warned else []))
+    files.append(write_table(claims[1], list(rows[0]), rows, heads[MASTERING]))
     if poses is not None and listed is not None and compensated is not None:
         columns, corrected = _pose_rows(cell, poses, listed, compensated)
-        files.append(write_table(claims[2], columns, corrected, [warned] if warned else []))
+        files.append(write_table(claims[2], columns, corrected, heads[POSES]))
     results.remove(*(entry for entry in CORRECTION if entry not in wanted))
     return Correction(
-        identified, robot, table, listed, compensated, tuple(notes), tuple(files), warned
+        identified, routes, robot, table, listed, compensated, tuple(notes), tuple(files), warned
     )
 
 
-def _notes(identified: IdentifiedModel, robot: CorrectedRobot, table: Mastering) -> list[str]:
-    notes = [f"neither mastering nor a description can hold: {said}" for said in robot.left_out]
+def _judge(path: Path, cell: Cell, named: IdentifiedModel) -> IdentifiedModel:
+    """The model that says what errors to expect with one that was named; else this itself."""
+    try:
+        found = read_identification(path, cell, reference=True)
+    except FileFormatError:
+        return named
+    fit = found.model.tools == named.model.tools and not found.model.nuisance.all()
+    return found if fit else named
+
+
+def _without_idle(cell: Cell, identified: IdentifiedModel, zeros: Carried) -> Carried:
+    """Zero offsets without those of joints that were not identified and have nothing to take up."""
+    model = zeros.model
+    kept = [
+        name
+        for name, value in zip(model.names, zeros.x, strict=True)
+        if name in identified.model.names or abs(value) > IDLE_RAD
+    ]
+    return part_of(model, zeros.x, zeros.covariance, model_of(cell, kept))
+
+
+def _notes(
+    identified: IdentifiedModel, known: IdentifiedModel, robot: CorrectedRobot, table: Mastering
+) -> list[str]:
+    fixed = known is not identified
+    took = "" if fixed else ", but for what other values take up of it over the box"
+    notes = [
+        f"neither mastering nor a description can hold: {said}{took}" for said in robot.left_out
+    ]
     if any(name.startswith("link.") for name in identified.model.names):
-        notes.append("links were identified, too: mastering corrects the zeros of joints alone")
+        notes.append(
+            f"links were identified, too: mastering corrects the zeros of joints alone{took}"
+        )
+    if known.covariance is None:
+        notes.append("the file has no correlations: expected errors take all as independent")
     if table.bounded and table.identified.any():
         notes.append("the file has no correlations: sigmas of coupled joints are upper bounds")
     if any(block.targets and block.size for block in identified.model.parameters):
         notes.append("positions are in the base frame as the targets were found in it")
     return [*notes, ONLY_ONE]
-
-
-def _meant(
-    cell: Cell, identified: IdentifiedModel, count: int
-) -> tuple[Point, Setup | None, list[str]]:
-    """What of the arm is brought to the poses: the tool point as identified, or the tip."""
-    model = identified.model
-    if TOOL not in model.tools:
-        return "tip", None, ["the cell's tool was not measured: the tip is corrected"]
-    turned = [n for n in model.names if n in {f"{TOOL}.r{axis}" for axis in "xyz"}]
-    setup = Setup.of(count, tool=model.tools.index(TOOL))
-    view = model.view(cell.base_posture[None], identified.x, setup[:1])
-    off = view.T_base_tip[0, :3, :3].T @ (view.tool_points[0] - view.T_base_tip[0, :3, 3])
-    far = float(np.linalg.norm(off - cell.tool_m))
-    if turned or far > OTHER_TOOL_M:
-        why = "a frame was measured in its place" if turned else f"it is {far * 1e3:.0f} mm off"
-        return "tip", None, [f"the tool as identified is not the cell's ({why}): the tip is meant"]
-    return "tool", setup, []
 
 
 def _pose_rows(

@@ -56,7 +56,9 @@ class IdentifiedModel:
     covariance: FloatArray | None
 
 
-def read_identification(path: Path, cell: Cell, name: str | None = None) -> IdentifiedModel:
+def read_identification(
+    path: Path, cell: Cell, name: str | None = None, *, reference: bool = False
+) -> IdentifiedModel:
     """Read one model of an ``identification.json``.
 
     Parameters
@@ -66,6 +68,9 @@ def read_identification(path: Path, cell: Cell, name: str | None = None) -> Iden
         With the robot that was identified.
     name : str, optional
         Of the model; the recommended one by default.
+    reference : bool
+        Of the models that the file has, the one that says most of the arm is meant by default: its
+        ``reference``, or where it names none the recommended one.
 
     Raises
     ------
@@ -85,7 +90,7 @@ def read_identification(path: Path, cell: Cell, name: str | None = None) -> Iden
             hint="give the cell that was identified",
         )
     _check_arm(content, path, cell)
-    picked, entry = _picked(content, path, name)
+    picked, entry = _picked(content, path, name, reference=reference)
     names, values, units, sigma = _parameters(entry, path, picked)
     try:
         model = model_of(cell, names)
@@ -145,7 +150,9 @@ def _parsed(path: Path) -> Any:
         ) from error
 
 
-def _picked(content: dict[str, Any], path: Path, name: str | None) -> tuple[str, dict[str, Any]]:
+def _picked(
+    content: dict[str, Any], path: Path, name: str | None, *, reference: bool
+) -> tuple[str, dict[str, Any]]:
     """Name and entry of the model that is meant."""
     listed = content.get("models")
     if not isinstance(listed, list) or not listed:
@@ -167,6 +174,8 @@ def _picked(content: dict[str, Any], path: Path, name: str | None) -> tuple[str,
                 hint="name one with --model: " + ", ".join(map(_shown, entries)),
             )
         wanted = _text(recommended, path, "recommended")
+        if reference and content.get("reference") is not None:
+            wanted = _text(content["reference"], path, "reference")
     if wanted not in entries:
         raise FileFormatError(
             f"has no model {_shown(wanted)}",

@@ -25,9 +25,10 @@ WHAT_IT_IS = (
 _NOT_WRITTEN = "solids, limits that joints have together, stiffness"
 
 
-def words_for_comment(left_out: Sequence[str]) -> str:
+def words_for_comment(left_out: Sequence[str], said: Sequence[str] = ()) -> str:
     """What the comment of a file says, fit to stand in XML."""
     words = ": ".join([WHAT_IT_IS, "; ".join(left_out)]) if left_out else WHAT_IT_IS
+    words = ". ".join([words, *said])
     words = words.encode("ascii", "replace").decode()  # fits every encoding
     return re.sub("-(?=-|$)", "- ", "".join(c if c.isprintable() else " " for c in words))
 

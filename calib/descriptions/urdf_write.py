@@ -10,7 +10,7 @@ Nothing is written to disk here: the content is returned, for whoever asks to pu
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -35,6 +35,8 @@ def corrected_urdf(
     source: Path | None = None,
     packages: Iterable[Path] = (),
     xacro_args: Iterable[str] = (),
+    *,
+    said: Sequence[str] = (),
 ) -> bytes:
     """The content of a URDF of the identified robot.
 
@@ -49,13 +51,15 @@ def corrected_urdf(
         that it names relative to itself are to be copied along. None: a robot from no file.
     packages, xacro_args
         What the file was read with, see :meth:`calib.robots.Robot.from_urdf`.
+    said : sequence of str
+        What else the comment is to say.
 
     Raises
     ------
     RobotModelError
         The file cannot be read any more, or has no such joints.
     """
-    comment = words_for_comment(corrected.left_out)
+    comment = words_for_comment(corrected.left_out, said)
     if source is None:
         return urdf_of(corrected.robot, comment)
     description = read_description(source, packages, xacro_args)

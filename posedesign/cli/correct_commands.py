@@ -24,6 +24,12 @@ if TYPE_CHECKING:
     from posedesign.correction import Correction
 
 
+Box = Annotated[
+    str | None,
+    typer.Option(help='Corners "x1,y1,z1,x2,y2,z2" [mm]; default: [task_box] of the cell.'),
+]
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands of this module."""
     app.command()(correct)
@@ -39,8 +45,13 @@ def correct(
         Path | None, typer.Argument(help="Poses to correct, with columns j1_deg, j2_deg, ...")
     ] = None,
     model: Annotated[
-        str | None, typer.Option(help="Which model; default: the recommended one.")
+        str | None,
+        typer.Option(help="A model to use as it is; default: the values best for each way."),
     ] = None,
+    tool: Annotated[
+        str | None, typer.Option(help="Which identified tool point is the cell's tool.")
+    ] = None,
+    box: Box = None,
     out: OutFolder = Path(),
     as_json: AsJson = False,
     trust_units: TrustUnits = False,
@@ -48,33 +59,47 @@ def correct(
 ) -> int:
     """Write what corrects the robot: description, mastering, poses.
 
-    Each of them is enough by itself.
+    Each of them is enough by itself, with values that are best for it over the task box. A table
+    says what error each leaves.
     """
     from posedesign.cell import Cell
+    from posedesign.correction import box_of
     from posedesign.correction import correct as run
 
+    loaded = Cell.load(cell)
     done = run(
-        Cell.load(cell),
+        loaded,
         cell,
         identification,
         results_in(out, "correct", cell, identification, poses, overwrite=overwrite),
         poses=poses,
         name=model,
+        tool=tool,
+        box=None if box is None else box_of(loaded, box, None),
         trust_units=trust_units,
     )
     say_rehearsed(cell, identification, as_json=as_json)
     if as_json:
         _print_as_json(done)
     else:
-        for said in done.notes:
-            note(f"note: {said}")
+        for said in (done.routes.tool.said, *done.notes):
+            if said:
+                note(f"note: {said}")
+        _print_routes(done)
         print_table(
-            f"Mastering, from the model {done.identified.name!r}",
+            f"Mastering, by the model {done.identified.name!r}",
             [{k: v for k, v in row.items() if k != "joint"} for row in done.mastering.rows()],
         )
         _print_poses(done)
         say(f"wrote {', '.join(str(path) for path in done.files)}")
     return DONE if done.ok else NOT_REACHED
+
+
+def _print_routes(done: Correction) -> None:
+    routes = done.routes
+    print_table("Expected error of the tool point over the box [mm]", routes.rows())
+    for said in (*routes.remarks(), done.verdict()):
+        say(said)
 
 
 def _print_as_json(done: Correction) -> None:
@@ -83,6 +108,12 @@ def _print_as_json(done: Correction) -> None:
         {
             "model": done.identified.name,
             "simulated": done.rehearsed or None,
+            "box": done.routes.where,
+            "routes": [
+                {**row, "tool_mm": (1e3 * route.tool_m).tolist()}
+                for row, route in zip(done.routes.rows(), done.routes.routes, strict=True)
+            ],
+            "verdict": done.verdict(),
             "mastering": done.mastering.rows(),
             "left_out": done.robot.left_out,
             "poses": []
@@ -93,7 +124,7 @@ def _print_as_json(done: Correction) -> None:
                     done.poses.names, found.status, found.reasons, found.error_m, strict=True
                 )
             ],
-            "notes": done.notes,
+            "notes": [*filter(None, [done.routes.tool.said]), *done.notes],
             "files": [str(path) for path in done.files],
         }
     )
@@ -115,10 +146,7 @@ def _print_poses(done: Correction) -> None:
 def predict(
     cell: CellFile,
     poses: Annotated[Path, typer.Argument(help="The poses, from: posedesign plan")],
-    box: Annotated[
-        str | None,
-        typer.Option(help='Corners "x1,y1,z1,x2,y2,z2" [mm]; default: [task_box] of the cell.'),
-    ] = None,
+    box: Box = None,
     steps: Annotated[
         str | None, typer.Option(help='Points along x, y and z; default: the cell\'s, or "3,3,3".')
     ] = None,

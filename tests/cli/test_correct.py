@@ -22,6 +22,7 @@ from posedesign.tables import read_poses
 Cli = Callable[..., Any]
 Refuse = Callable[..., Any]
 
+WAYS = ["corrected poses", "description", "mastering", "as it is"]
 TEXTS = ("meaning", "joint", "pendant_joint", "name", "status", "reason", "configuration")
 
 
@@ -112,7 +113,9 @@ def test_correct_writes_description_mastering_and_poses(cli: Cli, work, identifi
 
 
 def test_corrected_urdf_is_the_identified_arm(cli: Cli, work, identified) -> None:
-    assert cli("correct", work / "cell.toml", identified, "--out", work / "out").code == 0
+    name = json.loads(identified.read_text())["recommended"]
+    typed = ("correct", work / "cell.toml", identified, "--model", name, "--out", work / "out")
+    assert cli(*typed).code == 0
     assert not (work / "out" / "corrected_poses.csv").exists()
     cell = Cell.load(work / "cell.toml")
     content = json.loads(identified.read_text())
@@ -128,7 +131,9 @@ def test_corrected_urdf_is_the_identified_arm(cli: Cli, work, identified) -> Non
 
 
 def test_mastering_is_in_the_signs_of_the_pendant(cli: Cli, work, identified) -> None:
-    assert cli("correct", work / "cell.toml", identified, "--out", work / "out").code == 0
+    name = json.loads(identified.read_text())["recommended"]
+    typed = ("correct", work / "cell.toml", identified, "--model", name, "--out", work / "out")
+    assert cli(*typed).code == 0
     rows = table(work / "out" / "mastering.csv")
     values = {p["name"]: p["value"] for p in best(json.loads(identified.read_text()))["parameters"]}
     q2, q3 = (values[f"zero_offset.joint_{j}"] for j in (2, 3))
@@ -136,6 +141,120 @@ def test_mastering_is_in_the_signs_of_the_pendant(cli: Cli, work, identified) ->
     assert rows[2]["correction_deg"] == pytest.approx(q3 - q2, abs=1e-8)
     assert rows[0]["sigma_deg"] is None
     assert rows[2]["sigma_deg"] > 0
+
+
+def test_the_ways_are_compared_first_and_the_best_is_named(cli: Cli, work, identified) -> None:
+    out = work / "out"
+    said = cli("correct", work / "cell.toml", identified, work / "poses.csv", "--out", out)
+    lines = said.out.splitlines()
+    at = [next(i for i, line in enumerate(lines) if f"│ {way} " in line) for way in WAYS]
+    assert at == sorted(at)
+    assert at[-1] < next(i for i, line in enumerate(lines) if line.startswith("best: "))
+    assert "best: corrected poses" in lines
+    assert "a cube of 559 mm about the target" in said.out
+    answer = json.loads(
+        cli("correct", work / "cell.toml", identified, "--out", work / "b", "--json").out
+    )
+    rms = {row["route"]: row["rms_mm"] for row in answer["routes"]}
+    assert list(rms) == WAYS
+    assert list(rms.values()) == sorted(rms.values())
+    assert answer["verdict"] == "best: corrected poses (give poses.csv to have them)"
+    # every file says for which box, how good it is, and which tool goes with it
+    for name, way in (("mastering.csv", "mastering"), ("corrected.urdf", "description")):
+        head = (out / name).read_text()[:2000]
+        assert "for a cube of 559 mm about the target" in head
+        assert f"{rms[way]:.3g} mm rms" in head
+        assert "the user frame is taught again" in head
+        place = next(row["tool_mm"] for row in answer["routes"] if row["route"] == way)
+        assert f"{place[0]:.3f}" in head
+    assert f"{rms['corrected poses']:.3g} mm rms" in (out / "corrected_poses.csv").read_text()[:900]
+
+
+def test_values_are_those_of_their_way_and_a_named_model_stays_as_it_is(
+    cli: Cli, work, identified
+) -> None:
+    """Compliance cannot be mastered, and zero offsets take up a part of it over the box."""
+    name = json.loads(identified.read_text())["recommended"]
+    typed = ("correct", work / "cell.toml", identified, "--json", "--out")
+    best = json.loads(cli(*typed, work / "best").out)
+    plain = json.loads(cli(*typed, work / "plain", "--model", name).out)
+    left, before = ({r["route"]: r["rms_mm"] for r in a["routes"]} for a in (best, plain))
+    assert left["mastering"] < 0.9 * before["mastering"]
+    assert left["description"] < 0.5 * before["description"]
+    assert left["as it is"] == pytest.approx(before["as it is"])
+    files = [(work / where / "mastering.csv").read_text() for where in ("best", "plain")]
+    assert files[0] != files[1]
+
+
+def test_the_reference_of_the_file_is_what_is_corrected_by(cli: Cli, work, changed) -> None:
+    path = changed(lambda c: c.update(reference="geometry + compliance"))
+    typed = ("correct", work / "cell.toml", path, "--json", "--out", work / "out")
+    answer = json.loads(cli(*typed).out)
+    assert answer["model"] == "geometry + compliance"
+    offsets = json.loads(cli(*typed, "--model", "offsets").out)
+    assert offsets["model"] == "offsets"
+    # of a reference that knows links and reducers, offsets alone leave what they do not have
+    rows = {row["route"]: row for row in offsets["routes"]}
+    assert rows["corrected poses"]["not_carried_mm"] > 0.05
+
+
+def test_the_box_is_that_of_the_cell_or_the_one_given(
+    cli: Cli, refuse: Refuse, work, identified
+) -> None:
+    typed = ("correct", work / "cell.toml", identified, "--out", work / "out")
+    said = cli(*typed, "--box=1500,-200,400,1900,200,800")
+    assert said.code == 0
+    assert "over the box given, 300 poses" in said.out
+    (work / "out" / "mastering.csv").unlink()
+    (work / "out" / "corrected.urdf").unlink()
+    refuse(*typed, "--box=1,2,3").says("'1,2,3' is not six numbers")
+    refuse(*typed, "--box=9000,0,0,9900,1,1").says("no point of the task box", "--box")
+
+
+def test_a_tool_of_another_name_is_corrected_as_the_cells(
+    cli: Cli, refuse: Refuse, work, changed
+) -> None:
+    """A reflector that sits where the tool is, say."""
+
+    def renamed(content: dict[str, Any]) -> None:
+        for model in content["models"]:
+            for p in model["parameters"]:
+                p["name"] = p["name"].replace("tool.", "tool.p1.")
+
+    path, poses = changed(renamed), work / "poses.csv"
+    typed = ("correct", work / "cell.toml", path, poses, "--out", work / "out")
+    said = cli(*typed)
+    assert said.code == 0
+    assert "the tool point 'p1' is taken for the cell's tool" in said.err.splitlines()[0]
+    cell = Cell.load(work / "cell.toml")
+    model, x = as_identified(cell, json.loads(path.read_text()))
+    wanted = cell.robot.state(read_poses(poses, 6).postures).point(cell.tool_m)
+    commands = read_poses(work / "out" / "corrected_poses.csv", 6).postures
+    np.testing.assert_allclose(model.view(commands, x).tool_points, wanted, atol=1e-9)
+    for name in ("corrected_poses.csv", "mastering.csv", "corrected.urdf"):
+        (work / "out" / name).unlink()
+    refuse(*typed, "--tool", "p2").says("no tool point 'p2'", "p1")
+
+
+def test_several_tool_points_are_to_be_told_apart(cli: Cli, work, changed) -> None:
+    def two(content: dict[str, Any]) -> None:
+        for model in content["models"]:
+            model.pop("covariance_si", None)
+            for p in list(model["parameters"]):
+                if p["name"].startswith("tool."):
+                    axis = p["name"][-1]
+                    p["name"] = f"tool.p1.{axis}"
+                    model["parameters"].append({**p, "name": f"tool.p2.{axis}"})
+
+    path = changed(two)
+    typed = ("correct", work / "cell.toml", path, work / "poses.csv", "--out", work / "out")
+    said = cli(*typed)
+    assert said.code == 0
+    assert "name it with --tool" in said.err.splitlines()[0]
+    assert "no correlations" in said.err
+    named = cli(*typed, "--tool", "p2")
+    assert named.code == 0
+    assert "--tool" not in named.err
 
 
 def test_corrected_poses_become_a_program(cli: Cli, work, identified) -> None:

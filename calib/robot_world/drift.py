@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 from calib.robot_world.adjustment import linear_rows
 from calib.robot_world.errors_of_pairs import ErrorModel
@@ -24,6 +25,11 @@ from calib.robot_world.results import Estimate
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 FEWEST_PAIRS = 12
+"""Pairs from which on steps and delays are looked for: with fewer, noise makes some of them."""
+
+FEWEST_FOR_A_DRIFT = 8
+"""Pairs from which on, short of those, a steady drift is: three numbers that X and Z do not take
+up, of nine to eighteen that are left of the translations."""
 
 _FEWEST_ASIDE = 4
 """Pairs before and after a step: of three, one that is wrong is no step."""
@@ -74,6 +80,22 @@ class _Sequence:
         size = score / variance * (1.0 - alike) / (1.0 + alike)
         return float(min(chi2.sf(size, freedom) * tried, 1.0))
 
+    def chance_of_few(self, left: FloatArray) -> float:
+        """Probability of what three numbers explain of the translations, given the rows left.
+
+        By Fisher's F, of translations alone: a drift of them makes their noise look larger than it
+        is, and not that of the rotations. X and Z take up twelve of them at most.
+        """
+        left, whole = left[:, 3:], self.white[:, 3:]
+        square = float((left**2).sum())
+        freedom = left.size - 12 - 3
+        if square <= 0.0:
+            return 1.0
+        neighbours = float((left[1:] * left[:-1]).sum()) / square
+        alike = float(np.clip(neighbours, 0.0, _MOST_ALIKE))
+        ratio = (float((whole**2).sum()) - square) / 3.0 / (square / freedom)
+        return float(f_distribution.sf(ratio * (1.0 - alike) / (1.0 + alike), 3, freedom))
+
     def without(self, rows: FloatArray) -> FloatArray:
         """Rows ``(n, 6, k)`` less what X and Z can explain of them."""
         J = self.jacobian
@@ -98,7 +120,8 @@ def drifting(
     trial : int
         Which of many sets.
     """
-    if found.fit is None or used.sum() < FEWEST_PAIRS:
+    count = int(used.sum())
+    if found.fit is None or count < FEWEST_FOR_A_DRIFT:
         return ()
     fit = found.fit.of(np.array([trial]))
     pairs = PairSets(pairs.A[trial : trial + 1], pairs.B[trial : trial + 1])
@@ -113,8 +136,34 @@ def drifting(
     )
     if not np.square(one.white).mean() > _ROUNDING**2:
         return ()
-    changes = [*_steps(one, np.flatnonzero(used)), *_delay(one, pairs, model, fit, used)]
+    if count < FEWEST_PAIRS:
+        changes = _drifts(one)
+    else:
+        changes = [*_steps(one, np.flatnonzero(used)), *_delay(one, pairs, model, fit, used)]
     return tuple(text for chance, text in sorted(changes)[:1] if chance < CHANCE)
+
+
+def _drifts(one: _Sequence) -> list[tuple[float, str]]:
+    """A steady shift of X and of Z: probability by chance, and what it is in words."""
+    found = []
+    count = len(one.white)
+    along = np.linspace(-0.5, 0.5, count)[:, None, None]
+    for name, part, whose in (
+        ("X", slice(3, 6), "camera and the target on the flange"),
+        ("Z", slice(9, 12), "target and the camera"),
+    ):
+        rows = one.without(along * one.jacobian[:, :, part]).reshape(-1, 3)
+        way = np.linalg.lstsq(rows, one.white.reshape(-1), rcond=_LEAST_PART)[0]
+        explained = (rows @ way).reshape(count, 6)
+        chance = min(2.0 * one.chance_of_few(one.white - explained), 1.0)
+        found.append(
+            (
+                chance,
+                f"{name} seems to have drifted by {1e3 * np.linalg.norm(way):.2g} mm from the "
+                f"first pair to the last: are the {whose} fastened?",
+            )
+        )
+    return found
 
 
 def _steps(one: _Sequence, rows: IntArray) -> list[tuple[float, str]]:

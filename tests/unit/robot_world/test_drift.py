@@ -54,6 +54,25 @@ def test_a_delay_is_named_with_its_size(delay):
     assert way in result.warnings[0]
 
 
+def test_a_drift_of_few_pairs_is_named():
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        problem = viewing_pairs(rng, 8)
+        B = noisy(rng, problem.B[0])
+        B[:, :3, 3] += np.linspace(0.0, 1.0, 8)[:, None] * [0.03, -0.02, 0.03]
+        result = solve(problem.A[0], B)
+        assert result.status == "doubtful"
+        assert any("seems to have drifted by" in text for text in result.warnings)
+
+
+@pytest.mark.parametrize("pairs", [8, 11])
+def test_few_steady_pairs_are_not_said_to_drift(pairs):
+    rng = np.random.default_rng(pairs)
+    for _ in range(40):
+        problem = viewing_pairs(rng, pairs)
+        assert not solve(problem.A[0], noisy(rng, problem.B[0])).drift
+
+
 def test_steady_pairs_are_not_doubted():
     rng = np.random.default_rng(0)
     sets = [along_a_path(seed, 30)[:2] for seed in range(100)]

@@ -24,6 +24,9 @@ WORSE = 1e-6
 OFFSETS_WORSE = 0.1
 """Part of the error of offsets alone by which the recommended model does harm."""
 
+GIVES = 0.1
+"""Part of the error of the nominal arm from which a compliance does something."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -93,6 +96,11 @@ class Outcome:
     def is_expected(self) -> bool:
         """Whether its error is in the interval that the result gives."""
         return self.expected_low <= self.recommended <= self.expected_high
+
+    @property
+    def gives(self) -> bool:
+        """Whether compliance as recommended moves the tool by more than a little."""
+        return self.give > GIVES * self.nominal
 
     @property
     def worse_than_offsets(self) -> bool:
@@ -176,7 +184,7 @@ def _row(way: str, preset: str, found: Sequence[Outcome], near: float) -> dict[s
     row |= _share("harms", _flags(one.harms for one in told))
     row |= _share("harms_beyond", _flags(one.harms_beyond for one in told))
     row |= _share("worse_than_offsets", _flags(one.worse_than_offsets for one in told))
-    row |= _share("compliance_of_rigid", _flags("compliance" in one.model for one in rigid))
+    row |= _share("compliance_of_rigid", _flags(one.gives for one in rigid))
     for name in (
         "nominal",
         "offsets",

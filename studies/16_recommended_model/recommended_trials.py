@@ -138,14 +138,16 @@ def _coverage(
     result: IdentificationResult,
     measured: tuple[FloatArray, Setup],
 ) -> dict[str, int]:
-    """How many parameters of the arm there are, and how many intervals of 95 % hold the truth."""
+    """How many parameters of the arm there are, and how many intervals of 95 % hold the truth.
+
+    Those of which the result itself says that the prior alone holds them are not counted.
+    """
     true = _truth(arm, model, measured)
-    own = ~result.nuisance & np.isfinite(true)
+    told = np.array([name not in result.held_by_prior for name in result.names])
+    own = ~result.nuisance & told & np.isfinite(true)
     low, high = result.interval
-    return {
-        "parameters": int(own.sum()),
-        "covered": int(((low <= true) & (true <= high))[own].sum()),
-    }
+    held = (low <= true) & (true <= high)
+    return {"parameters": int(own.sum()), "covered": int(held[own].sum())}
 
 
 def _truth(arm: Arm, model: CalibrationModel, measured: tuple[FloatArray, Setup]) -> FloatArray:

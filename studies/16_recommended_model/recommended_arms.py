@@ -102,14 +102,14 @@ class Bench:
     def pool(self) -> Pool:
         """What measuring postures are drawn from."""
         cell, count = away_from_singularities(self.cell), self.settings["candidates"]
-        rng = np.random.default_rng(self.settings["seed"])
+        rng = self._rng(0)
         if self.way == "touch-up":
             tilt = float(np.deg2rad(cell.config.pool.tilt_deg))
             few = self.settings["touch_candidates"]
             return cone_pool(cell, tilt, few, rng, targets_m=self.targets_m)
         if self.way == "camera":
             return joint_pool(cell, count, rng)
-        return joint_pool(_blind(cell), count, rng, np.deg2rad(self.settings["turn_deg"]))
+        return self._joint_pool(count, 0)
 
     @cached_property
     def targets_m(self) -> FloatArray:
@@ -119,23 +119,61 @@ class Bench:
 
     @cached_property
     def fresh(self) -> FloatArray:
-        """Postures ``(V, n)`` [rad] that are not measured, over the usual task box."""
-        cell, count = self.cell, self.settings["fresh"]
+        """Postures ``(V, n)`` [rad] that are not measured, over all that may be and around it.
+
+        The tool turned as at one of the measuring postures. Where these are drawn in the joints, so
+        are the fresh ones.
+        """
+        if self.way == "tracker":
+            return self._joint_pool(self.settings["fresh"], 1).postures
+        robot, q = self.cell.robot, self.pool.postures
+        state = robot.state(q)
+        beyond = self.settings["beyond_of_reach"] * robot.chain.reach_m
+        points = state.point(self.cell.tool_m)
+        rng = self._rng(1)
+        like = rng.integers(len(q), size=3 * self.settings["fresh"])
+        rotations = robot.fk(q)[like, :3, :3]
+        return self._reached(
+            rng, rotations, points.min(axis=0) - beyond, points.max(axis=0) + beyond
+        )
+
+    @cached_property
+    def in_box(self) -> FloatArray:
+        """Such postures over the usual task box, the tool turned little against the base pose."""
+        cell, count = self.cell, 3 * self.settings["fresh"]
         box = box_of_cell(cell)[0]
-        rng = np.random.default_rng([self.settings["seed"], 1])
-        drawn = rng.standard_normal((2 * count, 3))
+        rng = self._rng(2)
+        drawn = rng.standard_normal((count, 3))
         drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
-        turn = np.deg2rad(self.settings["turned_deg"]) * drawn * rng.random((2 * count, 1))
+        turn = np.deg2rad(self.settings["turned_deg"]) * drawn * rng.random((count, 1))
         rotations = cell.robot.fk(cell.base_posture)[:3, :3] @ rotation_exp(turn)
-        points = box.lowest_m + rng.random((2 * count, 3)) * (box.highest_m - box.lowest_m)
-        poses = touching_poses(rotations, cell.tool_m, points)
-        found = nearest_postures(cell.passing, poses, cell.base_posture)
-        return found.q[found.feasible][:count]
+        return self._reached(rng, rotations, box.lowest_m, box.highest_m)
+
+    def _joint_pool(self, count: int, stream: int) -> Pool:
+        cell, turn = away_from_singularities(self.cell), np.deg2rad(self.settings["turn_deg"])
+        return joint_pool(_blind(cell), count, self._rng(stream), turn)
+
+    def _rng(self, stream: int) -> np.random.Generator:
+        return np.random.default_rng([self.settings["seed"], stream])
+
+    def _reached(
+        self,
+        rng: np.random.Generator,
+        rotations: FloatArray,
+        lowest: FloatArray,
+        highest: FloatArray,
+    ) -> FloatArray:
+        """Postures at points of a box, of orientations ``(N, 3, 3)`` of the tip."""
+        points = lowest + rng.random((len(rotations), 3)) * (highest - lowest)
+        poses = touching_poses(rotations, self.cell.tool_m, points)
+        found = nearest_postures(_blind(self.cell).passing, poses, self.cell.base_posture)
+        return found.q[found.feasible][: self.settings["fresh"]]
 
     @cached_property
     def torque_nm(self) -> FloatArray:
-        """Largest torque of gravity ``(n,)`` [Nm] at the measuring postures, a little at least."""
-        q = self.pool.postures
+        """Largest torque of gravity ``(n,)`` [Nm] anywhere, a little at least: of the arm alone."""
+        robot = self.cell.robot
+        q = self._rng(3).uniform(robot.lower, robot.upper, (self.settings["candidates"], robot.n))
         torque = GravityLoad(self.cell.robot, self.cell.payload).joint_torque(
             np.ascontiguousarray(q.T), Setup.of(len(q))
         )

@@ -42,6 +42,8 @@ class Outcome:
     model : str
         The recommended one; the nominal one where none is.
     recommended, best, nominal, offsets, reference, reduced, pulled, known : float
+    box, box_best, box_nominal : float
+        Of the recommended, the best and the nominal one over the usual task box.
     expected, expected_low, expected_high : float
         What the result says of its recommended model's error, with its interval; NaN without.
     incomplete : bool
@@ -67,6 +69,9 @@ class Outcome:
     reduced: float
     pulled: float
     known: float
+    box: float
+    box_best: float
+    box_nominal: float
     expected: float
     expected_low: float
     expected_high: float
@@ -136,6 +141,9 @@ def outcomes(table: pd.DataFrame) -> list[Outcome]:
                 reduced=float(peers.get(REDUCED, np.nan)),
                 pulled=float(peers.get(PULLED, np.nan)),
                 known=float(peers.get(KNOWN, np.nan)),
+                box=_of(models, NOMINAL if taken is None else str(taken.name), "box_mm"),
+                box_best=float(models["box_mm"].min()) if len(models) else np.nan,
+                box_nominal=_of(models, NOMINAL, "box_mm"),
                 expected=_said(taken, "expected_mm"),
                 expected_low=_said(taken, "expected_low_mm"),
                 expected_high=_said(taken, "expected_high_mm"),
@@ -153,8 +161,8 @@ def _said(taken: pd.Series[Any] | None, column: str) -> float:
     return float("nan") if taken is None else float(taken[column])
 
 
-def _of(models: pd.DataFrame, name: str) -> float:
-    return float(models["error_mm"].get(name, np.nan)) if len(models) else float("nan")
+def _of(models: pd.DataFrame, name: str, column: str = "error_mm") -> float:
+    return float(models[column].get(name, np.nan)) if len(models) else float("nan")
 
 
 def summary(found: Sequence[Outcome], near: float) -> list[dict[str, Any]]:
@@ -185,16 +193,10 @@ def _row(way: str, preset: str, found: Sequence[Outcome], near: float) -> dict[s
     row |= _share("harms_beyond", _flags(one.harms_beyond for one in told))
     row |= _share("worse_than_offsets", _flags(one.worse_than_offsets for one in told))
     row |= _share("compliance_of_rigid", _flags(one.gives for one in rigid))
-    for name in (
-        "nominal",
-        "offsets",
-        "recommended",
-        "best",
-        "reference",
-        "reduced",
-        "pulled",
-        "known",
-    ):
+    row["box_near"] = sum(one.box <= (1.0 + near) * one.box_best for one in told)
+    row["box_harms"] = sum(one.box > (1.0 + WORSE) * one.box_nominal for one in told)
+    names = ("nominal", "offsets", "recommended", "best", "reference", "reduced", "pulled", "known")
+    for name in (*names, "box", "box_best", "box_nominal"):
         row[f"{name}_mm"] = _median([getattr(one, name) for one in told])
     row |= _coverage("covered", told)
     row |= _coverage("covered_smooth", [one for one in told if not one.wavy])

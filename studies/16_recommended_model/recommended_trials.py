@@ -35,7 +35,18 @@ KNOWN = "all sizes known"
 """The posterior mean of whoever knew what the arm has, how large, and the noise."""
 
 COLUMNS = (
-    *("preset", "way", "trial", "compliant", "wavy", "noise", "model", "role", "error_mm"),
+    *(
+        "preset",
+        "way",
+        "trial",
+        "compliant",
+        "wavy",
+        "noise",
+        "model",
+        "role",
+        "error_mm",
+        "box_mm",
+    ),
     *("expected_mm", "expected_low_mm", "expected_high_mm", "recommended", "reference"),
     *("incomplete", "covered", "parameters", "give_mm", "seconds", "said"),
 )
@@ -73,15 +84,13 @@ def trial_of(preset: str, way: str, trial: int) -> list[dict[str, Any]]:
     seconds = time.perf_counter() - start
     content = results_as_dict(bench.cell, identified)
     recommended, reference = content["recommended"], content.get("reference")
-    true = arm.model.view(bench.fresh, arm.values).tool_points
     rows = []
     for one, said in zip(identified.comparison.trials, content["models"], strict=True):
         if one.result is None:
             continue
         model, x = one.candidate.model, one.result.values
         row = empty | {"model": one.name, "role": "model", "seconds": seconds}
-        row["error_mm"] = error_mm(model, x, bench, true)
-        row |= _expected(said)
+        row |= errors(model, x, bench, arm) | _expected(said)
         row["reference"] = one.name == reference
         if one.name == recommended:
             row["recommended"] = True
@@ -90,17 +99,21 @@ def trial_of(preset: str, way: str, trial: int) -> list[dict[str, Any]]:
             row["give_mm"] = _give_mm(model, x, bench)
             row |= _coverage(arm, model, one.result, (q, how))
         rows.append(row)
-    for name, off in _peers(bench, identified, q, true):
-        rows.append(empty | {"model": name, "role": "peer", "error_mm": off})
+    for name, model, x in _peers(bench, identified, q):
+        rows.append(empty | {"model": name, "role": "peer"} | errors(model, x, bench, arm))
     known = by_least_squares(arm.model, table.data, arm.model.nominal)
-    off = error_mm(arm.model, known, bench, true)
-    rows.append(empty | {"model": KNOWN, "role": "bound", "error_mm": off})
-    return rows
+    bound = {"model": KNOWN, "role": "bound"} | errors(arm.model, known, bench, arm)
+    return [*rows, empty | bound]
 
 
-def error_mm(model: CalibrationModel, x: FloatArray, bench: Bench, true: FloatArray) -> float:
-    """Error of the tool point at the fresh postures [mm], the base laid on the true one."""
-    return 1e3 * aligned_rms_m(model.view(bench.fresh, x).tool_points, true)
+def errors(model: CalibrationModel, x: FloatArray, bench: Bench, arm: Arm) -> dict[str, float]:
+    """Errors of the tool point at fresh postures [mm], the base laid on the true one."""
+
+    def off_mm(q: FloatArray) -> float:
+        said, true = model.view(q, x), arm.model.view(q, arm.values)
+        return 1e3 * aligned_rms_m(said.tool_points, true.tool_points)
+
+    return {"error_mm": off_mm(bench.fresh), "box_mm": off_mm(bench.in_box)}
 
 
 def _expected(said: Mapping[str, Any]) -> dict[str, float]:
@@ -170,9 +183,9 @@ def _truth(arm: Arm, model: CalibrationModel, measured: tuple[FloatArray, Setup]
 
 
 def _peers(
-    bench: Bench, identified: Identified, planned: FloatArray, true: FloatArray
-) -> Sequence[tuple[str, float]]:
-    """Errors [mm] of what others would have fitted."""
+    bench: Bench, identified: Identified, planned: FloatArray
+) -> Sequence[tuple[str, CalibrationModel, FloatArray]]:
+    """What others would have fitted."""
     baseline = identified.comparison.trials[0]
     data = identified.table.data
     if baseline.result is None:
@@ -182,11 +195,10 @@ def _peers(
     start[whole.nuisance] = baseline.result.values
     few = reduced_by_qr(whole, data, planned, bench.settings["qr_tolerance"])
     kept = [whole.names.index(name) for name in few.names]
-    found = [
+    return [
         (REDUCED, few, by_least_squares(few, data, start[kept])),
         (PULLED, whole, by_pull(whole, data, start, bench.settings["pull"])),
     ]
-    return [(name, error_mm(model, x, bench, true)) for name, model, x in found]
 
 
 def _short(text: str) -> str:

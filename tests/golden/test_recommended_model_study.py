@@ -62,8 +62,8 @@ def test_a_base_that_stands_elsewhere_is_no_error_and_a_scale_is(arms: ModuleTyp
 def test_an_arm_is_the_same_however_it_is_measured(arms: ModuleType) -> None:
     drawn = [arms.bench_of("irb120", way).arm(1) for way in ("camera", "tracker")]
     first, second = (dict(zip(one.model.names, one.values, strict=True)) for one in drawn)
-    own = [n for n in first if n.startswith(("zero_offset", "link"))]
-    assert len(own) == 6 + 30
+    own = [n for n in first if n.startswith(("zero_offset", "link", "compliance"))]
+    assert len(own) == 6 + 30 + 6
     assert [first[n] for n in own] == [second[n] for n in own]
 
 

@@ -69,8 +69,9 @@ ONLY_ONE = (
     "description; two together correct twice"
 )
 
-IDLE_RAD = 1e-8
-"""Zero offset below which a joint that was not identified is left as it is."""
+IDLE_RAD = 2e-5
+"""Zero offset below which a joint of which the measurements say nothing is left as it is: about
+what pendants show."""
 
 WORTH = 0.9
 """Expected error of the best way over that of the arm as it is above which it is said that there is
@@ -239,12 +240,16 @@ def _judge(path: Path, cell: Cell, named: IdentifiedModel) -> IdentifiedModel:
 
 
 def _without_idle(cell: Cell, identified: IdentifiedModel, zeros: Carried) -> Carried:
-    """Zero offsets without those of joints that were not identified and have nothing to take up."""
-    model = zeros.model
+    """Zero offsets without those of joints that were not identified and have nothing to take up.
+
+    That of the first joint turns the base.
+    """
+    model, first = zeros.model, f"zero_offset.{cell.robot.joint_names[0]}"
+    told = {*identified.model.names} - {*identified.held}
     kept = [
         name
         for name, value in zip(model.names, zeros.x, strict=True)
-        if name in identified.model.names or abs(value) > IDLE_RAD
+        if name in told or (name != first and abs(value) > IDLE_RAD)
     ]
     return part_of(model, zeros.x, zeros.covariance, model_of(cell, kept))
 
@@ -254,9 +259,10 @@ def _notes(
 ) -> list[str]:
     fixed = known is not identified
     took = "" if fixed else ", but for what other values take up of it over the box"
-    notes = [
-        f"neither mastering nor a description can hold: {said}{took}" for said in robot.left_out
-    ]
+    notes = []
+    if robot.left_out:
+        kinds = ", ".join(said.partition(" (")[0] for said in robot.left_out)
+        notes.append(f"neither mastering nor a description can hold: {kinds}{took}")
     if any(name.startswith("link.") for name in identified.model.names):
         notes.append(
             f"links were identified, too: mastering corrects the zeros of joints alone{took}"

@@ -46,6 +46,8 @@ class IdentifiedModel:
         Standard deviations [SI]; NaN where the file has none.
     covariance : array (p, p) or None
         [SI]; None where the file has none.
+    held : tuple of str
+        Parameters of which the measurements say nothing: what is known beforehand holds them.
     """
 
     name: str
@@ -54,6 +56,7 @@ class IdentifiedModel:
     x: FloatArray
     sigma: FloatArray
     covariance: FloatArray | None
+    held: tuple[str, ...] = ()
 
 
 def read_identification(
@@ -115,7 +118,13 @@ def read_identification(
     if covariance is not None:
         covariance = covariance[np.ix_(order, order)]
     return IdentifiedModel(
-        picked, robot, model, values[order] / factors, sigma[order] / factors, covariance
+        picked,
+        robot,
+        model,
+        values[order] / factors,
+        sigma[order] / factors,
+        covariance,
+        _held(entry, path),
     )
 
 
@@ -221,6 +230,13 @@ def _parameters(
     if double is not None:
         raise FileFormatError(f"{_shown(double)} appears twice", path=path, key="parameters.name")
     return names, values, units, sigma
+
+
+def _held(entry: dict[str, Any], path: Path) -> tuple[str, ...]:
+    listed = entry.get("held_by_prior", [])
+    if not isinstance(listed, list) or not all(isinstance(name, str) for name in listed):
+        raise FileFormatError("is no list of names", path=path, key="held_by_prior")
+    return tuple(listed)
 
 
 def _covariance(entry: dict[str, Any], path: Path, count: int) -> FloatArray | None:

@@ -198,6 +198,22 @@ def test_the_reference_of_the_file_is_what_is_corrected_by(cli: Cli, work, chang
     assert rows["corrected poses"]["not_carried_mm"] > 0.05
 
 
+def test_a_zero_that_only_a_prior_holds_is_not_mastered(cli: Cli, work, changed) -> None:
+    def held(content: dict[str, Any]) -> None:
+        best(content)["held_by_prior"] = ["zero_offset.joint_4"]
+        for p in best(content)["parameters"]:
+            if p["name"] == "zero_offset.joint_4":
+                p["value"] = 1e-5
+
+    typed = ("correct", work / "cell.toml", changed(held), "--out", work / "out")
+    name = best(json.loads((work / "identification.json").read_text()))["name"]
+    assert cli(*typed, "--model", name).code == 0
+    rows = table(work / "out" / "mastering.csv")
+    assert rows[3]["meaning"] == "J4 was not identified: its zero is taken as it is"
+    assert rows[3]["sigma_deg"] is None
+    assert rows[4]["sigma_deg"] > 0
+
+
 def test_the_box_is_that_of_the_cell_or_the_one_given(
     cli: Cli, refuse: Refuse, work, identified
 ) -> None:
@@ -393,6 +409,9 @@ BAD_CHANGES = {
     "value huge": (lambda c: first(c).update(value=10**400), ["not a finite number"]),
     "sigma below zero": (lambda c: first(c).update(sigma=-1.0), ["below zero"]),
     "another unit": (lambda c: first(c).update(unit="rad"), ["'rad'", "not in deg"]),
+    "held by no names": (lambda c: best(c).update(held_by_prior=3), ["held_by_prior", "no list"]),
+    "a reference that is not there": (lambda c: c.update(reference="all"), ["no model 'all'"]),
+    "a reference that is a number": (lambda c: c.update(reference=3), ["reference", "no text"]),
     "covariance of another size": (
         lambda c: best(c).update(covariance_si=[[1.0]]),
         ["covariance_si", "table of"],

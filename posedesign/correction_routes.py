@@ -152,6 +152,7 @@ class Routes:
         """What is to be known of the table, in sentences."""
         said = [f"over {self.where}; {FRAME_ANEW}"]
         if self.tool.parameters:
+            said.append("as it is: the arm as described, with the tool point that is best for it")
             said += [
                 f"the tool point that goes with {way}: {self.tool_words(way)}"
                 for way in (DESCRIPTION, MASTERING)

@@ -429,4 +429,6 @@ def _picked(features: Sequence[Feature], index: IntArray, width: int) -> Feature
 def _last(array: FloatArray, view: ArmView) -> FloatArray:
     """Readings ``(..., N, m)`` as ``(m, S)``."""
     whole = np.broadcast_to(array, (*view.batch, *array.shape[-2:]))
-    return np.ascontiguousarray(whole.reshape(-1, array.shape[-1]).T)
+    # a copy even of a single reading: one that is spread over trials cannot be written to, and
+    # scipy's rotations take no such array
+    return np.array(whole.reshape(-1, array.shape[-1]).T, order="C")

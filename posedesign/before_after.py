@@ -12,11 +12,13 @@ import numpy as np
 from calib.errors import CalibError, NotIdentifiableError
 from calib.identification import IdentificationResult, check_enough
 from calib.identification.comparison import Comparison, Trial, compare
+from calib.identification.diagnosis import Finding
 from calib.identification.report import ANOTHER_ROBOT_M
 from calib.identification.result import DISPLAY
 from calib.parameters import Unit
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
+from posedesign.findings import diagnose_table, in_words, is_gross, is_of_the_model
 from posedesign.measurement_table import MeasurementTable
 from posedesign.models import OFFSETS, candidates, left_out
 from posedesign.set_up import nominal_distances, seen_once
@@ -53,11 +55,14 @@ class Identified:
     comparison : Comparison
     table : MeasurementTable
     warnings : tuple of str
+    findings : tuple of Finding
+        What explains the residuals by name, the likeliest first.
     """
 
     comparison: Comparison
     table: MeasurementTable
     warnings: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
 
     @property
     def nominal_rms_m(self) -> float:
@@ -84,8 +89,11 @@ class Identified:
     def is_of_this_robot(self) -> bool:
         """Whether what explains the measurements best is an arm as described, but for its errors.
 
-        Where no model is recommended, whether any is that.
+        Where no model is recommended, whether any is that. Not where all rows suffer from the same
+        mistake.
         """
+        if is_gross(self.findings):
+            return False
         if self.comparison.recommended is not None:
             return is_believable(self.best)
         return any(is_believable(result) for result in self.comparison.results)
@@ -143,6 +151,9 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
         far = _rms(nominal)
         if far > FAR_M:
             error.hint = _another(far, "as described")
+        for finding in diagnose_table(cell, table):
+            if not is_of_the_model(finding):
+                error.hint = in_words(finding, table)
         raise
     said = [*table.notes, *missing_poses(table.data.names)]
     if _rms(nominal) < PLANNED_M:
@@ -155,7 +166,7 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
         said.append(
             f"measured once, which says nothing but where they are: {listed(once, 'targets')}"
         )
-    return Identified(comparison, table, (*said, *left_out(cell)))
+    return Identified(comparison, table, (*said, *left_out(cell)), diagnose_table(cell, table))
 
 
 def listed(names: Sequence[str], what: str) -> str:
@@ -236,6 +247,9 @@ def missing_poses(names: Sequence[str]) -> list[str]:
 
 def why_another(identified: Identified) -> str:
     """In a sentence, why these are not measurements of the robot of the cell."""
+    for finding in identified.findings:
+        if not is_of_the_model(finding):
+            return in_words(finding, identified.table)
     best = identified.best
     name = beyond_belief(best)
     if name is None:

@@ -12,6 +12,7 @@ from calib.identification.result import DISPLAY, KindNoise
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.before_after import Identified, why_another
 from posedesign.cell import Cell
+from posedesign.findings import as_dict
 from posedesign.models import arm_as_dict
 from posedesign.set_up import frames_of
 
@@ -34,6 +35,7 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "reason": comparison.reason if identified.is_of_this_robot else why_another(identified),
         "criterion": comparison.criterion,
         "warnings": list(identified.warnings),
+        "findings": [as_dict(finding, identified.table) for finding in identified.findings],
         "models": [_trial_as_dict(trial, identified) for trial in comparison.trials],
     }
 

@@ -35,11 +35,16 @@ _COLUMNS = (
 def print_identification(identified: Identified) -> None:
     """Print all models side by side, then the one to take."""
     from posedesign.before_after import why_another
+    from posedesign.findings import in_words, is_of_the_model
 
     comparison = identified.comparison
+    for finding in identified.findings:
+        kind = "note" if is_of_the_model(finding) else "warning"
+        note(f"{kind}: {in_words(finding, identified.table)}")
     _print_models(identified)
     if not identified.is_of_this_robot:
-        note(f"warning: {why_another(identified)}")
+        if not identified.findings:
+            note(f"warning: {why_another(identified)}")
         return
     for trial in comparison.trials:
         if trial.error is not None:

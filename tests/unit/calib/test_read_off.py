@@ -161,3 +161,13 @@ def test_what_is_read_off_moves_no_arm(kind, reference_robot):
     view = model.view(q)
     np.testing.assert_array_equal(model.gap(view.error, view), 0.0)
     assert not isinstance(model.measurement, Contact)
+
+
+@pytest.mark.parametrize("kind", [Pose, CameraPose])
+def test_readings_that_cannot_be_written_to(kind, reference_robot) -> None:
+    """Of a single measurement, spread over trials: scipy's rotations refuse such an array."""
+    model = model_of(reference_robot, kind(1e-4))
+    q = np.zeros((1, 6))
+    read = np.broadcast_to(model.predict(q)[0], (1, 6))
+    assert not read.flags.writeable
+    assert np.abs(model.linearise(q, observed=read).rows).max() < 1e-9

@@ -1,0 +1,230 @@
+"""Residuals of a model whose every parameter is held by what is known of it, and tests on them.
+
+Parameters with priors are integrated out: measurements y, linearised, have the covariance
+``V = I + J P Jᵀ`` over their noise, and a further effect z is judged by ``zᵀV⁻¹y`` and ``zᵀV⁻¹z``
+(Rao's score test; Lindley and Smith, J. R. Stat. Soc. B 34, 1972). At the solution ``V⁻¹y`` are the
+residuals, so that nothing is fitted again, wherever an effect is looked for.
+
+How much likelier the measurements are with an effect is its Bayes factor, sizes of effects having
+a normal distribution about nothing. Where there is none, a factor above K has a probability below
+1/K, however many tests the factor is a mean of (Ville's inequality): level and search need no
+further care. The noise is common to both sides and integrated out: Student's form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib.identification.diagnosis.finding import Finding
+from calib.linearisation import Linearisation
+from calib.measurement.data import Measurements
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray
+
+_RANK = 1e-10
+"""Singular value over the largest, of columns of unit length, below which it is none."""
+
+_LEFT = 1e-9
+"""Part of an effect that the parameters leave, below which nothing is left of it."""
+
+SIZES = (0.1, 1.0, 10.0)
+"""Standard deviations of the sizes of effects that are tried, over the usual one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Residuals at the solution of a model, and what its parameters take up.
+
+    Attributes
+    ----------
+    linear : Linearisation
+        At the solution.
+    data : Measurements
+    x : array (p,)
+        [SI]
+    rows : array (N, m)
+        Residuals over their noise: ``V⁻¹y``.
+    J : array (N, m, p)
+    Q : array (N, m, r)
+        Of the orthonormal columns that parameters span, the rows of the measurements.
+    squares : float
+        ``yᵀV⁻¹y``: of residuals and of what is known besides.
+    freedom : float
+        What that is on average.
+    """
+
+    linear: Linearisation
+    data: Measurements
+    x: FloatArray
+    rows: FloatArray
+    J: FloatArray
+    Q: FloatArray
+    squares: float
+    freedom: float
+
+    @property
+    def model(self) -> CalibrationModel:
+        """The model with its priors and its noise."""
+        return self.linear.model
+
+    @cached_property
+    def blocks(self) -> FloatArray:
+        """``V⁻¹`` of each measurement alone, ``(N, m, m)``."""
+        return np.asarray(np.eye(self.rows.shape[1]) - self.Q @ np.swapaxes(self.Q, 1, 2))
+
+    @cached_property
+    def left_out(self) -> FloatArray:
+        """Rows ``(N, m)`` of each measurement predicted from the others, over the noise."""
+        inverse = np.linalg.pinv(self.blocks, rcond=_LEFT, hermitian=True)
+        return np.asarray((inverse @ self.rows[..., None])[..., 0])
+
+    @cached_property
+    def standing_out(self) -> FloatArray:
+        """Squares ``(N,)`` that would not be there without each measurement."""
+        return np.asarray(np.sum(self.left_out * self.rows, axis=1))
+
+    def gain(self, explained: FloatArray | float) -> FloatArray:
+        """Logarithms of likelihoods gained by what explains so much of the squares."""
+        whole = max(self.squares, self.freedom)
+        left = np.maximum(whole - np.asarray(explained, dtype=float), _LEFT * whole)
+        return np.asarray(0.5 * self.freedom * np.log(whole / left))
+
+    def without(self, columns: FloatArray) -> FloatArray:
+        """``V⁻¹z`` of effects ``(N, m, k)``: what the parameters do not take up of them."""
+        inner = np.einsum("imr,imk->rk", self.Q, columns)
+        return np.asarray(columns - self.Q @ inner)
+
+    def after(self, columns: FloatArray, size: FloatArray) -> FloatArray:
+        """Residuals ``(N, m)`` with effects ``(N, m, k)`` of a size ``(k,)`` taken into account."""
+        return np.asarray(self.rows + self.without(columns) @ size)
+
+    def lengths_m(self, rows: FloatArray) -> FloatArray:
+        """Distances ``(N,)`` [m] of rows ``(N, m)`` over the noise; angles apart."""
+        whole = (self.linear.noise_root @ rows[..., None])[..., 0]
+        for k, kind in enumerate(self.model.measurements):
+            whole[self.data.setup.kind == k, kind.rows - kind.turns :] = 0.0
+        return np.asarray(np.linalg.norm(whole, axis=1))
+
+    def rms_m(self, rows: FloatArray | None = None) -> float:
+        """Root mean square of :meth:`lengths_m` [m]; of the residuals by default."""
+        return float(np.sqrt(np.mean(self.lengths_m(self.rows if rows is None else rows) ** 2)))
+
+
+def held_at(model: CalibrationModel, data: Measurements, x: FloatArray) -> Held:
+    """Linearise at the solution ``(p,)`` of a model."""
+    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    rows, J = linear.white_rows, linear.white_jacobian
+    known, K = model.known(x[None])
+    stacked = np.concatenate([J.reshape(rows.size, model.p), K[0]])
+    length = np.linalg.norm(stacked, axis=0)
+    U, singular, _ = np.linalg.svd(stacked / np.where(length > 0, length, 1.0), full_matrices=False)
+    U = U[:, singular > _RANK * singular.max(initial=0.0)]
+    right = np.concatenate([rows.ravel(), known[0]])
+    right = right - U @ (U.T @ right)  # the last step: exact where the model is linear
+    there = np.array([kind.rows for kind in model.measurements])[data.setup.kind].sum()
+    freedom = float(there + len(known[0]) - U.shape[1])
+    return Held(
+        linear,
+        data,
+        x,
+        right[: rows.size].reshape(rows.shape),
+        J,
+        U[: rows.size].reshape(*rows.shape, -1),
+        float(right @ right),
+        max(freedom, 1.0),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Effects tested at once.
+
+    Attributes
+    ----------
+    log_odds : array (C,)
+        Logarithms of Bayes factors.
+    size : array (C, k)
+        The likeliest size of each effect, in units of its columns.
+    usual : array (C,)
+        Standard deviation of sizes with which each is likeliest, of :data:`SIZES`.
+    """
+
+    log_odds: FloatArray
+    size: FloatArray
+    usual: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """A finding with the columns that it adds to the model.
+
+    Attributes
+    ----------
+    finding : Finding
+    columns : array (N, m, k)
+        Change of the rows over the noise by the effect, in units of its usual size.
+    usual : float
+        Standard deviation of its size.
+    tried : float
+        Logarithm of how many others were tried beside it.
+    alike : float
+        Correlation of the residuals that it leaves, from one measurement to the next.
+    """
+
+    finding: Finding
+    columns: FloatArray
+    usual: float
+    tried: float
+    alike: float
+
+
+def scores(
+    held: Held, score: FloatArray, information: FloatArray, whole: FloatArray, alike: float = 0.0
+) -> Scores:
+    """Test effects by their scores.
+
+    Parameters
+    ----------
+    held : Held
+    score : array (C, k)
+        ``zᵀV⁻¹y`` of C effects, columns in units of the usual size.
+    information, whole : array (C, k, k)
+        ``zᵀV⁻¹z`` and ``zᵀz``.
+    alike : float
+        Correlation of residuals from one measurement to the next, which effects that last feign.
+    """
+    k = score.shape[-1]
+    total = np.maximum(np.trace(whole, axis1=1, axis2=2), np.finfo(float).tiny)
+    seen = np.trace(information, axis1=1, axis2=2) > _LEFT * total
+    tempered = lasting(alike)
+    odds, size = [], []
+    for usual in SIZES:
+        A = information + np.eye(k) / usual**2
+        b = np.linalg.solve(A, -score[..., None])[..., 0]
+        took = np.sum(-score * b, axis=1)
+        det = np.linalg.slogdet(A * usual**2)[1]
+        odds.append(np.where(seen, held.gain(took * tempered) - 0.5 * det, -np.inf))
+        size.append(b)
+    best = np.argmax(odds, axis=0)
+    every = np.arange(len(score))
+    log_odds = np.array(odds)[best, every] - np.log(len(SIZES))
+    return Scores(log_odds, np.array(size)[best, every], np.array(SIZES)[best])
+
+
+def lasting(alike: float) -> float:
+    """Part of a gain that is left to effects that last, where neighbours are alike by chance."""
+    return (1.0 - alike) / (1.0 + alike)
+
+
+def score_of(held: Held, columns: FloatArray, alike: float = 0.0) -> Scores:
+    """The same for one effect of columns ``(N, m, k)``."""
+    return scores(
+        held,
+        np.einsum("imk,im->k", columns, held.rows)[None],
+        np.einsum("imk,iml->kl", columns, held.without(columns))[None],
+        np.einsum("imk,iml->kl", columns, columns)[None],
+        alike,
+    )

@@ -1,0 +1,212 @@
+"""What changes in the course of the measurements: something was moved, or moves all the time.
+
+Effects of a thing (a tool, a target, an instrument, a joint) are the columns of its parameters from
+some measurement on, or growing with their order. All places are tested at once: scores and
+information are sums over the measurements that follow (Andrews, Econometrica 61, 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.identification.diagnosis.finding import Cause, Finding
+from calib.identification.diagnosis.held import Effect, Held, Scores, score_of, scores
+from calib.se3 import FloatArray, IntArray
+
+SHIFT_M, TURN_RAD, ZERO_RAD = 1e-3, 1e-3, 3e-3
+"""Usual sizes: how far things are moved, and how far a joint loses its zero."""
+
+FEWEST_ASIDE = 3
+"""Measurements before and after a step: of two, one that is wrong is no step."""
+
+APPROACHES = (0.1, 0.25)
+"""Time constants of warming up, in parts of the whole."""
+
+_MOST_ALIKE = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """What may change while measuring.
+
+    Attributes
+    ----------
+    part : str
+    names : tuple of str
+    columns : array (N, m, k)
+        Change of the rows over the noise by its parameters, each in units of its usual change.
+    """
+
+    part: str
+    names: tuple[str, ...]
+    columns: FloatArray
+
+
+def things_of(held: Held) -> list[Thing]:
+    """Tools, targets, all targets together, and joints, as the model has parameters of them."""
+    model = held.model
+    usual = {"m": SHIFT_M, "rad": TURN_RAD}
+    found = []
+    frames: dict[tuple[str, str], list[int]] = {}
+    for block, part in zip(model.parameters, model.slices, strict=True):
+        index = range(part.start, part.stop)
+        for side, labels in (("tool", block.tools), ("target", block.targets)):
+            for label in labels:
+                stem = label if label == side else f"{side}.{label}"
+                own = [
+                    k
+                    for k in index
+                    if model.names[k].rpartition(".")[0] == stem and model.units[k] in usual
+                ]
+                if own:
+                    frames[side, label] = own
+    for (side, label), own in frames.items():
+        scale = np.array([usual[model.units[k]] for k in own])
+        turns = any(model.units[k] == "rad" for k in own)
+        part_name = "instrument" if side == "target" and turns else side
+        found.append(
+            Thing(
+                part_name,
+                (label,),
+                held.J[..., own] * scale,
+            )
+        )
+    together = _together(held, {k[1]: v for k, v in frames.items() if k[0] == "target"})
+    if together is not None:
+        found.append(together)
+    for k, name in enumerate(model.names):
+        if name.startswith("zero_offset."):
+            joint = name.removeprefix("zero_offset.")
+            found.append(Thing("joint", (joint,), held.J[..., [k]] * ZERO_RAD))
+    return found
+
+
+def _together(held: Held, frames: dict[str, list[int]]) -> Thing | None:
+    """All targets that are points, moved as one: what they stand on, or the arm's foot."""
+    model = held.model
+    points = {
+        label: own
+        for label, own in frames.items()
+        if [model.names[k].rpartition(".")[2] for k in own] == ["x", "y", "z"]
+    }
+    if len(points) < 2:
+        return None
+    places = np.array([held.x[own] for own in points.values()])
+    lever = places - places.mean(axis=0)
+    columns = np.zeros((*held.rows.shape, 6))
+    for own, arm in zip(points.values(), lever, strict=True):
+        J = held.J[..., own]
+        columns[..., :3] += J * SHIFT_M
+        # a turn w moves the point by w x arm
+        cross = np.array([np.cross(axis, arm) for axis in np.eye(3)]).T
+        columns[..., 3:] += J @ cross * TURN_RAD
+    return Thing("targets", tuple(points), columns)
+
+
+def alike(rows: FloatArray) -> float:
+    """Correlation from one measurement to the next of rows ``(N, m)``."""
+    if len(rows) < 2 * FEWEST_ASIDE:
+        return 0.0
+    square = float(np.sum(rows**2))
+    if square <= 0.0:
+        return 0.0
+    found = float(np.sum(rows[1:] * rows[:-1])) / square + 1.0 / len(rows)
+    return float(np.clip(found, 0.0, _MOST_ALIKE))
+
+
+def changes(held: Held) -> Iterator[Effect]:
+    """The likeliest change of each thing: its step, its drift, and its warming up."""
+    count = len(held.rows)
+    things = things_of(held)
+    starts = _starts(held)
+    tried = np.log(2 * len(things))
+    for thing in things:
+        if len(starts):
+            found, neighbours = _steps(held, thing, starts)
+            best = int(np.argmax(found.log_odds))
+            after = (np.arange(count) >= starts[best]).astype(float)
+            more = float(tried + np.log(len(starts)))
+            rows = (int(starts[best]),)
+            yield _effect(held, thing, "step", rows, after, found, best, more, neighbours)
+        trends = _trends(thing)
+        for cause, course in trends:
+            found, neighbours = _trend(held, thing, course)
+            more = float(tried + np.log(len(trends)))
+            yield _effect(held, thing, cause, (), course, found, 0, more, neighbours)
+
+
+def _trends(thing: Thing) -> list[tuple[Cause, FloatArray]]:
+    """Courses ``(N,)`` from the first to the last measurement of a thing: from 0 up, by 1 or so."""
+    seen = np.flatnonzero(np.any(thing.columns, axis=(1, 2)))
+    if len(seen) < 2 * FEWEST_ASIDE:
+        return []
+    order = np.arange(len(thing.columns)) - seen[0]
+    order = np.clip(order / (seen[-1] - seen[0]), 0.0, 1.0)
+    found: list[tuple[Cause, FloatArray]] = [("drift", order)]
+    return found + [("warm-up", 1.0 - np.exp(-order / part)) for part in APPROACHES]
+
+
+def _starts(held: Held) -> IntArray:
+    """First measurements after which something may have happened: between poses, not within."""
+    pose = held.data.pose
+    first = np.flatnonzero(pose[1:] != pose[:-1]) + 1
+    return first[(first >= FEWEST_ASIDE) & (first <= len(pose) - FEWEST_ASIDE)]
+
+
+def _steps(held: Held, thing: Thing, starts: IntArray) -> tuple[Scores, float]:
+    """Scores of steps at all starts, and how alike neighbours are after the best."""
+    Z = thing.columns
+    score = _from(np.einsum("imk,im->ik", Z, held.rows))[starts]
+    whole = _from(np.einsum("imk,iml->ikl", Z, Z))[starts]
+    inner = _from(np.einsum("imr,imk->irk", held.Q, Z))[starts]
+    information = whole - np.swapaxes(inner, 1, 2) @ inner
+    found = scores(held, score, information, whole)
+    best = int(np.argmax(found.log_odds))
+    after = (np.arange(len(held.rows)) >= starts[best]).astype(float)
+    left = held.after(Z * after[:, None, None], found.size[best])
+    neighbours = alike(left)
+    return scores(held, score, information, whole, neighbours), neighbours
+
+
+def _trend(held: Held, thing: Thing, course: FloatArray) -> tuple[Scores, float]:
+    """Scores of one course ``(N,)``, and how alike neighbours are after it."""
+    Z = thing.columns * course[:, None, None]
+    neighbours = alike(held.after(Z, score_of(held, Z).size[0]))
+    return score_of(held, Z, neighbours), neighbours
+
+
+def _from(each: FloatArray) -> FloatArray:
+    """Sums over each measurement and all that follow."""
+    return np.asarray(np.cumsum(each[::-1], axis=0)[::-1])
+
+
+def _effect(
+    held: Held,
+    thing: Thing,
+    cause: Cause,
+    rows: tuple[int, ...],
+    course: FloatArray,
+    found: Scores,
+    best: int,
+    tried: float,
+    neighbours: float,
+) -> Effect:
+    Z, size = thing.columns * course[:, None, None], found.size[best]
+    is_joint = thing.part == "joint"
+    # where it is measured: the origin of an instrument's frame may be metres off
+    far = float(held.lengths_m(Z @ size).max(initial=0.0))
+    finding = Finding(
+        cause,
+        thing.names,
+        thing.part,
+        rows,
+        float(np.abs(size[0])) * ZERO_RAD if is_joint else far,
+        "rad" if is_joint else "m",
+        held.rms_m(),
+        held.rms_m(held.after(Z, size)),
+        float(found.log_odds[best]) - tried,
+    )
+    return Effect(finding, Z, float(found.usual[best]), tried, neighbours)

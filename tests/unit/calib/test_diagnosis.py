@@ -1,0 +1,147 @@
+"""Tests of effects against dense algebra, and faults that have to be named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import null_space
+from scipy.stats import multivariate_normal
+
+from calib.identification.diagnosis import diagnose
+from calib.identification.diagnosis.held import Effect, Held, score_of
+from calib.identification.diagnosis.sequence import alike, changes, things_of
+from calib.identification.diagnosis.tuning import Tuned, log_odds, tuned
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray
+from posedesign.findings import model_of_arm
+from tests.fault_trials import Arm, draw_arm, table_of
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    """A small arm before a tracker."""
+    return draw_arm("irb120", "point", np.random.default_rng(5), count=24)
+
+
+@pytest.fixture(scope="module")
+def model(arm: Arm) -> CalibrationModel:
+    """What may be off in it."""
+    return model_of_arm(arm.cell, table_of(arm, arm.measured(np.random.default_rng(6))))
+
+
+@pytest.fixture(scope="module")
+def found(arm: Arm, model: CalibrationModel) -> Tuned:
+    """Its measurements, fitted."""
+    solution = tuned(model, arm.measured(np.random.default_rng(6)))
+    assert solution is not None
+    return solution
+
+
+@pytest.fixture(scope="module")
+def held(found: Tuned) -> Held:
+    """The same without the noise and the priors that were found."""
+    return found.held
+
+
+def dense(held: Held) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Measurements over the noise, free of what nothing is known of; their covariance; the way."""
+    p, prior = held.model.p, held.model.prior
+    J = held.linear.white_jacobian.reshape(-1, p)
+    y = J @ (held.x - held.model.nominal) - held.linear.white_rows.ravel()
+    known = np.isfinite(prior)
+    away = null_space(J[:, ~known].T)  # restricted likelihood: free parameters taken out
+    V = np.eye(len(y)) + (J[:, known] * prior[known] ** 2) @ J[:, known].T
+    return away.T @ y, away.T @ V @ away, away
+
+
+def test_residuals_and_effects_are_those_of_the_whole_covariance(held: Held) -> None:
+    y, V, away = dense(held)
+    inverse = away @ np.linalg.inv(V) @ away.T
+    assert np.allclose(held.rows.ravel(), -inverse @ away @ y, atol=1e-6)
+    assert held.squares == pytest.approx(y @ np.linalg.solve(V, y), rel=1e-6)
+    Z = np.random.default_rng(1).standard_normal((*held.rows.shape, 2))
+    assert np.allclose(held.without(Z).reshape(-1, 2), inverse @ Z.reshape(-1, 2), atol=1e-7)
+    blocks = [inverse[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(len(held.rows))]
+    assert np.allclose(held.blocks, blocks, atol=1e-7)
+
+
+def test_odds_are_the_ratio_of_dense_marginal_likelihoods(found: Tuned) -> None:
+    """With noise and priors as they were, the gradient being nought there by the fit."""
+    held = found.held
+    y, V, away = dense(held)
+    Z = np.random.default_rng(2).standard_normal((*held.rows.shape, 2))
+    effect = next(changes(held))
+    effect = Effect(effect.finding, Z, 0.5, 0.0, 0.0)
+    flat = away.T @ Z.reshape(-1, 2)
+    wider = multivariate_normal(np.zeros(len(y)), V + 0.25 * flat @ flat.T).logpdf(y)
+    fixed = float(wider - multivariate_normal(np.zeros(len(y)), V).logpdf(y))
+    best = log_odds(found, effect)
+    assert fixed - 1e-6 < best < fixed + 1.0  # found again, they can only be likelier
+
+
+def test_steps_at_all_places_are_those_one_by_one(held: Held) -> None:
+    steps = {
+        (*effect.finding.things, effect.finding.part): effect
+        for effect in changes(held)
+        if effect.finding.cause == "step"
+    }
+    for thing in things_of(held):
+        effect = steps[(*thing.names, thing.part)]
+        (start,) = effect.finding.rows
+        odds = []
+        for first in (start - 1, start, start + 1):
+            Z = thing.columns * (np.arange(24) >= first)[:, None, None]
+            odds.append(float(score_of(held, Z, effect.alike).log_odds[0]))
+        assert effect.finding.log_odds == pytest.approx(odds[1] - effect.tried, abs=1e-6)
+        assert np.allclose(effect.columns, thing.columns * (np.arange(24) >= start)[:, None, None])
+
+
+def test_neighbours_that_are_alike() -> None:
+    rng = np.random.default_rng(3)
+    rows = rng.standard_normal((4000, 3))
+    assert alike(rows) < 0.05
+    smooth = np.empty_like(rows)
+    smooth[0] = rows[0]
+    for i in range(1, len(rows)):
+        smooth[i] = 0.6 * smooth[i - 1] + rows[i]
+    assert alike(smooth) == pytest.approx(0.6, abs=0.03)
+    assert alike(np.zeros((40, 3))) == 0.0
+
+
+def faults(arm: Arm) -> Iterator[tuple[str, tuple[int, ...], FloatArray, FloatArray]]:
+    """Cause, rows, postures and readings of one fault each."""
+    data = arm.measured(np.random.default_rng(6))
+    q, read = data.postures, np.array(data.observed)
+    yield "none", (), q, read
+    yield "step", (11,), q, read + 1e-3 * (np.arange(24) >= 11)[:, None] * [1.0, -0.5, 0.2]
+    yield "scale", (), q, read * 1.01
+    yield "mirrored axis", (), q, read * [1.0, -1.0, 1.0]
+    order = np.arange(24)
+    order[[3, 17]] = 17, 3
+    yield "swapped rows", (3, 17), q, read[order]
+    coupled = q.copy()
+    coupled[:, 2] -= q[:, 1]
+    yield "coupling", (), coupled, read
+    turned = q.copy()
+    turned[:, 2] = -turned[:, 2]
+    yield "sign", (), turned, read
+
+
+@pytest.mark.parametrize("index", range(7))
+def test_faults_are_named(arm: Arm, model: CalibrationModel, index: int) -> None:
+    cause, rows, q, read = list(faults(arm))[index]
+    data = replace(arm.measured(np.random.default_rng(6)), postures=q, observed=read)
+    named = diagnose(model, data)
+    assert [f.cause for f in named] == ([] if cause == "none" else [cause])
+    for finding in named:
+        assert finding.rows == rows
+        assert finding.log_odds > 10.0
+        assert not finding.also
+        if cause == "scale":
+            assert finding.size == pytest.approx(0.01, abs=1e-3)
+        if cause == "step":
+            assert finding.size == pytest.approx(1.136e-3, rel=0.1)
+            assert finding.part == "instrument"

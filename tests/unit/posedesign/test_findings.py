@@ -1,0 +1,112 @@
+"""What is said of findings, and where it is said."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from calib.errors import NotIdentifiableError
+from calib.identification.diagnosis import Finding
+from calib.identification.diagnosis.finding import Cause
+from posedesign.before_after import identify_models, why_another
+from posedesign.cell import Cell
+from posedesign.cli.identification_output import print_identification
+from posedesign.files import json_text
+from posedesign.findings import as_dict, in_words
+from posedesign.identification_content import results_as_dict
+from posedesign.measurement_table import MeasurementTable, read_measurements, write_measurements
+
+MakeCell = Callable[..., Cell]
+THINGS: dict[str, tuple[str, ...]] = {
+    "harmonic": ("joint_2", "1"),
+    "zero": ("joint_2", "+90"),
+    "sign and zero": ("joint_2", "180"),
+    "coupling": ("joint_3", "joint_2", "less"),
+    "swapped joints": ("joint_3", "joint_2"),
+    "swapped axes": ("x", "y"),
+    "shifted rows": ("later",),
+    "shifted labels": ("earlier",),
+    "wrong label": ("A1",),
+}
+JOINTS = ("harmonic", "sign", "zero", "sign and zero", "coupling", "swapped joints")
+
+
+@pytest.fixture(scope="module")
+def table(lab: Any, tmp_path_factory: pytest.TempPathFactory) -> MeasurementTable:
+    """Touch-ups of three targets, as read from a file."""
+    measured = lab.measure(["touch-up"], 45, targets_each=3, noise=2e-5)
+    path = tmp_path_factory.mktemp("said") / "m.csv"
+    return read_measurements(write_measurements(path, measured.data, measured.kinds), 6)
+
+
+@pytest.mark.parametrize("cause", get_args(Cause))
+def test_every_cause_has_words(table: MeasurementTable, cause: Cause) -> None:
+    part = "joint" if cause in (*JOINTS, "all signs", "joint unit") else "target"
+    finding = Finding(cause, THINGS.get(cause, ("A0",)), part, (3, 7), 1e-3, "m", 0.03, 1e-4, 40.0)
+    said = in_words(finding, table)
+    assert "residual 0.1 in place of 30 mm; " in said
+    assert "\n" not in said
+    content = json.loads(json_text(as_dict(finding, table)))
+    assert content["text"] == said
+    assert content["poses"] == ["M4", "M8"]
+    assert content["size"] == pytest.approx(1.0)
+    assert content["lines"] == [5, 9]
+
+
+def test_what_an_arm_could_be_bent_to_is_said_by_its_odds(table: MeasurementTable) -> None:
+    finding = Finding("scale", ("point",), "instrument", (), 0.01, "", 3e-5, 3e-5, 46.0)
+    assert "point seem to be 1 % too long: errors of the arm that explain it as well are 1e20 " in (
+        in_words(finding, table)
+    )
+
+
+def test_causes_that_fit_as_well_are_named_with_it(table: MeasurementTable) -> None:
+    other = Finding("zero", ("joint_2", "180"), "joint", (), np.nan, "", 0.03, 1e-4, 40.0)
+    finding = replace(other, cause="sign", things=("joint_1",), also=(other,))
+    said = in_words(finding, table)
+    assert said.startswith(
+        "as if joint_1 were counted the other way (or as if the zero of joint_2 were 180 deg off):"
+    )
+
+
+def test_a_joint_counted_the_other_way(
+    table: MeasurementTable, make_cell: MakeCell, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is said first, it is the reason why no model is recommended, and it is in the file."""
+    cell = make_cell(parameters={"models": [["zero_offsets"]]})
+    q = table.data.postures.copy()
+    q[:, 2] *= -1.0
+    found = identify_models(cell, replace(table, data=replace(table.data, postures=q)))
+    assert [finding.cause for finding in found.findings] == ["sign"]
+    assert not found.is_of_this_robot
+    content = results_as_dict(cell, found)
+    assert content["recommended"] is None
+    assert content["reason"] == why_another(found) == content["findings"][0]["text"]
+    print_identification(found)
+    shown = capsys.readouterr()
+    assert "warning: as if joint_3 were counted the other way: residual" in shown.err
+    assert shown.err.count("counted the other way") == 1
+
+
+def test_steady_measurements_say_nothing(table: MeasurementTable, make_cell: MakeCell) -> None:
+    found = identify_models(make_cell(parameters={"models": [["zero_offsets"]]}), table)
+    assert found.findings == ()
+    assert found.is_of_this_robot
+
+
+def test_a_refusal_is_hinted_at_by_name(table: MeasurementTable, make_cell: MakeCell) -> None:
+    """Where the cell asks for what cannot be told, the mistake comes first."""
+    asked = {"models": [["zero_offsets"]], "zero_offsets": ["joint_1", "joint_2", "joint_3"]}
+    cell, data = make_cell(parameters=asked), table.data
+    target = data.setup.target.copy()
+    target[3] = 2 - target[3]
+    for labels, hint in ((data.setup.target, False), (target, True)):
+        mixed = replace(data, setup=replace(data.setup, target=labels))
+        with pytest.raises(NotIdentifiableError) as caught:
+            identify_models(cell, replace(table, data=mixed))
+        assert ("as if M4 (line 5) were of the target" in caught.value.hint) == hint

@@ -164,7 +164,7 @@ def test_what_is_read_off_moves_no_arm(kind, reference_robot):
 
 
 @pytest.mark.parametrize("kind", [Pose, CameraPose])
-def test_readings_that_cannot_be_written_to(kind, reference_robot) -> None:
+def test_readings_that_cannot_be_written_to(kind, reference_robot):
     """Of a single measurement, spread over trials: scipy's rotations refuse such an array."""
     model = model_of(reference_robot, kind(1e-4))
     q = np.zeros((1, 6))

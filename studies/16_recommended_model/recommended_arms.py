@@ -109,7 +109,7 @@ class Bench:
             return cone_pool(cell, tilt, few, rng, targets_m=self.targets_m)
         if self.way == "camera":
             return joint_pool(cell, count, rng)
-        return self._joint_pool(count, 0)
+        return joint_pool(_blind(cell), count, rng, np.deg2rad(self.settings["turn_deg"]))
 
     @cached_property
     def targets_m(self) -> FloatArray:
@@ -121,11 +121,8 @@ class Bench:
     def fresh(self) -> FloatArray:
         """Postures ``(V, n)`` [rad] that are not measured, over all that may be and around it.
 
-        The tool turned as at one of the measuring postures. Where these are drawn in the joints, so
-        are the fresh ones.
+        The tool turned as at one of the measuring postures. Fewer where most cannot be reached.
         """
-        if self.way == "tracker":
-            return self._joint_pool(self.settings["fresh"], 1).postures
         robot, q = self.cell.robot, self.pool.postures
         state = robot.state(q)
         beyond = self.settings["beyond_of_reach"] * robot.chain.reach_m
@@ -148,10 +145,6 @@ class Bench:
         turn = np.deg2rad(self.settings["turned_deg"]) * drawn * rng.random((count, 1))
         rotations = cell.robot.fk(cell.base_posture)[:3, :3] @ rotation_exp(turn)
         return self._reached(rng, rotations, box.lowest_m, box.highest_m)
-
-    def _joint_pool(self, count: int, stream: int) -> Pool:
-        cell, turn = away_from_singularities(self.cell), np.deg2rad(self.settings["turn_deg"])
-        return joint_pool(_blind(cell), count, self._rng(stream), turn)
 
     def _rng(self, stream: int) -> np.random.Generator:
         return np.random.default_rng([self.settings["seed"], stream])

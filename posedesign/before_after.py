@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from calib.errors import CalibError, NotIdentifiableError
-from calib.identification import IdentificationResult, check_enough
+from calib.identification import IdentificationResult, Reference, check_enough, fit_reference
 from calib.identification.comparison import Comparison, Trial, compare
 from calib.identification.diagnosis import Finding
+from calib.identification.losses import WEIGHED_DOWN
 from calib.identification.report import ANOTHER_ROBOT_M
 from calib.identification.result import DISPLAY
 from calib.parameters import Unit
@@ -20,8 +21,10 @@ from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.findings import diagnose_table, in_words, is_gross, is_of_the_model
 from posedesign.measurement_table import MeasurementTable
-from posedesign.models import OFFSETS, candidates, left_out
+from posedesign.models import OFFSETS, candidates, held_only, left_out, reference
+from posedesign.optimal.pool_of_cell import box_of_cell
 from posedesign.set_up import nominal_distances, seen_once
+from posedesign.task_box import workplace
 
 _PLANNED = re.compile(r"P(\d{2,4})", re.ASCII)
 """Names that plans give to poses."""
@@ -43,6 +46,13 @@ placed, that say where to look when nothing can be identified: most likely it is
 PLANNED_M = 1e-7
 """Distance of the nominal tool point from its target that no measured arm comes down to."""
 
+BEYOND_PRIOR = 4.0
+"""Standard deviations known beforehand beyond which a parameter, or a distance, contradicts them:
+chance takes one of a hundred parameters there in a thousand."""
+
+FAR_FROM_NOISE = 10.0
+"""Residuals over noise beyond which a model explains nothing, where no larger one can be fitted."""
+
 _MOST_LISTED = 5
 
 
@@ -57,12 +67,21 @@ class Identified:
     warnings : tuple of str
     findings : tuple of Finding
         What explains the residuals by name, the likeliest first.
+    contradictions : tuple of str
+        What the recommended model says against what is known of such arms.
+    workplace : str
+        Where the errors of the models are expected, in words; empty where they are not.
+    held_only : tuple of str
+        Models that were not tried, since nothing measured sees the scale of their links.
     """
 
     comparison: Comparison
     table: MeasurementTable
     warnings: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
+    contradictions: tuple[str, ...] = ()
+    workplace: str = ""
+    held_only: tuple[str, ...] = ()
 
     @property
     def nominal_rms_m(self) -> float:
@@ -131,7 +150,12 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
         As :func:`calib.identification.identify`, for the baseline or where all else is refused.
     """
     section = cell.config.parameters
-    tried = candidates(cell, table)
+    # otherwise the fit is to be the paper's
+    judged = section.method == "gauss-newton" and cell.config.measurement.weighted
+    judge = _reference(cell, table) if judged else None
+    kinds = None if judge is None else judge.fitted.model.measurements
+    robust = judge is not None and judge.loss in WEIGHED_DOWN
+    tried = candidates(cell, table, kinds, own_noise=robust)
     # before the baseline, which has fewer parameters and would be refused for another reason
     for candidate in reversed(tried):
         if not candidate.notes:  # a reduced one has as many as there are equations for
@@ -144,9 +168,12 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
             nominal_m=nominal,
             weighted=cell.config.measurement.weighted,
             method=section.method,
-            loss=section.loss,
+            loss=judge.loss if judge is not None else section.loss_given or "least-squares",
+            reference=judge,
         )
         _refuse_if_asked_for(cell, comparison)
+        if judge is None and judged:
+            comparison = _unexplained(comparison)
     except CalibError as error:
         far = _rms(nominal)
         if far > FAR_M:
@@ -166,7 +193,96 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
         said.append(
             f"measured once, which says nothing but where they are: {listed(once, 'targets')}"
         )
-    return Identified(comparison, table, (*said, *left_out(cell)), diagnose_table(cell, table))
+    said += left_out(cell)
+    held = tuple(held_only(cell, table))
+    findings = diagnose_table(cell, table)
+    if judge is None:
+        return Identified(comparison, table, tuple(said), findings, held_only=held)
+    said += noise_found(judge)
+    words = judge.expectation.workplace.words
+    found = Identified(comparison, table, tuple(said), findings, (), words, held)
+    return replace(found, contradictions=tuple(contradictions(cell, found)))
+
+
+def noise_found(judge: Reference) -> list[str]:
+    """Kinds whose residuals show another noise than was given, with both."""
+    said = []
+    for given, found in zip(judge.given.measurements, judge.fitted.model.measurements, strict=True):
+        if found.found and not given.estimated:
+            was, now = 1e3 * given.mean_sigma_m, 1e3 * found.mean_sigma_m
+            said.append(
+                f"the residuals of {found.name} show a noise of {now:.3g} mm an axis where "
+                f"{was:.3g} mm was given: it is larger, or the arm has errors that no model here "
+                "describes; models and priors are weighed against the noise found"
+            )
+    return said
+
+
+def contradictions(cell: Cell, identified: Identified) -> list[str]:
+    """What the recommended model has that cannot be, or that arms of the cell's kind have not."""
+    comparison = identified.comparison
+    trial, result = identified.shown
+    judge = next(t for t in comparison.trials if t.name == comparison.reference)
+    known = dict(zip(judge.candidate.model.names, judge.candidate.model.prior, strict=True))
+    prior = np.array([known.get(name, np.inf) for name in result.names])
+    beyond = np.abs(result.values - result.nominal) / np.hypot(
+        prior, np.where(np.isfinite(result.prior), 0.0, result.sigma)
+    )
+    said = []
+    for k in np.argsort(-beyond).tolist()[:_MOST_LISTED]:
+        if beyond[k] > BEYOND_PRIOR:
+            unit, factor = DISPLAY[result.units[k]]
+            off = factor * (result.values[k] - result.nominal[k])
+            said.append(
+                f"{result.names[k]} is off by {off:.3g} {unit}, {beyond[k]:.1f} times what arms "
+                f"are by the cell ({factor * prior[k]:.3g} {unit})"
+            )
+    gives_way = np.array([unit == "rad/Nm" for unit in result.units])
+    for k in np.flatnonzero(gives_way & (result.values < -2.0 * result.sigma)).tolist():
+        said.append(
+            f"{result.names[k]} is negative, {1e6 * result.values[k]:.3g} urad/Nm: no reducer is"
+        )
+    model = trial.candidate.model
+    if model.distances:
+        rows = model.known(result.values[None])[0][0, -len(model.distances) :]
+        said += [
+            f"{known.first} and {known.second} come out {1e3 * (known.length_m + off):.3f} mm "
+            f"apart, known are {1e3 * known.length_m:.3f}"
+            for known, off in zip(
+                model.distances,
+                rows * np.array([d.sigma_m for d in model.distances]),
+                strict=True,
+            )
+            if abs(off) > BEYOND_PRIOR * known.sigma_m
+        ]
+    return said
+
+
+def _reference(cell: Cell, table: MeasurementTable) -> Reference | None:
+    """The model that all are judged by; None where it cannot be fitted."""
+    box = None if cell.config.task_box is None else box_of_cell(cell)[0]
+    try:
+        at = workplace(cell, table, box)
+        loss = cell.config.parameters.loss_given
+        return fit_reference(reference(cell, table), table.data, at, loss=loss)
+    except CalibError:
+        return None
+
+
+def _unexplained(comparison: Comparison) -> Comparison:
+    """Without a recommendation where it would be of a model that explains next to nothing.
+
+    An arm with everything that may be off could not be fitted either: it is another one.
+    """
+    best = comparison.best
+    if comparison.recommended is None or not best.noise_scale > FAR_FROM_NOISE:
+        return comparison
+    reason = (
+        f"no model explains the measurements: {best.model} leaves {1e3 * best.rms_m:.3g} mm, "
+        f"{best.noise_scale:.0f} times the noise, and an arm with everything that may be off "
+        "cannot be fitted to them"
+    )
+    return replace(comparison, recommended=None, reason=reason, criterion="")
 
 
 def listed(names: Sequence[str], what: str) -> str:

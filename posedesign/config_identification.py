@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from calib.identification.losses import Loss
 from posedesign.config_types import (
     Name,
     Noise,
@@ -40,8 +41,10 @@ class ParameterSection(Section):
         ("zero_offsets", "compliance"),
         ("geometry",),
         ("geometry", "compliance"),
+        ("geometry", "priors"),
         ("geometry", "compliance", "priors"),
     )
+    tune_priors: bool = True
     harmonics: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0)
     lost_motion_nm: Positive = 10.0
     prior_offset_deg: Positive = 1.0
@@ -50,7 +53,12 @@ class ParameterSection(Section):
     prior_harmonic_deg: Positive = 0.02
     prior_compliance_urad_nm: Positive = 50.0
     method: Literal["gauss-newton", "newton-raphson"] = "gauss-newton"
-    loss: Literal["least-squares", "huber", "cauchy", "student-t", "graduated"] = "least-squares"
+    loss: Literal["auto", "least-squares", "huber", "cauchy", "student-t", "graduated"] = "auto"
+
+    @property
+    def loss_given(self) -> Loss | None:
+        """The loss; None where it is to be found which suits the residuals."""
+        return None if self.loss == "auto" else self.loss
 
     @model_validator(mode="after")
     def _models_differ(self) -> ParameterSection:

@@ -34,6 +34,10 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "recommended": comparison.recommended if identified.is_of_this_robot else None,
         "reason": comparison.reason if identified.is_of_this_robot else why_another(identified),
         "criterion": comparison.criterion,
+        "reference": comparison.reference,
+        "workplace": identified.workplace,
+        "not_tried": list(identified.held_only),
+        "contradictions": list(identified.contradictions),
         "warnings": list(identified.warnings),
         "findings": [as_dict(finding, identified.table) for finding in identified.findings],
         "models": [_trial_as_dict(trial, identified) for trial in comparison.trials],
@@ -57,6 +61,10 @@ def _trial_as_dict(trial: Trial, identified: Identified) -> dict[str, Any]:
         "leave_one_target_out_rms_mm": _or_none(trial.target_out_rms_m * 1e3),
         "rms_deg": _or_none(np.rad2deg(result.rms_rad)),
         "leave_one_out_rms_deg": _or_none(np.rad2deg(result.leave_one_out_rms_rad)),
+        "expected_box_mm": None if trial.expected is None else 1e3 * trial.expected.rms_m,
+        "expected_box_interval_mm": None
+        if trial.expected is None
+        else [1e3 * trial.expected.low_m, 1e3 * trial.expected.high_m],
         "not_left_out": result.indispensable,
         "chi2": result.chi2,
         "degrees_of_freedom": result.degrees_of_freedom,

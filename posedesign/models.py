@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError, near_names
-from calib.identification.comparison import Candidate
-from calib.identification.reduction import reduce
+from calib.identification import Candidate, PriorGroup, reduce
+from calib.identification.report import UNSEEN_SCALE, unseen_scale
+from calib.identification.start import first_guess
 from calib.knowledge import KnownDistance
 from calib.measurement import KINDS, Measurement
 from calib.model import CalibrationModel
@@ -46,8 +47,26 @@ PRIORS = "priors"
 """Word that holds a model to what is known before measuring."""
 
 _WEIGH = ("compliance", "bearings", "lost_motion")
-"""Words that need masses."""
+"""Words that need the torque of gravity, and so the masses of the links."""
 
+EVERYTHING = "everything with priors"
+"""Name of the reference, which all models are judged by."""
+
+_EVERYTHING = ("geometry", "compliance", "bearings", "lost_motion", "harmonics", PRIORS)
+"""What may be off on any arm."""
+
+SIZES = 0.05, 2.0
+"""Bounds of the standard deviation of a kind of errors that is found from the measurements, over
+the one that the cell gives: touch-ups do not see the scale of an arm, and without an upper bound
+the likeliest arm may be one that has shrunk."""
+
+_KINDS = {
+    ("zero_offset", "rad"): "offsets",
+    ("link", "m"): "lengths",
+    ("link", "rad"): "angles",
+    ("lost_motion", "rad"): "lost motion",
+}
+"""What parameters of one size are called in reports, where not by the first word of their name."""
 
 _WAVE = re.compile(r"harmonic\..+\.(?:sin|cos)(\d+(?:\.\d+)?)", re.ASCII)
 _TOOL_AXIS = re.compile(r"tool(?:\.(.+))?\.r?[xyz]", re.ASCII)
@@ -139,46 +158,131 @@ def _across_axes(robot: Robot) -> list[str]:
 
 
 def candidates(
-    cell: Cell, table: MeasurementTable, *, before_measuring: bool = False
+    cell: Cell,
+    table: MeasurementTable,
+    kinds: Sequence[Measurement] | None = None,
+    *,
+    own_noise: bool = False,
+    before_measuring: bool = False,
 ) -> list[Candidate]:
     """The baseline and every model that the cell asks for, smallest first.
 
     Models that free what these measurements cannot tell are reduced, and say so; zero offsets
-    that the cell lists by name are not left out in silence: their model is refused.
+    that the cell lists by name are not left out in silence: their model is refused. Links are not
+    free without priors where nothing sees the scale of the arm.
+
+    Parameters
+    ----------
+    cell : Cell
+    table : MeasurementTable
+    kinds : sequence of Measurement, optional
+        With their noise; by default that of the cell.
+    own_noise : bool
+        Where the noise was found, estimate that of models without priors anew, each its own: a
+        robust loss would weigh down most of what a model that leaves much of the arm out misses.
+    before_measuring : bool
+        See :func:`kinds_of`.
     """
-    set_up = set_up_blocks(cell, table)
-    kinds = kinds_of(cell, table.kinds, before_measuring=before_measuring)
-    distances = _distances(cell, table)
-
-    def model(words: Sequence[str]) -> CalibrationModel:
-        return CalibrationModel(cell.robot, [*robot_blocks(cell, words), *set_up], kinds, distances)
-
-    found = [Candidate(FRAMES_ONLY, model(()))]
-    for words in cell.config.parameters.models:
+    if kinds is None:
+        kinds = kinds_of(cell, table.kinds, before_measuring=before_measuring)
+    alone = [k.of_unknown_noise() if own_noise and k.found else k for k in kinds]
+    baseline = _model(cell, table, (), alone)
+    found = [Candidate(FRAMES_ONLY, baseline)]
+    sized = cell.config.parameters.tune_priors and not before_measuring
+    for words in asked_for(cell):
         name = name_of(words)
-        if set(words) & set(_WEIGH) and not _has_weight(cell):
-            continue
-        whole = model(words)
+        whole = _model(cell, table, words, kinds if PRIORS in words else alone)
         if words == ("zero_offsets",):
             found.append(Candidate(name, whole))
             continue
+        if not before_measuring and _frees_scale(words, whole, table):
+            continue
         reduced = reduce(whole, table.data)
-        if reduced.model.p > found[0].model.p:  # something of the arm is left
-            found.append(Candidate(name, reduced.model, reduced.merged))
+        if reduced.model.p > baseline.p:  # something of the arm is left
+            groups = size_groups(reduced.model) if PRIORS in words and sized else ()
+            found.append(Candidate(name, reduced.model, reduced.merged, groups))
     return sorted(found, key=lambda candidate: candidate.model.p)
+
+
+def reference(cell: Cell, table: MeasurementTable) -> Candidate:
+    """Everything that may be off on an arm, or that the cell asks for, held by priors.
+
+    Nothing is left out of it: priors hold what the measurements do not tell.
+    """
+    asked = {word for words in cell.config.parameters.models for word in words}
+    words = tuple(dict.fromkeys([*_EVERYTHING, *sorted(asked - {"zero_offsets"})]))
+    if not _has_weight(cell):
+        words = tuple(word for word in words if word not in _WEIGH)
+    model = _model(cell, table, words, kinds_of(cell, table.kinds))
+    return Candidate(EVERYTHING, model, (), size_groups(model))
+
+
+def size_groups(model: CalibrationModel) -> tuple[PriorGroup, ...]:
+    """Parameters with a prior that are of one kind, to be found how large they are."""
+    members: dict[tuple[str, str], list[int]] = {}
+    for k in np.flatnonzero(np.isfinite(model.prior)).tolist():
+        members.setdefault((model.names[k].partition(".")[0], model.units[k]), []).append(k)
+    return tuple(
+        PriorGroup(
+            _KINDS.get(kind, kind[0]),
+            tuple(model.names[k] for k in own),
+            SIZES[0] * float(model.prior[own].min()),
+            SIZES[1] * float(model.prior[own].max()),
+            usual=float(np.sqrt(np.mean(model.prior[own] ** 2))),
+        )
+        for kind, own in members.items()
+    )
+
+
+def asked_for(cell: Cell) -> list[tuple[str, ...]]:
+    """Models that the cell asks for and can have, in its words."""
+    asked = cell.config.parameters.models
+    return [words for words in asked if _has_weight(cell) or not set(words) & set(_WEIGH)]
+
+
+def _model(
+    cell: Cell, table: MeasurementTable, words: Sequence[str], kinds: Sequence[Measurement]
+) -> CalibrationModel:
+    blocks = [*robot_blocks(cell, words), *set_up_blocks(cell, table)]
+    return CalibrationModel(cell.robot, blocks, kinds, _distances(cell, table))
+
+
+def _frees_scale(words: Sequence[str], whole: CalibrationModel, table: MeasurementTable) -> bool:
+    """Whether links are free and the measurements do not see how large the arm is.
+
+    Asked of the model before it is reduced: a link that is left out of it would hold the scale, and
+    a short one holds it badly.
+    """
+    if "geometry" not in words or PRIORS in words:
+        return False
+    x = first_guess(whole, table.data)
+    data = table.data
+    linear = whole.linearise(data.postures, x, data.setup, data.observed)
+    return unseen_scale(linear, x) > UNSEEN_SCALE
 
 
 def left_out(cell: Cell) -> list[str]:
     """Models that the cell asks for and cannot have, with the reason."""
+    able = asked_for(cell)
     return [
-        f"{name_of(words)}: neither the robot nor the tool has a mass"
+        f"{name_of(words)}: the masses of the links are not known"
         for words in cell.config.parameters.models
-        if set(words) & set(_WEIGH) and not _has_weight(cell)
+        if words not in able
+    ]
+
+
+def held_only(cell: Cell, table: MeasurementTable) -> list[str]:
+    """Names of models that the cell asks for, and that need priors: nothing sees the scale."""
+    kinds = kinds_of(cell, table.kinds)
+    return [
+        name_of(words)
+        for words in asked_for(cell)
+        if _frees_scale(words, _model(cell, table, words, kinds), table)
     ]
 
 
 def _has_weight(cell: Cell) -> bool:
-    return bool(cell.robot.link_mass.any()) or any(p.mass_kg > 0 for p in payloads_of(cell))
+    return bool(cell.robot.link_mass.any())
 
 
 def _distances(cell: Cell, table: MeasurementTable) -> list[KnownDistance]:

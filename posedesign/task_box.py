@@ -12,14 +12,20 @@ import numpy as np
 
 from calib.arm_view import Setup
 from calib.errors import InputError, UnreachableError
+from calib.identification.expected import Workplace
 from calib.model import CalibrationModel
 from calib.prediction import predict_accuracy, reference_frame, tool_motion
 from calib.se3 import BoolArray, FloatArray, transform
 from posedesign.cell import Cell
+from posedesign.feasibility.checker import Checker
 from posedesign.feasibility.postures import Postures, nearest_postures
+from posedesign.measurement_table import MeasurementTable
 
 MOST_POINTS = 20_000
 LARGEST_MM = 1e6
+
+BOX_OF_REACH = 0.1
+"""Part of the reach that the usual task box extends to each side of the target."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,3 +250,43 @@ def reached_points(cell: Cell, box: TaskBox) -> Postures:
             name="task_box",
         )
     return found
+
+
+WORK_POSTURES = 60
+"""Postures that an identified arm is judged at: twice as many change the expected error by some
+three per cent."""
+
+
+def workplace(cell: Cell, table: MeasurementTable, box: TaskBox | None) -> Workplace:
+    """Postures over the volume that an arm will work in, its tool turned as it was measured.
+
+    Points are drawn in the box, or where there is none in the one about all that was measured and a
+    little beyond; each is reached with the tool turned as at a measurement, by the posture inside
+    the limits that is nearest to the middle of all. Where most cannot be reached, half-way postures
+    between pairs of measurements take their place.
+    """
+    data, robot = table.data, cell.robot
+    rng = np.random.default_rng(0)
+    state = robot.state(data.postures)
+    words = "the task box"
+    if box is None:
+        points = state.point(cell.tool_m)
+        beyond = BOX_OF_REACH * robot.chain.reach_m
+        box = TaskBox(points.min(axis=0) - beyond, points.max(axis=0) + beyond)
+        words = f"all that was measured and {1e3 * beyond:.0f} mm around it"
+    like = rng.integers(data.count, size=WORK_POSTURES)
+    at = rng.uniform(box.lowest_m, box.highest_m, (WORK_POSTURES, 3))
+    R = state.R_base_tip[like]
+    poses = transform(R, at - R @ cell.tool_m)
+    middle = np.median(data.postures, axis=0)
+    near = data.postures[np.argmin(np.abs(data.postures - middle).max(axis=1))]
+    found = nearest_postures(Checker(robot, (), cell.margin), poses, near)
+    there, q = found.feasible, found.q[found.feasible]
+    if 2 * len(q) < WORK_POSTURES:
+        other = rng.integers(data.count, size=WORK_POSTURES)
+        q = (data.postures[like] + data.postures[other]) / 2.0
+        words, there = "half-way between measurements", np.ones(WORK_POSTURES, dtype=bool)
+    setup = Setup.of(
+        len(q), tool=data.setup.tool[like][there], payload=data.setup.payload[like][there]
+    )
+    return Workplace(q, setup, words)

@@ -112,20 +112,22 @@ seed = 0
 # Identified besides the target. The first and the last joint are absorbed by target and tool.
 zero_offsets = {offsets}
 tool_axes = "xyz"                 # "xy" for a view line
-# Each list is a model to try; they are judged by what they say of poses that they have not seen.
+# Each list is a model to try; they are judged by the error to expect where the arm will work.
 # Words: zero_offsets, geometry, compliance, bearings, lost_motion, scale, harmonics. A model is
 # reduced to what the measurements can tell apart, or held by what is known beforehand: priors
 models = [
     ["zero_offsets"], ["zero_offsets", "compliance"], ["geometry"], ["geometry", "compliance"],
-    ["geometry", "compliance", "priors"],
+    ["geometry", "priors"], ["geometry", "compliance", "priors"],
 ]
-prior_offset_deg = 1.0            # standard deviations: how well the joints are mastered,
+prior_offset_deg = 1.0            # usual standard deviations: how well the joints are mastered,
 prior_length_mm = 0.5             # links and axes are built,
 prior_angle_deg = 0.1
 prior_harmonic_deg = 0.02         # transmissions run,
 prior_compliance_urad_nm = 50.0   # and reducers are stiff
+tune_priors = true                # find the sizes from a twentieth of these to twice as much
 method = "gauss-newton"           # or "newton-raphson": as in the paper, by finite differences
-loss = "least-squares"            # or graduated (leaves gross errors out), huber, cauchy, student-t
+loss = "auto"                     # least-squares, student-t where residuals have heavy tails;
+                                  # graduated (leaves gross errors out), huber, cauchy
 # harmonics = [1.0, 2.0]          # waves in a turn of a joint
 # lost_motion_nm = 10.0           # torque that takes up what a joint has lost
 

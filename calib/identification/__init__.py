@@ -1,11 +1,14 @@
 """Identification: what the data can tell, the fit, and its result."""
 
+from calib.identification.candidate import Candidate
 from calib.identification.checks import check_enough
-from calib.identification.comparison import Candidate, Comparison, compare
+from calib.identification.comparison import Comparison, compare
 from calib.identification.covariance import covariance_of
 from calib.identification.evidence import PriorGroup, TunedPriors, tune_priors
+from calib.identification.expected import ExpectedError, Workplace
 from calib.identification.identifiability import check_identifiable, is_identifiable
 from calib.identification.reduction import Reduction, reduce
+from calib.identification.reference import Reference, fit_reference
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import (
     finite_difference_jacobian,
@@ -16,15 +19,19 @@ from calib.identification.solver import (
 __all__ = [
     "Candidate",
     "Comparison",
+    "ExpectedError",
     "IdentificationResult",
     "PriorGroup",
     "Reduction",
+    "Reference",
     "TunedPriors",
+    "Workplace",
     "check_enough",
     "check_identifiable",
     "compare",
     "covariance_of",
     "finite_difference_jacobian",
+    "fit_reference",
     "identify",
     "identify_batch",
     "is_identifiable",

@@ -14,31 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import CalibError
-from calib.identification.choice import Contender, choose
+from calib.identification.candidate import Candidate, fit
+from calib.identification.choice import Contender, choose, choose_expected
+from calib.identification.expected import ExpectedError
 from calib.identification.left_out import targets_left_out
+from calib.identification.reference import Reference
 from calib.identification.result import IdentificationResult
 from calib.identification.robust import Loss
-from calib.identification.solver import Method, identify
+from calib.identification.solver import Method
 from calib.measurement.data import Measurements
-from calib.model import CalibrationModel
 from calib.se3 import FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A model to be tried.
-
-    Attributes
-    ----------
-    name : str
-    model : CalibrationModel
-    notes : tuple of str
-        What was done to it, such as parameters merged with others.
-    """
-
-    name: str
-    model: CalibrationModel
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +40,15 @@ class Trial:
     target_out : array (N, m)
         Rows at each measurement [m, rad] with the arm identified from all targets but its own, and
         only that target's place from other poses at it; NaN where no target was left out.
+    expected : ExpectedError or None
+        Of the tool point where the arm will work, by the reference; None without one.
     """
 
     candidate: Candidate
     result: IdentificationResult | None
     error: CalibError | None
     target_out: FloatArray
+    expected: ExpectedError | None = None
 
     @property
     def name(self) -> str:
@@ -94,7 +82,9 @@ class Comparison:
     reason : str
         Why, in a sentence.
     criterion : str
-        ``leave-one-out`` or ``leave-one-target-out``.
+        ``expected error``, ``leave-one-out`` or ``leave-one-target-out``.
+    reference : str or None
+        Name of the model that the others were judged by.
     """
 
     nominal_m: FloatArray
@@ -102,6 +92,7 @@ class Comparison:
     recommended: str | None
     reason: str
     criterion: str
+    reference: str | None = None
 
     @property
     def results(self) -> tuple[IdentificationResult, ...]:
@@ -123,6 +114,7 @@ def compare(
     weighted: bool = True,
     method: Method = "gauss-newton",
     loss: Loss = "least-squares",
+    reference: Reference | None = None,
 ) -> Comparison:
     """Identify every candidate, and recommend one.
 
@@ -137,6 +129,10 @@ def compare(
         Distances with everything as described [m].
     weighted, method, loss
         As for :func:`identify`.
+    reference : Reference, optional
+        The model that the error where the arm will work is expected by, fitted to the same
+        measurements: the last to be compared. Without one, models are chosen by what they say of
+        measurements left out.
 
     Raises
     ------
@@ -144,27 +140,32 @@ def compare(
         As :func:`identify` for the first candidate, where none can be identified.
     """
     trials: list[Trial] = []
-    none = np.full(data.count, np.nan)
     contenders: list[Contender] = []
-    for candidate in candidates:
+    none = np.full(data.count, np.nan)
+    every = [*candidates, *([] if reference is None else [reference.candidate])]
+    for candidate in every:
         try:
-            result = identify(
-                candidate.model,
-                data,
-                weighted=weighted,
-                method=method,
-                loss=loss,
-                name=candidate.name,
-            )
+            if reference is not None and candidate is reference.candidate:
+                fitted = reference.fitted
+            else:
+                fitted = fit(candidate, data, weighted=weighted, method=method, loss=loss)
         except CalibError as error:
             trials.append(Trial(candidate, None, error, none[:, None]))
             continue
-        out = targets_left_out(candidate.model, data, result, weighted=weighted)
-        trials.append(Trial(candidate, result, None, out))
-        contenders.append(Contender(candidate.name, candidate.model, result, out))
+        model, result = fitted.model, fitted.result
+        out = targets_left_out(model, data, result, weighted=weighted)
+        expected = None if reference is None else reference.expectation.of(model, result.values)
+        trials.append(Trial(candidate, result, None, out, expected))
+        contenders.append(Contender(candidate.name, model, result, out, expected))
     refused = next((trial.error for trial in trials if trial.error is not None), None)
     if refused is not None and all(trial.result is None for trial in trials):
         raise refused
     before = none if nominal_m is None else nominal_m
-    choice = choose(contenders, data, weighted=weighted)
-    return Comparison(before, tuple(trials), choice.name, choice.reason, choice.criterion)
+    if reference is None:
+        choice, judge = choose(contenders, data, weighted=weighted), None
+    else:
+        choice, judge = (
+            choose_expected(contenders, data, weighted=weighted),
+            reference.candidate.name,
+        )
+    return Comparison(before, tuple(trials), choice.name, choice.reason, choice.criterion, judge)

@@ -32,6 +32,9 @@ variance of its own for each measurement."""
 NOISE_BOUNDS = (1e-2, 1e3)
 """Of noise that is to be found, over the noise that its kind starts with: 1 um to 0.1 m."""
 
+USUAL_WITHIN = np.log(3.0)
+"""Standard deviation of the logarithm of a size about the usual one."""
+
 _PASSES = 100
 _SETTLED = 1e-3
 """Change of weights and of the logarithms of standard deviations below which they have settled:
@@ -55,6 +58,9 @@ class PriorGroup:
         Bounds of the standard deviation [SI]. They say what is possible for the arm, and have to
         be given: touch-ups do not see the scale of all lengths, and without bounds the likeliest
         arm may be one that shrinks until its residuals are small.
+    usual : float, optional
+        What the standard deviation is for such arms, within a factor of three [SI]: a few
+        parameters do not tell it well. Without it every size within the bounds is as likely.
 
     Raises
     ------
@@ -66,6 +72,7 @@ class PriorGroup:
     parameters: tuple[str, ...]
     lower: float
     upper: float
+    usual: float | None = None
 
     def __post_init__(self) -> None:
         if not self.parameters:
@@ -96,6 +103,9 @@ class TunedPriors:
         Parameters [SI]; :func:`calib.identify` finds the same, and what they are worth.
     weights : array (N,)
         Of the squares of each measurement.
+    covariance : array (p, p)
+        What parameters are uncertain by because the sizes are [SI], to be added to the covariance
+        of a fit with the priors: the law of total variance, by the curvature of the likelihood.
     passes : int
         Linearisations.
     notes : tuple of str
@@ -108,6 +118,7 @@ class TunedPriors:
     log_evidence: float
     x: FloatArray
     weights: FloatArray
+    covariance: FloatArray
     passes: int
     notes: tuple[str, ...]
 
@@ -158,7 +169,8 @@ def tune_priors(
     check_enough(tuned, data)
     x = first_guess(tuned, data)
     check_identifiable_at(tuned, data, x)
-    theta, x, weights, passes = _alternate(model, data, members, bounds, theta, x, loss)
+    usual = _usual(groups, len(theta))
+    theta, x, weights, passes = _alternate(model, data, members, bounds, usual, theta, x, loss)
     tuned = _applied(model, data, members, theta)
     shares = weights / costs_of(tuned, data, x, weights, loss)[0]
     problem = linear_evidence(model, data, x, members, shares)
@@ -169,6 +181,7 @@ def tune_priors(
         log_evidence=problem.log_evidence(theta)[0],
         x=x,
         weights=weights,
+        covariance=_covariance_of_sizes(problem, theta, bounds, usual),
         passes=passes,
         notes=tuple(_notes(groups, theta, bounds)),
     )
@@ -179,6 +192,7 @@ def _alternate(
     data: Measurements,
     members: Sequence[IntArray],
     bounds: FloatArray,
+    usual: FloatArray,
     theta: FloatArray,
     x: FloatArray,
     loss: Loss,
@@ -192,7 +206,7 @@ def _alternate(
         shares = weights / costs_of(tuned, data, x, weights, loss)[0]  # as the fit has them
         problem = linear_evidence(model, data, x, members, shares)
         # at first the arm is linearised as described, too far off to tell sizes by
-        best = _maximise(problem, theta, bounds) if passes else theta
+        best = _maximise(problem, theta, bounds, usual) if passes else theta
         x = problem.parameters(best)
         tuned = _applied(model, data, members, best)
         heavier = WEIGHTS[loss](distances2(tuned, data, x), rows)
@@ -242,13 +256,31 @@ def _bounds(
     return np.asarray(np.log(np.array(every, dtype=float).reshape(-1, 2)).T)
 
 
-def _maximise(problem: LinearEvidence, theta: FloatArray, bounds: FloatArray) -> FloatArray:
+def _usual(groups: Sequence[PriorGroup], count: int) -> FloatArray:
+    """Logarithms of the usual sizes ``(G + C,)``; NaN where none is known, as of noise."""
+    out = np.full(count, np.nan)
+    out[: len(groups)] = [np.nan if g.usual is None else np.log(g.usual) for g in groups]
+    return out
+
+
+def _slope(
+    problem: LinearEvidence, theta: FloatArray, usual: FloatArray
+) -> tuple[float, FloatArray]:
+    """Logarithm of how likely sizes and noise are after the measurements, and its gradient."""
+    value, gradient = problem.log_evidence(theta)
+    off = np.nan_to_num((theta - usual) / USUAL_WITHIN)
+    return value - 0.5 * float(off @ off), gradient - off / USUAL_WITHIN
+
+
+def _maximise(
+    problem: LinearEvidence, theta: FloatArray, bounds: FloatArray, usual: FloatArray
+) -> FloatArray:
     """Logarithms for which the linearised problem is likeliest, from those of the pass before."""
     if not theta.size:
         return theta
 
     def worse(t: FloatArray) -> tuple[float, FloatArray]:
-        value, gradient = problem.log_evidence(t)
+        value, gradient = _slope(problem, t, usual)
         return -value, -gradient
 
     start = np.clip(theta, *bounds)
@@ -261,6 +293,35 @@ def _maximise(problem: LinearEvidence, theta: FloatArray, bounds: FloatArray) ->
         options={"maxiter": 300, "ftol": 1e-13, "gtol": 1e-5},
     )
     return np.asarray(found.x)
+
+
+def _covariance_of_sizes(
+    problem: LinearEvidence, theta: FloatArray, bounds: FloatArray, usual: FloatArray
+) -> FloatArray:
+    """Covariance ``(p, p)`` [SI] of the likeliest parameters over sizes and noise as uncertain.
+
+    Sizes are uncertain by the curvature of their likelihood, but by no more than their bounds
+    leave: as if uniform between them.
+    """
+    p = len(problem.nominal)
+    if not theta.size:
+        return np.zeros((p, p))
+    step = 1e-3 * np.eye(len(theta))
+    ahead, back = theta + step, theta - step
+    curvature = [
+        (_slope(problem, a, usual)[1] - _slope(problem, b, usual)[1]) / 2e-3
+        for a, b in zip(ahead, back, strict=True)
+    ]
+    moved = [
+        (problem.parameters(a) - problem.parameters(b)) / 2e-3
+        for a, b in zip(ahead, back, strict=True)
+    ]
+    widths = np.maximum(bounds[1] - bounds[0], 2e-3)
+    information = -np.asarray(curvature) + np.diag(12.0 / widths**2)
+    values, vectors = np.linalg.eigh((information + information.T) / 2.0)
+    root = vectors / np.sqrt(np.maximum(values, (12.0 / widths**2).min()))
+    spread = np.array(moved).T @ root
+    return np.asarray(spread @ spread.T)
 
 
 def _members(model: CalibrationModel, groups: Sequence[PriorGroup]) -> tuple[IntArray, ...]:

@@ -17,6 +17,10 @@ from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray, IntArray
 
+ENOUGH_FOR_AXES = 30
+"""Measurements of a kind from which the noise of each axis is found by itself: each is then known
+to some 15 per cent."""
+
 
 @dataclass(frozen=True, eq=False)
 class LinearEvidence:
@@ -146,13 +150,20 @@ def _there(model: CalibrationModel, data: Measurements) -> BoolArray:
 
 
 def noise_classes(model: CalibrationModel, data: Measurements) -> list[BoolArray]:
-    """Rows ``(N, m)`` of each noise to be found: of a kind, its lengths and its angles apart."""
+    """Rows ``(N, m)`` of each noise to be found: of a kind, each axis where there are enough.
+
+    Of fewer measurements its lengths together, and its angles.
+    """
     found = []
     for k, kind in enumerate(model.measurements):
         lengths = kind.rows - kind.turns
-        for start, end in ((0, lengths), (lengths, kind.rows)):
+        measured = data.setup.kind == k
+        parts = [slice(0, lengths), slice(lengths, kind.rows)]
+        if measured.sum() >= ENOUGH_FOR_AXES:
+            parts = [slice(axis, axis + 1) for axis in range(kind.rows)]
+        for part in parts:
             own = np.zeros((data.count, model.rows), dtype=bool)
-            own[data.setup.kind == k, start:end] = True
+            own[measured, part] = True
             if kind.estimated and own.any():
                 found.append(own)
     return found

@@ -147,7 +147,9 @@ def _angles(linear: Linearisation) -> BoolArray:
 
 def _noise(model: CalibrationModel, test: NoiseTest) -> tuple[KindNoise, ...]:
     return tuple(
-        KindNoise(kind.name, kind.sigma, kind.estimated, float(scale), k in test.doubted)
+        KindNoise(
+            kind.name, kind.sigma, kind.estimated or kind.found, float(scale), k in test.doubted
+        )
         for k, (kind, scale) in enumerate(zip(model.measurements, test.scales, strict=True))
     )
 
@@ -165,11 +167,12 @@ def _message(test: NoiseTest, linear: Linearisation, solved: Solved) -> str:
     kinds = solved.model.measurements
     if all(kind.estimated for kind in kinds):
         return "the noise was not given: it is taken from the residuals, which then test nothing"
+    known = "found" if any(kind.found for kind in kinds) else "given"
     if test.doubted:
         named = len(kinds) > 1
         ratios = " and ".join(
             f"the residuals{f' of {kinds[k].name}' if named else ''} are {test.scales[k]:.1f} "
-            "times the noise given"
+            f"times the noise {known}"
             for k in test.doubted
         )
         return (
@@ -177,8 +180,8 @@ def _message(test: NoiseTest, linear: Linearisation, solved: Solved) -> str:
             "from the residuals, which does not cover the bias of a model that leaves something out"
         )
     if test.chance < HARDLY:
-        return f"the noise given hardly explains the residuals (ratio {test.scale:.2f})"
-    return f"the noise given explains the residuals (ratio {test.scale:.2f})"
+        return f"the noise {known} hardly explains the residuals (ratio {test.scale:.2f})"
+    return f"the noise {known} explains the residuals (ratio {test.scale:.2f})"
 
 
 def _few(freedom: int) -> list[str]:
@@ -202,7 +205,7 @@ def _contradicting(
     if solved.suspects.any():
         names = [poses[i] for i in np.flatnonzero(solved.suspects).tolist()]
         return ["weighed down because they contradict the others: " + ", ".join(names)]
-    untested = any(kind.estimated for kind in solved.model.measurements)
+    untested = any(kind.estimated or kind.found for kind in solved.model.measurements)
     if (solved.weights != 1.0).any() or not (doubted or untested):
         return []
     found = stand_out(linear, left)

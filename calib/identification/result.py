@@ -39,12 +39,12 @@ class KindNoise:
     sigma : array (m,)
         Standard deviation of each row that the estimate is weighed by [m, rad].
     estimated : bool
-        From the residuals, because none was given.
+        From the residuals, of this model or of a larger one, and not as given.
     scale : float
         Residuals over the noise given, redundancy taken into account; 1 where it fits.
     doubted : bool
-        Whether the noise given does not explain them: the covariance then takes it ``scale``
-        times as large.
+        Whether the noise does not explain them: the covariance then takes it ``scale`` times as
+        large.
     """
 
     kind: str

@@ -49,6 +49,7 @@ def identify(
     method: Method = "gauss-newton",
     loss: Loss = "least-squares",
     name: str = "offsets",
+    start: FloatArray | None = None,
 ) -> IdentificationResult:
     """Identify the parameters of a model from measurements.
 
@@ -65,6 +66,9 @@ def identify(
         What a measurement far from the others may do: see :mod:`calib.identification.robust`.
     name : str
         Name of the set of parameters in the result.
+    start : array (p,), optional
+        Parameters to start from, such as those of :func:`tune_priors` [SI]; by default tool and
+        targets are placed first.
 
     Raises
     ------
@@ -86,14 +90,16 @@ def identify(
             hint="identify_batch takes the trials of a Monte Carlo run",
             name="measurements",
         )
-    x = first_guess(model, measurements, weighted=weighted)
+    x = first_guess(model, measurements, weighted=weighted) if start is None else start
     check_identifiable_at(model, measurements, x)
     if method == "newton-raphson":
         found, iterations = _newton_raphson(model, measurements, x, weighted)
         everything = np.ones(measurements.count)
         solved = Solved(model, found, everything, everything == 0, iterations)
     else:
-        solved = fit_robustly(model, measurements, x, loss=loss, weighted=weighted)
+        solved = fit_robustly(
+            model, measurements, x, loss=loss, weighted=weighted, near=start is not None
+        )
     result = make_result(solved, measurements, weighted=weighted, name=name)
     # what is known beforehand is known whatever was measured
     check_believable(np.minimum(result.sigma, result.prior), model.names, model.units)

@@ -48,6 +48,8 @@ class Measurement(ABC):
     sigma : array (m,)
     estimated : bool
         Whether the noise is to be estimated.
+    found : bool
+        Whether it was found from residuals, and not given.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Measurement(ABC):
     is_distance: bool = False
     sigma: FloatArray
     estimated: bool
+    found: bool = False
 
     def __init__(self, sigma: ArrayLike | None) -> None:
         self.estimated = sigma is None
@@ -73,6 +76,18 @@ class Measurement(ABC):
         """The same kind with its noise times a factor, one for all or one for each row."""
         other = copy(self)
         other.sigma = self.sigma * np.asarray(scale, dtype=float)
+        return other
+
+    def of_unknown_noise(self) -> Measurement:
+        """The same kind with its noise to be estimated, from the one that it has."""
+        other = copy(self)
+        other.estimated = True
+        return other
+
+    def of_found_noise(self) -> Measurement:
+        """The same kind, its noise being that of residuals: estimated once, then as if given."""
+        other = copy(self)
+        other.estimated, other.found = False, True
         return other
 
     @abstractmethod

@@ -23,6 +23,7 @@ _COLUMNS = (
     "equations left",
     "rms",
     "max",
+    "expected error",
     "leave-one-out",
     "leave-one-target-out",
     "rms mrad",
@@ -49,12 +50,19 @@ def print_identification(identified: Identified) -> None:
     for trial in comparison.trials:
         if trial.error is not None:
             note(f"{trial.name} left out: {trial.error.message}")
+    if identified.held_only:
+        names = " and ".join(identified.held_only)
+        say(f"{names} not tried: nothing measured sees the scale of links without priors")
     if comparison.recommended:
         say(f"recommended: {comparison.recommended}")
     else:
         say("recommended: none")
     for part in comparison.reason.split("; "):
         say(f"  {part}")
+    if identified.workplace:
+        say(f"  expected over {identified.workplace}, the base placed anew for each model")
+    for text in identified.contradictions:
+        note(f"warning: {text}")
     trial, result = identified.shown
     print_parameters(result)
     _print_merged(trial)
@@ -79,6 +87,9 @@ def _row(trial: Trial) -> dict[str, object]:
             "equations left": result.degrees_of_freedom,
             "rms": _rounded(result.rms_m * 1e3),
             "max": _rounded(result.max_m * 1e3),
+            "expected error": None
+            if trial.expected is None
+            else _rounded(trial.expected.rms_m * 1e3),
             "leave-one-out": _rounded(result.leave_one_out_rms_m * 1e3),
             "leave-one-target-out": _rounded(trial.target_out_rms_m * 1e3),
             "rms mrad": _rounded(result.rms_rad * 1e3),

@@ -11,10 +11,7 @@ from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.pools import Pool, cone_pool, joint_pool, wpr_pool
-from posedesign.task_box import TaskBox, box_functions
-
-BOX_OF_REACH = 0.1
-"""Part of the reach that the usual task box extends to each side of the target."""
+from posedesign.task_box import BOX_OF_REACH, TaskBox, box_functions
 
 
 def pool_of(cell: Cell) -> Pool:

@@ -206,7 +206,9 @@ def _identified(
     """What the touch-ups give, or why they do not yet."""
     section = cell.config.parameters
     try:
-        return identify(model, data, method=section.method, loss=section.loss), ""
+        return identify(
+            model, data, method=section.method, loss=section.loss_given or "least-squares"
+        ), ""
     except (InputError, NotIdentifiableError, ConvergenceError) as error:
         return None, _first_words(error)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -20,10 +21,12 @@ from posedesign.measurement_table import MeasurementTable, read_measurements, wr
 from posedesign.models import (
     FRAMES_ONLY,
     candidates,
+    held_only,
     kinds_of,
     left_out,
     model_of,
     name_of,
+    reference,
     robot_blocks,
 )
 
@@ -102,7 +105,7 @@ def test_models_are_tried_from_small_to_large(
 ) -> None:
     models = [["geometry", "compliance"], ["zero_offsets"], ["zero_offsets", "bearings", "scale"]]
     cell = make_cell(parameters={"models": models})
-    _, table = table_of(tmp_path, lab, ["touch-up"])
+    _, table = table_of(tmp_path, lab, ["point"])
     found = candidates(cell, table)
     assert found[0].name == FRAMES_ONLY
     assert found[0].model.nuisance.all()
@@ -128,7 +131,44 @@ def test_what_needs_masses_is_left_out_without_them(
     )
     assert not light.robot.link_mass.any()
     assert [c.name for c in candidates(light, table)] == [FRAMES_ONLY, "offsets"]
-    assert left_out(light) == ["compliance: neither the robot nor the tool has a mass"]
+    assert left_out(light) == ["compliance: the masses of the links are not known"]
+    heavy = replace(light, config=make_cell(tool={"mass_kg": 50.0}).config)
+    assert not any(w in reference(heavy, table).model.names for w in ("compliance.joint_2",))
+
+
+def test_links_are_not_free_where_nothing_sees_the_scale(
+    tmp_path: Path, lab: Any, make_cell: MakeCell
+) -> None:
+    """Neither by touch-ups of one target nor of three; by a known distance, and by readings."""
+    models = {"parameters": {"models": [["geometry"], ["geometry", "priors"]]}}
+    known = {"targets": ["A0", "A1"], "length_mm": 300.0}
+    for kind, each, more, free in (
+        ("touch-up", 1, {}, False),
+        ("touch-up", 3, {}, False),
+        ("touch-up", 3, {"known_distance": [known]}, True),
+        ("point", 1, {}, True),
+    ):
+        cell = make_cell(**models, **more)
+        _, table = table_of(tmp_path, lab, [kind], 60, targets_each=each)
+        names = [candidate.name for candidate in candidates(cell, table)]
+        assert ("geometry" in names) == free, (kind, each)
+        assert "geometry with priors" in names
+        assert held_only(cell, table) == ([] if free else ["geometry"])
+
+
+def test_the_reference_holds_everything_by_priors(
+    tmp_path: Path, lab: Any, make_cell: MakeCell
+) -> None:
+    cell = make_cell(parameters={"models": [["zero_offsets"], ["scale"]]})
+    _, table = table_of(tmp_path, lab, ["touch-up"])
+    model = reference(cell, table).model
+    assert np.isfinite(model.prior[~model.nuisance]).all()
+    stems = {name.partition(".")[0] for name in np.array(model.names)[~model.nuisance]}
+    assert stems == {
+        *("zero_offset", "link", "compliance", "bearing", "lost_motion", "harmonic", "scale")
+    }
+    grouped = [name for group in reference(cell, table).groups for name in group.parameters]
+    assert sorted(grouped) == sorted(np.array(model.names)[~model.nuisance])
 
 
 def test_noise_given_and_unknown(make_cell: MakeCell) -> None:
@@ -211,7 +251,7 @@ def test_models_from_names(tmp_path: Path, lab: Any, make_cell: MakeCell, kinds:
     _, table = table_of(tmp_path, lab, kinds, 60, tools=("tool", "ball"), targets_each=2)
     rng = np.random.default_rng(5)
     pairs = rebuilt(cell, table)
-    assert len(pairs) == 1 + len(words)
+    assert len(pairs) == 1 + len(words) - (kinds == ["touch-up"])  # geometry without priors
     q = table.data.postures[:7]
     for model, again in pairs:
         assert sorted(again.names) == sorted(model.names)

@@ -1,0 +1,116 @@
+"""An arm with everything that could be off, held by what arms of its kind are off by.
+
+It is what other models are judged by, see :mod:`calib.identification.expected`. How large errors of
+each kind are on this arm is found from the measurements within bounds, and so is noise that does
+not explain the residuals: priors weigh against the noise that there is, not against a wrong one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.errors import CalibError, ConvergenceError
+from calib.identification.candidate import Candidate, Fitted, fit
+from calib.identification.expected import Expectation, Workplace
+from calib.identification.losses import HEAVY_TAILS, Loss, gain_of_student
+from calib.identification.noise import redundancy, rows_of
+from calib.measurement.data import Measurements
+from calib.model import CalibrationModel
+
+LEAST_NOISE_SCALE = 0.1
+"""Residuals over noise below which they are of rounding, and their tails say nothing."""
+
+LEAST_LEFT = 0.1
+"""Redundancy of a measurement from which its residual says something of its error."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The reference of a set of measurements.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    given : CalibrationModel
+        Before sizes and noise were found.
+    fitted : Fitted
+    expectation : Expectation
+        What it says of other models.
+    loss : Loss
+        That it was fitted with, and that the others are to be.
+    """
+
+    candidate: Candidate
+    given: CalibrationModel
+    fitted: Fitted
+    expectation: Expectation
+    loss: Loss
+
+
+def fit_reference(
+    candidate: Candidate,
+    data: Measurements,
+    workplace: Workplace,
+    *,
+    loss: Loss | None = None,
+) -> Reference:
+    """Fit with the noise given; where that does not explain the residuals, with the one they show.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Everything that may be off, with the groups of its priors.
+    data : Measurements
+    workplace : Workplace
+    loss : Loss, optional
+        By default least squares, or Student's where residuals have heavier tails than noise has.
+
+    Raises
+    ------
+    CalibError
+        As :func:`~calib.identification.candidate.fit`.
+    """
+    usual: Loss = "least-squares" if loss is None else loss
+    given = candidate.model
+    candidate, fitted = _fit(candidate, data, usual)
+    if loss is None and _tails(fitted, data) > HEAVY_TAILS:
+        usual = "student-t"
+        candidate, fitted = _fit(candidate, data, usual)
+    result = fitted.result
+    expectation = Expectation(fitted.model, result.values, result.covariance, workplace)
+    return Reference(candidate, given, fitted, expectation, usual)
+
+
+def _fit(candidate: Candidate, data: Measurements, loss: Loss) -> tuple[Candidate, Fitted]:
+    """The fit, and the candidate with the kinds of measurement whose noise was found marked so."""
+    kinds = candidate.model.measurements
+    unknown = [kind.of_unknown_noise() for kind in kinds]
+    try:
+        fitted = fit(candidate, data, loss=loss)
+        doubted = {noise.kind for noise in fitted.result.noise if noise.doubted}
+        if not doubted:
+            return candidate, fitted
+        unknown = [u if u.name in doubted else k for u, k in zip(unknown, kinds, strict=True)]
+    except ConvergenceError:  # a noise that is far too small makes valleys too narrow to follow
+        fitted = None
+    again = replace(candidate, model=candidate.model.with_measurements(unknown))
+    try:
+        return again, fit(again, data, loss=loss)
+    except CalibError:  # so few equations that they do not show it
+        if fitted is None:
+            raise
+        return candidate, fitted
+
+
+def _tails(fitted: Fitted, data: Measurements) -> float:
+    """How much likelier heavy tails make the residuals, see :func:`gain_of_student`."""
+    if not fitted.result.noise_scale > LEAST_NOISE_SCALE:
+        return 0.0
+    model, x = fitted.model, fitted.result.values
+    white, free = redundancy(model, data, x, np.ones(data.count))
+    rows = rows_of(model, data)
+    left = free.sum(axis=1) / rows
+    seen = left > LEAST_LEFT
+    return gain_of_student(np.sum(white**2, axis=1)[seen] / left[seen], rows[seen])

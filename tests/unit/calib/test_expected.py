@@ -1,0 +1,254 @@
+"""The error expected of an arm, the reference that it is expected by, and the noise it finds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import multivariate_t
+
+from calib import CalibrationModel, Robot
+from calib.arm_view import Setup
+from calib.identification import Candidate, PriorGroup, Workplace, fit_reference
+from calib.identification.candidate import fit
+from calib.identification.expected import Expectation
+from calib.identification.losses import STUDENT_FREEDOM, gain_of_student
+from calib.measurement import Measurements, TouchUp
+from calib.measurement.simulate import simulate
+from calib.parameters import (
+    JointCompliance,
+    LinkGeometry,
+    TargetPoints,
+    ToolPoint,
+    ZeroOffsets,
+)
+from calib.se3 import FloatArray
+
+TOOL = np.array([0.08, -0.02, 0.14])
+NOISE_M = 2e-5
+LENGTH_M, ANGLE_RAD, OFFSET_RAD = 2.5e-4, 5e-4, 3e-3
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return Robot.preset("ur5e")
+
+
+def model_of(arm: Robot, sigma: float, *, held: bool = True) -> CalibrationModel:
+    """Offsets and links held by priors of twice their true size, ball and three sockets."""
+    joints = list(arm.joint_names)
+    links = [name for name in LinkGeometry(arm).names if not name.endswith("rz")]
+    priors = (2 * LENGTH_M, 2 * ANGLE_RAD) if held else (None, None)
+    blocks = [
+        ZeroOffsets(arm, joints, 2 * OFFSET_RAD if held else None),
+        LinkGeometry(arm, links, *priors),
+        ToolPoint(TOOL),
+        TargetPoints(PLACES, ["T1", "T2", "T3"]),
+    ]
+    return CalibrationModel(arm, blocks, TouchUp(sigma))
+
+
+PLACES = np.array([[-0.45, -0.15, 0.2], [-0.3, -0.4, 0.3], [-0.5, 0.1, 0.4]])
+
+
+def postures(arm: Robot, rng: np.random.Generator, each: int = 14) -> tuple[FloatArray, FloatArray]:
+    """Postures that touch each of the places, the tool turned by up to 40 deg, and which."""
+    down = Rotation.from_euler("x", np.pi)
+    found, which = [], []
+    for k, place in enumerate(PLACES):
+        count = 0
+        while count < each:
+            turn = Rotation.from_rotvec(rng.uniform(-0.7, 0.7, 3)) * down
+            T = np.eye(4)
+            T[:3, :3] = turn.as_matrix()
+            T[:3, 3] = place - T[:3, :3] @ TOOL
+            near = np.deg2rad([0.0, -90.0, 100.0, -100.0, -90.0, 0.0])
+            q = arm.inverse(T[None], near=near).postures
+            if len(q):
+                found.append(q[np.argmin(np.abs(q - near).sum(axis=1))])
+                which.append(k)
+                count += 1
+    return np.array(found), np.array(which)
+
+
+def drawn(model: CalibrationModel, rng: np.random.Generator) -> FloatArray:
+    """A true arm: errors of half the size of the priors, a set-up some millimetres off."""
+    size = np.where(np.isfinite(model.prior), 0.5 * model.prior, 2e-3)
+    return np.asarray(model.nominal + size * rng.standard_normal(model.p))
+
+
+def groups_of(model: CalibrationModel) -> tuple[PriorGroup, ...]:
+    units = dict(zip(model.names, model.units, strict=True))
+    kinds: dict[tuple[str, str], list[str]] = {}
+    for name, prior in zip(model.names, model.prior, strict=True):
+        if np.isfinite(prior):
+            kinds.setdefault((name.partition(".")[0], units[name]), []).append(name)
+    size = dict(zip(model.names, model.prior, strict=True))
+    return tuple(
+        PriorGroup(" ".join(kind), tuple(names), 0.05 * size[names[0]], 2.0 * size[names[0]])
+        for kind, names in kinds.items()
+    )
+
+
+def measured(
+    arm: Robot, seed: int, sigma: float = NOISE_M
+) -> tuple[CalibrationModel, FloatArray, Measurements]:
+    rng = np.random.default_rng(seed)
+    truth = model_of(arm, sigma)
+    x = drawn(truth, rng)
+    q, which = postures(arm, rng)
+    return truth, x, simulate(truth, x, q, rng, setup=Setup.of(len(q), target=which))
+
+
+def aligned_rms(a: FloatArray, b: FloatArray) -> float:
+    """Distance of points after the best rigid motion (Kabsch, by another library)."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    turn, _ = Rotation.align_vectors(b, a)
+    return float(np.sqrt(np.mean(np.sum((turn.apply(a) - b) ** 2, axis=1))))
+
+
+def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm: Robot) -> None:
+    truth, _, data = measured(arm, 3)
+    fitted = fit(Candidate("all", truth, (), groups_of(truth)), data)
+    rng = np.random.default_rng(0)
+    q = data.postures[::2] + rng.uniform(-0.2, 0.2, (21, 6))
+    at = Workplace(q, Setup.of(len(q)), "near")
+    x, C = fitted.result.values, fitted.result.covariance
+    other = fitted.model.nominal.copy()
+    other[truth.nuisance] = x[truth.nuisance]
+    expectation = Expectation(fitted.model, x, C, at)
+    draws = rng.multivariate_normal(x, C, size=600, method="eigh")
+    for values in (x, other):
+        points = fitted.model.view(q, values).tool_points
+        off = np.array(
+            [aligned_rms(points, fitted.model.view(q, d).tool_points) for d in draws]
+        )
+        found = expectation.of(fitted.model, values)
+        spread = np.std(off**2) / np.sqrt(600) / (2.0 * np.sqrt(np.mean(off**2)))
+        assert found.rms_m == pytest.approx(np.sqrt(np.mean(off**2)), abs=5.0 * spread + 1e-6)
+        low, high = np.quantile(off, [0.025, 0.975])
+        assert found.low_m == pytest.approx(low, rel=0.15)
+        assert found.high_m == pytest.approx(high, rel=0.15)
+
+
+def test_where_the_base_stands_does_not_count(arm: Robot) -> None:
+    truth, x, data = measured(arm, 4)
+    at = Workplace(data.postures, Setup.of(data.count), "there")
+    expectation = Expectation(truth, x, np.zeros((truth.p, truth.p)), at)
+    turned = x.copy()
+    turned[truth.names.index(f"zero_offset.{arm.joint_names[0]}")] += 1e-5
+    assert expectation.of(truth, turned).rms_m < 1e-9
+    elbow = x.copy()
+    elbow[truth.names.index(f"zero_offset.{arm.joint_names[2]}")] += 1e-5
+    assert expectation.of(truth, elbow).rms_m > 1e-7
+
+
+def test_expected_errors_are_those_that_come(arm: Robot) -> None:
+    """Mean square of the true error over the expected one, over arms: 1 within its statistics."""
+    ratios = []
+    for seed in range(12):
+        truth, x, data = measured(arm, 100 + seed)
+        rng = np.random.default_rng(seed)
+        q = data.postures[rng.integers(42, size=30)] + rng.uniform(-0.15, 0.15, (30, 6))
+        at = Workplace(q, Setup.of(30), "near")
+        found = fit_reference(Candidate("all", truth, (), groups_of(truth)), data, at)
+        came = aligned_rms(
+            truth.view(q, x).tool_points,
+            found.fitted.model.view(q, found.fitted.result.values).tool_points,
+        )
+        expected = found.expectation.of(found.fitted.model, found.fitted.result.values)
+        ratios.append((came / expected.rms_m) ** 2)
+    # squares of few effective degrees of freedom, some three an arm: sigma of the mean .24
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.72)
+
+
+def test_noise_that_does_not_explain_the_residuals_is_found(arm: Robot) -> None:
+    truth, _, data = measured(arm, 5, sigma=12 * NOISE_M)
+    given = replace_noise(truth, NOISE_M)
+    at = Workplace(data.postures, Setup.of(data.count), "there")
+    found = fit_reference(Candidate("all", given, (), groups_of(given)), data, at)
+    kind = found.fitted.model.measurements[0]
+    assert kind.found and not kind.estimated
+    # 126 rows less some 20 that the parameters use up, over three axes of 42
+    assert np.sqrt(np.mean(kind.sigma**2)) == pytest.approx(12 * NOISE_M, rel=0.2)
+    assert found.fitted.result.noise[0].estimated
+    assert found.fitted.result.explains_data
+
+
+def test_noise_that_explains_the_residuals_is_left_as_given(arm: Robot) -> None:
+    truth, _, data = measured(arm, 6)
+    at = Workplace(data.postures, Setup.of(data.count), "there")
+    found = fit_reference(Candidate("all", truth, (), groups_of(truth)), data, at)
+    np.testing.assert_array_equal(found.fitted.model.measurements[0].sigma, NOISE_M)
+    assert not found.fitted.result.noise[0].estimated
+    assert found.loss == "least-squares"
+
+
+def replace_noise(model: CalibrationModel, sigma: float) -> CalibrationModel:
+    return model.with_measurements([TouchUp(sigma)])
+
+
+def test_touches_by_hand_with_heavy_tails_are_weighed_by_students_loss(arm: Robot) -> None:
+    truth, x, data = measured(arm, 7)
+    rng = np.random.default_rng(7)
+    # a few slips of a tenth of a degree: postures are what touch-ups report
+    slipped = data.postures.copy()
+    for row in (3, 11, 18, 25, 33):
+        slipped[row] += rng.standard_normal(6) * 2e-4
+    at = Workplace(data.postures, Setup.of(data.count), "there")
+    dirty = replace(data, postures=slipped)
+    candidate = Candidate("all", truth, (), groups_of(truth))
+    found = fit_reference(candidate, dirty, at)
+    assert found.loss == "student-t"
+    asked = fit_reference(candidate, dirty, at, loss="least-squares")
+    assert asked.loss == "least-squares"
+    points = truth.view(data.postures, x).tool_points
+
+    def off(values: FloatArray) -> float:
+        return aligned_rms(points, truth.view(data.postures, values).tool_points)
+
+    assert off(found.fitted.result.values) < off(asked.fitted.result.values)
+
+
+def test_a_compliance_held_by_a_prior_is_not_negative(arm: Robot) -> None:
+    joints = list(arm.joint_names)[1:4]
+    truth = CalibrationModel(
+        arm,
+        [
+            JointCompliance(arm, joints, prior=5e-6),
+            ToolPoint(TOOL),
+            TargetPoints(PLACES, ["T1", "T2", "T3"]),
+        ],
+        TouchUp(NOISE_M),
+    )
+    x = truth.nominal.copy()
+    x[:3] = [-4e-6, 3e-6, 2e-6]  # the first as no reducer is
+    rng = np.random.default_rng(8)
+    q, which = postures(arm, rng)
+    data = simulate(truth, x, q, rng, setup=Setup.of(len(q), target=which))
+    found = fit(Candidate("compliance", truth, (), groups_of(truth)), data).result
+    free = fit(Candidate("compliance", truth), data).result
+    assert found.values[0] > -2e-8
+    assert found.values[1] > 0
+    assert free.values[0] > -2e-8
+
+
+@pytest.mark.parametrize("heavy", [False, True])
+def test_the_gain_of_students_noise_is_that_of_the_densities(heavy: bool) -> None:
+    rng = np.random.default_rng(1)
+    rows = 3
+    white = rng.standard_normal((400, rows))
+    if heavy:
+        white *= np.sqrt(STUDENT_FREEDOM / rng.chisquare(STUDENT_FREEDOM, 400))[:, None]
+    found = gain_of_student(np.sum(white**2, axis=1), np.full(400, rows))
+    scales = np.geomspace(0.3, 3.0, 400)
+    student = max(
+        multivariate_t(np.zeros(rows), s**2 * np.eye(rows), STUDENT_FREEDOM).logpdf(white).sum()
+        for s in scales
+    )
+    sigma = np.sqrt(np.mean(white**2))
+    gauss = float(np.sum(-0.5 * (white / sigma) ** 2 - np.log(sigma) - 0.5 * np.log(2 * np.pi)))
+    assert found == pytest.approx(student - gauss, abs=0.05)
+    assert (found > 3.0) == heavy

@@ -122,9 +122,7 @@ def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm: 
     draws = rng.multivariate_normal(x, C, size=600, method="eigh")
     for values in (x, other):
         points = fitted.model.view(q, values).tool_points
-        off = np.array(
-            [aligned_rms(points, fitted.model.view(q, d).tool_points) for d in draws]
-        )
+        off = np.array([aligned_rms(points, fitted.model.view(q, d).tool_points) for d in draws])
         found = expectation.of(fitted.model, values)
         spread = np.std(off**2) / np.sqrt(600) / (2.0 * np.sqrt(np.mean(off**2)))
         assert found.rms_m == pytest.approx(np.sqrt(np.mean(off**2)), abs=5.0 * spread + 1e-6)
@@ -170,7 +168,8 @@ def test_noise_that_does_not_explain_the_residuals_is_found(arm: Robot) -> None:
     at = Workplace(data.postures, Setup.of(data.count), "there")
     found = fit_reference(Candidate("all", given, (), groups_of(given)), data, at)
     kind = found.fitted.model.measurements[0]
-    assert kind.found and not kind.estimated
+    assert kind.found
+    assert not kind.estimated
     # 126 rows less some 20 that the parameters use up, over three axes of 42
     assert np.sqrt(np.mean(kind.sigma**2)) == pytest.approx(12 * NOISE_M, rel=0.2)
     assert found.fitted.result.noise[0].estimated

@@ -186,21 +186,25 @@ def test_plates_of_the_panda_have_their_length_or_nothing_is_recommended(
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True,
-    reason="the arm as freed shrinks to a third, plates of 17 mm: it is called another robot",
-)
 def test_the_panda_is_recognised(panda: Callable[..., Done]) -> None:
     """It is the arm of the preset, off by a few degrees at most."""
     done = panda(*SITES)
     assert done.is_calibrated
     # the noise of the cell is a tenth of what such a ball is seated by
-    assert any("residuals are" in line or "incomplete" in line for line in texts_of(done))
+    assert any("show a noise of" in line or "incomplete" in line for line in texts_of(done))
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="no model is recommended: the arm as freed shrinks to 2/3")
-@pytest.mark.parametrize("site", SITES)
+@pytest.mark.parametrize(
+    "site",
+    [
+        *SITES[:2],
+        pytest.param(
+            SITES[2],
+            marks=pytest.mark.xfail(strict=True, reason=".633 mm by everything with priors"),
+        ),
+    ],
+)
 def test_sites_of_the_panda_held_out(
     panda: Callable[..., Done], sockets: Recorded, site: str
 ) -> None:
@@ -212,7 +216,6 @@ def test_sites_of_the_panda_held_out(
     assert held_out_mm(done, sockets, site) <= HELD_OUT_MM[site] + 0.005
 
 
-@pytest.mark.xfail(strict=True, reason=".189 mm by geometry + compliance with priors")
 def test_the_irb120_leave_one_out(irb120: Done, irb120_row: dict[str, float]) -> None:
     assert irb120.is_calibrated
     assert irb120_row["leave_one_out_mm"] <= LEAVE_ONE_OUT_MM
@@ -223,7 +226,6 @@ def test_the_irb120_refitted_without_each_configuration(irb120_row: dict[str, fl
     assert irb120_row["refitted_mm"] == pytest.approx(irb120_row["leave_one_out_mm"], rel=4e-4)
 
 
-@pytest.mark.xfail(strict=True, reason=".153 mm by geometry + compliance with priors")
 def test_the_irb120_at_points_kept_back(irb120_row: dict[str, float]) -> None:
     """Five points of the tool that no fit uses, in the configuration that is left out."""
     assert irb120_row["check_mm"] <= CHECK_MM

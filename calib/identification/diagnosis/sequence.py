@@ -64,16 +64,13 @@ def things_of(held: Held) -> list[Thing]:
                 if own:
                     frames[side, label] = own
     for (side, label), own in frames.items():
-        scale = np.array([usual[model.units[k]] for k in own])
-        turns = any(model.units[k] == "rad" for k in own)
+        lengths = [k for k in own if model.units[k] == "m"]
+        turns = len(lengths) < len(own)
         part_name = "instrument" if side == "target" and turns else side
-        found.append(
-            Thing(
-                part_name,
-                (label,),
-                held.J[..., own] * scale,
-            )
-        )
+        # a shift alone is told by fewer measurements than one with a turn
+        for some in (lengths, own) if turns and lengths else (own,):
+            scale = np.array([usual[model.units[k]] for k in some])
+            found.append(Thing(part_name, (label,), held.J[..., some] * scale))
     together = _together(held, {k[1]: v for k, v in frames.items() if k[0] == "target"})
     if together is not None:
         found.append(together)

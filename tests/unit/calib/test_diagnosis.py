@@ -84,12 +84,12 @@ def test_odds_are_the_ratio_of_dense_marginal_likelihoods(found: Tuned) -> None:
 
 def test_steps_at_all_places_are_those_one_by_one(held: Held) -> None:
     steps = {
-        (*effect.finding.things, effect.finding.part): effect
+        (*effect.finding.things, effect.columns.shape[-1]): effect
         for effect in changes(held)
         if effect.finding.cause == "step"
     }
     for thing in things_of(held):
-        effect = steps[(*thing.names, thing.part)]
+        effect = steps[(*thing.names, thing.columns.shape[-1])]
         (start,) = effect.finding.rows
         odds = []
         for first in (start - 1, start, start + 1):

@@ -48,6 +48,8 @@ class Outcome:
         What the result says of its recommended model's error, with its interval; NaN without.
     incomplete : bool
         Whether the result says that the model leaves something of the arm out.
+    blames : bool
+        Whether it names a mistake in measuring, of which there is none.
     covered, parameters : int
     give : float
         What compliance as recommended moves the tool point by.
@@ -76,6 +78,7 @@ class Outcome:
     expected_low: float
     expected_high: float
     incomplete: bool
+    blames: bool
     covered: int
     parameters: int
     give: float
@@ -148,6 +151,7 @@ def outcomes(table: pd.DataFrame) -> list[Outcome]:
                 expected_low=_said(taken, "expected_low_mm"),
                 expected_high=_said(taken, "expected_high_mm"),
                 incomplete=taken is not None and bool(taken["incomplete"]),
+                blames=bool(head["blames"]),
                 covered=0 if taken is None else int(taken["covered"]),
                 parameters=0 if taken is None else int(taken["parameters"]),
                 give=0.0 if taken is None else float(np.nan_to_num(taken["give_mm"])),
@@ -206,6 +210,7 @@ def _row(way: str, preset: str, found: Sequence[Outcome], near: float) -> dict[s
     row |= _share("expected", _flags(one.is_expected for one in expects))
     row["found_over_expected"] = _median([one.recommended / one.expected for one in expects])
     row |= _share("incomplete_wavy", _flags(one.incomplete for one in wavy))
+    row |= _share("blames", _flags(one.blames for one in told))
     row["seconds"] = _median([one.seconds for one in told])
     return row
 
@@ -292,7 +297,7 @@ def _errors(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _belief(rows: Sequence[Mapping[str, Any]]) -> str:
     head = ["measured by", "covered", "95 %", "smooth", "wavy", "wavy, nothing said"]
-    head += ["said of wavy", "error in its interval", "found over expected"]
+    head += ["said of wavy", "mistakes named", "error in its interval", "found over expected"]
     return table_of(
         head,
         [
@@ -301,6 +306,7 @@ def _belief(rows: Sequence[Mapping[str, Any]]) -> str:
                 *(_percent(row, "covered_smooth"), _percent(row, "covered_wavy")),
                 *(_percent(row, "covered_wavy_silent"),),
                 f"{row['incomplete_wavy']} of {row['incomplete_wavy_of']}",
+                f"{row['blames']} of {row['blames_of']}",
                 *(_percent(row, "expected"), _digits(row["found_over_expected"])),
             ]
             for row in rows

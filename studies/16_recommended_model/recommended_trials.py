@@ -21,6 +21,7 @@ from recommended_peers import (
 from calib.arm_view import Setup
 from calib.errors import CalibError
 from calib.identification import IdentificationResult, identify
+from calib.identification.diagnosis.finding import MODEL
 from calib.measurement.simulate import simulate as measure
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
@@ -48,7 +49,7 @@ COLUMNS = (
         "box_mm",
     ),
     *("expected_mm", "expected_low_mm", "expected_high_mm", "recommended", "reference"),
-    *("incomplete", "covered", "parameters", "give_mm", "seconds", "said"),
+    *("incomplete", "blames", "covered", "parameters", "give_mm", "seconds", "said"),
 )
 """Of the table: a row a model, those of a trial behind each other."""
 
@@ -73,17 +74,19 @@ def trial_of(preset: str, way: str, trial: int) -> list[dict[str, Any]]:
     head = {"preset": preset, "way": way, "trial": trial, "compliant": arm.compliant}
     head |= {"wavy": arm.wavy, "noise": arm.noise}
     empty = dict.fromkeys(COLUMNS, float("nan")) | head
-    empty |= {"recommended": False, "reference": False, "incomplete": False, "said": ""}
+    empty |= {"recommended": False, "reference": False, "incomplete": False, "blames": False}
+    empty["said"] = ""
     empty |= {"covered": 0, "parameters": 0}
     table, q, how = bench.measured(arm, trial)
-    start = time.perf_counter()
+    start = time.process_time()
     try:
         identified = identify_models(bench.cell, table)
     except CalibError as error:
         return [empty | {"model": NOMINAL, "role": "refused", "said": _short(str(error))}]
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
     content = results_as_dict(bench.cell, identified)
     recommended, reference = content["recommended"], content.get("reference")
+    empty["blames"] = _blames(content)
     rows = []
     for one, said in zip(identified.comparison.trials, content["models"], strict=True):
         if one.result is None:
@@ -133,7 +136,14 @@ def _expected(said: Mapping[str, Any]) -> dict[str, float]:
 def _says_incomplete(content: Mapping[str, Any], said: Mapping[str, Any]) -> bool:
     """Whether the result says that the recommended model leaves something of the arm out."""
     lines = [content["reason"], *content["warnings"], said["message"], *said["notes"]]
+    lines += [finding["text"] for finding in content.get("findings", ())]
     return any(_INCOMPLETE.search(line) for line in lines)
+
+
+def _blames(content: Mapping[str, Any]) -> bool:
+    """Whether a mistake in measuring is named: none of these arms suffers one."""
+    causes = {finding["cause"] for finding in content.get("findings", ())}
+    return bool(causes - MODEL)
 
 
 def _give_mm(model: CalibrationModel, x: FloatArray, bench: Bench) -> float:

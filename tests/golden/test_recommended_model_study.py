@@ -117,6 +117,21 @@ def test_a_short_form_has_the_structure_of_the_full_one(
     assert STUDY.run(Options(tmp_path, TRIALS)) == found
 
 
+def test_what_is_recommended_harms_no_arm_and_is_near_the_best() -> None:
+    """Of the full run; the shares that are bars may be what their intervals reach."""
+    ways = {row["way"]: row for row in EXPECTED["rows"] if row["preset"] == "all"}
+    assert list(ways) == ["touch-up", "camera", "tracker"]
+    for row in ways.values():
+        assert (row["refused"], row["harms"], row["harms_beyond"], row["blames"]) == (0, 0, 0, 0)
+        assert row["compliance_of_rigid"] <= 0.05 * row["compliance_of_rigid_of"]
+        for kind in ("covered_smooth", "covered_wavy"):
+            assert row[kind] >= 0.9 * row[f"{kind}_of"], (row["way"], kind)
+        assert row["recommended_mm"] <= 1.1 * row["best_mm"]
+        assert row["recommended_mm"] <= 1.2 * row["known_mm"]
+    assert sum(row["worse_than_offsets"] for row in ways.values()) <= 3
+    assert ways["touch-up"]["near_high"] >= 0.9
+
+
 def test_the_tables_that_people_read_are_the_result(run: ModuleType) -> None:
     text = (STUDY.folder / "README.md").read_text(encoding="utf-8")
     for line in run.markdown(EXPECTED).splitlines():

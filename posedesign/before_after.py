@@ -198,7 +198,8 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     findings = diagnose_table(cell, table)
     if judge is None:
         return Identified(comparison, table, tuple(said), findings, held_only=held)
-    said += noise_found(judge)
+    if all(map(is_of_the_model, findings)):  # otherwise that is what the residuals show
+        said += noise_found(judge)
     words = judge.expectation.workplace.words
     found = Identified(comparison, table, tuple(said), findings, (), words, held)
     return replace(found, contradictions=tuple(contradictions(cell, found)))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.identification.diagnosis import GROSS, MODEL, Finding, diagnose
+from calib.identification.report import UNSEEN_SCALE
 from calib.model import CalibrationModel
 from posedesign.cell import Cell
 from posedesign.measurement_table import MeasurementTable
@@ -38,8 +39,14 @@ def model_of_arm(cell: Cell, table: MeasurementTable) -> CalibrationModel:
 
 
 def is_gross(findings: tuple[Finding, ...]) -> bool:
-    """Whether all rows suffer from what was found: nothing identified with it is of the robot."""
-    return any(finding.cause in GROSS for finding in findings)
+    """Whether all rows suffer from what was found: nothing identified with it is of the robot.
+
+    Of a scale, where it is off by more than arms are built: a model would take it for long links.
+    """
+    return any(
+        abs(finding.size) > UNSEEN_SCALE if finding.cause == "scale" else finding.cause in GROSS
+        for finding in findings
+    )
 
 
 def is_of_the_model(finding: Finding) -> bool:

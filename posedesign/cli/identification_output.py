@@ -44,7 +44,7 @@ def print_identification(identified: Identified) -> None:
         note(f"{kind}: {in_words(finding, identified.table)}")
     _print_models(identified)
     if not identified.is_of_this_robot:
-        if not identified.findings:
+        if all(map(is_of_the_model, identified.findings)):
             note(f"warning: {why_another(identified)}")
         return
     for trial in comparison.trials:

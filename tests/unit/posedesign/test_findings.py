@@ -17,7 +17,7 @@ from posedesign.before_after import identify_models, why_another
 from posedesign.cell import Cell
 from posedesign.cli.identification_output import print_identification
 from posedesign.files import json_text
-from posedesign.findings import as_dict, in_words
+from posedesign.findings import as_dict, in_words, is_gross
 from posedesign.identification_content import results_as_dict
 from posedesign.measurement_table import MeasurementTable, read_measurements, write_measurements
 
@@ -63,6 +63,28 @@ def test_what_an_arm_could_be_bent_to_is_said_by_its_odds(table: MeasurementTabl
     assert "point seem to be 1 % too long: errors of the arm that explain it as well are 1e20 " in (
         in_words(finding, table)
     )
+
+
+@pytest.mark.parametrize(("size", "gross"), [(0.01, True), (-0.003, True), (0.0005, False)])
+def test_a_scale_that_no_arm_is_off_by(size: float, gross: bool) -> None:
+    """A tracker that is 1 % long has links identified that are 1 % long; warm arms grow by less."""
+    finding = Finding("scale", ("point",), "instrument", (), size, "", 3e-5, 3e-5, 46.0)
+    assert is_gross((finding,)) == gross
+    assert not is_gross((replace(finding, cause="step", size=5e-3),))
+    assert is_gross((replace(finding, cause="sign", size=np.nan),))
+
+
+def test_another_arm_is_said_to_be_one(
+    table: MeasurementTable, make_cell: MakeCell, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where a gap of the model is named: that is no reason why it is another arm."""
+    cell = make_cell(parameters={"models": [["zero_offsets"]]})
+    q = table.data.postures + np.random.default_rng(3).normal(0.0, 0.1, (45, 6))
+    found = identify_models(cell, replace(table, data=replace(table.data, postures=q)))
+    gap = Finding("harmonic", ("joint_2", "1"), "joint", (), 1e-3, "rad", 0.1, 0.05, 20.0)
+    for findings in ((), (gap,)):
+        print_identification(replace(found, findings=findings))
+        assert "not of this robot" in capsys.readouterr().err
 
 
 def test_causes_that_fit_as_well_are_named_with_it(table: MeasurementTable) -> None:

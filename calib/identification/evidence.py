@@ -40,6 +40,10 @@ _SETTLED = 1e-3
 """Change of weights and of the logarithms of standard deviations below which they have settled:
 a hundredth of how well the best of them can be known."""
 
+_CURVATURE_STEP = 0.05
+"""Of logarithms, for second derivatives by differences of the gradient: sizes are known to some
+.2 and worse."""
+
 _AT_BOUND = 1e-3
 """Distance of a logarithm from that of a bound within which it stands there."""
 
@@ -306,21 +310,17 @@ def _covariance_of_sizes(
     p = len(problem.nominal)
     if not theta.size:
         return np.zeros((p, p))
-    step = 1e-3 * np.eye(len(theta))
-    ahead, back = theta + step, theta - step
+    step = _CURVATURE_STEP * np.eye(len(theta))
     curvature = [
-        (_slope(problem, a, usual)[1] - _slope(problem, b, usual)[1]) / 2e-3
-        for a, b in zip(ahead, back, strict=True)
+        (_slope(problem, theta + s, usual)[1] - _slope(problem, theta - s, usual)[1])
+        / (2.0 * _CURVATURE_STEP)
+        for s in step
     ]
-    moved = [
-        (problem.parameters(a) - problem.parameters(b)) / 2e-3
-        for a, b in zip(ahead, back, strict=True)
-    ]
-    widths = np.maximum(bounds[1] - bounds[0], 2e-3)
+    widths = np.maximum(bounds[1] - bounds[0], _CURVATURE_STEP)
     information = -np.asarray(curvature) + np.diag(12.0 / widths**2)
     values, vectors = np.linalg.eigh((information + information.T) / 2.0)
     root = vectors / np.sqrt(np.maximum(values, (12.0 / widths**2).min()))
-    spread = np.array(moved).T @ root
+    spread = problem.sensitivity(theta) @ root
     return np.asarray(spread @ spread.T)
 
 

@@ -144,6 +144,17 @@ def test_gradient_against_central_differences(seed: int) -> None:
         assert gradient[k] == pytest.approx(expected, rel=1e-5, abs=1e-4)
 
 
+def test_sensitivity_against_central_differences() -> None:
+    model, data = model_of(Pose(None)), draw(2, 20, Pose(NOISE_M))
+    problem = problem_of(model, data)
+    theta = np.append(np.log(TRUE_SIZES), [0.1, -0.2])
+    found = problem.sensitivity(theta)
+    for k in range(4):
+        step = 1e-4 * np.eye(4)[k]
+        expected = (problem.parameters(theta + step) - problem.parameters(theta - step)) / 2e-4
+        np.testing.assert_allclose(found[:, k], expected, rtol=1e-4, atol=1e-7)
+
+
 def curvature(problem, theta: np.ndarray) -> np.ndarray:
     """Information of the logarithms, by differences of the gradient."""
     rows = []

@@ -74,6 +74,10 @@ _EVERY_READ = tuple(dict.fromkeys(column for columns in _READ.values() for colum
 _LABELS = ("target", "pose", "kind", "tool", "payload")
 
 
+MOST_MEASUREMENTS = 50_000
+"""Of one file: 20,000 take some 50 s and 0.8 GB to identify, and both grow linearly."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeasurementTable:
     """Measurements of a file, with the names that their indices mean.
@@ -222,6 +226,13 @@ def read_measurements(
             path=path,
             row=1,
             hint="measure them, or rehearse that with: posedesign simulate",
+        )
+    if len(rows) > MOST_MEASUREMENTS:
+        raise FileFormatError(
+            f"holds {len(rows)} measurements, {MOST_MEASUREMENTS} are the most that are identified "
+            "at once",
+            path=path,
+            hint="take one in so many: what more of them add is less than what the model leaves",
         )
     check_columns(path, columns, ["target"])
     _check_names(path, rows)

@@ -350,10 +350,11 @@ def test_identify(cli: Cli, work: Path) -> None:
         "frames only",
         "offsets",
         "offsets + compliance",
-        "geometry",
-        "geometry + compliance",
+        "geometry with priors",
         "geometry + compliance with priors",
+        "everything with priors",
     ]
+    assert found["not_tried"] == ["geometry", "geometry + compliance"]
     before, offsets = models["frames only"], models["offsets"]
     assert (len(before["parameters"]), len(offsets["parameters"])) == (6, 10)
     assert found["nominal_rms_mm"] > before["rms_mm"]

@@ -288,3 +288,11 @@ def test_one_wrong_rotation_does_not_condemn_the_table(tmp_path: Path, lab: Any)
     rows[0]["r_deg"] = float(str(rows[0]["r_deg"])) + 90.0
     write_table(path, columns, rows)
     check_readings(lab.cell, read_measurements(path, 6))
+
+
+def test_more_measurements_than_can_be_identified_are_refused_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    row = "T1,0,0,0,0,0,0\n"
+    path.write_text("target,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\n" + row * 50_001)
+    with pytest.raises(FileFormatError, match="holds 50001 measurements, 50000 are the most"):
+        read_measurements(path, 6)

@@ -202,7 +202,7 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
         said += noise_found(judge)
     words = judge.expectation.workplace.words
     found = Identified(comparison, table, tuple(said), findings, (), words, held)
-    return replace(found, contradictions=tuple(contradictions(cell, found)))
+    return replace(found, contradictions=tuple(contradictions(judge, found)))
 
 
 def noise_found(judge: Reference) -> list[str]:
@@ -219,12 +219,10 @@ def noise_found(judge: Reference) -> list[str]:
     return said
 
 
-def contradictions(cell: Cell, identified: Identified) -> list[str]:
+def contradictions(judge: Reference, identified: Identified) -> list[str]:
     """What the recommended model has that cannot be, or that arms of the cell's kind have not."""
-    comparison = identified.comparison
     trial, result = identified.shown
-    judge = next(t for t in comparison.trials if t.name == comparison.reference)
-    known = dict(zip(judge.candidate.model.names, judge.candidate.model.prior, strict=True))
+    known = dict(zip(judge.given.names, judge.given.prior, strict=True))
     prior = np.array([known.get(name, np.inf) for name in result.names])
     beyond = np.abs(result.values - result.nominal) / np.hypot(
         prior, np.where(np.isfinite(result.prior), 0.0, result.sigma)

@@ -9,7 +9,7 @@ differ by more than chance the one with fewer parameters is taken.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class Trial:
     Attributes
     ----------
     candidate : Candidate
+        With the sizes of its priors and the noise that were found.
     result : IdentificationResult or None
         None where it could not be identified.
     error : CalibError or None
@@ -143,9 +144,10 @@ def compare(
     contenders: list[Contender] = []
     none = np.full(data.count, np.nan)
     every = [*candidates, *([] if reference is None else [reference.candidate])]
-    for candidate in every:
+    for tried in every:
+        candidate = tried
         try:
-            if reference is not None and candidate is reference.candidate:
+            if reference is not None and tried is reference.candidate:
                 fitted = reference.fitted
             else:
                 fitted = fit(candidate, data, weighted=weighted, method=method, loss=loss)
@@ -153,6 +155,7 @@ def compare(
             trials.append(Trial(candidate, None, error, none[:, None]))
             continue
         model, result = fitted.model, fitted.result
+        candidate = replace(candidate, model=model)
         out = targets_left_out(model, data, result, weighted=weighted)
         expected = None if reference is None else reference.expectation.of(model, result.values)
         trials.append(Trial(candidate, result, None, out, expected))

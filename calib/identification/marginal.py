@@ -17,10 +17,6 @@ from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray, IntArray
 
-ENOUGH_FOR_AXES = 30
-"""Measurements of a kind from which the noise of each axis is found by itself: each is then known
-to some 15 per cent."""
-
 
 @dataclass(frozen=True, eq=False)
 class LinearEvidence:
@@ -167,20 +163,19 @@ def _there(model: CalibrationModel, data: Measurements) -> BoolArray:
 
 
 def noise_classes(model: CalibrationModel, data: Measurements) -> list[BoolArray]:
-    """Rows ``(N, m)`` of each noise to be found: of a kind, each axis where there are enough.
+    """Rows ``(N, m)`` of each noise to be found: of a kind, those that start with the same.
 
-    Of fewer measurements its lengths together, and its angles.
+    Its lengths and its angles apart, and axes apart that were given different noise.
     """
     found = []
     for k, kind in enumerate(model.measurements):
-        lengths = kind.rows - kind.turns
         measured = data.setup.kind == k
-        parts = [slice(0, lengths), slice(lengths, kind.rows)]
-        if measured.sum() >= ENOUGH_FOR_AXES:
-            parts = [slice(axis, axis + 1) for axis in range(kind.rows)]
-        for part in parts:
+        if not (kind.estimated and measured.any()):
+            continue
+        is_angle = np.arange(kind.rows) >= kind.rows - kind.turns
+        alike = np.unique(np.column_stack([is_angle, kind.sigma]), axis=0, return_inverse=True)[1]
+        for part in range(alike.max() + 1):
             own = np.zeros((data.count, model.rows), dtype=bool)
-            own[measured, part] = True
-            if kind.estimated and own.any():
-                found.append(own)
+            own[np.ix_(measured, np.flatnonzero(alike.ravel() == part))] = True
+            found.append(own)
     return found

@@ -30,7 +30,7 @@ from studies.real_data import data_with, folder_for_recordings
 
 HERE = Path(__file__).parent
 SETTINGS = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
-NOMINAL, FRAMES_ONLY, GEOMETRY = "nothing fitted", "frames only", "geometry"
+NOMINAL, FRAMES_ONLY, GEOMETRY = "nothing fitted", "frames only", "geometry with priors"
 TOLERANCE_MM = 0.005
 """Of the figures on another machine, in mm and mrad: fits end within a thousandth of what they
 are worth, the noise that is estimated with them included."""
@@ -55,6 +55,7 @@ point_mm = [0.0, 0.0, 0.0] # the markers' frame on the tool is found by every fi
 posture_deg = [0.0, -90.0, 90.0, 0.0, 90.0, 0.0]
 [parameters]
 models = {models}
+loss = "least-squares"     # all poses count alike in what is compared
 """
 
 NOISE = """[[noise]]

@@ -25,6 +25,7 @@ FROM_COMMAND_LINE = (
     "offsets + compliance",
     "geometry",
     "geometry + compliance",
+    "everything with priors",
 )
 
 Row = dict[str, Any]
@@ -98,9 +99,14 @@ def test_the_references_are_reproduced(rows: dict[str, Row]) -> None:
         assert rows[name]["check_from_zero_mm"] == pytest.approx(zero, abs=1e-4), name
 
 
-def test_compliance_is_recommended_and_why(found: Row) -> None:
-    assert found["recommended"] == "geometry + compliance"
-    assert "better than geometry 0.310 mm" in found["reason"]
+def test_everything_is_recommended_and_compliance_is_no_chance(
+    found: Row, rows: dict[str, Row]
+) -> None:
+    assert found["recommended"] == "everything with priors"
+    best, before = rows["everything with priors"], rows["geometry + compliance"]
+    for name in ("leave_one_out_mm", "check_mm", "check_from_zero_mm"):
+        assert best[name] < before[name] < rows["geometry"][name]
+    assert best["refitted_mm"] == pytest.approx(best["leave_one_out_mm"], rel=5e-3)
     assert found["check_gain_mm2"] == pytest.approx(0.05778, abs=1e-4)
     assert found["check_gain_chance_mm2"] == pytest.approx(0.01622, abs=1e-4)
 
@@ -121,17 +127,18 @@ def test_the_command_line_gives_the_same(
     del found  # it has written the tables
     names = [str(tables / name) for name in ("cell.toml", "measurements.csv")]
     assert run(["identify", *names, "--out", str(tables)]) == 0
-    assert "recommended: geometry + compliance" in capsys.readouterr().out
+    assert "recommended: everything with priors" in capsys.readouterr().out
     content = json.loads((tables / "identification.json").read_text(encoding="utf-8"))
     assert content["measurements"] == 108
-    assert content["recommended"] == "geometry + compliance"
+    assert content["recommended"] == "everything with priors"
     assert tuple(model["name"] for model in content["models"]) == FROM_COMMAND_LINE
     for model in content["models"]:
         row = rows[model["name"]]
         assert len(model["parameters"]) == row["parameters"]
         assert model["rms_mm"] == pytest.approx(row["rms_mm"], abs=1e-6)
         assert model["leave_one_out_rms_mm"] == pytest.approx(row["leave_one_out_mm"], abs=1e-6)
-    best = content["models"][-1]
+    best = content["models"][-2]
+    assert best["name"] == "geometry + compliance"
     value = {p["name"]: p["value"] for p in best["parameters"]}
     assert value["compliance.joint_2"] == pytest.approx(68.3, abs=0.5)  # urad/Nm
     assert value["compliance.joint_3"] == pytest.approx(267.7, abs=1.0)

@@ -148,7 +148,8 @@ def test_studies_of_real_data(name: str, tmp_path: Path) -> None:
     if name == "real_pairs":
         for part, of in full["data"].items():
             of["splits"]["methods"] = {
-                method: of["splits"]["methods"][method] for method in ("ml, ratio", "ml", "shah")
+                method: of["splits"]["methods"][method]
+                for method in ("ml, ratio", "ml, on B", "ml", "shah")
             }
             of["warnings"], of["left_out"] = (
                 found["data"][part][key] for key in ("warnings", "left_out")

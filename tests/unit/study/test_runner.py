@@ -159,7 +159,10 @@ def test_killed_at_twenty_moments(repeated: ModuleType, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_killed_again_and_again_with_two_workers(repeated: ModuleType, tmp_path: Path) -> None:
     whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "whole", repeated))
-    times = kill_and_go_on(tmp_path / "out", [2.0, 2.2, 2.4, 2.1], 2)
+    start = time.monotonic()
+    kill_and_go_on(tmp_path / "once", [], 2)
+    took = time.monotonic() - start  # a run that has ended would begin anew
+    times = kill_and_go_on(tmp_path / "out", [0.6 * took, 0.7 * took, 0.65 * took, 0.6 * took], 2)
     assert (tmp_path / "out" / whole.name).read_bytes() == whole.read_bytes()
     assert sorted(times) == list(range(24))
     # handed out ahead and lost with the workers: two a worker and those in hand, each time

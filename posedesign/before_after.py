@@ -111,11 +111,22 @@ class Identified:
         Where no model is recommended, whether any is that. Not where all rows suffer from the same
         mistake.
         """
-        if is_gross(self.findings):
+        if is_gross(self.findings) or self.priors_contradict:
             return False
         if self.comparison.recommended is not None:
             return is_believable(self.best)
         return any(is_believable(result) for result in self.comparison.results)
+
+    @property
+    def priors_contradict(self) -> bool:
+        """Whether the arm is off by what no such arm is, and explains the measurements not even so.
+
+        Errors alone may say that the description is wrong, residuals alone that noise is larger.
+        Zeros may be off by anything.
+        """
+        noise = any(noise.estimated for noise in self.best.noise)
+        beyond = [said for said in self.contradictions if " is off by " in said]
+        return noise and any(not said.startswith("zero_offset") for said in beyond)
 
 
 def is_believable(result: IdentificationResult) -> bool:
@@ -367,6 +378,11 @@ def why_another(identified: Identified) -> str:
             return in_words(finding, identified.table)
     best = identified.best
     name = beyond_belief(best)
+    if name is None and identified.priors_contradict:
+        return (
+            f"{identified.contradictions[0]}, and the residuals are {1e3 * best.rms_m:.3g} mm even "
+            "so: these measurements are not of this robot, this tool or these joint signs"
+        )
     if name is None:
         return best.message
     k = best.names.index(name)

@@ -50,6 +50,9 @@ BEYOND_PRIOR = 4.0
 """Standard deviations known beforehand beyond which a parameter, or a distance, contradicts them:
 chance takes one of a hundred parameters there in a thousand."""
 
+LEFT_OVER_M = 2e-3
+"""Residuals that no arm leaves with everything free that may be off."""
+
 FAR_FROM_NOISE = 10.0
 """Residuals over noise beyond which a model explains nothing, where no larger one can be fitted."""
 
@@ -124,9 +127,10 @@ class Identified:
         Errors alone may say that the description is wrong, residuals alone that noise is larger.
         Zeros may be off by anything.
         """
-        noise = any(noise.estimated for noise in self.best.noise)
         beyond = [said for said in self.contradictions if " is off by " in said]
-        return noise and any(not said.startswith("zero_offset") for said in beyond)
+        return self.best.rms_m > LEFT_OVER_M and any(
+            not said.startswith("zero_offset") for said in beyond
+        )
 
 
 def is_believable(result: IdentificationResult) -> bool:

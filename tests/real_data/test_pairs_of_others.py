@@ -96,7 +96,8 @@ def test_text_files_of_tabb(
     rotation = [f"a_r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]
     columns = ",".join([*rotation, "a_x_mm", "a_y_mm", "a_z_mm", "b_matrix16_mm"])
     words = ["--a", str(tmp_path / "A.csv"), "--b", str(tmp_path / "B.csv"), "--columns", columns]
-    out = ["--out", str(tmp_path), "--method", "shah,ml"]
+    # other solvers take the noise as that of B, in all directions
+    out = ["--out", str(tmp_path), "--method", "shah,ml", "--noise-on", "b"]
     assert run(["robot-world", *words, *out]) == 0
     rows = rows_of(tmp_path / "robot_world.csv")
     assert_left_over(rows["shah"], 0.357, 12.9)

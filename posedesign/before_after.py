@@ -193,9 +193,9 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
         far = _rms(nominal)
         if far > FAR_M:
             error.hint = _another(far, "as described")
-        for finding in diagnose_table(cell, table):
-            if not is_of_the_model(finding):
-                error.hint = in_words(finding, table)
+        mistakes = [f for f in diagnose_table(cell, table) if not is_of_the_model(f)]
+        if mistakes:  # the likeliest first
+            error.hint = in_words(mistakes[0], table)
         raise
     said = [*table.notes, *missing_poses(table.data.names)]
     if _rms(nominal) < PLANNED_M:

@@ -121,6 +121,11 @@ class Expectation:
     setup : Setup, optional
         Tool and payload at each; the first of each by default.
 
+    Attributes
+    ----------
+    jacobian : array (3 K, r)
+        Displacements of the tool point by each parameter, the base placed anew [m per unit].
+
     Raises
     ------
     InputError
@@ -144,13 +149,13 @@ class Expectation:
         self.q, self.setup = q, setup
         self.points = model.view(q, x, setup).tool_points
         self._rigid = rigid_motions(self.points)
-        self._J = self._moved(model, x, np.eye(3))
-        squares = np.sum((self._J @ covariance) * self._J, axis=1)  # diagonal of J C Jᵀ
+        self.jacobian = self._moved(model, x, np.eye(3))
+        squares = np.sum((self.jacobian @ covariance) * self.jacobian, axis=1)  # diagonal of J C Jᵀ
         self._unknown2 = np.maximum(squares.reshape(len(q), 3).sum(axis=1), 0.0)
 
     def of(self, model: CalibrationModel, x: FloatArray) -> ErrorToExpect:
         """Error of an arm whose controller has the parameters ``(p,)`` of a model [SI]."""
-        lost = self._off(model, x)[0].reshape(-1, 3)
+        lost = self.displaced(model, x)[0].reshape(-1, 3)
         return ErrorToExpect(np.sqrt(self._unknown2), np.linalg.norm(lost, axis=1))
 
     def carried(self, model: CalibrationModel, free: BoolArray) -> Carried:
@@ -172,7 +177,7 @@ class Expectation:
         x = best = start.x
         least, gain = np.inf, taken
         for _ in range(_STEPS):
-            off, R = self._off(model, x)
+            off, R = self.displaced(model, x)
             moved = self._moved(model, x, R)
             J = moved[:, free] * size
             solve = self._least_change(J, off + J @ ((x - start.x)[free] / size))
@@ -181,7 +186,7 @@ class Expectation:
             still = least - off @ off < _STILL * least
             best, least = x, float(off @ off)
             gain = taken.copy()
-            gain[free] += size[:, None] * (solve @ (self._J - moved @ taken))
+            gain[free] += size[:, None] * (solve @ (self.jacobian - moved @ taken))
             if still:
                 break
             x = start.x.copy()
@@ -210,7 +215,7 @@ class Expectation:
             low, high = (middle, high) if more(middle) <= allowed else (low, middle)
         return np.asarray(Vt.T @ ((s / (s**2 + low**2))[:, None] * U.T))
 
-    def _off(self, model: CalibrationModel, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def displaced(self, model: CalibrationModel, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Where the tool point is less where a model takes it to be, and the turn of its base.
 
         ``(3 K,)`` [m] and ``(3, 3)``: the base of the model is placed by the finite motion that is

@@ -215,7 +215,7 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
         return Identified(comparison, table, tuple(said), findings, held_only=held)
     if all(map(is_of_the_model, findings)):  # otherwise that is what the residuals show
         said += noise_found(judge)
-    words = judge.expectation.workplace.words
+    words = judge.arms.workplace.words
     found = Identified(comparison, table, tuple(said), findings, (), words, held)
     return replace(found, contradictions=tuple(contradictions(judge, found)))
 

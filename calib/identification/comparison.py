@@ -157,7 +157,7 @@ def compare(
         model, result = fitted.model, fitted.result
         candidate = replace(candidate, model=model)
         out = targets_left_out(model, data, result, weighted=weighted)
-        expected = None if reference is None else reference.expectation.of(model, result.values)
+        expected = None if reference is None else reference.arms.error_of(model, result.values)
         trials.append(Trial(candidate, result, None, out, expected))
         contenders.append(Contender(candidate.name, model, result, out, expected))
     refused = next((trial.error for trial in trials if trial.error is not None), None)

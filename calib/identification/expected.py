@@ -18,8 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.arm_view import Setup
+from calib.carried import Expectation
 from calib.model import CalibrationModel
-from calib.se3 import FloatArray, skew
+from calib.se3 import FloatArray
 
 DRAWS = 400
 """Arms drawn: their mean square is known to some five per cent, and models are compared on the
@@ -64,8 +65,8 @@ class ExpectedError:
     high_m: float
 
 
-class Expectation:
-    """What a reference model says of the errors of others.
+class DrawnArms:
+    """Arms drawn from what a reference model says of the true one: what errors others have by it.
 
     Parameters
     ----------
@@ -74,44 +75,29 @@ class Expectation:
         Mean of its parameters [SI].
     covariance : array (p, p)
     workplace : Workplace
+
+    Raises
+    ------
+    InputError
+        A covariance that is not finite.
     """
 
     def __init__(
         self, model: CalibrationModel, x: FloatArray, covariance: FloatArray, workplace: Workplace
     ) -> None:
         self.workplace = workplace
-        q, setup = workplace.postures, workplace.setup
-        self.points = model.view(q, x, setup).tool_points  # shape (K, 3)
-        moved = model.linearise(q, x, setup).motion[:, :3]  # shape (p, 3, K)
-        arm = np.array([not b.nuisance or bool(b.tools) for b in model.parameters for _ in b.names])
-        J = moved.transpose(2, 1, 0) * arm
-        self._base = _rigid(self.points)
-        J = self._placed(J.reshape(-1, model.p))
+        self._mean = Expectation(model, x, covariance, workplace.postures, workplace.setup)
         values, vectors = np.linalg.eigh(covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         # the same draws for all models, and without what chance gives the mean of so few
         draws = np.random.default_rng(0).standard_normal((model.p, DRAWS // 2))
-        self._drawn = J @ root @ np.concatenate([draws, -draws], axis=1)  # shape (3 K, DRAWS)
+        drawn = np.concatenate([draws, -draws], axis=1)
+        self._off_mean = self._mean.jacobian @ root @ drawn  # shape (3 K, DRAWS)
 
-    def of(self, model: CalibrationModel, x: FloatArray) -> ExpectedError:
+    def error_of(self, model: CalibrationModel, x: FloatArray) -> ExpectedError:
         """Error of an arm whose controller knew the parameters ``(p,)`` of a model [SI]."""
-        at = self.workplace
-        off = model.view(at.postures, x, at.setup).tool_points - self.points
-        errors = self._placed(off.ravel()[:, None]) - self._drawn
+        errors = self._mean.displaced(model, x)[0][:, None] + self._off_mean
         squares = 3.0 * np.mean(errors**2, axis=0)
         tails = (1.0 - INTERVAL) / 2.0, (1.0 + INTERVAL) / 2.0
         low, high = np.sqrt(np.quantile(squares, tails))
         return ExpectedError(float(np.sqrt(squares.mean())), float(low), float(high))
-
-    def _placed(self, off: FloatArray) -> FloatArray:
-        """Displacements ``(3 K, ...)`` less what another place of the base explains."""
-        return np.asarray(off - self._base @ (self._base.T @ off))
-
-
-def _rigid(points: FloatArray) -> FloatArray:
-    """Orthonormal displacements ``(3 K, 6)`` of points ``(K, 3)`` by rigid motions."""
-    turned = -skew(points - points.mean(axis=0))
-    shifted = np.broadcast_to(np.eye(3), turned.shape)
-    motions = np.concatenate([shifted, turned], axis=-1).reshape(-1, 6)
-    U, s, _ = np.linalg.svd(motions, full_matrices=False)
-    return np.asarray(U[:, s > 1e-9 * s[0]])

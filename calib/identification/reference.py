@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.errors import CalibError, ConvergenceError
 from calib.identification.candidate import Candidate, Fitted, fit
-from calib.identification.expected import Expectation, Workplace
+from calib.identification.expected import DrawnArms, Workplace
 from calib.identification.losses import HEAVY_TAILS, Loss, gain_of_student
 from calib.identification.noise import redundancy, rows_of
 from calib.measurement.data import Measurements
@@ -36,8 +36,8 @@ class Reference:
     given : CalibrationModel
         Before sizes and noise were found.
     fitted : Fitted
-    expectation : Expectation
-        What it says of other models.
+    arms : DrawnArms
+        By which other models are judged.
     loss : Loss
         That it was fitted with, and that the others are to be.
     """
@@ -45,7 +45,7 @@ class Reference:
     candidate: Candidate
     given: CalibrationModel
     fitted: Fitted
-    expectation: Expectation
+    arms: DrawnArms
     loss: Loss
 
 
@@ -79,8 +79,8 @@ def fit_reference(
         usual = "student-t"
         candidate, fitted = _fit(candidate, data, usual)
     result = fitted.result
-    expectation = Expectation(fitted.model, result.values, result.covariance, workplace)
-    return Reference(candidate, given, fitted, expectation, usual)
+    arms = DrawnArms(fitted.model, result.values, result.covariance, workplace)
+    return Reference(candidate, given, fitted, arms, usual)
 
 
 def _fit(candidate: Candidate, data: Measurements, loss: Loss) -> tuple[Candidate, Fitted]:

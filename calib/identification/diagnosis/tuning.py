@@ -7,7 +7,6 @@ model: the ratio of the two marginal likelihoods is the Bayes factor.
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,11 +52,7 @@ def tuned(model: CalibrationModel, data: Measurements) -> Tuned | None:
 
     Priors are at most as large as given: what they cannot explain is no error of an arm.
     """
-    kinds = []
-    for kind in model.measurements:
-        free = copy(kind)
-        free.estimated = True
-        kinds.append(free)
+    kinds = [kind.of_unknown_noise() for kind in model.measurements]
     try:
         found = tune_priors(model.with_measurements(kinds), data, _groups(model))
     except (CalibError, np.linalg.LinAlgError):

@@ -152,7 +152,7 @@ def test_values_that_are_alike_are_the_ones_nearest_to_those_identified(
     free = ~model.nuisance
     x = start.x.copy()
     for _ in range(5):
-        off, R = expectation._off(model, x)
+        off, R = expectation.displaced(model, x)
         J = expectation._moved(model, x, R)[:, free]
         x[free] += np.linalg.pinv(J, rcond=1e-9) @ off
     best = expectation.of(model, x).rms_m

@@ -13,7 +13,7 @@ from calib import CalibrationModel, Robot
 from calib.arm_view import Setup
 from calib.identification import Candidate, PriorGroup, Workplace, fit_reference
 from calib.identification.candidate import fit
-from calib.identification.expected import Expectation
+from calib.identification.expected import DrawnArms
 from calib.identification.losses import STUDENT_FREEDOM, gain_of_student
 from calib.measurement import Measurements, TouchUp
 from calib.measurement.simulate import simulate
@@ -118,12 +118,12 @@ def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm: 
     x, C = fitted.result.values, fitted.result.covariance
     other = fitted.model.nominal.copy()
     other[truth.nuisance] = x[truth.nuisance]
-    expectation = Expectation(fitted.model, x, C, at)
+    arms = DrawnArms(fitted.model, x, C, at)
     draws = rng.multivariate_normal(x, C, size=600, method="eigh")
     for values in (x, other):
         points = fitted.model.view(q, values).tool_points
         off = np.array([aligned_rms(points, fitted.model.view(q, d).tool_points) for d in draws])
-        found = expectation.of(fitted.model, values)
+        found = arms.error_of(fitted.model, values)
         spread = np.std(off**2) / np.sqrt(600) / (2.0 * np.sqrt(np.mean(off**2)))
         assert found.rms_m == pytest.approx(np.sqrt(np.mean(off**2)), abs=5.0 * spread + 1e-6)
         low, high = np.quantile(off, [0.025, 0.975])
@@ -134,13 +134,13 @@ def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm: 
 def test_where_the_base_stands_does_not_count(arm: Robot) -> None:
     truth, x, data = measured(arm, 4)
     at = Workplace(data.postures, Setup.of(data.count), "there")
-    expectation = Expectation(truth, x, np.zeros((truth.p, truth.p)), at)
+    arms = DrawnArms(truth, x, np.zeros((truth.p, truth.p)), at)
     turned = x.copy()
     turned[truth.names.index(f"zero_offset.{arm.joint_names[0]}")] += 1e-5
-    assert expectation.of(truth, turned).rms_m < 1e-9
+    assert arms.error_of(truth, turned).rms_m < 1e-9
     elbow = x.copy()
     elbow[truth.names.index(f"zero_offset.{arm.joint_names[2]}")] += 1e-5
-    assert expectation.of(truth, elbow).rms_m > 1e-7
+    assert arms.error_of(truth, elbow).rms_m > 1e-7
 
 
 def test_expected_errors_are_those_that_come(arm: Robot) -> None:
@@ -156,7 +156,7 @@ def test_expected_errors_are_those_that_come(arm: Robot) -> None:
             truth.view(q, x).tool_points,
             found.fitted.model.view(q, found.fitted.result.values).tool_points,
         )
-        expected = found.expectation.of(found.fitted.model, found.fitted.result.values)
+        expected = found.arms.error_of(found.fitted.model, found.fitted.result.values)
         ratios.append((came / expected.rms_m) ** 2)
     # squares of few effective degrees of freedom, some three an arm: sigma of the mean .24
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.72)

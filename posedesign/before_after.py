@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -59,6 +59,23 @@ FAR_FROM_NOISE = 10.0
 _MOST_LISTED = 5
 
 
+@dataclass(frozen=True)
+class Contradiction:
+    """Something of a model that cannot be, or that such arms do not have.
+
+    Attributes
+    ----------
+    kind : {"zero", "arm", "sign", "distance"}
+        A joint's zero, or another error of the arm, beyond what is known of it; a compliance below
+        zero; a known distance that comes out otherwise.
+    said : str
+        In words.
+    """
+
+    kind: Literal["zero", "arm", "sign", "distance"]
+    said: str
+
+
 @dataclass(frozen=True, eq=False)
 class Identified:
     """All models on one set of measurements.
@@ -70,7 +87,7 @@ class Identified:
     warnings : tuple of str
     findings : tuple of Finding
         What explains the residuals by name, the likeliest first.
-    contradictions : tuple of str
+    contradictions : tuple of Contradiction
         What the recommended model says against what is known of such arms.
     workplace : str
         Where the errors of the models are expected, in words; empty where they are not.
@@ -82,7 +99,7 @@ class Identified:
     table: MeasurementTable
     warnings: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
-    contradictions: tuple[str, ...] = ()
+    contradictions: tuple[Contradiction, ...] = ()
     workplace: str = ""
     held_only: tuple[str, ...] = ()
 
@@ -127,10 +144,8 @@ class Identified:
         Errors alone may say that the description is wrong, residuals alone that noise is larger.
         Zeros may be off by anything.
         """
-        beyond = [said for said in self.contradictions if " is off by " in said]
-        return self.best.rms_m > LEFT_OVER_M and any(
-            not said.startswith("zero_offset") for said in beyond
-        )
+        beyond = any(each.kind == "arm" for each in self.contradictions)
+        return beyond and self.best.rms_m > LEFT_OVER_M
 
 
 def is_believable(result: IdentificationResult) -> bool:
@@ -234,7 +249,7 @@ def noise_found(judge: Reference) -> list[str]:
     return said
 
 
-def contradictions(judge: Reference, identified: Identified) -> list[str]:
+def contradictions(judge: Reference, identified: Identified) -> list[Contradiction]:
     """What the recommended model has that cannot be, or that arms of the cell's kind have not."""
     trial, result = identified.shown
     known = dict(zip(judge.given.names, judge.given.prior, strict=True))
@@ -242,26 +257,32 @@ def contradictions(judge: Reference, identified: Identified) -> list[str]:
     beyond = np.abs(result.values - result.nominal) / np.hypot(
         prior, np.where(np.isfinite(result.prior), 0.0, result.sigma)
     )
-    said = []
+    said: list[Contradiction] = []
     for k in np.argsort(-beyond).tolist()[:_MOST_LISTED]:
         if beyond[k] > BEYOND_PRIOR:
             unit, factor = DISPLAY[result.units[k]]
             off = factor * (result.values[k] - result.nominal[k])
-            said.append(
+            words = (
                 f"{result.names[k]} is off by {off:.3g} {unit}, {beyond[k]:.1f} times what arms "
                 f"are by the cell ({factor * prior[k]:.3g} {unit})"
             )
+            is_zero = result.names[k].startswith("zero_offset.")
+            said.append(Contradiction("zero" if is_zero else "arm", words))
     gives_way = np.array([unit == "rad/Nm" for unit in result.units])
     for k in np.flatnonzero(gives_way & (result.values < -2.0 * result.sigma)).tolist():
-        said.append(
+        words = (
             f"{result.names[k]} is negative, {1e6 * result.values[k]:.3g} urad/Nm: no reducer is"
         )
+        said.append(Contradiction("sign", words))
     model = trial.candidate.model
     if model.distances:
         rows = model.known(result.values[None])[0][0, -len(model.distances) :]
         said += [
-            f"{known.first} and {known.second} come out {1e3 * (known.length_m + off):.3f} mm "
-            f"apart, known are {1e3 * known.length_m:.3f}"
+            Contradiction(
+                "distance",
+                f"{known.first} and {known.second} come out {1e3 * (known.length_m + off):.3f} mm "
+                f"apart, known are {1e3 * known.length_m:.3f}",
+            )
             for known, off in zip(
                 model.distances,
                 rows * np.array([d.sigma_m for d in model.distances]),
@@ -383,9 +404,10 @@ def why_another(identified: Identified) -> str:
     best = identified.best
     name = beyond_belief(best)
     if name is None and identified.priors_contradict:
+        beyond = next(each.said for each in identified.contradictions if each.kind == "arm")
         return (
-            f"{identified.contradictions[0]}, and the residuals are {1e3 * best.rms_m:.3g} mm even "
-            "so: these measurements are not of this robot, this tool or these joint signs"
+            f"{beyond}, and the residuals are {1e3 * best.rms_m:.3g} mm even so: these "
+            "measurements are not of this robot, this tool or these joint signs"
         )
     if name is None:
         return best.message

@@ -37,7 +37,7 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "reference": comparison.reference,
         "workplace": identified.workplace,
         "not_tried": list(identified.held_only),
-        "contradictions": list(identified.contradictions),
+        "contradictions": [each.said for each in identified.contradictions],
         "warnings": list(identified.warnings),
         "findings": [as_dict(finding, identified.table) for finding in identified.findings],
         "models": [_trial_as_dict(trial, identified) for trial in comparison.trials],

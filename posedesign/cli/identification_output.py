@@ -61,8 +61,8 @@ def print_identification(identified: Identified) -> None:
         say(f"  {part}")
     if identified.workplace:
         say(f"  expected over {identified.workplace}, the base placed anew for each model")
-    for text in identified.contradictions:
-        note(f"warning: {text}")
+    for contradiction in identified.contradictions:
+        note(f"warning: {contradiction.said}")
     trial, result = identified.shown
     print_parameters(result)
     _print_merged(trial)

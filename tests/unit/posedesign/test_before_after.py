@@ -158,7 +158,7 @@ def test_whose_arm_it_is(
     assert found.comparison.recommended in ("everything with priors", "offsets")
     assert found.best.rms_m < 2e-5
     assert beyond_belief(found.best) == name
-    said = " ".join(found.contradictions)
+    said = " ".join(each.said for each in found.contradictions)
     assert ("zero_offset.joint_3 is off by 20 deg, 20.0 times" in said) == (offset_deg == 20.0)
     assert found.is_of_this_robot == (name is None)
     content = results_as_dict(cell, found)

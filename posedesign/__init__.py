@@ -10,12 +10,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from posedesign import indices, programs, selection
+    from posedesign import programs, selection
     from posedesign.cell import Cell
-    from posedesign.optimal import OptimalPlan, Wish, plan_fewest, plan_optimal
-    from posedesign.planner import plan
-    from posedesign.pose_plan import PosePlan
-    from posedesign.selection import select
+    from posedesign.planning.loop import plan
+    from posedesign.planning.optimal import OptimalPlan, Wish, plan_fewest, plan_optimal
+    from posedesign.planning.pose_plan import PosePlan
+    from posedesign.selection import indices, select
 
 __all__ = [
     "Cell",
@@ -33,12 +33,12 @@ __all__ = [
 
 _WHERE = {
     "Cell": "posedesign.cell",
-    "PosePlan": "posedesign.pose_plan",
-    "plan": "posedesign.planner",
-    "OptimalPlan": "posedesign.optimal",
-    "Wish": "posedesign.optimal",
-    "plan_fewest": "posedesign.optimal",
-    "plan_optimal": "posedesign.optimal",
+    "PosePlan": "posedesign.planning.pose_plan",
+    "plan": "posedesign.planning.loop",
+    "OptimalPlan": "posedesign.planning.optimal",
+    "Wish": "posedesign.planning.optimal",
+    "plan_fewest": "posedesign.planning.optimal",
+    "plan_optimal": "posedesign.planning.optimal",
     "select": "posedesign.selection",
 }
 
@@ -46,6 +46,8 @@ _WHERE = {
 def __getattr__(name: str) -> object:
     if name in _WHERE:
         return getattr(import_module(_WHERE[name]), name)
-    if name in ("indices", "programs", "selection"):
+    if name == "indices":
+        return import_module("posedesign.selection.indices")
+    if name in ("programs", "selection"):
         return import_module(f"posedesign.{name}")
     raise AttributeError(f"module 'posedesign' has no attribute {name!r}")

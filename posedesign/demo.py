@@ -8,16 +8,16 @@ from pathlib import Path
 
 from calib.identification import IdentificationResult
 from calib.se3 import FloatArray
-from posedesign.accuracy_study import AccuracyStudy, accuracy_study, effective_truth
-from posedesign.before_after import Identified
 from posedesign.cell import Cell
+from posedesign.cell.template import cell_template
 from posedesign.files import Results, write_text_atomic
-from posedesign.pairs_results import SolverOutcome
-from posedesign.pose_plan import PosePlan
-from posedesign.programming import WrittenProgram, program_options, write_program
+from posedesign.identification.comparison import Identified
+from posedesign.pairs.results import SolverOutcome
+from posedesign.planning.pose_plan import PosePlan
+from posedesign.planning.tables import read_poses
+from posedesign.pose_programs.from_plan import WrittenProgram, program_options, write_program
 from posedesign.programs.registry import find_dialect
-from posedesign.tables import read_poses
-from posedesign.template import cell_template
+from posedesign.simulation.accuracy_study import AccuracyStudy, accuracy_study, effective_truth
 from posedesign.workflow import (
     IDENTIFICATION,
     PAIRS,
@@ -43,7 +43,7 @@ class DemoResults:
     """What the demo made, besides its files.
 
     ``truth`` is what the identified parameters are held against, see
-    :func:`~posedesign.accuracy_study.effective_truth` [SI].
+    :func:`~posedesign.simulation.accuracy_study.effective_truth` [SI].
     """
 
     plan: PosePlan

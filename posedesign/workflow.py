@@ -14,38 +14,38 @@ import numpy as np
 
 from calib.robot_world import PAPER_METHODS, PairNoise
 from calib.robot_world.noise import Noise, NoiseShown
-from posedesign.accuracy_study import AccuracyStudy
-from posedesign.before_after import (
+from posedesign.cell import Cell
+from posedesign.files import MEASURED, Claim, Results, write_json_atomic
+from posedesign.files.csv_tables import write_table
+from posedesign.files.measurements import read_measurements
+from posedesign.files.origin import checksum, head_of, origin_of
+from posedesign.identification.comparison import (
     Identified,
     identify_models,
     summed_up,
     without_repeats,
 )
-from posedesign.cell import Cell
-from posedesign.checks import outside_limits, refuse_unfit
-from posedesign.csv_tables import write_table
-from posedesign.files import MEASURED, Claim, Results, write_json_atomic
-from posedesign.identification_content import results_as_dict
-from posedesign.indices import Indices
-from posedesign.measurement_table import read_measurements
-from posedesign.optimal import OptimalPlan, Wish, plan_optimal
-from posedesign.optimal.next_poses import NextPoses
-from posedesign.optimal.planning import Advance
-from posedesign.optimal.sequential import plan_next, refuse_cell
-from posedesign.origin import checksum, head_of, origin_of
-from posedesign.pairs_file import Pairs, read_pairs, write_pairs
-from posedesign.pairs_results import SolverOutcome, solve_pairs
-from posedesign.pairs_tables import write_outcomes
-from posedesign.planner import Progress, plan
-from posedesign.pose_margins import Margins
-from posedesign.pose_plan import PosePlan, PoseSet, displayed
+from posedesign.identification.content import results_as_dict
+from posedesign.identification.measurement_set_up import far_rows
+from posedesign.identification.reading_checks import check_readings
+from posedesign.motion.route import Route
+from posedesign.pairs.file import Pairs, read_pairs, write_pairs
+from posedesign.pairs.results import SolverOutcome, solve_pairs
+from posedesign.pairs.tables import write_outcomes
+from posedesign.planning.checks import outside_limits, refuse_unfit
+from posedesign.planning.loop import Progress, plan
+from posedesign.planning.optimal import OptimalPlan, Wish, plan_optimal
+from posedesign.planning.optimal.choose import Advance
+from posedesign.planning.optimal.next_poses import NextPoses
+from posedesign.planning.optimal.sequential import plan_next, refuse_cell
+from posedesign.planning.pose_margins import Margins
+from posedesign.planning.pose_plan import PosePlan, PoseSet, displayed
+from posedesign.planning.tables import PoseList, write_poses, write_touch_ups
 from posedesign.programs import DIALECTS
 from posedesign.programs.reading import MOST_BYTES
-from posedesign.reading_checks import check_readings
-from posedesign.route import Route
-from posedesign.set_up import far_rows
+from posedesign.selection.indices import Indices
 from posedesign.simulation import SimulatedRobot
-from posedesign.tables import PoseList, write_poses, write_touch_ups
+from posedesign.simulation.accuracy_study import AccuracyStudy
 
 POSES = ("poses.csv", "measuring poses")
 NEXT_POSES = ("poses.csv", "next measuring poses")

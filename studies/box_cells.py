@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from calib.se3 import BoolArray, FloatArray, wpr_from_rotation
+from posedesign.candidates import Pool
 from posedesign.cell import Cell
-from posedesign.feasibility import nearest_postures
-from posedesign.generation import touching_poses, wpr_rotations
-from posedesign.pools import Pool
-from posedesign.task_box import TaskBox, reached_points
-from posedesign.template import cell_template
+from posedesign.cell.orientations import touching_poses, wpr_rotations
+from posedesign.cell.task_box import TaskBox, reached_points
+from posedesign.cell.template import cell_template
+from posedesign.constraints import nearest_postures
 
 
 def study_cell(name: str, smallest_singular_value: float) -> Cell:

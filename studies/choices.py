@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import binom
 
 from calib import CalibrationModel
-from calib.measurement import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray
 from studies.drawing import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
 

@@ -2,8 +2,9 @@
 
 A simulated arm is touched up many times, each set of touch-ups is identified, and the tool point of
 the arm so identified is held against the true one at the points of the box, by the kinematics of
-both and not by a derivative. The frame is that of :func:`calib.prediction.predict_accuracy`: the
-base as the targets were found in it, turned by the zero offset of joint 1 that they take up.
+both and not by a derivative. The frame is that of
+:func:`calib.identification.prediction.predict_accuracy`: the base as the targets were found in it,
+turned by the zero offset of joint 1 that they take up.
 """
 
 from __future__ import annotations
@@ -14,16 +15,22 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.arm_view import Setup
 from calib.identification import covariance_of, identify_batch
-from calib.measurement import Measurement
-from calib.measurement.simulate import simulate
+from calib.identification.prediction import Against, predict_accuracy
 from calib.model import CalibrationModel
-from calib.parameters import JointCompliance, LinkGeometry, ParameterBlock, ToolPoint, ZeroOffsets
-from calib.prediction import Against, predict_accuracy
+from calib.model.context import Setup
+from calib.model.measurements import Measurement
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
+    JointCompliance,
+    LinkGeometry,
+    ParameterBlock,
+    ToolPoint,
+    ZeroOffsets,
+)
 from calib.se3 import FloatArray, IntArray, apply
+from posedesign.candidates import Pool
 from posedesign.cell import Cell, usual_offsets
-from posedesign.pools import Pool
 from posedesign.simulation import SimulatedRobot
 
 CONFIDENCE = 0.95
@@ -235,7 +242,7 @@ def simulate_errors(
     trials : int
     rng : numpy.random.Generator
     against : {"base", "target"}
-        See :func:`calib.prediction.predict_accuracy`; the first target.
+        See :func:`calib.identification.prediction.predict_accuracy`; the first target.
     own_zero : bool
         See :func:`tool_errors`.
     """

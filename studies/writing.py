@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calib.errors import CalibError, InputError
-from posedesign.csv_tables import AsItIs, write_table
-from posedesign.csv_tables import read_rows as read_cells
 from posedesign.files import make_folder, write_json_atomic
+from posedesign.files.csv_tables import AsItIs, write_table
+from posedesign.files.csv_tables import read_rows as read_cells
 from posedesign.study.folder import own_folder
 from posedesign.study.library import Advance, Options, Study
 from posedesign.study.runner import Workers

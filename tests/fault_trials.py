@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.arm_view import Setup
 from calib.identification.diagnosis.held import Held
-from calib.measurement import KINDS, Measurements
-from calib.measurement.simulate import simulate
 from calib.model import CalibrationModel
-from calib.parameters import (
+from calib.model.context import Setup
+from calib.model.measurements import KINDS, Measurements
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
     ParameterBlock,
     TargetFrame,
     TargetPoints,
@@ -28,11 +28,11 @@ from calib.parameters import (
 )
 from calib.se3 import FloatArray, IntArray, rotation_exp, transform
 from posedesign.cell import Cell
-from posedesign.config import parse_config
-from posedesign.feasibility.postures import nearest_postures
-from posedesign.measurement_table import MeasurementTable
-from posedesign.models import robot_blocks
-from posedesign.template import cell_template
+from posedesign.cell.schema import parse_config
+from posedesign.cell.template import cell_template
+from posedesign.constraints.postures import nearest_postures
+from posedesign.files.measurements import MeasurementTable
+from posedesign.identification.models import robot_blocks
 
 ARMS = ("irb120", "panda", "lrmate200id", "ur10e")
 MEASURED = ("touch-up", "point", "camera-pose")

@@ -7,8 +7,23 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from calib.arm_view import Setup
-from calib.camera import (
+from calib.model import CalibrationModel
+from calib.model.context import Setup
+from calib.model.measurements import TouchUp
+from calib.model.parameters import (
+    JointCompliance,
+    LinkGeometry,
+    Payload,
+    TargetPoints,
+    ToolPoint,
+    ZeroOffsets,
+)
+from calib.model.parameters.gravity import GravityLoad
+from calib.robots import Robot
+from calib.robots.inverse import NEAR_SINGULAR
+from calib.robots.presets import load_preset
+from calib.se3 import FloatArray, rotation_exp, rotation_log, transform
+from calib.vision.camera import (
     Camera,
     CircleTarget,
     FastObserver,
@@ -18,25 +33,10 @@ from calib.camera import (
     Observer,
     circle_image,
 )
-from calib.camera.conic import ellipse_axes
-from calib.measurement import TouchUp
-from calib.model import CalibrationModel
-from calib.parameters import (
-    JointCompliance,
-    LinkGeometry,
-    Payload,
-    TargetPoints,
-    ToolPoint,
-    ZeroOffsets,
-)
-from calib.parameters.gravity import GravityLoad
-from calib.robots import Robot
-from calib.robots.inverse import NEAR_SINGULAR
-from calib.robots.presets import load_preset
-from calib.se3 import FloatArray, rotation_exp, rotation_log, transform
-from calib.visual.set_up import SetUp
-from calib.visual.sighting import LEAST_SIZE_PX
-from calib.visual.simulated import LostMotion, TrueCell
+from calib.vision.camera.conic import ellipse_axes
+from calib.vision.touch_up.set_up import SetUp
+from calib.vision.touch_up.sighting import LEAST_SIZE_PX
+from calib.vision.touch_up.simulated import LostMotion, TrueCell
 
 PRESETS = (
     "m20ia",

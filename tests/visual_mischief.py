@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.camera import CircleTarget, Glare, Imaging, Occluder, circle_image
-from calib.camera.conic import ellipse_axes
-from calib.camera.rendering import GreyImage, render
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
-from calib.visual.adapter import RobotAdapter
-from calib.visual.set_up import SetUp
-from calib.visual.simulated import LostMotion, SimulatedArms
+from calib.vision.camera import CircleTarget, Glare, Imaging, Occluder, circle_image
+from calib.vision.camera.conic import ellipse_axes
+from calib.vision.camera.rendering import GreyImage, render
+from calib.vision.touch_up.adapter import RobotAdapter
+from calib.vision.touch_up.set_up import SetUp
+from calib.vision.touch_up.simulated import LostMotion, SimulatedArms
 from tests.visual_cells import PRESETS, Sight, preset, random_sight, with_true
 
 SMALL = ((320, 240), (400, 300))

@@ -10,8 +10,8 @@ from calib.identification.evidence import LOSSES, PriorGroup, tune_priors
 from calib.identification.result import IdentificationResult
 from calib.identification.robust import Loss
 from calib.identification.solver import Method, identify
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
+from calib.model.measurements.data import Measurements
 from calib.se3 import FloatArray
 
 HELD = 1e-3

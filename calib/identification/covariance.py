@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.arm_view import Setup
 from calib.errors import InputError
 from calib.identification.identifiability import is_identifiable
 from calib.identification.least_squares import equal_sigma, white_rows
-from calib.linearisation import Linearisation
 from calib.model import CalibrationModel
+from calib.model.context import Setup
+from calib.model.linearisation import Linearisation
 from calib.se3 import FloatArray, IntArray
 
 _NOTHING_LEFT = 1e-9

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arm_view import Setup
-from calib.carried import Expectation
+from calib.identification.carried import Expectation
 from calib.model import CalibrationModel
+from calib.model.context import Setup
 from calib.se3 import FloatArray
 
 DRAWS = 400

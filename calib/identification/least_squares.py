@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.linearisation import Linearisation
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
+from calib.model.linearisation import Linearisation
+from calib.model.measurements.data import Measurements
 from calib.se3 import BoolArray, FloatArray
 
 ITERATIONS = 60

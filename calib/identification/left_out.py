@@ -6,9 +6,9 @@ import numpy as np
 
 from calib.identification.least_squares import equal_sigma, minimise, white_rows
 from calib.identification.result import IdentificationResult
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
-from calib.parameters.frames import Frames
+from calib.model.measurements.data import Measurements
+from calib.model.parameters.frames import Frames
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 FEWEST_TARGETS = 3

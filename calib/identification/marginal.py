@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
+from calib.model.measurements.data import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 

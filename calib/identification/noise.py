@@ -11,9 +11,9 @@ from scipy.stats import chi2
 
 from calib.errors import InputError
 from calib.identification.losses import Loss, consistency, variance_factor
-from calib.linearisation import Linearisation
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
+from calib.model.linearisation import Linearisation
+from calib.model.measurements.data import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 OUTLIER_CHANCE = 1e-4

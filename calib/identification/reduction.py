@@ -11,11 +11,11 @@ from calib.identification.checks import clean_root
 from calib.identification.identifiability import sort_out
 from calib.identification.robust import fit_robustly
 from calib.identification.start import first_guess
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
-from calib.parameters.base import ParameterBlock, Unit
-from calib.parameters.links import LinkGeometry
-from calib.parameters.part import Part
+from calib.model.measurements.data import Measurements
+from calib.model.parameters.base import ParameterBlock, Unit
+from calib.model.parameters.links import LinkGeometry
+from calib.model.parameters.part import Part
 from calib.se3 import FloatArray
 
 WORTH_HAVING: dict[Unit, float] = {"m": 5e-3, "rad": 1e-2, "rad/Nm": 1e-4, "rad/rad": 1e-2}

@@ -16,8 +16,8 @@ from calib.identification.candidate import Candidate, Fitted, fit
 from calib.identification.expected import DrawnArms, Workplace
 from calib.identification.losses import HEAVY_TAILS, Loss, gain_of_student
 from calib.identification.noise import redundancy, rows_of
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
+from calib.model.measurements.data import Measurements
 
 LEAST_NOISE_SCALE = 0.1
 """Residuals over noise below which they are of rounding, and their tails say nothing."""

@@ -15,9 +15,9 @@ from calib.identification.covariance import (
 from calib.identification.noise_test import HARDLY, NoiseTest, noise_test
 from calib.identification.result import IdentificationResult, KindNoise
 from calib.identification.robust import Solved
-from calib.linearisation import Linearisation
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
+from calib.model.linearisation import Linearisation
+from calib.model.measurements.data import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 ANOTHER_ROBOT_M = 0.05

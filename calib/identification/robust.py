@@ -31,8 +31,8 @@ from calib.identification.noise import (
     rows_of,
     suspects,
 )
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
+from calib.model.measurements.data import Measurements
 from calib.se3 import BoolArray, FloatArray
 
 __all__ = [

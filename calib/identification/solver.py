@@ -14,7 +14,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from calib.arm_view import Setup
 from calib.errors import ConvergenceError, InputError, check_type
 from calib.identification.checks import check_enough, check_identifiable_at
 from calib.identification.covariance import check_unweighted
@@ -29,9 +28,10 @@ from calib.identification.report import make_result
 from calib.identification.result import IdentificationResult
 from calib.identification.robust import Loss, Solved, fit_robustly, not_converged
 from calib.identification.start import first_guess
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
-from calib.parameters.base import Unit
+from calib.model.context import Setup
+from calib.model.measurements.data import Measurements
+from calib.model.parameters.base import Unit
 from calib.se3 import FloatArray
 
 Method = Literal["gauss-newton", "newton-raphson"]

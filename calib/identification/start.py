@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from calib.identification.least_squares import white_rows
-from calib.measurement import CameraPose, Distance, Measurements, Point, Pose
 from calib.model import CalibrationModel
-from calib.parameters.base import ParameterBlock
-from calib.parameters.frames import Frames
+from calib.model.measurements import CameraPose, Distance, Measurements, Point, Pose
+from calib.model.parameters.base import ParameterBlock
+from calib.model.parameters.frames import Frames
 from calib.robot_world import PairSets
 from calib.robot_world.identifiability import examine
 from calib.robot_world.methods import li_kronecker

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from calib.posture_last import columns_of, turn
+from calib.batch_last import columns_of, turn
 from calib.robot_world.adjustment import adjust
 from calib.robot_world.errors_of_pairs import derivatives
 from calib.robot_world.methods import Method, maximum_likelihood

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib import se3
-from calib.posture_last import (
+from calib.batch_last import (
     columns_of,
     cross,
     product,

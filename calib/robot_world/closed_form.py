@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib import se3
-from calib.posture_last import (
+from calib.batch_last import (
     columns_of,
     matrices_of,
     product,

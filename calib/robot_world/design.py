@@ -18,8 +18,8 @@ from __future__ import annotations
 import numpy as np
 
 from calib import se3
+from calib.batch_last import columns_of, turn
 from calib.errors import InputError
-from calib.posture_last import columns_of, turn
 from calib.robot_world.algebra import triangle
 from calib.robot_world.errors_of_pairs import derivatives
 from calib.robot_world.identifiability import examine, not_identifiable

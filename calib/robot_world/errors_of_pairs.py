@@ -8,7 +8,7 @@ At true transforms ``A X = Z B`` holds. Small errors of them leave, in the axes 
 with (a, α), (b, β), (x, ξ) and (z, ζ) the errors (w, v) of A, B, X and Z, each a rotation from the
 left and a translation: the rotation of A moves the origin of X as well. The errors of A and B give
 (e_R, e_p) a covariance; rows are white where that has been taken out of them. Everything is laid
-out with the pair as the last index, see :mod:`calib.posture_last`.
+out with the pair as the last index, see :mod:`calib.batch_last`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from calib import se3
-from calib.posture_last import cross, matrices_of, turn
+from calib.batch_last import cross, matrices_of, turn
 from calib.se3 import FloatArray
 
 _IDENTITY = np.eye(3)[None]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib import se3
+from calib.batch_last import columns_of, turn_back
 from calib.errors import InputError
-from calib.posture_last import columns_of, turn_back
 from calib.robot_world import algebra, closed_form
 from calib.se3 import BoolArray, FloatArray, IntArray
 
@@ -33,7 +33,7 @@ class PairSets:
     Notes
     -----
     What is done for each pair stands with the pair as the last index, S = T N of them, set after
-    set: see :mod:`calib.posture_last`.
+    set: see :mod:`calib.batch_last`.
     """
 
     def __init__(

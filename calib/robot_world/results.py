@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib import se3
-from calib.posture_last import columns_of, product, rotation_log, transposed, turn
+from calib.batch_last import columns_of, product, rotation_log, transposed, turn
 from calib.robot_world.fit import Fit
 from calib.se3 import BoolArray, FloatArray, IntArray
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from calib import se3
-from calib.posture_last import columns_of, turn
+from calib.batch_last import columns_of, turn
 from calib.robot_world.accuracy import judged
 from calib.robot_world.adjustment import adjust
 from calib.robot_world.algebra import apply_matrix, least_squares

@@ -23,7 +23,9 @@ from calib.geometry.shapes import Body, LinkShape
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds
 from calib.robots.chain import ChainState, SerialChain
 from calib.robots.controller import Controller, controller_of
+from calib.robots.description.urdf import load_urdf
 from calib.robots.inverse import InverseKinematics, InverseSolutions
+from calib.robots.inverse.solvers import solver_for
 from calib.robots.limits import CoupledLimit
 from calib.robots.model_chain import (
     body_of,
@@ -40,8 +42,6 @@ from calib.robots.model_chain import (
     usual_tip,
 )
 from calib.robots.presets import load_preset
-from calib.robots.solvers import solver_for
-from calib.robots.urdf import load_urdf
 from calib.se3 import FloatArray, check_transforms, numbers
 
 _WORLD = "base"
@@ -124,7 +124,7 @@ class Robot:
 
         Joints that do not lie between base and tip are held at zero, which a notice says.
         Collision geometry is read, with the meshes that lie in the packages of the file
-        (:mod:`calib.descriptions.packages`); visual geometry is not.
+        (:mod:`calib.robots.description.packages`); visual geometry is not.
 
         Parameters
         ----------
@@ -145,9 +145,9 @@ class Robot:
         Raises
         ------
         RobotModelError
-            The file cannot be used (see :func:`calib.robots.urdf.load_urdf`), a frame or a joint
-            to lock does not exist, or what moves between base and tip is not a row of revolute
-            joints with limits.
+            The file cannot be used (see :func:`calib.robots.description.urdf.load_urdf`), a frame
+            or a joint to lock does not exist, or what moves between base and tip is not a row of
+            revolute joints with limits.
         """
         check_type(path, (str, PathLike), "path")
         check_type(tip, (str, type(None)), "tip")

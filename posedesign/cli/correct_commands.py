@@ -21,7 +21,7 @@ from posedesign.cli.output import (
 from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits
 
 if TYPE_CHECKING:
-    from posedesign.correction import Correction
+    from posedesign.identification.correction import Correction
 
 
 Box = Annotated[
@@ -63,8 +63,8 @@ def correct(
     says what error each leaves.
     """
     from posedesign.cell import Cell
-    from posedesign.correction import box_of
-    from posedesign.correction import correct as run
+    from posedesign.identification.correction import box_of
+    from posedesign.identification.correction import correct as run
 
     loaded = Cell.load(cell)
     done = run(
@@ -164,9 +164,9 @@ def predict(
     From the noise of the measurement alone.
     """
     from posedesign.cell import Cell
-    from posedesign.correction import box_of
-    from posedesign.correction import predict as run
-    from posedesign.tables import read_poses
+    from posedesign.identification.correction import box_of
+    from posedesign.identification.correction import predict as run
+    from posedesign.planning.tables import read_poses
 
     loaded = Cell.load(cell)
     asked = box_of(loaded, box, steps)

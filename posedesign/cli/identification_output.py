@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from calib.identification import IdentificationResult
     from calib.identification.comparison import Trial
     from calib.identification.result import KindNoise
-    from posedesign.before_after import Identified
+    from posedesign.identification.comparison import Identified
 
 _MOST_LISTED = 5
 _DECIMALS = 4
@@ -35,8 +35,8 @@ _COLUMNS = (
 
 def print_identification(identified: Identified) -> None:
     """Print all models side by side, then the one to take."""
-    from posedesign.before_after import why_another
-    from posedesign.findings import in_words, is_of_the_model
+    from posedesign.identification.comparison import why_another
+    from posedesign.identification.findings import in_words, is_of_the_model
 
     comparison = identified.comparison
     for finding in identified.findings:
@@ -161,7 +161,7 @@ def _print_residuals(result: IdentificationResult) -> None:
 
 
 def _noise_in_words(noise: KindNoise) -> str:
-    from calib.measurement import KINDS
+    from calib.model.measurements import KINDS
 
     lengths = len(noise.sigma) - KINDS[noise.kind].turns
     said = [", ".join(f"{s * 1e3:.3g}" for s in noise.sigma[:lengths]) + " mm"]

@@ -27,9 +27,9 @@ from posedesign.cli.output import (
 if TYPE_CHECKING:
     from posedesign.cell import Cell
     from posedesign.files import Results
-    from posedesign.optimal.outlook import Outlook
-    from posedesign.pose_check import PoseVerdict
-    from posedesign.pose_plan import PosePlan
+    from posedesign.planning.optimal.outlook import Outlook
+    from posedesign.planning.pose_check import PoseVerdict
+    from posedesign.planning.pose_plan import PosePlan
 
 LARGEST_SEED = 2**63 - 1
 """As in a cell."""
@@ -99,7 +99,7 @@ def new(
     """Print a commented cell.toml to start from."""
     from calib.errors import RobotModelError
     from posedesign.cell import Cell
-    from posedesign.template import cell_template
+    from posedesign.cell.template import cell_template
 
     text = cell_template(robot, packages=packages or (), xacro_args=xacro_arg or ())
     made = Cell.from_text(text)
@@ -173,7 +173,7 @@ def plan(
     exchange, the best poses are chosen out of a pool, and it is proven how good they are.
     """
     from posedesign.cell import Cell
-    from posedesign.optimal.wish import wish_of_words
+    from posedesign.planning.optimal.request import wish_of_words
 
     loaded = Cell.load(cell)
     wish = wish_of_words(
@@ -194,7 +194,7 @@ def plan(
     if wish is None:
         return _plan_by_grid(loaded, results, as_json=as_json)
     from posedesign.cli.optimal_output import print_optimal
-    from posedesign.tables import read_poses
+    from posedesign.planning.tables import read_poses
     from posedesign.workflow import plan_optimal_poses
 
     own = None
@@ -227,7 +227,7 @@ def next_poses(
     """Say which poses to touch up next, given those that have been, and when to stop."""
     from posedesign.cell import Cell
     from posedesign.cli.optimal_output import print_next
-    from posedesign.optimal.wish import parse_length
+    from posedesign.planning.optimal.request import parse_length
     from posedesign.workflow import plan_next_poses
 
     loaded = Cell.load(cell)
@@ -272,8 +272,8 @@ def _plan_by_grid(loaded: Cell, out: Results, *, as_json: bool) -> int:
 
 def print_plan(cell: Cell, result: PosePlan, out: Path, *, as_json: bool) -> None:
     """Print the rounds, the outcome and what accuracy to expect."""
-    from posedesign.optimal.outlook import outlook_of
-    from posedesign.planner import scaling_of
+    from posedesign.planning.loop import scaling_of
+    from posedesign.planning.optimal.outlook import outlook_of
     from posedesign.workflow import round_rows
 
     outlook = outlook_of(cell, result.model, result.postures)
@@ -353,9 +353,9 @@ def check(
     Limits, singularities, collisions, the view of the target, and the straight ways in between.
     """
     from posedesign.cell import Cell
-    from posedesign.checks import ON_TARGET_M, off_target
-    from posedesign.pose_check import check_poses
-    from posedesign.tables import read_poses
+    from posedesign.planning.checks import ON_TARGET_M, off_target
+    from posedesign.planning.pose_check import check_poses
+    from posedesign.planning.tables import read_poses
 
     loaded = Cell.load(cell)
     listed = read_poses(
@@ -425,9 +425,9 @@ def score(
     Condition numbers, indices, and the accuracy to expect.
     """
     from posedesign.cell import Cell
-    from posedesign.planner import scaling_of
-    from posedesign.scoring import score_poses
-    from posedesign.tables import read_poses
+    from posedesign.planning.loop import scaling_of
+    from posedesign.planning.scoring import score_poses
+    from posedesign.planning.tables import read_poses
 
     loaded = Cell.load(cell)
     listed = read_poses(

@@ -51,8 +51,8 @@ from posedesign.cli.robot_world_output import print_solvers
 if TYPE_CHECKING:
     from calib.robot_world.noise import Noise, NoiseShown
     from posedesign.files import Results
-    from posedesign.pairs_file import Pairs
-    from posedesign.pairs_results import NoiseOn, SolverOutcome
+    from posedesign.pairs.file import Pairs
+    from posedesign.pairs.results import NoiseOn, SolverOutcome
 
 
 def register(app: typer.Typer) -> None:
@@ -86,10 +86,10 @@ def robot_world(
     By one method or by many, with standard deviations, what is left over pair by pair, and what
     each pair has left over when it is left out.
     """
-    from posedesign.pairs_certificate import refuse_uncertifiable
-    from posedesign.pairs_results import methods_of, reached
-    from posedesign.pairs_source import PairSource
-    from posedesign.pairs_tables import outcome_as_dict
+    from posedesign.pairs.certificate import refuse_uncertifiable
+    from posedesign.pairs.results import methods_of, reached
+    from posedesign.pairs.source import PairSource
+    from posedesign.pairs.tables import outcome_as_dict
 
     refuse_fixed_opencv(camera, convention)
     source = PairSource(
@@ -133,7 +133,7 @@ def asked_noise(
     """The noise of the options, or how it is to be estimated, if they say any."""
     import math
 
-    from posedesign.pairs_results import noise_of
+    from posedesign.pairs.results import noise_of
 
     if noise_on == "shown":
         return "shown"
@@ -156,7 +156,7 @@ def _solved(
 ) -> tuple[SolverOutcome, ...]:
     """Outcomes of all methods, with proofs where they are asked for; says what a refusal needs."""
     from calib.errors import CalibError, InputError
-    from posedesign.pairs_results import certified
+    from posedesign.pairs.results import certified
     from posedesign.workflow import solve_and_write
 
     shown: AbstractContextManager[Advance] = (
@@ -192,8 +192,8 @@ def _print_answers(
     inverted: bool,
 ) -> None:
     """Tables, and where the rest was written."""
-    from posedesign.pairs_frames import FRAMES
-    from posedesign.pairs_tables import opencv_rows
+    from posedesign.pairs.frames import FRAMES
+    from posedesign.pairs.tables import opencv_rows
 
     print_solvers(outcomes, camera)
     if opencv:
@@ -205,7 +205,7 @@ def _print_answers(
 
 def _warn_of(pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> None:
     """What is odd about the pairs and the answers, on standard error."""
-    from posedesign.pairs_results import warnings_of
+    from posedesign.pairs.results import warnings_of
 
     misread = [pairs.misread] if pairs.misread else []
     for text in (*pairs.notes, *misread, *warnings_of(outcomes, misread=bool(misread))):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from posedesign.cli.output import print_table, say
 
 if TYPE_CHECKING:
-    from posedesign.pairs_frames import Camera
-    from posedesign.pairs_results import SolverOutcome
+    from posedesign.pairs.frames import Camera
+    from posedesign.pairs.results import SolverOutcome
 
 _LEFT_OVER = {
     "method": "method",
@@ -27,9 +27,9 @@ _LEFT_OVER = {
 
 def print_solvers(outcomes: Sequence[SolverOutcome], camera: Camera = "on-flange") -> None:
     """Print X and Z of every solver, with what is left over, and what the letters mean."""
-    from posedesign.pairs_frames import FRAMES
-    from posedesign.pairs_results import noise_judged, remarks_of
-    from posedesign.pairs_tables import solver_row
+    from posedesign.pairs.frames import FRAMES
+    from posedesign.pairs.results import noise_judged, remarks_of
+    from posedesign.pairs.tables import solver_row
 
     rows = [solver_row(outcome) for outcome in outcomes]
     frames = FRAMES[camera]
@@ -60,8 +60,8 @@ def _print_transform(
     outcomes: Sequence[SolverOutcome],
 ) -> None:
     """X or Z by every method, with the largest of its standard deviations."""
-    from posedesign.pairs_tables import largest_sigma
-    from posedesign.tables import POSE_AXES
+    from posedesign.pairs.tables import largest_sigma
+    from posedesign.planning.tables import POSE_AXES
 
     shown = []
     for row, outcome in zip(rows, outcomes, strict=True):

@@ -23,8 +23,8 @@ MOST_TRIALS = 10_000_000
 """Of a study; its own numbers are thousands."""
 
 if TYPE_CHECKING:
-    from posedesign.accuracy_study import AccuracyStudy
     from posedesign.demo import DemoResults
+    from posedesign.simulation.accuracy_study import AccuracyStudy
 
 Draws = Annotated[
     int, typer.Option(min=10, max=100_000, help="Noise draws for each pose set, at least 10.")
@@ -54,9 +54,9 @@ def accuracy(
     overwrite: Overwrite = False,
 ) -> int:
     """Accuracy against condition number: what better poses buy."""
-    from posedesign.accuracy_study import accuracy_study
     from posedesign.cell import Cell
-    from posedesign.template import cell_template
+    from posedesign.cell.template import cell_template
+    from posedesign.simulation.accuracy_study import accuracy_study
     from posedesign.workflow import STUDY, write_study
 
     loaded = Cell.load(cell) if cell is not None else Cell.from_text(cell_template())
@@ -228,7 +228,7 @@ def demo(
 
 def truth_rows(results: DemoResults) -> list[dict[str, object]]:
     """Identified parameters beside what the simulation used."""
-    from posedesign.pose_plan import displayed
+    from posedesign.planning.pose_plan import displayed
 
     shown = zip(
         results.offsets.displayed(), displayed(results.plan.model, results.truth), strict=True

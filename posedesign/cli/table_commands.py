@@ -20,7 +20,7 @@ from posedesign.cli.plan_commands import AsJson, Overwrite, TrustUnits
 
 
 class Form(StrEnum):
-    """The names of :class:`posedesign.tables.JointForm`: importing it would delay --help."""
+    """The names of :class:`posedesign.files.postures.JointForm`: importing it delays --help."""
 
     USUAL = "usual"
     ROS = "ros"
@@ -55,9 +55,9 @@ def convert(
     Configuration and margins are written anew; columns that are not known are kept.
     """
     from posedesign.cell import Cell
-    from posedesign.checks import outside_limits
-    from posedesign.pose_margins import Margins
-    from posedesign.tables import JointForm, read_robot_poses, write_pose_list
+    from posedesign.planning.checks import outside_limits
+    from posedesign.planning.pose_margins import Margins
+    from posedesign.planning.tables import JointForm, read_robot_poses, write_pose_list
 
     loaded = Cell.load(cell)
     (file,) = results_in(out.parent, "convert", poses, overwrite=overwrite).claim(

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from calib.errors import OutputError
 from posedesign.files import Results, kept_aside, make_folder, write_bytes_atomic
-from posedesign.origin import head_of
+from posedesign.files.origin import head_of
 from posedesign.programs.reading import MOST_BYTES
 
 _MARK = re.compile(

@@ -13,7 +13,7 @@ import numpy as np
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Objective
-from posedesign.selection.ledger import Ledger
+from posedesign.selection.information_state import Ledger
 
 NO_GAIN = 1e-9
 """Relative gains below are rounding: exchanging for them could go on for ever."""

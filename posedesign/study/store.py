@@ -19,8 +19,8 @@ from posedesign.files import (
     write_bytes_atomic,
     write_text_atomic,
 )
-from posedesign.locking import held
-from posedesign.numbers import load_json
+from posedesign.files.locking import held
+from posedesign.files.numbers import load_json
 
 if TYPE_CHECKING:
     import pandas as pd

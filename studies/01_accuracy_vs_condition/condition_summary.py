@@ -13,7 +13,7 @@ from scipy.stats import norm as normal
 from scipy.stats import t as student
 
 from calib.se3 import FloatArray
-from posedesign.accuracy_study import spread_interval
+from posedesign.simulation.accuracy_study import spread_interval
 
 QUANTITIES = ("x_deg", "x_mm", "z_deg", "z_mm")
 """Rotation and translation of X, the camera on the flange, and of Z, the target in the base."""

@@ -12,13 +12,13 @@ import numpy as np
 from calib.identification import covariance_of, identify_batch
 from calib.robot_world import solve_batch
 from calib.se3 import FloatArray, inverse, rotation_angle
-from posedesign.accuracy_study import effective_truth, improving_rounds, to_the_widest
 from posedesign.cell import Cell
-from posedesign.planner import plan
-from posedesign.pose_plan import Round
+from posedesign.cell.template import cell_template
+from posedesign.planning.loop import plan
+from posedesign.planning.pose_plan import Round
 from posedesign.simulation import SimulatedRobot
+from posedesign.simulation.accuracy_study import effective_truth, improving_rounds, to_the_widest
 from posedesign.study.grid import Task
-from posedesign.template import cell_template
 from posedesign.workflow import camera_noise
 
 OFFSET = "offset_deg"

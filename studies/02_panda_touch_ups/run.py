@@ -15,8 +15,8 @@ import numpy as np
 
 from calib import CalibrationModel, IdentificationResult, Robot, identify
 from calib.identification.evidence import PriorGroup, tune_priors
-from calib.measurement import TouchUp, touch_ups
-from calib.parameters import (
+from calib.model.measurements import TouchUp, touch_ups
+from calib.model.parameters import (
     BearingCompliance,
     JointCompliance,
     JointHarmonics,

@@ -10,11 +10,11 @@ from arm_recordings import ARM, POINTS, SETTINGS, Recorded
 
 from calib import CalibrationModel, IdentificationResult, identify
 from calib.identification.least_squares import minimise
-from calib.measurement import Measurements, Point, Setup
-from calib.parameters import TargetFrame, ToolBody, ToolPoints, ZeroOffsets
-from calib.parameters.frames import Frames
+from calib.model.measurements import Measurements, Point, Setup
+from calib.model.parameters import TargetFrame, ToolBody, ToolPoints, ZeroOffsets
+from calib.model.parameters.frames import Frames
 from calib.se3 import FloatArray, apply, inverse, transform
-from posedesign.before_after import Identified
+from posedesign.identification.comparison import Identified
 
 GEOMETRY, WITH_COMPLIANCE = "geometry", "geometry + compliance"
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from calib.se3 import FloatArray, inverse, transform
-from posedesign.csv_tables import write_table
 from posedesign.files import make_folder
+from posedesign.files.csv_tables import write_table
 
 SETTINGS: dict[str, Any] = tomllib.loads(
     (Path(__file__).parent / "study.toml").read_text(encoding="utf-8")

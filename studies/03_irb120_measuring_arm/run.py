@@ -19,9 +19,9 @@ from arm_models import GEOMETRY, WITH_COMPLIANCE, other_models, rms_mm, row_of  
 from arm_recordings import POINTS, RECORDINGS, load, write_tables  # noqa: E402
 from arm_recordings import SETTINGS as SETTINGS  # noqa: E402
 
-from posedesign.before_after import identify_models  # noqa: E402
 from posedesign.cell import Cell  # noqa: E402
-from posedesign.measurement_table import read_measurements  # noqa: E402
+from posedesign.files.measurements import read_measurements  # noqa: E402
+from posedesign.identification.comparison import identify_models  # noqa: E402
 from posedesign.study.library import Advance, Options  # noqa: E402
 from studies import drawing, writing  # noqa: E402
 from studies.real_data import data_with, folder_for_recordings  # noqa: E402

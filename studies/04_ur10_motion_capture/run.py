@@ -17,13 +17,13 @@ import numpy as np
 from calib import IdentificationResult
 from calib.identification.comparison import Trial
 from calib.identification.least_squares import minimise
-from calib.measurement import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, rotation_exp, rotation_from_wpr, rotation_log, wpr_from_rotation
-from posedesign.before_after import identify_models
 from posedesign.cell import Cell
-from posedesign.csv_tables import write_table
 from posedesign.files import make_folder
-from posedesign.measurement_table import read_measurements
+from posedesign.files.csv_tables import write_table
+from posedesign.files.measurements import read_measurements
+from posedesign.identification.comparison import identify_models
 from posedesign.study.library import Advance, Options
 from studies import drawing, writing
 from studies.real_data import data_with, folder_for_recordings

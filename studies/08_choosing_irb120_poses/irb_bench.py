@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from calib import CalibrationModel, Robot
+from calib.identification.prediction import tool_motion
 from calib.identification.reduction import reduce
-from calib.measurement import Measurements, Point, Setup
-from calib.parameters import (
+from calib.model.measurements import Measurements, Point, Setup
+from calib.model.parameters import (
     JointCompliance,
     LinkGeometry,
     ParameterBlock,
@@ -22,8 +23,7 @@ from calib.parameters import (
     ToolPoints,
     ZeroOffsets,
 )
-from calib.parameters.frames import Frames
-from calib.prediction import tool_motion
+from calib.model.parameters.frames import Frames
 from calib.se3 import BoolArray, FloatArray, apply, inverse
 from studies.choices import Pool
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from calib import CalibrationModel, Robot
 from calib.identification.least_squares import minimise
-from calib.measurement import TouchUp, touch_ups
-from calib.parameters import (
+from calib.identification.prediction import tool_motion
+from calib.model.measurements import TouchUp, touch_ups
+from calib.model.parameters import (
     JointHarmonics,
     LinkGeometry,
     ParameterBlock,
@@ -20,7 +21,6 @@ from calib.parameters import (
     ToolPoint,
     ZeroOffsets,
 )
-from calib.prediction import tool_motion
 from calib.se3 import BoolArray, FloatArray, IntArray, apply
 from studies.choices import Pool
 

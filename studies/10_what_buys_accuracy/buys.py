@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from calib.knowledge import KnownDistance
-from calib.measurement import Measurement, TouchUp, ViewLine
+from calib.identification.prediction import tool_motion
 from calib.model import CalibrationModel
-from calib.parameters import JointCompliance, ToolPoint, ZeroOffsets
-from calib.prediction import tool_motion
+from calib.model.measurements import Measurement, TouchUp, ViewLine
+from calib.model.parameters import JointCompliance, ToolPoint, ZeroOffsets
+from calib.model.priors import KnownDistance
 from calib.se3 import FloatArray, IntArray
+from posedesign.candidates import Pool, cone_pool, offset_targets, wpr_pool
 from posedesign.cell import Cell
-from posedesign.generation import GRID
-from posedesign.planner import plan
-from posedesign.pools import Pool, cone_pool, offset_targets, wpr_pool
-from posedesign.route import Router
+from posedesign.cell.orientations import GRID
+from posedesign.motion.route import Router
+from posedesign.planning.loop import plan
 from posedesign.selection import mean_deviation, select
 from studies.box_cells import box_postures, grid_pool, pool_at_target, study_cell
 from studies.tool_errors import Experiment, ToolErrors, simulate_errors, simulated_arm, tool_errors

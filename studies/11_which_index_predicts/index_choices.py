@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from calib.prediction import tool_motion
+from calib.identification.prediction import tool_motion
 from calib.se3 import FloatArray, IntArray
-from posedesign.indices import PER_MRAD_AND_MM
-from posedesign.pools import cone_pool
+from posedesign.candidates import cone_pool
 from posedesign.selection import largest_deviation, mean_deviation, select
+from posedesign.selection.indices import PER_MRAD_AND_MM
 from studies.box_cells import box_postures, study_cell
 from studies.tool_errors import Experiment, ToolErrors, interval, simulate_errors, simulated_arm
 

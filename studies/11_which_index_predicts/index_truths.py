@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.measurement import TouchUp
+from calib.identification.prediction import Against, tool_motion
 from calib.model import CalibrationModel
-from calib.parameters import JointCompliance, ParameterBlock, ToolPoint, ZeroOffsets
-from calib.parameters.links import AXES
-from calib.prediction import Against, tool_motion
+from calib.model.measurements import TouchUp
+from calib.model.parameters import JointCompliance, ParameterBlock, ToolPoint, ZeroOffsets
+from calib.model.parameters.links import AXES
 from calib.se3 import FloatArray
+from posedesign.candidates import Pool, cone_pool
 from posedesign.cell import Cell
-from posedesign.pools import Pool, cone_pool
 from posedesign.selection import mean_deviation, select
 from studies.box_cells import box_postures, grid_pool, study_cell
 from studies.tool_errors import Experiment, ToolErrors, interval, simulate_errors, simulated_arm

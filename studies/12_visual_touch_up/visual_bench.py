@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.camera import (
+from calib.se3 import FloatArray, rotation_exp, transform
+from calib.vision.camera import (
     Camera,
     CircleTarget,
     Imaging,
@@ -20,17 +21,16 @@ from calib.camera import (
     make_observer,
     noise_from_images,
 )
-from calib.se3 import FloatArray, rotation_exp, transform
-from calib.visual.drive import Drive
-from calib.visual.following import follow, shifted
-from calib.visual.jacobian import ImageJacobian, measure_jacobian
-from calib.visual.relation import Relation
-from calib.visual.servo import Loop, TouchUps, touch_up
-from calib.visual.simulated import SimulatedArms, TrueCell
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.following import follow, shifted
+from calib.vision.touch_up.jacobian import ImageJacobian, measure_jacobian
+from calib.vision.touch_up.relation import Relation
+from calib.vision.touch_up.servo import Loop, TouchUps, touch_up
+from calib.vision.touch_up.simulated import SimulatedArms, TrueCell
 from posedesign.cell import Cell
-from posedesign.config import CellConfig
-from posedesign.rehearsal import circle_target, imaging_of, true_camera, true_cell
-from posedesign.template import cell_template
+from posedesign.cell.schema import CellConfig
+from posedesign.cell.template import cell_template
+from posedesign.simulation.rehearsal import circle_target, imaging_of, true_camera, true_cell
 
 OF_AN_AXIS = 3.616
 """ISO 9283 repeatability of positions over their standard deviation along an axis, where that is
@@ -219,7 +219,9 @@ def _measured(drive: Drive, q: FloatArray, relation: Relation, step_m: float) ->
 
 
 def _in_depth(drive: Drive, q: FloatArray, known: ImageJacobian, depth_mm: float) -> ImageJacobian:
-    """The Jacobian after longer moves along the view line, as :mod:`calib.visual.set_up` has it."""
+    """The Jacobian after longer moves along the view line, as in
+    :mod:`calib.vision.touch_up.set_up`.
+    """
     only = np.zeros(1, dtype=np.intp)
     along = depth_mm / 1e3 * known.R_tip_camera[:, 2]
     errors = []

@@ -8,7 +8,7 @@ import numpy as np
 from visual_bench import Bench
 
 from calib.se3 import FloatArray
-from calib.visual.servo import touch_up
+from calib.vision.touch_up.servo import touch_up
 
 _STEPS = 6
 """Gauss-Newton steps: the unknowns are nearly linear, the third changes nothing."""

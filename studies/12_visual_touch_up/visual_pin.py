@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from visual_bench import Bench, exact
 
-from calib.camera import Camera, circle_center, circle_center_bias, circle_image
 from calib.se3 import FloatArray, inverse
-from calib.visual.facing import TiltBias
-from calib.visual.jacobian import ImageJacobian
-from calib.visual.relation import Relation
-from calib.visual.servo import Loop, touch_up
+from calib.vision.camera import Camera, circle_center, circle_center_bias, circle_image
+from calib.vision.touch_up.facing import TiltBias
+from calib.vision.touch_up.jacobian import ImageJacobian
+from calib.vision.touch_up.relation import Relation
+from calib.vision.touch_up.servo import Loop, touch_up
 
 PIN = 5
 """Stream of random numbers, apart from those of the other tables."""

@@ -10,7 +10,7 @@ from visual_bench import Bench
 from visual_lines import first_guess, follow_line, identify_line, meet
 
 from calib.se3 import FloatArray
-from calib.visual.servo import touch_up
+from calib.vision.touch_up.servo import touch_up
 
 LEVEL = 0.95
 AXES = ("V", "H", "D")

@@ -10,24 +10,24 @@ from typing import Any
 
 import numpy as np
 
-from calib.camera import MeasurementNoise, Observer
-from calib.camera.observers import FastObserver, Kind
 from calib.errors import ConvergenceError
 from calib.robots import Robot
 from calib.se3 import FloatArray
-from calib.visual.drive import Drive
-from calib.visual.facing import TiltBias
-from calib.visual.jacobian import ImageJacobian
-from calib.visual.servo import Loop, touch_up
-from calib.visual.set_up import NoSetUp, find_set_up
-from calib.visual.simulated import SimulatedArms, TrueCell
-from calib.visual.station import Station
+from calib.vision.camera import MeasurementNoise, Observer
+from calib.vision.camera.observers import FastObserver, Kind
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.facing import TiltBias
+from calib.vision.touch_up.jacobian import ImageJacobian
+from calib.vision.touch_up.servo import Loop, touch_up
+from calib.vision.touch_up.session import Station
+from calib.vision.touch_up.set_up import NoSetUp, find_set_up
+from calib.vision.touch_up.simulated import SimulatedArms, TrueCell
 from posedesign.cell import Cell
-from posedesign.config import TruthSection
-from posedesign.planner import plan
-from posedesign.rehearsal import true_cell, true_observer
+from posedesign.cell.schema import TruthSection
+from posedesign.cell.template import cell_template
+from posedesign.planning.loop import plan
 from posedesign.simulation import SimulatedRobot
-from posedesign.template import cell_template
+from posedesign.simulation.rehearsal import true_cell, true_observer
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,13 @@ from scipy.stats import binomtest
 from touch_bench import Bench, PoseSet
 from touch_variation import PAPER, WEIGHTED, Identified, every
 
-from calib.compensation import compensate
+from calib.correction.compensation import compensate
 from calib.errors import UnreachableError
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, transform
-from posedesign.feasibility import Checker, nearest_postures
-from posedesign.generation import touching_poses
-from posedesign.plate import PLATE_PITCH_M, PLATE_POINTS, PlateTest, plate_points
+from posedesign.cell.orientations import touching_poses
+from posedesign.constraints import Checker, nearest_postures
+from posedesign.simulation.plate import PLATE_PITCH_M, PLATE_POINTS, PlateTest, plate_points
 
 DISTANCES = tuple(round(1e3 * PLATE_PITCH_M) * k for k in range(1, PLATE_POINTS))
 """Distances between points of a row or column [mm]."""

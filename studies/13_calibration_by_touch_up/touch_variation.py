@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from touch_bench import Bench, DataSets, PoseSet
 
-from calib.camera.observers import Kind
 from calib.identification import covariance_of, identify_batch
-from calib.measurement import Measurement, TouchUp, ViewLine
-from calib.measurement.data import touch_ups
 from calib.model import CalibrationModel
+from calib.model.measurements import Measurement, TouchUp, ViewLine
+from calib.model.measurements.data import touch_ups
 from calib.se3 import FloatArray
-from posedesign.accuracy_study import effective_truth, spread_interval
+from calib.vision.camera.observers import Kind
+from posedesign.simulation.accuracy_study import effective_truth, spread_interval
 
 OFFSET = "zero_offset.joint_2"
 

@@ -6,17 +6,17 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from posedesign.accuracy_study import (
+from posedesign.cell import Cell
+from posedesign.cell.template import cell_template
+from posedesign.report.accuracy_figure import accuracy_figure
+from posedesign.simulation.accuracy_study import (
     IDENTIFIED_ARM,
     AccuracyStudy,
     Finding,
     accuracy_study,
     pick,
 )
-from posedesign.cell import Cell
-from posedesign.report.accuracy_figure import accuracy_figure
 from posedesign.study.library import Advance, Options
-from posedesign.template import cell_template
 from studies.writing import save, script, write_figures, write_rows
 
 HERE = Path(__file__).parent

@@ -16,7 +16,7 @@ from peer_touch_ups import TouchUps
 
 from calib import CalibrationModel, identify
 from calib.errors import CalibError
-from calib.parameters import ZeroOffsets
+from calib.model.parameters import ZeroOffsets
 from calib.se3 import FloatArray
 from studies.intervals import median_interval, share
 

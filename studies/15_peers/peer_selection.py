@@ -13,8 +13,8 @@ from peer_clock import Call, in_turns, ratio
 
 from calib import CalibrationModel, Robot
 from calib.identification.identifiability import sort_out
-from calib.measurement import Pose
-from calib.parameters import LinkGeometry, TargetFrame, ToolFrame
+from calib.model.measurements import Pose
+from calib.model.parameters import LinkGeometry, TargetFrame, ToolFrame
 from calib.se3 import FloatArray, rotation_exp, transform
 from posedesign.selection import select
 

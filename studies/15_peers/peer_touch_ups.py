@@ -11,9 +11,9 @@ from scipy.optimize import least_squares
 
 from calib import CalibrationModel, Robot, identify
 from calib.identification import identify_batch
-from calib.measurement import Measurements, TouchUp
-from calib.measurement.simulate import simulate
-from calib.parameters import TargetPoints, ToolPoint, ZeroOffsets
+from calib.model.measurements import Measurements, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 from calib.se3 import FloatArray, apply, rotation_exp, transform
 
 

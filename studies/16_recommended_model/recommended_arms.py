@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from calib.arm_view import Setup
 from calib.errors import ConvergenceError
-from calib.measurement import Measurement, Point
-from calib.measurement.simulate import simulate
 from calib.model import CalibrationModel
-from calib.parameters import (
+from calib.model.context import Setup
+from calib.model.measurements import Measurement, Point
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
     JointCompliance,
     JointHarmonics,
     LinkGeometry,
@@ -28,17 +28,17 @@ from calib.parameters import (
     ToolPoints,
     ZeroOffsets,
 )
-from calib.parameters.gravity import GravityLoad
-from calib.parameters.links import AXES
+from calib.model.parameters.gravity import GravityLoad
+from calib.model.parameters.links import AXES
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, rotation_exp, transform
+from posedesign.candidates import Pool, cone_pool, joint_pool
+from posedesign.candidates.of_cell import away_from_singularities, box_of_cell
 from posedesign.cell import Cell
-from posedesign.feasibility.postures import nearest_postures
-from posedesign.generation import touching_poses
-from posedesign.measurement_table import TOOL, MeasurementTable
-from posedesign.optimal.pool_of_cell import away_from_singularities, box_of_cell
-from posedesign.pools import Pool, cone_pool, joint_pool
-from posedesign.template import cell_template
+from posedesign.cell.orientations import touching_poses
+from posedesign.cell.template import cell_template
+from posedesign.constraints.postures import nearest_postures
+from posedesign.files.measurements import TOOL, MeasurementTable
 
 SETTINGS: dict[str, Any] = tomllib.loads(
     Path(__file__).with_name("study.toml").read_text(encoding="utf-8")

@@ -14,10 +14,10 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib.measurement import Measurements
 from calib.model import CalibrationModel
-from calib.parameters import LinkGeometry, ParameterBlock
-from calib.parameters.part import Part
+from calib.model.measurements import Measurements
+from calib.model.parameters import LinkGeometry, ParameterBlock
+from calib.model.parameters.part import Part
 from calib.se3 import FloatArray
 
 REDUCED, PULLED = "QR, least squares", "pulled to nominal"

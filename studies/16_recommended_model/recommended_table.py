@@ -10,7 +10,7 @@ import numpy as np
 from recommended_peers import PULLED, REDUCED
 from recommended_trials import KNOWN, NOMINAL
 
-from posedesign.models import OFFSETS
+from posedesign.identification.models import OFFSETS
 from studies.intervals import wilson
 from studies.writing import table_of
 

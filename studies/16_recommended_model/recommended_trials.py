@@ -18,15 +18,15 @@ from recommended_peers import (
     reduced_by_qr,
 )
 
-from calib.arm_view import Setup
 from calib.errors import CalibError
 from calib.identification import IdentificationResult, identify
 from calib.identification.diagnosis.finding import MODEL
-from calib.measurement.simulate import simulate as measure
 from calib.model import CalibrationModel
+from calib.model.context import Setup
+from calib.model.measurements.simulate import simulate as measure
 from calib.se3 import FloatArray
-from posedesign.before_after import Identified, identify_models
-from posedesign.identification_content import results_as_dict
+from posedesign.identification.comparison import Identified, identify_models
+from posedesign.identification.content import results_as_dict
 from posedesign.study.grid import Task
 
 NOMINAL = "frames only"

@@ -7,9 +7,9 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from posedesign.cell import Cell
-from posedesign.feasibility import Checker
-from posedesign.feasibility.space import Collision
-from posedesign.planner import grid_poses, plan
+from posedesign.constraints import Checker
+from posedesign.constraints.space import Collision
+from posedesign.planning.loop import grid_poses, plan
 
 
 def postures(cell: Cell, count: int) -> np.ndarray:

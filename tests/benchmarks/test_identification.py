@@ -17,10 +17,10 @@ from scipy.optimize import least_squares
 from calib import CalibrationModel, Robot, identify
 from calib.identification import identify_batch
 from calib.identification.identifiability import sort_out
-from calib.linearisation import Linearisation
-from calib.measurement import Measurements, Pose, TouchUp
-from calib.measurement.simulate import simulate
-from calib.parameters import (
+from calib.model.linearisation import Linearisation
+from calib.model.measurements import Measurements, Pose, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
     LinkGeometry,
     TargetFrame,
     TargetPoints,

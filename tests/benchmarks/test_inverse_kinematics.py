@@ -13,7 +13,7 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from calib import Robot, preset_names
-from calib.robots.closed_form import compare, every_branch
+from calib.robots.inverse.closed_form import compare, every_branch
 
 
 def random_poses(robot: Robot, count: int) -> np.ndarray:

@@ -13,8 +13,8 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from calib.identification import identify, identify_batch
 from posedesign.cell import Cell
-from posedesign.indices import condition_inf
-from posedesign.planner import grid_poses, plan
+from posedesign.planning.loop import grid_poses, plan
+from posedesign.selection.indices import condition_inf
 from posedesign.simulation import SimulatedRobot
 
 

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from calib.camera import MeasurementNoise
-from calib.camera.observers import Kind
 from calib.se3 import FloatArray, transform
-from calib.visual.drive import Drive
-from calib.visual.following import follow
-from calib.visual.jacobian import ImageJacobian, measure_jacobian
-from calib.visual.relation import Relation
-from calib.visual.servo import Loop, touch_up
-from calib.visual.simulated import SimulatedArms
-from posedesign.calibration import run_by_sight
+from calib.vision.camera import MeasurementNoise
+from calib.vision.camera.observers import Kind
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.following import follow
+from calib.vision.touch_up.jacobian import ImageJacobian, measure_jacobian
+from calib.vision.touch_up.relation import Relation
+from calib.vision.touch_up.servo import Loop, touch_up
+from calib.vision.touch_up.simulated import SimulatedArms
+from posedesign.autonomous import run_by_sight
 from posedesign.cell import Cell
-from posedesign.rehearsal import true_cell, true_observer
-from posedesign.template import cell_template
+from posedesign.cell.template import cell_template
+from posedesign.simulation.rehearsal import true_cell, true_observer
 
 NOISE = MeasurementNoise.from_sigma([0.005, 0.005, 0.012])
 PAPER = (

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
+from posedesign.cell.template import cell_template
 from posedesign.cli.main import run
-from posedesign.template import cell_template
 
 WORK_FILES = ("cell.toml", "poses.csv", "touchups.csv", "pairs.csv")
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from posedesign import config
+from posedesign.cell import schema as config
 
 Cli = Callable[..., Any]
 Refuse = Callable[..., Any]

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from posedesign import csv_tables
+from posedesign.files import csv_tables
 
 Refuse = Callable[..., Any]
 ChangeCsv = Callable[[str, int, str, str], Path]

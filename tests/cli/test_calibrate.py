@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 
 from calib.errors import OutputError
-from posedesign.calibration import run_by_sight
+from posedesign.autonomous import run_by_sight
+from posedesign.cell.template import cell_template
 from posedesign.cli.main import run
-from posedesign.locking import held
-from posedesign.template import cell_template
+from posedesign.files.locking import held
 
 
 def small(text: str) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from posedesign.cell import Cell
+from posedesign.planning.tables import read_poses
 from posedesign.programs import read
-from posedesign.tables import read_poses
 from tests.cli.conftest import with_camera
 
 Cli = Callable[..., Any]

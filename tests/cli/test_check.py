@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from posedesign.cell import Cell
-from posedesign.pose_check import check_poses
-from posedesign.tables import read_poses
+from posedesign.planning.pose_check import check_poses
+from posedesign.planning.tables import read_poses
 
 ChangeCell = Callable[[Mapping[str, str]], Path]
 Cli = Callable[..., Any]
@@ -78,7 +78,7 @@ def test_a_way_through_the_fixture(make_demo_cell: Callable[..., Cell]) -> None:
     cell = make_demo_cell(obstacle=[wall], camera=None)
     q = np.tile(cell.base_posture, (2, 1))
     q[1, 0] += np.deg2rad(60.0)
-    from posedesign.tables import PoseList
+    from posedesign.planning.tables import PoseList
 
     there = check_poses(cell, PoseList(("P1", "P2"), q, np.zeros(2, dtype=bool)))
     assert [verdict.feasible for verdict in there] == [True, True]
@@ -105,7 +105,7 @@ def test_the_way_back_to_the_base_posture_is_checked(
 
 
 def test_postures_on_the_way_need_not_see_the_target(make_demo_cell: Callable[..., Cell]) -> None:
-    from posedesign.tables import PoseList
+    from posedesign.planning.tables import PoseList
 
     cell = make_demo_cell()
     q = cell.base_posture + np.deg2rad([[0.0, 0, 0, 0, 0, 0], [10.0, -10, 0, 0, 40, 0]])

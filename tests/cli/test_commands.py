@@ -14,9 +14,9 @@ import pytest
 
 from calib.robots import preset_names
 from posedesign.cell import Cell
-from posedesign.cell_file import cell_text
+from posedesign.cell.file import cell_text
+from posedesign.cell.schema import CellConfig
 from posedesign.cli import output
-from posedesign.config import CellConfig
 from posedesign.programs import read, validate
 
 Cli = Callable[..., Any]

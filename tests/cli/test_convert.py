@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from posedesign.cell import Cell
-from posedesign.tables import read_poses, read_robot_poses
+from posedesign.planning.tables import read_poses, read_robot_poses
 
 Cli = Callable[..., Any]
 Refuse = Callable[..., Any]

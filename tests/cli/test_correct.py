@@ -15,9 +15,9 @@ from calib import CalibrationModel, Robot, se3
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.cli.main import run
-from posedesign.models import model_of
+from posedesign.identification.models import model_of
+from posedesign.planning.tables import read_poses
 from posedesign.simulation import SimulatedRobot
-from posedesign.tables import read_poses
 
 Cli = Callable[..., Any]
 Refuse = Callable[..., Any]
@@ -463,7 +463,7 @@ def test_bytes_and_folders_are_refused(refuse: Refuse, work, identified) -> None
 
 
 def test_a_file_too_large_is_refused(refuse: Refuse, work, identified, monkeypatch) -> None:
-    monkeypatch.setattr("posedesign.identification_file.LARGEST_JSON_BYTES", 1000)
+    monkeypatch.setattr("posedesign.identification.file.LARGEST_JSON_BYTES", 1000)
     refuse("correct", work / "cell.toml", identified, "--out", work / "out").says("larger than")
 
 

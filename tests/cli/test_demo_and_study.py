@@ -16,8 +16,8 @@ import pytest
 from calib.robot_world import PAPER_METHODS
 from posedesign.cell import Cell
 from posedesign.cli.main import run
+from posedesign.planning.tables import read_pairs, read_poses, read_touch_ups
 from posedesign.programs import validate
-from posedesign.tables import read_pairs, read_poses, read_touch_ups
 
 Cli = Callable[..., Any]
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.measurement import Measurements, Setup, touch_ups
+from calib.model.measurements import Measurements, Setup, touch_ups
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, rotation_log, transform
-from posedesign.before_after import identify_models
 from posedesign.cell import Cell
 from posedesign.cli.identification_output import print_identification
-from posedesign.measurement_table import read_measurements, write_measurements
+from posedesign.files.measurements import read_measurements, write_measurements
+from posedesign.identification.comparison import identify_models
 
 Cli = Callable[..., Any]
 Refuse = Callable[..., Any]
@@ -331,8 +331,8 @@ def test_more_wrong_than_right(refuse: Refuse, change_cell: ChangeCell, work: Pa
 
 def other_arm(work: Path, preset: str) -> Path:
     """Touch-ups of another arm than the cell's."""
-    from posedesign.planner import plan
-    from posedesign.template import cell_template
+    from posedesign.cell.template import cell_template
+    from posedesign.planning.loop import plan
 
     cell = Cell.from_text(cell_template(preset, surroundings=False))
     q = plan(cell).poses.postures

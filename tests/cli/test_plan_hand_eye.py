@@ -14,7 +14,7 @@ import pytest
 from calib.robot_world import PairNoise, design
 from calib.se3 import inverse
 from posedesign.cell import Cell
-from posedesign.tables import read_pairs, read_poses
+from posedesign.planning.tables import read_pairs, read_poses
 
 ChangeCell = Callable[[Mapping[str, str]], Path]
 Cli = Callable[..., Any]

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from posedesign.cli import output
-from posedesign.optimal.planning import _Planning
-from posedesign.tables import read_poses
+from posedesign.planning.optimal.choose import _Planning
+from posedesign.planning.tables import read_poses
 
 ChangeCell = Callable[[Mapping[str, str]], Path]
 Cli = Callable[..., Any]

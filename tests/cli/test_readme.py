@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from posedesign.cell import Cell
-from posedesign.programming import program_options
+from posedesign.planning.tables import read_poses
+from posedesign.pose_programs.from_plan import program_options
 from posedesign.programs import PoseProgram, ProgramPose, write
 from posedesign.simulation import SimulatedRobot
-from posedesign.tables import read_poses
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 

@@ -25,10 +25,10 @@ from calib.robot_world import (
     solve,
 )
 from calib.se3 import FloatArray, inverse
-from posedesign import pairs_results
-from posedesign.pairs_file import Pairs, write_pairs
-from posedesign.pairs_forms import PoseForm
-from posedesign.pairs_results import solve_pairs
+from posedesign.pairs import results as pairs_results
+from posedesign.pairs.file import Pairs, write_pairs
+from posedesign.pairs.forms import PoseForm
+from posedesign.pairs.results import solve_pairs
 
 Cli = Callable[..., Any]
 Refuse = Callable[..., Any]

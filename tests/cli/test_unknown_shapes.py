@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.descriptions.urdf_anew import urdf_of
+from calib.correction.urdf_anew import urdf_of
 from calib.robots import Robot
 from tests.cli.conftest import Cli
 

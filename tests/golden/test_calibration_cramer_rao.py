@@ -7,22 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from calib.arm_view import Setup
 from calib.identification.least_squares import minimise
-from calib.measurement import Measurements
 from calib.model import CalibrationModel
+from calib.model.context import Setup
+from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
-from calib.visual.drive import Drive
-from calib.visual.servo import touch_up
-from calib.visual.set_up import SetUp, find_set_up
-from calib.visual.simulated import SimulatedArms
-from calib.visual.station import Station
-from posedesign.calibration.found_cell import found_cell
-from posedesign.calibration.process import loop_of, tilt_bias
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.servo import touch_up
+from calib.vision.touch_up.session import Station
+from calib.vision.touch_up.set_up import SetUp, find_set_up
+from calib.vision.touch_up.simulated import SimulatedArms
+from posedesign.autonomous.found_cell import found_cell
+from posedesign.autonomous.process import loop_of, tilt_bias
 from posedesign.cell import Cell
-from posedesign.planner import plan
-from posedesign.rehearsal import true_cell, true_observer
-from posedesign.template import cell_template
+from posedesign.cell.template import cell_template
+from posedesign.planning.loop import plan
+from posedesign.simulation.rehearsal import true_cell, true_observer
 
 REPEATS = 1000
 """Touch-ups of each pose that its noise is measured by: standard deviations to 2.2 %."""

@@ -16,10 +16,10 @@ from scipy.stats import chi2
 from calib import CalibrationModel, Robot
 from calib.identification import covariance_of, identify_batch
 from calib.identification.identifiability import sort_out
-from calib.measurement import Distance, PlaneContact, Point, Pose, Setup, TouchUp
-from calib.measurement.simulate import simulate
-from calib.measurement.touch import touch
-from calib.parameters import (
+from calib.model.measurements import Distance, PlaneContact, Point, Pose, Setup, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.measurements.touch import touch
+from calib.model.parameters import (
     JointCompliance,
     JointHarmonics,
     JointScale,
@@ -34,7 +34,7 @@ from calib.parameters import (
     ToolPoints,
     ZeroOffsets,
 )
-from calib.parameters.base import ParameterBlock
+from calib.model.parameters.base import ParameterBlock
 from calib.se3 import apply, rotation_exp, transform
 from tests.marks import rest_in_full
 

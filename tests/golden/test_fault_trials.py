@@ -10,7 +10,7 @@ import pytest
 
 from calib.identification.diagnosis import MODEL
 from calib.identification.diagnosis.tuning import tuned
-from posedesign.findings import diagnose_table, model_of_arm
+from posedesign.identification.findings import diagnose_table, model_of_arm
 from tests.fault_trials import (
     ARMS,
     FAULTS,

@@ -14,10 +14,10 @@ from calib.robot_world.noise import PairCovariances, difference, perturb
 from calib.robot_world.results import residuals
 from calib.robot_world.simulation import add_noise
 from posedesign.cell import Cell
-from posedesign.config import parse_config
-from posedesign.optimal import plan_fewest
+from posedesign.cell.schema import parse_config
+from posedesign.cell.template import cell_template
+from posedesign.planning.optimal import plan_fewest
 from posedesign.simulation import SimulatedRobot
-from posedesign.template import cell_template
 
 TRIALS = 300
 STEP = 1e-6

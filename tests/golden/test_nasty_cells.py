@@ -2,7 +2,7 @@
 
 What is allowed of a further touch-up: the true target is on the true tip of the virtual pin to half
 a millimetre, what the tilt of the circle does to its ellipse (``r² / d`` at most, see
-:mod:`calib.camera.circle_pose`), and a tenth of a pixel of its size.
+:mod:`calib.vision.camera.circle_pose`), and a tenth of a pixel of its size.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from calib.se3 import rotation_exp, transform
-from calib.visual.arms import OneArm
-from calib.visual.drive import Drive
-from calib.visual.following import follow
-from calib.visual.servo import Loop
-from calib.visual.set_up import NoSetUp, SetUp, find_set_up
-from calib.visual.station import Station
+from calib.vision.touch_up.arms import OneArm
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.following import follow
+from calib.vision.touch_up.servo import Loop
+from calib.vision.touch_up.session import Station
+from calib.vision.touch_up.set_up import NoSetUp, SetUp, find_set_up
 from tests.marks import rest_in_full
 from tests.visual_cells import is_right
 from tests.visual_mischief import TrickyRobot, nasty_cell

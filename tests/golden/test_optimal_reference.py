@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from calib.linearisation import Linearisation
 from calib.model import CalibrationModel
+from calib.model.linearisation import Linearisation
+from posedesign.candidates import Pool, cone_pool
 from posedesign.cell import Cell
-from posedesign.checks import off_target
-from posedesign.indices import condition_inf
-from posedesign.planner import regressor
-from posedesign.pools import Pool, cone_pool
+from posedesign.planning.checks import off_target
+from posedesign.planning.loop import regressor
 from posedesign.selection import Selection, select
+from posedesign.selection.indices import condition_inf
 
 POSES, ORIENTATIONS, TILT = 27, 3000, np.deg2rad(45.0)
 CONFIGURATIONS = {"front": 1.45e4, "all": 20.0}

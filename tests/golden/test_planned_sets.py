@@ -16,9 +16,9 @@ import pytest
 from calib.geometry import Body, Box, Capsule, HalfSpace
 from calib.robots import preset_names
 from posedesign.cell import Cell
-from posedesign.planner import plan
-from posedesign.pose_plan import PosePlan
-from posedesign.template import REFERENCE, cell_template
+from posedesign.cell.template import REFERENCE, cell_template
+from posedesign.planning.loop import plan
+from posedesign.planning.pose_plan import PosePlan
 
 SAMPLES_A_WAY = 60
 ON_THE_WAY_M = 2e-3

@@ -11,14 +11,14 @@ import pytest
 
 from calib.robots import Robot, preset_names
 from posedesign.cell import Cell
-from posedesign.planner import plan
-from posedesign.program_frames import arm_of
-from posedesign.programming import program_options, write_program
+from posedesign.cell.template import cell_template
+from posedesign.planning.loop import plan
+from posedesign.planning.tables import PoseList
+from posedesign.pose_programs.frames import arm_of
+from posedesign.pose_programs.from_plan import program_options, write_program
+from posedesign.pose_programs.touch_ups import import_touch_ups
 from posedesign.programs import DIALECTS, PoseProgram, ProgramPose
 from posedesign.simulation import SimulatedRobot
-from posedesign.tables import PoseList
-from posedesign.template import cell_template
-from posedesign.touch_up_import import import_touch_ups
 
 PULSES = "[1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7]"
 """Per degree: no arm's own, which are in its controller, but of their size and signs."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.visual.drive import Drive
-from calib.visual.servo import Loop
-from calib.visual.set_up import NoSetUp, SetUp, find_set_up
-from calib.visual.simulated import SimulatedArms
-from calib.visual.station import Station
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.servo import Loop
+from calib.vision.touch_up.session import Station
+from calib.vision.touch_up.set_up import NoSetUp, SetUp, find_set_up
+from calib.vision.touch_up.simulated import SimulatedArms
 from tests.marks import rest_in_full
 from tests.visual_cells import Sight, is_right, random_sight
 

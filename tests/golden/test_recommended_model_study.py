@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from calib.se3 import rotation_exp
-from posedesign.models import candidates
+from posedesign.identification.models import candidates
 from posedesign.study.library import Options, find_study
 from studies.intervals import wilson
 

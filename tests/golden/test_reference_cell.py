@@ -11,12 +11,12 @@ import pytest
 
 from calib.errors import NotIdentifiableError
 from calib.identification import check_identifiable, covariance_of
-from calib.measurement import TouchUp, ViewLine
+from calib.model.measurements import TouchUp, ViewLine
 from posedesign.cell import Cell
-from posedesign.indices import condition_2, condition_inf
-from posedesign.planner import grid_poses, plan
-from posedesign.pose_plan import PoseStatus, StopReason
-from posedesign.repair import RepairPool, repair
+from posedesign.planning.loop import grid_poses, plan
+from posedesign.planning.pose_plan import PoseStatus, StopReason
+from posedesign.planning.repair import RepairPool, repair
+from posedesign.selection.indices import condition_2, condition_inf
 
 # D [deg], C_G, cond_2 of G with unit columns, sigma(dtheta2) [deg]: weighted, unweighted
 TABLE = [
@@ -125,7 +125,7 @@ def test_a_column_of_rounding_errors_explains_the_view_line_figures(reference_ce
 
 def test_the_tool_point_along_a_view_line_is_refused(reference_cell: Cell) -> None:
     from calib.model import CalibrationModel
-    from calib.parameters import TargetPoints, ToolPoint, ZeroOffsets
+    from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 
     model = CalibrationModel(
         reference_cell.robot,

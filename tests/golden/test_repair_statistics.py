@@ -16,12 +16,12 @@ import pytest
 
 from calib.errors import CalibError
 from posedesign.cell import Cell
-from posedesign.config import parse_config
-from posedesign.generation import cone_rotations, touching_poses
-from posedesign.planner import grid_poses
-from posedesign.pose_plan import PoseStatus
-from posedesign.repair import RepairPool, repair
-from posedesign.template import cell_template
+from posedesign.cell.orientations import cone_rotations, touching_poses
+from posedesign.cell.schema import parse_config
+from posedesign.cell.template import cell_template
+from posedesign.planning.loop import grid_poses
+from posedesign.planning.pose_plan import PoseStatus
+from posedesign.planning.repair import RepairPool, repair
 
 PRESETS = ("r2000ic165f", "lrmate200id", "irb120", "kr6r900sixx", "ur5e")
 POSES = 1000

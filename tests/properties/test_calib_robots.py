@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from calib import CalibrationModel, Robot, preset_names, se3
 from calib.identification import covariance_of
-from calib.measurement import TouchUp, ViewLine
-from calib.parameters import TargetPoints, ToolPoint, ZeroOffsets
+from calib.model.measurements import TouchUp, ViewLine
+from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 from calib.robots import InverseSolutions
 from calib.robots.bounds import nearest_turns
 

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from posedesign.pools.branches import evenly
-from posedesign.pools.draws import even_points, once
+from posedesign.candidates.branches import evenly
+from posedesign.candidates.draws import even_points, once
 
 
 @given(st.integers(0, 10_000), st.integers(0, 60), st.integers(1, 7))

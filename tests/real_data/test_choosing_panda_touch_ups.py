@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.measurement import touch_ups
+from calib.model.measurements import touch_ups
 from posedesign.study.library import Options
 from studies.writing import read_figures, rounded
 

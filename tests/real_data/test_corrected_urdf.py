@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot
-from calib.corrected import corrected_robot
-from calib.descriptions.urdf_write import corrected_urdf
-from calib.measurement import TouchUp
-from calib.parameters import LinkGeometry, TargetPoints, ToolPoint, ZeroOffsets, gravity_torque
+from calib.correction.corrected_robot import corrected_robot
+from calib.correction.urdf_write import corrected_urdf
+from calib.model.measurements import TouchUp
+from calib.model.parameters import (
+    LinkGeometry,
+    TargetPoints,
+    ToolPoint,
+    ZeroOffsets,
+    gravity_torque,
+)
 
 pytestmark = pytest.mark.real_data
 

@@ -14,11 +14,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from calib.arm_view import Setup
-from calib.carried import Expectation
+from calib.identification.carried import Expectation
+from calib.model.context import Setup
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
-from posedesign.correction_routes import (
+from posedesign.cell.task_box import TaskBox
+from posedesign.files.numbers import load_json
+from posedesign.identification.correction_routes import (
     AS_IT_IS,
     DESCRIPTION,
     MASTERING,
@@ -26,9 +28,7 @@ from posedesign.correction_routes import (
     routes_of,
     with_described_tool,
 )
-from posedesign.identification_file import read_identification
-from posedesign.numbers import load_json
-from posedesign.task_box import TaskBox
+from posedesign.identification.file import read_identification
 from posedesign.workflow import identify_file
 
 pytestmark = pytest.mark.real_data

@@ -20,12 +20,12 @@ import numpy as np
 import pytest
 
 from calib.se3 import FloatArray
-from posedesign.before_after import Identified
 from posedesign.cell import Cell
-from posedesign.csv_tables import write_table
-from posedesign.identification_content import results_as_dict
-from posedesign.models import FRAMES_ONLY
-from posedesign.template import cell_template
+from posedesign.cell.template import cell_template
+from posedesign.files.csv_tables import write_table
+from posedesign.identification.comparison import Identified
+from posedesign.identification.content import results_as_dict
+from posedesign.identification.models import FRAMES_ONLY
 from posedesign.workflow import identify_file
 
 pytestmark = pytest.mark.real_data

@@ -10,9 +10,9 @@ import pytest
 
 from calib.se3 import FloatArray, rotation_angle
 from posedesign.cli.main import run
-from posedesign.pairs_file import Pairs, write_pairs
-from posedesign.pairs_forms import PoseForm
-from posedesign.pairs_source import PairSource
+from posedesign.pairs.file import Pairs, write_pairs
+from posedesign.pairs.forms import PoseForm
+from posedesign.pairs.source import PairSource
 
 pytestmark = pytest.mark.real_data
 

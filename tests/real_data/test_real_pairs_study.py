@@ -16,7 +16,7 @@ import pytest
 from calib.robot_world import PairNoise, solve, solve_batch
 from calib.robot_world.noise import difference
 from calib.robot_world.results import residuals
-from posedesign.pairs_source import PairSource
+from posedesign.pairs.source import PairSource
 
 pytestmark = pytest.mark.real_data
 

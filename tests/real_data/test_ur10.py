@@ -19,9 +19,9 @@ from calib import CalibrationModel, identify
 from calib.identification import reduce
 from posedesign.cell import Cell
 from posedesign.cli.main import run
-from posedesign.measurement_table import read_measurements
-from posedesign.models import kinds_of, robot_blocks
-from posedesign.set_up import set_up_blocks
+from posedesign.files.measurements import read_measurements
+from posedesign.identification.measurement_set_up import set_up_blocks
+from posedesign.identification.models import kinds_of, robot_blocks
 
 pytestmark = pytest.mark.real_data
 

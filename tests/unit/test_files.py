@@ -10,8 +10,14 @@ import pytest
 
 from calib import reading
 from calib.errors import FileFormatError, OutputError
-from posedesign import files, numbers
-from posedesign.files import Results, read_bytes_bounded, write_bytes_atomic, write_text_atomic
+from posedesign.files import (
+    Results,
+    numbers,
+    read_bytes_bounded,
+    write_bytes_atomic,
+    write_text_atomic,
+)
+from posedesign.files import safe as files
 from posedesign.study.folder import own_folder
 
 

@@ -19,9 +19,9 @@ from functools import cached_property
 import numpy as np
 
 from calib.identification.diagnosis.finding import Finding
-from calib.linearisation import Linearisation
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
+from calib.model.linearisation import Linearisation
+from calib.model.measurements.data import Measurements
 from calib.se3 import FloatArray
 
 _RANK = 1e-10

@@ -20,9 +20,9 @@ from calib.identification.diagnosis.mistakes import (
 from calib.identification.diagnosis.patterns import incomplete, scales
 from calib.identification.diagnosis.sequence import changes
 from calib.identification.diagnosis.tuning import Tuned, log_odds, tuned
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
-from calib.parameters import ZeroOffsets
+from calib.model.measurements.data import Measurements
+from calib.model.parameters import ZeroOffsets
 
 CHANCE = 2e-3
 """Probability that something is named that is not there, where the model is complete."""

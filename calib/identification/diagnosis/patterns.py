@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.identification.diagnosis.finding import Cause, Finding
 from calib.identification.diagnosis.held import Effect, Held, held_at, score_of
-from calib.parameters import JointHarmonics
+from calib.model.parameters import JointHarmonics
 from calib.se3 import FloatArray
 
 SCALE = 0.01

@@ -16,8 +16,8 @@ from calib.errors import CalibError
 from calib.identification.diagnosis.held import Effect, Held, held_at, lasting
 from calib.identification.evidence import PriorGroup, tune_priors
 from calib.identification.marginal import LinearEvidence, linear_evidence, noise_classes
-from calib.measurement.data import Measurements
 from calib.model import CalibrationModel
+from calib.model.measurements.data import Measurements
 from calib.se3 import FloatArray
 
 _SMALLER = 50.0

@@ -8,8 +8,8 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.se3 import FloatArray
+from posedesign.motion.order import ACCELERATION_S, move_times
 from posedesign.programs.arm import Arm
-from posedesign.sequence import ACCELERATION_S, move_times
 
 UNKNOWN_SPEED = 1.0
 """Speed of the joints of an arm whose description gives none [rad/s]: below that of the slowest
@@ -43,7 +43,7 @@ def point_times_ms(
 ) -> tuple[list[int], int]:
     """Durations of the moves to each of ``(S, n)`` postures [ms], and of standing [ms].
 
-    A move takes the time of :func:`posedesign.sequence.move_times`, and never so little that a
+    A move takes the time of :func:`posedesign.motion.order.move_times`, and never so little that a
     cubic would be faster than the joint speeds. The first one begins wherever the arm is: it takes
     the time from the farthest that the joint limits allow, or from a half turn away.
 

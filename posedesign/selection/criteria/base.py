@@ -20,7 +20,7 @@ import numpy as np
 
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import RANK_TOLERANCE, Candidates
-from posedesign.selection.ledger import Ledger
+from posedesign.selection.information_state import Ledger
 
 if TYPE_CHECKING:
     from posedesign.selection.relaxation.relaxation import Relaxation

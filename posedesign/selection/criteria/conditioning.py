@@ -2,7 +2,7 @@
 
 They are no information functions: poses more can make them worse, and they depend on how the
 columns are scaled, which for C_G and cond_2 depends on the choice itself (see
-:mod:`posedesign.indices`).
+:mod:`posedesign.selection.indices`).
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.se3 import FloatArray, IntArray
-from posedesign.indices import condition_2, condition_inf, o2, o4
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective
 from posedesign.selection.criteria.spectrum import Spectrum
+from posedesign.selection.indices import condition_2, condition_inf, o2, o4
 from posedesign.selection.information import SEEN, Informations
-from posedesign.selection.ledger import Ledger
+from posedesign.selection.information_state import Ledger
 from posedesign.selection.relaxation.cone import relax_condition
 from posedesign.selection.relaxation.relaxation import Relaxation
 

@@ -15,7 +15,7 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
 from posedesign.selection.information import Informations
-from posedesign.selection.ledger import Ledger
+from posedesign.selection.information_state import Ledger
 from posedesign.selection.relaxation.barrier import relax_smooth
 from posedesign.selection.relaxation.certificate import MeanCertificate
 from posedesign.selection.relaxation.cone import relax_smallest

@@ -8,7 +8,7 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
 from posedesign.selection.information import Informations
-from posedesign.selection.ledger import Ledger, log_det_of_root
+from posedesign.selection.information_state import Ledger, log_det_of_root
 from posedesign.selection.products import products_by_pairs, root_of
 from posedesign.selection.relaxation.barrier import relax_smooth
 from posedesign.selection.relaxation.certificate import MeanCertificate
@@ -42,7 +42,7 @@ class Volume(Criterion):
         return VolumeObjective(candidates, K / candidates.scale[:, None])
 
     def shown(self, cost: float) -> float:
-        """``det(information)^(1/p)``, as :func:`posedesign.indices.d_optimality`."""
+        """``det(information)^(1/p)``, as :func:`posedesign.selection.indices.d_optimality`."""
         return 1.0 / cost if cost > 0.0 else np.inf
 
     def cost_of(self, value: float) -> float:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot, se3
-from calib.measurement import TouchUp
-from calib.parameters import ParameterBlock, TargetPoints, ToolPoint, ZeroOffsets
+from calib.model.measurements import TouchUp
+from calib.model.parameters import ParameterBlock, TargetPoints, ToolPoint, ZeroOffsets
 
 TOOL_M = np.array([0.2, -0.05, 0.35])
 BASE_POSTURE = np.deg2rad([0.0, 15.0, -25.0, 0.0, -50.0, 0.0])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.descriptions.urdf_anew import urdf_of
+from calib.correction.urdf_anew import urdf_of
 from calib.errors import RobotModelError
 from calib.geometry import Capsule
 from calib.geometry.enclosure import outer_points

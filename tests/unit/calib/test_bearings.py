@@ -10,10 +10,10 @@ import pinocchio as pin
 import pytest
 
 from calib import CalibrationModel, Robot, se3
-from calib.arm_view import Setup
 from calib.errors import InputError
-from calib.measurement import Pose
-from calib.parameters import (
+from calib.model.context import Setup
+from calib.model.measurements import Pose
+from calib.model.parameters import (
     BearingCompliance,
     JointCompliance,
     LinkGeometry,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.camera import PinholeCamera
+from calib.vision.camera import PinholeCamera
 
 CAMERA = PinholeCamera(640, 480, 800.0)
 

@@ -7,10 +7,17 @@ import pytest
 from scipy.optimize import minimize
 
 from calib import CalibrationModel, Robot
-from calib.carried import ALIKE, NATURAL, Carried, Expectation, part_of, rigid_motions
 from calib.errors import InputError
-from calib.measurement import TouchUp
-from calib.parameters import (
+from calib.identification.carried import (
+    ALIKE,
+    NATURAL,
+    Carried,
+    Expectation,
+    part_of,
+    rigid_motions,
+)
+from calib.model.measurements import TouchUp
+from calib.model.parameters import (
     JointCompliance,
     JointHarmonics,
     LinkGeometry,

@@ -16,9 +16,17 @@ from calib.identification.comparison import Candidate, Comparison, compare
 from calib.identification.least_squares import minimise
 from calib.identification.left_out import targets_left_out
 from calib.identification.robust import Loss
-from calib.measurement import Measurement, Measurements, Point, Pose, Setup, TouchUp, touch_ups
-from calib.measurement.simulate import simulate
-from calib.parameters import (
+from calib.model.measurements import (
+    Measurement,
+    Measurements,
+    Point,
+    Pose,
+    Setup,
+    TouchUp,
+    touch_ups,
+)
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
     JointHarmonics,
     JointScale,
     ParameterBlock,

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot, se3
-from calib.arm_view import Setup
-from calib.compensation import CLOSED, compensate
-from calib.corrected import corrected_robot
+from calib.correction.compensation import CLOSED, compensate
+from calib.correction.corrected_robot import corrected_robot
 from calib.errors import InputError
-from calib.measurement import TouchUp
-from calib.parameters import (
+from calib.model.context import Setup
+from calib.model.measurements import TouchUp
+from calib.model.parameters import (
     BearingCompliance,
     JointCompliance,
     JointHarmonics,

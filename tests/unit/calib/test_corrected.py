@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib import CalibrationModel, Robot
-from calib.corrected import corrected_robot
-from calib.descriptions.urdf_anew import rpy_of
-from calib.descriptions.urdf_write import corrected_urdf
+from calib.correction.corrected_robot import corrected_robot
+from calib.correction.urdf_anew import rpy_of
+from calib.correction.urdf_write import corrected_urdf
 from calib.errors import InputError, RobotModelError
-from calib.measurement import TouchUp
-from calib.parameters import (
+from calib.model.measurements import TouchUp
+from calib.model.parameters import (
     BearingCompliance,
     JointCompliance,
     JointHarmonics,
@@ -31,7 +31,7 @@ from calib.parameters import (
     ZeroOffsets,
     gravity_torque,
 )
-from calib.parameters.part import Part
+from calib.model.parameters.part import Part
 from calib.robots import preset_names
 from calib.robots.controller import Controller
 from calib.robots.replaced import with_placements

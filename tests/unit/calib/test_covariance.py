@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calib.identification import covariance_of, identify_batch
-from calib.measurement import TouchUp, ViewLine
-from calib.measurement.simulate import simulate
+from calib.model.measurements import TouchUp, ViewLine
+from calib.model.measurements.simulate import simulate
 
 TRIALS = 600
 

@@ -16,7 +16,7 @@ from calib.identification.diagnosis.sequence import alike, changes, things_of
 from calib.identification.diagnosis.tuning import Tuned, log_odds, tuned
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
-from posedesign.findings import model_of_arm
+from posedesign.identification.findings import model_of_arm
 from tests.fault_trials import Arm, draw_arm, table_of
 
 

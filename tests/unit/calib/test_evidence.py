@@ -10,15 +10,14 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 from calib import CalibrationModel, Robot, identify
-from calib.arm_view import Setup
 from calib.errors import InputError, NotIdentifiableError
 from calib.identification.evidence import PriorGroup, TunedPriors, tune_priors
 from calib.identification.marginal import linear_evidence
 from calib.identification.robust import WEIGHTS, distances2
-from calib.knowledge import KnownDistance
-from calib.measurement import Measurement, Measurements, Point, Pose
-from calib.measurement.simulate import simulate
-from calib.parameters import (
+from calib.model.context import Setup
+from calib.model.measurements import Measurement, Measurements, Point, Pose
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
     LinkGeometry,
     ParameterBlock,
     TargetFrame,
@@ -26,6 +25,7 @@ from calib.parameters import (
     ToolPoint,
     ZeroOffsets,
 )
+from calib.model.priors import KnownDistance
 
 ROBOT = Robot.preset("ur5e")
 LENGTHS = tuple(f"link.{joint}.{axis}" for joint in ROBOT.joint_names for axis in "xyz")

@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_t
 
 from calib import CalibrationModel, Robot
-from calib.arm_view import Setup
 from calib.identification import Candidate, PriorGroup, Workplace, fit_reference
 from calib.identification.candidate import fit
 from calib.identification.expected import DrawnArms
 from calib.identification.losses import STUDENT_FREEDOM, gain_of_student
-from calib.measurement import Measurements, TouchUp
-from calib.measurement.simulate import simulate
-from calib.parameters import (
+from calib.model.context import Setup
+from calib.model.measurements import Measurements, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
     JointCompliance,
     LinkGeometry,
     TargetPoints,

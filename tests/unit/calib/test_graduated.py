@@ -9,9 +9,9 @@ import pytest
 
 from calib import CalibrationModel, Robot, identify
 from calib.identification.noise import distances2
-from calib.measurement import Distance, Point, Pose, Setup, TouchUp
-from calib.measurement.simulate import simulate
-from calib.parameters import LinkGeometry, TargetFrame, ToolPoints, ZeroOffsets
+from calib.model.measurements import Distance, Point, Pose, Setup, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import LinkGeometry, TargetFrame, ToolPoints, ZeroOffsets
 
 PLACES_M = np.array([[0.1, 0.0, 0.1], [0.0, 0.12, 0.1]])
 

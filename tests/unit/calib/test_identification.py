@@ -14,9 +14,9 @@ from calib.identification import (
     identify_batch,
 )
 from calib.identification.identifiability import check_believable
-from calib.measurement import Measurements, Setup, TouchUp, ViewLine, touch_ups
-from calib.measurement.simulate import simulate
-from calib.parameters import JointCompliance, Payload, TargetPoints, ToolPoint, ZeroOffsets
+from calib.model.measurements import Measurements, Setup, TouchUp, ViewLine, touch_ups
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import JointCompliance, Payload, TargetPoints, ToolPoint, ZeroOffsets
 
 OFFSETS = np.deg2rad([0.2, -0.3, 0.15, -0.25])
 SIGMA = np.array([0.02, 0.02, 0.12]) / 3e3

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot
-from calib.measurement import KINDS, Setup
-from calib.parameters import (
+from calib.model.measurements import KINDS, Setup
+from calib.model.parameters import (
     JointCompliance,
     JointHarmonics,
     JointScale,

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, identify
-from calib.measurement import Distance, Measurements, Point, Pose, Setup, TouchUp
-from calib.measurement.simulate import simulate
 from calib.model import KnownDistance
-from calib.parameters import TargetFrame, TargetPoints, ToolFrame, ToolPoints, ZeroOffsets
+from calib.model.measurements import Distance, Measurements, Point, Pose, Setup, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import TargetFrame, TargetPoints, ToolFrame, ToolPoints, ZeroOffsets
 from calib.se3 import rotation_exp, transform
 
 T_TOOL = transform(rotation_exp([0.1, 0.2, -0.1]), [0.2, -0.05, 0.35])

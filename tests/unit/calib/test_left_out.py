@@ -10,9 +10,9 @@ from calib import CalibrationModel, identify
 from calib.identification.comparison import Candidate, compare
 from calib.identification.least_squares import minimise
 from calib.identification.left_out import free_points, targets_left_out
-from calib.measurement import Setup, TouchUp
-from calib.measurement.simulate import simulate
-from calib.parameters import TargetPoints
+from calib.model.measurements import Setup, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import TargetPoints
 
 NOISE_M = 1e-4
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot
+from calib.batch_last import columns_of, matrices_of
 from calib.errors import InputError
-from calib.measurement import Point
-from calib.parameters import LinkGeometry, TargetPoints, ToolPoint
-from calib.posture_last import columns_of, matrices_of
+from calib.model.measurements import Point
+from calib.model.parameters import LinkGeometry, TargetPoints, ToolPoint
 from calib.robots.chain import Displacement, SerialChain
 from calib.se3 import rotation_exp, transform
 

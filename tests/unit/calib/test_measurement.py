@@ -7,7 +7,7 @@ import pytest
 
 from calib import CalibrationModel
 from calib.errors import ConvergenceError, InputError
-from calib.measurement import (
+from calib.model.measurements import (
     KINDS,
     Distance,
     Measurements,
@@ -18,9 +18,9 @@ from calib.measurement import (
     ViewLine,
     touch_ups,
 )
-from calib.measurement.simulate import simulate
-from calib.measurement.touch import touch
-from calib.parameters import Payload, TargetFrame, ToolFrame, ToolPoint, ZeroOffsets
+from calib.model.measurements.simulate import simulate
+from calib.model.measurements.touch import touch
+from calib.model.parameters import Payload, TargetFrame, ToolFrame, ToolPoint, ZeroOffsets
 from calib.se3 import rotation_exp, transform
 
 SAMPLES = 8000

@@ -8,9 +8,9 @@ import pytest
 from calib import CalibrationModel, identify
 from calib.errors import InputError, NotIdentifiableError
 from calib.identification.noise import LEAST_NOISE
-from calib.measurement import Distance, Point, Pose, Setup, TouchUp
-from calib.measurement.simulate import simulate
-from calib.parameters import (
+from calib.model.measurements import Distance, Point, Pose, Setup, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
     LengthOffsets,
     TargetFrame,
     TargetPoints,

@@ -9,8 +9,8 @@ import pytest
 
 from calib import Robot, se3
 from calib.robots.chain import SerialChain
-from calib.robots.closed_form import ClosedForm
 from calib.robots.ideal import idealised
+from calib.robots.inverse.closed_form import ClosedForm
 
 CLOSURE = 1e-9
 TURN = 2 * np.pi

@@ -8,8 +8,8 @@ import pytest
 
 from calib import CalibrationModel, Robot
 from calib.errors import InputError
-from calib.measurement import TouchUp
-from calib.parameters import (
+from calib.model.measurements import TouchUp
+from calib.model.parameters import (
     JointCompliance,
     Payload,
     TargetPoints,

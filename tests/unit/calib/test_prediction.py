@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel
-from calib.arm_view import Setup
 from calib.errors import InputError
 from calib.identification.covariance import covariance_of
-from calib.identification.solver import identify_batch
-from calib.measurement import TouchUp
-from calib.measurement.simulate import simulate
-from calib.parameters import JointCompliance, Payload, TargetPoints, ToolPoint, ZeroOffsets
-from calib.prediction import (
+from calib.identification.prediction import (
     KNOWN_BASE,
     TURNED_BASE,
     predict_accuracy,
     reference_frame,
 )
+from calib.identification.solver import identify_batch
+from calib.model.context import Setup
+from calib.model.measurements import TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import JointCompliance, Payload, TargetPoints, ToolPoint, ZeroOffsets
 
 TRIALS = 1000
 

@@ -8,10 +8,10 @@ import pytest
 from calib import CalibrationModel, identify
 from calib.errors import InputError
 from calib.identification import covariance_of
-from calib.measurement import Measurements, Point, Pose, Setup, TouchUp
-from calib.measurement.simulate import simulate
 from calib.model import KnownDistance
-from calib.parameters import (
+from calib.model.measurements import Measurements, Point, Pose, Setup, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
     LinkGeometry,
     TargetFrame,
     TargetPoints,

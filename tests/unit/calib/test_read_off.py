@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, se3
-from calib.measurement import CameraPose, Distance, Point, Pose, Setup
-from calib.measurement.base import Contact
-from calib.measurement.simulate import simulate
-from calib.parameters import (
+from calib.model.measurements import CameraPose, Distance, Point, Pose, Setup
+from calib.model.measurements.base import Contact
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
     LengthOffsets,
     TargetFrame,
     TargetPoints,

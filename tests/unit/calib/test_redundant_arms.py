@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from calib import Robot, se3
 from calib.robots import CoupledLimit
-from calib.robots.redundant import SWEEP_STEP_RAD, RedundantArm
+from calib.robots.inverse.redundant import SWEEP_STEP_RAD, RedundantArm
 
 CLOSURE = 1e-9
 DOWN = np.diag([1.0, -1.0, -1.0])

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.measurement import Measurements, Setup
-from calib.measurement.repeats import SAME_POSTURE_RAD, repeated_together, same_posture
+from calib.model.measurements import Measurements, Setup
+from calib.model.measurements.repeats import SAME_POSTURE_RAD, repeated_together, same_posture
 
 
 def test_of_one_name_or_at_one_posture() -> None:

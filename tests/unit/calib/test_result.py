@@ -7,9 +7,9 @@ import pytest
 
 from calib import CalibrationModel, identify
 from calib.identification.result import STRONG_CORRELATION
-from calib.measurement import Distance, Pose, Setup, TouchUp, touch_ups
-from calib.measurement.simulate import simulate
-from calib.parameters import (
+from calib.model.measurements import Distance, Pose, Setup, TouchUp, touch_ups
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
     JointCompliance,
     TargetFrame,
     TargetPoints,

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.parameters import TargetFrame, ToolFrame
+from calib.model.parameters import TargetFrame, ToolFrame
 from calib.robot_world import solve, solve_batch
 from calib.robots import Robot
 from calib.se3 import FloatArray
-from posedesign.tables import Pairs, write_pairs
+from posedesign.planning.tables import Pairs, write_pairs
 
 Take = Callable[[FloatArray, Path], object]
 

@@ -10,9 +10,9 @@ import pytest
 from calib import CalibrationModel, identify
 from calib.errors import CalibError, InputError
 from calib.identification.robust import OUTLIER_CHANCE
-from calib.measurement import Measurements, Pose, Setup, TouchUp
-from calib.measurement.simulate import simulate
-from calib.parameters import TargetFrame, ToolFrame, ZeroOffsets
+from calib.model.measurements import Measurements, Pose, Setup, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import TargetFrame, ToolFrame, ZeroOffsets
 from calib.se3 import rotation_exp, transform
 
 SIGMA_M = np.array([0.02, 0.02, 0.12]) / 3e3

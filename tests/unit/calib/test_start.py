@@ -7,10 +7,10 @@ import pytest
 
 from calib import CalibrationModel, identify
 from calib.errors import NotIdentifiableError
-from calib.measurement import CameraPose, Distance, PlaneContact, Point, Pose, Setup, TouchUp
-from calib.measurement.simulate import simulate
-from calib.measurement.touch import touch
-from calib.parameters import (
+from calib.model.measurements import CameraPose, Distance, PlaneContact, Point, Pose, Setup, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.measurements.touch import touch
+from calib.model.parameters import (
     LengthOffsets,
     TargetFrame,
     TargetPlane,

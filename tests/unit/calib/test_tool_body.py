@@ -7,9 +7,9 @@ import pytest
 
 from calib import CalibrationModel, Robot, identify
 from calib.errors import InputError
-from calib.measurement import Measurement, Measurements, Point, Pose, Setup, TouchUp
-from calib.measurement.simulate import simulate
-from calib.parameters import TargetFrame, ToolBody, ToolFrame, ToolPoints, ZeroOffsets
+from calib.model.measurements import Measurement, Measurements, Point, Pose, Setup, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import TargetFrame, ToolBody, ToolFrame, ToolPoints, ZeroOffsets
 from calib.se3 import rotation_exp, transform
 
 ROBOT = Robot.preset("ur5e")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel
-from calib.measurement import Setup, TouchUp
-from calib.measurement.touch import TOUCH_TOLERANCE_M, touch
-from calib.parameters import JointCompliance, TargetPoints, ToolPoint, ZeroOffsets
+from calib.model.measurements import Setup, TouchUp
+from calib.model.measurements.touch import TOUCH_TOLERANCE_M, touch
+from calib.model.parameters import JointCompliance, TargetPoints, ToolPoint, ZeroOffsets
 
 
 @pytest.fixture(scope="module")

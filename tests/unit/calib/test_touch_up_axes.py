@@ -7,9 +7,9 @@ import pytest
 
 from calib import CalibrationModel, Robot
 from calib.errors import InputError
-from calib.measurement import TouchUp
-from calib.measurement.simulate import simulate
-from calib.parameters import TargetPoints, ToolPoint, ZeroOffsets
+from calib.model.measurements import TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 from calib.se3 import rotation_from_wpr
 
 SIGMA = np.array([1e-5, 2e-5, 9e-5])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot, identify, se3
-from calib.arm_view import Setup
 from calib.identification.report import unseen_scale
-from calib.knowledge import KnownDistance
-from calib.measurement import Measurement, Point, TouchUp
-from calib.measurement.simulate import simulate
-from calib.parameters import LinkGeometry, TargetPoints, ToolPoint, ZeroOffsets
+from calib.model.context import Setup
+from calib.model.measurements import Measurement, Point, TouchUp
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import LinkGeometry, TargetPoints, ToolPoint, ZeroOffsets
+from calib.model.priors import KnownDistance
 
 ROBOT = Robot.preset("panda")  # its flange is 107 mm off the last joint: no link, and no tool
 POSTURE = np.deg2rad([0.0, -30.0, 10.0, -130.0, 20.0, 100.0, 30.0])

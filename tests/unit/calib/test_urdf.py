@@ -11,7 +11,7 @@ import pytest
 
 from calib import Robot
 from calib.errors import RobotModelError
-from calib.robots import urdf
+from calib.robots.description import urdf
 
 LIMIT = '<limit lower="-1" upper="1.5" velocity="2" effort="1"/>'
 

@@ -13,7 +13,7 @@ import pytest
 from calib import Robot
 from calib.errors import FileFormatError, RobotModelError
 from calib.geometry.shapes import Box, Capsule, Cylinder, Mesh, Sphere
-from calib.robots import urdf_geometry
+from calib.robots.description import urdf_geometry
 
 JOINT = (
     '<joint name="j{0}" type="{3}"><parent link="{1}"/><child link="{2}"/>'

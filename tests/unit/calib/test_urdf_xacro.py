@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from calib import Robot
-from calib.descriptions import xacro_file
 from calib.errors import RobotModelError
+from calib.robots.description import xacro_file
 
 pytest.importorskip("xacro")
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.descriptions.expression import LONGEST_EXPRESSION, ExpressionError, evaluate
+from calib.robots.description.expression import LONGEST_EXPRESSION, ExpressionError, evaluate
 
 SYMBOLS = {
     "a": 2.5,

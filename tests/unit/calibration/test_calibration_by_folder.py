@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.visual.simulated import SimulatedArms
-from posedesign.calibration.by_sight import calibrate_robot
-from posedesign.calibration.folder_robot import FolderRobot
+from calib.vision.touch_up.simulated import SimulatedArms
+from posedesign.autonomous.by_sight import calibrate_robot
+from posedesign.autonomous.folder_robot import FolderRobot
 from posedesign.cell import Cell
-from posedesign.rehearsal import true_cell, true_observer
+from posedesign.simulation.rehearsal import true_cell, true_observer
 
 ONLY = np.zeros(1, dtype=np.intp)
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from calib.robots import preset_names
 from posedesign.cell import Cell
-from posedesign.cell_file import cell_text
-from posedesign.config import CellConfig, parse_config, parse_text
-from posedesign.template import cell_template
+from posedesign.cell.file import cell_text
+from posedesign.cell.schema import CellConfig, parse_config, parse_text
+from posedesign.cell.template import cell_template
 
 WHERE = Path("cell.toml")
 

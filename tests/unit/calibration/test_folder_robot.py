@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from calib.errors import FileFormatError, InputError, JointLimitError
 from calib.se3 import FloatArray
-from posedesign.calibration.folder_robot import FolderRobot
+from posedesign.autonomous.folder_robot import FolderRobot
 from posedesign.cell import Cell
+from posedesign.cell.template import cell_template
 from posedesign.programs import DIALECTS, Arm, read, validate
-from posedesign.template import cell_template
 
 POLL_S = 0.002
 PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)

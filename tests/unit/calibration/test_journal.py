@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError, InputError, OutputError
-from posedesign.calibration.journal import Journal
+from posedesign.autonomous.journal import Journal
 
 Q = np.array([0.1, -0.2])
 LOST = {"reasons": ["no target: dark"]}

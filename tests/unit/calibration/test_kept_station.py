@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.camera.observers import Views
 from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, IntArray
-from calib.visual.drive import Drive
-from calib.visual.jacobian import ImageJacobian
-from calib.visual.relation import Relation
-from calib.visual.servo import Loop
-from posedesign.calibration.journal import Journal
-from posedesign.calibration.kept_station import KeptStation
+from calib.vision.camera.observers import Views
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.jacobian import ImageJacobian
+from calib.vision.touch_up.relation import Relation
+from calib.vision.touch_up.servo import Loop
+from posedesign.autonomous.journal import Journal
+from posedesign.autonomous.recorded_session import KeptStation
 from posedesign.cell import Cell
 
 ABOUT = {"robot": "of a test"}

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from calib.errors import FileFormatError
-from posedesign.calibration import picture_file
-from posedesign.calibration.picture_file import ENDINGS, MOST_PIXELS, read_picture
+from posedesign.autonomous import picture_file
+from posedesign.autonomous.picture_file import ENDINGS, MOST_PIXELS, read_picture
 
 Picture = NDArray[np.uint8]
 FORMATS = (".png", ".pgm", ".bmp", ".tif", ".jpg")

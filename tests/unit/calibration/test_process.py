@@ -12,22 +12,22 @@ import numpy as np
 import pytest
 
 import posedesign
-from calib.camera import MeasurementNoise
-from calib.camera.rendering import GreyImage
 from calib.errors import ConvergenceError, FileFormatError, InputError, UnreachableError
 from calib.se3 import FloatArray, IntArray, inverse
-from calib.visual.adapter import RobotAdapter
-from calib.visual.simulated import SimulatedArms
-from posedesign.calibration import calibrate_robot
-from posedesign.calibration.by_sight import SightResult
-from posedesign.calibration.journal import Journal
-from posedesign.calibration.kept_station import KeptStation
-from posedesign.calibration.moving import drive_of, refusals_of
-from posedesign.calibration.process import LEAST_SIGMA_M, Calibration, calibrate
+from calib.vision.camera import MeasurementNoise
+from calib.vision.camera.rendering import GreyImage
+from calib.vision.touch_up.adapter import RobotAdapter
+from calib.vision.touch_up.simulated import SimulatedArms
+from posedesign.autonomous import calibrate_robot
+from posedesign.autonomous.by_sight import SightResult
+from posedesign.autonomous.journal import Journal
+from posedesign.autonomous.moving import drive_of, refusals_of
+from posedesign.autonomous.process import LEAST_SIGMA_M, Calibration, calibrate
+from posedesign.autonomous.recorded_session import KeptStation
 from posedesign.cell import Cell
-from posedesign.measurement_table import read_measurements
-from posedesign.rehearsal import true_cell, true_observer
-from posedesign.template import cell_template
+from posedesign.cell.template import cell_template
+from posedesign.files.measurements import read_measurements
+from posedesign.simulation.rehearsal import true_cell, true_observer
 
 Whole = tuple[Calibration, Path, int]
 """What was found, where, and how many moves it took."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.camera import Camera, CircleTarget
+from calib.vision.camera import Camera, CircleTarget
 
 Looking = Callable[..., np.ndarray]
 

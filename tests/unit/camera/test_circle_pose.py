@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.camera import (
+from calib.vision.camera import (
     Camera,
     Imaging,
     circle_center,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.camera import CircleTarget
 from calib.errors import InputError
+from calib.vision.camera import CircleTarget
 
 
 def test_areas_by_monte_carlo() -> None:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.camera import Camera, circle_image, ellipse_axes
-from calib.camera.conic import ellipse_distance, ellipse_points, fit_ellipse, half_axes
+from calib.vision.camera import Camera, circle_image, ellipse_axes
+from calib.vision.camera.conic import ellipse_distance, ellipse_points, fit_ellipse, half_axes
 
 BENT = Camera(640, 480, 800.0, distortion=(-0.3, 0.15, 2e-3, -1e-3, 0.02))
 

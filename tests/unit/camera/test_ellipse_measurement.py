@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.camera import (
+from calib.vision.camera import (
     Camera,
     CircleTarget,
     EllipseMeasurement,
@@ -19,7 +19,7 @@ from calib.camera import (
     measure_ellipse,
     render,
 )
-from calib.camera.edges import find_edges
+from calib.vision.camera.edges import find_edges
 
 QUIET = Imaging(noise_grey=0.3, white_grey=200.0)
 """Just enough noise that rounding to whole grey levels has no preference."""

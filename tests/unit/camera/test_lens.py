@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.camera import Camera, PinholeCamera
 from calib.errors import InputError
+from calib.vision.camera import Camera, PinholeCamera
 
 CAMERA = Camera(
     1280,

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.camera import (
+from calib.errors import ConvergenceError, InputError
+from calib.vision.camera import (
     Camera,
     CircleTarget,
     FastObserver,
@@ -20,7 +21,6 @@ from calib.camera import (
     make_observer,
     noise_from_images,
 )
-from calib.errors import ConvergenceError, InputError
 
 CLOSE = Camera(160, 120, 400.0, distortion=(-0.2, 0.0, 0.0, 0.0, 0.0))
 """A small image is rendered in a third of the time."""

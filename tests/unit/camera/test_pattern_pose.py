@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.camera import Camera, CircleTarget, Imaging, Occluder, pose_from_image, render
 from calib.errors import InputError
+from calib.vision.camera import Camera, CircleTarget, Imaging, Occluder, pose_from_image, render
 
 TRIALS = 60
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.camera import Camera, CircleTarget, Glare, Imaging, Occluder, render
 from calib.errors import InputError
+from calib.vision.camera import Camera, CircleTarget, Glare, Imaging, Occluder, render
 
 CLEAN = Imaging(blur_px=0.0, noise_grey=0.0, white_grey=200.0)
 """Levels of 16, 70 and 170: whole numbers, so that rounding says nothing."""

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.camera import Camera, pose_from_points
 from calib.errors import InputError
+from calib.vision.camera import Camera, pose_from_points
 
 BENT = Camera(
     640, 480, 900.0, principal_px=(331.0, 233.0), distortion=(-0.25, 0.1, 1e-3, -1e-3, 0.0)

@@ -12,9 +12,9 @@ from calib.geometry import engine as engine_module
 from calib.geometry.scene import Scene
 from calib.geometry.ways import TOUCH_M
 from calib.se3 import rotation_exp, transform
-from posedesign.feasibility import Checker
-from posedesign.feasibility.space import Collision, SelfCollision
-from posedesign.feasibility.ways import WayChecker
+from posedesign.constraints import Checker
+from posedesign.constraints.motions import WayChecker
+from posedesign.constraints.space import Collision, SelfCollision
 
 ZERO = np.zeros((1, 4))
 FACES = [(0, 1, 3), (0, 3, 2), (4, 7, 5), (4, 6, 7), (0, 5, 1), (0, 4, 5)]

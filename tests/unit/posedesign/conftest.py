@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from calib.arm_view import Setup
-from calib.measurement import KINDS, Measurements
-from calib.measurement.simulate import simulate
 from calib.model import CalibrationModel
-from calib.parameters import (
+from calib.model.context import Setup
+from calib.model.measurements import KINDS, Measurements
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import (
     ParameterBlock,
     TargetFrame,
     TargetPlane,

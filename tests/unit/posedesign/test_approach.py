@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from posedesign.cell import Cell
-from posedesign.feasibility.ways import WayChecker, WayVerdicts
-from posedesign.planner import plan
-from posedesign.route import Passing, Route, RouteOptions, Router
+from posedesign.constraints.motions import WayChecker, WayVerdicts
+from posedesign.motion.route import Passing, Route, RouteOptions, Router
+from posedesign.planning.loop import plan
 
 FREE = WayChecker((), np.inf)
 ANGLE = np.deg2rad(1.0)

@@ -13,9 +13,12 @@ import pytest
 
 from calib.errors import ConvergenceError, NotIdentifiableError
 from calib.identification.result import DISPLAY
-from calib.measurement.simulate import simulate
-from calib.parameters import LinkGeometry
-from posedesign.before_after import (
+from calib.model.measurements.simulate import simulate
+from calib.model.parameters import LinkGeometry
+from posedesign.cell import Cell
+from posedesign.files import json_text
+from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
+from posedesign.identification.comparison import (
     BELIEVABLE,
     beyond_belief,
     identify_models,
@@ -26,10 +29,7 @@ from posedesign.before_after import (
     why_another,
     without_repeats,
 )
-from posedesign.cell import Cell
-from posedesign.files import json_text
-from posedesign.identification_content import results_as_dict
-from posedesign.measurement_table import MeasurementTable, read_measurements, write_measurements
+from posedesign.identification.content import results_as_dict
 
 MakeCell = Callable[..., Cell]
 OFFSETS = {"parameters": {"models": [["zero_offsets"]]}}

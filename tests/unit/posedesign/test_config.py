@@ -15,10 +15,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calib.errors import CalibError, FileFormatError
-from posedesign import config
 from posedesign.cell import Cell
-from posedesign.config import CellConfig, _section_in, parse_config, parse_text, read_config
-from posedesign.template import cell_template
+from posedesign.cell import schema as config
+from posedesign.cell.schema import CellConfig, _section_in, parse_config, parse_text, read_config
+from posedesign.cell.template import cell_template
 
 WHERE = Path("some/cell.toml")
 EXAMPLE = tomllib.loads(cell_template())

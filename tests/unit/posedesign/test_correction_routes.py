@@ -9,14 +9,18 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot, identify
-from calib.arm_view import Setup
 from calib.errors import InputError, UnreachableError
-from calib.measurement import Measurements
-from calib.measurement.simulate import simulate
+from calib.model.context import Setup
+from calib.model.measurements import Measurements
+from calib.model.measurements.simulate import simulate
 from calib.se3 import FloatArray
+from posedesign.candidates.of_cell import box_of_cell
 from posedesign.cell import Cell
-from posedesign.correction import correct
-from posedesign.correction_routes import (
+from posedesign.cell.task_box import TaskBox
+from posedesign.files.csv_tables import read_rows, write_table
+from posedesign.files.measurements import MeasurementTable
+from posedesign.identification.correction import correct
+from posedesign.identification.correction_routes import (
     AS_IT_IS,
     DESCRIPTION,
     DRAWN,
@@ -27,14 +31,10 @@ from posedesign.correction_routes import (
     postures_of_box,
     routes_of,
 )
-from posedesign.csv_tables import read_rows, write_table
-from posedesign.identification_file import IdentifiedModel
-from posedesign.measurement_table import MeasurementTable
-from posedesign.models import kinds_of, model_of, robot_blocks
-from posedesign.optimal.pool_of_cell import box_of_cell
-from posedesign.set_up import set_up_blocks
-from posedesign.tables import read_poses
-from posedesign.task_box import TaskBox
+from posedesign.identification.file import IdentifiedModel
+from posedesign.identification.measurement_set_up import set_up_blocks
+from posedesign.identification.models import kinds_of, model_of, robot_blocks
+from posedesign.planning.tables import read_poses
 
 CELL = """
 [robot]

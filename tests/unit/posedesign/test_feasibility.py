@@ -11,13 +11,13 @@ import pytest
 from calib.errors import FileFormatError
 from calib.robots import CoupledLimit, Robot
 from calib.se3 import rotation_exp
+from posedesign.candidates.reasons import no_pose
 from posedesign.cell import Cell
-from posedesign.feasibility import Checker, Constraint, Situation, nearest_postures
-from posedesign.feasibility.joints import CoupledLimits, JointLimits, Singularity
-from posedesign.feasibility.space import Collision
-from posedesign.feasibility.visibility import Distance, InImage, LineOfSight, Tilt
-from posedesign.generation import touching_poses
-from posedesign.pools.reasons import no_pose
+from posedesign.cell.orientations import touching_poses
+from posedesign.constraints import Checker, Constraint, Situation, nearest_postures
+from posedesign.constraints.joints import CoupledLimits, JointLimits, Singularity
+from posedesign.constraints.space import Collision
+from posedesign.constraints.visibility import Distance, InImage, LineOfSight, Tilt
 
 MakeCell = Callable[..., Cell]
 

@@ -9,9 +9,10 @@ import pytest
 
 from calib.errors import InputError
 from calib.se3 import rotation_angle
-from posedesign.checks import off_target
-from posedesign.optimal import plan_fewest, planning
-from posedesign.route import Router
+from posedesign.motion.route import Router
+from posedesign.planning.checks import off_target
+from posedesign.planning.optimal import choose as planning
+from posedesign.planning.optimal import plan_fewest
 
 WANTED_M = 2e-4
 

@@ -13,13 +13,13 @@ import pytest
 from calib.errors import NotIdentifiableError
 from calib.identification.diagnosis import Finding
 from calib.identification.diagnosis.finding import Cause
-from posedesign.before_after import identify_models, why_another
 from posedesign.cell import Cell
 from posedesign.cli.identification_output import print_identification
 from posedesign.files import json_text
-from posedesign.findings import as_dict, in_words, is_gross
-from posedesign.identification_content import results_as_dict
-from posedesign.measurement_table import MeasurementTable, read_measurements, write_measurements
+from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
+from posedesign.identification.comparison import identify_models, why_another
+from posedesign.identification.content import results_as_dict
+from posedesign.identification.findings import as_dict, in_words, is_gross
 
 MakeCell = Callable[..., Cell]
 THINGS: dict[str, tuple[str, ...]] = {

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot
-from calib.measurement import TouchUp
-from calib.parameters import TargetPoints, ToolPoint, ZeroOffsets
+from calib.model.measurements import TouchUp
+from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 from calib.robots import POSITIVE_AXES, preset_info, preset_names
-from posedesign.mastering import mastering
+from posedesign.identification.mastering import mastering
 
 
 def model_of(robot: Robot, joints: tuple[str, ...]) -> CalibrationModel:

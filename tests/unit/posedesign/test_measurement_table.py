@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError, InputError
-from calib.measurement import KINDS
+from calib.model.measurements import KINDS
 from calib.se3 import rotation_angle, rotation_exp
-from posedesign.csv_tables import read_rows, write_table
-from posedesign.measurement_table import read_measurements, write_measurements
-from posedesign.reading_checks import check_readings
+from posedesign.files.csv_tables import read_rows, write_table
+from posedesign.files.measurements import read_measurements, write_measurements
+from posedesign.identification.reading_checks import check_readings
 
 EXACT = 4e-11
 """[rad, m]: nine decimals of mm and degrees, through W, P and R and back."""

@@ -12,13 +12,13 @@ import pytest
 
 from calib.errors import InputError
 from calib.identification import identify
-from calib.measurement import KINDS
 from calib.model import CalibrationModel
-from posedesign.before_after import identify_models
+from calib.model.measurements import KINDS
 from posedesign.cell import Cell
-from posedesign.config_identification import Word
-from posedesign.measurement_table import MeasurementTable, read_measurements, write_measurements
-from posedesign.models import (
+from posedesign.cell.schema_identification import Word
+from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
+from posedesign.identification.comparison import identify_models
+from posedesign.identification.models import (
     FRAMES_ONLY,
     candidates,
     held_only,
@@ -276,7 +276,7 @@ def test_names_that_no_arm_has(reference_cell: Cell) -> None:
 
 def test_every_kind_has_its_place_in_the_table() -> None:
     """A kind that is added has to be given its columns, or be one that is met."""
-    from posedesign.measurement_table import _READ
+    from posedesign.files.measurements import _READ
 
     assert {kind for kind in KINDS if KINDS[kind].reads} == set(_READ)
     for kind, columns in _READ.items():

@@ -10,11 +10,11 @@ from scipy.stats import chi2
 
 from calib.errors import InputError
 from calib.identification import covariance_of, identify
-from calib.measurement import touch_ups
-from calib.measurement.simulate import simulate
-from posedesign.optimal.pool_of_cell import functions_over_box, pool_of
-from posedesign.optimal.sequential import plan_next
-from posedesign.route import Router
+from calib.model.measurements import touch_ups
+from calib.model.measurements.simulate import simulate
+from posedesign.candidates.of_cell import functions_over_box, pool_of
+from posedesign.motion.route import Router
+from posedesign.planning.optimal.sequential import plan_next
 
 POOL = {"candidates": 80}
 

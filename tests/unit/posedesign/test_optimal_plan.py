@@ -12,25 +12,25 @@ import pytest
 
 from calib.errors import InputError, UnreachableError
 from calib.identification import covariance_of, identify_batch
-from calib.measurement.simulate import simulate
-from calib.prediction import predict_accuracy
+from calib.identification.prediction import predict_accuracy
+from calib.model.measurements.simulate import simulate
+from posedesign.candidates.of_cell import box_of_cell, functions_over_box, pool_of
 from posedesign.cell import Cell
-from posedesign.checks import off_target
-from posedesign.config import parse_config
-from posedesign.feasibility.ways import WayChecker, WayVerdicts
-from posedesign.optimal import Wish, plan_optimal
-from posedesign.optimal.accuracy import accuracy_of
-from posedesign.optimal.goal import goal_of
-from posedesign.optimal.outlook import outlook_of
-from posedesign.optimal.pool_of_cell import box_of_cell, functions_over_box, pool_of
-from posedesign.optimal.ways import without_alike
-from posedesign.planner import check_base_pose
-from posedesign.route import Router
+from posedesign.cell.schema import parse_config
+from posedesign.cell.task_box import predict_box, reached_points
+from posedesign.cell.template import cell_template
+from posedesign.constraints.motions import WayChecker, WayVerdicts
+from posedesign.motion.route import Router
+from posedesign.planning.checks import off_target
+from posedesign.planning.loop import check_base_pose
+from posedesign.planning.optimal import Wish, plan_optimal
+from posedesign.planning.optimal.accuracy import accuracy_of
+from posedesign.planning.optimal.objective import goal_of
+from posedesign.planning.optimal.outlook import outlook_of
+from posedesign.planning.optimal.reachable import without_alike
+from posedesign.planning.tables import read_poses
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.exchange import exchange
-from posedesign.tables import read_poses
-from posedesign.task_box import predict_box, reached_points
-from posedesign.template import cell_template
 from posedesign.workflow import plan_optimal_poses
 
 POOL = {"candidates": 80}

@@ -11,7 +11,7 @@ from calib.robot_world import PairNoise, add_noise, certify, random_problems, so
 from calib.robot_world.noise import perturb
 from calib.robot_world.results import residuals
 from calib.se3 import FloatArray
-from posedesign.pairs_certificate import AT_THE_OPTIMUM, Proof, prove
+from posedesign.pairs.certificate import AT_THE_OPTIMUM, Proof, prove
 
 NOISE = PairNoise(1e-3, 5e-4, on="B")
 

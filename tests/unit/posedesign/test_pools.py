@@ -11,15 +11,22 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.stats import kstest
 
-from calib.arm_view import Setup
 from calib.errors import CalibError, InputError, UnreachableError
+from calib.model.context import Setup
 from calib.se3 import FloatArray
+from posedesign.candidates import (
+    CONFIGURATIONS,
+    Pool,
+    cone_pool,
+    feasible,
+    offset_targets,
+    wpr_pool,
+)
+from posedesign.candidates.draws import even_points
 from posedesign.cell import Cell
-from posedesign.feasibility import nearest_postures
-from posedesign.generation import cone_rotations, cone_rotations_at, touching_poses
-from posedesign.pools import CONFIGURATIONS, Pool, cone_pool, feasible, offset_targets, wpr_pool
-from posedesign.pools.draws import even_points
-from posedesign.template import cell_template
+from posedesign.cell.orientations import cone_rotations, cone_rotations_at, touching_poses
+from posedesign.cell.template import cell_template
+from posedesign.constraints import nearest_postures
 
 MakeCell = Callable[..., Cell]
 TILT = np.deg2rad(45.0)

@@ -11,11 +11,11 @@ from scipy.stats import kstest
 
 from calib.errors import InputError, UnreachableError
 from calib.se3 import FloatArray
+from posedesign.candidates import joint_pool
+from posedesign.candidates.draws import even_points
+from posedesign.candidates.views import viewing_poses
 from posedesign.cell import Cell
-from posedesign.pools import joint_pool
-from posedesign.pools.draws import even_points
-from posedesign.pools.views import viewing_poses
-from posedesign.template import cell_template
+from posedesign.cell.template import cell_template
 
 MakeCell = Callable[..., Cell]
 

@@ -10,10 +10,10 @@ import pytest
 from calib.errors import InputError
 from calib.robots.limits import CoupledLimit
 from calib.se3 import FloatArray, rotation_angle, rotation_exp
+from posedesign.candidates import Pool, cone_pool, feasible, local_poses
 from posedesign.cell import Cell
-from posedesign.generation import touching_poses
-from posedesign.pools import Pool, cone_pool, feasible, local_poses
-from posedesign.template import cell_template
+from posedesign.cell.orientations import touching_poses
+from posedesign.cell.template import cell_template
 
 
 def pool_of(cell: Cell, count: int = 300) -> Pool:

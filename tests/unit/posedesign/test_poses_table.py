@@ -16,14 +16,13 @@ from hypothesis import strategies as st
 from calib.errors import FileFormatError, InputError
 from calib.se3 import rotation_from_wpr
 from posedesign.cell import Cell
-from posedesign.csv_tables import read_rows, read_table, write_table
-from posedesign.measurement_table import read_measurements, write_measurements
-from posedesign.planner import plan
-from posedesign.pose_margins import MARGIN_COLUMNS, Margins
-from posedesign.pose_plan import PosePlan
-from posedesign.postures_table import columns_of
-from posedesign.programs import configuration
-from posedesign.tables import (
+from posedesign.files.csv_tables import read_rows, read_table, write_table
+from posedesign.files.measurements import read_measurements, write_measurements
+from posedesign.files.postures import columns_of
+from posedesign.planning.loop import plan
+from posedesign.planning.pose_margins import MARGIN_COLUMNS, Margins
+from posedesign.planning.pose_plan import PosePlan
+from posedesign.planning.tables import (
     DroppedPose,
     JointForm,
     PoseList,
@@ -32,6 +31,7 @@ from posedesign.tables import (
     write_pose_list,
     write_poses,
 )
+from posedesign.programs import configuration
 
 FILES_BETWEEN_EXAMPLES = settings(
     max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture]

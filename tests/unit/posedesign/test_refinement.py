@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from calib.se3 import rotation_exp
-from posedesign.generation import touching_poses
-from posedesign.optimal import Wish, refinement
-from posedesign.optimal.goal import goal_of
-from posedesign.optimal.pool_of_cell import functions_over_box
-from posedesign.optimal.refinement import _Refinement, refine
-from posedesign.pools import cone_pool, joint_pool
+from posedesign.candidates import cone_pool, joint_pool
+from posedesign.candidates.of_cell import functions_over_box
+from posedesign.cell.orientations import touching_poses
+from posedesign.planning.optimal import Wish, refinement
+from posedesign.planning.optimal.objective import goal_of
+from posedesign.planning.optimal.refinement import _Refinement, refine
 from posedesign.selection import select
 
 TILT = np.deg2rad(40.0)

@@ -11,11 +11,17 @@ from hypothesis import strategies as st
 
 from calib.se3 import rotation_angle
 from posedesign.cell import Cell
-from posedesign.feasibility.ways import WayChecker, WayVerdicts
-from posedesign.planner import grid_poses, plan
-from posedesign.pose_plan import PoseStatus, StopReason
-from posedesign.repair import ENOUGH, POOL_ORIENTATIONS, RepairPool, farthest_postures, repair
-from posedesign.tables import read_poses, write_poses
+from posedesign.constraints.motions import WayChecker, WayVerdicts
+from posedesign.planning.loop import grid_poses, plan
+from posedesign.planning.pose_plan import PoseStatus, StopReason
+from posedesign.planning.repair import (
+    ENOUGH,
+    POOL_ORIENTATIONS,
+    RepairPool,
+    farthest_postures,
+    repair,
+)
+from posedesign.planning.tables import read_poses, write_poses
 
 MakeCell = Callable[..., Cell]
 

@@ -19,22 +19,22 @@ import pytest
 from calib.errors import FileFormatError, InputError, UnreachableError
 from calib.geometry.ways import WAY_TOLERANCE_M
 from calib.se3 import FloatArray, rotation_angle
-from calib.visual.following import follow
+from calib.vision.touch_up.following import follow
+from posedesign.candidates.of_cell import pool_of
 from posedesign.cell import Cell
-from posedesign.config import parse_config
-from posedesign.optimal import Wish, plan_optimal
-from posedesign.optimal.pool_of_cell import pool_of
-from posedesign.planner import plan
-from posedesign.pose_check import check_poses
-from posedesign.pose_list import PoseList
-from posedesign.pose_plan import PosePlan
-from posedesign.programming import program_options, with_approaches, write_program
-from posedesign.route import Passing, Route
-from posedesign.sequence import ACCELERATION_S, moving_time_s
-from posedesign.surroundings import NOT_TOUCHING_M
-from posedesign.tables import read_poses
-from posedesign.template import cell_template
-from posedesign.touch_up_import import import_touch_ups
+from posedesign.cell.schema import parse_config
+from posedesign.cell.surroundings import NOT_TOUCHING_M
+from posedesign.cell.template import cell_template
+from posedesign.motion.order import ACCELERATION_S, moving_time_s
+from posedesign.motion.route import Passing, Route
+from posedesign.planning.loop import plan
+from posedesign.planning.optimal import Wish, plan_optimal
+from posedesign.planning.pose_check import check_poses
+from posedesign.planning.pose_list import PoseList
+from posedesign.planning.pose_plan import PosePlan
+from posedesign.planning.tables import read_poses
+from posedesign.pose_programs.from_plan import program_options, with_approaches, write_program
+from posedesign.pose_programs.touch_ups import import_touch_ups
 from posedesign.workflow import plan_poses
 
 MakeCell = Callable[..., Cell]

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from calib.identification import identify_batch
-from calib.measurement.simulate import simulate
-from calib.measurement.touch import touch
-from posedesign.optimal import Wish, plan_optimal
-from posedesign.optimal.goal import goal_of
-from posedesign.optimal.pool_of_cell import functions_over_box
-from posedesign.optimal.robust import TRIALS, blocks_of_robots, draw_parameters, robustness
-from posedesign.pools import cone_pool
+from calib.model.measurements.simulate import simulate
+from calib.model.measurements.touch import touch
+from posedesign.candidates import cone_pool
+from posedesign.candidates.of_cell import functions_over_box
+from posedesign.planning.optimal import Wish, plan_optimal
+from posedesign.planning.optimal.objective import goal_of
+from posedesign.planning.optimal.robust import TRIALS, blocks_of_robots, draw_parameters, robustness
 
 TILT = np.deg2rad(40.0)
 

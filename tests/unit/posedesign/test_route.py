@@ -11,8 +11,8 @@ import pytest
 
 from calib.robots import Robot
 from posedesign.cell import Cell
-from posedesign.feasibility.ways import WayChecker, WayVerdicts
-from posedesign.route import Passing, Route, RouteOptions, Router
+from posedesign.constraints.motions import WayChecker, WayVerdicts
+from posedesign.motion.route import Passing, Route, RouteOptions, Router
 
 FREE = WayChecker((), np.inf)
 

@@ -9,8 +9,8 @@ import pytest
 
 from calib.errors import InputError, NotIdentifiableError
 from calib.robot_world import PairNoise, design, random_problems
-from posedesign.indices import o1
 from posedesign.selection import select, select_fewest, wanted_deviations
+from posedesign.selection.indices import o1
 
 POOL = 10
 

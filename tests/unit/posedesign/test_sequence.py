@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calib.robots import Robot
-from posedesign import sequence
-from posedesign.sequence import cycle_time_s, move_times, shortest_order
+from posedesign.motion import order as sequence
+from posedesign.motion.order import cycle_time_s, move_times, shortest_order
 
 
 def length(cost: np.ndarray, order: list[int], closed: bool) -> float:

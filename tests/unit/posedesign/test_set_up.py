@@ -10,13 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.measurement import KINDS
-from calib.parameters import TargetFrame, TargetPlane, TargetPoints, ToolFrame, ToolPoints
+from calib.model.measurements import KINDS
+from calib.model.parameters import TargetFrame, TargetPlane, TargetPoints, ToolFrame, ToolPoints
 from calib.se3 import rotation_angle
-from posedesign.before_after import Identified, identify_models
 from posedesign.cell import Cell
-from posedesign.measurement_table import read_measurements, write_measurements
-from posedesign.set_up import far_rows, frames_of, nominal_distances, seen_once, set_up_blocks
+from posedesign.files.measurements import read_measurements, write_measurements
+from posedesign.identification.comparison import Identified, identify_models
+from posedesign.identification.measurement_set_up import (
+    far_rows,
+    frames_of,
+    nominal_distances,
+    seen_once,
+    set_up_blocks,
+)
 
 MakeCell = Callable[..., Cell]
 

@@ -12,15 +12,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from calib.errors import CalibError, FileFormatError, OutputError
-from calib.measurement import touch_ups
+from calib.model.measurements import touch_ups
 from calib.se3 import rotation_from_wpr, transform
-from posedesign import csv_tables, files
 from posedesign.cell import Cell
-from posedesign.csv_tables import check_columns, read_rows, write_table
-from posedesign.planner import plan
-from posedesign.pose_plan import PoseSet, PoseStatus
-from posedesign.route import Route, Stop
-from posedesign.tables import (
+from posedesign.files import csv_tables
+from posedesign.files import safe as files
+from posedesign.files.csv_tables import check_columns, read_rows, write_table
+from posedesign.motion.route import Route, Stop
+from posedesign.planning.loop import plan
+from posedesign.planning.pose_plan import PoseSet, PoseStatus
+from posedesign.planning.tables import (
     Pairs,
     read_pairs,
     read_poses,

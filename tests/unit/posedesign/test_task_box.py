@@ -7,9 +7,9 @@ import pytest
 
 from calib.errors import InputError, UnreachableError
 from calib.identification.covariance import covariance_of
-from calib.prediction import predict_accuracy
-from posedesign.planner import plan
-from posedesign.task_box import COLUMNS, BoxAccuracy, TaskBox, predict_box
+from calib.identification.prediction import predict_accuracy
+from posedesign.cell.task_box import COLUMNS, BoxAccuracy, TaskBox, predict_box
+from posedesign.planning.loop import plan
 
 BOX = TaskBox(np.array([1.4, -0.4, 0.5]), np.array([2.0, 0.4, 1.1]), (2, 3, 2))
 

@@ -11,19 +11,19 @@ import pytest
 
 from calib.errors import FileFormatError, InputError
 from posedesign.cell import Cell
-from posedesign.planner import plan
-from posedesign.program_frames import arm_of
-from posedesign.programming import (
+from posedesign.cell.template import cell_template
+from posedesign.planning.loop import plan
+from posedesign.planning.tables import PoseList, write_pose_list, write_touch_ups
+from posedesign.pose_programs.frames import arm_of
+from posedesign.pose_programs.from_plan import (
     chosen_dialect,
     program_options,
     with_approaches,
     write_program,
 )
+from posedesign.pose_programs.touch_ups import import_touch_ups
 from posedesign.programs import PoseProgram, ProgramPose, write
 from posedesign.simulation import SimulatedRobot
-from posedesign.tables import PoseList, write_pose_list, write_touch_ups
-from posedesign.template import cell_template
-from posedesign.touch_up_import import import_touch_ups
 
 
 @pytest.fixture(scope="module")

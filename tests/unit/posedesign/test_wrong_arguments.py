@@ -6,9 +6,10 @@ import pytest
 import posedesign
 from calib import CalibrationModel, Robot, identify
 from calib.errors import CalibError
-from calib.measurement import TouchUp
-from calib.parameters import TargetPoints, ToolPoint, ZeroOffsets
-from posedesign import indices, programs
+from calib.model.measurements import TouchUp
+from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
+from posedesign import programs
+from posedesign.selection import indices
 
 ROBOT = Robot.preset("r2000ic165f")
 BLOCKS = [ZeroOffsets(ROBOT, ["joint_2"]), ToolPoint([0.2, 0.0, 0.3]), TargetPoints([[2.0, 0, 1]])]

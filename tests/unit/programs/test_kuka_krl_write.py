@@ -19,6 +19,7 @@ from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import transform
 from posedesign.cell import Cell
+from posedesign.pose_programs.touch_ups import import_touch_ups
 from posedesign.programs import (
     PoseProgram,
     ProgramOptions,
@@ -31,7 +32,6 @@ from posedesign.programs import (
 from posedesign.programs.arm import Arm
 from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.kuka_krl.writer import render_kuka_krl
-from posedesign.touch_up_import import import_touch_ups
 
 AT_FULL_REACH = 5e-5
 """Determinant of the Jacobian below which the controller's rounding can put a pose out of reach."""

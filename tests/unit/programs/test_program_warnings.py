@@ -11,12 +11,12 @@ import pytest
 
 from calib.robots import Robot
 from posedesign.files import Results, write_text_atomic
-from posedesign.origin import checksum
-from posedesign.pose_list import ALL_CHECKED
-from posedesign.programming import program_options, write_program
+from posedesign.files.origin import checksum
+from posedesign.planning.pose_list import ALL_CHECKED
+from posedesign.planning.tables import PoseList, read_poses
+from posedesign.pose_programs.from_plan import program_options, write_program
 from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.program import MOST_WARNINGS
-from posedesign.tables import PoseList, read_poses
 
 ARMS = {"fanuc": "r2000ic165f", "abb": "irb120", "kuka": "kr6r900sixx", "ur": "ur10e"}
 ARMS |= {"yaskawa": "hp3", "staubli": "tx2_60", None: "ur10e"}

@@ -13,9 +13,9 @@ import pytest
 from calib.errors import InputError, OutputError
 from posedesign.cell import Cell
 from posedesign.files import Results
+from posedesign.pose_programs.touch_ups import import_touch_ups
 from posedesign.programs import DIALECTS, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.sets import SetMark, set_mark
-from posedesign.touch_up_import import import_touch_ups
 
 PULSES = (1000.0,) * 6
 

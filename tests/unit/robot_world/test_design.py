@@ -7,8 +7,8 @@ import pytest
 
 from calib import CalibrationModel, Robot, se3
 from calib.errors import InputError, NotIdentifiableError
-from calib.measurement import CameraPose, Pose
-from calib.parameters import TargetFrame, ToolFrame
+from calib.model.measurements import CameraPose, Pose
+from calib.model.parameters import TargetFrame, ToolFrame
 from calib.robot_world import PairNoise, design, random_problems, solve
 from calib.robot_world.noise import PairCovariances, difference, perturb
 from calib.robot_world.results import residuals

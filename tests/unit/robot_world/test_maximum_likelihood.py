@@ -6,8 +6,8 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2, kstest
 
 from calib import se3
+from calib.batch_last import columns_of, matrices_of, rotation_exp, rotation_log
 from calib.errors import InputError
-from calib.posture_last import columns_of, matrices_of, rotation_exp, rotation_log
 from calib.robot_world import (
     PairCovariances,
     PairNoise,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from posedesign import indices
 from posedesign.selection import (
     CRITERIA,
     criterion_by_name,
+    indices,
     largest_deviation,
     mean_deviation,
     select,
@@ -16,7 +16,7 @@ from posedesign.selection import (
 )
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.spectrum import SpectrumObjective
-from posedesign.selection.ledger import Ledger
+from posedesign.selection.information_state import Ledger
 
 NAMES = tuple(CRITERIA)
 OF_INDICES = {

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from calib.errors import InputError, OutputError
-from posedesign import locking
-from posedesign.locking import LOCK, held
+from posedesign.files import locking
+from posedesign.files.locking import LOCK, held
 
 pytest.importorskip("fcntl", reason="files are not locked on this system")
 

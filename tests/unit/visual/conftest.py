@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from calib.camera import Camera, CircleTarget, FastObserver, MeasurementNoise
-from calib.measurement import TouchUp
 from calib.model import CalibrationModel
-from calib.parameters import TargetPoints, ToolPoint, ZeroOffsets
+from calib.model.measurements import TouchUp
+from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_exp, transform
-from calib.visual.drive import Drive
-from calib.visual.jacobian import ImageJacobian, measure_jacobian
-from calib.visual.relation import Relation
-from calib.visual.simulated import LostMotion, SimulatedArms, TrueCell
+from calib.vision.camera import Camera, CircleTarget, FastObserver, MeasurementNoise
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.jacobian import ImageJacobian, measure_jacobian
+from calib.vision.touch_up.relation import Relation
+from calib.vision.touch_up.simulated import LostMotion, SimulatedArms, TrueCell
 from tests.visual_cells import preset, usual_posture
 
 DISTANCE_M = 0.35

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from calib.camera.observers import Views
 from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray, rotation_exp
-from calib.visual.adapter import RobotAdapter
-from calib.visual.arms import OneArm
-from calib.visual.drive import Drive
-from calib.visual.servo import Loop, touch_up
+from calib.vision.camera.observers import Views
+from calib.vision.touch_up.adapter import RobotAdapter
+from calib.vision.touch_up.arms import OneArm
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.servo import Loop, touch_up
 from tests.visual_cells import preset, usual_posture
 
 ONE = np.zeros(1, dtype=np.intp)

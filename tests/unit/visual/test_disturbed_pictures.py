@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.camera import (
+from calib.se3 import transform
+from calib.vision.camera import (
     Camera,
     CircleTarget,
     Glare,
@@ -15,8 +16,7 @@ from calib.camera import (
     measure_ellipse,
     render,
 )
-from calib.camera.conic import ellipse_axes
-from calib.se3 import transform
+from calib.vision.camera.conic import ellipse_axes
 
 CAMERA = Camera(320, 240, 600.0)
 

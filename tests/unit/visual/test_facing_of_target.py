@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.camera import circle_image
 from calib.se3 import inverse, rotation_exp, transform
-from calib.visual.facing import TiltBias, camera_of, find_normal
-from calib.visual.jacobian import ImageJacobian
+from calib.vision.camera import circle_image
+from calib.vision.touch_up.facing import TiltBias, camera_of, find_normal
+from calib.vision.touch_up.jacobian import ImageJacobian
 
 TURNS = np.deg2rad(
     [[0, 0, 0], [15, 0, 0], [-15, 0, 0], [0, 15, 0], [0, -15, 0], [0, 0, 30], [10, 10, 0]]

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.camera.observers import Views
 from calib.se3 import FloatArray, rotation_exp, transform
-from calib.visual.drive import Drive
-from calib.visual.servo import Loop
-from calib.visual.set_up import NoSetUp, SetUp, find_set_up
-from calib.visual.simulated import LostMotion
-from calib.visual.station import Station
+from calib.vision.camera.observers import Views
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.servo import Loop
+from calib.vision.touch_up.session import Station
+from calib.vision.touch_up.set_up import NoSetUp, SetUp, find_set_up
+from calib.vision.touch_up.simulated import LostMotion
 
 APPROACH = np.deg2rad(0.2)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.camera import circle_image
 from calib.se3 import inverse, rotation_exp
-from calib.visual.following import shifted
-from calib.visual.jacobian import ImageJacobian, measure_jacobian
+from calib.vision.camera import circle_image
+from calib.vision.touch_up.following import shifted
+from calib.vision.touch_up.jacobian import ImageJacobian, measure_jacobian
 
 
 def by_differences(bench) -> np.ndarray:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.parameters import Payload
-from calib.visual.jacobian import measure_jacobian
-from calib.visual.servo import Loop, touch_up
-from calib.visual.simulated import LostMotion, SimulatedArms
+from calib.model.parameters import Payload
+from calib.vision.touch_up.jacobian import measure_jacobian
+from calib.vision.touch_up.servo import Loop, touch_up
+from calib.vision.touch_up.simulated import LostMotion, SimulatedArms
 
 ONE = np.zeros(1, dtype=np.intp)
 

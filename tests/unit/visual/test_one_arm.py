@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.camera import Imaging, render
 from calib.errors import InputError
 from calib.se3 import inverse
-from calib.visual.adapter import RobotAdapter
-from calib.visual.arms import OneArm
-from calib.visual.drive import Drive
-from calib.visual.jacobian import measure_jacobian
-from calib.visual.servo import Loop, touch_up
-from calib.visual.station import Station
+from calib.vision.camera import Imaging, render
+from calib.vision.touch_up.adapter import RobotAdapter
+from calib.vision.touch_up.arms import OneArm
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.jacobian import measure_jacobian
+from calib.vision.touch_up.servo import Loop, touch_up
+from calib.vision.touch_up.session import Station
 
 ONE = np.zeros(1, dtype=np.intp)
 

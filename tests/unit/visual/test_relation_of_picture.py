@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.camera import Camera, circle_image
 from calib.errors import InputError
 from calib.se3 import transform
-from calib.visual.relation import Relation
+from calib.vision.camera import Camera, circle_image
+from calib.vision.touch_up.relation import Relation
 
 FACING = np.diag([1.0, -1.0, -1.0])
 

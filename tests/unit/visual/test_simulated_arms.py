@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.camera import FastObserver, ImageObserver, Imaging, MeasurementNoise
 from calib.se3 import inverse, transform
-from calib.visual.simulated import LostMotion, SimulatedArms, straight_to
+from calib.vision.camera import FastObserver, ImageObserver, Imaging, MeasurementNoise
+from calib.vision.touch_up.simulated import LostMotion, SimulatedArms, straight_to
 
 SILENT = MeasurementNoise.from_sigma([0.0, 0.0, 0.0])
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.camera import MeasurementNoise
 from calib.errors import InputError
 from calib.se3 import inverse
-from calib.visual.drive import Drive
-from calib.visual.following import follow, shifted
-from calib.visual.jacobian import ImageJacobian, measure_jacobian
-from calib.visual.servo import Loop, touch_up
+from calib.vision.camera import MeasurementNoise
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.following import follow, shifted
+from calib.vision.touch_up.jacobian import ImageJacobian, measure_jacobian
+from calib.vision.touch_up.servo import Loop, touch_up
 
 ONE = np.zeros(1, dtype=np.intp)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calib.se3 import FloatArray, rotation_exp, transform
-from calib.visual.following import follow
-from calib.visual.pin import solve_pin
+from calib.vision.touch_up.following import follow
+from calib.vision.touch_up.pin import solve_pin
 from tests.visual_cells import preset, usual_posture
 
 TOOL = np.array([0.06, -0.1, 0.4])

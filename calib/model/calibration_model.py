@@ -1,0 +1,434 @@
+"""The calibration model: from postures and parameters to what is measured, and its derivative.
+
+Everything else stands on the blocks that it gives: indices, planning, identification, covariance
+and Monte Carlo all take ``(N, m, p)`` and see no robot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from copy import copy
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.batch_last import product, turn
+from calib.errors import InputError, check_type, near_names
+from calib.model.context import NO_TURN, ArmErrors, ArmView, Feature, Setup
+from calib.model.linearisation import Linearisation
+from calib.model.measurements.base import Measurement
+from calib.model.parameters.base import ParameterBlock, Unit
+from calib.model.priors import KnownDistance, known_rows
+from calib.robots.robot import Robot
+from calib.se3 import FloatArray, IntArray, numbers
+
+
+class CalibrationModel:
+    """A robot, the parameters to identify, and how it is measured.
+
+    Parameters
+    ----------
+    robot : Robot
+    parameters : sequence of ParameterBlock
+        At least one puts something on the tool, and one a target around the arm.
+    measurement : Measurement or sequence of them
+        The kinds of measurement that may be mixed in one set of data.
+    distances : sequence of KnownDistance
+        What is known besides the measurements.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the p parameters, in the order of the columns.
+    units : tuple of str
+        SI unit of each.
+    nuisance : array (p,) of bool
+        Which of them place the set-up rather than the robot.
+    nominal : array (p,)
+        Values of the robot and set-up as described.
+    prior : array (p,)
+        Standard deviations about the nominal values known before measuring [SI], or infinite.
+    tools, targets : tuple of str
+        Labels of what can be measured, and from where.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        parameters: Sequence[ParameterBlock],
+        measurement: Measurement | Sequence[Measurement],
+        distances: Sequence[KnownDistance] = (),
+    ) -> None:
+        check_type(robot, Robot, "robot")
+        self.robot = robot
+        check_type(parameters, (tuple, list), "parameters")
+        for block in parameters:
+            check_type(block, ParameterBlock, "parameters")
+        self.parameters = tuple(parameters)
+        check_type(measurement, (Measurement, tuple, list), "measurement")
+        self.measurements = (
+            (measurement,) if isinstance(measurement, Measurement) else tuple(measurement)
+        )
+        if not self.measurements:
+            raise InputError("a calibration model needs a measurement", name="measurement")
+        for kind in self.measurements:
+            check_type(kind, Measurement, "measurement")
+        self.tools = tuple(label for block in parameters for label in block.tools)
+        self.targets = tuple(label for block in parameters for label in block.targets)
+        for labels, what, example in (
+            (self.tools, "tool", "ToolPoint (with free='' where it is known)"),
+            (self.targets, "target", "TargetPoints"),
+        ):
+            if not labels:
+                raise InputError(
+                    f"a calibration model needs a {what}", hint=f"add {example} to the parameters"
+                )
+            if len(set(labels)) != len(labels):
+                raise InputError(f"two {what}s have the same name", name=what, hint="rename one")
+        self.names = tuple(name for block in parameters for name in block.names)
+        doubles = [name for name in self.names if self.names.count(name) > 1]
+        if doubles:
+            raise InputError(
+                f"the parameter {doubles[0]} is there twice", hint="free it once", name=doubles[0]
+            )
+        self.units: tuple[Unit, ...] = tuple(unit for block in parameters for unit in block.units)
+        self.nuisance = np.array([block.nuisance for block in parameters for _ in block.names])
+        self.nuisance = self.nuisance.astype(bool)
+        self.nominal = _joined([block.nominal for block in parameters])
+        self.prior = _joined([block.prior for block in parameters])
+        ends = np.cumsum([block.size for block in parameters])
+        self.slices = [slice(e - b.size, e) for e, b in zip(ends, parameters, strict=True)]
+        self.distances = tuple(distances)
+        needed = [label for known in distances for label in (known.first, known.second)]
+        needed += [label for block in parameters for label in block.measured_from]
+        for label in needed:
+            if label not in self.targets:
+                raise InputError(
+                    f"there is no target {label!r} that a distance could be known to",
+                    hint=near_names(label, self.targets),
+                    name=label,
+                )
+
+    @property
+    def p(self) -> int:
+        """Number of parameters."""
+        return len(self.names)
+
+    @property
+    def measurement(self) -> Measurement:
+        """The first kind of measurement: the only one of most models."""
+        return self.measurements[0]
+
+    @property
+    def rows(self) -> int:
+        """Rows m of a block: those of the kind that has most."""
+        return max(kind.rows for kind in self.measurements)
+
+    @property
+    def _twist_rows(self) -> int:
+        return 6 if any(kind.sees_rotation for kind in self.measurements) else 3
+
+    def equations(self, setup: Setup) -> int:
+        """Equations that measurements give: rows that are not there to fill a block."""
+        return int(np.array([kind.rows for kind in self.measurements])[setup.kind].sum())
+
+    @property
+    def knows_besides(self) -> bool:
+        """Whether anything is known besides measurements: priors, or distances."""
+        return bool(self.distances) or bool(np.isfinite(self.prior).any())
+
+    def with_parameters(self, parameters: Sequence[ParameterBlock]) -> CalibrationModel:
+        """The same robot, measured alike, with other parameters.
+
+        Priors set by :meth:`with_prior` go with the names of the parameters.
+        """
+        other = CalibrationModel(self.robot, parameters, self.measurements, self.distances)
+        own = np.concatenate([np.zeros(0), *(block.prior for block in self.parameters)])
+        changed = {
+            name: sigma
+            for name, sigma, was in zip(self.names, self.prior, own, strict=True)
+            if sigma != was
+        }
+        other.prior = np.array(
+            [changed.get(n, s) for n, s in zip(other.names, other.prior, strict=True)]
+        )
+        return other
+
+    def with_prior(self, prior: ArrayLike) -> CalibrationModel:
+        """The same model with other standard deviations ``(p,)`` known before measuring [SI]."""
+        sigma = np.asarray(prior, dtype=float)
+        if sigma.shape != (self.p,) or not (sigma > 0).all():
+            raise InputError(
+                f"a prior needs {self.p} standard deviations above zero, or infinite", name="prior"
+            )
+        other = copy(self)
+        other.prior = sigma
+        return other
+
+    def with_measurements(self, measurements: Sequence[Measurement]) -> CalibrationModel:
+        """The same robot and parameters with other kinds, or another noise, of measurement."""
+        if not measurements:
+            raise InputError("a model needs a kind of measurement", name="measurement")
+        other = copy(self)
+        other.measurements = tuple(measurements)
+        return other
+
+    def view(self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None) -> ArmView:
+        """Arm and set-up at postures ``(..., N, n)`` [rad] with parameters ``(..., p)``."""
+        return self._view(q, x, setup)[0]
+
+    def _view(
+        self, q: ArrayLike, x: ArrayLike | None, setup: Setup | None
+    ) -> tuple[ArmView, FloatArray]:
+        """The view, and the parameters as ``(p, S)`` or ``(p, 1)``."""
+        posture = self.robot.check_posture(q)
+        if posture.ndim < 2:
+            raise InputError("a model takes a list of postures, (N, n)", name="posture")
+        values = self.nominal if x is None else np.atleast_1d(numbers(x, "x"))
+        if values.shape[-1] != self.p:
+            raise InputError(f"the model has {self.p} parameters, {values.shape[-1]} were given")
+        count, n = posture.shape[-2:]
+        how = Setup.of(count) if setup is None else setup
+        self.check_setup(how, count)
+        batch = np.broadcast_shapes(posture.shape[:-2], values.shape[:-1])
+        last = np.ascontiguousarray(np.broadcast_to(posture, (*batch, count, n)).reshape(-1, n).T)
+        if values.ndim == 1:
+            values = values[:, None]
+        else:
+            spread = np.broadcast_to(values, (*batch, self.p)).reshape(math.prod(batch), self.p)
+            values = np.repeat(spread.T, count, axis=1)
+        return self._arm(last, values, batch, how), values
+
+    def _arm(
+        self, q: FloatArray, values: FloatArray, batch: tuple[int, ...], setup: Setup
+    ) -> ArmView:
+        errors = ArmErrors(np.zeros((len(q), 1)))
+        for block, part in zip(self.parameters, self.slices, strict=True):
+            block.displace(values[part], errors, q, setup)
+        displacements = errors.displacements()
+        walk = self.robot.chain.walk(q + errors.joints, displacements)
+        width = q.shape[1]
+        on_tip = _picked(errors.tools, setup.tool, width)
+        around = _picked(errors.targets, setup.target, width)
+        turned = walk.tip if on_tip.columns is None else product(walk.tip, on_tip.columns)
+        return ArmView(
+            robot=self.robot,
+            q=q,
+            batch=batch,
+            setup=setup,
+            tools=self.tools,
+            targets=self.targets,
+            is_distance=np.array([kind.is_distance for kind in self.measurements])[setup.kind],
+            errors=errors,
+            displacements=displacements,
+            walk=walk,
+            point=walk.p_base_tip + turn(walk.tip, on_tip.position),
+            tool=turned,
+            origin=around.position,
+            target=NO_TURN if around.columns is None else around.columns,
+        )
+
+    def check_setup(self, setup: Setup, count: int) -> None:
+        """Check that a set-up is one of ``count`` measurements, with what the model has.
+
+        Raises
+        ------
+        InputError
+        """
+        if setup.count != count:
+            raise InputError(
+                f"{count} postures need {count} targets, {setup.count} were given", name="target"
+            )
+        for index, labels, what in (
+            (setup.target, self.targets, "target"),
+            (setup.tool, self.tools, "tool"),
+            (setup.kind, self.measurements, "kind of measurement"),
+        ):
+            if index.max(initial=0) >= len(labels):
+                raise InputError(
+                    f"{what} {index.max() + 1} of a measurement is not in the model, "
+                    f"which has {len(labels)}",
+                    name=what,
+                )
+
+    def predict(
+        self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None
+    ) -> FloatArray:
+        """What the measurements show: rows ``(..., N, m)`` [m, rad].
+
+        Where kinds of different rows are mixed, those that a kind lacks are zero.
+
+        Parameters
+        ----------
+        q : array_like (..., N, n)
+            Postures [rad].
+        x : array_like (..., p), optional
+            Parameters; the nominal ones by default. A leading dimension holds trials.
+        setup : Setup, optional
+            Kind, tool, target and payload of each; the first of all by default.
+        """
+        view = self.view(q, x, setup)
+        return view.posture_first(self._predict(view))
+
+    def _predict(self, view: ArmView) -> FloatArray:
+        """Readings ``(m, S)``."""
+        out = np.zeros((self.rows, view.q.shape[1]))
+        for kind, columns, part in self.by_kind(view):
+            out[: kind.rows, columns] = kind.predict(part)
+        return out
+
+    def by_kind(self, view: ArmView) -> list[tuple[Measurement, slice | IntArray, ArmView]]:
+        """Each kind with its columns among the S, and the view of these alone."""
+        if len(self.measurements) == 1:
+            return [(self.measurements[0], slice(None), view)]
+        found = []
+        for k, kind in enumerate(self.measurements):
+            own = np.flatnonzero(view.setup.kind == k)
+            if own.size:
+                trials = view.q.shape[1] // view.setup.count
+                columns = (own + view.setup.count * np.arange(trials)[:, None]).ravel()
+                found.append((kind, columns, view.part(columns, own)))
+        return found
+
+    def jacobian(
+        self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None
+    ) -> FloatArray:
+        """Derivative of :meth:`predict` by the parameters, ``(..., N, m, p)``; not whitened.
+
+        The blocks g_ij of Eq. 5 of [Watanabe2006]_, analytic; columns per rad and per m. Rows of
+        rotations are those of the turn that a change makes, in the axes of the instrument.
+        """
+        return self.linearise(q, x, setup).jacobian
+
+    def linearise(
+        self,
+        q: ArrayLike,
+        x: ArrayLike | None = None,
+        setup: Setup | None = None,
+        observed: FloatArray | None = None,
+    ) -> Linearisation:
+        """Residuals and their derivative at parameters.
+
+        Parameters
+        ----------
+        q, x, setup
+            See :meth:`predict`.
+        observed : array (..., N, m), optional
+            What was read. Without it residuals are predictions, and rows of rotations zero.
+        """
+        view, values = self._view(q, x, setup)
+        motion = np.zeros((self.p, self._twist_rows, view.q.shape[1]))
+        for block, part in zip(self.parameters, self.slices, strict=True):
+            if block.size:
+                block.move(values[part], view, motion[part])
+        readings = None if observed is None else _last(observed, view)
+        rows = np.zeros((self.rows, view.q.shape[1]))
+        J = np.zeros((self.p, self.rows, view.q.shape[1]))
+        for kind, columns, own in self.by_kind(view):
+            difference = _difference(kind, own, readings, columns)
+            rows[: kind.rows, columns] = difference
+            moved = kind.differentiate(motion[:, :, columns], own, difference)
+            if len(self.measurements) == 1:
+                J = moved
+            else:
+                J[:, : kind.rows, columns] = moved
+        return Linearisation(self, view, rows, J, motion)
+
+    def white_residuals(
+        self,
+        q: ArrayLike,
+        x: ArrayLike | None = None,
+        setup: Setup | None = None,
+        observed: FloatArray | None = None,
+    ) -> FloatArray:
+        """Rows ``(..., N, m)`` of :attr:`Linearisation.white_rows`, without their derivative."""
+        view = self._view(q, x, setup)[0]
+        readings = None if observed is None else _last(observed, view)
+        rows = np.zeros((self.rows, view.q.shape[1]))
+        for kind, columns, own in self.by_kind(view):
+            rows[: kind.rows, columns] = _difference(kind, own, readings, columns)
+        return view.posture_first(self.whiten_last(rows, view))
+
+    def whiten(
+        self,
+        q: ArrayLike,
+        rows: FloatArray,
+        x: ArrayLike | None = None,
+        setup: Setup | None = None,
+    ) -> FloatArray:
+        """Blocks ``(..., N, m, k)`` divided by the noise of their kinds of measurement.
+
+        Rows ``(..., N, m)`` are blocks of one column: ``rows[..., None]``.
+        """
+        rows = numbers(rows, "rows")
+        if rows.ndim < 3 or rows.shape[-2] != self.rows:
+            raise InputError(
+                f"blocks to whiten have shape (N, {self.rows}, k), not {rows.shape}", name="rows"
+            )
+        view = self.view(q, x, setup)
+        last = np.ascontiguousarray(rows.reshape(-1, *rows.shape[-2:]).T)
+        return view.posture_first(self.whiten_last(last, view))
+
+    def whiten_last(self, rows: FloatArray, view: ArmView) -> FloatArray:
+        """Rows ``(..., m, S)`` divided by the noise of their kinds, posture last."""
+        if len(self.measurements) == 1:
+            return self.measurement.whiten(rows, view)
+        out = np.zeros_like(rows)
+        for kind, columns, part in self.by_kind(view):
+            out[..., : kind.rows, columns] = kind.whiten(rows[..., : kind.rows, columns], part)
+        return out
+
+    def gap(self, vector: FloatArray, view: ArmView) -> FloatArray:
+        """What of vectors ``(..., 3, S)`` the arm has to close: see :meth:`Measurement.gap`."""
+        if len(self.measurements) == 1:
+            return self.measurement.gap(vector, view)
+        out = np.zeros_like(vector)
+        for kind, columns, part in self.by_kind(view):
+            out[..., columns] = kind.gap(vector[..., columns], part)
+        return out
+
+    def known(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What is known besides the measurements, whitened: see :func:`known_rows`."""
+        return known_rows(self, x)
+
+
+def _difference(
+    kind: Measurement, view: ArmView, readings: FloatArray | None, columns: slice | IntArray
+) -> FloatArray:
+    """Residuals ``(m, S)`` of one kind, of readings ``(M, S)`` of all; predictions without them."""
+    predicted = kind.predict(view)
+    if readings is not None:
+        return kind.difference(predicted, readings[: kind.rows, columns])
+    rows = predicted.copy()
+    rows[kind.rows - kind.turns :] = 0.0
+    return rows
+
+
+def _joined(parts: Sequence[FloatArray]) -> FloatArray:
+    return np.concatenate([np.asarray(part, dtype=float) for part in parts])
+
+
+def _picked(features: Sequence[Feature], index: IntArray, width: int) -> Feature:
+    """The feature of each of S postures."""
+    if len(features) == 1:
+        return features[0]
+    if (index == index[0]).all() if len(index) else True:
+        return features[int(index[0]) if len(index) else 0]
+    which = np.tile(index, width // len(index))
+    posture = np.arange(width)
+    position = np.stack([np.broadcast_to(f.position, (3, width)) for f in features])
+    columns = None
+    if any(f.columns is not None for f in features):
+        every = [NO_TURN if f.columns is None else f.columns for f in features]
+        stacked = np.stack([np.broadcast_to(c, (3, 3, width)) for c in every])
+        columns = np.moveaxis(stacked[which, :, :, posture], 0, -1)
+    return Feature(np.ascontiguousarray(position[which, :, posture].T), columns)
+
+
+def _last(array: FloatArray, view: ArmView) -> FloatArray:
+    """Readings ``(..., N, m)`` as ``(m, S)``."""
+    whole = np.broadcast_to(array, (*view.batch, *array.shape[-2:]))
+    # a copy even of a single reading: one that is spread over trials cannot be written to, and
+    # scipy's rotations take no such array
+    return np.array(whole.reshape(-1, array.shape[-1]).T, order="C")

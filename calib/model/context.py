@@ -1,0 +1,292 @@
+"""Arm and set-up as a measurement finds them: what parameters displace and measurements look at.
+
+Arrays here have the posture last (:mod:`calib.batch_last`): S postures are the N measurements
+of T trials, trial after trial.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.batch_last import along, columns_of, cross, product, turn, turn_back
+from calib.errors import InputError
+from calib.robots.chain import Displacement, Walk
+from calib.robots.robot import Robot
+from calib.se3 import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    right_jacobian,
+    rotation_exp,
+    transform,
+)
+
+NO_TURN = np.eye(3)[:, :, None]
+"""Columns of the rotation of a point's frame, which is not turned: ``(3, 3, 1)``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What N measurements are of, as indices into the lists of a model.
+
+    Attributes
+    ----------
+    kind : array (N,)
+        Into the model's measurements.
+    tool : array (N,)
+        Into its tool labels: the point or frame on the tool that was measured.
+    target : array (N,)
+        Into its target labels: what it was measured from.
+    payload : array (N,)
+        Into the payloads of its compliance.
+    """
+
+    kind: IntArray
+    tool: IntArray
+    target: IntArray
+    payload: IntArray
+
+    @classmethod
+    def of(
+        cls,
+        count: int,
+        *,
+        kind: ArrayLike = 0,
+        tool: ArrayLike = 0,
+        target: ArrayLike = 0,
+        payload: ArrayLike = 0,
+    ) -> Setup:
+        """Set-up of ``count`` measurements; one index means the same for all, by default the first.
+
+        Raises
+        ------
+        InputError
+            Another number of indices than measurements, or one below zero.
+        """
+        named = {"kind": kind, "tool": tool, "target": target, "payload": payload}
+        arrays = {}
+        for name, given in named.items():
+            index = np.asarray(given)
+            if not np.array_equal(index, index.astype(np.intp)):
+                raise InputError(f"indices of the {name} are whole numbers", name=name)
+            index = index.astype(np.intp)
+            if index.ndim == 0:
+                index = np.full(count, index)
+            if index.shape != (count,) or (index < 0).any():
+                raise InputError(
+                    f"{count} measurements need {count} indices of the {name}, from 0 up",
+                    name=name,
+                )
+            arrays[name] = index
+        return cls(**arrays)
+
+    @property
+    def count(self) -> int:
+        """Number of measurements N."""
+        return len(self.kind)
+
+    def __getitem__(self, rows: IntArray | BoolArray | slice) -> Setup:
+        """Set-up of some of the measurements."""
+        return Setup(self.kind[rows], self.tool[rows], self.target[rows], self.payload[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """A frame, or only a point, that a measurement looks at: on the tool, or around the arm.
+
+    Attributes
+    ----------
+    position : array (3, S)
+        [m], in the tip or in the base frame.
+    columns : array (3, 3, S) or None
+        Columns of its rotation; None for a point, which has the axes of the frame it sits in.
+    """
+
+    position: FloatArray
+    columns: FloatArray | None = None
+
+
+@dataclass
+class ArmErrors:
+    """How arm and set-up differ from the description at given parameters.
+
+    Attributes
+    ----------
+    joints : array (n, S)
+        Added to the joint values [rad].
+    displaced : dict of array (6, S) or (6, 1)
+        Frames of joints that are not in their places, by joint: shift [m] and rotation vector
+        [rad] in the axes of the description, summed over all that displaces them.
+    tools : list of Feature
+        What sits on the tip, in the order of the model's tool labels; in the tip frame.
+    targets : list of Feature
+        What is measured from, in the order of the model's target labels; in the base frame.
+    lengths : dict of array (S,)
+        What is shown more than the distance from a target, by its label [m].
+    """
+
+    joints: FloatArray
+    displaced: dict[int, FloatArray] = field(default_factory=dict)
+    tools: list[Feature] = field(default_factory=list)
+    targets: list[Feature] = field(default_factory=list)
+    lengths: dict[str, FloatArray] = field(default_factory=dict)
+
+    def displace(self, joint: int, six: FloatArray) -> None:
+        """Displace the frame of a joint by ``(6, S)``, besides what others displace it by."""
+        before = self.displaced.get(joint)
+        self.displaced[joint] = six if before is None else before + six
+
+    def displacements(self) -> dict[int, Displacement]:
+        """The same as the chain takes it."""
+        return {
+            joint: Displacement(six[:3], rotation_exp(six[3:].T).transpose(1, 2, 0))
+            for joint, six in self.displaced.items()
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ArmView:
+    """Arm and set-up in given postures, with their errors: all that a block or a kind may need.
+
+    Attributes
+    ----------
+    robot : Robot
+    q : array (n, S)
+        Joint values as the controller shows them [rad].
+    batch : tuple of int
+        Leading dimensions of the trials; empty for one set.
+    setup : Setup
+        How each of the N measurements was set up.
+    tools, targets : tuple of str
+        Labels that it has indices into.
+    is_distance : array (N,) of bool
+        Which of them are distances, to which alone an error of a reading's zero matters.
+    errors : ArmErrors
+        As applied.
+    displacements : dict of Displacement
+        Of the frames of joints.
+    walk : Walk
+        The arm with its errors.
+    point : array (3, S)
+        Tool point in the base frame [m].
+    tool : array (3, 3, S)
+        Columns of ``R_base_tool``.
+    origin : array (3, S)
+        Origin of the target in the base frame [m].
+    target : array (3, 3, S) or (3, 3, 1)
+        Columns of ``R_base_target``.
+    """
+
+    robot: Robot
+    q: FloatArray
+    batch: tuple[int, ...]
+    setup: Setup
+    tools: tuple[str, ...]
+    targets: tuple[str, ...]
+    is_distance: BoolArray
+    errors: ArmErrors
+    displacements: dict[int, Displacement]
+    walk: Walk
+    point: FloatArray
+    tool: FloatArray
+    origin: FloatArray
+    target: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Tool point minus target, ``(3, S)`` [m] in base axes: Eq. 4 of [Watanabe2006]_."""
+        return np.asarray(self.point - self.origin)
+
+    def in_target(self, vector: FloatArray) -> FloatArray:
+        """Vectors ``(..., 3, S)`` of the base in the axes of the target."""
+        return vector if self.target is NO_TURN else turn_back(self.target, vector)
+
+    def out_of_target(self, vector: FloatArray) -> FloatArray:
+        """Vectors ``(..., 3, S)`` in the axes of the target in those of the base."""
+        return vector if self.target is NO_TURN else turn(self.target, vector)
+
+    def part(self, columns: IntArray, own: IntArray) -> ArmView:
+        """The view of some of the S postures: those of the measurements ``own``."""
+
+        def cut(array: FloatArray) -> FloatArray:
+            return array if array.shape[-1] == 1 else array[..., columns]
+
+        errors = replace(
+            self.errors,
+            joints=cut(self.errors.joints),
+            displaced={joint: cut(six) for joint, six in self.errors.displaced.items()},
+            lengths={label: cut(more) for label, more in self.errors.lengths.items()},
+        )
+        walk = Walk(
+            columns=cut(self.walk.columns),
+            origins=cut(self.walk.origins),
+            tip=cut(self.walk.tip),
+            p_base_tip=cut(self.walk.p_base_tip),
+            placed={joint: cut(placed) for joint, placed in self.walk.placed.items()},
+        )
+        return replace(
+            self,
+            q=self.q[:, columns],
+            setup=self.setup[own],
+            is_distance=self.is_distance[own],
+            walk=walk,
+            point=cut(self.point),
+            tool=cut(self.tool),
+            origin=cut(self.origin),
+            target=cut(self.target),
+            errors=errors,
+        )
+
+    def posture_first(self, array: FloatArray) -> FloatArray:
+        """``(..., m, S)`` as ``(*batch, N, m, ...)``: posture first, and parameters last."""
+        moved = np.ascontiguousarray(array.T)
+        return moved.reshape(*self.batch, self.setup.count, *moved.shape[1:])
+
+    @property
+    def tool_points(self) -> FloatArray:
+        """Tool points in the base frame, ``(..., N, 3)`` [m]."""
+        return self.posture_first(self.point)
+
+    @property
+    def T_base_tip(self) -> FloatArray:
+        """Poses of the tip with all errors, ``(..., N, 4, 4)``."""
+        R = self.posture_first(self.walk.tip)  # (..., N, row, column)
+        return transform(R, self.posture_first(self.walk.p_base_tip))
+
+    @property
+    def joint_errors(self) -> FloatArray:
+        """What the joints turn more than they show, ``(..., N, n)`` [rad]."""
+        return self.posture_first(np.broadcast_to(self.errors.joints, self.q.shape))
+
+    def axis(self, joint: int) -> FloatArray:
+        """Unit vector ``(3, S)`` along a joint."""
+        return self.robot.chain.axes_of(self.walk, joint)
+
+    def frame_axes(self, joint: int) -> FloatArray:
+        """Axes ``(3, 3, S)`` about which a joint's frame turns as its rotation vector changes.
+
+        For joints whose frames are displaced.
+        """
+        turning = right_jacobian(self.errors.displaced[joint][3:].T)
+        return product(self.walk.placed[joint], columns_of(turning))
+
+    def turn_about(self, axis: FloatArray, origin: FloatArray, out: FloatArray) -> None:
+        """Write the tool's twist, ``(..., 3, S)`` or ``(..., 6, S)``, of a turn about an axis."""
+        out[..., :3, :] = cross(axis, self.point - origin)
+        out[..., 3:, :] = axis[..., : out.shape[-2] - 3, :]
+
+    def tiled(self, index: IntArray, label: int) -> FloatArray | None:
+        """1 where a measurement has the label in ``index`` (N,), else 0: ``(S,)``; None: all."""
+        has = index == label
+        if has.all():
+            return None
+        return np.tile(has.astype(float), self.q.shape[1] // len(index))
+
+    def distance(self) -> tuple[FloatArray, FloatArray]:
+        """Distance from target to tool point ``(S,)`` [m] and the direction ``(3, S)``."""
+        error = self.error
+        length = np.sqrt(along(error, error))
+        return length, error / np.maximum(length, np.finfo(float).tiny)

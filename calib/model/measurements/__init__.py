@@ -1,0 +1,26 @@
+"""Measurements: what each kind sees, its noise, and its simulation."""
+
+from calib.model.context import Setup
+from calib.model.measurements.base import Measurement
+from calib.model.measurements.data import Measurements, touch_ups
+from calib.model.measurements.read_off import CameraPose, Distance, Point, Pose
+from calib.model.measurements.touch_up import PlaneContact, TouchUp, ViewLine
+
+KINDS = {
+    kind.name: kind for kind in (TouchUp, ViewLine, PlaneContact, Point, Pose, CameraPose, Distance)
+}
+
+__all__ = [
+    "KINDS",
+    "CameraPose",
+    "Distance",
+    "Measurement",
+    "Measurements",
+    "PlaneContact",
+    "Point",
+    "Pose",
+    "Setup",
+    "TouchUp",
+    "ViewLine",
+    "touch_ups",
+]

@@ -1,0 +1,130 @@
+"""What a block of parameters must tell the calibration model: what it displaces, and how.
+
+Every error of arm and set-up is seen as a motion of the tool against what it is measured from (its
+target). A small change of a parameter gives a twist of the tool relative to the target; how a
+measurement sees it is the measurement's business. So any block goes with any measurement.
+
+Arrays here have the posture last, see :mod:`calib.model.context`. Parameters are ``(size, S)``, or
+``(size, 1)`` where all postures share them.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from calib.errors import InputError, near_names
+from calib.model.context import ArmErrors, ArmView, Setup
+from calib.robots.robot import Robot
+from calib.se3 import FloatArray
+
+Unit = Literal["rad", "m", "rad/Nm", "rad/rad"]
+
+
+class ParameterBlock(ABC):
+    """A group of parameters that enter the model in the same way.
+
+    Attributes
+    ----------
+    names : tuple of str
+        One a parameter, unique over the model, e.g. ``zero_offset.joint_2``.
+    units : tuple of str
+        SI unit of each.
+    nuisance : bool
+        Whether they place the measuring set-up (tool, target) rather than the robot.
+    tools, targets : tuple of str
+        Labels of what this block puts on the tool, and around the arm.
+    measured_from : tuple of str
+        Labels of targets that another block has to put up.
+    prior : array (size,)
+        Standard deviation, about the nominal value, that is known before measuring [SI]; infinite
+        where nothing is.
+    beyond_chain : str
+        What no kinematic chain can hold of it, in words. Empty for blocks that displace the arm
+        alike in every posture, or not at all: see
+        :func:`calib.correction.corrected_robot.corrected_robot`.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[Unit, ...]
+    nuisance: bool = False
+    tools: tuple[str, ...] = ()
+    targets: tuple[str, ...] = ()
+    measured_from: tuple[str, ...] = ()
+    prior: FloatArray
+    beyond_chain: str = "errors that change from posture to posture"
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.names)
+
+    @property
+    @abstractmethod
+    def nominal(self) -> FloatArray:
+        """Values ``(size,)`` of robot and set-up as described."""
+
+    @abstractmethod
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """Apply values ``(size, S)`` to arm and set-up; ``q`` (n, S) are the joints as shown."""
+
+    @abstractmethod
+    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+        """Write the twist of the tool against the target for each parameter.
+
+        ``out`` is ``(size, 6, S)`` and zero. Rows 0 to 2: velocity of the tool point less that of
+        the target's frame there [m per unit]; rows 3 to 5: angular velocity; in base axes. There
+        are only rows 0 to 2 where no measurement looks at the tool's orientation.
+        """
+
+    def scaling(self, values: FloatArray) -> FloatArray:
+        """Change ``(size,)`` of the parameters when all lengths of the arm grow by their own size.
+
+        Zero for what is no length of the arm. The set-up is not asked: it follows.
+        """
+        return np.zeros(self.size)
+
+
+def joint_indices(robot: Robot, joints: Sequence[str]) -> list[int]:
+    """Indices of joints by name.
+
+    Raises
+    ------
+    InputError
+        A name that the robot does not have; the hint lists near ones.
+    """
+    for joint in joints:
+        if joint not in robot.joint_names:
+            raise InputError(
+                f"{robot.name} has no joint {joint!r}",
+                hint=near_names(joint, robot.joint_names),
+                name=joint,
+            )
+    doubles = [j for j in joints if list(joints).count(j) > 1]
+    if doubles:
+        raise InputError(f"joint {doubles[0]!r} is listed twice", hint="list it once")
+    return [robot.joint_names.index(joint) for joint in joints]
+
+
+def prior_of(sigma: float | None, size: int) -> FloatArray:
+    """Standard deviations ``(size,)`` of a prior; infinite without one.
+
+    Raises
+    ------
+    InputError
+        A standard deviation that is not above zero.
+    """
+    if sigma is None:
+        return np.full(size, np.inf)
+    if not sigma > 0:
+        raise InputError(
+            f"a prior of {sigma:g} cannot be used: it must be above zero",
+            hint="leave the parameter out to hold it",
+            name="prior",
+            value=sigma,
+            bound=0.0,
+        )
+    return np.full(size, float(sigma))

@@ -1,0 +1,208 @@
+"""Frames of the measuring set-up: on the tool, and around the arm.
+
+A frame is a place and a rotation: ``R = R_nominal exp(r)`` with the rotation vector r in its own
+axes. Points are frames without a rotation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.batch_last import columns_of, cross, product
+from calib.errors import InputError
+from calib.model.context import ArmErrors, ArmView, Feature, Setup
+from calib.model.parameters.base import ParameterBlock, prior_of
+from calib.model.parameters.links import AXES
+from calib.se3 import (
+    FloatArray,
+    check_transforms,
+    right_jacobian,
+    rotation_exp,
+    rotation_log,
+    transform,
+)
+
+
+class Frames(ParameterBlock):
+    """Frames with free axes; subclasses say where they sit.
+
+    Parameters
+    ----------
+    kind : str
+        First part of the names: ``tool`` or ``target``.
+    labels : sequence of str
+        Names of the frames.
+    T_nominal : array_like (K, 4, 4)
+        In the tip frame or in the base frame [m].
+    free : sequence of str
+        Axes to identify, of x, y, z, rx, ry, rz; the same for all frames.
+    prior_m, prior_rad : float, optional
+        Standard deviations of places and rotations known before measuring.
+    """
+
+    nuisance = True
+    beyond_chain = ""
+
+    def __init__(
+        self,
+        kind: str,
+        labels: Sequence[str],
+        T_nominal: ArrayLike,
+        free: Sequence[str],
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        self.T_nominal = check_transforms(T_nominal, kind)
+        self.labels = tuple(labels)
+        if len(set(self.labels)) != len(self.labels):
+            raise InputError(f"two {kind}s have the same name", name=kind, hint="rename one")
+        if len(set(free)) != len(free) or not set(free) <= set(AXES):
+            raise InputError(
+                f"free axes of the {kind} {' '.join(free)!r} are no part of {' '.join(AXES)}",
+                name=kind,
+            )
+        self._axes = [AXES.index(axis) for axis in free]
+        self._turns = any(axis >= 3 for axis in self._axes)
+        self.names = tuple(f"{self._stem(kind, k)}.{axis}" for k in self.labels for axis in free)
+        self.units = tuple("m" if axis < 3 else "rad" for axis in self._axes) * len(self.labels)
+        lengths = np.array([unit == "m" for unit in self.units], dtype=bool)
+        self.prior = np.where(lengths, prior_of(prior_m, self.size), prior_of(prior_rad, self.size))
+
+    def _stem(self, kind: str, label: str) -> str:
+        return kind if label == kind else f"{kind}.{label}"
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Nominal places [m], and no rotation; frame by frame ``(size,)``."""
+        six = np.zeros((len(self.labels), 6))
+        six[:, :3] = self.T_nominal[:, :3, 3]
+        return np.asarray(six[:, self._axes].ravel())
+
+    @property
+    def positions_m(self) -> FloatArray:
+        """Nominal places ``(K, 3)`` [m], free or not."""
+        return np.asarray(self.T_nominal[:, :3, 3])
+
+    def poses(self, values: ArrayLike) -> FloatArray:
+        """Poses ``(K, 4, 4)`` of the frames at values ``(size,)``."""
+        six = self._six(np.asarray(values, dtype=float)[:, None])[..., 0]
+        R = self.T_nominal[:, :3, :3] @ rotation_exp(six[:, 3:])
+        return transform(R, six[:, :3])
+
+    def values_at(self, T: FloatArray, k: int, values: FloatArray) -> FloatArray:
+        """Values ``(size,)`` with frame k at a pose ``(4, 4)``, as far as its axes are free."""
+        out = values.copy()
+        six = np.append(T[:3, 3], rotation_log(self.T_nominal[k, :3, :3].T @ T[:3, :3]))
+        each = len(self._axes)
+        out[k * each : (k + 1) * each] = six[self._axes]
+        return out
+
+    def _six(self, values: FloatArray) -> FloatArray:
+        """Place [m] in the parent's axes and rotation vector of each frame, ``(K, 6, S)``."""
+        six = np.zeros((len(self.labels), 6, values.shape[1]))
+        six[:, :3] = self.T_nominal[:, :3, 3, None]
+        six[:, self._axes] = values.reshape(len(self.labels), -1, values.shape[1])
+        return six
+
+    def features(self, values: FloatArray) -> list[Feature]:
+        """The frames at values ``(size, S)``."""
+        six, found = self._six(values), []
+        for k, T in enumerate(self.T_nominal):
+            R = T[:3, :3]
+            columns: FloatArray | None
+            if self._turns:
+                columns = columns_of(R @ rotation_exp(six[k, 3:].T))
+            else:
+                columns = None if (np.eye(3) == R).all() else R.T[:, :, None]
+            found.append(Feature(six[k, :3], columns))
+        return found
+
+    def _turning(self, values: FloatArray, k: int, columns: FloatArray) -> FloatArray:
+        """Axes ``(3, 3, S)`` about which frame k turns for each number of its rotation vector."""
+        six = self._six(values)[k]
+        return product(columns, columns_of(right_jacobian(six[3:].T)))
+
+
+class OnTool(Frames):
+    """Frames that the tip carries."""
+
+    def __init__(
+        self,
+        labels: Sequence[str],
+        T_tip_frame: ArrayLike,
+        free: Sequence[str],
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        super().__init__("tool", labels, T_tip_frame, free, prior_m, prior_rad)
+        self.tools = self.labels
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """See :meth:`ParameterBlock.displace`."""
+        errors.tools += self.features(values)
+
+    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`."""
+        per_frame = out.reshape(len(self.labels), len(self._axes), *out.shape[1:])
+        for frame, (label, rows) in enumerate(zip(self.labels, per_frame, strict=True)):
+            mask = view.tiled(view.setup.tool, view.tools.index(label))
+            about = self._turning(values, frame, view.tool) if self._turns else None
+            for k, axis in enumerate(self._axes):
+                if axis < 3:
+                    rows[k, :3] = view.walk.tip[axis]
+                elif about is not None:  # about the frame's origin, which stays
+                    rows[k, 3:] = about[axis - 3][: rows.shape[1] - 3]
+            if mask is not None:
+                rows *= mask
+
+
+class AroundArm(Frames):
+    """Frames that measurements are taken from."""
+
+    def __init__(
+        self,
+        labels: Sequence[str],
+        T_base_frame: ArrayLike,
+        free: Sequence[str],
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        super().__init__("target", labels, T_base_frame, free, prior_m, prior_rad)
+        self.targets = self.labels
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """See :meth:`ParameterBlock.displace`."""
+        errors.targets += self.features(values)
+
+    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`: the tool against them goes the other way."""
+        per_frame = out.reshape(len(self.labels), len(self._axes), *out.shape[1:])
+        for frame, (label, rows) in enumerate(zip(self.labels, per_frame, strict=True)):
+            mask = view.tiled(view.setup.target, view.targets.index(label))
+            about = self._turning(values, frame, view.target) if self._turns else None
+            for k, axis in enumerate(self._axes):
+                if axis < 3:
+                    rows[k, :3] = -self._shift(frame, axis)[:, None]
+                elif about is not None:
+                    turn = -about[axis - 3]
+                    rows[k, :3] = cross(turn, view.error)
+                    rows[k, 3:] = turn[: rows.shape[1] - 3]
+            if mask is not None:
+                rows *= mask
+
+    def _shift(self, frame: int, axis: int) -> FloatArray:
+        """Direction in the base ``(3,)`` in which a frame goes for one of its first numbers."""
+        return np.asarray(np.eye(3)[axis])
+
+
+def points_as_frames(
+    places: ArrayLike, labels: Sequence[str], message: str, name: str
+) -> FloatArray:
+    """Poses ``(K, 4, 4)`` of points ``(K, 3)``; InputError with the message for anything else."""
+    p = np.atleast_2d(np.asarray(places, dtype=float))
+    if p.shape != (len(labels), 3) or not np.isfinite(p).all():
+        raise InputError(message, name=name)
+    return transform(np.eye(3), p)

@@ -1,0 +1,129 @@
+"""The torque of gravity on the joints: what elastic reducers, bearings and backlash answer to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.batch_last import along, cross, turn
+from calib.errors import InputError
+from calib.model.context import Setup
+from calib.robots.chain import Walk
+from calib.robots.robot import Robot
+from calib.se3 import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """What the flange carries besides itself.
+
+    Attributes
+    ----------
+    mass_kg : float
+    com_m : array (3,)
+        Centre of mass in the tip frame [m].
+    """
+
+    mass_kg: float
+    com_m: FloatArray
+
+    def __post_init__(self) -> None:
+        com = np.asarray(self.com_m, dtype=float)
+        if not (np.isfinite(self.mass_kg) and self.mass_kg >= 0 and com.shape == (3,)):
+            raise InputError(
+                "a payload needs a mass of zero or more and a centre of mass of three numbers",
+                name="payload",
+                value=self.mass_kg,
+            )
+        object.__setattr__(self, "com_m", com)
+
+
+NOTHING = Payload(0.0, np.zeros(3))
+
+
+class GravityLoad:
+    """The masses of an arm and of what it carries.
+
+    Parameters
+    ----------
+    robot : Robot
+        Links without mass weigh nothing.
+    payload : Payload or sequence of them, optional
+        What the flange carries; several where measurements were taken with several
+        (``Setup.payload``).
+    """
+
+    def __init__(self, robot: Robot, payload: Payload | Sequence[Payload] | None = None) -> None:
+        self.robot = robot
+        given = [payload] if isinstance(payload, Payload) else list(payload or [])
+        self.payloads = tuple(given) or (NOTHING,)
+
+    def torques(self, q: FloatArray, setup: Setup) -> tuple[FloatArray, Walk]:
+        """Torque vectors ``(n, 3, S)`` [Nm] in base axes at postures ``(n, S)``, and the arm there.
+
+        About the origin of each joint, of all that the joint carries. The arm is the nominal one,
+        not deflected: the torque does not depend on the parameters.
+
+        Raises
+        ------
+        InputError
+            A measurement with a payload that is not known.
+        """
+        if setup.payload.max(initial=0) >= len(self.payloads):
+            raise InputError(
+                f"a measurement has payload {setup.payload.max() + 1}, "
+                f"{len(self.payloads)} are known",
+                name="payload",
+            )
+        index = np.tile(setup.payload, q.shape[1] // setup.count)
+        mass = np.array([p.mass_kg for p in self.payloads], dtype=float)[index]
+        com = np.stack([p.com_m for p in self.payloads], axis=-1)[:, index]
+        return _torques(self.robot, q, mass, com)
+
+    def joint_torque(self, q: FloatArray, setup: Setup) -> FloatArray:
+        """The parts along the joint axes ``(n, S)`` [Nm]: see :func:`gravity_torque`."""
+        return _along_axes(self.robot, *self.torques(q, setup))
+
+
+def gravity_torque(robot: Robot, q: FloatArray, payload: Payload | None = None) -> FloatArray:
+    """Torque that gravity puts on each joint, ``(..., n)`` [Nm].
+
+    Positive where gravity turns the joint in its positive sense: the opposite of what the motors
+    hold against it (``pinocchio.computeGeneralizedGravity``).
+
+    Parameters
+    ----------
+    robot : Robot
+        Links without mass weigh nothing.
+    q : array (..., n)
+        Postures [rad].
+    payload : Payload, optional
+        Mass carried at the tip.
+    """
+    last = np.ascontiguousarray(q.reshape(-1, robot.n).T)
+    load = GravityLoad(robot, payload)
+    return np.asarray(load.joint_torque(last, Setup.of(last.shape[1])).T.reshape(q.shape))
+
+
+def _torques(
+    robot: Robot, q: FloatArray, mass: FloatArray, com: FloatArray
+) -> tuple[FloatArray, Walk]:
+    """Torque vectors ``(n, 3, S)`` with masses ``(S,)`` at ``(3, S)`` in the tip frame."""
+    chain, gravity = robot.chain, robot.gravity[:, None]
+    walk = chain.walk(q)
+    moment = mass * (walk.p_base_tip + turn(walk.tip, com))  # of all that a joint carries
+    weight = mass.copy()
+    torque = np.empty((robot.n, 3, q.shape[1]))
+    for j in reversed(range(robot.n)):
+        if robot.link_mass[j]:
+            lever = turn(chain.link_columns(walk, j), robot.link_com[j][:, None])
+            moment += robot.link_mass[j] * (walk.origins[j] + lever)
+            weight += robot.link_mass[j]
+        torque[j] = cross(moment - weight * walk.origins[j], gravity)
+    return torque, walk
+
+
+def _along_axes(robot: Robot, torque: FloatArray, walk: Walk) -> FloatArray:
+    return np.stack([along(robot.chain.axes_of(walk, j), torque[j]) for j in range(robot.n)])

@@ -1,0 +1,179 @@
+"""Errors of the joints: what is added to the joint value that the controller shows.
+
+All of them are a function of the posture as shown, times a parameter: ``dq_j = sum_k x_k f_k(q)``.
+They differ in the function only.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError
+from calib.model.context import ArmErrors, ArmView, Setup
+from calib.model.parameters.base import ParameterBlock, Unit, joint_indices, prior_of
+from calib.robots.robot import Robot
+from calib.se3 import FloatArray
+
+
+class JointErrors(ParameterBlock):
+    """Parameters that each turn one joint by their value times a function of the posture.
+
+    Parameters
+    ----------
+    joints : sequence of int
+        Index of the joint that each parameter turns.
+    names : sequence of str
+    unit : str
+    prior : float, optional
+        Standard deviation known before measuring, about the nominal value [SI].
+    """
+
+    def __init__(
+        self,
+        joints: Sequence[int],
+        names: Sequence[str],
+        unit: Unit,
+        prior: float | None = None,
+    ) -> None:
+        self._joints = list(joints)
+        self.names = tuple(names)
+        self.units = (unit,) * len(self.names)
+        self.prior = prior_of(prior, len(self.names))
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Zero: joints that do what they show."""
+        return np.zeros(self.size)
+
+    @abstractmethod
+    def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
+        """The function of each parameter at postures ``(n, S)``: ``(size, S)`` or ``(size, 1)``."""
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """See :meth:`ParameterBlock.displace`."""
+        added = values * self.functions(q, setup)
+        width = np.broadcast_shapes(added[0].shape, errors.joints[0].shape) if self.size else (1,)
+        if self.size and errors.joints.shape[1:] != width:
+            errors.joints = np.broadcast_to(errors.joints, (len(q), *width)).copy()
+        for k, joint in enumerate(self._joints):
+            errors.joints[joint] += added[k]
+
+    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`."""
+        weights = self.functions(view.q, view.setup)
+        done: dict[int, int] = {}
+        for k, joint in enumerate(self._joints):
+            if joint in done:
+                out[k] = out[done[joint]]
+            else:
+                view.turn_about(view.axis(joint), view.walk.origins[joint], out[k])
+                done[joint] = k
+        if not (weights.shape[1] == 1 and (weights == 1.0).all()):
+            out *= weights[:, None, :]
+
+
+class ZeroOffsets(JointErrors):
+    """Zero-point errors of joints (FANUC: mastering): added to the joint value, URDF sign.
+
+    The Δθ of Eq. 8 and section 3.2 of [Watanabe2006]_. An offset means the joint of the URDF; a
+    FANUC controller that holds its own J3 (against the horizontal) shows a J2 offset in J3 too.
+
+    Parameters
+    ----------
+    robot : Robot
+    joints : sequence of str
+        Names of the joints with an unknown offset.
+    prior_rad : float, optional
+        Standard deviation known before measuring [rad].
+    """
+
+    beyond_chain = ""
+
+    def __init__(self, robot: Robot, joints: Sequence[str], prior_rad: float | None = None) -> None:
+        indices = joint_indices(robot, joints)
+        super().__init__(indices, [f"zero_offset.{joint}" for joint in joints], "rad", prior_rad)
+
+    def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
+        """One: an offset is the same in every posture."""
+        return np.ones((self.size, 1))
+
+
+class JointScale(JointErrors):
+    """Joints that turn by a little more or less than they show: a wrong ratio in the controller.
+
+    Parameters
+    ----------
+    robot : Robot
+    joints : sequence of str
+    prior : float, optional
+        Standard deviation known before measuring [rad/rad].
+    """
+
+    beyond_chain = "scale of joint values"
+
+    def __init__(self, robot: Robot, joints: Sequence[str], prior: float | None = None) -> None:
+        self._indices = joint_indices(robot, joints)
+        names = [f"scale.{joint}" for joint in joints]
+        super().__init__(self._indices, names, "rad/rad", prior)
+
+    def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
+        """The joint value itself."""
+        return q[self._indices]
+
+
+class JointHarmonics(JointErrors):
+    """Errors of the transmission that come back with every turn of a shaft.
+
+    ``sin(h q)`` and ``cos(h q)`` of each joint: h = 1 is the eccentricity of an encoder or a
+    bearing on the joint itself, 2 what is oval; the gear ratio is the eccentricity of the motor's
+    shaft, and twice it the two-lobed error of a strain wave gear.
+
+    Parameters
+    ----------
+    robot : Robot
+    joints : sequence of str
+    harmonics : sequence of float
+        The h, waves in a turn of the joint.
+    prior_rad : float, optional
+        Standard deviation known before measuring [rad].
+    """
+
+    beyond_chain = "harmonics of transmissions"
+    phases: ClassVar[tuple[str, ...]] = ("sin", "cos")
+
+    def __init__(
+        self,
+        robot: Robot,
+        joints: Sequence[str],
+        harmonics: ArrayLike = (1.0,),
+        prior_rad: float | None = None,
+    ) -> None:
+        waves = np.atleast_1d(np.asarray(harmonics, dtype=float))
+        if waves.ndim != 1 or not waves.size or not (np.isfinite(waves) & (waves > 0)).all():
+            raise InputError(
+                "harmonics are waves in a turn of the joint, numbers above zero",
+                hint="1 for the joint itself, the gear ratio for the motor's shaft",
+                name="harmonics",
+            )
+        if len(set(waves.tolist())) != len(waves):
+            raise InputError("a harmonic is listed twice", hint="list it once", name="harmonics")
+        indices, names, orders = [], [], []
+        for joint, index in zip(joints, joint_indices(robot, joints), strict=True):
+            for wave in waves.tolist():
+                for phase in self.phases:
+                    indices.append(index)
+                    names.append(f"harmonic.{joint}.{phase}{wave:g}")
+                    orders.append((wave, phase))
+        self._waves = np.array([wave for wave, _ in orders])[:, None]
+        # cos(a) = sin(a + 90 deg)
+        self._phase = np.array([0.0 if phase == "sin" else np.pi / 2 for _, phase in orders])
+        super().__init__(indices, names, "rad", prior_rad)
+
+    def functions(self, q: FloatArray, setup: Setup) -> FloatArray:
+        """Sine or cosine of the joint times its harmonic."""
+        return np.asarray(np.sin(self._waves * q[self._joints] + self._phase[:, None]))

@@ -1,0 +1,120 @@
+"""Link geometry: where each joint really sits on the link before it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.batch_last import cross, product
+from calib.errors import InputError
+from calib.model.context import ArmErrors, ArmView, Setup
+from calib.model.parameters.base import ParameterBlock, joint_indices, prior_of
+from calib.robots.robot import Robot
+from calib.se3 import FloatArray
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+"""Degrees of freedom of a frame: along its axes [m], then a rotation vector [rad]."""
+
+
+class LinkGeometry(ParameterBlock):
+    """Errors of the places of joint frames, six a joint, in the axes of the description.
+
+    The frame of a joint is displaced by (x, y, z) and then turned by the rotation vector
+    (rx, ry, rz), before the joint turns it: the ``origin`` of a URDF joint. The last link's end is
+    the business of the tool, the base that of the targets.
+
+    Not all six of all joints can be told apart: a turn about the joint's own axis is its zero
+    offset, a shift along parallel axes shows alike on both. Free all and reduce
+    (:func:`calib.identification.reduce`), list what is wanted, or give priors.
+
+    Parameters
+    ----------
+    robot : Robot
+    freed : sequence of str, optional
+        Names of parameters to free, such as ``link.joint_2.x``; all six of all joints by default.
+    prior_m, prior_rad : float, optional
+        Standard deviations of lengths and angles known before measuring.
+    """
+
+    beyond_chain = ""
+
+    def __init__(
+        self,
+        robot: Robot,
+        freed: Sequence[str] | None = None,
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        self._robot, self._prior_m, self._prior_rad = robot, prior_m, prior_rad
+        known = [f"link.{joint}.{axis}" for joint in robot.joint_names for axis in AXES]
+        wanted = known if freed is None else list(freed)
+        strange = next((name for name in wanted if name not in known), None)
+        if strange is not None:
+            joint = strange.removeprefix("link.").rpartition(".")[0]
+            joint_indices(robot, [joint])  # raises, with near names
+            raise InputError(
+                f"{strange!r} is no parameter of a link",
+                hint=f"link.JOINT. and one of {', '.join(AXES)}",
+                name=strange,
+            )
+        self.names = tuple(name for name in known if name in set(wanted))  # from base to tip
+        places = [divmod(known.index(name), len(AXES)) for name in self.names]
+        self._placements = robot.chain.placements
+        self._joints = sorted({joint for joint, _ in places})
+        self._rows = {
+            joint: [(k, axis) for k, (j, axis) in enumerate(places) if j == joint]
+            for joint in self._joints
+        }
+        self.units = tuple("m" if axis < 3 else "rad" for _, axis in places)
+        lengths = np.array([unit == "m" for unit in self.units], dtype=bool)
+        self.prior = np.where(lengths, prior_of(prior_m, self.size), prior_of(prior_rad, self.size))
+
+    def only(self, names: Sequence[str]) -> LinkGeometry:
+        """The same links with only some of their parameters free."""
+        return LinkGeometry(self._robot, names, self._prior_m, self._prior_rad)
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Zero: links as described."""
+        return np.zeros(self.size)
+
+    def displacement(self, values: FloatArray, joint: int) -> FloatArray:
+        """The six numbers of a joint's frame ``(6, S)``, zero where they are not free."""
+        six = np.zeros((6, values.shape[1]))
+        for k, axis in self._rows.get(joint, ()):
+            six[axis] = values[k]
+        return six
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """See :meth:`ParameterBlock.displace`."""
+        for joint in self._joints:
+            errors.displace(joint, self.displacement(values, joint))
+
+    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`."""
+        for joint in self._joints:
+            columns = [axis for _, axis in self._rows[joint]]
+            if min(columns) < 3:  # along the axes of the frame before it is turned
+                rotation = view.displacements[joint].rotation  # its rows: its inverse's columns
+                before = product(view.walk.placed[joint], rotation)
+            if max(columns) >= 3:
+                about = view.frame_axes(joint)
+                swept = cross(about, view.point - view.walk.origins[joint])
+            for k, axis in self._rows[joint]:
+                if axis < 3:
+                    out[k, :3] = before[axis]
+                else:
+                    out[k, :3] = swept[axis - 3]
+                    out[k, 3:] = about[axis - 3][: out.shape[1] - 3]
+
+    def scaling(self, values: FloatArray) -> FloatArray:
+        """See :meth:`ParameterBlock.scaling`: what lies between one joint and the next."""
+        out = np.zeros(self.size)
+        for joint in self._joints:
+            T = self._placements[joint]
+            own = T[:3, :3].T @ T[:3, 3] + self.displacement(values[:, None], joint)[:3, 0]
+            for k, axis in self._rows[joint]:
+                if axis < 3:
+                    out[k] = own[axis]
+        return out

@@ -1,0 +1,237 @@
+"""Reading a URDF that may come from anywhere: checked before Pinocchio sees it.
+
+Pinocchio's own reader prints to the terminal from C++ and names no joint when something is
+missing. The file is therefore read here first with XML entities and external references refused,
+its structure is checked joint by joint, and Pinocchio is handed the kinematics and masses alone,
+written anew: transmissions, plug-ins, soft limits, visuals and whatever else stands in such files
+never reach it. Files with xacro macros are expanded first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+from xml.etree.ElementTree import ParseError, tostring
+
+import defusedxml
+import pinocchio as pin
+from defusedxml.ElementTree import fromstring
+
+from calib.errors import RobotModelError
+from calib.geometry.shapes import LinkShape
+from calib.reading import read_bounded
+from calib.robots.description.packages import Packages, folders_to_search
+from calib.robots.description.urdf_geometry import read_collision_shapes
+from calib.robots.description.urdf_kinematics import Kinematics, read_kinematics, shown
+from calib.robots.description.xacro_file import expand_xacro
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from xml.etree.ElementTree import Element
+
+LARGEST_URDF_BYTES = 20_000_000
+"""Kinematics of the largest cells are well below a megabyte; more is not a robot description."""
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """A URDF as text and as a tree, nothing in it checked but that it is one.
+
+    Attributes
+    ----------
+    text : bytes
+        As it stands in the file; of a xacro, what it expands to.
+    root : Element
+        The outermost element, name spaces of its elements removed.
+    folders : tuple of Path
+        Where the files lie that it may name.
+    packages : Packages
+        Those that it may name.
+    notices : tuple of str
+    """
+
+    text: bytes
+    root: Element
+    folders: tuple[Path, ...]
+    packages: Packages
+    notices: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Urdf:
+    """What a URDF holds.
+
+    Attributes
+    ----------
+    model : pinocchio.Model
+        Kinematics and masses, without geometry. Continuous joints are revolute ones of +-360 deg.
+    notices : tuple of str
+        What was read otherwise than it stands in the file.
+    joint_notices : mapping of str to str
+        The same of single joints, which matters where the joint moves.
+    flaws : mapping of str to RobotModelError
+        Joints that can be held still but not moved, and why: no limits, or led by another joint.
+    shapes : tuple of LinkShape
+        Collision geometry.
+    lost_shapes : tuple of str
+        Links with collision geometry that cannot be had; ``notices`` say why.
+    """
+
+    model: pin.Model
+    notices: tuple[str, ...]
+    joint_notices: Mapping[str, str]
+    flaws: Mapping[str, RobotModelError]
+    shapes: tuple[LinkShape, ...]
+    lost_shapes: tuple[str, ...]
+
+
+def load_urdf(path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()) -> Urdf:
+    """Read a URDF file, or a xacro file that expands to one; see :func:`read_description`.
+
+    Raises
+    ------
+    RobotModelError
+        The file is missing, is no URDF, or something in it cannot be used.
+    """
+    description = read_description(path, packages, xacro_args)
+    root = description.root
+    kinematics = read_kinematics(root, path)
+    shapes, lost, missing = read_collision_shapes(
+        root, path, description.folders, description.packages
+    )
+    return Urdf(
+        model=_build(kinematics, path),
+        notices=(*description.notices, *missing),
+        joint_notices=MappingProxyType(kinematics.notices),
+        flaws=MappingProxyType(kinematics.flaws),
+        shapes=shapes,
+        lost_shapes=lost,
+    )
+
+
+def read_description(
+    path: Path, packages: Iterable[Path] = (), xacro_args: Iterable[str] = ()
+) -> Description:
+    """Read a URDF file, or a xacro file that expands to one, without looking at what it says.
+
+    Parameters
+    ----------
+    path : Path
+    packages : iterable of Path
+        Folders to search for the packages that it names, before those of the environment (see
+        :mod:`calib.robots.description.packages`).
+    xacro_args : iterable of str
+        Arguments of a xacro file, each ``NAME:=VALUE``; those not given have their defaults.
+
+    Raises
+    ------
+    RobotModelError
+        The file is missing, too large, no well-formed XML, or no URDF; there is no such folder, or
+        there are arguments for a file that is no xacro.
+    """
+    search, arguments = _folders(path, packages), _arguments(path, xacro_args)
+    text = _read(path)
+    known = Packages(path, search)
+    root = _parse(text, path)
+    notices: tuple[str, ...] = ()
+    folders = [known.tree]
+    if path.suffix == ".xacro" or any("xacro" in str(element.tag) for element in root.iter()):
+        expanded = expand_xacro(path, LARGEST_URDF_BYTES, search, arguments)
+        text = expanded.text.encode()
+        root = _parse(text, path)
+        folders += expanded.folders
+        given = [f"{name}:={value}" for name, value in arguments.items()]
+        default = f"every {'other ' if given else ''}argument at its default"
+        notices = (", ".join(["expanded from xacro", *given, default]),)
+    elif arguments:
+        raise RobotModelError(
+            f"{path}: is no xacro file, and has no arguments",
+            hint="leave them out",
+            name=next(iter(arguments)),
+        )
+    if root.tag != "robot":
+        raise RobotModelError(
+            f"{path}: the outermost element is <{root.tag}>, not <robot>",
+            hint="is it an SDF or a MuJoCo model? convert it to a URDF first",
+            name=str(path),
+        )
+    return Description(text, root, tuple(folders), known, notices)
+
+
+def _arguments(path: Path, words: Iterable[str]) -> dict[str, str]:
+    """Arguments by their names."""
+    given: dict[str, str] = {}
+    for word in words:
+        name, separator, value = word.partition(":=")
+        if not (name and separator) or name in given:
+            why = "is given twice" if name in given else "is not NAME:=VALUE"
+            raise RobotModelError(
+                f"{path}: the xacro argument {shown(word)} {why}",
+                hint='write each as xacro takes it: "prefix:=left_"',
+                name=name,
+            )
+        given[name] = value
+    return given
+
+
+def _folders(path: Path, packages: Iterable[Path]) -> tuple[Path, ...]:
+    given = tuple(packages)
+    for folder in given:
+        if not folder.is_dir():
+            raise RobotModelError(
+                f"{path}: {folder}, where packages are to be searched, is no folder",
+                hint="give the folder that the packages lie in, such as the src of a workspace",
+                name=str(folder),
+            )
+    return folders_to_search(given)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        text = read_bounded(path, LARGEST_URDF_BYTES)
+    except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
+        raise RobotModelError(
+            f"{path}: cannot be read: {getattr(error, 'strerror', error)}",
+            hint="give the path of a URDF file, or the name of a preset (posedesign robots)",
+            name=str(path),
+        ) from error
+    if len(text) > LARGEST_URDF_BYTES:
+        raise RobotModelError(
+            f"{path}: more than {LARGEST_URDF_BYTES} bytes is too large for a URDF",
+            hint="give the kinematics only",
+            name=str(path),
+        )
+    return text
+
+
+def _parse(text: bytes, path: Path) -> Element:
+    try:
+        root: Element = fromstring(text, forbid_dtd=True)
+    except defusedxml.DefusedXmlException as error:
+        raise RobotModelError(
+            f"{path}: document types and entities are not accepted in a URDF",
+            hint="remove the <!DOCTYPE> part",
+            name=str(path),
+        ) from error
+    except (ParseError, LookupError, ValueError) as error:  # the last two: unknown encodings
+        raise RobotModelError(
+            f"{path}: is not well-formed XML: {error}", hint="mend the file", name=str(path)
+        ) from error
+    if root.tag.endswith("}robot"):  # a name space for all elements, as some tools write it
+        space = root.tag.removesuffix("robot")
+        for element in root.iter():
+            element.tag = element.tag.removeprefix(space)
+    return root
+
+
+def _build(kinematics: Kinematics, path: Path) -> pin.Model:
+    try:
+        return pin.buildModelFromXML(tostring(kinematics.root, encoding="unicode"))
+    except (ValueError, RuntimeError) as error:
+        raise RobotModelError(
+            f"{path}: Pinocchio cannot build a model of it: {str(error).splitlines()[0]}",
+            hint="check the file with check_urdf",
+            name=str(path),
+        ) from error

@@ -1,0 +1,199 @@
+"""Inverse kinematics in closed form, for six-axis arms with a known decomposition.
+
+The solver is EAIK (Ostermeier et al.): spherical wrists, three parallel axes and their kin, every
+branch in a few microseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import eaik.pybindings.EAIK as eaik
+import numpy as np
+
+from calib.robots.bounds import Bounds
+from calib.robots.chain import SerialChain
+from calib.robots.ideal import idealised
+from calib.robots.inverse.iterative import close_in
+from calib.robots.inverse.parallel_arm import has_parallel_arm, solve_parallel_arm
+from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, InverseSolutions
+from calib.robots.inverse.straight_wrist import STRAIGHT_WRIST, solve_straight_wrist
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+_POLISHING = 12
+"""Steps: those that arrive take three to eight."""
+
+SAME_POSTURE_RAD = 1e-6
+"""Answers that differ by less in every joint are one posture: what closes to 1e-11 at a hundredth
+of a singular value is as exact as that."""
+
+_NEAR_MISS = 0.02
+"""Miss [m, rad] of a least-squares answer of an ideal arm where the true one may have an answer."""
+
+_CHECKED_AT_ONCE = 2048
+"""Answers compared with their poses at once: their frames stay in the cache of a core."""
+
+
+class ClosedForm(InverseKinematics):
+    """Every branch of a six-axis arm in closed form."""
+
+    def __init__(self, chain: SerialChain, solver: eaik.Robot, ideal: SerialChain) -> None:
+        super().__init__(chain)
+        self._solver, self._ideal = solver, ideal
+        self._parallel = has_parallel_arm(ideal)
+
+    @classmethod
+    def of(cls, chain: SerialChain) -> ClosedForm | None:
+        """The solver for a chain, or None where its geometry has no closed form.
+
+        A chain whose frames are but rounded, or slightly off (a calibrated arm), is solved through
+        its ideal: see :func:`calib.robots.ideal.idealised`.
+        """
+        if chain.n != 6:
+            return None
+        for ideal in (chain, idealised(chain)):
+            solver = eaik_robot(ideal)
+            if solver.has_known_decomposition():
+                return cls(chain, solver, ideal)
+        return None
+
+    def solve(
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
+    ) -> InverseSolutions:
+        """See :meth:`InverseKinematics.solve`."""
+        count = len(T_base_tip)
+        postures, pose = every_branch(self._solver, T_base_tip, self._chain.n)
+        distance, angle, straight = compare(self._ideal, postures, T_base_tip, pose)
+        if straight.any():
+            postures, pose = self._mend(postures, pose, straight, T_base_tip, near)
+            distance, angle, _ = compare(self._ideal, postures, T_base_tip, pose)
+        exact = (distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)
+        gap_m = np.full(count, np.inf)
+        # of least-squares answers, which keep the orientation: what closes in gives some of it up
+        np.minimum.at(gap_m, pose, np.where(exact, 0.0, distance))
+        lost = (gap_m > 0)[pose]  # answers of poses that have no exact one
+        if self._ideal is not self._chain:
+            # exact for the ideal arm only, and those at the end of its reach or at its limits
+            lost |= (distance < _NEAR_MISS) & (angle < _NEAR_MISS)
+            exact = np.zeros(len(pose), dtype=bool)
+        if lost.any():
+            postures, arrived = self._polish(postures, pose, lost, T_base_tip)
+            exact |= arrived
+            gap_m[pose[exact]] = 0.0
+        if not exact.all():
+            postures, pose = postures[exact], pose[exact]
+        gap_m[np.isinf(gap_m)] = np.nan
+        return self._answer(postures, pose, gap_m, bounds, near, every_turn)
+
+    def _mend(
+        self,
+        postures: FloatArray,
+        pose: IntArray,
+        straight: BoolArray,
+        T_base_tip: FloatArray,
+        near: FloatArray,
+    ) -> tuple[FloatArray, IntArray]:
+        """Answers with a straight wrist solved again, those of each pose still together."""
+        rows = np.flatnonzero(straight)
+        if self._parallel:
+            # on the line joint 6 is free: as EAIK has it, and as the reference has it
+            q, of = np.tile(postures[rows], (2, 1)), np.tile(pose[rows], 2)
+            q[len(rows) :, 5] = near[5]
+            known = np.column_stack([of, np.round(q[:, [0, 5]], 9)])
+            once = np.unique(known, axis=0, return_index=True)[1]
+            mended, source = solve_parallel_arm(self._ideal, q[once], T_base_tip[of[once]])
+        else:
+            # EAIK gives one or both ways to bend joint 5: take each place of the arm once
+            q, of = postures[rows], pose[rows]
+            known = np.column_stack([of, np.round(q[:, :3], 9)])
+            once = np.unique(known, axis=0, return_index=True)[1]
+            mended, source = solve_straight_wrist(self._ideal, q[once], T_base_tip[of[once]], near)
+        of = of[once][source]
+        order = np.argsort(of, kind="stable")
+        mended, of = mended[order], of[order]
+        fresh = ~repeated(mended, of)
+        pose = np.concatenate([pose[~straight], of[fresh]])
+        order = np.argsort(pose, kind="stable")
+        return np.concatenate([postures[~straight], mended[fresh]])[order], pose[order]
+
+    def _polish(
+        self, postures: FloatArray, pose: IntArray, lost: BoolArray, T_base_tip: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Close in on poses from answers that miss them: postures, and which of them arrived.
+
+        Most poses that EAIK has no exact answer for are out of reach and stay so. But on arms
+        without a spherical wrist it loses poses with a straight one, and comes close; and all that
+        an ideal arm answers misses a little.
+        """
+        off = np.flatnonzero(lost)
+        free = np.full(self._chain.n, np.inf)
+        postures = postures.copy()
+        postures[off] = close_in(
+            self._chain, postures[off], T_base_tip[pose[off]], -free, free, _POLISHING
+        )
+        distance, angle, _ = compare(self._chain, postures[off], T_base_tip, pose[off])
+        closed = off[(distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)]
+        arrived = np.zeros(len(postures), dtype=bool)
+        # several answers may close in on one posture
+        arrived[closed[~repeated(postures[closed], pose[closed])]] = True
+        return postures, arrived
+
+
+def eaik_robot(chain: SerialChain, fixed: Sequence[tuple[int, float]] = ()) -> eaik.Robot:
+    """EAIK's own model of a chain, joints ``(index, angle [rad])`` fixed."""
+    state = chain.forward(np.zeros(chain.n))
+    steps = np.diff(np.vstack([np.zeros(3), state.origins, state.p_base_tip]), axis=0)
+    return eaik.Robot(state.axes.T, steps.T, state.R_base_tip, list(fixed), True)
+
+
+def every_branch(solver: eaik.Robot, T_base_tip: FloatArray, n: int) -> tuple[FloatArray, IntArray]:
+    """What EAIK answers, least-squares answers included: postures ``(S, n)`` and their poses."""
+    found = [answer.Q for answer in solver.calculate_IK_batched(T_base_tip, 1)]
+    counts = [len(f) for f in found]
+    postures = np.concatenate([np.empty((0, n)), *(f for f in found if len(f))])
+    return postures, np.repeat(np.arange(len(found)), counts)
+
+
+def compare(
+    chain: SerialChain, postures: FloatArray, T_base_tip: FloatArray, pose: IntArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """How far postures ``(S, n)`` miss the poses ``(N, 4, 4)`` they are for.
+
+    Returns
+    -------
+    distance : array (S,)
+        [m]
+    angle : array (S,)
+        [rad], exact where it is small.
+    straight : array (S,) of bool
+        Whether axes 4 and 6 are one line, or nearly so.
+    """
+    wanted = np.ascontiguousarray(T_base_tip[:, :3].transpose(2, 1, 0)).reshape(12, -1)
+    distance, angle, cosine = np.empty((3, len(postures)))
+    for start in range(0, len(postures), _CHECKED_AT_ONCE):
+        part = slice(start, start + _CHECKED_AT_ONCE)
+        walk = chain.walk(np.ascontiguousarray(postures[part].T))
+        off = np.take(wanted, pose[part], axis=1)
+        off[:9] -= walk.tip.reshape(9, -1)
+        off[9:] -= walk.p_base_tip
+        off *= off
+        # |R - R'| is sqrt(2) times the angle where it is small, without the cost of a logarithm
+        angle[part] = np.sqrt(0.5 * off[:9].sum(axis=0))
+        distance[part] = np.sqrt(off[9:].sum(axis=0))
+        cosine[part] = (chain.axes_of(walk, 3) * chain.axes_of(walk, 5)).sum(axis=0)
+    return distance, angle, 1.0 - cosine**2 < STRAIGHT_WRIST**2
+
+
+def repeated(postures: FloatArray, pose: IntArray) -> BoolArray:
+    """Whether an earlier posture of the same pose is the same, full turns aside: ``(S,)``.
+
+    Postures ``(S, n)`` [rad] of poses ``(S,)`` in ascending order.
+    """
+    count = len(postures)
+    first = np.searchsorted(pose, pose)
+    same = np.zeros(count, dtype=bool)
+    for back in range(1, int((np.arange(count) - first).max(initial=0)) + 1):
+        later = np.flatnonzero(np.arange(count) - back >= first)
+        apart = np.remainder(postures[later] - postures[later - back] + np.pi, 2.0 * np.pi) - np.pi
+        same[later] |= np.abs(apart).max(axis=1) < SAME_POSTURE_RAD
+    return same

@@ -1,0 +1,222 @@
+"""Inverse kinematics of seven-axis arms: closed forms along the redundant joint.
+
+A pose leaves such an arm one freedom: its postures lie on curves, the self-motions. Held at one
+angle, a well-chosen joint leaves a six-axis arm with a closed form, so the curves are cut at
+every angle of a sweep. From the cuts the nearest posture to a reference is walked to
+(:mod:`calib.robots.inverse.self_motion`).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import eaik.pybindings.EAIK as eaik
+import numpy as np
+
+from calib.robots.bounds import TURN, Bounds, first_per_group, nearest_turns
+from calib.robots.chain import SerialChain
+from calib.robots.ideal import idealised
+from calib.robots.inverse.closed_form import (
+    SAME_POSTURE_RAD,
+    compare,
+    eaik_robot,
+    every_branch,
+    repeated,
+)
+from calib.robots.inverse.iterative import close_in
+from calib.robots.inverse.self_motion import move_near
+from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, InverseSolutions
+from calib.se3 import BoolArray, FloatArray, IntArray
+
+SWEEP_STEP_RAD = np.deg2rad(5.0)
+"""Largest step of the swept joint. Halving it doubles time and memory; what it does not cut is a
+piece of self-motion inside the limits on which the joint stays within one step, and those are
+sought by walking from the cuts nearest to the limits."""
+
+_STARTS = 5
+"""Cuts of a pose from which the nearest posture is walked to: the curves of a pose are few, but the
+nearest cut need not be on the one that comes nearest."""
+
+_POSES_AT_ONCE = 64
+"""Poses swept at once: some 100,000 answers before the limits are looked at, 6 MB."""
+
+_TRIED = 200
+"""Random postures at which the joint to sweep is chosen."""
+
+_LEAST_SHARE = 1e-3
+"""Of a joint in the self-motion that can be swept: an elbow between two spheres has none."""
+
+_ALMOST = 1e-4
+"""Miss [m, rad] of an answer of the closed form that is one, to be closed in on. Its own least
+digits suffer where the arm with one joint held is almost singular."""
+
+_POLISHING = 12
+
+_APART_RAD = 0.5
+"""Starts that differ by less in every joint lead to the same posture as a rule."""
+
+_SAME_ANGLE_RAD = 1e-9
+"""Angles of the swept joint that differ by less are one cut."""
+
+
+class RedundantArm(InverseKinematics):
+    """Every branch of a seven-axis arm at each step of one joint, and the postures nearest by."""
+
+    def __init__(self, chain: SerialChain, swept: int, ideal: SerialChain | None = None) -> None:
+        super().__init__(chain)
+        self._ideal = ideal or chain
+        self.swept = swept
+        """Index of the joint that is swept."""
+        self._sweep = lru_cache(maxsize=8)(self._solvers)
+
+    @classmethod
+    def of(cls, chain: SerialChain) -> RedundantArm | None:
+        """The solver for a chain, or None where no joint leaves a closed form."""
+        if chain.n != 7:
+            return None
+        q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_TRIED, 7))
+        state = chain.forward(q)
+        null = np.abs(np.linalg.svd(state.jacobian(state.p_base_tip))[2][:, -1])
+        # a joint that hardly takes part in the self-motion cuts it badly, or never: an elbow
+        share = np.quantile(null, 0.25, axis=0)
+        for ideal in (chain, idealised(chain)):
+            swept = int(np.argmax(share * [_leaves_closed_form(ideal, j) for j in range(7)]))
+            if share[swept] > _LEAST_SHARE and _leaves_closed_form(ideal, swept):
+                return cls(chain, swept, ideal)
+        return None
+
+    def solve(
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
+    ) -> InverseSolutions:
+        """See :meth:`InverseKinematics.solve`."""
+        gap_m = np.full(len(T_base_tip), np.nan)
+        postures, pose = [np.empty((0, 7))], [np.empty(0, dtype=np.intp)]
+        for start in range(0, len(T_base_tip), _POSES_AT_ONCE):
+            part = slice(start, start + _POSES_AT_ONCE)
+            q, of, gap_m[part] = self._some(T_base_tip[part], bounds, near)
+            postures.append(q)
+            pose.append(of + start)
+        return self._answer(
+            np.concatenate(postures), np.concatenate(pose), gap_m, bounds, near, every_turn
+        )
+
+    def _solvers(self, lower: float, upper: float) -> list[tuple[float, eaik.Robot]]:
+        """Six-axis arms at each angle [rad] of the swept joint."""
+        if upper < lower:  # a margin left it no room: what it would take is told all the same
+            lower, upper = -np.pi, np.pi
+        span = min(upper - lower, TURN)
+        # an even number: in the middle, where arms are straight, pieces of self-motion are short
+        steps = 2 * max(int(np.ceil(span / SWEEP_STEP_RAD / 2.0)), 1)
+        angles = lower + np.linspace(0.0, span, steps + 1)[: None if span < TURN else -1]
+        return [(a, self._held_at(a)) for a in angles.tolist()]
+
+    def _held_at(self, angle: float) -> eaik.Robot:
+        return eaik_robot(self._ideal, [(self.swept, angle)])
+
+    def _cuts(
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Answers at each angle of the swept joint, ordered by pose; not all of them exact."""
+        lower, upper, wanted = (float(v[self.swept]) for v in (bounds.lower, bounds.upper, near))
+        solvers = self._sweep(lower, upper)
+        away = min(abs(wanted - a) for a, _ in solvers)
+        if lower <= wanted <= upper and away > _SAME_ANGLE_RAD:
+            solvers = [*solvers, (wanted, self._held_at(wanted))]
+        answers = [
+            every_branch(s, T_base_tip, 7) for _, s in solvers if s.has_known_decomposition()
+        ]
+        postures, pose = (np.concatenate(parts) for parts in zip(*answers, strict=True))
+        order = np.argsort(pose, kind="stable")
+        return postures[order], pose[order]
+
+    def _closed_in(
+        self, postures: FloatArray, pose: IntArray, T_base_tip: FloatArray
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Answers that almost are exact made so: postures, what they miss by [m], whether exact."""
+        distance, angle, _ = compare(self._ideal, postures, T_base_tip, pose)
+        almost = np.flatnonzero((distance < _ALMOST) & (angle < _ALMOST))
+        if self._ideal is self._chain:
+            almost = almost[np.maximum(distance, angle)[almost] > 0.01 * CLOSURE_TOLERANCE]
+        if len(almost):
+            free, T = np.full(7, np.inf), T_base_tip[pose[almost]]
+            postures[almost] = close_in(self._chain, postures[almost], T, -free, free, _POLISHING)
+            distance, angle, _ = compare(self._chain, postures, T_base_tip, pose)
+        return postures, distance, (distance < CLOSURE_TOLERANCE) & (angle < CLOSURE_TOLERANCE)
+
+    def _some(
+        self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Postures, their poses and the gaps [m] of some poses."""
+        count = len(T_base_tip)
+        postures, pose = self._cuts(T_base_tip, bounds, near)
+        key = np.column_stack([pose, postures[:, self.swept]])
+        cut = np.cumsum((np.diff(key, axis=0, prepend=key[:1]) != 0).any(axis=1))
+        postures, distance, exact = self._closed_in(postures, pose, T_base_tip)
+        exact[exact] = ~repeated(postures[exact], cut[exact])  # EAIK gives some answers twice
+        postures, inside = nearest_turns(postures, bounds.lower, bounds.upper, near)
+        inside &= bounds.coupled_fit(postures)
+        gap_m = np.full(count, np.inf)
+        # of least-squares answers, which keep the orientation: what walks gives some of it up
+        np.minimum.at(gap_m, pose, np.where(exact, 0.0, distance))
+
+        # from the reference itself, and from the cuts: inside the limits the nearest to it, else
+        # the least outside, else the closest to the pose
+        away = np.linalg.norm(postures - near, axis=1)
+        beyond = np.maximum(bounds.excess(postures).max(axis=1), 0.0)
+        rank = np.where(exact, np.where(inside, away, 1e3 + beyond), 1e6 + distance)
+        starts = _best(postures, pose, rank, count)
+        of = np.concatenate([np.arange(count), pose[starts]])
+        q = np.concatenate([np.tile(near, (count, 1)), postures[starts]])
+        q = move_near(self._chain, q, T_base_tip[of], bounds.lower, bounds.upper, near)
+        miss, turn, _ = compare(self._chain, q, T_base_tip, of)
+        closed = (miss < CLOSURE_TOLERANCE) & (turn < CLOSURE_TOLERANCE)
+        gap_m[of[closed]] = 0.0
+        closed &= bounds.coupled_fit(q)
+        q, of = q[closed], of[closed]
+
+        some = np.zeros(count, dtype=bool)
+        some[pose[exact & inside]] = True
+        some[of] = True
+        # what breaks the limits is told only where nothing keeps them
+        keep = exact & (inside | ~some[pose])
+        gap_m[np.isinf(gap_m)] = np.nan
+        return (*_together(postures[keep], pose[keep], q, of), gap_m)
+
+
+def _leaves_closed_form(chain: SerialChain, joint: int) -> bool:
+    """Whether the arm with one joint held has a closed form, at angles of no special meaning."""
+    held = (eaik_robot(chain, [(joint, angle)]) for angle in (0.3, -1.1))
+    return all(solver.has_known_decomposition() for solver in held)
+
+
+def _best(postures: FloatArray, pose: IntArray, rank: FloatArray, count: int) -> IntArray:
+    """Up to :data:`_STARTS` rows of each pose with the lowest rank, well apart from each other."""
+    rank, rows = rank.copy(), []
+    for _ in range(_STARTS):
+        best = first_per_group(pose, rank, count)
+        best = best[best >= 0]
+        best = best[np.isfinite(rank[best])]
+        rows.append(best)
+        chosen = np.full((count, postures.shape[1]), np.inf)
+        chosen[pose[best]] = postures[best]
+        rank[np.abs(postures - chosen[pose]).max(axis=1) < _APART_RAD] = np.inf
+    return np.concatenate(rows)
+
+
+def _together(
+    cuts: FloatArray, pose: IntArray, walked: FloatArray, of: IntArray
+) -> tuple[FloatArray, IntArray]:
+    """Cuts and walked postures, each posture once, ordered by pose."""
+    order = np.argsort(of, kind="stable")
+    walked, of = walked[order], of[order]
+    once = ~repeated(walked, of)
+    walked, of = walked[once], of[once]
+    fresh = np.ones(len(cuts), dtype=bool)
+    rank = np.arange(len(of)) - np.searchsorted(of, of)
+    for k in range(int(rank.max(initial=-1)) + 1):
+        chosen = np.full((int(max(pose.max(initial=-1), of.max())) + 1, cuts.shape[1]), np.inf)
+        chosen[of[rank == k]] = walked[rank == k]
+        fresh &= np.abs(cuts - chosen[pose]).max(axis=1, initial=0.0) > SAME_POSTURE_RAD
+    pose = np.concatenate([of, pose[fresh]])
+    order = np.argsort(pose, kind="stable")
+    return np.concatenate([walked, cuts[fresh]])[order], pose[order]

@@ -1,0 +1,1 @@
+"""The camera on the tool, and touch-up by what it sees."""

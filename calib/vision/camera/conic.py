@@ -1,0 +1,199 @@
+"""Ellipses in the image: that of a circle in space, and the one through measured points.
+
+An ellipse is an array ``(..., 5)`` [px] of ``x, y, a, b, c``: its centre, and the symmetric matrix
+``S = [[a, b], [b, c]]`` that maps the unit circle to it, ``center + S u``. Its eigenvalues are the
+half axes. Unlike axes and angle, the five are smooth where an ellipse becomes a circle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.se3 import BoolArray, FloatArray
+from calib.vision.camera.lens import Camera
+
+_FIT_STEPS = 4
+"""Gauss-Newton steps of a fit: from a start within a tenth of the axes the last is at rounding."""
+
+_RIM = 16
+"""Points of the rim that stand for it where the lens bends the ellipse: within 1e-5 px of many
+more; within 0.01 px for a circle seen nearly edge on through a wide-angle lens."""
+
+_BENT_STEPS = 1
+"""Gauss-Newton steps of that fit: mean and scatter of the rim start it so near that a second one
+moves it by 1e-5 px."""
+
+
+def circle_image(camera: Camera, diameter_m: float, T_camera_target: FloatArray) -> FloatArray:
+    """Ellipse ``(..., 5)`` [px] that the circle in the x-y plane of a target is seen as.
+
+    Exact for an ideal lens: the dual conic of the circle, ``diag(r², r², -1)``, maps by the
+    homography ``H = K [r1 r2 p]`` to ``H diag(r², r², -1) Hᵀ`` [HartleyZisserman2004]_ (Eq. 2.16).
+    With distortion the curve is no ellipse: then the one nearest to it, fitted to points of the
+    rim as it is to an image.
+
+    Parameters
+    ----------
+    camera : Camera
+    diameter_m : float
+    T_camera_target : ndarray (..., 4, 4)
+
+    Returns
+    -------
+    ndarray (..., 5)
+        NaN where the circle is not wholly in front of the lens, or shows its back.
+
+    References
+    ----------
+    .. [HartleyZisserman2004] R. Hartley, A. Zisserman, Multiple View Geometry in Computer Vision,
+       2nd edition, Cambridge University Press.
+    """
+    T = np.asarray(T_camera_target, dtype=float)
+    flat = T[..., :3, [0, 1, 3]].copy()
+    flat[..., :2] *= diameter_m / 2  # the unit circle, to the camera frame
+    flat[..., :2, :] *= camera.focal_xy_px[:, None]
+    dual = (flat * [1.0, 1.0, -1.0]) @ np.swapaxes(flat, -1, -2)
+    facing = (T[..., :3, 2] * T[..., :3, 3]).sum(axis=-1) < 0.0
+    seen = facing & (dual[..., 2, 2] < 0.0) & (T[..., 2, 3] > 0.0)
+    dual = dual / np.where(seen, -dual[..., 2, 2], np.nan)[..., None, None]
+    center = -dual[..., :2, 2]
+    square = dual[..., :2, :2] + center[..., :, None] * center[..., None, :]
+    ideal = _from_square(center, square)
+    if camera.is_ideal:
+        ideal[..., :2] += camera.center_px
+        return ideal
+    across = ellipse_points(ideal, _RIM) / camera.focal_xy_px
+    rays = np.concatenate([across, np.ones((*across.shape[:-1], 1))], axis=-1)
+    return fit_ellipse(camera.project(rays), steps=_BENT_STEPS)
+
+
+def ellipse_axes(ellipse: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Long and short axis [px] (whole lengths) and direction of the long one, each ``(...)``.
+
+    The direction [rad] counts from x towards y, in (-pi/2, pi/2].
+    """
+    a, b, c = (ellipse[..., k] for k in (2, 3, 4))
+    mean, apart = (a + c) / 2, np.hypot((a - c) / 2, b)
+    return 2 * (mean + apart), 2 * (mean - apart), np.asarray(np.arctan2(2 * b, a - c) / 2)
+
+
+def ellipse_vhs(ellipse: FloatArray) -> FloatArray:
+    """V (down), H (to the right) and size s ``(..., 3)`` [px]: data of [Watanabe2006]_, sec. 2.1.
+
+    References
+    ----------
+    .. [Watanabe2006] A. Watanabe et al., A kinematic calibration method for industrial robots using
+       autonomous visual measurement, CIRP Annals 55.
+    """
+    return np.stack([ellipse[..., 1], ellipse[..., 0], ellipse_axes(ellipse)[0]], axis=-1)
+
+
+def ellipse_points(ellipse: FloatArray, count: int) -> FloatArray:
+    """Points ``(..., count, 2)`` of ellipses ``(..., 5)``: ``S u`` of evenly spaced unit u."""
+    angle = np.arange(count) * (2.0 * np.pi / count)
+    unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return np.asarray(ellipse[..., None, :2] + unit @ half_axes(ellipse))
+
+
+def half_axes(ellipse: FloatArray) -> FloatArray:
+    """Symmetric matrices S ``(..., 2, 2)`` [px] that map the unit circle to the ellipses."""
+    return np.asarray(ellipse[..., [2, 3, 3, 4]].reshape(*ellipse.shape[:-1], 2, 2))
+
+
+def fit_ellipse(
+    points: FloatArray,
+    weights: ArrayLike = 1.0,
+    start: FloatArray | None = None,
+    steps: int = _FIT_STEPS,
+) -> FloatArray:
+    """Ellipse of least squared distance from points, by Gauss-Newton.
+
+    Parameters
+    ----------
+    points : ndarray (..., K, 2)
+        [px].
+    weights : array_like (..., K)
+        Of the squared distances.
+    start : ndarray (..., 5), optional
+        Ellipse to start from. Unless given, mean and scatter of the points, which must then lie
+        evenly about the whole of it.
+    steps : int
+
+    Returns
+    -------
+    ndarray (..., 5)
+    """
+    weight = np.broadcast_to(np.asarray(weights, dtype=float), points.shape[:-1])
+    ellipse = _from_scatter(points) if start is None else np.asarray(start, dtype=float)
+    for _ in range(steps):
+        distance, jacobian = ellipse_distance(ellipse, points)
+        ellipse = ellipse + ellipse_step(distance, jacobian, weight)
+    return ellipse
+
+
+def ellipse_distance(ellipse: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Signed distances of points from ellipses, positive outside, and their derivatives.
+
+    To first order in the distance [Sampson1982]_: ``(|w| - 1) / |grad|``, ``w = S⁻¹ (p - center)``.
+
+    Parameters
+    ----------
+    ellipse : ndarray (..., 5)
+    points : ndarray (..., K, 2)
+
+    Returns
+    -------
+    distance : ndarray (..., K)
+        [px].
+    jacobian : ndarray (..., K, 5)
+        By the numbers of the ellipse.
+
+    References
+    ----------
+    .. [Sampson1982] P. D. Sampson, Fitting conic sections to "very scattered" data, Computer
+       Graphics and Image Processing 18.
+    """
+    a, b, c = (ellipse[..., None, k] for k in (2, 3, 4))
+    determinant = a * c - b * b
+    dx = points[..., 0] - ellipse[..., None, 0]
+    dy = points[..., 1] - ellipse[..., None, 1]
+    wx, wy = (c * dx - b * dy) / determinant, (a * dy - b * dx) / determinant
+    length = np.hypot(wx, wy)
+    gx, gy = (c * wx - b * wy) / determinant / length, (a * wy - b * wx) / determinant / length
+    slope = np.hypot(gx, gy)
+    nx, ny = gx / slope, gy / slope
+    jacobian = -np.stack([nx, ny, nx * wx, nx * wy + ny * wx, ny * wy], axis=-1)
+    return np.asarray((length - 1.0) / slope), jacobian
+
+
+def ellipse_step(distance: FloatArray, jacobian: FloatArray, weight: FloatArray) -> FloatArray:
+    """Gauss-Newton step ``(..., 5)`` of ellipses, from what :func:`ellipse_distance` returns."""
+    weighted = np.swapaxes(jacobian * weight[..., None], -1, -2)
+    normal = weighted @ jacobian
+    # points too few or all in one place leave the ellipse where it is
+    damping = 1e-12 * np.trace(normal, axis1=-2, axis2=-1)[..., None, None] + 1e-300
+    step = np.linalg.solve(normal + damping * np.eye(5), weighted @ distance[..., None])
+    return np.asarray(-step[..., 0])
+
+
+def is_sound(ellipse: FloatArray) -> BoolArray:
+    """Whether numbers ``(..., 5)`` are those of an ellipse: finite, both axes positive."""
+    _, short, _ = ellipse_axes(ellipse)
+    return np.asarray(np.isfinite(ellipse).all(axis=-1) & (short > 0.0))
+
+
+def _from_scatter(points: FloatArray) -> FloatArray:
+    center = points.mean(axis=-2)
+    off = points - center[..., None, :]
+    # the mean of u uᵀ over the unit circle is half the identity
+    return _from_square(center, 2.0 * np.swapaxes(off, -1, -2) @ off / points.shape[-2])
+
+
+def _from_square(center: FloatArray, square: FloatArray) -> FloatArray:
+    """Ellipses ``(..., 5)`` from their centres and S²: the square root of a matrix of two rows."""
+    xx, xy, yy = square[..., 0, 0], square[..., 0, 1], square[..., 1, 1]
+    root = np.sqrt(np.maximum(xx * yy - xy * xy, 0.0))
+    scale = np.sqrt(xx + yy + 2.0 * root)
+    matrix = np.stack([(xx + root) / scale, xy / scale, (yy + root) / scale], axis=-1)
+    return np.concatenate([center, matrix], axis=-1)

@@ -1,0 +1,211 @@
+"""A camera as it is calibrated: principal point anywhere, and a lens with distortion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError
+from calib.se3 import FloatArray
+from calib.vision.camera.pinhole import PinholeCamera
+
+_UNDISTORTED = 1e-12
+"""Step of the undistortion, in focal lengths, at which it ends: a thousandth of what is promised
+(1e-10), and above the rounding of the polynomial."""
+
+_STEPS = 30
+"""Steps of the undistortion: Newton takes four or five where the lens has an inverse."""
+
+
+@dataclass(frozen=True)
+class Camera(PinholeCamera):
+    """A pinhole camera with the lens distortion of OpenCV's five-parameter model.
+
+    With ``x, y`` the point divided by its depth and ``r² = x² + y²``, the image is at ``center +
+    focal * (x', y')``, with ``x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)`` and
+    ``y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y`` [Brown1971]_.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+    focal_px : float
+        Focal length in pixels across the image.
+    focal_y_px : float, optional
+        Focal length in pixels down the image, where pixels are not square.
+    principal_px : tuple of two floats, optional
+        Where the optical axis meets the image, from the left upper corner of the image (OpenCV's
+        ``cx, cy`` plus one half); the middle of the image unless given.
+    distortion : tuple of five floats
+        k1, k2, p1, p2, k3: OpenCV's order.
+
+    Raises
+    ------
+    InputError
+        A focal length or a size that is not positive, or numbers that are not finite.
+
+    References
+    ----------
+    .. [Brown1971] D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37.
+    """
+
+    focal_y_px: float | None = None
+    principal_px: tuple[float, float] | None = None
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("width_px", "height_px", "focal_px", "focal_y_px"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise InputError(
+                    f"{name} of the camera is {value}", hint="give a positive number", name=name
+                )
+        if len(self.distortion) != 5 or not np.isfinite(self.distortion).all():
+            raise InputError(
+                f"distortion of the camera is {self.distortion}",
+                hint="give the five numbers k1, k2, p1, p2, k3",
+                name="distortion",
+            )
+
+    @classmethod
+    def from_sensor(
+        cls,
+        size_px: tuple[int, int],
+        sensor_mm: tuple[float, float],
+        focal_mm: float,
+        distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0),
+    ) -> Camera:
+        """Camera from its data sheet: pixels and millimetres across and down, focal length."""
+        (width, height), (across, down) = size_px, sensor_mm
+        return cls(
+            width,
+            height,
+            focal_mm * width / across,
+            focal_y_px=focal_mm * height / down,
+            distortion=distortion,
+        )
+
+    @classmethod
+    def paper(cls) -> Camera:
+        """Camera of section 3.1 of [Watanabe2006]_: 640 x 480 pixels on 1/3 inch, f = 12 mm.
+
+        A 1/3 inch sensor is 4.8 x 3.6 mm, so the focal length is 1600 px.
+
+        References
+        ----------
+        .. [Watanabe2006] A. Watanabe et al., A kinematic calibration method for industrial robots
+           using autonomous visual measurement, CIRP Annals 55.
+        """
+        return cls.from_sensor((640, 480), (4.8, 3.6), 12.0)
+
+    @property
+    def center_px(self) -> FloatArray:
+        """Where the optical axis meets the image ``(2,)`` [px]."""
+        return super().center_px if self.principal_px is None else np.array(self.principal_px)
+
+    @property
+    def focal_xy_px(self) -> FloatArray:
+        """Focal lengths across and down the image ``(2,)`` [px]."""
+        down = self.focal_px if self.focal_y_px is None else self.focal_y_px
+        return np.array([self.focal_px, down])
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether the lens has no distortion."""
+        return not any(self.distortion)
+
+    @cached_property
+    def largest_radius(self) -> float:
+        """Off-axis radius ``r`` (tangent of the angle) up to which the lens is one to one.
+
+        The radial polynomial of a calibrated lens turns back somewhere outside the image: points
+        beyond would be drawn inside it. Infinity where it never turns.
+        """
+        k1, k2, _, _, k3 = self.distortion
+        slope = np.polynomial.Polynomial([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3])
+        roots = slope.trim().roots() if any((k1, k2, k3)) else np.empty(0)
+        square = roots[np.isreal(roots) & (roots.real > 0.0)].real
+        return float(np.sqrt(square.min(initial=np.inf)))
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Pixels ``(..., 2)`` of points ``(..., 3)`` [m] in the camera frame.
+
+        From the left upper corner of the image; NaN for points that are not in front of the lens,
+        and for those beyond :attr:`largest_radius`.
+        """
+        points = np.asarray(points, dtype=float)
+        depth = points[..., 2:]
+        across = points[..., :2] / np.where(depth > 0.0, depth, np.nan)
+        if not self.is_ideal:
+            inside = (across**2).sum(axis=-1, keepdims=True) < self.largest_radius**2
+            across = self._distorted(np.where(inside, across, np.nan))
+        return np.asarray(self.center_px + self.focal_xy_px * across)
+
+    def rays(self, pixels: ArrayLike) -> FloatArray:
+        """Directions ``(..., 3)`` with z = 1 in the camera frame of pixels ``(..., 2)``.
+
+        Undistorted by Newton's iteration to 1e-10; NaN where no point is seen at that pixel.
+        """
+        image = (np.asarray(pixels, dtype=float) - self.center_px) / self.focal_xy_px
+        across = image if self.is_ideal else self._undistorted(image)
+        return np.concatenate([across, np.ones((*across.shape[:-1], 1))], axis=-1)
+
+    def project_jacobian(self, points: FloatArray) -> FloatArray:
+        """Derivatives ``(..., 2, 3)`` [px/m] of :meth:`project` by the points ``(..., 3)``."""
+        depth = points[..., 2:]
+        across = points[..., :2] / depth
+        by_point = np.concatenate(
+            [np.broadcast_to(np.eye(2), (*across.shape, 2)), -across[..., None]], axis=-1
+        )
+        by_point = by_point / depth[..., None]
+        return np.asarray(self.focal_xy_px[:, None] * (self._slope(across) @ by_point))
+
+    def _distorted(self, across: FloatArray) -> FloatArray:
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = across[..., 0], across[..., 1]
+        square = x * x + y * y
+        radial = 1.0 + square * (k1 + square * (k2 + square * k3))
+        return np.stack(
+            [
+                x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x),
+                y * radial + p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y,
+            ],
+            axis=-1,
+        )
+
+    def _slope(self, across: FloatArray) -> FloatArray:
+        """Derivatives ``(..., 2, 2)`` of :meth:`_distorted`: a symmetric matrix."""
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = across[..., 0], across[..., 1]
+        square = x * x + y * y
+        radial = 1.0 + square * (k1 + square * (k2 + square * k3))
+        by_square = k1 + square * (2.0 * k2 + square * 3.0 * k3)
+        out = np.empty((*across.shape, 2))
+        out[..., 0, 0] = radial + 2.0 * x * x * by_square + 2.0 * p1 * y + 6.0 * p2 * x
+        out[..., 1, 1] = radial + 2.0 * y * y * by_square + 6.0 * p1 * y + 2.0 * p2 * x
+        out[..., 0, 1] = out[..., 1, 0] = 2.0 * (x * y * by_square + p1 * x + p2 * y)
+        return out
+
+    def _undistorted(self, image: FloatArray) -> FloatArray:
+        across, step = image.copy(), np.full_like(image, np.inf)
+        with np.errstate(all="ignore"):  # pixels that no point is seen at run away and become NaN
+            for _ in range(_STEPS):
+                slope = self._slope(across)
+                miss = image - self._distorted(across)
+                xx, xy, yy = slope[..., 0, 0], slope[..., 0, 1], slope[..., 1, 1]
+                step = np.stack(
+                    [
+                        yy * miss[..., 0] - xy * miss[..., 1],
+                        xx * miss[..., 1] - xy * miss[..., 0],
+                    ],
+                    axis=-1,
+                )
+                step /= (xx * yy - xy * xy)[..., None]
+                across = across + step
+                if not (np.abs(step) > _UNDISTORTED).any():
+                    break
+            found = (np.abs(step) <= _UNDISTORTED).all(axis=-1, keepdims=True)
+            found &= (across**2).sum(axis=-1, keepdims=True) < self.largest_radius**2
+        return np.asarray(np.where(found, across, np.nan))

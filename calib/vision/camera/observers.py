@@ -1,0 +1,362 @@
+"""What the camera says of a target at a pose: through an image, or straight from geometry.
+
+Both observers have the same interface, so that a simulation chooses by one switch:
+:func:`make_observer`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, Protocol, cast, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import ConvergenceError, InputError, near_names
+from calib.se3 import BoolArray, FloatArray
+from calib.vision.camera.conic import circle_image, ellipse_axes, ellipse_vhs
+from calib.vision.camera.ellipse import EllipseMeasurement, Status, measure_ellipse
+from calib.vision.camera.lens import Camera
+from calib.vision.camera.rendering import GreyImage, Imaging, render
+from calib.vision.camera.target import CircleTarget
+
+Kind = Literal["image", "fast"]
+
+SMALLEST_PX = 10.0
+"""Short axis of the smallest target that both observers see."""
+
+_FEWEST_TRIALS = 10
+"""Images below which a covariance of five numbers means nothing."""
+
+_LEAST_MEASURED = 0.9
+"""Share of the images that must have been measured: the noise of those left would be too small."""
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """What is seen of a target at K poses.
+
+    Attributes
+    ----------
+    ellipses : ndarray (K, 5)
+        [px], as :mod:`calib.vision.camera.conic` writes them; NaN where it was not measured.
+    reasons : tuple of str
+        Why not; empty where it was.
+    """
+
+    ellipses: FloatArray
+    reasons: tuple[str, ...]
+
+    @classmethod
+    def of(cls, measured: Sequence[EllipseMeasurement]) -> Views:
+        """Views of measurements, those that are not ``ok`` without numbers."""
+        ellipses = [m.ellipse if m.is_ok else np.full(5, np.nan) for m in measured]
+        reasons = ["" if m.is_ok else f"{m.status}: {m.message}" for m in measured]
+        return cls(np.array(ellipses).reshape(-1, 5), tuple(reasons))
+
+    @property
+    def vhs_px(self) -> FloatArray:
+        """V, H and s ``(K, 3)`` [px]."""
+        return ellipse_vhs(self.ellipses)
+
+    @property
+    def seen(self) -> BoolArray:
+        """Where the target was measured ``(K,)``."""
+        return np.array([not reason for reason in self.reasons], dtype=bool)
+
+
+class Observer(Protocol):
+    """A camera that looks at a target."""
+
+    @property
+    def camera(self) -> Camera:
+        """The camera as it really is."""
+        ...
+
+    def observe(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> EllipseMeasurement:
+        """Measurement of the target at a pose ``(4, 4)`` [m]; look at its ``status``.
+
+        ``near_px`` ``(2,)`` is where it is expected, among others that look like it.
+        """
+        ...
+
+    def views(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> Views:
+        """What is seen at poses ``(K, 4, 4)``; ``near_px`` is ``(K, 2)``."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class MeasurementNoise:
+    """Errors of measured ellipses: normal, the same at all poses near those they come from.
+
+    Of the five numbers of an ellipse (:mod:`calib.vision.camera.conic`), not of its axes: where an
+    ellipse is nearly a circle its long axis is the larger of two, which is neither normal nor
+    without bias, and that follows from the five by itself.
+
+    Attributes
+    ----------
+    bias : ndarray (5,)
+        Mean error [px].
+    covariance : ndarray (5, 5)
+        [px²].
+    sigma_vhs_px : ndarray (3,)
+        Standard deviations of V, H and s in the images.
+    """
+
+    bias: FloatArray
+    covariance: FloatArray
+    sigma_vhs_px: FloatArray
+
+    @classmethod
+    def from_sigma(cls, sigma_vhs_px: ArrayLike) -> MeasurementNoise:
+        """Independent noise without bias of given standard deviations of V, H and s [px].
+
+        That of s is met for a target seen at a tilt, where the long axis is one and the same.
+        """
+        sigma = np.asarray(sigma_vhs_px, dtype=float)
+        v, h, s = sigma
+        # long axis = 2 uᵀ S u for its direction u; the three of S as of an isotropic matrix
+        variances = [h**2, v**2, s**2 / 4, s**2 / 8, s**2 / 4]
+        return cls(np.zeros(5), np.diag(variances), sigma)
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        """Matrix ``(5, 5)`` whose transpose times itself is the covariance, singular or not."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
+
+    def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
+        """Errors ``(*shape, 5)`` [px] of ellipses."""
+        return np.asarray(self.bias + rng.standard_normal((*shape, 5)) @ self._root)
+
+
+@dataclass(frozen=True, eq=False)
+class ImageObserver:
+    """Renders an image and measures it.
+
+    Attributes
+    ----------
+    camera : Camera
+    target : CircleTarget
+    imaging : Imaging
+    beside : tuple of (CircleTarget, array (4, 4))
+        Other targets in the picture, each with its pose in the frame of the target.
+    """
+
+    camera: Camera
+    target: CircleTarget
+    imaging: Imaging
+    beside: tuple[tuple[CircleTarget, FloatArray], ...] = ()
+
+    def grab(self, T_camera_target: FloatArray, rng: np.random.Generator) -> GreyImage:
+        """Picture ``(height, width)`` of the target at a pose ``(4, 4)`` [m]."""
+        others = [(target, T_camera_target @ T) for target, T in self.beside]
+        scene = [*others, (self.target, T_camera_target)]
+        return render(self.camera, scene, self.imaging, rng)
+
+    def observe(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> EllipseMeasurement:
+        """See :meth:`Observer.observe`."""
+        return measure_ellipse(
+            self.grab(T_camera_target, rng),
+            dark=self.target.is_dark,
+            smallest_px=SMALLEST_PX,
+            near_px=near_px,
+        )
+
+    def views(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> Views:
+        """See :meth:`Observer.views`."""
+        near = [None] * len(T_camera_target) if near_px is None else list(near_px)
+        return Views.of(
+            [self.observe(T, rng, px) for T, px in zip(T_camera_target, near, strict=True)]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FastObserver:
+    """Projects the circle and adds noise to its ellipse: no image, and many poses at once.
+
+    Attributes
+    ----------
+    camera : Camera
+    target : CircleTarget
+    noise : MeasurementNoise
+        That of images: :func:`noise_from_images`.
+    """
+
+    camera: Camera
+    target: CircleTarget
+    noise: MeasurementNoise
+
+    def observe(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> EllipseMeasurement:
+        """See :meth:`Observer.observe`; nothing else looks like the target here."""
+        found = self.views(np.asarray(T_camera_target)[None], rng)
+        if found.reasons[0]:
+            status = "no target" if found.reasons[0].startswith("no target") else "touches the edge"
+            message = found.reasons[0].partition(": ")[2]
+            return EllipseMeasurement.failed(cast(Status, status), message)
+        return EllipseMeasurement.from_ellipse(found.ellipses[0], 0.0)
+
+    def views(
+        self,
+        T_camera_target: FloatArray,
+        rng: np.random.Generator,
+        near_px: FloatArray | None = None,
+    ) -> Views:
+        """See :meth:`Observer.views`."""
+        true = circle_image(self.camera, self.target.diameter_m, T_camera_target)
+        _, short, _ = ellipse_axes(true)
+        room = self._room(true)
+        large = short >= SMALLEST_PX
+        inside = large & (room >= 0.0)
+        reasons = [""] * len(true)
+        for k in np.flatnonzero(~inside).tolist():
+            if not large[k]:
+                reasons[k] = (
+                    f"no target: the circle is not seen, or smaller than {SMALLEST_PX:g} px"
+                )
+            elif -room[k] < short[k]:
+                reasons[k] = "touches the edge: the circle is cut by the edge"
+            else:
+                reasons[k] = "no target: the circle is outside the image"
+        noisy = self._noisy(true, rng)
+        return Views(np.where(inside[:, None], noisy, np.nan), tuple(reasons))
+
+    def _room(self, ellipse: FloatArray) -> FloatArray:
+        """Distance ``(...)`` [px] of ellipses from the edge of the image, negative outside."""
+        size = np.array([self.camera.width_px, self.camera.height_px])
+        # half sides of the box about an ellipse: lengths of the rows of S
+        half = np.hypot(ellipse[..., [2, 3]], ellipse[..., [3, 4]])
+        center = ellipse[..., :2]
+        return np.asarray(np.minimum(center - half, size - center - half).min(axis=-1))
+
+    def _noisy(self, true: FloatArray, rng: np.random.Generator) -> FloatArray:
+        return self.noise.draw(true.shape[:-1], rng) + true
+
+
+def make_observer(
+    kind: Kind,
+    camera: Camera,
+    target: CircleTarget,
+    imaging: Imaging | None = None,
+    noise: MeasurementNoise | None = None,
+) -> Observer:
+    """Observer of one kind or the other.
+
+    Parameters
+    ----------
+    kind : {"image", "fast"}
+    camera : Camera
+    target : CircleTarget
+    imaging : Imaging, optional
+        For ``"image"``.
+    noise : MeasurementNoise
+        For ``"fast"``, which needs it.
+
+    Raises
+    ------
+    InputError
+        An unknown kind, or no noise for the fast one.
+    """
+    if kind == "image":
+        return ImageObserver(camera, target, imaging or Imaging())
+    if kind != "fast":
+        raise InputError(
+            f"no observer of kind {kind!r}", hint=near_names(kind, get_args(Kind)), name="kind"
+        )
+    if noise is None:
+        raise InputError(
+            "the fast observer has no noise", hint="take that of noise_from_images", name="noise"
+        )
+    return FastObserver(camera, target, noise)
+
+
+def noise_from_images(
+    camera: Camera,
+    target: CircleTarget,
+    T_camera_target: FloatArray,
+    imaging: Imaging,
+    trials: int,
+    rng: np.random.Generator,
+) -> MeasurementNoise:
+    """Noise of measurements in rendered images.
+
+    Each image shows the target shifted by up to half a pixel in both directions, so that what the
+    raster does to an edge averages out and counts as noise.
+
+    Parameters
+    ----------
+    camera : Camera
+    target : CircleTarget
+    T_camera_target : ndarray (4, 4)
+        Pose that the noise is wanted for.
+    imaging : Imaging
+    trials : int
+        Images. The standard deviations are good to ``1 / sqrt(2 trials)`` of themselves.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    MeasurementNoise
+
+    Raises
+    ------
+    InputError
+        Fewer than 10 trials.
+    ConvergenceError
+        More than one image in ten could not be measured.
+    """
+    if trials < _FEWEST_TRIALS:
+        raise InputError(
+            f"{trials} images give no noise",
+            hint=f"take {_FEWEST_TRIALS} or more",
+            name="trials",
+            value=trials,
+            bound=_FEWEST_TRIALS,
+        )
+    observer = ImageObserver(camera, target, imaging)
+    pixel_m = T_camera_target[2, 3] / camera.focal_xy_px
+    poses = np.repeat(np.asarray(T_camera_target, dtype=float)[None], trials, axis=0)
+    poses[:, :2, 3] += rng.uniform(-0.5, 0.5, (trials, 2)) * pixel_m
+    found = [observer.observe(T, rng) for T in poses]
+    ok = np.array([m.is_ok for m in found])
+    if ok.mean() < _LEAST_MEASURED:
+        reason = next(m.message for m in found if not m.is_ok)
+        raise ConvergenceError(
+            f"{int((~ok).sum())} of {trials} images could not be measured: {reason}",
+            hint="choose a pose at which the target is well seen",
+            value=float(ok.mean()),
+            bound=_LEAST_MEASURED,
+        )
+    measured = np.array([m.ellipse for m in found])[ok]
+    true = circle_image(camera, target.diameter_m, poses[ok])
+    error = measured - true
+    long = ellipse_axes(measured)[0] - ellipse_axes(true)[0]
+    sigma = np.array([error[:, 1].std(ddof=1), error[:, 0].std(ddof=1), long.std(ddof=1)])
+    return MeasurementNoise(error.mean(axis=0), np.cov(error.T), sigma)

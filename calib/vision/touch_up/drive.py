@@ -1,0 +1,241 @@
+"""Moving arms by their controllers: nominal postures, and lost motion taken up on arrival.
+
+Every move goes through here and is checked: before it against the limits, against what stands
+around and against what was planned; after it the joints that the controller shows against those
+that it was sent to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calib.errors import CalibError, InputError
+from calib.robots import Robot
+from calib.robots.bounds import LIMIT_TOLERANCE
+from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.vision.touch_up.arms import Arms
+from calib.vision.touch_up.following import follow
+from calib.vision.touch_up.shown_joints import SHOWN_WITHIN_RAD, check_first, check_shown
+
+Refuses = Callable[[FloatArray, FloatArray], list[str]]
+"""Of straight joint moves from ``(K, n)`` to ``(K, n)`` [rad], why each must not be made; empty
+where it may. A start that is NaN is not known: only the end can be told."""
+
+Around = Callable[[FloatArray, FloatArray], list[FloatArray] | None]
+"""Postures to pass from ``(n,)`` to ``(n,)`` [rad] where the straight move must not be made; None
+where there is no other way either."""
+
+LARGEST_CORRECTION_RAD = np.deg2rad(45.0)
+"""Turn of a joint that corrections may add to a planned posture: a shift by ten centimetres half a
+metre from a joint is eleven degrees. What needs more passes a singularity."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Arms, and how they are moved.
+
+    Attributes
+    ----------
+    robot : Robot
+        Nominal: what the controller knows.
+    arms : Arms
+    approach_rad : float
+        Every stop is reached by a last movement of this angle in all joints, always in the
+        positive sense, so that backlash and friction leave the joints on the same side; 0 for
+        none. It has to be more than the lost motion of a joint.
+    refuses : callable, optional
+        Asked before every move; the limits of the joints are always kept.
+    around : callable, optional
+        Asked where the straight move to a posture is refused.
+    shown_within_rad : float
+        By which joints may be shown off what was commanded: rounding of the controller, width of
+        its fine positions, lost motion where encoders see it.
+    largest_correction_rad : float
+        By which corrections may turn a joint away from the posture that was planned.
+    tell : callable
+        Told what could not be checked.
+    """
+
+    robot: Robot
+    arms: Arms
+    approach_rad: float = np.deg2rad(0.2)
+    refuses: Refuses | None = None
+    around: Around | None = None
+    shown_within_rad: float = SHOWN_WITHIN_RAD
+    largest_correction_rad: float = LARGEST_CORRECTION_RAD
+    tell: Callable[[str], None] = lambda text: None
+    _sent: FloatArray = field(init=False, repr=False)
+    """Where each arm was sent last ``(S, n)`` [rad]; NaN before its first move."""
+    _left: FloatArray = field(init=False, repr=False)
+    """Where each arm was left by an earlier drive ``(S, n)`` [rad]; NaN where that is not known."""
+
+    def __post_init__(self) -> None:
+        unknown = np.full((self.arms.count, self.robot.n), np.nan)
+        object.__setattr__(self, "_sent", unknown)
+        object.__setattr__(self, "_left", unknown.copy())
+
+    def was_left_at(self, which: IntArray, q: FloatArray) -> None:
+        """Arms ``(K,)`` were at postures ``(K, n)`` [rad] when they were driven last."""
+        self._left[which] = q
+
+    def to_posture(self, which: IntArray, q: FloatArray) -> list[str]:
+        """Move arms ``(K,)`` to postures ``(K, n)`` [rad]; of each, why it was not moved.
+
+        Raises
+        ------
+        InputError
+            Joints are shown that are not where the arm was sent; nothing is commanded after that.
+        """
+        return self._go(which, q, self.around)
+
+    def _go(self, which: IntArray, q: FloatArray, around: Around | None) -> list[str]:
+        """See :meth:`to_posture`."""
+        entry = np.maximum(q - self.approach_rad, self.robot.lower)
+        if self.approach_rad == 0.0:
+            entry = q
+        reasons = self._beyond(q)
+        _first_of(reasons, self._beyond(entry))
+        free = _free(reasons)
+        start = np.full_like(q, np.nan)
+        start[free] = self._standing(which[free], q[free])
+        self._ask(reasons, entry, q)
+        blocked = list(reasons)
+        self._ask(blocked, start, entry)
+        for k in np.flatnonzero(_free(reasons) & ~_free(blocked)).tolist():
+            between = None if around is None else around(start[k], entry[k])
+            if between is None:
+                reasons[k] = blocked[k]
+            for posture in between or ():
+                self._move(which[k : k + 1], posture[None])
+        free = _free(reasons)
+        self._move(which[free], entry[free])
+        if entry is not q:
+            self._move(which[free], q[free])
+        return reasons
+
+    def _ask(self, reasons: list[str], start: FloatArray, end: FloatArray) -> None:
+        """Add why moves from ``(K, n)`` to ``(K, n)`` [rad] must not be made."""
+        free = _free(reasons)
+        if self.refuses is not None and free.any():
+            _first_of(reasons, self.refuses(start[free], end[free]), free)
+
+    def to_pose(
+        self,
+        which: IntArray,
+        q: FloatArray,
+        T_wanted: FloatArray,
+        planned: FloatArray | None = None,
+    ) -> list[str]:
+        """Move the nominal tip from postures ``(K, n)`` [rad] to poses ``(K, 4, 4)``.
+
+        No joint leaves the planned postures ``(K, n)`` [rad], by default those that it starts from,
+        by more than a correction may turn it.
+        """
+        postures, found = follow(self.robot, q, T_wanted)
+        reasons = ["" if ok else "joint limits or a singularity are in the way" for ok in found]
+        turned = np.abs(postures - (q if planned is None else planned))
+        far = turned.max(axis=1, initial=0.0) > self.largest_correction_rad
+        for k in np.flatnonzero(far & found).tolist():
+            joint = self.robot.joint_names[int(np.argmax(turned[k]))]
+            degrees = np.rad2deg([turned[k].max(), self.largest_correction_rad])
+            reasons[k] = (
+                f"the correction turns {joint} by {degrees[0]:.0f} deg off the planned posture, "
+                f"{degrees[1]:.0f} deg allowed"
+            )
+        free = _free(reasons)
+        _first_of(reasons, self._go(which[free], postures[free], None), free)
+        return reasons
+
+    def _move(self, which: IntArray, q: FloatArray) -> None:
+        """Command moves of arms ``(K,)`` to ``(K, n)`` [rad], and check that they were made."""
+        if not which.size:
+            return
+        before = self._sent[which]
+        self._sent[which] = np.nan  # until it is seen there
+        self.arms.move(which, q)
+        self._check(q, self._shown(which), "after the move to", before)
+        self._sent[which] = q
+
+    def _standing(self, which: IntArray, q: FloatArray) -> FloatArray:
+        """Where arms ``(K,)`` stand ``(K, n)`` [rad] that are to go to ``(K, n)``.
+
+        Where they were sent last, if that is what is shown; before the first move what is shown,
+        NaN where that is nothing.
+        """
+        if not which.size:
+            return np.empty_like(q)
+        sent, shown = self._sent[which], self._shown(which)
+        first = np.any(np.isnan(sent), axis=1)
+        self._check(sent[~first], shown[~first], "where it was left at", None)
+        for k in np.flatnonzero(first).tolist():
+            if np.isnan(shown[k]).all():
+                self.tell(
+                    "where the arm stands at first is not known: the move from there to "
+                    f"{_degrees(q[k])} deg is not checked"
+                )
+            else:
+                left = self._left[which[k]]
+                check_first(self.robot, q[k], shown[k], self.shown_within_rad, left)
+        return np.where(first[:, None], shown, sent)
+
+    def _check(
+        self, asked: FloatArray, shown: FloatArray, event: str, before: FloatArray | None
+    ) -> None:
+        """Raise for the first arm of ``(K, n)`` [rad] that is not shown where it was sent."""
+        fits = np.all(np.abs(shown - asked) <= self.shown_within_rad, axis=1)
+        for k in np.flatnonzero(~fits)[:1].tolist():
+            known = before is not None and np.isfinite(before[k]).all()
+            check_shown(
+                self.robot,
+                asked[k],
+                shown[k],
+                self.shown_within_rad,
+                before=before[k] if before is not None and known else None,
+                event=event,
+            )
+
+    def _shown(self, which: IntArray) -> FloatArray:
+        """Joint values ``(K, n)`` [rad] that controllers show, as many as there are joints."""
+        shown = np.asarray(self.arms.joints(which), dtype=float)
+        if np.isnan(shown).all():
+            return np.full((len(which), self.robot.n), np.nan)
+        if shown.shape != (len(which), self.robot.n):
+            raise InputError(
+                f"joints() of the robot's adapter gave {shown.shape[-1]} values, the arm has "
+                f"{self.robot.n} joints",
+                hint="give the joints of the description, in its order",
+                name="joints",
+            )
+        return shown
+
+    def _beyond(self, q: FloatArray) -> list[str]:
+        """Which limit each of postures ``(K, n)`` [rad] breaks; nothing where it keeps all."""
+        inside = np.minimum(q - self.robot.lower, self.robot.upper - q).min(axis=1, initial=np.inf)
+        for limit in self.robot.coupled_limits:
+            inside = np.minimum(inside, limit.room(q))
+        reasons = [""] * len(q)
+        for k in np.flatnonzero(~(inside >= -LIMIT_TOLERANCE)).tolist():
+            try:
+                self.robot.check_limits(q[k])
+            except CalibError as error:
+                reasons[k] = error.message
+        return reasons
+
+
+def _free(reasons: list[str]) -> BoolArray:
+    """Where nothing is in the way ``(K,)``."""
+    return np.array([not reason for reason in reasons], dtype=bool)
+
+
+def _first_of(reasons: list[str], more: list[str], where: BoolArray | None = None) -> None:
+    """Take over reasons, all or those of the rows ``(K,)`` where, for those that have none."""
+    rows = range(len(reasons)) if where is None else np.flatnonzero(where).tolist()
+    for k, reason in zip(rows, more, strict=True):
+        reasons[k] = reasons[k] or reason
+
+
+def _degrees(q: FloatArray) -> str:
+    return "(" + ", ".join(f"{v:.1f}" for v in np.rad2deg(q).tolist()) + ")"

@@ -1,0 +1,275 @@
+"""How the picture moves with the arm, from nothing but one view of the target.
+
+The first part of the first step: the Jacobian from moves that grow as more is known, and all that
+makes one doubt that arm, camera and target are what they are taken for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.robots import Robot
+from calib.robots.inverse import NEAR_SINGULAR
+from calib.se3 import FloatArray
+from calib.vision.camera.conic import ellipse_axes
+from calib.vision.touch_up.following import follow, shifted
+from calib.vision.touch_up.found import Refused
+from calib.vision.touch_up.jacobian import ImageJacobian, MeasuredJacobian
+from calib.vision.touch_up.relation import Relation
+from calib.vision.touch_up.servo import Loop, TouchUps
+from calib.vision.touch_up.session import Station
+
+_PROBES_M = (2e-3, 6e-3, 18e-3)
+"""First moves, of which nothing is known but that they are small: the next where the picture does
+not show one."""
+
+_CLEAR_PX = 4.0
+"""What a move has to change in the picture to be told from the errors of picture and arm."""
+
+_MIDDLE_PX = 1.0
+"""Error across the picture at which the target is near enough to its middle for wide moves."""
+
+_STEP_OF_ROOM = 0.4
+"""Length of the moves that the Jacobian is measured by, of the way that the target has to the edge
+of the picture: a twentieth of the distance of the target, which changes its size by a hundred
+times the noise."""
+
+_STEPS_OF_DISTANCE = (0.15, 0.07)
+"""Moves along the view line, of the distance of the target: the second where there is no room for
+the first."""
+
+_ASIDE = 3.0
+"""How far the arm goes aside to see its lost motion, in last movements."""
+
+_LEAST_ROOM_PX = 10.0
+"""Way to the edge of the picture with which a target can be moved about in it."""
+
+LEAST_SIZE_PX = 24.0
+"""Size of the target below which an error of a tenth of a pixel, which light and edges make, is one
+of more than 2 mm at half a metre."""
+
+SINGULAR = 5.0 * NEAR_SINGULAR
+"""Smallest singular value of the arm's Jacobian below which turns go through large angles of the
+wrist, and the errors of the arm with them: a wrist bent by less than four degrees."""
+
+LARGEST_PLAY_M = 1e-3
+"""Distance between stops that were come to from one side and from the other, the last movement the
+same: what is left of lost motion."""
+
+LARGEST_OF_DISTANCE = 0.2
+"""Diameter of the target in distances of it, above which the middle of its ellipse is too far from
+the image of its own: at 350 mm, 3 mm on the target at the widest turns."""
+
+LARGEST_BEND = 0.05
+"""Part by which the size may grow otherwise on the way to the target than on the way from it."""
+
+FIXED = "check that camera and target are fixed, and that nothing gets before the lens"
+"""What to do where a target is not where it was."""
+
+_CHECK_ROBOT = "check robot, joint signs and camera"
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """A target as it is followed from its first touch-up.
+
+    Attributes
+    ----------
+    jacobian : ImageJacobian
+    q : array (n,)
+        Of the first touch-up [rad].
+    ellipse : array (5,)
+        That it ended with [px].
+    noise_m : float
+        What the loop leaves along the view line [m].
+    step_m : float
+        Length of the moves that the Jacobian was measured by.
+    """
+
+    jacobian: ImageJacobian
+    q: FloatArray
+    ellipse: FloatArray
+    noise_m: float
+    step_m: float
+
+
+def sight(station: Station, q: FloatArray, loop: Loop, size_px: float | None) -> Sighting:
+    """Follow the target from a taught posture ``(n,)`` [rad], to its first touch-up.
+
+    Small moves bring it to the middle of the picture, wide ones there tell the Jacobian, and long
+    ones along the view line how far it is.
+
+    Raises
+    ------
+    Refused
+        It cannot be followed, or not as a camera on an arm follows it.
+    """
+    relation = _relation(station, q, size_px)
+    probe = _probe(station, q, relation)
+    _check_play(station, q, probe)
+    # of small moves only what they do across the picture stands out of its noise
+    across = replace(loop, center_px=max(loop.center_px, _MIDDLE_PX), view_line=True)
+    middle = _touched(station.touch_up("middle", q, probe, across))
+    step = _widest_step(station, middle, probe)
+    wide = _wide(station, middle.q[0], relation, step)
+    first = _touched(station.touch_up("S01", middle.q[0], wide, loop))
+    robot, posture, ellipse = station.drive.robot, first.q[0], first.ellipses[0]
+    if robot.chain.smallest_singular_values(robot.state(first.q))[0] < SINGULAR:
+        raise Refused(
+            "the arm stands next to a singularity", "bend the wrist by ten degrees or more"
+        )
+    jacobian = _in_depth(station, posture, ellipse, wide)
+    noise = loop.size_px / relation.size_px * jacobian.distance_m
+    return Sighting(jacobian, posture, ellipse, noise, step)
+
+
+def posture_at(robot: Robot, q: FloatArray, T: FloatArray) -> tuple[FloatArray, str]:
+    """Posture ``(n,)`` next to another that takes a pose ``(4, 4)``, or why there is none."""
+    posture, found = follow(robot, q[None], T[None])
+    return posture[0], "" if found[0] else "joint limits or a singularity are in the way"
+
+
+def _relation(station: Station, q: FloatArray, size_px: float | None) -> Relation:
+    """The target in the middle of the picture, by default as large as it is seen first."""
+    view = station.look("taught", q)
+    if view.reasons[0]:
+        raise Refused(
+            f"the target is not seen from the taught posture: {view.reasons[0]}",
+            "bring the whole target into the picture, and nothing else that looks like it",
+        )
+    width, height = station.image_px
+    seen_px = float(view.vhs_px[0, 2])
+    size = seen_px if size_px is None else size_px
+    if min(size, seen_px) < LEAST_SIZE_PX:
+        raise Refused(
+            f"the target is {min(size, seen_px):.0f} px large in the picture: too small to tell "
+            "its distance",
+            f"take a larger target or a nearer camera, for {LEAST_SIZE_PX:g} px or more",
+        )
+    return Relation((width / 2.0, height / 2.0), size)
+
+
+def _probe(station: Station, q: FloatArray, relation: Relation) -> ImageJacobian:
+    """How the picture follows moves, the smallest that it follows clearly."""
+    found, probe = None, MeasuredJacobian(None)
+    for k, step in enumerate(_PROBES_M):
+        probe = station.jacobian(f"probe {k + 1}", q, relation, step, both_ways=False)
+        if probe.jacobian is not None:
+            found = probe.jacobian
+            if np.linalg.norm(found.matrix[:2], axis=1).min() * step > _CLEAR_PX:
+                break
+        elif probe.status != "unmoved":
+            break
+    if found is None:
+        raise Refused(
+            f"the picture could not be followed: {probe.reason}",
+            "bring the target nearer to the middle of the picture, and away from joint limits",
+        )
+    return found
+
+
+def _check_play(station: Station, q: FloatArray, probe: ImageJacobian) -> None:
+    """Come to the taught posture from both sides: it has to be the same."""
+    robot, aside = station.drive.robot, _ASIDE * station.drive.approach_rad
+    seen = []
+    for name, way in (("below", -aside), ("above", aside)):
+        station.pass_through(name, np.clip(q + way, robot.lower, robot.upper))
+        view = station.look(f"from {name}", q)
+        if view.reasons[0]:
+            raise Refused(f"the target was lost at the taught posture: {view.reasons[0]}", FIXED)
+        seen.append(probe.relation.error(view.ellipses)[0])
+    apart = float(np.linalg.norm(probe.shift(seen[1] - seen[0], view_line=True)))
+    if apart > LARGEST_PLAY_M:
+        raise Refused(
+            f"the arm stops {1e3 * apart:.1f} mm apart from one side and from the other",
+            "enlarge touch_up.approach_deg, and check the reducers",
+        )
+
+
+def _widest_step(station: Station, middle: TouchUps, probe: ImageJacobian) -> float:
+    """Length of moves [m] with which a target in the middle of the picture stays in it."""
+    size_px = float(ellipse_axes(middle.ellipses[0])[0])
+    room_px = (min(station.image_px) - max(size_px, probe.relation.size_px)) / 2.0
+    if room_px < _LEAST_ROOM_PX:
+        raise Refused(
+            "the target nearly fills the picture", "move the camera away, or take a smaller one"
+        )
+    return _STEP_OF_ROOM * room_px / float(np.linalg.norm(probe.matrix[:2], axis=1).max())
+
+
+def _wide(station: Station, q: FloatArray, relation: Relation, step_m: float) -> ImageJacobian:
+    """The Jacobian by moves that are long enough for all of it to be clear."""
+    wide = station.jacobian("moves", q, relation, step_m, both_ways=True)
+    if wide.jacobian is None:
+        raise Refused(f"the picture could not be followed: {wide.reason}", "give the arm more room")
+    _check(wide.jacobian)
+    return wide.jacobian
+
+
+def _in_depth(
+    station: Station, q: FloatArray, ellipse: FloatArray, jacobian: ImageJacobian
+) -> ImageJacobian:
+    """The Jacobian after long ways along the view line, which the size follows but little."""
+    relation, robot = jacobian.relation, station.drive.robot
+    here, reason = relation.error(ellipse), ""
+    for part in _STEPS_OF_DISTANCE:
+        along = part * jacobian.distance_m * jacobian.R_tip_camera[:, 2]
+        errors = []
+        for name, shift in (("nearer", along), ("farther", -along)):
+            posture, reason = posture_at(robot, q, shifted(robot.fk(q), shift))
+            if not reason:
+                view = station.look(f"{name} {part:g}", posture)
+                reason = view.reasons[0]
+                errors.append(relation.error(view.ellipses)[0])
+            if reason:
+                break
+        if not reason:
+            return _lengthened(jacobian, along, here, *errors)
+    raise Refused(
+        f"the target could not be followed along the view line: {reason}",
+        "choose a posture with more room before and behind it, and a target of a third of the "
+        "picture or less",
+    )
+
+
+def _lengthened(
+    jacobian: ImageJacobian,
+    along: FloatArray,
+    here: FloatArray,
+    near: FloatArray,
+    far: FloatArray,
+) -> ImageJacobian:
+    """The Jacobian that says of a way ``(3,)`` [m] to either side what was seen there."""
+    change = near - far
+    if not abs((near + far - 2.0 * here)[2]) <= LARGEST_BEND * abs(change[2]):
+        raise Refused(
+            "the size of the target does not follow its distance",
+            "clear what hides or lights a part of the target, and take a larger one if it is small "
+            "in the picture",
+        )
+    found = jacobian.updated(2.0 * along, change)
+    _check(found)
+    if found.diameter_m > LARGEST_OF_DISTANCE * found.distance_m:
+        raise Refused(
+            f"the target is {1e3 * found.diameter_m:.0f} mm across at "
+            f"{1e3 * found.distance_m:.0f} mm: the middle of its picture is not its own",
+            "take a target of a tenth of its distance or less",
+        )
+    return found
+
+
+def _check(jacobian: ImageJacobian) -> None:
+    flaw = jacobian.flaw()
+    if flaw:
+        raise Refused(flaw, _CHECK_ROBOT)
+
+
+def _touched(done: TouchUps) -> TouchUps:
+    if not done.touched[0]:
+        raise Refused(
+            f"the target could not be touched up from the taught posture: {done.reasons[0]}",
+            "choose a posture with more room, or a larger touch_up.farthest_mm",
+        )
+    return done

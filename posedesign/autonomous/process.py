@@ -1,0 +1,361 @@
+"""The automatic calibration of section 2.5 of Watanabe et al. 2006: two steps, by sight.
+
+1. From one taught pose, where camera and target are (:mod:`calib.vision.touch_up.set_up`).
+2. Measuring poses for them, a touch-up at each, and the robot from the touch-ups.
+
+All measurements go through a :class:`~calib.vision.touch_up.session.Station`: of a simulated arm,
+or of a robot behind its adapter. Nothing here knows which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import ConvergenceError, UnreachableError
+from calib.model.context import Setup
+from calib.model.measurements import Measurements
+from calib.se3 import FloatArray, transform
+from calib.vision.touch_up.facing import TiltBias
+from calib.vision.touch_up.following import follow
+from calib.vision.touch_up.servo import Loop
+from calib.vision.touch_up.session import Station
+from calib.vision.touch_up.set_up import NoSetUp, SetUp, find_set_up
+from posedesign.autonomous.found_cell import found_cell
+from posedesign.autonomous.target_poses import TargetPoses
+from posedesign.cell import Cell
+from posedesign.cell.file import cell_text
+from posedesign.files import Claim, Results, identity_of, make_folder, write_text_atomic
+from posedesign.files.origin import Kind
+from posedesign.identification.comparison import Identified
+from posedesign.planning.pose_list import PoseList
+from posedesign.planning.pose_plan import PosePlan
+from posedesign.planning.tables import Pairs, write_pairs, write_touch_ups
+from posedesign.workflow import (
+    IDENTIFICATION,
+    PAIRS,
+    POSES,
+    ROUNDS,
+    TOUCH_UPS,
+    identify_file,
+    plan_poses,
+)
+
+COMMAND = "calibrate"
+"""What its files say that they were written by."""
+
+FOUND_CELL = ("found_cell.toml", "cell as it was found")
+
+Progress = Callable[[str, float], None]
+
+_FIRST, _NOISE = 0.35, 0.45
+"""Parts of the whole that have passed after the first step, and after the noise was measured: of
+the touch-ups of a plan of 27 poses."""
+
+_START_M = 3e-3
+"""How far repeated touch-ups begin from where the first ended, along each axis: as far as an arm
+that is not calibrated misses a planned pose."""
+
+LEAST_SIGMA_M = 3e-6
+"""Noise below which no joint stops: a few repeats may agree by chance, and would be weighted so."""
+
+
+@dataclass(frozen=True, eq=False)
+class Missed:
+    """A planned pose that was not touched up."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What a calibration has found.
+
+    Attributes
+    ----------
+    set_up : SetUp
+        Of the first step.
+    cell : Cell
+        With what the first step has found.
+    sigma_m : array (3,)
+        Noise of a touch-up along x, y, z of the camera [m], from repeats; NaN without repeats.
+    plan : PosePlan
+    touch_ups : Measurements
+        Of the second step.
+    missed : tuple of Missed
+    identified : Identified
+    """
+
+    set_up: SetUp
+    cell: Cell
+    sigma_m: FloatArray
+    plan: PosePlan
+    touch_ups: Measurements
+    missed: tuple[Missed, ...]
+    identified: Identified
+
+
+def loop_of(cell: Cell) -> Loop:
+    """The loop that a cell asks for."""
+    section = cell.config.touch_up
+    return Loop(
+        center_px=section.center_px,
+        size_px=section.size_px,
+        iterations=section.iterations,
+        farthest_m=section.farthest_mm / 1e3,
+        looks=section.looks,
+    )
+
+
+@dataclass(frozen=True)
+class SessionFiles:
+    """Files of one calibration, claimed before the arm moves.
+
+    Attributes
+    ----------
+    found_cell, touch_ups : Claim
+    pairs : Claim or None
+        None where there are no pictures.
+    planned : tuple of Claim
+        What planning and identification will write, and claim once more.
+    """
+
+    found_cell: Claim
+    touch_ups: Claim
+    pairs: Claim | None
+    planned: tuple[Claim, ...]
+
+    @classmethod
+    def of(
+        cls,
+        results: Results,
+        *,
+        session: str = "a calibration",
+        simulated: bool = False,
+        pictures: bool = True,
+        check: bool = True,
+    ) -> SessionFiles:
+        """Files in a folder.
+
+        Parameters
+        ----------
+        results : Results
+        session : str
+            What they are of: files of another session are not replaced.
+        simulated : bool
+            Whether the robot is.
+        pictures : bool
+            Whether there are any, to have pairs from.
+        check : bool
+            Refuse what must not be replaced, at once.
+
+        Raises
+        ------
+        OutputError
+            There is a file of somebody else's.
+        """
+        kind: Kind = "simulated" if simulated else "measured"
+        made: Kind = "simulated" if simulated else "computed"
+        measured = [(name, f"{purpose} of {session}") for name, purpose in (TOUCH_UPS, PAIRS)]
+        (found,) = results.claim(made, FOUND_CELL, check=check)
+        touch_ups, *pairs = results.claim(kind, *measured[: 1 + pictures], check=check)
+        known = [found.path]
+        planned = results.claim("planned", POSES, ROUNDS, inputs=known, check=check)
+        identified = results.claim(
+            "computed", IDENTIFICATION, inputs=[*known, touch_ups.path], check=check
+        )
+        return cls(found, touch_ups, pairs[0] if pairs else None, (*planned, *identified))
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """All of them."""
+        pairs = () if self.pairs is None else (self.pairs,)
+        return self.found_cell, self.touch_ups, *pairs, *self.planned
+
+
+def calibrate(
+    cell: Cell,
+    station: Station,
+    out: Path | Results,
+    *,
+    source: Path = Path(),
+    files: SessionFiles | None = None,
+    progress: Progress = lambda what, part: None,
+    warn: Callable[[str], None] = lambda text: None,
+) -> Calibration:
+    """Calibrate the robot behind a station; write what is found into a folder.
+
+    ``found_cell.toml``, ``poses.csv``, ``rounds.csv``, ``touchups.csv`` as it grows, where there
+    are pictures ``pairs.csv``, and ``identification.json``.
+
+    Parameters
+    ----------
+    cell : Cell
+        Its base posture is the taught one, with the target in view. What it says of tool point,
+        camera and target is not looked at.
+    station : Station
+    out : Path or Results
+    source : Path
+        Folder that the paths in the cell are relative to.
+    files : SessionFiles, optional
+        As they were claimed; by default those of a real robot with pictures.
+    progress : callable
+        Called with what is being done and the part of all work that is done.
+    warn : callable
+        Told of what is odd.
+
+    Raises
+    ------
+    UnreachableError
+        Camera and target were not found, or no poses can be planned for them.
+    ConvergenceError
+        Too few poses could be touched up.
+    OutputError
+        There is a file of somebody else's, or the folder was replaced meanwhile.
+    CalibError
+        What the adapter of a robot raises.
+    """
+    results = results_of(out)
+    if results.place is None:
+        results = replace(results, place=identity_of(make_folder(results.folder)))
+    files = files or SessionFiles.of(results)
+    loop = loop_of(cell)
+    set_up = find_set_up(
+        station,
+        cell.base_posture,
+        loop,
+        widest=float(np.deg2rad(cell.config.touch_up.inch_deg)),
+        progress=lambda what, part: progress(f"finding camera and target: {what}", _FIRST * part),
+    )
+    if isinstance(set_up, NoSetUp):
+        raise UnreachableError(set_up.reason, hint=set_up.hint, name="base_pose")
+    for note in set_up.notes:
+        warn(f"a turn around the target was left out: {note}")
+    sigma = measure_noise(cell, station, set_up, loop, progress)
+    known = found_cell(cell, set_up, station.image_px, sigma if np.isfinite(sigma).all() else None)
+    write_text_atomic(files.found_cell, _found_text(known, source))
+    progress("planning", _NOISE)
+    later = replace(results, inputs=(*results.inputs, files.found_cell.path))
+    plan = plan_poses(known, later)
+    touch_ups, missed = touch_up_plan(known, station, set_up, plan, files, loop, progress)
+    for pose in missed:
+        warn(f"{pose.name} was not touched up: {pose.reason}")
+    progress("identifying", 1.0)
+    identified = identify_file(known, files.touch_ups.path, later, warn=warn)
+    return Calibration(set_up, known, sigma, plan, touch_ups, missed, identified)
+
+
+def results_of(out: Path | Results) -> Results:
+    """The folder of a calibration, which makes its own plan anew."""
+    return out if isinstance(out, Results) else Results(out, COMMAND, remakes=True)
+
+
+def tilt_bias(cell: Cell, set_up: SetUp) -> TiltBias | None:
+    """What is taken off what is seen of a tilted target; None where the cell asks for nothing."""
+    if not cell.config.touch_up.correct_tilt:
+        return None
+    return TiltBias(cell.robot, set_up.jacobian, set_up.facing.normal)
+
+
+def measure_noise(
+    cell: Cell, station: Station, set_up: SetUp, loop: Loop, progress: Progress
+) -> FloatArray:
+    """Noise of a touch-up along x, y, z of the camera ``(3,)`` [m], from repeats at one pose.
+
+    Each begins somewhere else, as touch-ups of a plan do, and ends in the orientation of the first.
+    NaN where the cell asks for fewer than two.
+    """
+    repeats = cell.config.touch_up.repeats
+    q = set_up.postures[0]
+    bias = tilt_bias(cell, set_up)
+    ends = []
+    for k in range(repeats if repeats > 1 else 0):
+        part = _FIRST + (_NOISE - _FIRST) * k / repeats
+        progress(f"measuring the noise, {k + 1} of {repeats}", part)
+        done = station.touch_up(
+            f"N{k + 1:02d}", _start_near(cell, q, k), set_up.jacobian, loop, bias
+        )
+        if done.touched[0]:
+            ends.append(done.q[0])
+    if len(ends) < 2:
+        return np.full(3, np.nan)
+    state = cell.robot.state(np.array(ends))
+    points = state.point(set_up.tool_m)
+    in_camera = points @ (state.R_base_tip[0] @ set_up.jacobian.R_tip_camera)
+    return np.asarray(np.maximum(in_camera.std(axis=0, ddof=1), LEAST_SIGMA_M))
+
+
+def _start_near(cell: Cell, q: FloatArray, k: int) -> FloatArray:
+    """The k-th posture ``(n,)`` to begin a repeat from: shifted, the orientation kept."""
+    shift = np.random.default_rng(k).uniform(-_START_M, _START_M, 3)
+    T = cell.robot.fk(q) @ transform(np.eye(3), shift)
+    start, found = follow(cell.robot, q[None], T[None])
+    return np.asarray(start[0] if found[0] else q)
+
+
+def touch_up_plan(
+    cell: Cell,
+    station: Station,
+    set_up: SetUp,
+    plan: PosePlan,
+    files: SessionFiles,
+    loop: Loop,
+    progress: Progress,
+) -> tuple[Measurements, tuple[Missed, ...]]:
+    """Touch up the poses of a plan along its route; ``touchups.csv`` grows with each.
+
+    Raises
+    ------
+    ConvergenceError
+        Hardly a pose could be touched up.
+    """
+    bias = tilt_bias(cell, set_up)
+    stops = PoseList.of_route(plan.poses, plan.route)
+    seen = TargetPoses(cell, station, set_up)
+    names: list[str] = []
+    postures: list[FloatArray] = []
+    missed: list[Missed] = []
+    for k, (name, q, via) in enumerate(zip(stops.names, stops.postures, stops.via, strict=True)):
+        progress(f"touch-up {name}", _NOISE + (1.0 - _NOISE) * k / len(stops.names))
+        if via:
+            station.pass_through(name, q)
+            continue
+        done = station.touch_up(name, q, set_up.jacobian, loop, bias)
+        if not done.touched[0]:
+            missed.append(Missed(name, f"{done.status[0]}, {done.reasons[0]}"))
+            continue
+        names.append(name)
+        postures.append(done.q[0])
+        data = _measurements(cell, names, postures)
+        write_touch_ups(files.touch_ups, data)
+        seen.add(name, done.q[0])
+    station.rest()
+    if files.pairs is not None and len(seen.names) > 1:
+        pairs = Pairs(tuple(seen.names), np.array(seen.A), np.array(seen.B))
+        write_pairs(files.pairs, pairs)
+    if len(names) < 2:
+        why = missed[0].reason if missed else "there are none"
+        raise ConvergenceError(
+            f"only {len(names)} of {len(names) + len(missed)} poses could be touched up: {why}",
+            hint="give the arm and the camera a clear view of the target",
+        )
+    return data, tuple(missed)
+
+
+def _measurements(cell: Cell, names: list[str], postures: list[FloatArray]) -> Measurements:
+    q = np.array(postures)
+    return Measurements(q, Setup.of(len(q)), (cell.config.target.name,), names=tuple(names))
+
+
+def _found_text(cell: Cell, source: Path) -> str:
+    bare = cell.config.model_copy(update={"truth": type(cell.config.truth)()})
+    return cell_text(
+        bare,
+        source,
+        "The cell with camera and target as posedesign calibrate found them.\n"
+        "Lengths in mm, angles in degrees, joints in URDF signs.",
+    )

@@ -1,0 +1,360 @@
+"""What stands around the arm and what it must keep, as the file of the cell describes it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calib.errors import RobotModelError
+from calib.geometry import Body, Box, Cylinder, HalfSpace, Mesh, Solid, Sphere
+from calib.geometry.scene import Scene
+from calib.geometry.ways import WAY_TOLERANCE_M
+from calib.robots import Robot
+from calib.robots.arm_shapes import has_bare_base, presets_like, unshaped_links
+from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
+from calib.vision.camera import PinholeCamera
+from posedesign.cell.schema import SolidSection
+from posedesign.constraints import Checker, Constraint
+from posedesign.constraints.joints import Singularity
+from posedesign.constraints.motions import WayChecker
+from posedesign.constraints.retreat import BackingOff, Retreat
+from posedesign.constraints.space import (
+    POINT_M,
+    Collision,
+    SelfCollision,
+    Workspace,
+    workspace_scene,
+)
+from posedesign.constraints.visibility import Distance, InImage, LineOfSight, TargetView, Tilt
+
+if TYPE_CHECKING:
+    from posedesign.cell.cell import Cell
+
+
+NOT_TOUCHING_M = 2.0 * WAY_TOLERANCE_M
+"""Distance that bodies which meet at the target keep before: moves are checked to half of it."""
+
+NOTEWORTHY_M = 0.05
+"""Distance of the target from the tool point at the base posture that is worth a word."""
+
+FARTHEST_M = 100.0
+"""Nothing of a cell is farther away."""
+
+SMALL_MESH_M, LARGE_MESH_M = 0.01, 50.0
+"""Meshes of a cell are larger and smaller than this: others were made in another unit."""
+
+
+def tool_bodies(sections: Sequence[SolidSection], robot: Robot, folder: Path) -> list[Body]:
+    """What the flange carries; places in the file are in the tip frame."""
+    T_link_tip = robot.chain.T_link_tip
+    return [Body(s.name, robot.n, T_link_tip @ _placement(s), _solid(s, folder)) for s in sections]
+
+
+def obstacles(sections: Sequence[SolidSection], folder: Path) -> list[Body]:
+    """What stands around; places in the file are in the base frame."""
+    return [Body(s.name, 0, _placement(s), _solid(s, folder)) for s in sections]
+
+
+def meeting_pairs(cell: Cell) -> tuple[tuple[str, str], ...]:
+    """Names of tool bodies and obstacles that may come together where the tool touches its target.
+
+    Those of ``constraints.ignore``: nothing that the arm carries is ever unchecked on the motions.
+    """
+    section = cell.config.constraints
+    carried, around = (
+        {body.name for body in group} for group in (cell.tool_bodies, cell.obstacles)
+    )
+    return tuple(
+        (one, other)
+        for one, other in section.ignore * section.collisions
+        if (one in carried and other in around) or (other in carried and one in around)
+    )
+
+
+def build_scene(cell: Cell, ignore: Sequence[tuple[str, str]]) -> Scene:
+    """Arm, tool and obstacles of a cell."""
+    robot = cell.robot
+    return Scene(
+        robot.chain,
+        arm=robot.bodies,
+        tool=cell.tool_bodies,
+        obstacles=cell.obstacles,
+        ignore=ignore,
+        zero=np.clip(np.zeros(robot.n), robot.lower, robot.upper),
+        last_range=(float(robot.lower[-1]), float(robot.upper[-1])),
+    )
+
+
+def build_checker(cell: Cell) -> Checker:
+    """All constraints that a measuring posture of a cell must keep, the costly ones last."""
+    found: list[Constraint] = []
+    camera = cell.config.camera
+    smallest = cell.config.constraints.smallest_singular_value
+    if smallest:
+        found.append(Singularity(smallest))
+    if camera is not None:
+        view = TargetView(
+            camera=PinholeCamera(*camera.image_px, camera.focal_px),
+            T_tip_camera=cell.T_tip_camera,
+            target_m=cell.target_m,
+            normal=cell.target_normal,
+            radius_m=cell.config.target.radius_mm / 1e3,
+        )
+        found += [
+            Distance(view, camera.nearest_mm / 1e3, camera.farthest_mm / 1e3),
+            Tilt(view, float(np.deg2rad(camera.largest_tilt_deg))),
+            InImage(view, camera.border_px),
+        ]
+        if cell.scene.bodies:
+            found.append(LineOfSight(view, cell.scene))
+    backing_off = [] if cell.retreat is None else [BackingOff(cell.retreat)]
+    return Checker(cell.robot, [*found, *cell.solid, *backing_off], cell.margin)
+
+
+def build_retreat(cell: Cell) -> Retreat | None:
+    """The moves along the tool to the poses of a cell; None where it asks for none."""
+    plan, ways = cell.config.plan, cell.config.constraints.ways
+    if not plan.retreat_mm:
+        return None
+    met = {name for pair in meeting_pairs(cell) for name in pair}
+    tool = [body for body in cell.tool_bodies if body.name in met]
+    around = [body for body in cell.obstacles if body.name in met]
+    meeting = Collision(Scene(cell.robot.chain, tool=tool, obstacles=around), NOT_TOUCHING_M)
+    axis = np.array(cell.config.tool.axis)
+    return Retreat(
+        robot=cell.robot,
+        tool_m=cell.tool_m,
+        axis=axis / np.linalg.norm(axis),
+        length_m=plan.retreat_mm / 1e3,
+        contact_m=plan.contact_mm / 1e3,
+        short_m=plan.stop_short_mm / 1e3,
+        passing=cell.passing,
+        others=WayChecker(cell.solid if ways else (), cell.ways.largest_travel),
+        meeting=WayChecker((meeting,) if ways and met else (), np.inf),
+    )
+
+
+def build_collisions(cell: Cell, scene: Scene) -> tuple[Collision, ...]:
+    """Constraints of a cell on what arm and tool come near to, as the pairs of a scene have it."""
+    section = cell.config.constraints
+    low, high = section.workspace_lowest_mm, section.workspace_highest_mm
+    found: list[Collision] = []
+    if low is not None and high is not None:
+        bodies = [*cell.robot.bodies, *cell.tool_bodies]
+        box = np.array([low, high]) / 1e3
+        found.append(Workspace(workspace_scene(cell.robot, bodies, cell.tool_m, *box)))
+    if section.collisions:
+        refuse_unshaped(cell)
+        own, others = scene.own, scene.others
+        if len(own.pairs):
+            found.append(SelfCollision(own))
+        if len(others.pairs):
+            found.append(Collision(others, section.safety_distance_mm / 1e3))
+    return tuple(found)
+
+
+def nearest_body(
+    robot: Robot, bodies: Sequence[Body], point_m: FloatArray
+) -> tuple[float, str] | None:
+    """Distance [m] of a point from the nearest of some bodies, and its name; None without any.
+
+    Parameters
+    ----------
+    robot : Robot
+    bodies : sequence of Body
+        All of them on the base, or all on the last link.
+    point_m : array (3,)
+        In the frame that their placements are given in [m].
+    """
+    if not bodies:
+        return None
+    rest = np.clip(np.zeros(robot.n), robot.lower, robot.upper)
+    state = robot.state(rest)
+    T_base_link = transform(state.rotations[-1], state.origins[-1])
+    place = inverse(T_base_link) @ transform(np.eye(3), point_m)
+    around = [replace(body, link=0) for body in bodies]
+    point = Body("point", robot.n, place, Sphere(POINT_M))
+    scene = Scene(robot.chain, tool=[point], obstacles=around)
+    found = scene.clearance(rest[None], cap_m=FARTHEST_M)
+    return float(found.distance_m[0]) + POINT_M, scene.names(int(found.pair[0]))[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Whereabouts:
+    """Where the target of a cell is, and where its tool points to.
+
+    Attributes
+    ----------
+    frame, target : str
+        The base frame, and the name of the target.
+    target_m, tool_m : array (3,)
+        The target, and the tool point at the base posture, in the base frame [m].
+    nearest : (float, str) or None
+        Distance [m] and name of the obstacle nearest to the target.
+    """
+
+    frame: str
+    target: str
+    target_m: FloatArray
+    tool_m: FloatArray
+    nearest: tuple[float, str] | None
+
+    @property
+    def apart_m(self) -> float:
+        """Distance of the tool point at the base posture from the target [m]."""
+        return float(np.linalg.norm(self.target_m - self.tool_m))
+
+    @property
+    def words(self) -> str:
+        """All of it in one line."""
+        target, tool = (
+            "(" + ", ".join(f"{1e3 * value + 0.0:.1f}" for value in point.round(6)) + ") mm"
+            for point in (self.target_m, self.tool_m)
+        )
+        near = "no obstacle is described"
+        if self.nearest is not None:
+            near = f"nearest obstacle: {self.nearest[1]}, {1e3 * self.nearest[0]:.1f} mm from it"
+        return (
+            f"target {self.target} at {target}, tool point of the base posture at {tool} in "
+            f"{self.frame}, {1e3 * self.apart_m:.1f} mm apart; {near}"
+        )
+
+    def as_dict(self) -> dict[str, object]:
+        """The same for programs, in mm."""
+        far, name = self.nearest or (None, None)
+        return {
+            "name": self.target,
+            "frame": self.frame,
+            "position_mm": 1e3 * self.target_m,
+            "tool_point_mm": 1e3 * self.tool_m,
+            "apart_mm": 1e3 * self.apart_m,
+            "nearest_obstacle": name,
+            "nearest_mm": None if far is None else 1e3 * far,
+        }
+
+
+def refuse_unshaped(cell: Cell) -> None:
+    """Refuse to look for collisions of an arm with links that nothing is known of.
+
+    Raises
+    ------
+    RobotModelError
+        Naming the links, and what can be done.
+    """
+    robot = cell.robot
+    names = ", ".join(unshaped_links(robot))
+    if not names:
+        return
+    same = presets_like(robot)
+    raise RobotModelError(
+        f"{robot.name} has no collision geometry for {names}: what they run into is not seen",
+        hint=(f'set robot.shapes = "{same[0]}", a preset of the same kinematics; ' if same else "")
+        + "set robot.capsule_radius_mm to take these links for capsules of this radius, give their "
+        "collision geometry in the URDF with its meshes, or say constraints.collisions = false",
+        name=names,
+    )
+
+
+def what_is_odd(cell: Cell) -> list[str]:
+    """What a person should know of a cell, in words."""
+    said = []
+    if cell.target_offset_m > NOTEWORTHY_M:
+        said.append(
+            f"the target is {1e3 * cell.target_offset_m:.0f} mm from where the base posture puts "
+            "the tool point"
+        )
+    if cell.config.camera is None and not (cell.is_hand_eye or cell.config.plan.retreat_mm):
+        said.append(
+            "plan.retreat_mm is 0: a tool that touches the target does not back off between "
+            "the poses"
+        )
+    if cell.is_hand_eye:
+        said.append(
+            "camera and target are calibrated, and the robot is taken to be exact: [parameters] "
+            "plays no part, and the robot's errors come on top of what is predicted"
+        )
+    for body in (*cell.tool_bodies, *cell.obstacles):
+        if isinstance(body.solid, Mesh):
+            size = np.ptp(body.solid.vertices, axis=0).max()
+            if not SMALL_MESH_M < size < LARGE_MESH_M:
+                said.append(
+                    f"the mesh of {body.name} is {1e3 * size:.3g} mm large: is its file in mm? "
+                    "(scale = 1000 for metres)"
+                )
+    return said
+
+
+def what_is_not_checked(cell: Cell) -> tuple[str, ...]:
+    """What planning and checking of a cell do not look at, in words."""
+    section = cell.config.constraints
+    said = _unseen_collisions(cell) if section.collisions else _without_collisions(cell)
+    if not section.ways:
+        said.append("the ways between poses: constraints.ways is false")
+    if cell.config.camera is None:
+        said.append("the view of the target: no [camera] is described")
+    return tuple(said)
+
+
+def _without_collisions(cell: Cell) -> list[str]:
+    said = ["collisions: constraints.collisions is false"]
+    unshaped = ", ".join(unshaped_links(cell.robot))
+    if unshaped and (cell.config.camera or cell.config.constraints.workspace_lowest_mm):
+        said.append(f"view and workspace but for joints and tool point: no shape of {unshaped}")
+    return said
+
+
+def _unseen_collisions(cell: Cell) -> list[str]:
+    robot = cell.robot
+    said = []
+    if robot.fitted_links:
+        fitted = ", ".join(robot.fitted_links)
+        said.append(
+            f"what sticks out of the capsules along the chain that stand for {fitted}: an estimate"
+        )
+    if has_bare_base(robot):
+        said.append(f"collisions with {robot.link_names[0]}: it has no shape")
+    if not cell.tool_bodies:
+        said.append("collisions of the tool: no [[tool.body]] is described")
+    if not cell.obstacles:
+        said.append("collisions with what stands around: no [[obstacle]] is described")
+    meeting = meeting_pairs(cell)
+    for pairs, why in (
+        (
+            cell.scene.excluded,
+            "they touch in the zero posture (tool and wrist: at every angle of the last joint)",
+        ),
+        (meeting, "in constraints.ignore, at the poses and right before them"),
+        (
+            [pair for pair in cell.config.constraints.ignore if pair not in meeting],
+            "in constraints.ignore",
+        ),
+    ):
+        if pairs:
+            said.append(f"{', '.join(f'{one} against {other}' for one, other in pairs)}: {why}")
+    return said
+
+
+def _placement(section: SolidSection) -> FloatArray:
+    rotation = rotation_from_wpr(np.deg2rad(section.wpr_deg))
+    return transform(rotation, np.array(section.at_mm) / 1e3)
+
+
+def _solid(section: SolidSection, folder: Path) -> Solid:
+    if section.mesh is not None:
+        from calib.geometry.mesh_file import read_mesh
+
+        scale = section.scale / 1e3  # a mesh of a cell is in mm, as everything in its file
+        return read_mesh(folder / section.mesh, (scale, scale, scale))
+    if section.size_mm is not None:
+        x, y, z = np.array(section.size_mm) / 1e3
+        return Box((float(x), float(y), float(z)))
+    if section.radius_mm is not None:
+        radius_m = section.radius_mm / 1e3
+        if section.height_mm is None:
+            return Sphere(radius_m)
+        return Cylinder(radius_m, section.height_mm / 1e3)
+    return HalfSpace()

@@ -1,0 +1,294 @@
+"""Accuracy to expect over the volume that an arm works in, before it is measured.
+
+Points of a box, the tool oriented as at the base pose: each is reached with the posture nearest to
+the base posture, and the covariance of the plan is carried there
+(:mod:`calib.identification.prediction`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.errors import InputError, UnreachableError
+from calib.identification.expected import Workplace
+from calib.identification.prediction import predict_accuracy, reference_frame, tool_motion
+from calib.model import CalibrationModel
+from calib.model.context import Setup
+from calib.se3 import BoolArray, FloatArray, transform
+from posedesign.cell.cell import Cell
+from posedesign.constraints.checker import Checker
+from posedesign.constraints.postures import Postures, nearest_postures
+from posedesign.files.measurements import MeasurementTable
+
+MOST_POINTS = 20_000
+LARGEST_MM = 1e6
+
+BOX_OF_REACH = 0.1
+"""Part of the reach that the usual task box extends to each side of the target."""
+
+
+@dataclass(frozen=True, eq=False)
+class TaskBox:
+    """A box along the axes of the base, and how many points of it are looked at.
+
+    Attributes
+    ----------
+    lowest_m, highest_m : array (3,)
+        Corners in the base frame [m].
+    steps : tuple of int
+        Points along x, y and z, the faces included; 1 is the middle.
+    """
+
+    lowest_m: FloatArray
+    highest_m: FloatArray
+    steps: tuple[int, int, int] = (3, 3, 3)
+
+    def __post_init__(self) -> None:
+        corners = np.array([self.lowest_m, self.highest_m], dtype=float)
+        if corners.shape != (2, 3) or not (np.abs(corners) <= LARGEST_MM / 1e3).all():
+            raise InputError(
+                "a task box needs two corners of three numbers", hint="in mm", name="task_box"
+            )
+        for axis, low, high in zip("xyz", *corners.tolist(), strict=True):
+            if low > high:
+                raise InputError(
+                    f"the task box is upside down along {axis}: {low * 1e3:g} is above "
+                    f"{high * 1e3:g}",
+                    hint="give the lowest corner first",
+                    name="task_box",
+                )
+        if min(self.steps) < 1 or np.prod(self.steps, dtype=float) > MOST_POINTS:
+            raise InputError(
+                f"a task box of {' x '.join(map(str, self.steps))} points: at least one along "
+                f"each axis, {MOST_POINTS} in all",
+                name="steps",
+            )
+        object.__setattr__(self, "lowest_m", corners[0])
+        object.__setattr__(self, "highest_m", corners[1])
+
+    @classmethod
+    def of_text(cls, text: str, steps: tuple[int, int, int] = (3, 3, 3)) -> TaskBox:
+        """The box of six numbers with commas between them: its lowest, then its highest corner.
+
+        Raises
+        ------
+        InputError
+        """
+        try:
+            numbers = np.array([float(word) for word in text.split(",")])
+        except ValueError:
+            numbers = np.empty(0)
+        if numbers.shape != (6,) or not np.isfinite(numbers).all():
+            raise InputError(
+                f"the box {text[:60]!r} is not six numbers",
+                hint='give the corners in mm: "x1,y1,z1,x2,y2,z2"',
+                name="box",
+            )
+        return cls(numbers[:3] / 1e3, numbers[3:] / 1e3, steps)
+
+    @property
+    def points_m(self) -> FloatArray:
+        """Its points ``(N, 3)`` [m] in the base frame; z goes fastest."""
+        pairs = zip(self.lowest_m, self.highest_m, self.steps, strict=True)
+        axes = [np.linspace(a, b, k) if k > 1 else np.array([(a + b) / 2]) for a, b, k in pairs]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class BoxAccuracy:
+    """Predicted accuracy of the tool point over a task box.
+
+    Attributes
+    ----------
+    points_m : array (N, 3)
+        [m], in the base frame.
+    postures : array (N, n)
+        [rad]; NaN where there is none.
+    covariance : array (N, 3, 3)
+        Of the position of the tool point [m²], base axes; NaN without a posture.
+    to_target_m : array (N,)
+        Root mean square error [m] of the way from the target, as identified, to the tool point;
+        NaN without a posture.
+    reasons : tuple of str
+        Why a point cannot be reached; empty where it can.
+    reference : str
+        What the accuracy is one against, in words.
+    """
+
+    points_m: FloatArray
+    postures: FloatArray
+    covariance: FloatArray
+    to_target_m: FloatArray
+    reasons: tuple[str, ...]
+    reference: str
+
+    @property
+    def reached(self) -> BoolArray:
+        """Whether each point can be reached, ``(N,)``."""
+        return np.array([not reason for reason in self.reasons], dtype=bool)
+
+    @property
+    def sigma_m(self) -> FloatArray:
+        """Standard deviations ``(N, 3)`` [m] along x, y and z of the base."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+    @property
+    def worst_m(self) -> FloatArray:
+        """Standard deviation ``(N,)`` [m] along the axis in which it is largest."""
+        out = np.full(len(self.points_m), np.nan)
+        found = np.linalg.eigvalsh(self.covariance[self.reached])
+        out[self.reached] = np.sqrt(np.maximum(found[:, -1], 0.0))
+        return out
+
+    @property
+    def rms_m(self) -> FloatArray:
+        """Root mean square distance ``(N,)`` [m] from where the tool point should be."""
+        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2)))
+
+    def rows(self) -> list[dict[str, object]]:
+        """One row a point, in mm."""
+        columns = np.column_stack(
+            [self.points_m, self.sigma_m, self.worst_m, self.rms_m, self.to_target_m]
+        )
+        return [
+            {
+                **{key: _or_none(v) for key, v in zip(COLUMNS, row, strict=True)},
+                "reason": reason,
+            }
+            for row, reason in zip((1e3 * columns).tolist(), self.reasons, strict=True)
+        ]
+
+    def summary(self) -> str:
+        """Best, middle and worst of the box in one line."""
+        rms = 1e3 * self.rms_m[self.reached]
+        return (
+            f"{self.reached.sum()} of {len(self.points_m)} points reached: rms "
+            f"{rms.min():.4f} to {rms.max():.4f} mm, {np.median(rms):.4f} mm in the median"
+        )
+
+
+COLUMNS = (
+    *("x_mm", "y_mm", "z_mm"),
+    *("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"),
+    *("worst_sigma_mm", "rms_mm", "rms_to_target_mm"),
+)
+
+
+def _or_none(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def predict_box(
+    cell: Cell, model: CalibrationModel, covariance: FloatArray, box: TaskBox
+) -> BoxAccuracy:
+    """Predict the accuracy of the tool point at the points of a box.
+
+    From the noise of the measurement alone, see
+    :func:`calib.identification.prediction.predict_accuracy`.
+
+    Parameters
+    ----------
+    cell : Cell
+        Whose limits and solids decide what can be reached.
+    model : CalibrationModel
+    covariance : array (p, p)
+        Of its parameters [SI].
+    box : TaskBox
+
+    Raises
+    ------
+    UnreachableError
+        No point of the box can be reached.
+    InputError
+        The covariance is none of the model.
+    """
+    found = reached_points(cell, box)
+    there = found.feasible
+    spread = np.full((len(found.q), 3, 3), np.nan)
+    at = Setup.of(int(there.sum()))
+    spread[there] = predict_accuracy(model, covariance, found.q[there], at)
+    way = predict_accuracy(model, covariance, found.q[there], at, against="target")
+    to_target = np.full(len(found.q), np.nan)
+    to_target[there] = np.sqrt(np.trace(way, axis1=1, axis2=2))
+    return BoxAccuracy(
+        box.points_m, found.q, spread, to_target, found.reasons, reference_frame(model)
+    )
+
+
+def box_functions(cell: Cell, model: CalibrationModel, box: TaskBox) -> FloatArray:
+    """How the tool point moves with the parameters at the points of a box, ``(K, 3, p)``.
+
+    In base axes [m per unit], at the points that can be reached: the functions whose deviations
+    are the accuracy over the box.
+
+    Raises
+    ------
+    UnreachableError
+        No point of the box can be reached.
+    """
+    found = reached_points(cell, box)
+    return tool_motion(model, found.q[found.feasible])
+
+
+def reached_points(cell: Cell, box: TaskBox) -> Postures:
+    """Postures at the points of a box, the tool oriented as at the base pose.
+
+    Raises
+    ------
+    UnreachableError
+        No point of the box can be reached.
+    """
+    points = box.points_m
+    R = cell.robot.fk(cell.base_posture)[:3, :3]
+    poses = transform(R, points - R @ cell.tool_m)
+    found = nearest_postures(cell.passing, poses, cell.base_posture)
+    if not found.feasible.any():
+        raise UnreachableError(
+            f"no point of the task box can be reached: {found.reasons[0]}",
+            hint="give a box in mm, in the base frame, in front of the arm; the tool is oriented "
+            "as at the base pose",
+            name="task_box",
+        )
+    return found
+
+
+WORK_POSTURES = 60
+"""Postures that an identified arm is judged at: twice as many change the expected error by some
+three per cent."""
+
+
+def workplace(cell: Cell, table: MeasurementTable, box: TaskBox | None) -> Workplace:
+    """Postures over the volume that an arm will work in, its tool turned as it was measured.
+
+    Points are drawn in the box, or where there is none in the one about all that was measured and a
+    little beyond; each is reached with the tool turned as at a measurement, by the posture inside
+    the limits that is nearest to the middle of all. Where most cannot be reached, half-way postures
+    between pairs of measurements take their place.
+    """
+    data, robot = table.data, cell.robot
+    rng = np.random.default_rng(0)
+    state = robot.state(data.postures)
+    words = "the task box"
+    if box is None:
+        points = state.point(cell.tool_m)
+        beyond = BOX_OF_REACH * robot.chain.reach_m
+        box = TaskBox(points.min(axis=0) - beyond, points.max(axis=0) + beyond)
+        words = f"all that was measured and {1e3 * beyond:.0f} mm around it"
+    like = rng.integers(data.count, size=WORK_POSTURES)
+    at = rng.uniform(box.lowest_m, box.highest_m, (WORK_POSTURES, 3))
+    R = state.R_base_tip[like]
+    poses = transform(R, at - R @ cell.tool_m)
+    middle = np.median(data.postures, axis=0)
+    near = data.postures[np.argmin(np.abs(data.postures - middle).max(axis=1))]
+    found = nearest_postures(Checker(robot, (), cell.margin), poses, near)
+    there, q = found.feasible, found.q[found.feasible]
+    if 2 * len(q) < WORK_POSTURES:
+        other = rng.integers(data.count, size=WORK_POSTURES)
+        q = (data.postures[like] + data.postures[other]) / 2.0
+        words, there = "half-way between measurements", np.ones(WORK_POSTURES, dtype=bool)
+    setup = Setup.of(
+        len(q), tool=data.setup.tool[like][there], payload=data.setup.payload[like][there]
+    )
+    return Workplace(q, setup, words)

@@ -1,0 +1,570 @@
+"""A commented ``cell.toml`` to start from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import InputError, RobotModelError
+from calib.robots import Robot, find_preset, preset_info
+from calib.robots.arm_shapes import presets_like, unshaped_links
+from calib.robots.controller import controllers_like
+from calib.se3 import FloatArray
+from posedesign.cell.base_posture import suggest_base_posture, suggest_tool
+
+REFERENCE = "r2000ic165f"
+"""Preset of the reference cell: the arm and tool of Watanabe et al. 2006 in public numbers."""
+
+REFERENCE_REACH_M = 2.6
+"""Reach of its arm, rounded; tool, camera and fixture of smaller arms are scaled by theirs."""
+
+PAYLOAD_USED = 0.6424
+"""Part of the payload that the tool weighs: 106 kg of 165 kg in the paper."""
+
+_TEMPLATE = """\
+# A calibration cell for posedesign. Lengths in mm, angles in degrees, joints in URDF signs.
+# Plan with:  posedesign plan cell.toml --out DIR
+{decide}
+[robot]
+{robot}
+{shapes}{notices}\
+# base = "base_link"              # positions are given in this link; default: the root
+tip = {tip}
+# lock = ["joint_7"]              # joints of a URDF that are held at zero
+# packages = ["../ws/src"]        # folders to search for packages that a URDF names
+# xacro_args = ["prefix:=a_"]     # arguments of a xacro file
+# keep_coupled_limits = false     # leave out those of the preset: limits that joints have together
+# [[robot.coupled_limit]]         # one of your own: coefficients times joint values stay inside
+# name = "J2 plus J3"
+# coefficients = [0.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+# lower_deg = -120.0
+# upper_deg = 120.0
+
+[tool]
+# The point that is brought to the target: a pin, a ball, or the camera's virtual pin tip.
+# {tool_note}
+point_mm = {point_mm}             # in the axes of the tip
+mass_kg = {mass_kg}               # what the flange carries, for deflection in the simulation
+com_mm = {com_mm}
+# axis = [0.0, 0.0, 1.0]          # along which it comes to the target, with plan.retreat_mm
+camera_stand_off_mm = {stand_off} # the lens is this far behind the tool point, along the tip's z
+{tool_bodies}
+[base_pose]
+# The posture with the tool point on the target that all poses are varied around.
+{pendant}posture_deg = {posture_deg}
+
+[target]
+name = "T1"
+# In the base frame; default: where the base pose puts the tool point, which is
+# position_mm = {target_mm}
+{world}# normal = [0.0, 0.0, 1.0]        # out of its face; default: to the camera at the base pose
+# plate_mm = [40.0, 40.0]         # of a round target: its plate, and its cross: length and width
+# cross_mm = [12.0, 2.0]          # of the bars
+# dark = true                     # the circle is darker than the plate
+{surroundings}
+[constraints]
+collisions = {collisions}                 # of arm, tool and obstacles
+ways = true                       # check the straight joint moves from pose to pose, too
+safety_distance_mm = {safety}     # kept between them
+# ignore = [["pin", "fixture"]]   # pairs that may touch; tool and obstacle only at the measured
+                                  # poses: plan.retreat_mm has the tool back off between them
+# smallest_singular_value = 0.02  # of the tip's Jacobian, lengths divided by the arm's reach
+# largest_travel_deg = 180.0      # of any joint from one pose to the next
+# workspace_lowest_mm = [-1000.0, -2000.0, 0.0]      # a box that arm and tool stay in
+# workspace_highest_mm = [3000.0, 2000.0, 3000.0]
+
+[variations]
+# W, P and R are varied by -D, 0, +D: 27 poses. D starts here and is raised step by step.
+start_deg = [5.0, 5.0, 5.0]
+step_deg = [5.0, 5.0, 5.0]
+largest_deg = [60.0, 60.0, 60.0]
+raise = "together"                # or "best": only the angle that lowers the condition most
+
+[plan]
+# condition_threshold = 1.0e5     # C_G = cond(G'G); the loop stops below it; 50 for camera-pose
+limit_margin_deg = {margin}            # kept from every joint limit: no zero is exact yet
+repair = true                     # replace poses that cannot be taken
+repair_margin_deg = 2.0           # kept by the replacements
+repair_tilt_deg = 60.0            # largest tilt of a replacement against the base pose
+repair_base_joint_deg = 90.0      # how far joint 1 may turn in a replacement
+return_to_base = true             # the round ends at the base posture, by a way that is checked
+approach = "none"                 # or "same-side": all joints arrive at all poses from one side,
+approach_deg = 1.0                # by a last movement of this angle, for arms with backlash
+# retreat_mm = 50.0               # a pin backs off so far along its axis, turns, and comes in again
+# contact_mm = 5.0                # within this of the target pairs of constraints.ignore may touch
+# stop_short_mm = 0.0             # programs stop so far before the target: jog in, touch up
+# dwell_s = 20.0                  # at each pose, for the cycle time: a touch-up; 2 for camera-pose
+
+[pool]
+# What poses are chosen from: plan --method exchange, --target-accuracy, next.
+kind = "auto"                     # cone (touch-ups), wpr: all grids above (cameras), or joints
+tilt_deg = 45.0                   # of a cone: how far the tool is tilted; it rolls freely
+candidates = 1500                 # poses that are looked at
+configurations = "front"          # nearest: one posture a pose; all: over the back of the arm, too
+smallest_singular_value = 0.03    # distance from singularities, where a touch-up moves joints far
+seed = 0
+
+[parameters]
+# Identified besides the target. The first and the last joint are absorbed by target and tool.
+zero_offsets = {offsets}
+tool_axes = "xyz"                 # "xy" for a view line
+# Each list is a model to try; they are judged by the error to expect where the arm will work.
+# Words: zero_offsets, geometry, compliance, bearings, lost_motion, scale, harmonics. A model is
+# reduced to what the measurements can tell apart, or held by what is known beforehand: priors
+models = [
+    ["zero_offsets"], ["zero_offsets", "compliance"], ["geometry"], ["geometry", "compliance"],
+    ["geometry", "priors"], ["geometry", "compliance", "priors"],
+]
+prior_offset_deg = 1.0            # usual standard deviations: how well the joints are mastered,
+prior_length_mm = 0.5             # links and axes are built,
+prior_angle_deg = 0.1
+prior_harmonic_deg = 0.02         # transmissions run,
+prior_compliance_urad_nm = 50.0   # and reducers are stiff
+tune_priors = true                # find the sizes from a twentieth of these to twice as much
+method = "gauss-newton"           # or "newton-raphson": as in the paper, by finite differences
+loss = "auto"                     # least-squares, student-t where residuals have heavy tails;
+                                  # graduated (leaves gross errors out), huber, cauchy
+# harmonics = [1.0, 2.0]          # waves in a turn of a joint
+# lost_motion_nm = 10.0           # torque that takes up what a joint has lost
+
+[measurement]
+kind = "touch-up"                 # or "view-line": only across the line of sight; "camera-pose":
+                                  # hand-eye calibration, a camera sees the target's pose
+three_sigma_mm = {three_sigma}    # of one touch-up, along x, y, z
+noise_axes = "tip"                # of the tip, or of the "camera" as it is mounted on it
+weighted = true                   # by this noise
+estimate_noise = false            # true: the noise is taken from the residuals
+camera_three_sigma_deg = 0.06     # of the camera's pose, for AX = ZB and camera-pose
+camera_three_sigma_mm = 0.3
+# [[noise]]                       # of further kinds that were measured; without it, from residuals
+# kind = "pose"                   # plane, point, pose, camera-pose, distance
+# three_sigma_mm = 0.1
+# three_sigma_deg = 0.05          # poses only
+# [[payload]]                     # carried in measurements that name it
+# name = "weight"
+# mass_kg = 50.0
+# com_mm = [0.0, 0.0, 150.0]
+# [[known_distance]]              # between two targets, known from elsewhere
+# targets = ["T1", "T2"]
+# length_mm = 500.0
+# three_sigma_mm = 0.03
+
+[touch_up]
+# The loop of visual touch-up: posedesign calibrate.
+center_px = 0.1                   # it ends when the target is as near to the middle of the picture
+size_px = 0.05                    # and its size as near to the one designated
+iterations = 10
+farthest_mm = 100.0               # a loop that moves the tip farther has run away
+looks = 1                         # pictures whose mean is taken
+approach_deg = 0.2                # last movement of all joints, always to the same side; 0: none
+shown_within_deg = 0.1            # joints that the controller shows farther off end the calibration
+correct_tilt = true               # take off what a tilt does to the ellipse of a circle
+repeats = 10                      # touch-ups of the base pose that the noise is measured by
+inch_deg = 15.0                   # how far the arm turns about the target to find it
+
+[truth]
+# The robot that is simulated; planning and identification never look here.
+seed = 1
+zero_offsets_deg = {truth}
+tool_error_mm = [2.0, -1.0, 3.0]
+target_error_mm = [5.0, -4.0, 2.0]
+deflection = {deflection}         # reducers give way under gravity
+# stiffness_nm_per_rad = [4e6, ...]  # of each joint; default: the preset's
+# What follows is for posedesign calibrate.
+link_error_mm = 0.0               # standard deviations of what each link is off
+link_error_deg = 0.0
+camera_error_deg = [0.0, 0.0, 0.0]   # the camera is turned so on its mount
+target_turn_deg = [0.0, 0.0, 0.0]
+backlash_deg = 0.005              # of each joint, or a list
+# friction_nm = [200.0, ...]      # default: winds each reducer up by 0.003 deg
+scatter_deg = 1.2e-4              # standard deviation of where a joint stops
+
+[truth.imaging]
+noise_grey = 2.0                  # grey levels of 255
+blur_px = 1.0
+gradient = [0.0, 0.0]             # of the light, across and down
+vignetting = 0.0
+distortion = [0.0, 0.0, 0.0, 0.0, 0.0]  # k1, k2, p1, p2, k3
+vibration_mm = 0.002              # of the lens, standard deviation
+
+[program]
+name = "CALIB01"
+user_frame = 0
+tool_frame = 1
+speed_percent = 10
+settle_s = 1.0
+measure_call = "MEASURE"          # called at each pose; "" for none
+measure_argument = "number"       # with the pose's number; or always with a number of yours, "none"
+# measure_output = 1              # a digital output that is pulsed, too
+# measure_pulse_s = 0.5
+keep = "position"                 # where a touched-up position is kept; or "register"
+# first_register = 1
+# form = "cartesian"              # poses of the tool in place of joints; then also its frame:
+# tool = {{ at_mm = [0.0, 0.0, 100.0], wpr_deg = [0.0, 0.0, 0.0] }}  # in the axes of the tip
+# user = {{ at_mm = [0.0, 0.0, 0.0], wpr_deg = [0.0, 0.0, 0.0] }}    # in the controller's world
+# pulses_per_deg = [..]           # six, for Yaskawa's pulse jobs
+
+# [task_box]                      # where the arm works: posedesign predict tells its accuracy there
+# lowest_mm = [1000.0, -500.0, 300.0]   # corners, in the base frame
+# highest_mm = [2000.0, 500.0, 1300.0]
+# steps = [3, 3, 3]               # points along x, y and z
+"""
+
+_SHAPES = """\
+# shapes = "ur10e"                # of links without, in a URDF: a preset's of the same kinematics,
+# capsule_radius_mm = 80.0        # or capsules from joint to joint: one radius, or one a link
+"""
+
+_BODIES = """
+# Gun, camera, fixture and floor are stand-ins of the size of the arm: put in your own.
+[[tool.body]]                     # what is solid, in the axes of the tip: boxes, cylinders, meshes
+name = "gun"
+size_mm = {gun_size}
+at_mm = {gun_at}                  # its centre
+
+[[tool.body]]
+name = "camera"
+size_mm = {camera_size}
+at_mm = {camera_at}
+"""
+
+_SURROUNDINGS = """radius_mm = {target_radius}
+
+[camera]                          # leave this out, and no pose is refused for what it sees
+image_px = [1280, 1024]
+focal_px = 1800.0
+border_px = 30.0                  # kept between target and edge of the image
+largest_tilt_deg = 70.0           # of the target's face against the line of sight
+nearest_mm = {nearest}
+farthest_mm = {farthest}
+# position_mm = {lens_mm}         # the lens, in the axes of the tip: as the stand-off has it
+# wpr_deg = [0.0, 0.0, 0.0]       # z looks along
+
+[[obstacle]]                      # what stands around, in the base frame
+name = "floor"
+kind = "half-space"               # everything below this point
+at_mm = {floor_at}
+
+[[obstacle]]
+name = "fixture"
+size_mm = {fixture_size}
+at_mm = {fixture_at}              # its centre; the target sits a little above its top
+"""
+
+_NO_BODIES = """
+# Gun, camera, fixture and floor are stand-ins of the size of the arm: put in your own.
+# [[tool.body]]                   # what is solid, in the axes of the tip: boxes, cylinders, meshes
+# name = "gripper"
+# size_mm = [100.0, 100.0, 150.0]
+# at_mm = [0.0, 0.0, 75.0]        # its centre
+"""
+
+_NO_SURROUNDINGS = """
+# [camera]                        # without this no pose is refused for what the camera sees
+# image_px = [1280, 1024]
+# focal_px = 1800.0
+
+# [[obstacle]]                    # what stands around, in the base frame: box (size_mm), cylinder
+# name = "table"                  # (radius_mm, height_mm), sphere, mesh (mesh = "file.stl")
+# kind = "half-space"             # a half-space is everything below at_mm
+# at_mm = [0.0, 0.0, 0.0]
+"""
+
+
+@dataclass(frozen=True)
+class _Setup:
+    """What the arm carries and looks at, all scaled with the arm."""
+
+    tool_note: str
+    point_mm: Sequence[float]
+    mass_kg: float
+    com_mm: Sequence[float]
+    stand_off_mm: float
+    safety_mm: float = 10.0
+    tool_bodies: str = _NO_BODIES
+    surroundings: str = _NO_SURROUNDINGS
+    margin_deg: float = 1.0
+    collisions: bool = True
+
+
+def cell_template(
+    robot: str | None = None,
+    *,
+    surroundings: bool = True,
+    packages: Sequence[Path] = (),
+    xacro_args: Sequence[str] = (),
+) -> str:
+    """Text of a ``cell.toml``, commented, for a preset or a URDF file.
+
+    Parameters
+    ----------
+    robot : str, optional
+        Name of a preset or path of a URDF; the reference cell by default.
+    surroundings : bool
+        False: without gun, camera, fixture and floor, and with the joint limits as they are, so
+        that they alone bound the poses, as in the papers.
+    packages : sequence of Path
+        Folders to search for packages that a URDF names.
+    xacro_args : sequence of str
+        Arguments of a xacro file, each ``NAME:=VALUE``.
+
+    Raises
+    ------
+    RobotModelError
+        Neither a preset nor a file that can be read.
+    UnreachableError
+        No base posture was found for the arm of a URDF.
+    """
+    name = robot or REFERENCE
+    path = Path(name)
+    if path.is_file() or path.suffix.lower() in (".urdf", ".xml", ".xacro"):
+        return _for_urdf(path, packages, xacro_args)
+    if packages or xacro_args:
+        raise InputError(
+            f"packages and arguments are of a URDF; {name!r} is none", hint="leave them out"
+        )
+    try:
+        preset = find_preset(name)
+    except RobotModelError as error:
+        raise RobotModelError(
+            f"{name!r} is neither a preset nor a URDF file",
+            hint=error.hint,
+            name=name,
+        ) from error
+    return _for_preset(preset, surroundings)
+
+
+def _for_preset(name: str, surroundings: bool) -> str:
+    info = preset_info(name)
+    robot = Robot.preset(name)
+    posture = info["base_posture_deg"]
+    pendant = ""
+    if robot.controller is not None and robot.controller.maker == "fanuc":
+        shown = robot.controller.pendant(np.deg2rad(posture))[2]
+        pendant = f"# A FANUC pendant shows J3 = {shown:g} here: J3 less J2.\n"
+    known = bool(robot.link_mass.any() and np.isfinite(robot.stiffness).any())
+    return _fill(
+        robot,
+        source=f'preset = "{name}"',
+        setup=_gun_and_camera(robot, np.deg2rad(posture), float(info["payload_kg"]), surroundings),
+        pendant=pendant,
+        posture=posture,
+        three_sigma=[0.02, 0.02, 0.12],
+        deflection=known,
+    )
+
+
+def _for_urdf(path: Path, packages: Sequence[Path], xacro_args: Sequence[str]) -> str:
+    robot = Robot.from_urdf(path, packages=packages, xacro_args=xacro_args)
+    tool = suggest_tool(robot)
+    posture = np.rad2deg(suggest_base_posture(robot, tool))
+    decide, shapes = _shape_lines(robot)
+    setup = _Setup(
+        tool_note="A SUGGESTION only: put in your own, as good as you know it; it is identified.",
+        point_mm=(1e3 * tool).tolist(),
+        mass_kg=0.0,
+        com_mm=[0.0, 0.0, 0.0],
+        stand_off_mm=100.0,
+    )
+    return _fill(
+        robot,
+        source=f"urdf = {_quoted(str(path.resolve()))}\n"
+        f"{_read_with(packages, xacro_args)}{_controller_line(robot)}",
+        setup=setup,
+        pendant="# Suggested: tool pointing down, room to turn it. Take your own taught posture.\n",
+        posture=(np.round(posture, 6) + 0.0).tolist(),
+        three_sigma=[0.1, 0.1, 0.1],
+        deflection=False,
+        decide=decide,
+        shapes=shapes,
+    )
+
+
+def _read_with(packages: Sequence[Path], xacro_args: Sequence[str]) -> str:
+    """Lines of what a description was read with, so that the cell reads the same."""
+    listed = {"packages": [str(f.resolve()) for f in packages], "xacro_args": list(xacro_args)}
+    return "".join(
+        f"{key} = [{', '.join(map(_quoted, values))}]\n" for key, values in listed.items() if values
+    )
+
+
+def _scale(robot: Robot) -> float:
+    """Size of an arm against that of the reference cell."""
+    return min(1.0, robot.chain.reach_m / REFERENCE_REACH_M)
+
+
+def _gun_and_camera(
+    robot: Robot, posture: FloatArray, payload_kg: float, surroundings: bool
+) -> _Setup:
+    """The gun, the camera, the fixture and the floor of the reference cell, scaled to an arm."""
+    k = _scale(robot)
+
+    def scaled(*lengths_mm: float) -> list[float]:
+        return [_round(k * length, 1) for length in lengths_mm]
+
+    point = scaled(200.0, -50.0, 350.0)
+    bare = _Setup(
+        tool_note="As good as you know it; it is identified too.",
+        point_mm=point,
+        mass_kg=_round(PAYLOAD_USED * payload_kg, 1),
+        com_mm=scaled(50.0, 0.0, 200.0),
+        stand_off_mm=point[2],
+        margin_deg=0.0,
+        collisions=False,
+    )
+    if not surroundings:
+        return bare
+    stand_off = scaled(250.0)[0]
+    x, y, z = (1e3 * robot.state(posture).point(np.array(point) / 1e3)).tolist()
+    floor = min(0.0, z - 250.0 * k)  # a small arm stands on a table
+    top = z - 20.0 * k
+    bodies = _BODIES.format(
+        gun_size=scaled(280.0, 220.0, 270.0),
+        gun_at=scaled(-10.0, 0.0, 145.0),
+        camera_size=scaled(80.0, 80.0, 120.0),
+        camera_at=scaled(200.0, -50.0, 40.0),  # the lens is its front
+    )
+    around = _SURROUNDINGS.format(
+        target_radius=scaled(10.0)[0],
+        nearest=scaled(100.0)[0],
+        farthest=scaled(700.0)[0],
+        lens_mm=[point[0], point[1], _round(point[2] - stand_off, 1)],
+        floor_at=[0.0, 0.0, _round(floor, 1)],
+        fixture_size=[*scaled(120.0, 120.0), _round(top - floor, 1)],
+        fixture_at=[_round(v, 1) for v in (x, y, (top + floor) / 2.0)],
+    )
+    return replace(
+        bare,
+        margin_deg=1.0,
+        collisions=True,
+        stand_off_mm=stand_off,
+        safety_mm=scaled(20.0)[0],
+        tool_bodies=bodies,
+        surroundings=around,
+    )
+
+
+def _controller_line(robot: Robot) -> str:
+    """The controller, of a URDF that says by its name that it is ROS-Industrial's of a FANUC.
+
+    Its axes have to be as that maker counts them: a description with another zero posture is read
+    in its own view only.
+    """
+    fitting = sorted(controllers_like(robot), key=lambda maker: maker not in robot.name.lower())
+    if robot.name.lower().startswith("fanuc") and "fanuc" in fitting:
+        return (
+            'controller = "fanuc"              # what the pendant shows; programs are in its view'
+        )
+    if not fitting:
+        return (
+            "# controller: no maker known here counts joints as this description does at zero;\n"
+            "# programs for any robot: ros-trajectory, moveit-joints, robot-calibration, robodk-csv"
+        )
+    return (
+        f'# controller = "{fitting[0]}"'.ljust(34)
+        + "# whose it is: needed for its programs"
+        + (f"; or {', '.join(fitting[1:])}" if fitting[1:] else "")
+    )
+
+
+def _shape_lines(robot: Robot) -> tuple[str, str]:
+    """What to decide about links without a shape, for the top of the file; and the keys for it.
+
+    The shapes of a preset with the same kinematics are taken. Capsules are not: against the shapes
+    of the presets, those from joint to joint would need a radius of 0.04 to 0.32 of the arm's reach
+    to hold a link, so that no radius is both safe and of use for an arm that nobody has looked at.
+    """
+    bare = [_printed(link) for link in unshaped_links(robot)]
+    if not bare:
+        return "", _SHAPES
+    names, same = ", ".join(bare), presets_like(robot)
+    if same:
+        return "", (
+            f"# The URDF has no collision geometry for {names}.\n"
+            + f'shapes = "{same[0]}"'.ljust(34)
+            + "# shapes of a preset with the same kinematics\n"
+        )
+    decide = (
+        f"#\n# DECIDE FIRST: the URDF has no collision geometry for {names}:\n"
+        "# plan refuses until you give it in the URDF, set robot.capsule_radius_mm below, or say\n"
+        "# constraints.collisions = false.\n"
+    )
+    radius = _round(1e2 * robot.chain.reach_m, 0)
+    return decide, (
+        f"# capsule_radius_mm = {radius:g}".ljust(34)
+        + "# or a list, one a link: MEASURE your arm. Capsules run from\n"
+        "# joint to joint: a motor, a counterweight or a shoulder beside it needs a larger one\n"
+    )
+
+
+def _printed(text: str) -> str:
+    """A name on one line: those in a URDF may hold line ends."""
+    return " ".join(text.split())
+
+
+def _world_line(robot: Robot) -> str:
+    """Where the controller counts positions from, if that is not the base frame."""
+    if robot.controller is None or np.allclose(robot.controller.T_base_world, np.eye(4)):
+        return ""
+    x, y, z = [_round(v, 1) for v in 1e3 * robot.controller.T_base_world[:3, 3]]
+    turned = " and turned" * (not np.allclose(robot.controller.T_base_world[:3, :3], np.eye(3)))
+    return (
+        f"# The controller counts positions from ({x:g}, {y:g}, {z:g}) mm in {robot.base_frame}"
+        f"{turned}, not from {robot.base_frame} itself.\n"
+    )
+
+
+def _quoted(text: str) -> str:
+    """A TOML string: names in a URDF and paths may hold quotation marks and backslashes."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _round(value: float, decimals: int) -> float:
+    return round(float(value), decimals) + 0.0
+
+
+def _fill(
+    robot: Robot,
+    *,
+    source: str,
+    setup: _Setup,
+    pendant: str,
+    posture: Sequence[float],
+    three_sigma: Sequence[float],
+    deflection: bool,
+    decide: str = "",
+    shapes: str = _SHAPES,
+) -> str:
+    from posedesign.cell.cell import usual_offsets
+
+    point = robot.state(np.deg2rad(posture)).point(np.array(setup.point_mm) / 1e3)
+    offsets = ", ".join(_quoted(joint) for joint in robot.joint_names[1:-1])
+    return _TEMPLATE.format(
+        decide=decide,
+        shapes=shapes,
+        robot=source,
+        tool_note=setup.tool_note,
+        target_mm=[_round(v, 3) for v in 1e3 * point],
+        world=_world_line(robot),
+        notices="".join(f"# {_printed(said)}\n" for said in robot.notices),
+        tip=_quoted(robot.tip_frame),
+        point_mm=list(setup.point_mm),
+        mass_kg=setup.mass_kg,
+        com_mm=list(setup.com_mm),
+        stand_off=setup.stand_off_mm,
+        tool_bodies=setup.tool_bodies,
+        surroundings=setup.surroundings,
+        safety=setup.safety_mm,
+        margin=setup.margin_deg,
+        collisions=str(setup.collisions).lower(),
+        pendant=pendant,
+        posture_deg=list(posture),
+        offsets=f"[{offsets}]",
+        three_sigma=list(three_sigma),
+        truth=np.round(np.rad2deg(usual_offsets(robot.n)), 6).tolist(),
+        deflection=str(deflection).lower(),
+    )

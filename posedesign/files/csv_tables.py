@@ -1,0 +1,299 @@
+"""CSV files: hostile until read. Size, encoding, header, every cell that should be a number.
+
+Lines that start with # may stand before the header, and say something of the whole table. A cell
+that holds a # is quoted, so that ``pandas.read_csv(path, comment="#")`` reads it as it is, with its
+usual engine; with ``engine="python"`` quotes do not protect it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import FileFormatError, near_names
+from calib.se3 import FloatArray
+from posedesign.files.numbers import LARGEST_NUMBER, usable
+from posedesign.files.safe import StrPath, read_bytes_bounded, write_text_atomic
+
+LARGEST_CSV_BYTES = 50_000_000
+DECIMALS = 9
+"""Of mm and degrees in a file: 1e-12 m and 2e-11 rad, so that nothing is lost by writing."""
+
+_ESCAPED = (*"=+-@\t\r#'", *"\uff1d\uff0b\uff0d\uff20")
+"""First characters of a text that a spreadsheet would run, or that start a comment: such a text is
+written with an apostrophe before it, as in a spreadsheet, and read without. The last four are the
+wide forms of = + - @, which some spreadsheets take for the same."""
+
+_QUOTED = frozenset(',"#\n')
+"""Characters for which a cell is put between quotation marks."""
+
+_NO_COMMENT = re.compile(r'[\x00-\x1f\x7f-\x9f\u2028\u2029"]+')
+"""What ends a line of comment, or begins a quoted cell."""
+
+_BARE_COMMA = re.compile(rf"[,;](?=\s*([,;{re.escape(''.join(_ESCAPED))}]|$))")
+"""One that a spreadsheet would cut a comment at into a cell that it runs, or into an empty one."""
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+"""``float()`` would take more: 1_0, nan, digits of other scripts."""
+
+LONGEST_SHOWN = 40
+"""Characters of a cell that an error shows."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a table: the line it stands on, and its cells by column."""
+
+    line: int
+    cells: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """What stands in a CSV file.
+
+    Attributes
+    ----------
+    columns : list of str
+    rows : list of Row
+    comments : list of str
+        The lines before the header that start with #, without it.
+    """
+
+    columns: list[str]
+    rows: list[Row]
+    comments: list[str]
+
+
+class AsItIs(str):
+    """The digits of a number: written without an apostrophe, whatever sign they start with."""
+
+
+def as_read(text: str) -> str:
+    """A cell that was read, to be written again: a number as it is, all else as a text."""
+    return AsItIs(text) if _NUMBER.fullmatch(text) else text
+
+
+def write_table(
+    path: StrPath,
+    columns: Sequence[str],
+    rows: Iterable[Mapping[str, object]],
+    comments: Sequence[str] = (),
+) -> Path:
+    """Write rows as CSV, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    columns : sequence of str
+    rows : iterable of mapping
+        By column; missing values are empty cells.
+    comments : sequence of str
+        Lines to stand before the header, each with # before it. What would end such a line, or be
+        run by a spreadsheet that cuts it into cells, becomes a space, and a semicolon a comma: at
+        commas such a line can be cut and put together again (:func:`read_table`).
+    """
+    lines = ["# " + _comment(text) for text in comments]
+    lines.append(_line(columns))
+    lines += [_line([row.get(column) for column in columns]) for row in rows]
+    return write_text_atomic(path, "\n".join([*lines, ""]))
+
+
+def read_rows(path: Path, header: Sequence[str] = ()) -> tuple[list[str], list[Row]]:
+    """Header and rows of a CSV file; see :func:`read_table`."""
+    table = read_table(path, header)
+    return table.columns, table.rows
+
+
+def read_table(path: Path, header: Sequence[str] = ()) -> Table:
+    """Header and rows of a CSV file, and the lines with # before them.
+
+    Parameters
+    ----------
+    path : Path
+    header : sequence of str
+        Names of the columns, for a file without a header line.
+
+    Raises
+    ------
+    FileFormatError
+        The file is missing, too large, not text, without rows, or a row has too few or too many
+        cells.
+    """
+    data = read_bytes_bounded(path, most_bytes=LARGEST_CSV_BYTES)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(
+            "is not UTF-8 text", path=path, hint="save it as CSV (UTF-8)"
+        ) from error
+    reader = csv.reader(io.StringIO(text), strict=True)
+    columns = list(header)
+    rows: list[Row] = []
+    comments: list[str] = []
+    try:
+        for cells in reader:
+            if not any(cells):
+                continue
+            at_start = not rows if header else not columns
+            if at_start and cells[0].startswith("#"):
+                # a spreadsheet that saves the table fills the line up with commas
+                comments.append(",".join(cells)[1:].strip(" ,"))
+                continue
+            stripped = [_unescaped(cell.strip()) for cell in cells]
+            if not columns:
+                columns = stripped
+                _check_separator(path, reader.line_num, columns)
+                continue
+            if len(stripped) != len(columns):
+                raise FileFormatError(
+                    f"has {len(stripped)} cells, "
+                    + (f"{len(columns)} are named" if header else f"the header has {len(columns)}"),
+                    path=path,
+                    row=reader.line_num,
+                    hint="use commas between cells and a point in numbers",
+                )
+            rows.append(Row(reader.line_num, dict(zip(columns, stripped, strict=True))))
+    except csv.Error as error:
+        raise FileFormatError(
+            f"is no valid CSV: {error}",
+            path=path,
+            row=reader.line_num,
+            hint="look for a quotation mark or a line end that does not belong there",
+        ) from error
+    if len(set(columns)) != len(columns):
+        double = next(c for c in columns if columns.count(c) > 1)
+        raise FileFormatError("appears twice", path=path, column=double, hint="rename one")
+    if not rows:
+        raise FileFormatError("has no rows of data", path=path, hint="is it the right file?")
+    return Table(columns, rows, comments)
+
+
+def _check_separator(path: Path, line: int, columns: Sequence[str]) -> None:
+    found = next((c for c in (";", "\t") if len(columns) == 1 and c in columns[0]), None)
+    if found:
+        name = {";": "semicolons", "\t": "tabs"}[found]
+        raise FileFormatError(
+            f"{name} stand between the cells",
+            path=path,
+            row=line,
+            hint="save it with commas between cells and a point in numbers",
+        )
+
+
+def check_columns(
+    path: Path, found: Sequence[str], needed: Sequence[str], *, joints: bool = False
+) -> None:
+    """Check that columns are there, in the unit that is expected.
+
+    Parameters
+    ----------
+    path : Path
+    found, needed : sequence of str
+    joints : bool
+        Refuse columns of more joints than the robot has.
+
+    Raises
+    ------
+    FileFormatError
+        Naming the column, and the one that was probably meant.
+    """
+    for column in needed:
+        if column in found:
+            continue
+        stem, _, unit = column.rpartition("_")
+        other = [f for f in found if stem and f.rpartition("_")[0] == stem]
+        if other:
+            raise FileFormatError(
+                f"is in another unit than {unit}",
+                path=path,
+                row=1,
+                column=other[0],
+                hint=f"convert the values and call the column {column}",
+            )
+        raise FileFormatError(
+            f"there is no column {column}", path=path, row=1, hint=near_names(column, found)
+        )
+    if joints:
+        extra = [c for c in found if re.fullmatch(r"j\d+_deg", c) and c not in needed]
+        if extra:
+            count = sum(c.startswith("j") for c in needed)
+            raise FileFormatError(
+                f"the robot has {count} joints only",
+                path=path,
+                row=1,
+                column=extra[0],
+                hint="is this the file of another robot?",
+            )
+
+
+def numbers_of(path: Path, rows: Sequence[Row], columns: Sequence[str]) -> FloatArray:
+    """Cells as numbers, ``(rows, columns)``."""
+    out = np.empty((len(rows), len(columns)))
+    for i, row in enumerate(rows):
+        for j, column in enumerate(columns):
+            text = row.cells[column]
+            out[i, j] = usable(float(text)) if _NUMBER.fullmatch(text) else math.nan
+            if math.isnan(out[i, j]):
+                shown = repr(text[:LONGEST_SHOWN]) if text else "an empty cell"
+                raise FileFormatError(
+                    f"{shown} is not a finite number"
+                    + (f" within {LARGEST_NUMBER:g}" if _NUMBER.fullmatch(text) else ""),
+                    path=path,
+                    row=row.line,
+                    column=column,
+                    hint="correct the cell or remove the row",
+                    value=text,
+                )
+    return out
+
+
+def _comment(text: str) -> str:
+    without = _BARE_COMMA.sub(" ", _NO_COMMENT.sub(" ", text)).replace(";", ",")
+    return " ".join(without.split())
+
+
+def _line(values: Iterable[object]) -> str:
+    """One line of a table. ``csv.writer`` would leave cells with a # without quotation marks."""
+    cells = [_cell(value) for value in values]
+    if cells == [""]:
+        return '""'  # an empty line would be no row
+    return ",".join(
+        '"' + cell.replace('"', '""') + '"' if _QUOTED.intersection(cell) else cell
+        for cell in cells
+    )
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, (float, np.floating)):
+        if not math.isfinite(value):
+            return "" if math.isnan(value) else ("inf" if value > 0 else "-inf")
+        return f"{round(float(value), DECIMALS) + 0.0:.{DECIMALS}f}".rstrip("0").rstrip(".") or "0"
+    text = _with_line_ends(str(value))
+    if isinstance(value, AsItIs):
+        return text
+    return "'" + text if _is_escaped(text) else text
+
+
+def _with_line_ends(text: str) -> str:
+    """The same with one kind of line end: files have their own."""
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _is_escaped(text: str) -> bool:
+    """Whether a text needs an apostrophe; spreadsheets look past spaces before a formula."""
+    return text.startswith(_ESCAPED) or text.lstrip().startswith(_ESCAPED)
+
+
+def _unescaped(text: str) -> str:
+    text = _with_line_ends(text)
+    return text[1:] if text[:1] == "'" and _is_escaped(text[1:]) else text

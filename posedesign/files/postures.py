@@ -1,0 +1,201 @@
+"""Joint columns of tables: ``j1_deg ..`` in URDF signs, or ``pendant_j1_deg ..``.
+
+Of a robot that is known, the columns may have other names, too: see :class:`JointForm`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import FileFormatError
+from calib.robots import Controller, Robot
+from calib.se3 import FloatArray
+from posedesign.files.csv_tables import AsItIs, Row, check_columns, numbers_of
+
+PENDANT_AGREES_DEG = 0.01
+"""Joint values and pendant values of one row may differ by as much: pendants show few decimals."""
+
+LARGEST_RAD = 4.0 * math.pi
+"""No joint of an arm turns further from its zero than two turns: beyond it, values are degrees."""
+
+RADIAN_DECIMALS = 12
+"""Of radians in a file: as fine as nine decimals of a degree."""
+
+
+class JointForm(StrEnum):
+    """How the joint columns of a table are named, and what stands in them.
+
+    ==========  ====================================================================================
+    ``usual``   ``j1_deg ..`` [deg], signs of the URDF
+    ``ros``     ``<joint name>_rad ..`` [rad], signs of the URDF, names as in the robot's
+                description and so in ``sensor_msgs/JointState``; ``<joint name>_deg`` is read, too
+    ``robodk``  ``J1 ..`` [deg] as the controller shows them, before all other columns. Where no
+                controller is known: signs of the URDF
+    ==========  ====================================================================================
+
+    How sure the form for RoboDK is: no public description of a CSV of joints that it imports was
+    found, and the form was not tried with it. It follows its published sources: ``LoadList`` of
+    ``robodk.robofileio`` takes a file as rows of cells at fixed places, without comments, and the
+    post-processor for FANUC (``Fanuc_R30iA.py``) writes joint values into programs as they are, so
+    that J3 is that of the pendant.
+    """
+
+    USUAL = "usual"
+    ROS = "ros"
+    ROBODK = "robodk"
+
+
+def columns_of(form: JointForm, robot: Robot) -> list[str]:
+    """Names of the joint columns of a robot in a form."""
+    if form is JointForm.ROS:
+        return [f"{name}_rad" for name in robot.joint_names]
+    if form is JointForm.ROBODK:
+        return [f"J{i + 1}" for i in range(robot.n)]
+    return joint_columns(robot.n)
+
+
+def cells_of(form: JointForm, robot: Robot, posture: FloatArray) -> list[object]:
+    """Cells of the joint columns for a posture ``(n,)`` [rad]."""
+    if form is JointForm.ROS:
+        return [AsItIs(f"{value + 0.0:.{RADIAN_DECIMALS}f}") for value in posture.tolist()]
+    if form is JointForm.ROBODK and robot.controller is not None:
+        return list(robot.controller.pendant(posture).tolist())
+    return list(np.rad2deg(posture).tolist())
+
+
+def find_form(columns: Sequence[str], robot: Robot) -> tuple[JointForm, list[str]]:
+    """The form that the columns of a table have, and the joint columns that it asks for.
+
+    That with most of its columns there; where none is there, ROS if anything is in radians.
+    """
+    n = robot.n
+    names = robot.joint_names
+    wanted = [
+        (JointForm.USUAL, joint_columns(n)),
+        (JointForm.ROS, [f"{name}_rad" for name in names]),
+        (JointForm.ROS, [f"{name}_deg" for name in names]),
+        (JointForm.ROBODK, columns_of(JointForm.ROBODK, robot)),
+        (JointForm.USUAL, pendant_columns(n)),
+    ]
+    counts = [len(set(needed) & set(columns)) for _, needed in wanted]
+    if not any(counts):
+        return wanted[1 if any(column.endswith("_rad") for column in columns) else 0]
+    return wanted[counts.index(max(counts))]
+
+
+def postures_in_any_form(
+    path: Path, columns: Sequence[str], rows: Sequence[Row], robot: Robot, trust_units: bool
+) -> FloatArray:
+    """Postures ``(rows, n)`` [rad] of a known robot, in whichever form its joints are named."""
+    form, needed = find_form(columns, robot)
+    if form is JointForm.USUAL:
+        return postures_of(path, columns, rows, robot.n, robot.controller, trust_units)
+    check_columns(path, columns, needed)
+    more = [c for c in columns if re.fullmatch(r"J\d+", c) and c not in needed]
+    if form is JointForm.ROBODK and more:
+        raise FileFormatError(
+            f"the robot has {robot.n} joints only",
+            path=path,
+            row=1,
+            column=more[0],
+            hint="is this the file of another robot?",
+        )
+    if not rows:
+        raise FileFormatError("has no pose that was not dropped", path=path)
+    if form is JointForm.ROS and needed[0].endswith("_rad"):
+        return _radians(path, rows, needed, trust_units)
+    degrees = _degrees(path, rows, needed, trust_units)
+    if form is JointForm.ROBODK and robot.controller is not None:
+        return robot.controller.posture(degrees)
+    return np.asarray(np.deg2rad(degrees))
+
+
+def joint_columns(n: int) -> list[str]:
+    """``j1_deg`` to ``jn_deg``."""
+    return [f"j{i + 1}_deg" for i in range(n)]
+
+
+def pendant_columns(n: int) -> list[str]:
+    """``pendant_j1_deg`` to ``pendant_jn_deg``."""
+    return [f"pendant_{column}" for column in joint_columns(n)]
+
+
+def postures_of(
+    path: Path,
+    columns: Sequence[str],
+    rows: Sequence[Row],
+    n: int,
+    controller: Controller | None,
+    trust_units: bool,
+) -> FloatArray:
+    """Postures ``(rows, n)`` [rad] of the joint columns, or else of the pendant's."""
+    if not rows:
+        raise FileFormatError("has no pose that was not dropped", path=path)
+    own, shown = joint_columns(n), pendant_columns(n)
+    if shown[0] in columns and own[0] not in columns:
+        if controller is None:
+            raise FileFormatError(
+                "holds what a pendant shows, and the robot's controller is not known",
+                path=path,
+                column=shown[0],
+                hint="set robot.controller in the cell",
+            )
+        check_columns(path, columns, shown)
+        return controller.posture(_degrees(path, rows, shown, trust_units))
+    check_columns(path, columns, own, joints=True)
+    postures = np.deg2rad(_degrees(path, rows, own, trust_units))
+    there = [k for k, column in enumerate(shown) if column in columns]
+    if controller is not None and there:
+        shown = [shown[k] for k in there]
+        off = controller.pendant(postures)[:, there] - numbers_of(path, rows, shown)
+        worst = np.unravel_index(int(np.argmax(np.abs(off))), off.shape)
+        if abs(off[worst]) > PENDANT_AGREES_DEG:
+            raise FileFormatError(
+                f"is {abs(off[worst]):.3g} deg off what {own[0]} to {own[-1]} make it",
+                path=path,
+                row=rows[int(worst[0])].line,
+                column=shown[int(worst[1])],
+                hint="leave out the columns that are not what the arm did",
+            )
+    return postures
+
+
+def _degrees(
+    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool
+) -> FloatArray:
+    degrees = numbers_of(path, rows, columns)
+    largest = float(np.abs(degrees).max())
+    if not trust_units and len(rows) >= 3 and 0 < largest <= 2 * math.pi:
+        raise FileFormatError(
+            f"the joint values look like radians (the largest is {largest:.4g})",
+            path=path,
+            column=f"{columns[0]} to {columns[-1]}",
+            hint="multiply them by 57.29578, or pass --trust-units if they really are degrees",
+            value=largest,
+            bound=2 * math.pi,
+        )
+    return degrees
+
+
+def _radians(
+    path: Path, rows: Sequence[Row], columns: Sequence[str], trust_units: bool
+) -> FloatArray:
+    radians = numbers_of(path, rows, columns)
+    largest = float(np.abs(radians).max())
+    if not trust_units and largest > LARGEST_RAD:
+        raise FileFormatError(
+            f"the joint values look like degrees (the largest is {largest:.4g})",
+            path=path,
+            column=f"{columns[0]} to {columns[-1]}",
+            hint="end the names of the columns with _deg, or pass --trust-units if they really "
+            "are radians",
+            value=largest,
+            bound=LARGEST_RAD,
+        )
+    return radians

@@ -1,0 +1,388 @@
+"""What is done with an identification: corrected description, mastering, corrected poses.
+
+=======================  ========================================================================
+``corrected.urdf``       the robot with the joint frames that are best for a description
+``mastering.csv``        ``pendant_joint, joint, correction_deg, sigma_deg, meaning``: the zero
+                         offsets that are best where nothing else is corrected
+``corrected_poses.csv``  as ``poses.csv``: the commands that bring the real tool point to where
+                         the poses have it; x, y, z, W, P, R are the Cartesian points to command.
+                         A pose that cannot be reached so is dropped, with the reason.
+=======================  ========================================================================
+
+Each says for which task box its values are the best, and what error to expect with it: see
+:mod:`posedesign.identification.correction_routes`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib.correction.compensation import Compensated, compensate
+from calib.correction.corrected_robot import CorrectedRobot, corrected_robot
+from calib.correction.urdf_write import corrected_urdf
+from calib.errors import FileFormatError, InputError, near_names
+from calib.identification.carried import Carried, part_of
+from calib.identification.checks import check_enough, check_identifiable_at
+from calib.identification.covariance import covariance_of
+from calib.model import CalibrationModel
+from calib.model.context import Setup
+from calib.model.measurements import Measurements, touch_ups
+from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.cell import Cell
+from posedesign.cell.task_box import COLUMNS, BoxAccuracy, TaskBox, predict_box
+from posedesign.files import Results, write_bytes_atomic
+from posedesign.files.csv_tables import read_rows, write_table
+from posedesign.files.measurements import MeasurementTable
+from posedesign.files.origin import rehearsed
+from posedesign.files.postures import joint_columns, pendant_columns
+from posedesign.identification.correction_routes import (
+    AS_IT_IS,
+    DESCRIPTION,
+    FILES,
+    MASTERING,
+    POSES,
+    Routes,
+    routes_of,
+)
+from posedesign.identification.file import IdentifiedModel, read_identification
+from posedesign.identification.mastering import Mastering, mastering
+from posedesign.identification.models import candidates, model_of
+from posedesign.planning.checks import refuse_hand_eye
+from posedesign.planning.pose_plan import PoseStatus
+from posedesign.planning.tables import POSE_AXES, PoseList, read_poses
+
+CORRECTION = tuple(
+    (FILES[route], what)
+    for route, what in (
+        (DESCRIPTION, "corrected description"),
+        (MASTERING, "mastering"),
+        (POSES, "corrected poses"),
+    )
+)
+PREDICTION = ("predicted_accuracy.csv", "predicted accuracy")
+
+ONLY_ONE = (
+    "use one of them: master the arm, or take the corrected poses, or plan with the corrected "
+    "description; two together correct twice"
+)
+
+IDLE_RAD = 2e-5
+"""Zero offset below which a joint of which the measurements say nothing is left as it is: about
+what pendants show."""
+
+WORTH = 0.9
+"""Expected error of the best way over that of the arm as it is above which it is said that there is
+next to nothing to gain."""
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What was made of an identification.
+
+    Attributes
+    ----------
+    identified : IdentifiedModel
+        What is corrected by.
+    routes : Routes
+        What error each way leaves.
+    robot : CorrectedRobot
+    mastering : Mastering
+    poses : PoseList or None
+    compensated : Compensated or None
+        Commands for the poses.
+    notes : tuple of str
+    files : tuple of Path
+    rehearsed : str
+        What is to be said first of what comes of a simulated robot; empty for a real one.
+    """
+
+    identified: IdentifiedModel
+    routes: Routes
+    robot: CorrectedRobot
+    mastering: Mastering
+    poses: PoseList | None
+    compensated: Compensated | None
+    notes: tuple[str, ...]
+    files: tuple[Path, ...]
+    rehearsed: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether every pose can be corrected."""
+        return self.compensated is None or bool(self.compensated.ok.all())
+
+    def verdict(self) -> str:
+        """Which way is best, in a sentence."""
+        best, before = self.routes.routes[0], self.routes[AS_IT_IS].expected.rms_m
+        if best.name == AS_IT_IS:
+            return "best: leave the arm as it is"
+        if best.expected.rms_m > WORTH * before:
+            return (
+                "there is next to nothing to gain over the box: the best way leaves "
+                f"{1e3 * best.expected.rms_m:.3g} mm, the arm as it is {1e3 * before:.3g} mm"
+            )
+        asked = best.name == POSES and self.poses is None
+        return f"best: {best.name}" + (" (give poses.csv to have them)" if asked else "")
+
+
+def correct(
+    cell: Cell,
+    cell_file: Path,
+    identification: Path,
+    out: Path | Results,
+    *,
+    poses: Path | None = None,
+    name: str | None = None,
+    tool: str | None = None,
+    box: TaskBox | None = None,
+    trust_units: bool = False,
+) -> Correction:
+    """Write corrected description, mastering and, of a pose list, corrected poses into a folder.
+
+    Parameters
+    ----------
+    cell : Cell
+    cell_file : Path
+        Where it was read from: its robot's URDF is named relative to it.
+    identification : Path
+        An ``identification.json``.
+    out : Path or Results
+    poses : Path, optional
+        A ``poses.csv``.
+    name : str, optional
+        Of a model whose values are used as they are. By default they are the best ones for each
+        way, by the reference of the identification.
+    tool : str, optional
+        Which tool point of the identification is that of the cell.
+    box : TaskBox, optional
+        Where the arm works; that of the cell by default.
+    trust_units : bool
+        See :func:`posedesign.planning.tables.read_poses`.
+
+    Raises
+    ------
+    FileFormatError
+        A file that cannot be used.
+    InputError
+        A model that says nothing of the arm, a tool that the identification does not have.
+    UnreachableError
+        No point of the box can be reached.
+    """
+    wanted = CORRECTION if poses is not None else CORRECTION[:2]
+    results = Results.of(out, "correct")
+    claims = results.claim("computed", *wanted, inputs=[identification])
+    identified = read_identification(identification, cell, name, reference=True)
+    if identified.model.nuisance.all():
+        raise InputError(
+            f"the model {identified.name!r:.60} places the set-up only: there is nothing of the "
+            "arm to correct",
+            hint="choose another one with --model",
+            name="model",
+        )
+    known = identified if name is None else _judge(identification, cell, identified)
+    routes = routes_of(cell, known, box=box, tool=tool, used=None if name is None else identified)
+    description, zeros, whole = (routes[r].values for r in (DESCRIPTION, MASTERING, POSES))
+    zeros = _without_idle(cell, identified, zeros)
+    robot = corrected_robot(description.model, description.x)
+    robot = replace(robot, left_out=corrected_robot(whole.model, whole.x).left_out)
+    table = mastering(
+        zeros.model,
+        zeros.x,
+        None if identified.covariance is None else zeros.covariance,
+        np.sqrt(np.diag(zeros.covariance)),
+    )
+    notes = _notes(identified, known, robot, table)
+    listed, compensated = None, None
+    if poses is not None:
+        listed = read_poses(
+            poses, cell.robot.n, controller=cell.robot.controller, trust_units=trust_units
+        )
+        notes += [f"{poses}: {listed.misfit}"] if listed.misfit else []
+        compensated = compensate(
+            whole.model,
+            whole.x,
+            postures=listed.postures,
+            setup=Setup.of(len(listed.names), tool=routes.tool.index),
+        )
+    warned = rehearsed([identification])
+    section, folder = cell.config.robot, cell_file.parent
+    text = corrected_urdf(
+        robot,
+        None if section.urdf is None else folder / section.urdf,
+        [folder / name for name in section.packages],
+        section.xacro_args,
+        said=routes.words(DESCRIPTION),
+    )
+    files = [write_bytes_atomic(claims[0], text)]
+    heads = {way: [*([warned] if warned else []), *routes.words(way)] for way in (MASTERING, POSES)}
+    rows = table.rows()
+    files.append(write_table(claims[1], list(rows[0]), rows, heads[MASTERING]))
+    if poses is not None and listed is not None and compensated is not None:
+        columns, corrected = _pose_rows(cell, poses, listed, compensated)
+        files.append(write_table(claims[2], columns, corrected, heads[POSES]))
+    results.remove(*(entry for entry in CORRECTION if entry not in wanted))
+    return Correction(
+        identified, routes, robot, table, listed, compensated, tuple(notes), tuple(files), warned
+    )
+
+
+def _judge(path: Path, cell: Cell, named: IdentifiedModel) -> IdentifiedModel:
+    """The model that says what errors to expect with one that was named; else this itself."""
+    try:
+        found = read_identification(path, cell, reference=True)
+    except FileFormatError:
+        return named
+    fit = found.model.tools == named.model.tools and not found.model.nuisance.all()
+    return found if fit else named
+
+
+def _without_idle(cell: Cell, identified: IdentifiedModel, zeros: Carried) -> Carried:
+    """Zero offsets without those of joints that were not identified and have nothing to take up.
+
+    That of the first joint turns the base.
+    """
+    model, first = zeros.model, f"zero_offset.{cell.robot.joint_names[0]}"
+    told = {*identified.model.names} - {*identified.held}
+    kept = [
+        name
+        for name, value in zip(model.names, zeros.x, strict=True)
+        if name in told or (name != first and abs(value) > IDLE_RAD)
+    ]
+    return part_of(model, zeros.x, zeros.covariance, model_of(cell, kept))
+
+
+def _notes(
+    identified: IdentifiedModel, known: IdentifiedModel, robot: CorrectedRobot, table: Mastering
+) -> list[str]:
+    fixed = known is not identified
+    took = "" if fixed else ", but for what other values take up of it over the box"
+    notes = []
+    if robot.left_out:
+        kinds = ", ".join(said.partition(" (")[0] for said in robot.left_out)
+        notes.append(f"neither mastering nor a description can hold: {kinds}{took}")
+    if any(name.startswith("link.") for name in identified.model.names):
+        notes.append(
+            f"links were identified, too: mastering corrects the zeros of joints alone{took}"
+        )
+    if known.covariance is None:
+        notes.append("the file has no correlations: expected errors take all as independent")
+    if table.bounded and table.identified.any():
+        notes.append("the file has no correlations: sigmas of coupled joints are upper bounds")
+    if any(block.targets and block.size for block in identified.model.parameters):
+        notes.append("positions are in the base frame as the targets were found in it")
+    return [*notes, ONLY_ONE]
+
+
+def _pose_rows(
+    cell: Cell, path: Path, listed: PoseList, found: Compensated
+) -> tuple[list[str], list[dict[str, object]]]:
+    """Columns and rows of ``corrected_poses.csv``."""
+    robot = cell.robot
+    shown = robot.controller if robot.controller and robot.controller.differs else None
+    joints, pendant = joint_columns(robot.n), pendant_columns(robot.n) if shown else []
+    kept = [
+        status
+        for row in read_rows(path)[1]
+        if (status := row.cells.get("status", "").casefold()) != PoseStatus.DROPPED
+    ]
+    turned = np.abs(np.rad2deg(found.change)).max(axis=1)
+    rows: list[dict[str, object]] = []
+    for i, name in enumerate(listed.names):
+        row: dict[str, object] = {"name": name, "status": kept[i] or str(PoseStatus.GRID)}
+        if not found.ok[i]:
+            reason = f"not corrected: {found.status[i]}: {found.reasons[i]}"
+            rows.append(row | {"status": str(PoseStatus.DROPPED), "reason": reason})
+            continue
+        q, T = found.postures[i], found.T_base_tip[i]
+        row["reason"] = f"corrected by up to {turned[i]:.4f} deg in a joint"
+        row |= dict(zip(joints, np.rad2deg(q), strict=True))
+        numbers = np.concatenate([1e3 * (T[:3, :3] @ cell.tool_m + T[:3, 3]), _wpr_deg(T)])
+        row |= dict(zip(POSE_AXES, numbers, strict=True))
+        if shown:
+            row |= dict(zip(pendant, shown.pendant(q), strict=True))
+        rows.append(row)
+    return ["name", "status", "reason", *joints, *POSE_AXES, *pendant], rows
+
+
+def _wpr_deg(T: FloatArray) -> FloatArray:
+    return np.rad2deg(wpr_from_rotation(T[:3, :3]))
+
+
+def predict(
+    cell: Cell, poses: PoseList, box: TaskBox, out: Path | Results, name: str | None = None
+) -> BoxAccuracy:
+    """Predict the accuracy over a box of what a pose list will identify.
+
+    Of the zero offsets that the cell lists, or of one of its ``parameters.models`` by name: what
+    the poses do not tell of it is left out, as in the identification.
+
+    Writes ``predicted_accuracy.csv``: ``x_mm, y_mm, z_mm, sigma_x_mm, sigma_y_mm, sigma_z_mm,
+    worst_sigma_mm, rms_mm, rms_to_target_mm, reason``.
+
+    Raises
+    ------
+    InputError, NotIdentifiableError
+        The poses do not identify the parameters, or the cell asks for no such model.
+    UnreachableError
+        No point of the box can be reached.
+    """
+    (file,) = Results.of(out, "predict").claim("computed", PREDICTION)
+    refuse_hand_eye(cell, "a prediction over a box")
+    model, q = cell.model(), poses.measured.postures
+    data = touch_ups(q, targets=model.targets)
+    if name is not None:
+        model = _listed_model(cell, data, name)
+    check_enough(model, data)
+    check_identifiable_at(model, data, model.nominal)
+    covariance = covariance_of(model, q, weighted=cell.config.measurement.weighted)
+    found = predict_box(cell, model, covariance, box)
+    write_table(file, [*COLUMNS, "reason"], found.rows())
+    return found
+
+
+def _listed_model(cell: Cell, data: Measurements, name: str) -> CalibrationModel:
+    """A model of ``parameters.models``, less what touch-ups do not tell."""
+    table = MeasurementTable(data, (cell.config.measurement.kind,), tuple(range(data.count)))
+    tried = candidates(cell, table, before_measuring=True)
+    known = {candidate.name: candidate.model for candidate in tried}
+    if name not in known:
+        raise InputError(
+            f"the cell asks for no model {name[:60]!r}",
+            hint=near_names(name, known),
+            name="model",
+        )
+    return known[name]
+
+
+def box_of(cell: Cell, text: str | None, steps: str | None) -> TaskBox:
+    """The box of a command line, or that of the cell.
+
+    Raises
+    ------
+    InputError
+        There is none, or it is no box.
+    """
+    section = cell.config.task_box
+    if text is None and section is None:
+        raise InputError(
+            "there is no task box",
+            hint='give --box "x1,y1,z1,x2,y2,z2" in mm, or a section [task_box] in the cell',
+            name="box",
+        )
+    counts = (3, 3, 3) if section is None else section.steps
+    if steps is not None:
+        words = steps.split(",")
+        if len(words) != 3 or not all(w.strip().isascii() and w.strip().isdigit() for w in words):
+            raise InputError(
+                f"the steps {steps[:60]!r} are not three whole numbers",
+                hint='give points along x, y and z: "3,3,3"',
+                name="steps",
+            )
+        counts = (int(words[0][:9]), int(words[1][:9]), int(words[2][:9]))
+    if text is not None or section is None:
+        return TaskBox.of_text(text or "", counts)
+    lowest, highest = np.array(section.lowest_mm) / 1e3, np.array(section.highest_mm) / 1e3
+    return TaskBox(lowest, highest, counts)

@@ -1,0 +1,231 @@
+"""What went wrong with measurements, by name: :mod:`calib.identification.diagnosis` of a cell."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from calib.identification.diagnosis import GROSS, MODEL, Finding, diagnose
+from calib.identification.report import UNSEEN_SCALE
+from calib.model import CalibrationModel
+from posedesign.cell import Cell
+from posedesign.files.measurements import MeasurementTable
+from posedesign.identification.measurement_set_up import set_up_blocks
+from posedesign.identification.models import PRIORS, kinds_of, robot_blocks
+
+_CLEARLY_LESS = 0.8
+"""Residual over that as measured, from which its size says what was found."""
+
+_MOST_SHOWN = 99.0
+
+
+def diagnose_table(cell: Cell, table: MeasurementTable) -> tuple[Finding, ...]:
+    """Name what explains the residuals of a table, if anything does; the likeliest first."""
+    return diagnose(model_of_arm(cell, table), table.data)
+
+
+def model_of_arm(cell: Cell, table: MeasurementTable) -> CalibrationModel:
+    """All that may be off in the arm of a cell, held by priors, with the set-up of a table."""
+    words = ["geometry", "harmonics", PRIORS]
+    if cell.robot.link_mass.any():
+        words.append("compliance")
+    return CalibrationModel(
+        cell.robot,
+        [*robot_blocks(cell, words), *set_up_blocks(cell, table)],
+        kinds_of(cell, table.kinds, before_measuring=True),
+    )
+
+
+def is_gross(findings: tuple[Finding, ...]) -> bool:
+    """Whether all rows suffer from what was found: nothing identified with it is of the robot.
+
+    Of a scale, where it is off by more than arms are built: a model would take it for long links.
+    """
+    return any(
+        abs(finding.size) > UNSEEN_SCALE if finding.cause == "scale" else finding.cause in GROSS
+        for finding in findings
+    )
+
+
+def is_of_the_model(finding: Finding) -> bool:
+    """Whether the arm has what its model leaves out; nothing went wrong in measuring then."""
+    return finding.cause in MODEL
+
+
+def in_words(finding: Finding, table: MeasurementTable) -> str:
+    """A finding in one line: what happened, where, how much is explained, what to do."""
+    what, remedy = _said(finding, table)
+    after, before = 1e3 * finding.after_m, 1e3 * finding.before_m
+    if not math.isfinite(before):
+        shown = f"residual {after:.2g} mm, in place of no answer"
+    elif finding.after_m < _CLEARLY_LESS * finding.before_m:
+        shown = f"residual {after:.2g} in place of {before:.2g} mm"
+    else:  # an arm can be bent to explain it, too
+        odds = min(finding.log_odds / math.log(10.0), _MOST_SHOWN)
+        shown = f"errors of the arm that explain it as well are 1e{odds:.0f} times less likely"
+    others = [_said(other, table)[0] for other in finding.also[:2]]
+    also = f" (or {', or '.join(others)})" if others else ""
+    return f"{what}{also}: {shown}; {remedy}"
+
+
+def as_dict(finding: Finding, table: MeasurementTable) -> dict[str, Any]:
+    """A finding for ``identification.json``: degrees and millimetres."""
+    factor, unit = _display(finding)
+    return {
+        "cause": finding.cause,
+        "part": finding.part,
+        "things": list(finding.things),
+        "poses": [table.data.names[i] for i in finding.rows],
+        "lines": [table.lines[i] for i in finding.rows],
+        "size": _or_none(finding.size * factor),
+        "unit": unit,
+        "rms_before_mm": _or_none(1e3 * finding.before_m),
+        "rms_after_mm": _or_none(1e3 * finding.after_m),
+        "log_odds": _or_none(finding.log_odds),
+        "text": in_words(finding, table),
+        "also": [_said(other, table)[0] for other in finding.also],
+    }
+
+
+def _display(finding: Finding) -> tuple[float, str]:
+    return {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}.get(finding.unit, (1.0, ""))
+
+
+def _said(finding: Finding, table: MeasurementTable) -> tuple[str, str]:
+    """What seems to have happened, and what to do."""
+    if finding.cause in ("step", "drift", "warm-up"):
+        return _changed(finding, table)
+    if finding.cause in ("swapped rows", "swapped labels", "wrong label"):
+        return _mixed_up(finding, table)
+    if finding.cause in ("scale", "harmonic", "reach"):
+        return _followed(finding)
+    if finding.part == "joint":
+        return _counted(finding)
+    return _read(finding)
+
+
+def _changed(finding: Finding, table: MeasurementTable) -> tuple[str, str]:
+    factor, unit = _display(finding)
+    size = f"{finding.size * factor:.2g} {unit}"
+    thing = _thing(finding, table)
+    if finding.cause == "drift":
+        return (
+            f"{thing} seems to drift, by {size} from the first measurement to the last",
+            "let arm and instrument warm up, fix what moves, and measure again",
+        )
+    if finding.cause == "warm-up":
+        return (
+            f"{thing} seems to go off by {size} and settle, as when something warms up",
+            "leave out what was measured first, or measure again when all is warm",
+        )
+    at = _place(finding.rows[0], table)
+    verb = "lost its zero by" if finding.part == "joint" else "moved by"
+    if finding.part == "target":
+        remedy = "give its measurements from there on a target name of their own, or measure again"
+    else:
+        remedy = "identify the measurements before and after it apart, or measure again"
+    return f"{thing} seems to have {verb} {size} before {at}", remedy
+
+
+def _thing(finding: Finding, table: MeasurementTable) -> str:
+    name = ", ".join(finding.things)
+    if finding.part == "tool":
+        return "the tool" if name == "tool" else f"the tool {name}"
+    if finding.part == "instrument":
+        return f"the {'target' if 'camera-pose' in table.kinds else 'instrument'} {name}"
+    if finding.part == "targets":
+        return "what all targets, or the arm, stand on"
+    return name if finding.part == "joint" else f"the target {name}"
+
+
+def _place(row: int, table: MeasurementTable) -> str:
+    return f"{table.data.names[row]} (line {table.lines[row]})"
+
+
+def _mixed_up(finding: Finding, table: MeasurementTable) -> tuple[str, str]:
+    places = [_place(row, table) for row in finding.rows]
+    if finding.cause == "wrong label":
+        was = table.data.targets[table.data.target[finding.rows[0]]]
+        what = f"as if {places[0]} were of the target {finding.things[0]}, not {was}"
+    elif finding.cause == "swapped labels":
+        what = f"as if the targets of {places[0]} and {places[1]} were exchanged"
+    else:
+        what = f"as if the readings of {places[0]} and {places[1]} were exchanged"
+    return what, "put the table right, or leave these rows out"
+
+
+def _followed(finding: Finding) -> tuple[str, str]:
+    if finding.cause == "scale":
+        way = "long" if finding.size > 0 else "short"
+        return (
+            f"readings of {finding.things[0]} seem to be {abs(finding.size) * 100:.2g} % too {way}",
+            "check the scale of the instrument or the size of its target, and the unit",
+        )
+    if finding.cause == "reach":
+        return (
+            f"the model is incomplete: the arm bends by some {1e3 * abs(finding.size):.2g} mm more "
+            "at full reach",
+            "free compliance, with the masses of links and tool in the cell",
+        )
+    joint, wave = finding.things
+    turn = "once" if wave == "1" else f"{wave} times"
+    return (
+        f"the model is incomplete: {joint} is off by a wave of "
+        f"{np.degrees(finding.size):.2g} deg that comes {turn} a turn",
+        'free "harmonics" in parameters.models',
+    )
+
+
+def _counted(finding: Finding) -> tuple[str, str]:
+    things = finding.things
+    remedy = "bring the joints into the signs and zeros of the URDF, or give them as pendant_j.."
+    if finding.cause == "sign":
+        return f"as if {things[0]} were counted the other way", remedy
+    if finding.cause == "zero":
+        return f"as if the zero of {things[0]} were {things[1].lstrip('+')} deg off", remedy
+    if finding.cause == "sign and zero":
+        off = things[1].lstrip("+")
+        return f"as if {things[0]} were counted the other way from a zero {off} deg off", remedy
+    if finding.cause == "coupling":
+        return (
+            f"as if {things[0]} were shown {things[2]} {things[1]}, as on FANUC pendants",
+            "give the joints as pendant_j1_deg .. with the robot's controller in the cell, or in "
+            "URDF joints",
+        )
+    if finding.cause == "swapped joints":
+        return f"as if {things[0]} and {things[1]} were exchanged", "put the columns in order"
+    if finding.cause == "joint unit":
+        return f"as if joints were in {things[0]}", "give them in degrees"
+    return "as if all joints were counted the other way", remedy
+
+
+def _read(finding: Finding) -> tuple[str, str]:
+    names = finding.things
+    axes = "give the readings in a right-handed frame, axes in order"
+    words = {
+        "reading unit": (f"as if readings were in {', '.join(names)}", "give them in mm"),
+        "mirrored axis": ("as if an axis of the readings were mirrored, or two exchanged", axes),
+        "swapped axes": (f"as if the axes {' and '.join(names)} of readings were exchanged", axes),
+        "turned axes": (f"as if the axes of places were in the order {', '.join(names)}", axes),
+        "inverted rotation": (
+            "as if the rotations of readings were inverted",
+            "give w_deg, p_deg, r_deg of the frame that places are of",
+        ),
+        "inverted pose": (
+            "as if poses were read from the other side",
+            "a camera-pose is the target in the camera, a pose the tool in the instrument",
+        ),
+    }
+    if finding.cause in words:
+        return words[finding.cause]
+    what = "targets" if finding.cause == "shifted labels" else "readings"
+    return (
+        f"as if {what} stood one row {'too low' if names[0] == 'later' else 'too high'}",
+        "is a row missing, or one there twice?",
+    )
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

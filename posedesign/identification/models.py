@@ -1,0 +1,354 @@
+"""The models that a cell asks for, in words, as calibration models."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from calib.errors import InputError, near_names
+from calib.identification import Candidate, PriorGroup, reduce
+from calib.identification.report import UNSEEN_SCALE, unseen_scale
+from calib.identification.start import first_guess
+from calib.model import CalibrationModel
+from calib.model.measurements import KINDS, Measurement
+from calib.model.parameters import (
+    BearingCompliance,
+    JointCompliance,
+    JointHarmonics,
+    JointScale,
+    LengthOffsets,
+    LinkGeometry,
+    LostMotion,
+    ParameterBlock,
+    Payload,
+    TargetFrame,
+    ToolFrame,
+    ZeroOffsets,
+)
+from calib.model.parameters.links import AXES
+from calib.model.parameters.part import Part
+from calib.model.priors import KnownDistance
+from calib.robots import Robot
+from calib.se3 import transform
+from posedesign.cell import Cell
+from posedesign.cell.measurement import noise_sigma
+from posedesign.files.measurements import TOOL, MeasurementTable
+from posedesign.identification.measurement_set_up import set_up_blocks
+
+FRAMES_ONLY = "frames only"
+"""The baseline: errors of the set-up are not the robot's."""
+
+OFFSETS = "offsets"
+_NAMES = {"zero_offsets": OFFSETS, "lost_motion": "lost motion"}
+PRIORS = "priors"
+"""Word that holds a model to what is known before measuring."""
+
+_WEIGH = ("compliance", "bearings", "lost_motion")
+"""Words that need the torque of gravity, and so the masses of the links."""
+
+EVERYTHING = "everything with priors"
+"""Name of the reference, which all models are judged by."""
+
+_EVERYTHING = ("geometry", "compliance", "bearings", "lost_motion", "harmonics", PRIORS)
+"""What may be off on any arm."""
+
+SIZES = 0.05, 2.0
+"""Bounds of the standard deviation of a kind of errors that is found from the measurements, over
+the one that the cell gives: touch-ups do not see the scale of an arm, and without an upper bound
+the likeliest arm may be one that has shrunk."""
+
+_KINDS = {
+    ("zero_offset", "rad"): "offsets",
+    ("link", "m"): "lengths",
+    ("link", "rad"): "angles",
+    ("lost_motion", "rad"): "lost motion",
+}
+"""What parameters of one size are called in reports, where not by the first word of their name."""
+
+_WAVE = re.compile(r"harmonic\..+\.(?:sin|cos)(\d+(?:\.\d+)?)", re.ASCII)
+_TOOL_AXIS = re.compile(r"tool(?:\.(.+))?\.r?[xyz]", re.ASCII)
+_TARGET_AXIS = re.compile(r"target\.(.+)\.r?[xyz]", re.ASCII)
+
+
+def name_of(words: Sequence[str]) -> str:
+    """Name of the model that frees these words."""
+    name = " + ".join(_NAMES.get(word, word) for word in words if word != PRIORS)
+    return f"{name} with priors" if PRIORS in words else name
+
+
+def kinds_of(
+    cell: Cell, names: Sequence[str], *, before_measuring: bool = False
+) -> list[Measurement]:
+    """Kinds of measurement with the noise that the cell gives them, or with none.
+
+    Before measuring there are no residuals to take the noise from: it is the one given.
+    """
+    given = {noise.kind: noise for noise in cell.config.noise}
+    section = cell.config.measurement
+    found: list[Measurement] = []
+    for name in names:
+        if section.estimate_noise and not before_measuring:
+            found.append(KINDS[name](None))
+        elif name in given:
+            found.append(KINDS[name](noise_sigma(given[name])))
+        elif name == section.kind:
+            found.append(cell.measurement)
+        else:
+            found.append(KINDS[name](None))
+    return found
+
+
+def payloads_of(cell: Cell) -> list[Payload]:
+    """The tool's own payload, and those listed besides."""
+    own = cell.payload or Payload(0.0, np.zeros(3))
+    others = [Payload(p.mass_kg, np.array(p.com_mm) / 1e3) for p in cell.config.payload]
+    return [own, *others]
+
+
+def arm_as_dict(cell: Cell) -> dict[str, Any]:
+    """What of the cell gives parameters their meaning, besides the robot."""
+    return {
+        "lost_motion_nm": cell.config.parameters.lost_motion_nm,
+        "payloads": [[load.mass_kg, *(1e3 * load.com_m)] for load in payloads_of(cell)],
+        "link_masses_kg": cell.robot.link_mass.tolist(),
+    }
+
+
+def robot_blocks(cell: Cell, words: Sequence[str]) -> list[ParameterBlock]:
+    """Blocks of the arm that words free; all joints unless the cell lists offsets."""
+    robot, section = cell.robot, cell.config.parameters
+    joints, payloads = robot.joint_names, payloads_of(cell)
+    blocks: list[ParameterBlock] = []
+    held, degree = PRIORS in words, np.pi / 180.0
+    offset = section.prior_offset_deg * degree if held else None
+    length = section.prior_length_mm * 1e-3 if held else None
+    angle = section.prior_angle_deg * degree if held else None
+    wave = section.prior_harmonic_deg * degree if held else None
+    give = section.prior_compliance_urad_nm * 1e-6 if held else None
+    if "geometry" in words:
+        # offsets first: a turn about a joint's axis is then called by the name of its offset
+        blocks.append(ZeroOffsets(robot, joints, offset))
+        blocks.append(LinkGeometry(robot, _across_axes(robot) if held else None, length, angle))
+    elif "zero_offsets" in words:
+        blocks.append(ZeroOffsets(robot, cell.offset_joints, offset))
+    if "scale" in words:
+        blocks.append(JointScale(robot, joints, wave))  # as much in a radian as a wave
+    if "compliance" in words:
+        blocks.append(JointCompliance(robot, joints, payloads, prior=give))
+    if "bearings" in words:
+        blocks.append(BearingCompliance(robot, joints, payloads, prior=give))
+    if "lost_motion" in words:
+        blocks.append(LostMotion(robot, joints, section.lost_motion_nm, payloads, prior_rad=wave))
+    if "harmonics" in words:
+        blocks.append(JointHarmonics(robot, joints, section.harmonics, wave))
+    return blocks
+
+
+def _across_axes(robot: Robot) -> list[str]:
+    """Parameters of all links but turns about the joints' own axes, which are zero offsets."""
+    own = {
+        f"link.{joint}.{AXES[3 + int(np.argmax(np.abs(axis)))]}"
+        for joint, axis in zip(robot.joint_names, robot.chain.axes, strict=True)
+        if np.abs(axis).max() > 1.0 - 1e-9
+    }
+    return [name for name in LinkGeometry(robot).names if name not in own]
+
+
+def candidates(
+    cell: Cell,
+    table: MeasurementTable,
+    kinds: Sequence[Measurement] | None = None,
+    *,
+    own_noise: bool = False,
+    before_measuring: bool = False,
+) -> list[Candidate]:
+    """The baseline and every model that the cell asks for, smallest first.
+
+    Models that free what these measurements cannot tell are reduced, and say so; zero offsets
+    that the cell lists by name are not left out in silence: their model is refused. Links are not
+    free without priors where nothing sees the scale of the arm.
+
+    Parameters
+    ----------
+    cell : Cell
+    table : MeasurementTable
+    kinds : sequence of Measurement, optional
+        With their noise; by default that of the cell.
+    own_noise : bool
+        Where the noise was found, estimate that of models without priors anew, each its own: a
+        robust loss would weigh down most of what a model that leaves much of the arm out misses.
+    before_measuring : bool
+        See :func:`kinds_of`.
+    """
+    if kinds is None:
+        kinds = kinds_of(cell, table.kinds, before_measuring=before_measuring)
+    alone = [k.of_unknown_noise() if own_noise and k.found else k for k in kinds]
+    baseline = _model(cell, table, (), alone)
+    found = [Candidate(FRAMES_ONLY, baseline)]
+    sized = cell.config.parameters.tune_priors and not before_measuring
+    for words in asked_for(cell):
+        name = name_of(words)
+        whole = _model(cell, table, words, kinds if PRIORS in words else alone)
+        if words == ("zero_offsets",):
+            found.append(Candidate(name, whole))
+            continue
+        if not before_measuring and _frees_scale(words, whole, table):
+            continue
+        reduced = reduce(whole, table.data)
+        if reduced.model.p > baseline.p:  # something of the arm is left
+            groups = size_groups(reduced.model) if PRIORS in words and sized else ()
+            found.append(Candidate(name, reduced.model, reduced.merged, groups))
+    return sorted(found, key=lambda candidate: candidate.model.p)
+
+
+def reference(cell: Cell, table: MeasurementTable) -> Candidate:
+    """Everything that may be off on an arm, or that the cell asks for, held by priors.
+
+    Nothing is left out of it: priors hold what the measurements do not tell.
+    """
+    asked = {word for words in cell.config.parameters.models for word in words}
+    words = tuple(dict.fromkeys([*_EVERYTHING, *sorted(asked - {"zero_offsets"})]))
+    if not _has_weight(cell):
+        words = tuple(word for word in words if word not in _WEIGH)
+    model = _model(cell, table, words, kinds_of(cell, table.kinds))
+    return Candidate(EVERYTHING, model, (), size_groups(model))
+
+
+def size_groups(model: CalibrationModel) -> tuple[PriorGroup, ...]:
+    """Parameters with a prior that are of one kind, to be found how large they are."""
+    members: dict[tuple[str, str], list[int]] = {}
+    for k in np.flatnonzero(np.isfinite(model.prior)).tolist():
+        members.setdefault((model.names[k].partition(".")[0], model.units[k]), []).append(k)
+    return tuple(
+        PriorGroup(
+            _KINDS.get(kind, kind[0]),
+            tuple(model.names[k] for k in own),
+            SIZES[0] * float(model.prior[own].min()),
+            SIZES[1] * float(model.prior[own].max()),
+            usual=float(np.sqrt(np.mean(model.prior[own] ** 2))),
+        )
+        for kind, own in members.items()
+    )
+
+
+def asked_for(cell: Cell) -> list[tuple[str, ...]]:
+    """Models that the cell asks for and can have, in its words."""
+    asked = cell.config.parameters.models
+    return [words for words in asked if _has_weight(cell) or not set(words) & set(_WEIGH)]
+
+
+def _model(
+    cell: Cell, table: MeasurementTable, words: Sequence[str], kinds: Sequence[Measurement]
+) -> CalibrationModel:
+    blocks = [*robot_blocks(cell, words), *set_up_blocks(cell, table)]
+    return CalibrationModel(cell.robot, blocks, kinds, _distances(cell, table))
+
+
+def _frees_scale(words: Sequence[str], whole: CalibrationModel, table: MeasurementTable) -> bool:
+    """Whether links are free and the measurements do not see how large the arm is.
+
+    Asked of the model before it is reduced: a link that is left out of it would hold the scale, and
+    a short one holds it badly.
+    """
+    if "geometry" not in words or PRIORS in words:
+        return False
+    x = first_guess(whole, table.data)
+    data = table.data
+    linear = whole.linearise(data.postures, x, data.setup, data.observed)
+    return unseen_scale(linear, x) > UNSEEN_SCALE
+
+
+def left_out(cell: Cell) -> list[str]:
+    """Models that the cell asks for and cannot have, with the reason."""
+    able = asked_for(cell)
+    return [
+        f"{name_of(words)}: the masses of the links are not known"
+        for words in cell.config.parameters.models
+        if words not in able
+    ]
+
+
+def held_only(cell: Cell, table: MeasurementTable) -> list[str]:
+    """Names of models that the cell asks for, and that need priors: nothing sees the scale."""
+    kinds = kinds_of(cell, table.kinds)
+    return [
+        name_of(words)
+        for words in asked_for(cell)
+        if _frees_scale(words, _model(cell, table, words, kinds), table)
+    ]
+
+
+def _has_weight(cell: Cell) -> bool:
+    return bool(cell.robot.link_mass.any())
+
+
+def _distances(cell: Cell, table: MeasurementTable) -> list[KnownDistance]:
+    known = []
+    for section in cell.config.known_distance:
+        missing = next((name for name in section.targets if name not in table.data.targets), None)
+        if missing is not None:
+            raise InputError(
+                f"a distance to the target {missing!r} is known, and it was not measured",
+                hint=f"in the cell's [[known_distance]], {near_names(missing, table.data.targets)}",
+                name="known_distance",
+            )
+        first, second = section.targets
+        known.append(
+            KnownDistance(first, second, section.length_mm / 1e3, section.three_sigma_mm / 3e3)
+        )
+    return known
+
+
+def model_of(cell: Cell, names: Sequence[str]) -> CalibrationModel:
+    """The model that has these parameters, by their names: of a result that is read from a file.
+
+    Parameters
+    ----------
+    cell : Cell
+    names : sequence of str
+        Such as ``zero_offset.joint_2``, ``link.joint_3.rx``, ``tool.x``, ``target.T1.z``.
+
+    Raises
+    ------
+    InputError
+        A name that is no parameter of this cell's robot; the hint lists near ones.
+    """
+    robot, payloads, wanted = cell.robot, payloads_of(cell), set(names)
+    joints, section = robot.joint_names, cell.config.parameters
+    waves = sorted({float(m[1]) for name in names if (m := _WAVE.fullmatch(name))})
+    whole: list[ParameterBlock] = [
+        ZeroOffsets(robot, joints),
+        LinkGeometry(robot),
+        JointScale(robot, joints),
+        JointCompliance(robot, joints, payloads),
+        BearingCompliance(robot, joints, payloads),
+        LostMotion(robot, joints, section.lost_motion_nm, payloads),
+        JointHarmonics(robot, joints, waves or [1.0]),
+        *_frames_named(cell, names),
+    ]
+    known = {name for block in whole for name in block.names}
+    strange = next((name for name in names if name not in known), None)
+    if strange is not None:
+        raise InputError(
+            f"{robot.name} has no parameter {strange[:60]!r}",
+            hint=near_names(strange, known),
+            name=strange,
+        )
+    blocks = [Part(block, [n for n in block.names if n in wanted]) for block in whole]
+    kept = [block for block in blocks if block.size or block.tools or block.targets]
+    return CalibrationModel(robot, kept, cell.measurement)
+
+
+def _frames_named(cell: Cell, names: Sequence[str]) -> list[ParameterBlock]:
+    """Frames of the tools and targets that names speak of, at the origin; one of each at least."""
+    tools = dict.fromkeys(m[1] or TOOL for name in names if (m := _TOOL_AXIS.fullmatch(name)))
+    targets = dict.fromkeys(m[1] for name in names if (m := _TARGET_AXIS.fullmatch(name)))
+    there, on_tip = np.eye(4), transform(np.eye(3), cell.tool_m)
+    return [
+        *(ToolFrame(on_tip, label) for label in tools or (TOOL,)),
+        *(TargetFrame(there, label) for label in targets or ("T1",)),
+        LengthOffsets([n.removeprefix("length.") for n in names if n.startswith("length.")]),
+    ]

@@ -1,0 +1,172 @@
+"""What is known of the ways between the postures of one cell, and the detours where one is blocked.
+
+A detour leads through the base posture, or with the tool drawn back along its z before and after.
+Ways are the same in both directions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from calib.robots import Robot
+from calib.se3 import FloatArray
+from posedesign.constraints import Checker, nearest_postures
+from posedesign.constraints.motions import WayChecker
+from posedesign.motion.order import ACCELERATION_S, moving_time_s
+
+RETREATS_M = (0.1, 0.2, 0.4)
+"""How far the tool is drawn back in a detour, the shortest that helps."""
+
+Leg = tuple[FloatArray, FloatArray]
+"""From a posture ``(n,)`` to a posture ``(n,)`` [rad]."""
+
+
+class Passages:
+    """Remembers what was found out of ways; each is checked once.
+
+    Parameters
+    ----------
+    robot : Robot
+    ways : WayChecker
+    passing : Checker
+        What a posture that the arm only passes through must keep.
+    base : array (n,)
+        Posture that detours may lead through [rad].
+    speeds : array (n,)
+        Of the joints [rad/s]: the quickest detour is taken.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        ways: WayChecker,
+        passing: Checker,
+        base: FloatArray,
+        speeds: FloatArray,
+    ) -> None:
+        self._robot = robot
+        self._ways = ways
+        self._passing = passing
+        self._base = base
+        self._speeds = speeds
+        self._reasons: dict[frozenset[bytes], str] = {}
+        self._detours: dict[frozenset[bytes], list[FloatArray] | None] = {}
+        self._retreats: dict[bytes, list[FloatArray]] = {}
+
+    def check(self, legs: Sequence[Leg]) -> bool:
+        """Check the ways that are not yet known; whether there was one."""
+        unknown = {_edge(*leg): leg for leg in legs if _edge(*leg) not in self._reasons}
+        if unknown:
+            starts, ends = (np.array(side) for side in zip(*unknown.values(), strict=True))
+            self._reasons.update(zip(unknown, self._blocked(starts, ends), strict=True))
+        return bool(unknown)
+
+    def reason(self, start: FloatArray, end: FloatArray) -> str:
+        """What is known to be in the way between two postures."""
+        return self._reasons.get(_edge(start, end), "")
+
+    def through(
+        self, start: FloatArray, end: FloatArray, others: Sequence[FloatArray]
+    ) -> list[FloatArray] | None:
+        """Postures to pass from one to another; none for a clear way, None without any.
+
+        A detour where there is one, else over other postures, the quickest way that is known.
+        """
+        if not self.reason(start, end):
+            return []
+        detour = self.detour(start, end)
+        if detour is not None:
+            return detour
+        self.check([(end, other) for other in others if not np.array_equal(other, end)])
+        return self._over_others([start, *others, end])
+
+    def detour(self, start: FloatArray, end: FloatArray) -> list[FloatArray] | None:
+        """Postures to pass through from one to another, the quickest of those that are clear."""
+        edge = _edge(start, end)
+        if edge not in self._detours:
+            first, last = self._drawn_back(start), self._drawn_back(end)
+            options = [[self._base], *([q] for q in (*first, *last))]
+            options += [[a, b] for a in first for b in last]
+            options += [[a, self._base, b] for a in first for b in last]
+            paths = [[start, *via, end] for via in options]
+            paths.sort(key=self._time)
+            clear = self._all_clear(paths)
+            self._detours[edge] = next((p for p, ok in zip(paths, clear, strict=True) if ok), None)
+        path = self._detours[edge]
+        if path is None:
+            return None
+        return path[1:-1] if np.array_equal(path[0], start) else path[-2:0:-1]
+
+    def in_steps(self, path: Sequence[FloatArray]) -> list[FloatArray]:
+        """The path with stops put in between, so that no joint travels too far at once."""
+        stops = [path[0]]
+        for a, b in pairwise(path):
+            count = self._ways.steps(a, b)
+            stops += [a + (b - a) * k / count for k in range(1, count)]
+            stops.append(b)  # as it is: ways are known by the last bit of their ends
+        return stops
+
+    def _over_others(self, places: Sequence[FloatArray]) -> list[FloatArray] | None:
+        """The quickest known way from the first to the last place over the others."""
+        target = len(places) - 1
+        reached: dict[int, tuple[float, list[FloatArray]]] = {0: (0.0, [])}
+        front = [0]
+        while front:
+            here = front.pop(0)
+            for row, place in enumerate(places):
+                hop = self._known_hop(places[here], place)
+                if row == here or hop is None:
+                    continue
+                time = reached[here][0] + self._time([places[here], *hop, place])
+                if time < reached.get(row, (np.inf,))[0]:
+                    passed = [places[here]] if here != 0 else []
+                    reached[row] = time, [*reached[here][1], *passed, *hop]
+                    front.append(row)
+        return reached[target][1] if target in reached else None
+
+    def _known_hop(self, start: FloatArray, end: FloatArray) -> list[FloatArray] | None:
+        """What is known to lead from one place to another: a clear way, or a detour."""
+        edge = _edge(start, end)
+        if edge not in self._reasons:
+            return None
+        if not self._reasons[edge]:
+            return []
+        return self.detour(start, end) if edge in self._detours else None
+
+    def _blocked(self, start: FloatArray, end: FloatArray) -> list[str]:
+        """What is in each of the ways ``(W, n)`` to ``(W, n)`` [rad], stops on them included."""
+        reasons = list(self._ways.check(start, end, far=True).reasons)
+        if np.isfinite(self._ways.largest_travel):
+            for i in np.flatnonzero([not why for why in reasons]).tolist():
+                stops = self.in_steps([start[i], end[i]])[1:-1]
+                if stops:
+                    verdicts = self._passing.check(np.array(stops))
+                    worst = int(np.argmin(verdicts.slack))
+                    reasons[i] = "" if verdicts.feasible.all() else verdicts.says(worst)
+        return reasons
+
+    def _drawn_back(self, q: FloatArray) -> list[FloatArray]:
+        """Postures near one with the tool drawn back along its z."""
+        if q.tobytes() not in self._retreats:
+            T = np.tile(self._robot.fk(q), (len(RETREATS_M), 1, 1))
+            T[:, :3, 3] -= np.array(RETREATS_M)[:, None] * T[:, :3, 2]
+            found = nearest_postures(self._passing, T, q)
+            self._retreats[q.tobytes()] = list(found.q[found.feasible])
+        return self._retreats[q.tobytes()]
+
+    def _all_clear(self, paths: Sequence[Sequence[FloatArray]]) -> list[bool]:
+        starts = np.array([q for path in paths for q in path[:-1]])
+        ends = np.array([q for path in paths for q in path[1:]])
+        clear = np.array([not why for why in self._blocked(starts, ends)])
+        splits = np.cumsum([len(path) - 1 for path in paths])[:-1]
+        return [bool(part.all()) for part in np.split(clear, splits)]
+
+    def _time(self, path: Sequence[FloatArray]) -> float:
+        return moving_time_s(np.array(path), self._speeds, ACCELERATION_S)
+
+
+def _edge(a: FloatArray, b: FloatArray) -> frozenset[bytes]:
+    return frozenset((a.tobytes(), b.tobytes()))

@@ -1,0 +1,279 @@
+"""The order in which poses are visited, so that every move between them is short and clear.
+
+Moves are straight in joint space. The order is the quickest found from the base posture through
+all poses and back to it; where the way between two poses is not clear, another order is tried, then
+a detour. Where a joint would travel too far at once, stops are put in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calib.errors import UnreachableError
+from calib.robots import Robot
+from calib.se3 import BoolArray, FloatArray
+from posedesign.constraints import Checker
+from posedesign.constraints.motions import WayChecker
+from posedesign.constraints.retreat import Retreat
+from posedesign.motion.approach import find_approaches
+from posedesign.motion.known_motions import Leg, Passages
+from posedesign.motion.order import (
+    ACCELERATION_S,
+    legs_of,
+    move_times,
+    moving_time_s,
+    shortest_order,
+)
+from posedesign.motion.waypoints import Passing, Route, RouteOptions, Stop
+
+if TYPE_CHECKING:
+    from posedesign.cell import Cell
+
+__all__ = ["Passing", "Route", "RouteOptions", "Router", "Stop"]
+
+MOST_ORDERS = 60
+"""Orders tried while ways turn out to be blocked; each try checks only ways not yet known."""
+
+MOTION_SHARE = 1e-3
+"""Of the mean time over the joints, added to that of the slowest: of the many orders that take as
+long where one joint sets the time, that with least motion is taken. It makes the answer one, too:
+without it a search of limited time returned several of them for 60 and 100 poses."""
+
+
+class Router:
+    """Finds routes through postures of one cell, and remembers what it has found out of ways.
+
+    Parameters
+    ----------
+    robot : Robot
+    ways : WayChecker
+    passing : Checker
+        What a posture that the arm only passes through must keep.
+    start : array (n,)
+        Posture that the arm comes from [rad].
+    options : RouteOptions
+    retreat : Retreat, optional
+        How the tool comes to each pose along its axis.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        ways: WayChecker,
+        passing: Checker,
+        start: FloatArray,
+        options: RouteOptions | None = None,
+        retreat: Retreat | None = None,
+    ) -> None:
+        self._ways = ways
+        self._passing = passing
+        self._start = start
+        self._retreat = retreat
+        self._led_to: set[bytes] = set()  # postures that a route has led to
+        self.options = options or RouteOptions()
+        # joints whose speed is not known are taken to be as fast as the others
+        known = np.isfinite(robot.speed)
+        self._timed = bool(known.any())
+        usual = np.median(robot.speed[known]) if self._timed else 1.0
+        self._speeds = self.options.speed_share * np.where(known, robot.speed, usual)
+        home = start if retreat is None else retreat.back_off(start[None])[0][0]
+        self._passages = Passages(robot, ways, passing, home, self._speeds)
+
+    @classmethod
+    def of_cell(cls, cell: Cell) -> Router:
+        """The router of a cell, with what its ``[plan]`` asks for and its program's speed."""
+        section = cell.config.plan
+        same_side = section.approach == "same-side"
+        options = RouteOptions(
+            return_to_base=section.return_to_base,
+            approach_rad=float(np.deg2rad(section.approach_deg)) if same_side else 0.0,
+            dwell_s=section.dwell_s,
+            speed_share=cell.config.program.speed_percent / 100.0,
+        )
+        return cls(cell.robot, cell.ways, cell.passing, cell.base_posture, options, cell.retreat)
+
+    def route(self, postures: FloatArray) -> Route:
+        """Visit postures ``(N, n)`` [rad], from the start posture on."""
+        places, lost = self._places(postures)
+        rows = [0, *(i + 1 for i in range(len(postures)) if i not in lost)]
+        moved: set[int] = set()
+        order = self._clear_order(places, rows)
+        while (cut := self._first_cut(places, order)) is not None:
+            node = order.pop(cut)
+            place = None if node in moved else self._place_for(places, order, node)
+            if place is not None:
+                order.insert(place, node)
+                moved.add(node)  # once: what is moved to and fro would never end
+            elif self._through(places, [*order, node], (order[cut - 1], node)) is not None:
+                order.insert(cut, node)
+                moved.add(node)
+            else:
+                why = self._passages.reason(*places.leg(order[cut - 1], node))
+                lost[node - 1] = f"no clear way to it: {why}"
+                order = self._clear_order(places, order)
+        self._led_to.update(postures[row - 1].tobytes() for row in order if row)
+        stops = tuple(self._stops(places, order))
+        path = np.array([self._start, *(stop.posture for stop in stops)])
+        moving = moving_time_s(path, self._speeds, ACCELERATION_S) if self._timed else np.nan
+        return Route(stops, lost, moving, self.options.dwell_s)
+
+    def between(self, start: FloatArray, end: FloatArray) -> list[FloatArray] | None:
+        """Postures to pass from one ``(n,)`` to another [rad]; None where no clear way is found."""
+        self._passages.check([(start, end)])
+        through = self._passages.through(start, end, [])
+        return None if through is None else self._passages.in_steps([start, *through, end])[1:-1]
+
+    def reached(self, postures: FloatArray) -> BoolArray:
+        """Postures ``(N, n)`` [rad] that a clear way leads to.
+
+        Straight from the base posture and back; or on a route that was found before.
+        """
+        places, lost = self._places(postures)
+        found = np.array([i not in lost for i in range(len(postures))], dtype=bool)
+        rows = (np.flatnonzero(found) + 1).tolist()
+        legs = {i: (places.leg(0, i), places.leg(i, 0)) for i in rows}
+        self._passages.check([leg for both in legs.values() for leg in both])
+        for i, both in legs.items():
+            found[i - 1] = not any(self._passages.reason(*leg) for leg in both)
+        before = np.array([q.tobytes() in self._led_to for q in postures], dtype=bool)
+        return np.asarray(found | before)
+
+    def _places(self, postures: FloatArray) -> tuple[_Places, dict[int, str]]:
+        """The base posture and the poses, and which of these have no approach."""
+        at, closed = np.vstack([self._start, postures]), self.options.return_to_base
+        if self._retreat is not None:
+            back, reasons = self._retreat.back_off(at)
+            if reasons[0]:
+                raise UnreachableError(
+                    f"the tool cannot back off from the base posture: {reasons[0]}",
+                    hint="move the base posture, or change plan.retreat_mm",
+                    name="base_pose",
+                )
+            return _Places(at, back, back, closed), {
+                i: f"cannot be come to along the tool: {why}"
+                for i, why in enumerate(reasons[1:])
+                if why
+            }
+        if not self.options.approach_rad:
+            return _Places(at, at, at, closed), {}
+        found = find_approaches(postures, self.options.approach_rad, self._passing, self._passages)
+        return _Places(at, at, np.vstack([self._start, found.postures]), closed), dict(found.lost)
+
+    def _stops(self, places: _Places, order: list[int]) -> list[Stop]:
+        """The stops of an order of places; with a retreat the round begins and ends backed off."""
+        backs_off = places.leave is not places.at
+        before = Passing.RETREAT if backs_off else Passing.APPROACH
+        stops = [Stop(places.leave[0], None, Passing.RETREAT)] * backs_off
+        for a, b in legs_of(order, closed=places.closed):
+            between = self._through(places, order, (a, b)) or []
+            start, end = places.leg(a, b)
+            path = self._passages.in_steps([start, *between, end])
+            stops += [Stop(q, None) for q in path[1:-1]]
+            if b == 0:
+                stops.append(Stop(end, None, Passing.RETURN))
+                continue
+            if places.enter is not places.at:
+                stops.append(Stop(end, None, before))
+            stops.append(Stop(places.at[b], b - 1))
+            if backs_off:
+                stops.append(Stop(places.leave[b], None, Passing.RETREAT))
+        return stops
+
+    def _first_cut(self, places: _Places, order: list[int]) -> int | None:
+        """Place in the order of the first node that no way leads to from the one before.
+
+        There is always a way back to the base posture: if no other, that which led here.
+        """
+        legs = legs_of(order, closed=places.closed)
+        self._passages.check([places.leg(*leg) for leg in legs])
+        for place, leg in enumerate(legs[: len(order) - 1], start=1):
+            if self._through(places, order, leg) is None:
+                return place
+        return None
+
+    def _place_for(self, places: _Places, order: list[int], node: int) -> int | None:
+        """Where in an order a node can be put with clear ways before and after it."""
+        to = [places.leg(other, node) for other in order]
+        onward = [places.leg(node, other) for other in order]
+        self._passages.check([*to, *onward])
+        reachable = [not self._passages.reason(*leg) for leg in to]
+        leads_on = [not self._passages.reason(*leg) for leg in onward]
+        for place in range(1, len(order) + 1):
+            following = leads_on[place % len(order)] or (place == len(order) and not places.closed)
+            if reachable[place - 1] and following:
+                return place
+        return None
+
+    def _through(
+        self, places: _Places, rows: Sequence[int], leg: tuple[int, int]
+    ) -> list[FloatArray] | None:
+        """Postures to pass from one node to another; see :meth:`Passages.through`."""
+        others = [places.leave[row] for row in rows]
+        if places.enter is not places.leave:
+            others += [places.enter[row] for row in rows if row != 0]
+        return self._passages.through(*places.leg(*leg), others)
+
+    def _clear_order(self, places: _Places, rows: list[int]) -> list[int]:
+        """The quickest order found that avoids blocked ways, where there is one.
+
+        The library has its turn when a quick search has found out what is in the way.
+        """
+        cost = self._costs(places.leave[rows], places.enter[rows])
+        pairs = [(i, j) for i in range(len(rows)) for j in range(len(rows)) if i != j]
+        for i, j in pairs:
+            if self._passages.reason(*places.leg(rows[i], rows[j])):
+                cost[i, j] = np.inf
+        thorough = False
+        for _ in range(MOST_ORDERS):
+            order = shortest_order(cost, closed=places.closed, thorough=thorough)
+            steps = legs_of(order, closed=places.closed)
+            legs = [places.leg(rows[i], rows[j]) for i, j in steps]
+            asked = self._passages.check(legs)
+            blocked = [
+                step for step, leg in zip(steps, legs, strict=True) if self._passages.reason(*leg)
+            ]
+            for i, j in blocked if asked else ():
+                cost[i, j] = np.inf
+                if places.enter is places.leave:
+                    cost[j, i] = np.inf
+            if not asked or not blocked:  # nothing new, or nothing in the way
+                if thorough:
+                    break
+                thorough = True
+        return [rows[i] for i in order]
+
+    def _costs(self, leave: FloatArray, enter: FloatArray) -> FloatArray:
+        """Times ``(K, K)`` [s] from leaving each place to being at each, if all ways are clear."""
+        moves = np.abs(enter[None] - leave[:, None])
+        count = self._ways.steps_of(moves.max(axis=-1))
+        times = count * move_times(moves / count[..., None], self._speeds, ACCELERATION_S)
+        return np.asarray(times + MOTION_SHARE * (moves / self._speeds).mean(axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """The base posture, which is place 0, and the poses.
+
+    Attributes
+    ----------
+    at : array (1 + N, n)
+        Postures that the arm is brought to [rad].
+    leave, enter : array (1 + N, n)
+        Postures from which the arm goes on, and to which it comes first [rad]: the same array where
+        ways are the same in both directions, and as ``at`` where nothing lies in between.
+    closed : bool
+        Whether the arm goes back to place 0 in the end.
+    """
+
+    at: FloatArray
+    leave: FloatArray
+    enter: FloatArray
+    closed: bool
+
+    def leg(self, start: int, end: int) -> Leg:
+        """From one place to another."""
+        return self.leave[start], self.enter[end]

@@ -1,0 +1,1 @@
+"""Files of pose pairs, and of the answers to AX = ZB."""

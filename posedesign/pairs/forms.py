@@ -1,0 +1,277 @@
+"""Forms in which the pose of one side stands in a table: the one definition of their columns.
+
+A pose is a position and an orientation, in any combination of these columns, in any order:
+
+=========================================  ======================================================
+``x_mm y_mm z_mm`` or ``x_m y_m z_m``      translation
+``w_deg p_deg r_deg``, or ``_rad``         FANUC's W, P, R: turns about fixed x, then y, then z
+``qw qx qy qz``                            quaternion; w is the real part
+``rx_deg ry_deg rz_deg``, or ``_rad``      rotation vector: axis times angle, as Universal Robots
+                                           shows it and OpenCV's ``rvec`` has it
+``r11 r12 .. r33``                         rotation matrix, row and column; the last row of the
+                                           transform, 0 0 0 1, may follow as ``r41 .. r44``
+=========================================  ======================================================
+
+In a file of pairs each name has ``a_`` or ``b_`` before it: ``a_x_mm``, ``b_qw``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from calib import se3
+from calib.errors import FileFormatError, InputError, near_names
+from calib.se3 import FloatArray
+from posedesign.files.csv_tables import Row, check_columns, numbers_of
+from posedesign.pairs.checks import (
+    Place,
+    rotations_from_quaternions,
+    transforms_from_matrices,
+)
+from posedesign.pairs.units import (
+    check_angles,
+    check_lengths,
+    refuse_endless_angles,
+    refuse_endless_lengths,
+)
+
+METRES = MappingProxyType({"mm": 1e-3, "m": 1.0})
+"""Units of length, in metres."""
+
+_PLACES = {unit: tuple(f"{axis}_{unit}" for axis in "xyz") for unit in METRES}
+_LAST_ROW = tuple(f"r4{column}" for column in range(1, 5))
+_TURNS: Mapping[str, tuple[str, ...]] = {
+    "wpr-deg": ("w_deg", "p_deg", "r_deg"),
+    "wpr-rad": ("w_rad", "p_rad", "r_rad"),
+    "quaternion": ("qw", "qx", "qy", "qz"),
+    "vector-deg": ("rx_deg", "ry_deg", "rz_deg"),
+    "vector-rad": ("rx_rad", "ry_rad", "rz_rad"),
+    "matrix": tuple(f"r{row}{column}" for row in range(1, 4) for column in range(1, 4)),
+}
+TURNS = tuple(_TURNS)
+"""Names of the forms of an orientation."""
+
+POSE_COLUMNS = frozenset(
+    name for names in (*_PLACES.values(), *_TURNS.values(), _LAST_ROW) for name in names
+)
+"""All names of columns, without ``a_`` and ``b_``."""
+
+_DEGREE = np.pi / 180.0
+_FROM_ANGLES: Mapping[str, Callable[[FloatArray], FloatArray]] = {
+    "wpr": se3.rotation_from_wpr,
+    "vector": se3.rotation_exp,
+}
+_TO_ANGLES: Mapping[str, Callable[[FloatArray], FloatArray]] = {
+    "wpr": se3.wpr_from_rotation,
+    "vector": se3.rotation_log,
+}
+
+
+@dataclass(frozen=True)
+class PoseForm:
+    """Form of the pose of one side.
+
+    Attributes
+    ----------
+    unit : {"mm", "m"}
+        Unit of the translation.
+    turn : str
+        Form of the orientation, one of :data:`TURNS`.
+    """
+
+    unit: str = "mm"
+    turn: str = "wpr-deg"
+
+    def __post_init__(self) -> None:
+        for name, value, known in (("unit", self.unit, METRES), ("turn", self.turn, TURNS)):
+            if value not in known:
+                raise InputError(
+                    f"there is no {name} {value!r} of a pose",
+                    hint=near_names(value, known),
+                    name=name,
+                    value=value,
+                )
+
+    @property
+    def place_columns(self) -> tuple[str, ...]:
+        """Columns of the translation."""
+        return _PLACES[self.unit]
+
+    @property
+    def turn_columns(self) -> tuple[str, ...]:
+        """Columns of the orientation."""
+        return _TURNS[self.turn]
+
+    def numbers(self, T: FloatArray) -> FloatArray:
+        """Numbers of transforms ``(N, 4, 4)``: translation, then orientation, ``(N, 6)`` up."""
+        kind, _, unit = self.turn.partition("-")
+        R = T[:, :3, :3]
+        if kind == "matrix":
+            turn = R.reshape(-1, 9)
+        elif kind == "quaternion":
+            turn = se3.quaternion_from_rotation(R)
+        else:
+            turn = _TO_ANGLES[kind](R) / (_DEGREE if unit == "deg" else 1.0)
+        return np.concatenate([T[:, :3, 3] / METRES[self.unit], turn], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Poses of one side as they were read.
+
+    Attributes
+    ----------
+    T : array (N, 4, 4)
+        [m].
+    place : Place
+        Where they stand.
+    names : tuple of str
+        From the column ``pose``; empty where there is none.
+    notes : tuple of str
+        What is odd about them.
+    turn : str
+        Form that the orientation had, one of :data:`TURNS`.
+    numbers : array (N, 3), (N, 4) or (N, 9)
+        The orientation in that form; angles in rad.
+    """
+
+    T: FloatArray
+    place: Place
+    names: tuple[str, ...]
+    notes: tuple[str, ...]
+    turn: str
+    numbers: FloatArray
+
+
+def find_form(path: Path, columns: Sequence[str], prefix: str) -> PoseForm:
+    """The form that the columns with a prefix have.
+
+    Raises
+    ------
+    FileFormatError
+        A column is missing, or there are two forms of the same thing.
+    """
+    unit = _find(path, columns, prefix, _PLACES, "position")
+    turn = _find(path, columns, prefix, _TURNS, "orientation")
+    return PoseForm(unit, turn)
+
+
+def read_poses_of(
+    path: Path, columns: Sequence[str], rows: Sequence[Row], prefix: str, *, trust_units: bool
+) -> Poses:
+    """Poses from the columns of a table whose names begin with a prefix.
+
+    Raises
+    ------
+    FileFormatError
+        Naming line and column: no number, no rotation, or a unit that cannot be.
+    """
+    form = find_form(path, columns, prefix)
+    place = Place(path, tuple(row.line for row in rows))
+    place_columns = [prefix + name for name in form.place_columns]
+    p = numbers_of(path, rows, place_columns) * METRES[form.unit]
+    what = f"{place_columns[0]} to {place_columns[-1]}"
+    refuse_endless_lengths(place, p, what)
+    numbers = _turn_numbers(path, rows, prefix, form, trust_units)
+    R, note = _rotations(path, columns, rows, prefix, form, place, numbers)
+    if not trust_units:
+        other = "m" if form.unit == "mm" else "mm"
+        named = ", ".join(prefix + name for name in _PLACES[other])
+        check_lengths(place, p, form.unit, f"call the columns {named}", what)
+    names = tuple(row.cells["pose"] for row in rows) if "pose" in columns else ()
+    notes = (f"{path}, {prefix + form.turn_columns[0]} ..: {note}",) if note else ()
+    return Poses(se3.transform(R, p), place, names, notes, form.turn, numbers)
+
+
+def _turn_numbers(
+    path: Path, rows: Sequence[Row], prefix: str, form: PoseForm, trust_units: bool
+) -> FloatArray:
+    """The orientation in its own form, angles in rad."""
+    names = tuple(prefix + name for name in form.turn_columns)
+    numbers = numbers_of(path, rows, names)
+    _, _, unit = form.turn.partition("-")
+    if unit:
+        refuse_endless_angles(Place(path, tuple(row.line for row in rows)), numbers, names, unit)
+        if not trust_units:
+            check_angles(path, names, numbers, unit)
+    return numbers * _DEGREE if unit == "deg" else numbers
+
+
+def _rotations(
+    path: Path,
+    columns: Sequence[str],
+    rows: Sequence[Row],
+    prefix: str,
+    form: PoseForm,
+    place: Place,
+    numbers: FloatArray,
+) -> tuple[FloatArray, str]:
+    """Rotations ``(N, 3, 3)``, and a note where they are rounded."""
+    what = f"{prefix}{form.turn_columns[0]} to {prefix}{form.turn_columns[-1]}"
+    if form.turn == "quaternion":
+        return rotations_from_quaternions(numbers, place, what)
+    if form.turn == "matrix":
+        T = se3.transform(numbers.reshape(-1, 3, 3), np.zeros(3))
+        last = [prefix + name for name in _LAST_ROW]
+        if any(name in columns for name in last):
+            _check_there(path, columns, last)
+            T[:, 3] = numbers_of(path, rows, last)
+        T, note = transforms_from_matrices(T, place, what)
+        return T[:, :3, :3], note
+    kind, _, _ = form.turn.partition("-")
+    return _FROM_ANGLES[kind](numbers), ""
+
+
+def _find(
+    path: Path,
+    columns: Sequence[str],
+    prefix: str,
+    forms: Mapping[str, tuple[str, ...]],
+    what: str,
+) -> str:
+    """The one form that is there as a whole."""
+    there = {
+        name: sum(prefix + column in columns for column in needed) for name, needed in forms.items()
+    }
+    whole = [name for name, needed in forms.items() if there[name] == len(needed)]
+    if len(whole) > 1:
+        first, second = (prefix + forms[name][0] for name in whole[:2])
+        raise FileFormatError(
+            f"gives the {what} a second time, after {first}",
+            path=path,
+            row=1,
+            column=second,
+            hint=f"leave one {what} out",
+        )
+    if whole:
+        return whole[0]
+    most = max(there, key=lambda name: there[name])
+    if there[most]:
+        _check_there(path, columns, [prefix + column for column in forms[most]])
+    choices = " or ".join(f"{prefix}{needed[0]} .." for needed in forms.values())
+    without = [c for c in columns if c.lower().removeprefix(prefix) in tuple("xyzwpr")]
+    raise FileFormatError(
+        f"there is no {what}: no column {prefix}{next(iter(forms.values()))[0]}",
+        path=path,
+        row=1,
+        hint=f"say the unit: {without[0]}_{'mm' if what == 'position' else 'deg'}, say"
+        if without
+        else f"call the columns {choices}",
+    )
+
+
+def _check_there(path: Path, columns: Sequence[str], needed: Sequence[str]) -> None:
+    """Check that columns are there, those with a unit in their names in that unit."""
+    if needed[0].endswith(("_mm", "_m", "_deg", "_rad")):
+        check_columns(path, columns, needed)
+        return
+    for column in needed:
+        if column not in columns:
+            raise FileFormatError(
+                f"there is no column {column}", path=path, row=1, hint=near_names(column, columns)
+            )

@@ -1,0 +1,151 @@
+"""Pose pairs in MATLAB files: arrays 4x4xN of transforms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import FileFormatError, near_names
+from calib.se3 import FloatArray
+from posedesign.files.csv_tables import LONGEST_SHOWN
+from posedesign.pairs.checks import Place, transforms_from_matrices
+from posedesign.pairs.forms import METRES, Poses
+from posedesign.pairs.mat_reading import NUMBERS, WHOLE_NUMBERS, Variable, real_array, variables_of
+from posedesign.pairs.units import check_lengths, refuse_endless_lengths
+
+
+@dataclass(frozen=True)
+class MatFile:
+    """A MATLAB file that was looked into.
+
+    Attributes
+    ----------
+    path : Path
+    variables : mapping of str to Variable
+    """
+
+    path: Path
+    variables: Mapping[str, Variable]
+
+    @property
+    def stacks(self) -> tuple[str, ...]:
+        """Names of the variables that are 4x4xN numbers."""
+        return tuple(name for name, variable in self.variables.items() if _is_stack(variable))
+
+    def poses(self, name: str, unit: str, *, trust_units: bool) -> Poses:
+        """Transforms of a variable.
+
+        Raises
+        ------
+        FileFormatError
+            It is not there, no 4x4xN real numbers, or some are no rigid transforms.
+        """
+        T = self._array(name)
+        place = Place(self.path, variable=name)
+        T[:, :3, 3] *= METRES[unit]
+        T, note = transforms_from_matrices(T, place)
+        refuse_endless_lengths(place, T[:, :3, 3])
+        if not trust_units:
+            other = "m" if unit == "mm" else "mm"
+            check_lengths(place, T[:, :3, 3], unit, f"say --unit {other}")
+        notes = (f"{self.path}, {name}: {note}",) if note else ()
+        return Poses(T, place, (), notes, "matrix", T[:, :3, :3].reshape(-1, 9))
+
+    def _array(self, name: str) -> FloatArray:
+        """Matrices ``(N, 4, 4)`` in the unit of the file."""
+        if name not in self.variables:
+            raise FileFormatError(
+                f"there is no variable {name[:LONGEST_SHOWN]!r}",
+                path=self.path,
+                hint=near_names(name, self.stacks or self.variables),
+                value=name,
+            )
+        variable = self.variables[name]
+        if not _is_stack(variable):
+            raise _no_stack(self.path, name, variable)
+        found = real_array(self.path, variable)
+        return np.ascontiguousarray(np.moveaxis(found, -1, 0))
+
+
+def open_mat(path: Path) -> MatFile:
+    """Look into a MATLAB file.
+
+    Raises
+    ------
+    FileFormatError
+        It is missing, too large, of version 7.3, no MATLAB file, or damaged.
+    """
+    return MatFile(path, variables_of(path))
+
+
+def pick_two(file: MatFile, variables: Sequence[str]) -> tuple[str, str]:
+    """The variables that are A and B: those that were named, or ``A`` and ``B``.
+
+    Raises
+    ------
+    FileFormatError
+        Which is which cannot be known.
+    """
+    if variables:
+        return variables[0], variables[1]
+    if "A" in file.variables and "B" in file.variables:
+        return "A", "B"
+    two = ",".join(file.stacks[:2]) if len(file.stacks) == 2 else "NAME_OF_A,NAME_OF_B"
+    raise FileFormatError(
+        f"does not say which of its variables are A and B ({_listed(file)})",
+        path=file.path,
+        hint=f"name A, then B, with --variables {two}",
+    )
+
+
+def pick_one(file: MatFile, variable: str) -> str:
+    """The variable of a file with one side: the one that was named, or the only 4x4xN one.
+
+    Raises
+    ------
+    FileFormatError
+        There are several.
+    """
+    if variable:
+        return variable
+    known = file.stacks or tuple(file.variables)
+    if len(known) == 1:
+        return known[0]
+    raise FileFormatError(
+        f"does not say which of its variables to take ({_listed(file)})",
+        path=file.path,
+        hint="name that of A, then that of B, with --variables NAME,NAME",
+    )
+
+
+def _listed(file: MatFile) -> str:
+    if not file.variables:
+        return "it is empty"
+    known = list(file.variables.items())
+    shown = [f"{name[:LONGEST_SHOWN]}: {variable.described}" for name, variable in known[:8]]
+    return ", ".join(shown) + (f" and {len(known) - 8} more" if len(known) > 8 else "")
+
+
+def _no_stack(path: Path, name: str, variable: Variable) -> FileFormatError:
+    """What keeps a variable from being transforms, and what to do."""
+    said = f"is {variable.described}, not 4x4xN double"
+    hint = "stack the transforms along the third dimension: cat(3, T{:})"
+    if _is_stacked(variable) and variable.kind in WHOLE_NUMBERS:
+        said = f"is {variable.described}: whole numbers, which rotations are not made of"
+        hint = "save what it was made from, in double; double() does not bring its decimals back"
+    elif _is_stacked(variable) and variable.is_complex:
+        said = f"is {variable.described}, and transforms are real"
+        hint = "if its imaginary part is mere rounding, save real() of it"
+    return FileFormatError(said, path=path, key=name, hint=hint, value=variable.described)
+
+
+def _is_stack(variable: Variable) -> bool:
+    return _is_stacked(variable) and variable.kind in NUMBERS and not variable.is_complex
+
+
+def _is_stacked(variable: Variable) -> bool:
+    shape = variable.shape
+    return len(shape) == 3 and shape[:2] == (4, 4) and shape[2] > 0

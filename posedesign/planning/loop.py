@@ -1,0 +1,361 @@
+"""The loop of Watanabe et al. 2006, section 2.4: vary, check, repair, evaluate, vary more.
+
+Steps 1 to 6 of the paper are the functions below, in that order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from calib.errors import InputError, UnreachableError, check_type
+from calib.identification import check_identifiable, covariance_of
+from calib.model import CalibrationModel
+from calib.model.linearisation import Linearisation
+from calib.se3 import FloatArray, wpr_from_rotation
+from posedesign.cell import Cell
+from posedesign.cell.orientations import touching_poses, wpr_rotations
+from posedesign.constraints import Checker, nearest_postures
+from posedesign.motion.route import Route, Router
+from posedesign.planning.pose_plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
+from posedesign.planning.repair import RepairPool, repair
+from posedesign.selection.indices import (
+    SCALING,
+    SCALING_OF_POSES,
+    condition_2,
+    condition_inf,
+    evaluate,
+)
+
+IMPROVEMENT = 0.99
+"""A round counts as better when it brings C_G below this part of the best so far."""
+
+MOST_FREE = 6
+"""Degrees of freedom of a pose: three of the tool point, three of W, P, R."""
+
+FARTHEST_M = 0.5
+"""Distance of the target from the tool point at the base posture beyond which one of the two is a
+mistake: metres for millimetres, or another frame."""
+
+BESIDE_RAD = tuple(np.deg2rad([15.0, 30.0, 45.0]))
+"""Turns in W, P and R by which another base posture is looked for where that of the cell is not
+free; a base pose turned farther is no more the one that was meant."""
+
+FLIP_DEG = 90.0
+"""A joint that moves by more than this belongs to another arm configuration."""
+
+PATIENCE = 3
+"""Rounds without improvement after which the loop ends."""
+
+REPLACEMENTS = 3
+"""How often poses that no clear way leads to are replaced before they are left out."""
+
+Progress = Callable[[Round], None]
+
+
+def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
+    """Plan measuring poses until C_G falls below the threshold of the cell.
+
+    Parameters
+    ----------
+    cell : Cell
+    progress : callable, optional
+        Called with each :class:`Round` as it is done.
+
+    Raises
+    ------
+    UnreachableError
+        The base pose itself does not bring the tool point to the target, or breaks the margin.
+    NotIdentifiableError
+        No poses can identify some of the parameters, which are named.
+    """
+    check_type(cell, Cell, "cell")
+    return _Loop(cell, progress).run()
+
+
+class _Loop:
+    """State of one planning run: the rounds so far, the best of them, the repair pool."""
+
+    def __init__(self, cell: Cell, progress: Progress | None) -> None:
+        self.cell = cell
+        self.model = cell.model()
+        self.progress = progress
+        self.rounds: list[Round] = []
+        self.sets: list[PoseSet] = []
+        self.routes: list[Route | None] = []
+        self._pool = RepairPool(cell)
+        self._cut_off = 0  # poses and replacements that no clear way leads to
+        self._router = Router.of_cell(cell)
+        check_base_pose(cell)
+
+    def run(self) -> PosePlan:
+        section = self.cell.config.variations
+        variation = np.array(section.start_deg)  # step 1
+        largest = np.array(section.largest_deg)
+        while True:
+            self._round(variation)
+            stop = self._stop()
+            if stop is None:
+                following = self._raise(variation)
+                if following is None:
+                    stop = StopReason.VARIATION_LIMIT
+                else:
+                    variation = np.minimum(following, largest)
+                    continue
+            return self._finish(stop)
+
+    def _round(self, variation: FloatArray) -> None:
+        poses = self._generate(variation)
+        self.sets.append(poses)
+        self.routes.append(None)
+        self.rounds.append(self._evaluate(poses, variation.tolist(), len(self.rounds) + 1))
+        if self.rounds[-1].c_g < self.cell.config.plan.condition_threshold:
+            self._connect(len(self.rounds) - 1)
+        if self.progress is not None:
+            self.progress(self.rounds[-1])
+
+    def _evaluate(self, poses: PoseSet, variation: Sequence[float], number: int) -> Round:
+        weighted = self.cell.config.measurement.weighted
+        return evaluate_round(self.model, poses, number, variation, weighted)
+
+    def _connect(self, k: int) -> Route:
+        """Find the route of round k; poses that no way leads to are replaced, or dropped."""
+        known = self.routes[k]
+        if known is not None:
+            return known
+        cell, poses = self.cell, self.sets[k]
+        replacements = REPLACEMENTS if cell.config.plan.repair else 0
+        while True:
+            route = self._router.route(poses.kept)
+            if not route.lost:
+                break
+            self._cut_off += len(route.lost)
+            self._pool.exclude(poses.kept[list(route.lost)])
+            rows = [i for i, s in enumerate(poses.status) if s is not PoseStatus.DROPPED]
+            poses = poses.without({rows[i]: why for i, why in route.lost.items()})
+            if replacements:
+                poses = repair(cell, poses, self._pool)
+                replacements -= 1
+        self.routes[k] = route
+        if poses is not self.sets[k]:
+            self.sets[k] = poses
+            done = self.rounds[k]
+            self.rounds[k] = self._evaluate(poses, done.variation_deg, done.number)
+        return route
+
+    def _generate(self, variation: FloatArray) -> PoseSet:
+        """Steps 2 to 4: the grid, what of it can be reached, and replacements for the rest."""
+        poses = grid_poses(self.cell, variation)
+        if PoseStatus.DROPPED in poses.status and self.cell.config.plan.repair:
+            poses = repair(self.cell, poses, self._pool)
+        return poses
+
+    def _stop(self) -> StopReason | None:
+        """Step 5."""
+        values = [r.c_g for r in self.rounds]
+        if values[-1] < self.cell.config.plan.condition_threshold:
+            return StopReason.THRESHOLD
+        recent, before = values[-PATIENCE:], values[:-PATIENCE]
+        if before and min(recent) > IMPROVEMENT * min(before) and np.isfinite(min(before)):
+            return StopReason.NO_IMPROVEMENT
+        return None
+
+    def _raise(self, variation: FloatArray) -> FloatArray | None:
+        """Step 6: all angles by their steps, or the one that lowers C_G most; None at the limit."""
+        section = self.cell.config.variations
+        step, largest = np.array(section.step_deg), np.array(section.largest_deg)
+        if (variation >= largest).all():
+            return None
+        if section.raise_ == "together":
+            return np.asarray(variation + step)
+        options = [
+            np.minimum(variation + step * axis, largest)
+            for k, axis in enumerate(np.eye(3))
+            if variation[k] < largest[k]
+        ]
+        scores = [
+            condition_inf(regressor(self.model.linearise(self._generate(option).kept)))
+            for option in options
+        ]
+        return np.asarray(options[int(np.argmin(scores))])
+
+    def _best(self, stop: StopReason) -> int:
+        """The round to take, its poses connected: with the threshold reached it is the last."""
+        if stop is StopReason.THRESHOLD:
+            return len(self.rounds) - 1
+        while True:
+            values = [r.c_g for r in self.rounds]
+            best = int(np.argmin(values))
+            if not np.isfinite(values[best]):
+                best = int(np.argmax([len(poses.kept) for poses in self.sets]))
+            if self.routes[best] is not None:
+                return best
+            self._connect(best)  # may lose poses, and leave another round the best
+
+    def _finish(self, stop: StopReason) -> PosePlan:
+        best = self._best(stop)
+        if self.rounds[best].c_g < self.cell.config.plan.condition_threshold:
+            stop = StopReason.THRESHOLD  # replacements on the way may have brought it there
+        elif not np.isfinite(self.rounds[best].c_g):
+            stop = StopReason.INFEASIBLE
+        route, poses = self._connect(best), self.sets[best]
+        postures = poses.kept
+        linear = self.model.linearise(postures)
+        blocks, white = regressor(linear), linear.white_jacobian
+        if stop is StopReason.INFEASIBLE and blocks[..., 0].size >= self.model.p:
+            # enough poses, and still something is hidden: no angle will show it
+            flat = white.reshape(-1, self.model.p)
+            check_identifiable(flat, self.model.names, self.model.nuisance)
+        return PosePlan(
+            poses=poses,
+            route=route,
+            best=best,
+            rounds=tuple(self.rounds),
+            history=tuple(self.sets),
+            indices=evaluate(blocks, white),
+            model=self.model,
+            threshold=self.cell.config.plan.condition_threshold,
+            stop=stop,
+            advice=_advice(stop, self.rounds[best], self._cut_off),
+            not_checked=self.cell.not_checked,
+        )
+
+
+def check_base_pose(cell: Cell) -> None:
+    """Check that the base posture touches the target and keeps the margin from the limits.
+
+    Raises
+    ------
+    UnreachableError
+    """
+    q, robot = cell.base_posture, cell.robot
+    if robot.n < MOST_FREE:
+        raise InputError(
+            f"{robot.name} has {robot.n} joints: fewer than {MOST_FREE} cannot hold the tool point "
+            "while W, P and R vary",
+            hint="plan such an arm by hand and judge the poses with posedesign score",
+            name="robot",
+        )
+    if cell.target_offset_m > FARTHEST_M:
+        raise UnreachableError(
+            f"the target is {cell.target_offset_m * 1e3:.0f} mm from where the base posture puts "
+            "the tool point",
+            hint="give target.position_mm in mm in the base frame, or a base posture that touches",
+            name="target.position_mm",
+        )
+    rotation = robot.fk(q)[:3, :3]
+    pose = touching_poses(rotation[None], cell.tool_m, cell.target_m)
+    there = nearest_postures(cell.checker, pose, q)
+    start = Checker(robot, cell.solid, cell.margin).check(q[None])
+    reason, remedy = there.reasons[0], there.remedies[0]
+    if there.feasible[0] and not start.feasible[0]:  # only another branch can: the arm is not in it
+        reason, remedy = start.says(0), start.remedy(0)
+    if reason:
+        raise UnreachableError(
+            f"the base pose cannot be taken: {reason}",
+            hint="move the target (target.position_mm) or the base posture (base_pose.posture_deg)"
+            + f"; or {remedy}" * bool(remedy)
+            + _free_beside(cell),
+            name="base_pose",
+        )
+
+
+def _free_beside(cell: Cell) -> str:
+    """A base posture that can be taken, turned as little as there is one, in words; or nothing."""
+    q = cell.base_posture
+    wpr = wpr_from_rotation(cell.robot.fk(q)[:3, :3])
+    for angle in BESIDE_RAD:
+        poses = touching_poses(wpr_rotations(wpr, np.full(3, angle)), cell.tool_m, cell.target_m)
+        found = nearest_postures(cell.checker, poses, q)
+        shown_deg = np.round(np.rad2deg(found.q[found.feasible]), 2)  # as a person writes it
+        moved_deg = np.abs(shown_deg - np.rad2deg(q)).max(axis=1)
+        good = cell.checker.check(np.deg2rad(shown_deg)).feasible & (moved_deg < FLIP_DEG)
+        if good.any():
+            best = shown_deg[np.where(good, moved_deg, np.inf).argmin()] + 0.0
+            return f"; free is posture_deg = [{', '.join(f'{value:g}' for value in best)}]"
+    return ""
+
+
+def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
+    """Steps 2 and 3: the 27 poses of Eq. 13, with those that cannot be taken marked dropped.
+
+    Parameters
+    ----------
+    cell : Cell
+    variation_deg : array (3,)
+        D_W, D_P, D_R [deg].
+    """
+    wpr = wpr_from_rotation(cell.robot.fk(cell.base_posture)[:3, :3])
+    rotations = wpr_rotations(wpr, np.deg2rad(variation_deg))
+    poses = touching_poses(rotations, cell.tool_m, cell.target_m)
+    found = nearest_postures(cell.checker, poses, cell.base_posture)
+    return PoseSet.of_grid(found.q, found.reasons, rotations)
+
+
+def regressor(linear: Linearisation) -> FloatArray:
+    """Blocks ``(N, m, p)`` that condition numbers are those of.
+
+    Not weighted, as in the paper, where all rows are lengths. Rows that are lengths and rows that
+    are angles have nothing but the noise to be compared by.
+    """
+    return linear.white_jacobian if _is_mixed(linear.model) else linear.jacobian
+
+
+def scaling_of(model: CalibrationModel) -> dict[str, str]:
+    """In words, the scaling of each index of plans for a model."""
+    return SCALING_OF_POSES if _is_mixed(model) else SCALING
+
+
+def _is_mixed(model: CalibrationModel) -> bool:
+    """Whether some rows are lengths and others angles."""
+    return any(kind.turns for kind in model.measurements)
+
+
+def evaluate_round(
+    model: CalibrationModel,
+    poses: PoseSet,
+    number: int,
+    variation_deg: Sequence[float],
+    weighted: bool,
+) -> Round:
+    """What a set of poses is worth to the loop."""
+    kept = poses.kept
+    blocks = regressor(model.linearise(kept))
+    c_g = condition_inf(blocks) if len(kept) else float("inf")
+    if np.isfinite(c_g) and len(kept) * model.measurement.rows >= model.p:
+        sigma = np.sqrt(np.diag(covariance_of(model, kept, weighted=weighted)))
+    else:
+        c_g, sigma = float("inf"), np.full(model.p, np.inf)
+    return Round(
+        number=number,
+        variation_deg=(float(variation_deg[0]), float(variation_deg[1]), float(variation_deg[2])),
+        grid=poses.count(PoseStatus.GRID),
+        repaired=poses.count(PoseStatus.REPAIRED),
+        dropped=poses.count(PoseStatus.DROPPED),
+        c_g=c_g,
+        cond_2_g=condition_2(blocks) if len(kept) else float("inf"),
+        sigma=sigma,
+    )
+
+
+def _advice(stop: StopReason, best: Round, cut_off: int) -> str:
+    if stop is StopReason.THRESHOLD:
+        return ""
+    if cut_off and best.dropped:
+        return (
+            f"{best.dropped} poses were dropped, most because no clear way leads to them: move the "
+            "base posture to the side of the target that has room, or what stands in the way"
+        )
+    if stop is StopReason.INFEASIBLE:
+        return (
+            "no set of these poses identifies the parameters: free fewer of them, or move the base "
+            "pose to where more orientations can be reached"
+        )
+    if stop is StopReason.VARIATION_LIMIT:
+        return "raise variations.largest_deg or plan.condition_threshold"
+    lost = f" ({best.dropped} poses were dropped there)" if best.dropped else ""
+    return (
+        f"wider angles no longer help{lost}: raise plan.condition_threshold, or choose a base pose "
+        "with more room around it"
+    )

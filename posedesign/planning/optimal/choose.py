@@ -1,0 +1,363 @@
+"""From a wish to poses: pool, choice, refinement, way, and what they promise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.identification import check_identifiable
+from calib.se3 import FloatArray
+from posedesign.candidates import Pool
+from posedesign.candidates.of_cell import (
+    away_from_singularities,
+    functions_over_box,
+    pool_of,
+    with_kept,
+)
+from posedesign.cell import Cell
+from posedesign.motion.route import Route, Router
+from posedesign.planning.loop import check_base_pose, regressor
+from posedesign.planning.optimal.accuracy import Accuracy, accuracy_of
+from posedesign.planning.optimal.objective import goal_of
+from posedesign.planning.optimal.reachable import (
+    ATTEMPTS,
+    no_clear_way,
+    reached_of,
+    refined_with_way,
+    without_unreached,
+)
+from posedesign.planning.optimal.refinement import refine
+from posedesign.planning.optimal.request import Wish
+from posedesign.planning.optimal.result import OptimalPlan
+from posedesign.planning.optimal.robust import (
+    SCENARIOS,
+    blocks_of_robots,
+    draw_parameters,
+    robustness,
+)
+from posedesign.planning.optimal.validation import choose_validation
+from posedesign.planning.pose_plan import PoseSet
+from posedesign.selection import Criterion, Fewest, Selection, select, select_fewest
+from posedesign.selection.criteria.scenarios import OverScenarios
+from posedesign.selection.indices import evaluate
+
+Advance = Callable[[str, float], None]
+
+
+def _silent(what: str, part: float) -> None:
+    """No progress is shown."""
+
+
+def plan_optimal(
+    cell: Cell,
+    wish: Wish,
+    advance: Advance = _silent,
+    *,
+    keep: FloatArray | None = None,
+) -> OptimalPlan:
+    """Choose the best poses of the cell's pool, or the fewest that reach what is wanted.
+
+    Parameters
+    ----------
+    cell : Cell
+    wish : Wish
+    advance : callable, optional
+        Called with what is being done and the part of all work that is done.
+    keep : ndarray (k, n), optional
+        Postures [rad] that are to be among the chosen, as they are; they touch the target.
+
+    Raises
+    ------
+    InputError
+        A wish that cannot be met by this cell, such as a threshold that no choice reaches.
+    UnreachableError
+        The base pose itself cannot be taken, or no candidate.
+    NotIdentifiableError
+        The whole pool cannot identify some of the parameters, which are named.
+    """
+    kept = np.zeros((0, cell.robot.n)) if keep is None else np.asarray(keep, dtype=float)
+    return _Planning(cell, wish, advance, kept).run()
+
+
+def plan_fewest(
+    cell: Cell,
+    sigma_m: float | None = None,
+    sigma_rad: float | None = None,
+    advance: Advance = _silent,
+) -> OptimalPlan:
+    """Choose the fewest poses whose predicted standard deviations are as small as wanted.
+
+    Parameters
+    ----------
+    cell : Cell
+    sigma_m, sigma_rad : float, optional
+        Largest standard deviation of each parameter that is a length [m], and of each that is an
+        angle [rad]; at least one of the two.
+    advance : callable, optional
+
+    Raises
+    ------
+    InputError
+        Nothing is wanted, or the cell's estimate is not weighted by its noise.
+    """
+    if sigma_m is None and sigma_rad is None:
+        raise InputError(
+            "no accuracy is wanted of anything that is identified",
+            hint="give --wanted-sigma-mm, --wanted-sigma-deg, or both",
+            name="wanted",
+        )
+    wish = Wish(count=None, criterion="sigma", sigma_m=sigma_m, sigma_rad=sigma_rad)
+    return plan_optimal(cell, wish, advance)
+
+
+class _Planning:
+    """One planning run."""
+
+    def __init__(self, cell: Cell, wish: Wish, advance: Advance, keep: FloatArray) -> None:
+        self._cell, self._wish, self._advance = cell, wish, advance
+        self._kept = keep
+        self._why, self._dropped = "", list[str]()
+        self._model = cell.model()
+        check_base_pose(cell)  # what is wrong with it is wrong with the task box about it, too
+        self._box, self._box_words = functions_over_box(cell, self._model)
+        self._goal = goal_of(wish, self._model, self._box)
+        if self._goal.weighted and not cell.config.measurement.weighted:
+            raise InputError(
+                "what an unweighted estimate needs cannot be chosen pose by pose",
+                hint="set measurement.weighted = true",
+                name="measurement.weighted",
+            )
+        self._cell = away_from_singularities(cell)
+        self._router = Router.of_cell(cell)
+
+    def run(self) -> OptimalPlan:
+        """Pool, choice, refinement, way."""
+        self._advance("looking for postures", 0.0)
+        pool = with_kept(self._cell, pool_of(self._cell), self._kept)
+        self._check_pool(pool)
+        whole = len(pool)
+        for attempt in range(ATTEMPTS):
+            self._advance("choosing poses", 0.2 + 0.6 * attempt / ATTEMPTS)
+            selection, fewest = self._choose(pool, first=attempt == 0)
+            if fewest is not None and not fewest.reached:
+                return self._result(pool, selection, fewest, pool.take(selection.indices), None)
+            chosen = pool.take(selection.indices)
+            if self._wish.refine:
+                self._advance("refining", 0.6)
+                chosen, route = refined_with_way(
+                    self._router, chosen, self._refined, in_doubt=attempt > 0
+                )
+            else:
+                route = self._router.route(chosen.postures)
+            if not route.lost or attempt == ATTEMPTS - 1:
+                break
+            others = self._others_than(pool, selection, route, attempt)
+            if others is None:
+                break
+            pool = others
+        plan = self._result(pool, selection, fewest, chosen, route)
+        return replace(plan, left_out=whole - len(pool), left_out_for=self._why)
+
+    def _others_than(
+        self, pool: Pool, selection: Selection, route: Route, attempt: int
+    ) -> Pool | None:
+        """The pool without poses that no clear way leads to; None where too few would be left."""
+        lost = selection.indices[list(route.lost)]
+        others = without_unreached(self._router, pool, lost, attempt, len(self._kept))
+        if len(others) * self._model.measurement.rows < self._model.p:
+            return None
+        self._why = next(iter(route.lost.values()))
+        of_own = [i for i in route.lost if i < len(self._kept)]
+        self._dropped += [f"was to be kept: {route.lost[i]}" for i in of_own]
+        self._kept = np.delete(self._kept, of_own, axis=0)
+        return others
+
+    def _refined(self, chosen: Pool) -> Pool:
+        """Those that are kept are the first of the pool, and so of the choice."""
+        fixed = len(self._kept)
+        return refine(self._cell, self._model, self._goal, chosen, fixed=fixed)
+
+    def _check_pool(self, pool: Pool) -> None:
+        """Refuse what this pool cannot give, before anything is chosen."""
+        white = pool.white(self._model)
+        names, nuisance = self._model.names, self._model.nuisance
+        check_identifiable(white.reshape(-1, self._model.p), names, nuisance)
+        count, validation = self._wish.count, self._wish.validation
+        if count is None:
+            return
+        if count * white.shape[1] < self._model.p:
+            self._refuse_few(count, white.shape[1])
+        if validation and count + validation > len(pool):
+            raise InputError(
+                f"{count} poses and {validation} for validation of {len(pool)} candidates",
+                hint="ask for fewer, or raise pool.candidates",
+                name="validation",
+            )
+
+    def _choose(self, pool: Pool, *, first: bool) -> tuple[Selection, Fewest | None]:
+        """The best of the pool; what the whole of it cannot give is refused at the first choice."""
+        goal, wish = self._goal, self._wish
+        blocks, criterion = self._blocks_and_criterion(pool)
+        if wish.count is None:
+            limit = 1.0 if goal.limit is None else goal.limit
+            fewest = select_fewest(
+                blocks,
+                criterion,
+                limit,
+                names=self._model.names,
+                keep=range(len(self._kept)),
+            )
+            return fewest.selection, fewest
+        try:
+            found = select(
+                blocks,
+                wish.count if first else min(wish.count, len(pool)),
+                criterion,
+                wish.method,
+                names=self._model.names,
+                threshold=goal.limit if first else None,
+                keep=range(len(self._kept)),
+            )
+        except InputError as error:
+            raise self._in_own_words(error) from error
+        return found, None
+
+    def _in_own_words(self, error: InputError) -> InputError:
+        """A refused threshold of deviations: in what the user gave, and not in parts of it."""
+        if error.name != "threshold" or not self._wish.wants_sigma:
+            return error
+        return InputError(
+            f"no {self._wish.count} poses of this pool reach the deviations wanted: those of the "
+            f"best are proven not to be below {error.bound:.4g} times them",
+            hint="take more poses (--poses auto: as many as it takes), or a wider pool",
+            name="threshold",
+            value=error.value,
+            bound=error.bound,
+        )
+
+    def _blocks_and_criterion(self, pool: Pool) -> tuple[FloatArray, Criterion]:
+        """Of the robot as described, or of several as it may be."""
+        goal, robust = self._goal, self._wish.robust
+        if robust == "none":
+            return goal.blocks(pool.linearise(self._model)), goal.criterion
+        rng = np.random.default_rng(SCENARIOS)
+        drawn = draw_parameters(self._cell, self._model, SCENARIOS, rng)
+        blocks = blocks_of_robots(self._model, goal, pool, drawn)
+        stacked = np.moveaxis(blocks, 0, 1).reshape(len(pool), -1, self._model.p)
+        return stacked, OverScenarios(goal.criterion, SCENARIOS, worst=robust == "worst")
+
+    def _result(
+        self,
+        pool: Pool,
+        selection: Selection,
+        fewest: Fewest | None,
+        chosen: Pool,
+        route: Route | None,
+    ) -> OptimalPlan:
+        as_they_were, dropped = pool.take(selection.indices), list(self._dropped)
+        if route is not None:
+            missing = (self._wish.count or len(chosen)) - len(chosen)
+            dropped += [*route.lost.values(), *[self._why] * missing]
+            rows, route = reached_of(self._router, chosen.postures, route)
+            chosen, as_they_were = chosen.take(rows), as_they_were.take(rows)
+            if len(rows) * self._model.measurement.rows < self._model.p:
+                raise no_clear_way(dropped[-1])
+        linear = chosen.linearise(self._model)
+        blocks, white = regressor(linear), linear.white_jacobian
+        of_pool = accuracy = self._accuracy(as_they_were)
+        if not np.array_equal(chosen.postures, as_they_were.postures):
+            accuracy = self._accuracy(chosen)
+        if fewest is None and not np.isfinite(accuracy.sigma).all():
+            self._refuse_too_few(white)
+        self._advance("one pose more or fewer", 0.8)
+        plan = OptimalPlan(
+            wish=self._wish,
+            goal=self._goal,
+            selection=selection,
+            fewest=fewest,
+            poses=as_pose_set(chosen).and_dropped(dropped),
+            route=route,
+            pool_words=pool.summary(),
+            pool_size=len(pool),
+            tried=pool.tried,
+            indices=evaluate(blocks, white),
+            model=self._model,
+            accuracy=accuracy,
+            of_pool=of_pool,
+            others=() if route is None else self._others(pool, selection, fewest),
+            box_words=self._box_words,
+            robustness=None
+            if route is None or self._cell.is_hand_eye
+            else robustness(self._cell, self._model, self._goal, chosen),
+            not_checked=self._cell.not_checked,
+        )
+        if route is None or not self._wish.validation:
+            return plan
+        self._advance("poses for validation", 0.9)
+        left = pool.take(np.setdiff1d(np.arange(len(pool)), selection.indices))
+        return self._with_validation(plan, left, white)
+
+    def _with_validation(self, plan: OptimalPlan, left: Pool, white: FloatArray) -> OptimalPlan:
+        """The plan with poses for validation out of what is left, and the way through them."""
+        count, why = self._wish.validation, self._why
+        for attempt in range(ATTEMPTS):
+            if not len(left):
+                nothing = as_pose_set(left).and_dropped([why] * count)
+                return replace(plan, validation=replace(nothing, letter="V"))
+            few = min(count, len(left))
+            indices = choose_validation(self._model, left, white, self._box, few)
+            found = left.take(indices)
+            route = self._router.route(found.postures)
+            if not route.lost:
+                break
+            why = next(iter(route.lost.values()))
+            left = without_unreached(self._router, left, indices[list(route.lost)], attempt)
+        dropped = [*route.lost.values(), *[why] * (count - few)]
+        rows, route = reached_of(self._router, found.postures, route)
+        poses = as_pose_set(found.take(rows)).and_dropped(dropped)
+        return replace(plan, validation=replace(poses, letter="V"), validation_route=route)
+
+    def _refuse_too_few(self, white: FloatArray) -> None:
+        """Say which parameters the chosen poses leave open."""
+        count, m, p = white.shape
+        if count * m < p:
+            self._refuse_few(count, m)
+        check_identifiable(white.reshape(-1, p), self._model.names, self._model.nuisance)
+
+    def _refuse_few(self, count: int, m: int) -> None:
+        p = self._model.p
+        raise InputError(
+            f"{count} poses give {count * m} equations for {p} parameters",
+            hint=f"ask for {-(-p // m)} poses or more",
+            name="poses",
+        )
+
+    def _accuracy(self, chosen: Pool) -> Accuracy:
+        """What poses promise, from their blocks."""
+        return accuracy_of(self._model, self._goal, self._box, chosen.linearise(self._model))
+
+    def _others(
+        self, pool: Pool, selection: Selection, fewest: Fewest | None
+    ) -> tuple[Accuracy, ...]:
+        """What the best choices of one pose fewer and one more promise."""
+        found = []
+        blocks, criterion = self._blocks_and_criterion(pool)
+        m = self._model.measurement.rows
+        for count in (selection.count - 1, selection.count + 1):
+            if not max(-(-self._model.p // m), len(self._kept)) <= count <= len(pool):
+                continue
+            if fewest is not None and fewest.fewer is not None and count == fewest.fewer.count:
+                other = fewest.fewer
+            else:
+                keep = range(len(self._kept))
+                other = select(blocks, count, criterion, self._wish.method, starts=1, keep=keep)
+            found.append(self._accuracy(pool.take(other.indices)))
+        return tuple(found)
+
+
+def as_pose_set(pool: Pool) -> PoseSet:
+    """The postures of a pool as poses of a plan."""
+    return PoseSet.of_chosen(pool.postures, pool.orientations)

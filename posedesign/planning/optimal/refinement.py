@@ -1,0 +1,171 @@
+"""Poses made better off the pool: the tool turned about the target, inside all constraints.
+
+Each pose in turn is offered a few turns down the gradient of the criterion, and a few along the
+axes of the tool for where the gradient leads into a limit, or the criterion has a kink. What breaks
+a constraint is not offered; what helps is taken. The tool point stays on the target throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray, IntArray
+from posedesign.candidates import Pool, feasible, local_poses
+from posedesign.cell import Cell
+from posedesign.planning.optimal.objective import Goal
+from posedesign.selection.candidates import Candidates
+from posedesign.selection.information_state import Ledger
+
+DOWN_RAD = (0.2, 0.1, 0.05, 0.02, 0.01, 0.003)
+"""Turns down the gradient that are offered."""
+
+ALONG_RAD = (0.1, 0.02)
+"""Turns about the axes of the tool, both ways."""
+
+PROBE_RAD = 1e-4
+"""Turn by which the gradient is found, by central differences."""
+
+MOST_SWEEPS = 30
+"""Sweeps over all poses."""
+
+ENOUGH = 1e-4
+"""Relative gain of a sweep below which no other follows."""
+
+
+def refine(
+    cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool, *, fixed: int = 0
+) -> Pool:
+    """Turn the tool at chosen poses for as long as the criterion gets better.
+
+    Tilts against the base pose stay within the widest of the poses given.
+
+    Parameters
+    ----------
+    cell : Cell
+    model : CalibrationModel
+    goal : Goal
+    chosen : Pool
+    fixed : int
+        How many of the first poses stay as they are.
+
+    Returns
+    -------
+    Pool
+        As many postures, in the same order, each on the branch of the arm that it was on.
+    """
+    search = _Refinement(cell, model, goal, chosen, fixed)
+    cost = search.cost()
+    for _ in range(MOST_SWEEPS):
+        search.sweep()
+        following = search.cost()
+        if not following < (1.0 - ENOUGH) * cost:
+            break
+        cost = following
+    return search.pool
+
+
+class _Refinement:
+    """The poses as they are, and what is offered to each."""
+
+    def __init__(
+        self, cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool, fixed: int
+    ) -> None:
+        self._fixed = fixed
+        self._cell, self._model, self._goal = cell, model, goal
+        self.pool = chosen
+        # where the target is met already, its own place does not gather rounding
+        self._place = cell.robot.state(chosen.postures).point(cell.tool_m)
+        self._axis = cell.robot.fk(cell.base_posture)[:3, 2]
+        self._widest = float(self._tilts(chosen.orientations).max())
+
+    def _tilts(self, R: FloatArray) -> FloatArray:
+        return np.asarray(np.arccos(np.clip(R[:, :, 2] @ self._axis, -1.0, 1.0)))
+
+    def cost(self) -> float:
+        """Of the poses as they are."""
+        pool = Candidates(self._blocks(self.pool))
+        return self._goal.criterion.on(pool).cost(np.arange(pool.N))
+
+    def _blocks(self, pool: Pool) -> FloatArray:
+        return self._goal.blocks(pool.linearise(self._model))
+
+    def sweep(self) -> None:
+        """Offer every pose its turns, once."""
+        n = len(self.pool)
+        slopes = self._slopes()
+        length = np.linalg.norm(slopes, axis=1, keepdims=True)
+        down = -np.divide(slopes, length, out=np.zeros_like(slopes), where=length > 0.0)
+        axes = np.vstack([np.eye(3), -np.eye(3)])
+        turns = np.concatenate(
+            [down[:, None] * np.array(DOWN_RAD)[:, None]]
+            + [np.broadcast_to(angle * axes, (n, 6, 3)) for angle in ALONG_RAD],
+            axis=1,
+        )  # (n, offers, 3)
+        turns = turns[self._fixed :]
+        owner = np.repeat(np.arange(self._fixed, n), turns.shape[1])
+        offered, row = self._turned(owner, turns.reshape(-1, 3))
+        if len(row):
+            self._take_best(offered, owner[row])
+
+    def _turned(self, owner: IntArray, turns: FloatArray) -> tuple[Pool, IntArray]:
+        """The pool of those turned poses that can be taken, and which they are."""
+        start = self.pool.take(owner)
+        q = local_poses(self._cell, start.postures, turns, self._place[owner])
+        found = np.flatnonzero(np.isfinite(q).all(axis=1))
+        R = self._cell.robot.fk(q[found])[:, :3, :3]
+        found = found[self._tilts(R) <= self._widest + 1e-9]
+        at = start.target[found]
+        good = feasible(self._cell, q[found], at, start.targets_m)
+        row = found[good]
+        R = self._cell.robot.fk(q[row])[:, :3, :3]
+        return _with(start.take(row), q[row], R), row
+
+    def _slopes(self) -> FloatArray:
+        """Derivative ``(n, 3)`` of the logarithm of the cost by turns of each tool."""
+        n = len(self.pool)
+        probes = np.concatenate([PROBE_RAD * np.eye(3), -PROBE_RAD * np.eye(3)])
+        owner = np.repeat(np.arange(n), 6)
+        start = self.pool.take(owner)
+        q = local_poses(self._cell, start.postures, np.tile(probes, (n, 1)), self._place[owner])
+        q = np.where(np.isfinite(q).all(axis=1, keepdims=True), q, start.postures)
+        moved = self._blocks(_with(start, q, start.orientations))
+        costs = np.log(self._costs_in_place(moved, owner)).reshape(n, 2, 3)
+        slopes = (costs[:, 0] - costs[:, 1]) / (2.0 * PROBE_RAD)
+        return np.where(np.isfinite(slopes), slopes, 0.0)
+
+    def _costs_in_place(self, blocks: FloatArray, owner: IntArray) -> FloatArray:
+        """Cost of the set with each block in the place of its owner."""
+        n = len(self.pool)
+        candidates = Candidates(np.concatenate([self._blocks(self.pool), blocks]))
+        objective = self._goal.criterion.on(candidates)
+        ledger = Ledger(candidates, np.arange(n), n)
+        out = np.empty(len(owner))
+        for k in range(n):
+            mine = np.flatnonzero(owner == k)
+            ledger.drop(k)
+            out[mine] = objective.costs(ledger, n + mine, 1.0)
+            ledger.take(k)
+        return out
+
+    def _take_best(self, offered: Pool, owner: IntArray) -> None:
+        n = len(self.pool)
+        candidates = Candidates(np.concatenate([self._blocks(self.pool), self._blocks(offered)]))
+        objective = self._goal.criterion.on(candidates)
+        ledger = Ledger(candidates, np.arange(n), n)
+        q, R = self.pool.postures.copy(), self.pool.orientations.copy()
+        for k in range(n):
+            mine = np.append(n + np.flatnonzero(owner == k), k)
+            ledger.drop(k)
+            costs = objective.costs(ledger, mine, 1.0)
+            best = int(mine[np.argmin(costs)]) if costs.min() < (1 - 1e-9) * costs[-1] else k
+            ledger.take(best)
+            if best != k:
+                q[k], R[k] = offered.postures[best - n], offered.orientations[best - n]
+        self.pool = _with(self.pool, q, R)
+
+
+def _with(pool: Pool, q: FloatArray, R: FloatArray) -> Pool:
+    return replace(pool, postures=q, orientations=R)

@@ -1,0 +1,291 @@
+"""Poses chosen out of a pool, what they promise, and how far they are from the best."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray
+from posedesign.motion.route import Route
+from posedesign.planning.optimal.accuracy import Accuracy
+from posedesign.planning.optimal.objective import TCP, TCP_WORST, Goal
+from posedesign.planning.optimal.request import Wish
+from posedesign.planning.optimal.robust import SCENARIOS, Robustness
+from posedesign.planning.pose_plan import (
+    PoseSet,
+    displayed,
+    fingerprint,
+    named_stops,
+    not_checked_words,
+)
+from posedesign.selection import Fewest, Selection
+from posedesign.selection.indices import Indices
+
+
+@dataclass(frozen=True, eq=False)
+class OptimalPlan:
+    """Poses chosen out of a pool, and the way through them.
+
+    Attributes
+    ----------
+    wish : Wish
+    goal : Goal
+    selection : Selection
+        Of the postures of the pool.
+    fewest : Fewest or None
+        Where the number of poses was left open.
+    poses : PoseSet
+        The poses chosen, refined where that was asked for; those of the whole pool where what is
+        wanted is out of reach.
+    route : Route or None
+        Their order, and what lies between them; None where they are out of reach.
+    pool_words : str
+        The pool in words.
+    pool_size, tried : int
+        Poses of the pool that the robot can take, of how many.
+    indices : Indices
+        Of the poses chosen.
+    model : CalibrationModel
+    accuracy : Accuracy
+    of_pool : Accuracy
+        Of the poses before they were refined; the same where they were not.
+    others : tuple of Accuracy
+        One pose fewer and one more, out of the pool, where there are such.
+    box_words : str
+        The task box in words.
+    not_checked : tuple of str
+        What planning did not look at (:attr:`.Cell.not_checked`).
+    robustness : Robustness or None
+        What the poses are worth for robots that are not as described.
+    validation : PoseSet or None
+        Poses that are kept out of the fit.
+    validation_route : Route or None
+    left_out : int
+        Candidates of the pool that were left out because no clear way to them is known, or to
+        others like them.
+    left_out_for : str
+        What is in the way to one of them.
+    """
+
+    wish: Wish
+    goal: Goal
+    selection: Selection
+    fewest: Fewest | None
+    poses: PoseSet
+    route: Route | None
+    pool_words: str
+    pool_size: int
+    tried: int
+    indices: Indices
+    model: CalibrationModel
+    accuracy: Accuracy
+    of_pool: Accuracy
+    others: tuple[Accuracy, ...]
+    box_words: str
+    robustness: Robustness | None = None
+    validation: PoseSet | None = None
+    validation_route: Route | None = None
+    left_out: int = 0
+    left_out_for: str = ""
+    not_checked: tuple[str, ...] = ()
+
+    @property
+    def reached(self) -> bool:
+        """Whether what is wanted is reached; True where nothing was."""
+        if self.fewest is not None:
+            return self.fewest.reached and not self.dropped
+        within = self.route is not None and self._is_within(self.accuracy.value)
+        return within and not self.dropped
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """Why poses that were asked for cannot be had, one reason each."""
+        of_validation = () if self.validation is None else self.validation.dropped
+        return (*self.poses.dropped, *of_validation)
+
+    def _is_within(self, value: float) -> bool:
+        limit = self.goal.limit
+        if limit is None:
+            return bool(np.isfinite(self.accuracy.sigma).all())
+        cost = self.goal.criterion.cost_of
+        return bool(cost(value) <= cost(limit) * (1.0 + 1e-9))
+
+    @property
+    def postures(self) -> FloatArray:
+        """Postures ``(N, n)`` [rad] to measure at, in the order of the route."""
+        order = slice(None) if self.route is None else self.route.order
+        return np.asarray(self.poses.kept[order])
+
+    @property
+    def stops(self) -> list[tuple[str, FloatArray, bool]]:
+        """Name, posture ``(n,)`` [rad], and whether it is passed only, of every stop in order."""
+        return [] if self.route is None else named_stops(self.poses, self.route)
+
+    @property
+    def fingerprint(self) -> str:
+        """Short digest of the postures in their order, as of a plan."""
+        return fingerprint(self.postures)
+
+    @property
+    def is_refined(self) -> bool:
+        """Whether poses were turned off the pool."""
+        return self.accuracy is not self.of_pool
+
+    @property
+    def cycle_time_s(self) -> float | None:
+        """Predicted time of one round [s]; None where there is no way, or no speed is known."""
+        if self.route is None or not np.isfinite(self.route.cycle_time_s):
+            return None
+        return self.route.cycle_time_s
+
+    @property
+    def remarks(self) -> list[str]:
+        """What a user should know of the choice, in words."""
+        said = []
+        tried = self.robustness
+        if tried is not None:
+            said.append(
+                f"tried on {tried.trials} robots as far from the description as may be: "
+                f"{self.goal.words(tried.median)} in the median, {self.goal.words(tried.worst)} "
+                "at worst"
+            )
+        if self.selection.duplicates:
+            said.append(
+                f"{self.selection.duplicates} candidates tell the same as others, and were "
+                "offered once"
+            )
+        if self.left_out:
+            said.append(
+                f"{self.left_out} candidates were left out because no clear motion to them is "
+                f"known, or to others like them ({self.left_out_for}): what is proven is of the "
+                "rest of the pool"
+            )
+        return said
+
+    @property
+    def bound_words(self) -> str:
+        """What is proven of the choice, in words."""
+        found = self.selection
+        if not np.isfinite(found.efficiency):
+            return "no bound is known"
+        side = "below" if found.criterion.smaller_is_better else "above"
+        over = "" if self.wish.robust == "none" else f", in the {self.wish.robust} of the robots,"
+        return (
+            f"proven: no {found.count} poses of the pool{over} are {side} "
+            f"{self.goal.words(found.bound)}"
+            + f" (efficiency {found.efficiency:.3f})"
+            * (found.count == self.accuracy.poses)
+        )
+
+    @property
+    def message(self) -> str:
+        """The outcome in one line."""
+        if self.fewest is not None:
+            said = self._fewest_words(self.fewest)
+        else:
+            said = f"{len(self.poses.kept)} poses, {self.goal.words(self.accuracy.value)}"
+            if self.wish.robust != "none":
+                said += (
+                    f" as described, {self.goal.words(self.selection.value)} in the "
+                    f"{self.wish.robust} of {SCENARIOS} robots"
+                )
+            if self.decides:
+                said += f" ({self.decides} decides)"
+            if self.is_refined:
+                # the proof is of the pool: what was turned off it may be below the bound
+                said += (
+                    ", turned off the pool, which the proof does not cover; chosen out of it: "
+                    f"{self.goal.words(self.of_pool.value)}, {self.bound_words}"
+                )
+            else:
+                said += f"; {self.bound_words}"
+            if not self.reached and self.goal.limit is not None:
+                said = f"not reached: {said}"
+                if not self.wish.wants_sigma:
+                    said += f"; {self.goal.amount(self.goal.limit)} is wanted"
+        if self.dropped:
+            said += f"; {len(self.dropped)} pose(s) dropped: {self.dropped[0]}"
+        return said + not_checked_words(self.not_checked)
+
+    def _fewest_words(self, fewest: Fewest) -> str:
+        count = fewest.selection.count
+        value = self.goal.words(fewest.selection.value)
+        decides = f" ({self.decides} decides)" * bool(self.decides)
+        wanted = "" if self.wish.wants_sigma else f", {self.goal.amount(fewest.wanted)} is wanted"
+        if not fewest.reached:
+            every = f"all {count} poses of the pool give"
+            if not fewest.selection.criterion.falls_with_poses:
+                every = "the best found in the pool is"
+            return (
+                f"out of reach: {every} {value}{wanted}{decides}{_times(fewest)}; or widen the "
+                "pool ([pool] and variations.largest_deg), or make room around the base pose"
+            )
+        said = f"{count} poses reach {value}{wanted}{decides}"
+        if fewest.fewer is not None:
+            less = self.goal.amount(fewest.fewer.value)
+            said += f"; {fewest.fewer.count} were found to reach {less} only"
+        if fewest.at_least >= count:
+            return said + "; proven: fewer cannot"
+        return said + f"; proven: fewer than {fewest.at_least} cannot"
+
+    @property
+    def decides(self) -> str:
+        """Name of the parameter whose deviation is the largest part of that wanted; or empty."""
+        if not self.wish.wants_sigma or not np.isfinite(self.accuracy.sigma).all():
+            return ""
+        return self.model.names[int(np.argmax(self.accuracy.sigma / self._wanted))]
+
+    @property
+    def _wanted(self) -> FloatArray:
+        """Standard deviations wanted ``(p,)`` [SI]; infinite where any will do."""
+        limits = {"m": self.wish.sigma_m, "rad": self.wish.sigma_rad}
+        return np.array([limits.get(unit) or np.inf for unit in self.model.units])
+
+    def rows(self) -> list[dict[str, object]]:
+        """Predicted deviation of each parameter, beside that of one pose fewer and more."""
+        shown = displayed(self.model, self.accuracy.sigma)
+        rows: list[dict[str, object]] = [
+            {"parameter": name, "predicted sigma": _or_none(sigma), "unit": unit}
+            for name, unit, sigma in shown
+        ]
+        if self.wish.wants_sigma:
+            wanted = displayed(self.model, self._wanted)
+            for row, (_, _, limit) in zip(rows, wanted, strict=True):
+                row["wanted"] = _or_none(limit)
+        for other in () if self.is_refined else self.others:
+            for row, (_, _, sigma) in zip(rows, displayed(self.model, other.sigma), strict=True):
+                row[f"with {other.poses} poses"] = _or_none(sigma)
+        return rows
+
+    def accuracy_rows(self) -> list[dict[str, object]]:
+        """What the criterion and the tool point come to with one pose fewer, these, one more."""
+        ordered = sorted((self.of_pool, *self.others), key=lambda a: a.poses)
+        labelled = [(f"{a.poses}", a) for a in ordered]
+        if self.is_refined:
+            labelled.append((f"{self.accuracy.poses}, refined", self.accuracy))
+        # one of the columns that are there anyway may be the criterion
+        own = () if self.goal.criterion.name in (TCP, TCP_WORST) else (self.goal.title,)
+        return [
+            {
+                "poses": label,
+                **{title: _or_none(a.value) for title in own},
+                "TCP rms over the box [mm]": _or_none(1e3 * a.tcp_m),
+                "TCP rms at its worst [mm]": _or_none(1e3 * a.tcp_worst_m),
+            }
+            for label, a in labelled
+        ]
+
+
+def _times(fewest: Fewest) -> str:
+    """How often all poses would have to be measured: variances fall with the number."""
+    criterion = fewest.selection.criterion
+    if not criterion.falls_with_poses or not np.isfinite(fewest.selection.value):
+        return ""
+    ratio = criterion.cost_of(fewest.selection.value) / criterion.cost_of(fewest.wanted)
+    return f": each would have to be measured {int(np.ceil(ratio))} times"
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

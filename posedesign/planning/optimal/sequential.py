@@ -1,0 +1,254 @@
+"""The next best poses, given what has been measured, and when to stop.
+
+What the touch-ups so far tell is kept as rows of information at the parameters that they give;
+poses are then chosen by what they add. Each further pose is predicted to lower the error of the
+tool point over the task box by so much: once that is less than a pose is worth, it is time to stop.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calib.errors import CalibError, ConvergenceError, InputError, NotIdentifiableError
+from calib.identification import identify
+from calib.identification.result import IdentificationResult
+from calib.model import CalibrationModel
+from calib.model.linearisation import Linearisation
+from calib.model.measurements import Measurements
+from calib.model.parameters import TargetPoints
+from calib.model.parameters.base import Unit
+from calib.se3 import FloatArray, IntArray
+from posedesign.candidates import Pool
+from posedesign.candidates.of_cell import (
+    away_from_singularities,
+    functions_over_box,
+    pool_of,
+)
+from posedesign.cell import Cell
+from posedesign.motion.route import Route, Router
+from posedesign.planning.optimal.choose import as_pose_set
+from posedesign.planning.optimal.next_poses import NextPoses
+from posedesign.planning.optimal.objective import Goal, goal_of
+from posedesign.planning.optimal.reachable import (
+    ATTEMPTS,
+    no_clear_way,
+    reached_of,
+    without_unreached,
+)
+from posedesign.planning.optimal.request import Wish
+from posedesign.planning.pose_plan import PoseSet
+from posedesign.selection import select
+
+_NUMBERED = re.compile(r"P0*([0-9]{1,6})", re.ASCII)
+
+LEAST_GAIN = 0.02
+"""Part of the error of the tool point by which a pose has to lower it to be worth its time. After
+n poses one more of the same kind gains 1 / (2 n): with .02 one goes on to about 25."""
+
+BELIEVABLE_CHANCE = 0.05
+"""Probability below which residuals are not put down to the noise given, which is then scaled."""
+
+ENOUGH_TO_JUDGE = 5
+"""Equations left over, at least, before the noise is judged by the residuals."""
+
+BEFORE_MEASURING: dict[Unit, float] = {"rad": np.deg2rad(1.0), "m": 0.01}
+"""Standard deviations that are taken for known while the touch-ups do not identify everything."""
+
+
+def plan_next(
+    cell: Cell,
+    data: Measurements,
+    count: int,
+    *,
+    criterion: str = "tcp",
+    least_gain: float = LEAST_GAIN,
+    accuracy_m: float | None = None,
+) -> NextPoses:
+    """Choose the poses to measure next.
+
+    Parameters
+    ----------
+    cell : Cell
+    data : Measurements
+        The touch-ups so far, of one target.
+    count : int
+        Poses to choose.
+    criterion : str
+        As of a plan; what is predicted is the error of the tool point in any case.
+    least_gain : float
+        Part of the error by which a pose has to lower it to be worth its time.
+    accuracy_m : float, optional
+        Error [m] at which to stop, in place of ``least_gain``.
+
+    Raises
+    ------
+    InputError
+        Another kind of measurement, several targets, or no such criterion.
+    UnreachableError
+        The robot can take none of the candidates.
+    """
+    refuse_cell(cell)
+    if len(data.targets) != 1 or data.observed is not None:
+        raise InputError(
+            "the next poses are planned for touch-ups of one target, and there are "
+            + ", ".join(data.targets),
+            hint="leave out the rows of other targets and kinds",
+            name="touchups.csv",
+        )
+    if not 0.0 < least_gain < 1.0:
+        raise InputError(
+            f"a least gain of {least_gain:g}",
+            hint="give a part of the error between 0 and 1, such as 0.02",
+            name="least_gain",
+        )
+    model = cell.model(targets=TargetPoints([cell.target_m], data.targets))
+    identified, why_not = _identified(cell, model, data)
+    x = model.nominal if identified is None else identified.values
+    measured = model.linearise(data.postures, x, data.setup)
+    before = np.zeros((0, model.p))
+    if identified is None:
+        before = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
+    box, box_words = functions_over_box(cell, model)
+    goal = goal_of(Wish(count=count, criterion=criterion), model, box)
+    poses, route, errors = _Choice(cell, model, goal, box, x).make(measured, before, count)
+    noise = _noise_scale(identified)
+    return NextPoses(
+        goal,
+        len(data.postures),
+        identified,
+        why_not,
+        noise,
+        replace(poses, first=_last_number(data.names) + 1),
+        route,
+        noise * errors,
+        box_words,
+        least_gain,
+        accuracy_m,
+    )
+
+
+class _Choice:
+    """The choice of further poses, at parameters ``x``."""
+
+    def __init__(
+        self, cell: Cell, model: CalibrationModel, goal: Goal, box: FloatArray, x: FloatArray
+    ) -> None:
+        self._cell, self._model, self._goal, self._box, self._x = cell, model, goal, box, x
+
+    def make(
+        self, measured: Linearisation, before: FloatArray, count: int
+    ) -> tuple[PoseSet, Route, FloatArray]:
+        """Poses, the one that gains most first; the way through them; errors ``(k + 1,)`` [m].
+
+        Poses that cannot be had are dropped. ``before`` are rows of what is known beforehand.
+        """
+        known = np.vstack([measured.white_jacobian.reshape(-1, self._model.p), before])
+        pool = pool_of(away_from_singularities(self._cell))
+        router = Router.of_cell(self._cell)
+        why = ""
+        for attempt in range(ATTEMPTS):
+            few = min(count, len(pool)) if attempt else count
+            rows, white = self._rows(pool, measured, before, few)
+            rows = _best_first(white, rows, known, self._box)
+            route = router.route(pool.postures[rows])
+            if not route.lost:
+                break
+            why = next(iter(route.lost.values()))
+            others = without_unreached(router, pool, rows[list(route.lost)], attempt)
+            if attempt == ATTEMPTS - 1 or not len(others):
+                break
+            pool = others
+        dropped = [*route.lost.values(), *[why] * (count - len(rows))]
+        reached, route = reached_of(router, pool.postures[rows], route)
+        if not len(reached):
+            raise no_clear_way(why)
+        rows = rows[reached]
+        poses = as_pose_set(pool.take(rows)).and_dropped(dropped)
+        return poses, route, _errors(white[rows], known, self._box)
+
+    def _rows(
+        self, pool: Pool, measured: Linearisation, before: FloatArray, count: int
+    ) -> tuple[IntArray, FloatArray]:
+        """Rows of the best of a pool, and its whitened blocks."""
+        linear = self._model.linearise(pool.postures, self._x, pool.setup(self._model))
+        blocks, white = self._goal.blocks(linear), linear.white_jacobian
+        # what was known before measuring, in the rows that the criterion is of
+        scale = np.sqrt((blocks**2).sum() / (white**2).sum())
+        known = np.vstack([self._goal.blocks(measured).reshape(-1, self._model.p), scale * before])
+        criterion = self._goal.criterion
+        found = select(blocks, count, criterion, known=known, starts=1, bound=False)
+        return found.indices, white
+
+
+def _last_number(names: Sequence[str]) -> int:
+    """Largest number that a name like P07 ends in, and no less than the number of names."""
+    numbers = [int(found[1]) for name in names if (found := _NUMBERED.fullmatch(name))]
+    return max([len(names), *numbers])
+
+
+def refuse_cell(cell: Cell) -> None:
+    """Refuse a cell in which nothing is touched up.
+
+    Raises
+    ------
+    InputError
+    """
+    if cell.is_hand_eye:
+        raise InputError(
+            "the next poses are planned for touch-ups, and this cell has a camera calibrated",
+            hint='set measurement.kind = "touch-up", or plan all poses at once',
+            name="measurement.kind",
+        )
+
+
+def _identified(
+    cell: Cell, model: CalibrationModel, data: Measurements
+) -> tuple[IdentificationResult | None, str]:
+    """What the touch-ups give, or why they do not yet."""
+    section = cell.config.parameters
+    try:
+        return identify(
+            model, data, method=section.method, loss=section.loss_given or "least-squares"
+        ), ""
+    except (InputError, NotIdentifiableError, ConvergenceError) as error:
+        return None, _first_words(error)
+
+
+def _first_words(error: CalibError) -> str:
+    return error.message if len(error.message) < 200 else error.message[:197] + "..."
+
+
+def _noise_scale(identified: IdentificationResult | None) -> float:
+    """What the residuals say of the noise given, where there are enough of them."""
+    if identified is None or identified.degrees_of_freedom < ENOUGH_TO_JUDGE:
+        return 1.0
+    return identified.noise_scale if identified.chance < BELIEVABLE_CHANCE else 1.0
+
+
+def _best_first(blocks: FloatArray, rows: IntArray, known: FloatArray, box: FloatArray) -> IntArray:
+    """Chosen candidates in the order in which they gain most."""
+    left, order = list(rows.tolist()), []
+    rows_known = known
+    while left:
+        errors = [_errors(blocks[[i]], rows_known, box)[-1] for i in left]
+        best = left.pop(int(np.argmin(errors)))
+        order.append(best)
+        rows_known = np.vstack([rows_known, blocks[best]])
+    return np.array(order, dtype=np.intp)
+
+
+def _errors(blocks: FloatArray, known: FloatArray, box: FloatArray) -> FloatArray:
+    """Error of the tool point [m] by what is known, then with each block besides ``(k + 1,)``."""
+    p = known.shape[1]
+    errors = []
+    R = np.asarray(np.linalg.qr(np.vstack([known, np.zeros((p, p))]), mode="r"))
+    for block in (None, *blocks):
+        if block is not None:
+            R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
+        half = np.linalg.solve(R.T, box.reshape(-1, p).T)
+        errors.append(np.sqrt((half**2).sum() / len(box)))
+    return np.array(errors)

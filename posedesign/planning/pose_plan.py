@@ -1,0 +1,312 @@
+"""What planning gives: the poses, how they came about, and how good they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from hashlib import sha256
+
+import numpy as np
+
+from calib.model import CalibrationModel
+from calib.model.parameters.base import Unit
+from calib.se3 import FloatArray
+from posedesign.files.csv_tables import DECIMALS
+from posedesign.motion.route import Route
+from posedesign.selection.indices import Indices
+
+
+class PoseStatus(StrEnum):
+    """Where a pose comes from."""
+
+    GRID = "grid"
+    CHOSEN = "chosen"
+    REPAIRED = "repaired"
+    DROPPED = "dropped"
+    VIA = "via"
+
+
+class StopReason(StrEnum):
+    """Why the loop ended."""
+
+    THRESHOLD = "threshold reached"
+    NO_IMPROVEMENT = "no further improvement"
+    VARIATION_LIMIT = "variation limit"
+    INFEASIBLE = "infeasible"
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSet:
+    """The 27 poses of one round, taken, repaired or dropped.
+
+    Attributes
+    ----------
+    postures : array (27, n)
+        [rad]; NaN where the pose was dropped.
+    status : tuple of PoseStatus
+    shut_out : tuple of str
+        What keeps a pose of the grid from being taken as it is; empty where it can be.
+    orientations : array (27, 3, 3)
+        ``R_base_tip`` that the grid asks for.
+    turned : array (27,)
+        Angle of a replacement against the pose of the grid [rad]; NaN for all others.
+    searched : bool
+        Whether replacements were looked for.
+    letter : str
+        That names begin with.
+    first : int
+        Number of the first pose.
+    """
+
+    postures: FloatArray
+    status: tuple[PoseStatus, ...]
+    shut_out: tuple[str, ...]
+    orientations: FloatArray
+    turned: FloatArray
+    searched: bool = False
+    letter: str = "P"
+    first: int = 1
+
+    @classmethod
+    def of_grid(
+        cls, postures: FloatArray, shut_out: tuple[str, ...], orientations: FloatArray
+    ) -> PoseSet:
+        """Poses of the grid, dropped where something shuts them out."""
+        status = tuple(PoseStatus.DROPPED if why else PoseStatus.GRID for why in shut_out)
+        return cls(postures, status, shut_out, orientations, np.full(len(status), np.nan))
+
+    @classmethod
+    def of_chosen(cls, postures: FloatArray, orientations: FloatArray) -> PoseSet:
+        """Poses that were chosen out of a pool."""
+        count = len(postures)
+        status = (PoseStatus.CHOSEN,) * count
+        return cls(postures, status, ("",) * count, orientations, np.full(count, np.nan))
+
+    def and_dropped(self, reasons: Sequence[str]) -> PoseSet:
+        """The set with poses behind it that were asked for and cannot be had, each for a reason."""
+        count, n = len(reasons), self.postures.shape[1]
+        return replace(
+            self,
+            postures=np.concatenate([self.postures, np.full((count, n), np.nan)]),
+            status=(*self.status, *[PoseStatus.DROPPED] * count),
+            shut_out=(*self.shut_out, *reasons),
+            orientations=np.concatenate([self.orientations, np.full((count, 3, 3), np.nan)]),
+            turned=np.append(self.turned, np.full(count, np.nan)),
+        )
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why each pose is not that of the grid, in words; empty where it is."""
+        lost = "; nothing that keeps all constraints is left to take its place"
+        endings = {
+            PoseStatus.GRID: [""] * len(self.status),
+            PoseStatus.CHOSEN: [""] * len(self.status),
+            PoseStatus.DROPPED: [lost if self.searched else ""] * len(self.status),
+            PoseStatus.REPAIRED: [
+                f"; replaced by a pose turned by {angle:.0f} deg"
+                for angle in np.rad2deg(self.turned)
+            ],
+        }
+        return tuple(
+            why + endings[status][i]
+            for i, (why, status) in enumerate(zip(self.shut_out, self.status, strict=True))
+        )
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """Why poses were dropped, one reason each."""
+        pairs = zip(self.reasons, self.status, strict=True)
+        return tuple(why for why, status in pairs if status is PoseStatus.DROPPED)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """P01, P02, ..."""
+        return tuple(f"{self.letter}{self.first + i:02d}" for i in range(len(self.status)))
+
+    @property
+    def kept(self) -> FloatArray:
+        """Postures ``(N, n)`` [rad] that are measured."""
+        return self.postures[np.isfinite(self.postures).all(axis=1)]
+
+    @property
+    def kept_names(self) -> tuple[str, ...]:
+        """Names of the poses that are measured, in the order of ``kept``."""
+        pairs = zip(self.names, self.status, strict=True)
+        return tuple(name for name, status in pairs if status is not PoseStatus.DROPPED)
+
+    def count(self, status: PoseStatus) -> int:
+        """Number of poses with a status."""
+        return self.status.count(status)
+
+    def without(self, lost: Mapping[int, str]) -> PoseSet:
+        """The set with some poses dropped, by index, each for a reason."""
+        postures, turned = self.postures.copy(), self.turned.copy()
+        status, shut_out = list(self.status), list(self.shut_out)
+        for i, why in lost.items():
+            if status[i] is PoseStatus.REPAIRED:  # why it was needed, and why the last one failed
+                why = f"{shut_out[i].split('; its ')[0]}; its replacement: {why}"
+            postures[i], turned[i] = np.nan, np.nan
+            status[i] = PoseStatus.DROPPED
+            shut_out[i] = why
+        return replace(
+            self,
+            postures=postures,
+            status=tuple(status),
+            shut_out=tuple(shut_out),
+            turned=turned,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One turn of the loop.
+
+    Attributes
+    ----------
+    number : int
+    variation_deg : tuple of float
+        D_W, D_P, D_R.
+    grid, repaired, dropped : int
+        Poses taken as generated, replaced, and left out.
+    c_g, cond_2_g : float
+    sigma : array (p,)
+        Predicted standard deviation of each parameter [SI], of the estimator that the cell asks
+        for (weighted or not); infinite where not identifiable.
+    """
+
+    number: int
+    variation_deg: tuple[float, float, float]
+    grid: int
+    repaired: int
+    dropped: int
+    c_g: float
+    cond_2_g: float
+    sigma: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PosePlan:
+    """A set of measuring poses with its history.
+
+    Attributes
+    ----------
+    poses : PoseSet
+        Those of the best round.
+    route : Route
+        The order of the kept poses, by index into ``poses.kept``, and what lies between them.
+    best : int
+        Index into ``rounds`` of the round that the poses are from.
+    rounds : tuple of Round
+    history : tuple of PoseSet
+        The poses of every round.
+    indices : Indices
+    model : CalibrationModel
+        What the plan was made for.
+    threshold : float
+        C_G asked for.
+    stop : StopReason
+    advice : str
+        What to change where the threshold was not reached.
+    not_checked : tuple of str
+        What planning did not look at (:attr:`.Cell.not_checked`).
+    """
+
+    poses: PoseSet
+    route: Route
+    best: int
+    rounds: tuple[Round, ...]
+    history: tuple[PoseSet, ...]
+    indices: Indices
+    model: CalibrationModel
+    threshold: float
+    stop: StopReason
+    advice: str
+    not_checked: tuple[str, ...] = ()
+
+    @property
+    def reached(self) -> bool:
+        """Whether C_G is below the threshold."""
+        return self.stop is StopReason.THRESHOLD
+
+    @property
+    def postures(self) -> FloatArray:
+        """Postures ``(N, n)`` [rad] to measure at, in the order of the route."""
+        return np.asarray(self.poses.kept[self.route.order])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the postures."""
+        return tuple(self.poses.kept_names[i] for i in self.route.order)
+
+    @property
+    def cycle_time_s(self) -> float:
+        """Predicted time of the round [s], from the base posture on; NaN without joint speeds."""
+        return self.route.cycle_time_s
+
+    @property
+    def message(self) -> str:
+        """The outcome in one line."""
+        best = self.rounds[self.best]
+        angles = "/".join(f"{d:g}" for d in best.variation_deg)
+        return (
+            f"{self.stop}: C_G {best.c_g:.4g} (asked for {self.threshold:.4g}) with "
+            f"{len(self.postures)} poses at D_W/D_P/D_R {angles} deg"
+            + f" ({best.dropped} dropped)" * bool(best.dropped)
+            + f", {self.route.detours} posture(s) passed through on the way"
+            * bool(self.route.detours)
+            + f"; {self.advice}" * bool(self.advice)
+            + not_checked_words(self.not_checked)
+        )
+
+    @property
+    def stops(self) -> list[tuple[str, FloatArray, bool]]:
+        """Name, posture ``(n,)`` [rad], and whether it is passed only, of every stop in order."""
+        return named_stops(self.poses, self.route)
+
+    def sigma_displayed(self) -> list[tuple[str, str, float]]:
+        """Name, unit and predicted standard deviation of each parameter as people read them."""
+        return displayed(self.model, self.rounds[self.best].sigma)
+
+    @property
+    def fingerprint(self) -> str:
+        """Short digest of the postures: programs and results carry it, so that none is mixed up."""
+        return fingerprint(self.postures)
+
+
+def named_stops(poses: PoseSet, route: Route) -> list[tuple[str, FloatArray, bool]]:
+    """Name, posture ``(n,)`` [rad], and whether it is passed only, of each stop of a route.
+
+    Stops that are only passed are V01, V02, ...
+    """
+    names = poses.kept_names
+    found: list[tuple[str, FloatArray, bool]] = []
+    for stop in route.stops:
+        passed = sum(via for _, _, via in found)
+        name = f"V{passed + 1:02d}" if stop.pose is None else names[stop.pose]
+        found.append((name, stop.posture, stop.pose is None))
+    return found
+
+
+def not_checked_words(not_checked: Sequence[str]) -> str:
+    """The end of a verdict that says what was not looked at; empty where all was."""
+    return f"; NOT CHECKED: {'; '.join(not_checked)}" if not_checked else ""
+
+
+def displayed(model: CalibrationModel, values: FloatArray) -> list[tuple[str, str, float]]:
+    """Name, unit and value in deg or mm of parameters or deviations ``(p,)`` [SI]."""
+    from calib.identification.result import DISPLAY
+
+    units: tuple[Unit, ...] = model.units
+    return [
+        (name, DISPLAY[unit][0], float(value * DISPLAY[unit][1]))
+        for name, unit, value in zip(model.names, units, values, strict=True)
+    ]
+
+
+def fingerprint(postures: FloatArray) -> str:
+    """Eight hex digits of postures ``(N, n)`` [rad], the same after a round trip through a file."""
+    # as a file has them first: a value on the edge of a step would fall to the other side of it
+    written = np.round(np.rad2deg(postures), DECIMALS)
+    degrees = np.round(written, 4) + 0.0
+    return sha256(np.ascontiguousarray(degrees).tobytes()).hexdigest()[:8]

@@ -1,0 +1,344 @@
+"""From a pose list to a controller's program, checked, and how good its rounded poses still are."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.robots.controller import controllers_like
+from calib.se3 import FloatArray
+from posedesign.cell import Cell
+from posedesign.files import Results
+from posedesign.files.origin import described, is_simulated
+from posedesign.motion.approach import find_approaches
+from posedesign.motion.known_motions import Passages
+from posedesign.motion.waypoints import Passing
+from posedesign.planning.loop import regressor
+from posedesign.planning.pose_list import STOPS_SHORT
+from posedesign.planning.pose_plan import fingerprint
+from posedesign.planning.tables import PoseList
+from posedesign.pose_programs.frames import arm_of, check_frames, tool_note
+from posedesign.programs import (
+    DIALECTS,
+    Dialect,
+    PoseProgram,
+    ProgramOptions,
+    ProgramPose,
+    find_dialect,
+    postures_of,
+)
+from posedesign.programs.program import form_of, in_range
+from posedesign.selection.indices import evaluate
+
+MOST_CHANGE = 0.01
+"""Part by which rounding may change C_G before it is worth a warning."""
+
+
+@dataclass(frozen=True)
+class WrittenProgram:
+    """A robot program on disk, checked.
+
+    Attributes
+    ----------
+    paths : tuple of Path
+        Those with the positions first.
+    poses : int
+        That are measured.
+    problems : tuple of str
+        What the strict validator objects to; empty is good.
+    largest_rounding_deg : float
+        Largest joint difference between the plan and what is read back from the program.
+    c_g, c_g_rounded : float or None
+        Of the poses as planned, and as they stand in the program; None without a cell.
+    note : str
+        What the program takes for granted; empty for nothing.
+    not_checked, forced : tuple of str
+        What nobody looked at, and poses written although they break a constraint; both stand in
+        the head of the program.
+    simulated, made_from : tuple of str
+        The files that it was made from, those of a simulated robot apart; the same.
+    """
+
+    paths: tuple[Path, ...]
+    poses: int
+    problems: tuple[str, ...]
+    largest_rounding_deg: float
+    c_g: float | None = None
+    c_g_rounded: float | None = None
+    note: str = ""
+    not_checked: tuple[str, ...] = ()
+    forced: tuple[str, ...] = ()
+    simulated: tuple[str, ...] = ()
+    made_from: tuple[str, ...] = ()
+
+    @property
+    def warning(self) -> str:
+        """What rounding did to the condition number, where it did something."""
+        if self.c_g is None or self.c_g_rounded is None:
+            return ""
+        if not np.isfinite([self.c_g, self.c_g_rounded]).all():
+            return ""
+        change = self.c_g_rounded / self.c_g - 1.0
+        if abs(change) <= MOST_CHANGE:
+            return ""
+        return (
+            f"rounding moved C_G by {change:+.1%}, from {self.c_g:.4g} to {self.c_g_rounded:.4g}: "
+            "the poses hardly tell some parameters apart"
+        )
+
+
+def program_options(cell: Cell | None, poses: PoseList, form: str | None = None) -> ProgramOptions:
+    """Options of a program as the cell wants them, with the fingerprint of the plan."""
+    mark = fingerprint(poses.measured.postures)
+    if cell is None:
+        return ProgramOptions(form=form_of(form or "joint"), fingerprint=mark)
+    section = cell.config.program
+    return ProgramOptions(
+        form=form_of(form or section.form),
+        user_frame=section.user_frame,
+        tool_frame=section.tool_frame,
+        speed_percent=section.speed_percent,
+        settle_s=section.settle_s,
+        measure_call=section.measure_call or None,
+        measure_argument=_argument_of(section.measure_argument),
+        measure_output=section.measure_output,
+        measure_pulse_s=section.measure_pulse_s,
+        keep=section.keep,
+        first_register=section.first_register,
+        pulses_per_deg=section.pulses_per_deg,
+        fingerprint=mark,
+    )
+
+
+def _argument_of(word: int | str) -> Literal["number"] | int | None:
+    """The argument of the measuring call as the options have it."""
+    if isinstance(word, int):
+        return word
+    return "number" if word == "number" else None
+
+
+def chosen_dialect(cell: Cell | None, poses: PoseList, name: str | None) -> str:
+    """The dialect of this name, or else of the robot's controller.
+
+    Without a cell the controller is the one that the pose list names.
+
+    Raises
+    ------
+    InputError
+        The controller is not known, has no dialect here, or does not read the one that is named.
+    """
+    if cell is not None:
+        robot = cell.robot.name
+        maker = cell.robot.controller.maker if cell.robot.controller else None
+    else:
+        robot, maker = "the robot of this list", poses.header.get("controller")
+    if name is not None:
+        wanted = find_dialect(name).maker
+        if cell is None and maker and wanted not in (None, maker):
+            raise InputError(
+                f"{robot} has a controller of {maker}, {name} is for one of {wanted}",
+                hint="leave --format out, or name a format for any robot",
+                name="format",
+                value=name,
+            )
+        return name
+    own = next((d.name for d in DIALECTS.values() if maker and d.maker == maker), None)
+    if own is None:
+        # programs of a maker need a controller of theirs, which a cell says and a list may not
+        open_to = [d.name for d in DIALECTS.values() if d.maker is None or not (cell or maker)]
+        way = "pass --cell, or " if cell is None else ""
+        if cell is not None and not maker:
+            fitting = " or ".join(f'"{name}"' for name in controllers_like(cell.robot))
+            way = f"set robot.controller = {fitting} in the cell, or " if fitting else ""
+        raise InputError(
+            f"{robot} has a controller of {maker or 'an unknown maker'}",
+            hint=f"{way}choose with --format: {', '.join(open_to)}",
+            name="robot.controller",
+        )
+    return own
+
+
+def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | None) -> PoseList:
+    """The list with a posture short of each measured pose, so that joints arrive from one side.
+
+    Parameters
+    ----------
+    cell : Cell or None
+        Whose limits and obstacles tell which side.
+    poses : PoseList
+    approach_deg : float or None
+        Last movement of every joint; None: the list as it is.
+
+    Raises
+    ------
+    InputError
+        A pose that cannot be approached so, or that the list has approached already, or no cell.
+    """
+    if approach_deg is None:
+        return poses
+    in_range("approach_deg", approach_deg, 0.01, 30.0)
+    if cell is None:
+        raise InputError(
+            "which side is free is a matter of the cell", hint="pass --cell", name="approach"
+        )
+    if cell.retreat is not None:
+        raise InputError(
+            "the tool comes to the poses along its own axis: not all joints from one side",
+            hint="leave --approach-deg out, or set plan.retreat_mm = 0",
+            name="approach",
+        )
+    if Passing.APPROACH in poses.reasons:
+        raise InputError(
+            "the poses are approached from one side already",
+            hint="leave --approach-deg out, or plan without plan.approach",
+            name="approach",
+        )
+    # only whether the short ways are clear is asked, so speeds do not matter
+    ways = Passages(cell.robot, cell.ways, cell.passing, cell.base_posture, np.ones(cell.robot.n))
+    angle = float(np.deg2rad(approach_deg))
+    found = find_approaches(poses.measured.postures, angle, cell.passing, ways)
+    if found.lost:
+        i, why = next(iter(found.lost.items()))
+        raise InputError(f"pose {poses.measured.names[i]} {why}", name="approach")
+    names: list[str] = []
+    postures: list[FloatArray] = []
+    via: list[bool] = []
+    short = iter(found.postures)
+    for name, posture, passed in zip(poses.names, poses.postures, poses.via, strict=True):
+        if not passed:
+            names.append(f"{name}-approach")
+            postures.append(next(short))
+            via.append(True)
+        names.append(name)
+        postures.append(posture)
+        via.append(bool(passed))
+    return PoseList(tuple(names), np.stack(postures), np.array(via))
+
+
+def stopping_short(cell: Cell, poses: PoseList) -> PoseList:
+    """The list with its measured postures as far before the target as programs of the cell stop."""
+    if cell.retreat is None or not cell.retreat.short_m:
+        return poses
+    postures = poses.postures.copy()
+    postures[~poses.via] = cell.retreat.stop_short(postures[~poses.via])
+    return replace(poses, postures=postures)
+
+
+def refuse_doubles(poses: PoseList) -> None:
+    """Refuse a list in which two poses have one name: what comes back could not be told apart."""
+    twice = next((name for name, times in Counter(poses.names).items() if times > 1), None)
+    if twice is not None:
+        raise InputError(f"there are two poses {twice}", hint="rename one of them", name=twice)
+
+
+def write_program(
+    poses: PoseList,
+    out: Path | Results,
+    dialect: str,
+    options: ProgramOptions,
+    name: str,
+    cell: Cell | None = None,
+    forced: Sequence[str] = (),
+) -> WrittenProgram:
+    """Write a robot program, validate it, read it back, and judge what it has become.
+
+    The measured postures are those where the tool stops short of its target, if the cell says so.
+    The head says what was not checked: by the cell, or without one when the list was planned; and
+    which files ``out`` says that it is made from, those of a simulated robot first. ``forced`` are
+    poses that are written although they break a constraint, each with the reason.
+
+    Raises
+    ------
+    InputError
+        The program cannot be said in this dialect.
+    OutputError
+        A file cannot be written.
+    """
+    chosen = find_dialect(dialect)
+    refuse_doubles(poses)
+    backs_off = Passing.RETREAT in poses.reasons or (cell is not None and cell.retreat is not None)
+    if backs_off and not chosen.passes:
+        raise InputError(
+            f"{chosen.name} lists measured poses only: the tool would not back off between them",
+            hint="write another format: the others have postures that are passed through",
+            name="format",
+            value=chosen.name,
+        )
+    if cell is not None:
+        poses = stopping_short(cell, poses)
+    elif poses.header.get(STOPS_SHORT):
+        raise InputError(
+            f"programs are to stop {poses.header[STOPS_SHORT]} mm short of these poses: where that "
+            "is follows from the cell",
+            hint="pass --cell",
+            name="cell",
+        )
+    note = ""
+    if cell is not None and options.form == "cartesian":
+        check_frames(cell, chosen)
+        note = tool_note(cell, chosen)
+    results = Results.of(out, "program")
+    files = [path for path in results.inputs if path.is_file()]
+    stops = zip(poses.names, poses.postures, poses.via, strict=True)
+    listed = tuple(ProgramPose(label, q, via=bool(via)) for label, q, via in stops)
+    program = PoseProgram(
+        name,
+        listed,
+        options,
+        None if cell is None else arm_of(cell),
+        not_checked=poses.not_checked if cell is None else cell.not_checked,
+        forced=tuple(forced),
+        simulated=tuple(described(path) for path in files if is_simulated(path)),
+        made_from=tuple(described(path) for path in files if not is_simulated(path)),
+        short_m=cell.config.plan.stop_short_mm / 1e3 if cell is not None else 0.0,
+    )
+    paths = chosen.write(program, results)
+    problems = [
+        f"{path.name}: {problem}"
+        for path in paths
+        if path.suffix.lower() in chosen.suffixes
+        for problem in chosen.validate(path)
+    ]
+    rounded = _read_back(chosen, program, paths)
+    planned = poses.measured.postures
+    return WrittenProgram(
+        paths,
+        len(planned),
+        tuple(problems),
+        float(np.rad2deg(np.abs(rounded - planned).max())),
+        None if cell is None else _c_g(cell, planned),
+        None if cell is None else _c_g(cell, rounded),
+        note,
+        program.not_checked,
+        program.forced,
+        program.simulated,
+        program.made_from,
+    )
+
+
+def _read_back(dialect: Dialect, program: PoseProgram, paths: Sequence[Path]) -> FloatArray:
+    """Measured postures ``(N, n)`` [rad] as they stand in the files."""
+    found: dict[int, FloatArray] = {}
+    planned = [pose.posture_rad for pose in program.poses if not pose.via]
+    for _, path in zip(dialect.parts(program), paths, strict=False):
+        read = dialect.read(path)
+        numbers = [p.number for p in read.positions if p.number <= program.measured_count]
+        positions = tuple(p for p in read.positions if p.number <= program.measured_count)
+        near = np.stack([planned[number - 1] for number in numbers])
+        arm = program.arm if program.arm is not None else read.arm
+        found |= dict(zip(numbers, postures_of(positions, dialect.seen(arm), near), strict=True))
+    missing = next((k for k in range(1, len(planned) + 1) if k not in found), None)
+    if missing is not None:
+        raise InputError(f"pose {missing} is not in the program that was written", name="program")
+    return np.stack([found[k] for k in range(1, len(planned) + 1)])
+
+
+def _c_g(cell: Cell, postures: FloatArray) -> float:
+    linear = cell.model().linearise(postures)
+    return evaluate(regressor(linear), linear.white_jacobian).c_g

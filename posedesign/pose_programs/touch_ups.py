@@ -1,0 +1,356 @@
+"""Touched-up positions back from a controller: files in, measurements out.
+
+A position that still stands where the plan put it was not touched up, and planned poses imported as
+measurements would make any robot look perfect: such positions are left out, and files of nothing
+else are refused.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.model.context import Setup
+from calib.model.measurements import Measurements
+from calib.se3 import BoolArray, FloatArray
+from posedesign.cell import Cell
+from posedesign.files import read_bytes_bounded
+from posedesign.files.origin import head_of
+from posedesign.identification.comparison import summed_up
+from posedesign.planning.checks import NEAR_TARGET_M, off_target, outside_limits
+from posedesign.planning.pose_plan import fingerprint
+from posedesign.planning.tables import PoseList, read_poses
+from posedesign.pose_programs.frames import arm_of, check_recorded_frames
+from posedesign.pose_programs.from_plan import refuse_doubles, stopping_short
+from posedesign.pose_programs.plausibility import (
+    exchanged,
+    refuse_far,
+    rounding_words,
+    tool_moved_m,
+)
+from posedesign.programs import DIALECTS, Dialect, RecordedPosition, RecordedProgram, postures_of
+from posedesign.programs.reading import MOST_BYTES
+from posedesign.programs.registry import dialect_of, find_dialect
+from posedesign.programs.sets import set_mark
+
+UNMOVED_DEG = 2e-3
+"""Joints all within this of the plan are those of the plan, rounded: programs are rounded to 0.0005
+deg, and FANUC's J3 is the difference of two joints. A touch-up moves some joint by more."""
+
+UNMOVED_CARTESIAN_DEG = 2e-2
+"""The same where the file has poses of the tool: 0.0005 mm and deg are more in the joints, near a
+singularity above all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """Touch-ups that came back.
+
+    Attributes
+    ----------
+    touch_ups : Measurements
+        Named after the poses of the plan.
+    moved_mm : array (N,)
+        How far the touch-up moved the tool point of the nominal arm; NaN without a plan.
+    untouched : tuple of str
+        Poses that stand as planned.
+    missing : tuple of str
+        Poses of the plan that the files do not have.
+    warnings : tuple of str
+    doubtful : bool
+        Whether something in it can hardly be right: a posture outside the limits, a tool point far
+        from the target, a pose that stands nearer to another one of the plan.
+    """
+
+    touch_ups: Measurements
+    moved_mm: FloatArray
+    untouched: tuple[str, ...]
+    missing: tuple[str, ...]
+    warnings: tuple[str, ...]
+    doubtful: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Positions:
+    """Measured positions of one file: names ``(N,)``, postures ``(N, n)``, and their rounding.
+
+    ``step_rad`` is that of joint values as they are shown; 0 where it does not matter.
+    """
+
+    names: tuple[str, ...]
+    postures: FloatArray
+    unmoved_rad: FloatArray
+    step_rad: float = 0.0
+
+
+def import_touch_ups(
+    cell: Cell,
+    files: Sequence[Path],
+    plan: PoseList | None = None,
+    dialect: str | None = None,
+    *,
+    keep_untouched: bool = False,
+) -> Imported:
+    """Positions of programs or backups as touch-ups.
+
+    Parameters
+    ----------
+    cell : Cell
+        Its robot, nominal, brings poses of the tool back to joints.
+    files : sequence of Path
+        All parts of a program, or backups of it; also lists of poses in CSV.
+    plan : PoseList, optional
+        The poses that were to be touched up, in the order of the program. Without it nothing is
+        known of what was touched up and what was not.
+    dialect : str, optional
+        Of the files; by default their endings and contents tell.
+    keep_untouched : bool
+        Take positions that stand as planned for touch-ups, too.
+
+    Raises
+    ------
+    FileFormatError
+        A file cannot be read.
+    InputError
+        A file is of another plan, or nothing in it was touched up.
+    UnreachableError
+        A pose that the robot cannot take.
+    """
+    warnings: list[str] = []
+    parts: list[_Positions] = []
+    if plan is not None:
+        refuse_doubles(plan.measured)
+    _refuse_mixed(files, dialect)
+    for path in _with_positions(files):
+        part = _positions(cell, path, plan, dialect, warnings, keep_untouched=keep_untouched)
+        before = {name for other in parts for name in other.names}
+        twice = next((name for name in part.names if name in before), None)
+        if twice is not None:
+            raise InputError(
+                f"{path}: pose {twice} is in a file before it, too",
+                hint="name each file once",
+                name=str(path),
+            )
+        parts.append(part)
+    names = tuple(name for part in parts for name in part.names)
+    q = np.concatenate([part.postures for part in parts])
+    planned = _planned(names, q, plan)
+    unmoved_rad = np.concatenate([part.unmoved_rad for part in parts])
+    unmoved = _unmoved(q, planned, unmoved_rad)
+    if plan is not None:  # a list has the poses themselves, a program where it stops before them
+        unmoved |= _unmoved(q, _planned(names, q, stopping_short(cell, plan)), unmoved_rad)
+    kept = np.flatnonzero(~unmoved | keep_untouched)
+    if not len(kept):
+        raise InputError(
+            f"{files[0]}: no position differs from the plan: none was touched up",
+            hint="save the program from the controller after the touch-up",
+            name=str(files[0]),
+        )
+    labels, q = tuple(names[i] for i in kept), q[kept]
+    doubts = summed_up(outside_limits(cell, labels, q), "positions outside the joint limits")
+    doubts += summed_up(off_target(cell, labels, q, NEAR_TARGET_M), "positions far off the target")
+    if plan is not None:
+        doubts += summed_up(exchanged(labels, q, plan), "positions near other poses")
+    warnings += doubts
+    step = max(part.step_rad for part in parts)
+    warnings += rounding_words(cell, q, step)
+    return Imported(
+        Measurements(q, Setup.of(len(q)), names=labels),
+        1e3 * tool_moved_m(cell, q, planned[kept]) * (1.0 if plan else np.nan),
+        tuple(names[i] for i in np.flatnonzero(unmoved)),
+        _missing(plan, names),
+        tuple(warnings),
+        bool(doubts),
+    )
+
+
+def _refuse_mixed(files: Sequence[Path], dialect: str | None) -> None:
+    """Refuse files of programs that do not belong together, or to what stands beside them."""
+    marks = {path: set_mark(head_of(path, MOST_BYTES)) for path in files}
+    for path in files:
+        for d in DIALECTS.values() if dialect is None else [find_dialect(dialect)]:
+            said = d.strangers(path) if path.suffix.lower() in d.suffixes else []
+            mixed = next(iter(said), None)
+            if mixed is not None:
+                raise InputError(
+                    f"{path.parent}: {mixed}", hint="save all files of one program", name=str(path)
+                )
+        own = marks[path]
+        for other, mark in marks.items():
+            same = (
+                own
+                and mark
+                and (own == mark or (path.stem != other.stem and own.plan == mark.plan))
+            )
+            if own and mark and not same:
+                raise InputError(
+                    f"{path} is of {own}, {other} of {mark}: they do not belong together",
+                    hint="name the files of one program",
+                    name=str(path),
+                )
+
+
+def _missing(plan: PoseList | None, names: Sequence[str]) -> tuple[str, ...]:
+    """Poses of the plan that are not among names."""
+    there = set(names)
+    return tuple(n for n in (plan.measured.names if plan else ()) if n not in there)
+
+
+def _with_positions(files: Sequence[Path]) -> list[Path]:
+    """The files without companions that hold no positions, where what holds them is there, too."""
+    kept = []
+    for path in files:
+        held = next(
+            (d for d in DIALECTS.values() if path.suffix.lower() in d.companions),
+            None,
+        )
+        beside = {
+            (other.parent if held and held.in_folder else other.parent / other.stem)
+            for other in files
+            if held and other.suffix.lower() == held.suffixes[0]
+        }
+        own = path.parent if held and held.in_folder else path.parent / path.stem
+        if own not in beside:
+            kept.append(path)
+    return kept
+
+
+def _positions(
+    cell: Cell,
+    path: Path,
+    plan: PoseList | None,
+    dialect: str | None,
+    warnings: list[str],
+    *,
+    keep_untouched: bool,
+) -> _Positions:
+    """Measured positions of one file, under the names of the plan."""
+    chosen = _dialect(cell, path, dialect)
+    if chosen is None:
+        listed = read_poses(path, cell.robot.n, controller=cell.robot.controller)
+        _check_plan(path, listed.fingerprint_written, plan, warnings)
+        measured = listed.measured
+        if plan is not None:
+            strange = next((n for n in measured.names if n not in plan.measured.names), None)
+            if strange is not None:
+                raise InputError(
+                    f"{path}: pose {strange} is not in the plan",
+                    hint="is it the list of another plan?",
+                    name=str(path),
+                )
+        unmoved = np.full(len(measured.names), np.deg2rad(UNMOVED_DEG))
+        return _Positions(measured.names, measured.postures, unmoved)
+    program = chosen.read(path)
+    if program.empty_registers:
+        raise InputError(
+            f"{path}: no register holds a touched-up position",
+            hint="run the program, touch up, then save the backup",
+            name=str(path),
+        )
+    if program.fingerprint and plan is None and not keep_untouched:
+        raise InputError(
+            f"{path} was written from the plan {program.fingerprint}: without it nobody can say "
+            "what was touched up",
+            hint="pass its poses.csv with --poses, or --keep-untouched to take all as they are",
+            name=str(path),
+        )
+    _check_plan(path, program.fingerprint, plan, warnings)
+    return _of_program(cell, chosen, program, path, plan, warnings)
+
+
+def _dialect(cell: Cell, path: Path, name: str | None) -> Dialect | None:
+    """The dialect of a file, as the cell's program has it; None: a list of poses of our own."""
+    if name is None and path.suffix.lower() == ".csv":
+        head = read_bytes_bounded(path, most_bytes=MOST_BYTES)[:100_000].lower()
+        columns = b"".join(line for line in head.splitlines() if not line.startswith(b"#"))
+        if b"target" in columns.split(b"j1_", 1)[0]:
+            raise InputError(
+                f"{path} is a list of touch-ups already",
+                hint="pass it to posedesign identify",
+                name=str(path),
+            )
+        if b"_deg" in head or b"_rad" in head:
+            return None
+    return dialect_of(path, name).reading(cell.config.program.pulses_per_deg)
+
+
+def _check_plan(path: Path, written: str, plan: PoseList | None, warnings: list[str]) -> None:
+    """Refuse a file of another plan; warn where it does not say which it is of."""
+    if plan is None:
+        return
+    own = fingerprint(plan.measured.postures)
+    if not written:
+        warnings.append(f"{path}: does not say which plan it was written from")
+    elif written != own:
+        raise InputError(
+            f"{path} was written from the plan {written}, the poses are the plan {own}",
+            hint="name the poses.csv that the program was written from",
+            name=str(path),
+            value=written,
+            bound=own,
+        )
+
+
+def _of_program(
+    cell: Cell,
+    dialect: Dialect,
+    program: RecordedProgram,
+    path: Path,
+    plan: PoseList | None,
+    warnings: list[str],
+) -> _Positions:
+    first = cell.config.program.first_register - 1 if program.in_registers else 0
+    measured = plan.measured if plan is not None else None
+    count = len(measured.names) if measured is not None else None
+    positions = tuple(
+        p for p in program.measured if p.number > first and (not count or p.number - first <= count)
+    )
+    if not positions:
+        raise InputError(
+            f"{path}: has no position of the plan's {count} poses",
+            hint="are program.first_register and the poses right?",
+            name=str(path),
+        )
+    warnings += check_recorded_frames(cell, dialect, positions, path)
+    near = None
+    if measured is not None:
+        near = measured.postures[[p.number - first - 1 for p in positions]]
+        names = tuple(measured.names[p.number - first - 1] for p in positions)
+    else:
+        names = _own_names(positions, first)
+    q = postures_of(positions, dialect.seen(arm_of(cell)), near)
+    if near is not None and not program.fingerprint:
+        refuse_far(cell, names, q, near, path)
+    joint = np.array([p.shown_deg is not None for p in positions])
+    unmoved = np.deg2rad(np.where(joint, UNMOVED_DEG, UNMOVED_CARTESIAN_DEG))
+    step = float(np.deg2rad(dialect.joint_step_deg)) if joint.any() else 0.0
+    return _Positions(names, q, unmoved, step)
+
+
+def _own_names(positions: Sequence[RecordedPosition], first: int) -> tuple[str, ...]:
+    """Names as the file has them, with the number where several have the same."""
+    names = [p.name or f"P{p.number - first:02d}" for p in positions]
+    times = Counter(names)
+    return tuple(
+        f"{name}_{p.number}" if times[name] > 1 else name
+        for name, p in zip(names, positions, strict=True)
+    )
+
+
+def _planned(names: Sequence[str], q: FloatArray, plan: PoseList | None) -> FloatArray:
+    """Where the plan has the poses ``(N, n)`` [rad]; where they are without one."""
+    if plan is None:
+        return q
+    known = dict(zip(plan.measured.names, plan.measured.postures, strict=True))
+    return np.stack([known[name] for name in names])
+
+
+def _unmoved(q: FloatArray, planned: FloatArray, unmoved_rad: FloatArray) -> BoolArray:
+    if q is planned:
+        return np.zeros(len(q), dtype=bool)
+    return np.asarray(np.abs(q - planned).max(axis=1) <= unmoved_rad)

@@ -1,0 +1,366 @@
+"""Accuracy against condition: what a lower condition number buys, by simulation.
+
+The pose sets are those that the loop passes through on its way to the widest angles: each is what
+the loop would return for some threshold. Each set is touched up many times with fresh noise; the
+recordings go into the identification (by touch-up, weighted and not, and by view line only) and
+into every AX=ZB solver, and the identified robot measures a plate of known pitch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2 as chi2_distribution
+
+from calib.errors import CalibError, InputError
+from calib.identification import covariance_of, identify_batch
+from calib.identification.result import DISPLAY
+from calib.model import CalibrationModel
+from calib.model.measurements import Measurement, TouchUp, ViewLine
+from calib.robot_world import PAPER_METHODS, solve_batch
+from calib.se3 import FloatArray, apply, inverse, rotation_angle
+from posedesign.cell import Cell
+from posedesign.planning.checks import refuse_hand_eye
+from posedesign.planning.loop import plan
+from posedesign.planning.pose_plan import PosePlan, Round
+from posedesign.simulation.plate import PlateTest, try_plate
+from posedesign.simulation.robot import SimulatedRobot
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+IDENTIFIED_ARM = ", identified arm"
+"""Ends the name of a solver that was given the arm as identified, not as the controller has it."""
+
+FEWEST_DRAWS = 10
+"""As many data sets a pose set as the paper took."""
+
+CONFIDENCE = 0.95
+
+Advance = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the draws of one pose set gave for one quantity by one estimator.
+
+    Attributes
+    ----------
+    truth : str
+        ``deflecting``: reducers give way under gravity, which constant offsets cannot follow.
+        ``rigid``: the model that is identified is the true one.
+    d_w_deg, d_p_deg, d_r_deg : float
+        Variation of the pose set.
+    poses : int
+    c_g, cond_2_g : float
+    estimator : str
+        ``touch-up weighted``, ``touch-up unweighted``, ``view line``, ``uncalibrated``, or a
+        solver, with ``, identified arm`` where A was computed with the identified offsets.
+    quantity, unit : str
+    predicted_sigma : float
+        From the covariance, before any draw; NaN where there is none.
+    spread, spread_low, spread_high : float
+        Standard deviation over the draws with its 95 % interval; NaN for errors that have no sign.
+    error_median, error_p95 : float
+        Of the absolute error against the truth.
+    draws, failed : int
+        Draws, and how many of them gave no answer.
+    """
+
+    truth: str
+    d_w_deg: float
+    d_p_deg: float
+    d_r_deg: float
+    poses: int
+    c_g: float
+    cond_2_g: float
+    estimator: str
+    quantity: str
+    unit: str
+    predicted_sigma: float
+    spread: float
+    spread_low: float
+    spread_high: float
+    error_median: float
+    error_p95: float
+    draws: int
+    failed: int
+
+
+@dataclass(frozen=True)
+class AccuracyStudy:
+    """All findings, and what could not be studied.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+    plan : PosePlan
+        The loop that the pose sets are from.
+    draws, seed : int
+    notes : tuple of str
+    """
+
+    findings: tuple[Finding, ...]
+    plan: PosePlan
+    draws: int
+    seed: int
+    notes: tuple[str, ...]
+
+    @property
+    def truth(self) -> str:
+        """The truth that the cell describes, which is studied first."""
+        return self.findings[0].truth
+
+    @property
+    def leading_parameter(self) -> str:
+        """The parameter whose scatter is shown: the first that is identified."""
+        return self.plan.model.names[0]
+
+    def frame(self) -> pd.DataFrame:
+        """The findings as a table, a row each."""
+        import pandas as pd
+
+        return pd.DataFrame([finding.__dict__ for finding in self.findings])
+
+
+def accuracy_study(
+    cell: Cell, *, draws: int = 50, seed: int = 1, progress: Advance | None = None
+) -> AccuracyStudy:
+    """Run the study on a cell.
+
+    Parameters
+    ----------
+    cell : Cell
+        Its threshold plays no part: the loop goes on to the widest angles.
+    draws : int
+        Noise draws a pose set, at least ten.
+    seed : int
+    progress : callable, optional
+        Called with what is being done and the part of the work that is done.
+
+    Raises
+    ------
+    InputError
+        Fewer than ten draws.
+    CalibError
+        What planning, simulation or identification raise.
+    """
+    if draws < FEWEST_DRAWS:
+        raise InputError(
+            f"{draws} draws are too few to see a spread",
+            hint=f"take at least {FEWEST_DRAWS}",
+            name="draws",
+            value=draws,
+            bound=FEWEST_DRAWS,
+        )
+    refuse_hand_eye(cell, "the study")
+    history = plan(to_the_widest(cell))
+    sets = improving_rounds(history)
+    if not sets:
+        raise InputError(
+            "no pose set of this cell identifies the parameters", hint=history.advice, name="cell"
+        )
+    findings: list[Finding] = []
+    notes: list[str] = []
+    for done, (turn, postures) in enumerate(sets):
+        if progress is not None:
+            progress(f"D = {'/'.join(f'{d:g}' for d in turn.variation_deg)} deg", done / len(sets))
+        # a seed for each set: a set added or left out changes no other
+        rng = np.random.default_rng([seed, done])
+        for truth in truths(cell):
+            study = _SetStudy(truth, turn, postures, draws, rng)
+            findings += study.run()
+            notes += [note for note in study.notes if note not in notes]
+    return AccuracyStudy(tuple(findings), history, draws, seed, tuple(notes))
+
+
+def improving_rounds(history: PosePlan) -> list[tuple[Round, FloatArray]]:
+    """The rounds that the loop would have returned for some threshold, with their postures."""
+    chosen: list[tuple[Round, FloatArray]] = []
+    best = float("inf")
+    for turn, poses in zip(history.rounds, history.history, strict=True):
+        if turn.c_g < best:
+            best = turn.c_g
+            chosen.append((turn, poses.kept))
+    return chosen
+
+
+def truths(cell: Cell) -> list[Cell]:
+    """The cell as it is, and where its robot deflects also with a rigid one.
+
+    The rigid robot tells the noise apart from what constant offsets leave out.
+    """
+    if not cell.deflects:
+        return [cell]
+    rigid = cell.config.truth.model_copy(update={"deflection": False})
+    return [cell, replace(cell, config=cell.config.model_copy(update={"truth": rigid}))]
+
+
+def to_the_widest(cell: Cell) -> Cell:
+    """The cell with a threshold that no set reaches: the loop goes on to the widest angles."""
+    # 1 is the value of C_G for orthogonal columns
+    section = cell.config.plan.model_copy(update={"condition_threshold": 1.0})
+    return replace(cell, config=cell.config.model_copy(update={"plan": section}))
+
+
+class _SetStudy:
+    """Everything that is done with one pose set."""
+
+    def __init__(
+        self, cell: Cell, turn: Round, postures: FloatArray, draws: int, rng: np.random.Generator
+    ) -> None:
+        self.cell, self.turn, self.postures = cell, turn, postures
+        self.draws, self.rng = draws, rng
+        self.notes: list[str] = []
+        self._weighted = cell.config.measurement.weighted
+        self.robot = SimulatedRobot.of(cell)
+        self.plate = try_plate(self.robot, rng, draws)
+        if isinstance(self.plate, str):
+            self.notes.append(f"plate test left out: {self.plate}")
+
+    def run(self) -> Iterator[Finding]:
+        sigma = np.array(self.cell.config.measurement.three_sigma_mm) / 3e3
+        for name, weighted, measurement in (
+            ("touch-up weighted", True, TouchUp(sigma)),
+            ("touch-up unweighted", False, TouchUp(sigma)),
+            ("view line", True, ViewLine(sigma[:2])),
+        ):
+            try:
+                yield from self._identification(name, weighted, measurement)
+            except CalibError as error:
+                self.notes.append(f"{name} left out: {error.message}")
+        if isinstance(self.plate, PlateTest):
+            model = self.cell.model()
+            worst = self.plate.worst_error(model, model.nominal)
+            yield from self._plate_findings("uncalibrated", worst)
+        yield from self._robot_world()
+
+    def _identification(
+        self, name: str, weighted: bool, measurement: Measurement
+    ) -> Iterator[Finding]:
+        robot = SimulatedRobot.of(self.cell, measurement)
+        model = self.cell.model(measurement=measurement)
+        touched = robot.touch_up(self.postures, self.rng, trials=self.draws)
+        values = identify_batch(model, touched, weighted=weighted)  # (T, p)
+        covariance = covariance_of(model, self.postures, weighted=weighted)
+        truth = effective_truth(robot, model)
+        for k, (parameter, unit) in enumerate(zip(model.names, model.units, strict=True)):
+            label, factor = DISPLAY[unit]
+            yield self._finding(
+                name,
+                parameter,
+                label,
+                factor * (values[:, k] - truth[k]),
+                factor * float(np.sqrt(covariance[k, k])),
+            )
+        if isinstance(self.plate, PlateTest):
+            yield from self._plate_findings(name, self.plate.worst_error(model, values))
+
+    def _plate_findings(self, estimator: str, worst: FloatArray) -> Iterator[Finding]:
+        for k, column in enumerate(worst.T):
+            yield self._finding(estimator, f"plate distance {100 * (k + 1)} mm", "mm", 1e3 * column)
+        yield self._finding(estimator, "plate distance worst", "mm", 1e3 * worst.max(axis=1))
+
+    def _robot_world(self) -> Iterator[Finding]:
+        """Every solver, with the arm as its controller computes it and as it was identified."""
+        touched = self.robot.touch_up(self.postures, self.rng, trials=self.draws)
+        A, B = self.robot.camera_poses(touched.postures, self.rng)
+        yield from self._solvers("", A, B)
+        model = self.cell.model()
+        try:
+            values = identify_batch(model, touched, weighted=self._weighted)
+        except CalibError as error:
+            self.notes.append(f"AX = ZB with the identified arm left out: {error.message}")
+            return
+        good = np.isfinite(values).all(axis=1)
+        identified = model.view(touched.postures[good], values[good]).T_base_tip
+        yield from self._solvers(IDENTIFIED_ARM, identified, B[good])
+
+    def _solvers(self, suffix: str, A: FloatArray, B: FloatArray) -> Iterator[Finding]:
+        X_shown = self.robot.T_shown_tip @ self.robot.T_tip_camera
+        Z_shown = self.robot.T_shown_base @ self.robot.T_base_target
+        for solver in PAPER_METHODS:
+            found = solve_batch(A, B, solver)
+            for letter, estimate, true in (("X", found.X, X_shown), ("Z", found.Z, Z_shown)):
+                error = inverse(true) @ estimate
+                angle, shift = np.full((2, self.draws), np.nan)
+                ok = np.flatnonzero(found.ok)
+                angle[ok] = rotation_angle(error[ok, :3, :3])
+                shift[ok] = np.linalg.norm(error[ok, :3, 3], axis=-1)
+                name = solver + suffix
+                yield self._finding(name, f"{letter} rotation", "deg", np.rad2deg(angle))
+                yield self._finding(name, f"{letter} translation", "mm", 1e3 * shift)
+
+    def _finding(
+        self, estimator: str, quantity: str, unit: str, error: FloatArray, predicted: float = np.nan
+    ) -> Finding:
+        """Spread and size of errors ``(T,)``; signed ones have a spread about their own mean."""
+        good = error[np.isfinite(error)]
+        signed = np.isfinite(predicted)
+        spread = float(np.std(good, ddof=1)) if signed and len(good) > 1 else np.nan
+        low, high = spread_interval(spread, len(good))
+        size = np.abs(good)
+        return Finding(
+            "deflecting" if self.cell.deflects else "rigid",
+            *self.turn.variation_deg,
+            len(self.postures),
+            self.turn.c_g,
+            self.turn.cond_2_g,
+            estimator,
+            quantity,
+            unit,
+            predicted,
+            spread,
+            low,
+            high,
+            float(np.median(size)) if len(size) else np.nan,
+            float(np.quantile(size, 0.95)) if len(size) else np.nan,
+            len(error),
+            len(error) - len(good),
+        )
+
+
+def effective_truth(robot: SimulatedRobot, model: CalibrationModel) -> FloatArray:
+    """What an identification of constant offsets is held against, ``(p,)`` [SI].
+
+    Tool point and target in the frames that measurements can show (see
+    :attr:`SimulatedRobot.T_shown_base`); offsets including the deflection at the base pose, for an
+    arm that deflects has no other constant offset. What is left, a bias that no number of draws
+    removes, is the part of the deflection that changes from pose to pose.
+    """
+    cell = robot.cell
+    offsets = robot.joint_errors(cell.base_posture[None])[0]
+    tool = np.array([robot.value(f"tool.{axis}") for axis in "xyz"])
+    shown = {
+        "tool": apply(robot.T_shown_tip, tool),
+        "target": apply(robot.T_shown_base, robot.target_m),
+    }
+    truth = []
+    for name in model.names:
+        kind, _, rest = name.partition(".")
+        if kind == "zero_offset":
+            truth.append(offsets[cell.robot.joint_names.index(rest)])
+        else:
+            truth.append(shown[kind]["xyz".index(rest[-1])])
+    return np.array(truth)
+
+
+def spread_interval(spread: float, count: int) -> tuple[float, float]:
+    """95 % interval of a standard deviation found from normal draws."""
+    if not np.isfinite(spread) or count < 2:
+        return np.nan, np.nan
+    tail = (1.0 - CONFIDENCE) / 2.0
+    freedom = count - 1
+    low = freedom / chi2_distribution.ppf(1.0 - tail, freedom)
+    high = freedom / chi2_distribution.ppf(tail, freedom)
+    return spread * float(np.sqrt(low)), spread * float(np.sqrt(high))
+
+
+def pick(findings: Sequence[Finding], truth: str, estimator: str, quantity: str) -> list[Finding]:
+    """Findings of one kind, by falling C_G."""
+    wanted = (truth, estimator, quantity)
+    chosen = [f for f in findings if (f.truth, f.estimator, f.quantity) == wanted]
+    return sorted(chosen, key=lambda f: -f.c_g)

@@ -2,7 +2,7 @@
 
 A robot that came from a file keeps that file: only the ``origin`` of joints that moved is written
 anew, everything else stays as it stands, byte for byte. A robot that came from elsewhere is
-written from what is known of it (:mod:`calib.correction.urdf_anew`).
+written from what is known of it (:mod:`calib.robots.urdf_anew`).
 
 Nothing is written to disk here: the content is returned, for whoever asks to put away whole.
 """
@@ -16,10 +16,10 @@ from typing import Any
 from xml.parsers import expat
 
 from calib.correction.corrected_robot import CorrectedRobot
-from calib.correction.urdf_anew import rpy_of, urdf_of, words_for_comment
 from calib.errors import RobotModelError
 from calib.robots.description.urdf import Description, read_description
 from calib.robots.description.urdf_kinematics import numbers, shown, spread
+from calib.robots.urdf_anew import rpy_of, urdf_of, words_for_comment
 from calib.se3 import rotation_from_wpr, transform
 
 _TAG = re.compile(rb"""<[^\s/>]+(?:\s+[^\s=]+\s*=\s*(?:"[^"]*"|'[^']*'))*\s*/?>""")

@@ -1,11 +1,11 @@
 """Solids, the distances between them, and what stands in the way.
 
-Here are the solids alone: robots are made of them. What is reckoned with them is in
-:mod:`calib.geometry.scene`, which needs the kinematics of robots, and meshes are read by
-:mod:`calib.geometry.mesh_file`.
+The solids are those that robots are made of. What is computed with them is in
+:mod:`calib.geometry.scene`; meshes are read by
+:mod:`calib.robots.description.mesh_file`.
 """
 
-from calib.geometry.shapes import (
+from calib.robots.shapes import (
     Body,
     Box,
     Capsule,

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from calib.errors import InputError
-from calib.geometry.shapes import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
+from calib.robots.shapes import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
 from calib.se3 import FloatArray, check_transforms
 
 _SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, assert_never
+from typing import assert_never
 from weakref import WeakKeyDictionary
 
 import coal
@@ -18,11 +18,9 @@ import numpy as np
 from calib.geometry.enclosure import enclose, hull_vertices, reach
 from calib.geometry.rays import contains
 from calib.geometry.segments import box_box_bound, segment_segment
-from calib.geometry.shapes import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
+from calib.robots.chain import ChainState
+from calib.robots.shapes import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
 from calib.se3 import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:  # calib.robots imports the shapes of this package
-    from calib.robots.chain import ChainState
 
 CONTACT_M = 1e-6
 """Bodies that are this near touch: coal's distances are not better. Contact is never room: it

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calib.errors import InputError, near_names
 from calib.geometry.enclosure import check_body, outer_points
-from calib.geometry.shapes import Body, HalfSpace
+from calib.robots.chain import SerialChain
+from calib.robots.shapes import Body, HalfSpace
 from calib.se3 import FloatArray, IntArray
-
-if TYPE_CHECKING:  # calib.robots imports the shapes of this package
-    from calib.robots.chain import SerialChain
 
 
 def check_groups(

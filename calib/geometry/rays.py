@@ -7,7 +7,7 @@ from typing import assert_never
 import numpy as np
 
 from calib.geometry.segments import point_segment, segment_segment
-from calib.geometry.shapes import Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
+from calib.robots.shapes import Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
 from calib.se3 import BoolArray, FloatArray
 
 _TINY = 1e-200

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,13 +16,11 @@ from calib.geometry.engine import Engine, Placed
 from calib.geometry.pairs import candidate_pairs, check_groups, motion_radii, without_ignored
 from calib.geometry.rays import contains
 from calib.geometry.results import Clearance, Extent, Sight, Ways
-from calib.geometry.shapes import Body
 from calib.geometry.sight import LinesOfSight
 from calib.geometry.ways import TOUCH_M, check_ways, nearest
+from calib.robots.chain import ChainState, SerialChain
+from calib.robots.shapes import Body
 from calib.se3 import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:  # calib.robots imports the shapes of this package
-    from calib.robots.chain import ChainState, SerialChain
 
 CAP_M = 0.5
 """Distances beyond this are not told apart: nobody asks for more room than half a metre."""

@@ -10,7 +10,7 @@ from calib.geometry.enclosure import enclose
 from calib.geometry.engine import MeshSurface, Placed
 from calib.geometry.rays import crosses
 from calib.geometry.segments import segment_segment
-from calib.geometry.shapes import Body, HalfSpace, Mesh
+from calib.robots.shapes import Body, HalfSpace, Mesh
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 _MARGIN_M = 1e-5

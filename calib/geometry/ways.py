@@ -9,16 +9,13 @@ the distance to keep, for every pair; else it is halved.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calib.geometry.engine import Bounds, Engine
 from calib.geometry.results import Ways
+from calib.robots.chain import SerialChain
 from calib.se3 import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:  # calib.robots imports the shapes of this package
-    from calib.robots.chain import SerialChain
 
 WAY_TOLERANCE_M = 1e-3
 """Pieces in which a pair cannot move by more are not halved: their middle decides. A way may so

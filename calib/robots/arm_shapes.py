@@ -17,11 +17,11 @@ from itertools import pairwise
 import numpy as np
 
 from calib.errors import RobotModelError
-from calib.geometry.shapes import Body, capsule_between
 from calib.robots.chain import SerialChain
 from calib.robots.ideal import SLIGHT_M
 from calib.robots.presets import preset_names
 from calib.robots.robot import Robot
+from calib.robots.shapes import Body, capsule_between
 from calib.se3 import FloatArray, inverse, transform
 
 SHORT_M = SLIGHT_M

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from calib.errors import RobotModelError, near_names
-from calib.geometry.shapes import Body, LinkShape
 from calib.robots.chain import SerialChain
+from calib.robots.shapes import Body, LinkShape
 from calib.se3 import FloatArray, transform
 
 STANDARD_GRAVITY = 9.80665

@@ -19,7 +19,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, JointLimitError, RobotModelError, check_type
-from calib.geometry.shapes import Body, LinkShape
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds
 from calib.robots.chain import ChainState, SerialChain
 from calib.robots.controller import Controller, controller_of
@@ -42,6 +41,7 @@ from calib.robots.model_chain import (
     usual_tip,
 )
 from calib.robots.presets import load_preset
+from calib.robots.shapes import Body, LinkShape
 from calib.se3 import FloatArray, check_transforms, numbers
 
 _WORLD = "base"

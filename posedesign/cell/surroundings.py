@@ -345,7 +345,7 @@ def _placement(section: SolidSection) -> FloatArray:
 
 def _solid(section: SolidSection, folder: Path) -> Solid:
     if section.mesh is not None:
-        from calib.geometry.mesh_file import read_mesh
+        from calib.robots.description.mesh_file import read_mesh
 
         scale = section.scale / 1e3  # a mesh of a cell is in mm, as everything in its file
         return read_mesh(folder / section.mesh, (scale, scale, scale))

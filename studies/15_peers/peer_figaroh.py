@@ -20,7 +20,7 @@ import yaml
 from peer_touch_ups import TouchUps
 
 from calib import Robot
-from calib.correction.urdf_anew import urdf_of
+from calib.robots.urdf_anew import urdf_of
 from calib.se3 import FloatArray
 
 BASE = ("base_px", "base_py", "base_pz")

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.correction.urdf_anew import urdf_of
 from calib.robots import Robot
+from calib.robots.urdf_anew import urdf_of
 from tests.cli.conftest import Cli
 
 CELL = """[robot]

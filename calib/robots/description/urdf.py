@@ -20,12 +20,12 @@ import pinocchio as pin
 from defusedxml.ElementTree import fromstring
 
 from calib.errors import RobotModelError
-from calib.geometry.shapes import LinkShape
 from calib.reading import read_bounded
 from calib.robots.description.packages import Packages, folders_to_search
 from calib.robots.description.urdf_geometry import read_collision_shapes
 from calib.robots.description.urdf_kinematics import Kinematics, read_kinematics, shown
 from calib.robots.description.xacro_file import expand_xacro
+from calib.robots.shapes import LinkShape
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

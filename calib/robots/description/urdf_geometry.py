@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
 from calib.errors import CalibError, RobotModelError
-from calib.geometry.shapes import Box, Capsule, Cylinder, LinkShape, Mesh, Solid, Sphere
 from calib.robots.description.packages import Packages, is_inside
 from calib.robots.description.urdf_kinematics import LARGEST_LENGTH_M, numbers, printable, shown
+from calib.robots.shapes import Box, Capsule, Cylinder, LinkShape, Mesh, Solid, Sphere
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 
 if TYPE_CHECKING:
@@ -212,7 +212,9 @@ class _Meshes:
         if not os.path.isfile(file):
             raise _NoMesh("mesh not found", name)
         if (file, scale) not in self._read:
-            from calib.geometry.mesh_file import read_mesh  # most descriptions name no mesh
+            from calib.robots.description.mesh_file import (
+                read_mesh,  # most descriptions name no mesh
+            )
 
             try:
                 self._read[file, scale] = read_mesh(file, scale)

@@ -17,8 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from calib.errors import RobotModelError, near_names
-from calib.geometry.shapes import Box, LinkShape, capsule_between
 from calib.robots.limits import CoupledLimit
+from calib.robots.shapes import Box, LinkShape, capsule_between
 from calib.se3 import rotation_from_wpr
 
 _NO_LIMIT = np.finfo(float).max

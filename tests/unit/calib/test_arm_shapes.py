@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.correction.urdf_anew import urdf_of
 from calib.errors import RobotModelError
 from calib.geometry import Capsule
 from calib.geometry.enclosure import outer_points
@@ -21,6 +20,7 @@ from calib.robots.arm_shapes import (
     with_capsules,
     with_shapes_of,
 )
+from calib.robots.urdf_anew import urdf_of
 
 
 def without_shapes(preset: str, folder: Path) -> Robot:

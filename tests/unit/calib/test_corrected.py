@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from calib import CalibrationModel, Robot
 from calib.correction.corrected_robot import corrected_robot
-from calib.correction.urdf_anew import rpy_of
 from calib.correction.urdf_write import corrected_urdf
 from calib.errors import InputError, RobotModelError
 from calib.model.measurements import TouchUp
@@ -35,6 +34,7 @@ from calib.model.parameters.part import Part
 from calib.robots import preset_names
 from calib.robots.controller import Controller
 from calib.robots.replaced import with_placements
+from calib.robots.urdf_anew import rpy_of
 from calib.se3 import rotation_exp, rotation_from_wpr
 
 TARGET = TargetPoints([[1.0, 0.0, 0.5]])

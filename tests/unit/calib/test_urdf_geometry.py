@@ -12,8 +12,8 @@ import pytest
 
 from calib import Robot
 from calib.errors import FileFormatError, RobotModelError
-from calib.geometry.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 from calib.robots.description import urdf_geometry
+from calib.robots.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 
 JOINT = (
     '<joint name="j{0}" type="{3}"><parent link="{1}"/><child link="{2}"/>'
@@ -81,9 +81,9 @@ def meshes_read(monkeypatch) -> list[tuple[Path, tuple[float, ...]]]:
             raise FileFormatError("is no mesh", path=path)
         return Mesh(np.eye(3), np.array([[0, 1, 2]]))
 
-    module = ModuleType("calib.geometry.mesh_file")
+    module = ModuleType("calib.robots.description.mesh_file")
     module.read_mesh = read_mesh
-    monkeypatch.setitem(sys.modules, "calib.geometry.mesh_file", module)
+    monkeypatch.setitem(sys.modules, "calib.robots.description.mesh_file", module)
     return asked
 
 

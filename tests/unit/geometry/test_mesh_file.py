@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError, InputError
-from calib.geometry import mesh_file
-from calib.geometry.mesh_file import read_mesh
+from calib.robots.description import mesh_file
+from calib.robots.description.mesh_file import read_mesh
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])

@@ -18,8 +18,8 @@ from trimesh.exchange.stl import load_stl
 from trimesh.geometry import triangulate_quads
 
 from calib.errors import FileFormatError, InputError
-from calib.geometry.collada import read_shapes
-from calib.geometry.shapes import Mesh
+from calib.robots.description.collada import read_shapes
+from calib.robots.shapes import Mesh
 from calib.se3 import FloatArray, IntArray
 
 LARGEST_MESH_BYTES = 50_000_000

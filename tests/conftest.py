@@ -1,7 +1,5 @@
 """Cells that tests plan for, and a hypothesis profile that gives the same run every time."""
 
-from __future__ import annotations
-
 import os
 
 # Each worker of pytest-xdist has a core of its own: threads of linear algebra would fight for it.

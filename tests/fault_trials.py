@@ -4,8 +4,6 @@ Three kinds of measurement: touch-ups of three targets, points of a tracker, pos
 camera. The arm has errors of zeros, geometry and compliance; harmonics and lost motion on request.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace

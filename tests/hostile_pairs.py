@@ -1,7 +1,5 @@
 """Pose pairs as they are measured in a cell, and all that goes wrong with them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Cells by chance for visual touch-up: arm, camera, target and all that is wrong with them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 

@@ -1,7 +1,5 @@
 """What goes wrong in cells: tricks that picture, arm or target play on the touch-up."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 

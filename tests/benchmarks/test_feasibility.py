@@ -1,10 +1,7 @@
 """How fast verdicts are. Run with ``make bench``."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from pytest_benchmark.fixture import BenchmarkFixture
 
 from posedesign.cell import Cell
 from posedesign.constraints import Checker
@@ -19,7 +16,7 @@ def postures(cell: Cell, count: int) -> np.ndarray:
     return np.asarray(np.clip(q, cell.robot.lower + 0.02, cell.robot.upper - 0.02))
 
 
-def test_limits_and_visibility(benchmark: BenchmarkFixture, demo_cell: Cell) -> None:
+def test_limits_and_visibility(benchmark, demo_cell):
     """100,000 postures, every constraint but collisions, 25 lines of sight to each."""
     constraints = [c for c in demo_cell.checker.constraints if not isinstance(c, Collision)]
     checker = Checker(demo_cell.robot)
@@ -30,18 +27,18 @@ def test_limits_and_visibility(benchmark: BenchmarkFixture, demo_cell: Cell) -> 
 
 
 @pytest.mark.parametrize("count", [1_000, 10_000])
-def test_collisions(benchmark: BenchmarkFixture, demo_cell: Cell, count: int) -> None:
+def test_collisions(benchmark, demo_cell, count):
     """Smallest distances of postures of the demo cell. 10,000 to be under 10 s."""
     q = postures(demo_cell, count)
     found = benchmark.pedantic(demo_cell.scene.clearance, args=(q,), rounds=3)
     assert found.distance_m.shape == (count,)
 
 
-def test_one_round_with_all_constraints(benchmark: BenchmarkFixture, demo_cell: Cell) -> None:
+def test_one_round_with_all_constraints(benchmark, demo_cell):
     """27 poses of the demo cell: inverse kinematics, limits, visibility, collisions."""
     assert len(benchmark(grid_poses, demo_cell, np.full(3, 40.0)).kept) > 20
 
 
-def test_the_whole_plan_with_all_constraints(benchmark: BenchmarkFixture, demo_cell: Cell) -> None:
+def test_the_whole_plan_with_all_constraints(benchmark, demo_cell):
     """The plan of the demo cell with collisions, visibility, repair and the route."""
     assert benchmark.pedantic(plan, args=(demo_cell,), rounds=5, warmup_rounds=1).reached

@@ -4,11 +4,8 @@ An arm of seven joints with twelve capsules and boxes, a tool of three boxes, th
 boxes around: what a large cell has.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from pytest_benchmark.fixture import BenchmarkFixture
 
 from calib.geometry import Body, Box, Capsule, HalfSpace
 from calib.geometry.scene import Scene
@@ -45,7 +42,7 @@ def postures(count: int) -> FloatArray:
 
 
 @pytest.mark.parametrize("count", [1_000, 10_000])
-def test_clearance(benchmark: BenchmarkFixture, cell: Scene, count: int) -> None:
+def test_clearance(benchmark, cell, count):
     """To be under 10 s for 10,000 postures, and linear in their number."""
     q = postures(count)
     found = benchmark.pedantic(cell.clearance, args=(q,), rounds=5, warmup_rounds=1)
@@ -53,9 +50,7 @@ def test_clearance(benchmark: BenchmarkFixture, cell: Scene, count: int) -> None
 
 
 @pytest.mark.parametrize("one_posture", [True, False])
-def test_sight_of_100_000_lines(
-    benchmark: BenchmarkFixture, cell: Scene, one_posture: bool
-) -> None:
+def test_sight_of_100_000_lines(benchmark, cell, one_posture):
     """To be under 0.7 s, in one posture for all and in another for each."""
     q = postures(1 if one_posture else 100_000)
     start, end = np.random.default_rng(2).uniform(-1.5, 1.5, (2, 100_000, 3))
@@ -63,7 +58,7 @@ def test_sight_of_100_000_lines(
     assert 0.1 < found.clear.mean() < 0.9
 
 
-def test_a_thousand_ways(benchmark: BenchmarkFixture, cell: Scene) -> None:
+def test_a_thousand_ways(benchmark, cell):
     q = postures(20_000)
     free = q[cell.clearance(q).distance_m > 0.02]
     start, end = free[:1000], free[1000:2000]
@@ -71,6 +66,6 @@ def test_a_thousand_ways(benchmark: BenchmarkFixture, cell: Scene) -> None:
     assert 0.01 < found.clear.mean() < 0.99
 
 
-def test_extent(benchmark: BenchmarkFixture, cell: Scene) -> None:
+def test_extent(benchmark, cell):
     """Of 10,000 postures."""
     assert np.isfinite(benchmark(cell.extent, postures(10_000)).lowest).all()

@@ -3,15 +3,12 @@
 Absolute times depend on the machine; ratios are of one run.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 import pytest
-from pytest_benchmark.fixture import BenchmarkFixture
 from scipy.optimize import least_squares
 
 from calib import CalibrationModel, Robot, identify
@@ -88,16 +85,14 @@ def ten_parameters(poses: int = 27, trials: int = 2000) -> tuple[CalibrationMode
     return model, simulate(model, x, np.array(found), rng, trials=trials)
 
 
-def test_thirty_parameters_from_23_poses(benchmark: BenchmarkFixture) -> None:
+def test_thirty_parameters_from_23_poses(benchmark):
     """The whole of identify. To be at most 10 ms."""
     model, data = thirty_parameters()
     result = benchmark(identify, model, data)
     assert result.explains_data
 
 
-def test_monte_carlo_against_scipy_one_by_one(
-    benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_monte_carlo_against_scipy_one_by_one(benchmark, capsys):
     """At least 5,000 a second on one core, and 30 times scipy with the same model and Jacobian."""
     model, data = ten_parameters()
     found = benchmark.pedantic(identify_batch, args=(model, data), rounds=5, warmup_rounds=1)
@@ -135,9 +130,7 @@ def test_monte_carlo_against_scipy_one_by_one(
 
 
 @pytest.mark.parametrize("what", ["postures", "trials"])
-def test_cost_grows_linearly(
-    benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str], what: str
-) -> None:
+def test_cost_grows_linearly(benchmark, capsys, what):
     """Four times the work takes about four times as long."""
     model, data = ten_parameters()
     order = np.tile(np.arange(data.count), 4)

@@ -4,13 +4,10 @@ Absolute times depend on the machine: the fastest round is the one to compare, a
 1,000 and of 10,000 poses side by side show that the cost a pose does not grow.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pytest_benchmark.fixture import BenchmarkFixture
 
 from calib import Robot, preset_names
 from calib.robots.inverse.closed_form import compare, every_branch
@@ -27,28 +24,28 @@ def reference() -> Robot:
 
 
 @pytest.mark.parametrize("count", [27, 1_000, 10_000])
-def test_every_branch(benchmark: BenchmarkFixture, reference: Robot, count: int) -> None:
+def test_every_branch(benchmark, reference, count):
     """All of it: to be at most 10 us a pose in 10,000 (100 ms), and linear."""
     poses = random_poses(reference, count)
     answers = benchmark(reference.inverse, poses)
     assert set(answers.pose.tolist()) == set(range(count))
 
 
-def test_every_turn(benchmark: BenchmarkFixture, reference: Robot) -> None:
+def test_every_turn(benchmark, reference):
     """Each branch in all its full turns, 10,000 poses."""
     poses = random_poses(reference, 10_000)
     answers = benchmark(reference.inverse, poses, every_turn=True)
     assert len(answers.postures) > 100_000
 
 
-def test_closed_form_alone(benchmark: BenchmarkFixture, reference: Robot) -> None:
+def test_closed_form_alone(benchmark, reference):
     """EAIK and its answers as one array, 10,000 poses."""
     poses = random_poses(reference, 10_000)
     solver = reference._inverse._solver
     assert len(benchmark(every_branch, solver, poses, 6)[0]) > 50_000
 
 
-def test_check_of_the_answers_alone(benchmark: BenchmarkFixture, reference: Robot) -> None:
+def test_check_of_the_answers_alone(benchmark, reference):
     """The forward kinematics and the comparison of all answers of 10,000 poses."""
     poses = random_poses(reference, 10_000)
     postures, pose = every_branch(reference._inverse._solver, poses, 6)
@@ -56,7 +53,7 @@ def test_check_of_the_answers_alone(benchmark: BenchmarkFixture, reference: Robo
     assert len(distance) == len(postures)
 
 
-def test_singular_flags(benchmark: BenchmarkFixture, reference: Robot) -> None:
+def test_singular_flags(benchmark, reference):
     """Of all answers of 1,000 poses; worked out only when asked for."""
     poses = random_poses(reference, 1_000)
     flags = benchmark.pedantic(
@@ -68,7 +65,7 @@ def test_singular_flags(benchmark: BenchmarkFixture, reference: Robot) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 27, 1_000, 100_000])
-def test_forward(benchmark: BenchmarkFixture, reference: Robot, count: int) -> None:
+def test_forward(benchmark, reference, count):
     """Every frame, axis and the tip: 100,000 postures to be well below a second."""
     rng = np.random.default_rng(0)
     q = rng.uniform(reference.lower, reference.upper, (count, reference.n))
@@ -80,7 +77,7 @@ SEVEN = [name for name in preset_names() if Robot.preset(name).n == 7]
 
 @pytest.mark.parametrize("name", SEVEN)
 @pytest.mark.parametrize("count", [1, 50])
-def test_redundant_arm(benchmark: BenchmarkFixture, name: str, count: int) -> None:
+def test_redundant_arm(benchmark, name, count):
     """Sweep and walk of a seven-axis arm: to be under 50 ms for one pose."""
     robot = Robot.preset(name)
     poses = random_poses(robot, count)
@@ -88,7 +85,7 @@ def test_redundant_arm(benchmark: BenchmarkFixture, name: str, count: int) -> No
     assert set(answers.pose.tolist()) == set(range(count))
 
 
-def test_real_panda(benchmark: BenchmarkFixture) -> None:
+def test_real_panda(benchmark):
     """The same for the description of a real arm, where the data lie beside the project."""
     path = Path(__file__).parents[2].parent / "shared" / "data" / "urdf" / "panda.urdf"
     if not path.exists():

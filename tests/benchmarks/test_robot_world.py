@@ -4,8 +4,6 @@
 Absolute times depend on the machine; ratios are of one run, both sides in turns.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +15,6 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve, solve_batch
 from calib.se3 import FloatArray
-from posedesign.cell import Cell
 from posedesign.planning.loop import plan
 from posedesign.simulation import SimulatedRobot
 
@@ -88,9 +85,7 @@ def say(
     return ratio[0]
 
 
-def test_shah_of_a_thousand_pairs(
-    benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_shah_of_a_thousand_pairs(benchmark, capsys):
     """One problem, with checks of the input and verdicts on motion and fit, which OpenCV lacks."""
     A, B = (T[0] for T in pairs(1, 1000))
     theirs, ours = in_turns(by_opencv(A, B, "SHAH"), lambda: solve(A, B, "shah"))
@@ -99,9 +94,7 @@ def test_shah_of_a_thousand_pairs(
     assert ratio > SHAH_RATIO
 
 
-def test_shah_of_a_thousand_sets_of_ten(
-    benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_shah_of_a_thousand_sets_of_ten(benchmark, capsys):
     """Ours for a set of a batch; OpenCV has no batches."""
     A, B = pairs(1000, 10)
     singles = [by_opencv(*sides, "SHAH") for sides in zip(A[:100], B[:100], strict=True)]
@@ -114,9 +107,7 @@ def test_shah_of_a_thousand_sets_of_ten(
     assert ratio > BATCH_RATIO
 
 
-def test_likeliest_of_fifty_pairs_against_li(
-    benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_likeliest_of_fifty_pairs_against_li(benchmark, capsys):
     """The maximum of the likelihood takes at most three times as long as OpenCV's Li."""
     A, B = (T[0] for T in pairs(1, 50))
     theirs, ours = in_turns(by_opencv(A, B, "LI"), lambda: solve(A, B, "ml", NOISE), rounds=15)
@@ -127,9 +118,7 @@ def test_likeliest_of_fifty_pairs_against_li(
 
 @pytest.mark.parametrize("what", ["pairs", "sets"])
 @pytest.mark.parametrize("method", ["ml", "shah", "li-kronecker", "hirsh"])
-def test_cost_grows_linearly(
-    benchmark: BenchmarkFixture, capsys: pytest.CaptureFixture[str], method: str, what: str
-) -> None:
+def test_cost_grows_linearly(benchmark, capsys, method, what):
     """Four times the pairs of a set, or four times the sets, take about four times as long."""
     T, N = (90, 250) if what == "pairs" else (800, 27)  # more than a cache holds, both times
     more = (T, 4 * N) if what == "pairs" else (4 * T, N)
@@ -148,7 +137,7 @@ def test_cost_grows_linearly(
 
 
 @pytest.fixture(scope="module")
-def measured(reference_cell: Cell) -> tuple[FloatArray, FloatArray]:
+def measured(reference_cell) -> tuple[FloatArray, FloatArray]:
     """A and B ``(1000, 27, 4, 4)``: noise draws of the planned poses of the reference cell."""
     robot = SimulatedRobot.of(reference_cell)
     rng = np.random.default_rng(1)
@@ -157,9 +146,7 @@ def measured(reference_cell: Cell) -> tuple[FloatArray, FloatArray]:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_thousand_sets_of_27(
-    benchmark: BenchmarkFixture, measured: tuple[FloatArray, FloatArray], method: str
-) -> None:
+def test_a_thousand_sets_of_27(benchmark, measured, method):
     """A X = Z B for 1,000 noise draws of 27 pairs at once."""
     rounds = 1 if METHODS[method].robust else 5  # a minute each
     found: Any = benchmark.pedantic(solve_batch, args=(*measured, method), rounds=rounds)

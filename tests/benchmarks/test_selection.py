@@ -4,13 +4,10 @@
 Absolute times depend on the machine: they are recorded, and only ratios are asserted.
 """
 
-from __future__ import annotations
-
 import time
 
 import numpy as np
 import pytest
-from pytest_benchmark.fixture import BenchmarkFixture
 
 from calib.se3 import FloatArray
 from posedesign.selection import select, select_fewest, wanted_deviations
@@ -38,7 +35,7 @@ def seconds(J: FloatArray, n: int, criterion: str) -> float:
     return min(times)
 
 
-def test_the_bound_of_a_small_pool(benchmark: BenchmarkFixture) -> None:
+def test_the_bound_of_a_small_pool(benchmark):
     """500 x 3 x 30, to a thousandth. To be at most 0.2 s."""
     J = blocks(500, 3, 30, 0.0)
     found = benchmark(select, J, 50, "D", "rounding")
@@ -46,7 +43,7 @@ def test_the_bound_of_a_small_pool(benchmark: BenchmarkFixture) -> None:
     assert found.relaxation.gap < 1e-3
 
 
-def test_one_exchange_of_ten_thousand(benchmark: BenchmarkFixture) -> None:
+def test_one_exchange_of_ten_thousand(benchmark):
     """n = 50 of 10,000 x 3 x 30 from a start that is as bad as any. To be at most 3 s."""
     objective = criterion_by_name("D", 30, 50).on(Candidates(blocks(10_000, 3, 30)))
     start, none = np.arange(50), np.array([], dtype=int)
@@ -55,7 +52,7 @@ def test_one_exchange_of_ten_thousand(benchmark: BenchmarkFixture) -> None:
 
 
 @pytest.mark.parametrize("m", [1, 3])
-def test_a_million(benchmark: BenchmarkFixture, m: int) -> None:
+def test_a_million(benchmark, m):
     """1,000,000 x m x 10. To be under 60 s, in less than 2 GiB."""
     J = blocks(1_000_000, m, 10)
     found = benchmark.pedantic(select, args=(J, 30), rounds=1)
@@ -63,19 +60,19 @@ def test_a_million(benchmark: BenchmarkFixture, m: int) -> None:
 
 
 @pytest.mark.parametrize("criterion", ["C_G", "cond_2", "E", "A"])
-def test_conditions_of_thousands(benchmark: BenchmarkFixture, criterion: str) -> None:
+def test_conditions_of_thousands(benchmark, criterion):
     """27 of 6,000 x 3 x 10, with the bound. To be at most 5 s."""
     found = benchmark.pedantic(select, args=(blocks(6_000, 3, 10), 27, criterion), rounds=2)
     assert found.efficiency > 0.0
 
 
 @pytest.mark.parametrize("criterion", ["D", "E", "C_G", "cond_2"])
-def test_a_pool_of_twenty(benchmark: BenchmarkFixture, criterion: str) -> None:
+def test_a_pool_of_twenty(benchmark, criterion):
     """8 of 20, from many starts."""
     assert benchmark.pedantic(select, args=(blocks(20, 2, 6), 8, criterion), rounds=5).count == 8
 
 
-def test_the_fewest_of_ten(benchmark: BenchmarkFixture) -> None:
+def test_the_fewest_of_ten(benchmark):
     """10 x 6 x 12, as of a hand-eye calibration, proven. To be at most 0.2 s."""
     J = blocks(10, 6, 12)
     rows = J.reshape(-1, 12)
@@ -85,12 +82,12 @@ def test_the_fewest_of_ten(benchmark: BenchmarkFixture) -> None:
 
 
 @pytest.mark.parametrize("criterion", ["D", "cond_2"])
-def test_time_is_linear_in_the_candidates(criterion: str) -> None:
+def test_time_is_linear_in_the_candidates(criterion):
     few, many = (seconds(blocks(N, 3, 10), 30, criterion) for N in (4_000, 16_000))
     assert many < LINEAR * few
 
 
-def test_the_bound_is_linear_in_the_candidates() -> None:
+def test_the_bound_is_linear_in_the_candidates():
     times = []
     for N in (100_000, 400_000):
         pool = Candidates(blocks(N, 3, 10))

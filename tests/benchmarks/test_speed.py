@@ -3,22 +3,32 @@
 Absolute times depend on the machine: the fastest round is the one to compare.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 
 import numpy as np
-from pytest_benchmark.fixture import BenchmarkFixture
+import pytest
 
 from calib.identification import identify, identify_batch
+from calib.se3 import FloatArray, transform
+from calib.vision.camera import MeasurementNoise
+from calib.vision.camera.observers import Kind
+from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.following import follow
+from calib.vision.touch_up.jacobian import ImageJacobian, measure_jacobian
+from calib.vision.touch_up.relation import Relation
+from calib.vision.touch_up.servo import Loop, touch_up
+from calib.vision.touch_up.simulated import SimulatedArms
+from posedesign.autonomous import run_by_sight
 from posedesign.cell import Cell
+from posedesign.cell.template import cell_template
 from posedesign.planning.loop import grid_poses, plan
 from posedesign.selection.indices import condition_inf
 from posedesign.simulation import SimulatedRobot
+from posedesign.simulation.rehearsal import true_cell, true_observer
 
 
-def test_one_round_of_the_loop(benchmark: BenchmarkFixture, reference_cell: Cell) -> None:
+def test_one_round_of_the_loop(benchmark, reference_cell):
     """27 poses: inverse kinematics, limits, G, C_G. To be at most 2 ms."""
     model = reference_cell.model()
     variation = np.full(3, 40.0)
@@ -29,12 +39,12 @@ def test_one_round_of_the_loop(benchmark: BenchmarkFixture, reference_cell: Cell
     assert benchmark(one_round) < 1e5
 
 
-def test_the_whole_plan(benchmark: BenchmarkFixture, reference_cell: Cell) -> None:
+def test_the_whole_plan(benchmark, reference_cell):
     """The plan of the demo cell, 8 rounds. To be under 100 ms; the paper's controller took 15 s."""
     assert benchmark(plan, reference_cell).reached
 
 
-def test_help(benchmark: BenchmarkFixture) -> None:
+def test_help(benchmark):
     """``posedesign --help`` as a process. To be under 0.4 s."""
     code = "from posedesign.cli.main import main; main()"
     command = [sys.executable, "-c", code, "--help"]
@@ -45,7 +55,7 @@ def test_help(benchmark: BenchmarkFixture) -> None:
     )
 
 
-def test_one_identification(benchmark: BenchmarkFixture, reference_cell: Cell) -> None:
+def test_one_identification(benchmark, reference_cell):
     """Ten parameters from 27 touch-ups, with covariance and leave-one-out."""
     robot = SimulatedRobot.of(reference_cell)
     touched = robot.touch_up(plan(reference_cell).postures, np.random.default_rng(1))
@@ -53,7 +63,7 @@ def test_one_identification(benchmark: BenchmarkFixture, reference_cell: Cell) -
     assert benchmark(identify, model, touched).status == "converged"
 
 
-def test_a_thousand_identifications(benchmark: BenchmarkFixture, reference_cell: Cell) -> None:
+def test_a_thousand_identifications(benchmark, reference_cell):
     """The same for 1,000 noise draws at once."""
     robot = SimulatedRobot.of(reference_cell)
     q = plan(reference_cell).postures
@@ -61,3 +71,52 @@ def test_a_thousand_identifications(benchmark: BenchmarkFixture, reference_cell:
     model = reference_cell.model()
     values = benchmark.pedantic(identify_batch, args=(model, touched), rounds=5)
     assert values.shape == (1000, 10)
+
+
+NOISE = MeasurementNoise.from_sigma([0.005, 0.005, 0.012])
+PAPER = (
+    cell_template()
+    .replace("image_px = [1280, 1024]", "image_px = [640, 480]")
+    .replace("focal_px = 1800.0", "focal_px = 1600.0")
+)
+"""The camera of the paper."""
+
+
+def prepared(kind: Kind, count: int) -> tuple[Drive, FloatArray, ImageJacobian]:
+    """Arms that stand some millimetres off their target."""
+    cell = Cell.from_text(PAPER)
+    rng = np.random.default_rng(1)
+    observer = true_observer(cell, kind, NOISE)
+    one = SimulatedArms(true_cell(cell), observer, 1, rng, cell.base_posture)
+    drive = Drive(cell.robot, one)
+    size = float(one.look(np.zeros(1, dtype=np.intp)).vhs_px[0, 2])
+    found = measure_jacobian(drive, cell.base_posture, Relation((320.0, 240.0), size), 0.01)
+    assert found.jacobian is not None
+    arms = SimulatedArms(true_cell(cell), observer, count, rng, cell.base_posture)
+    shift = rng.uniform(-5e-3, 5e-3, (count, 3))
+    T = cell.robot.fk(cell.base_posture) @ transform(np.eye(3), shift)
+    q, reached = follow(cell.robot, np.tile(cell.base_posture, (count, 1)), T)
+    assert reached.all()
+    return Drive(cell.robot, arms), q, found.jacobian
+
+
+@pytest.mark.parametrize(
+    ("kind", "count"), [("image", 1), ("fast", 1), ("fast", 27), ("fast", 1000)]
+)
+def test_touch_ups(benchmark, kind, count):
+    """With pictures under 50 ms; without, a plan of 27 or more at once, under 1 ms each."""
+    drive, q, jacobian = prepared(kind, count)
+    done = benchmark.pedantic(
+        touch_up, (drive, q, jacobian, Loop()), rounds=20, warmup_rounds=1, iterations=1
+    )
+    assert done.touched.all()
+
+
+def test_a_whole_calibration_with_pictures(benchmark, tmp_path):
+    """Both steps, 51 touch-ups, identification and plate. To be under two minutes."""
+    path = tmp_path / "cell.toml"
+    path.write_text(PAPER)
+    done = benchmark.pedantic(
+        lambda: run_by_sight(path, tmp_path / "run", restart=True), rounds=2, warmup_rounds=0
+    )
+    assert not done.calibration.missed

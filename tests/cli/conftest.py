@@ -1,7 +1,5 @@
 """The command line as a person types it, in this process, with small files to type it on."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Callable, Mapping
@@ -40,7 +38,7 @@ Refuse = Callable[..., Refusal]
 
 
 @pytest.fixture
-def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
+def cli(capsys) -> Cli:
     """Run a command line in this process."""
 
     def typed(*words: object) -> Said:
@@ -53,7 +51,7 @@ def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
 
 
 @pytest.fixture
-def refuse(cli: Cli, tmp_path: Path) -> Refuse:
+def refuse(cli, tmp_path) -> Refuse:
     """Run a command line that has to be refused, and return the one line that says why.
 
     Before it stands at most where the target is, and what is noted and not checked of the cell.
@@ -85,12 +83,12 @@ def contents(folder: Path) -> dict[str, bytes | None]:
 
 
 @pytest.fixture(scope="session")
-def _work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def _work(tmp_path_factory) -> Path:
     return worked_on(tmp_path_factory.mktemp("work"), cell_template(surroundings=False))
 
 
 @pytest.fixture(scope="session")
-def _demo_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def _demo_work(tmp_path_factory) -> Path:
     return worked_on(tmp_path_factory.mktemp("demo"), cell_template())
 
 
@@ -116,13 +114,13 @@ def with_camera(cell: Path) -> Path:
 
 
 @pytest.fixture
-def work(_work: Path, tmp_path: Path) -> Path:
+def work(_work, tmp_path) -> Path:
     """A folder with the reference cell and the files that plan and simulate make of it."""
     return copied(_work, tmp_path)
 
 
 @pytest.fixture
-def demo_work(_demo_work: Path, tmp_path: Path) -> Path:
+def demo_work(_demo_work, tmp_path) -> Path:
     """The same with gun, camera, fixture and floor."""
     return copied(_demo_work, tmp_path)
 
@@ -165,7 +163,7 @@ def with_keys(text: str, changes: Mapping[str, str]) -> str:
 
 
 @pytest.fixture
-def change_cell(work: Path) -> Callable[[Mapping[str, str]], Path]:
+def change_cell(work) -> Callable[[Mapping[str, str]], Path]:
     """Change keys of the cell in the working folder."""
 
     def change(changes: Mapping[str, str]) -> Path:
@@ -177,7 +175,7 @@ def change_cell(work: Path) -> Callable[[Mapping[str, str]], Path]:
 
 
 @pytest.fixture
-def change_csv(work: Path) -> Callable[[str, int, str, str], Path]:
+def change_csv(work) -> Callable[[str, int, str, str], Path]:
     """Change a cell of a CSV in the working folder; row 1 is the first below the header."""
 
     def change(name: str, row: int, column: str, value: str) -> Path:
@@ -192,7 +190,7 @@ def change_csv(work: Path) -> Callable[[str, int, str, str], Path]:
 
 
 @pytest.fixture
-def make_urdf(tmp_path: Path) -> Callable[..., Path]:
+def make_urdf(tmp_path) -> Callable[..., Path]:
     """Write the small arm as a URDF; ``joints`` changes what stands at a joint."""
 
     def make(joints: Mapping[str, Mapping[str, Any]] | None = None) -> Path:

@@ -1,47 +1,22 @@
 """Options, commands and folders that cannot be used: one line, exit code 2, no file."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-Cli = Callable[..., Any]
-Refuse = Callable[..., Any]
 
-
-def test_too_few_pairs(refuse: Refuse, work: Path) -> None:
+def test_too_few_pairs(refuse, work):
     lines = (work / "pairs.csv").read_text().splitlines()
     (work / "pairs.csv").write_text("\n".join(lines[:3]) + "\n")
     line = refuse("robot-world", work / "pairs.csv", "--out", work / "out")
     line.says("2 pose pairs", "at least 3")
 
 
-def test_pairs_all_alike(refuse: Refuse, work: Path) -> None:
+def test_pairs_all_alike(refuse, work):
     lines = (work / "pairs.csv").read_text().splitlines()
     (work / "pairs.csv").write_text("\n".join([lines[0], *[lines[1]] * 9]) + "\n")
     line = refuse("robot-world", work / "pairs.csv", "--out", work / "out")
     line.says("cannot identify", "all poses are the same")
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--method", "zhang"), ("no method 'zhang'", "did you mean zhuang")),
-        (("--noise-deg", "1"), ("--noise-deg and --noise-mm", "or neither")),
-        (("--noise-deg", "-1", "--noise-mm", "1"), ("noise", "-", "standard deviation")),
-        (("--noise-deg", "nan", "--noise-mm", "1"), ("noise", "nan")),
-        (("--noise-deg", "text", "--noise-mm", "1"), ("--noise-deg", "number", "--help")),
-    ],
-    ids=lambda value: " ".join(value) if value[0].startswith("--") else "",
-)
-def test_options_of_robot_world(
-    refuse: Refuse, work: Path, options: tuple[str, ...], words: tuple[str, ...]
-) -> None:
-    line = refuse("robot-world", work / "pairs.csv", "--out", work / "out", *options)
-    line.says(*words)
 
 
 @pytest.mark.parametrize(
@@ -59,9 +34,7 @@ def test_options_of_robot_world(
     ],
     ids=lambda value: " ".join(value) if value[0].startswith("--") else "",
 )
-def test_options_of_program(
-    cli: Cli, work: Path, options: tuple[str, ...], words: tuple[str, ...]
-) -> None:
+def test_options_of_program(cli, work, options, words):
     usual = () if "--format" in options else ("--format", "fanuc-ls")
     said = cli("program", work / "poses.csv", "--out", work / "out", *usual, *options)
     assert said.code == 2
@@ -70,7 +43,7 @@ def test_options_of_program(
     assert not [path for path in (work / "out").glob("*") if path.is_file()]
 
 
-def test_program_of_seven_joints(refuse: Refuse, work: Path) -> None:
+def test_program_of_seven_joints(refuse, work):
     text = "name," + ",".join(f"j{i}_deg" for i in range(1, 8)) + "\nP1,10,20,30,40,50,60,70\n"
     (work / "poses.csv").write_text(text)
     words = ("program", work / "poses.csv", "--out", work / "out")
@@ -95,9 +68,7 @@ def typed(work: Path, words: tuple[str, ...]) -> list[str]:
 
 
 @pytest.mark.parametrize("words", WRITERS.values(), ids=WRITERS)
-def test_file_in_place_of_the_output_folder(
-    refuse: Refuse, work: Path, words: tuple[str, ...]
-) -> None:
+def test_file_in_place_of_the_output_folder(refuse, work, words):
     (work / "taken").write_text("mine")
     for out in (work / "taken", work / "taken" / "below"):
         line = refuse(*typed(work, words), "--out", out)
@@ -115,7 +86,7 @@ FIRST_FILES = {
 
 
 @pytest.mark.parametrize("command", FIRST_FILES)
-def test_folder_in_place_of_an_output_file(refuse: Refuse, work: Path, command: str) -> None:
+def test_folder_in_place_of_an_output_file(refuse, work, command):
     blocked = work / "out" / FIRST_FILES[command]
     blocked.mkdir(parents=True)
     line = refuse(*typed(work, WRITERS[command]), "--out", work / "out")
@@ -145,13 +116,7 @@ def test_folder_in_place_of_an_output_file(refuse: Refuse, work: Path, command: 
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )
-def test_mistyped_commands(
-    refuse: Refuse,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    words: tuple[str, ...],
-    said: str,
-) -> None:
+def test_mistyped_commands(refuse, tmp_path, monkeypatch, words, said):
     monkeypatch.chdir(tmp_path)
     refuse(*words).says(said, "--help)")
 
@@ -177,13 +142,7 @@ HUGE = "9" * 400
     ],
     ids=lambda value: " ".join(value)[:50],
 )
-def test_numbers_and_names_beyond_all_bounds(
-    refuse: Refuse,
-    work: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    words: tuple[str, ...],
-    said: tuple[str, ...],
-) -> None:
+def test_numbers_and_names_beyond_all_bounds(refuse, work, monkeypatch, words, said):
     monkeypatch.chdir(work)
     if len(words[-1]) > 1000:  # the one line of an error is cut
         monkeypatch.setattr("posedesign.cli.main.LONGEST_LINE", 900)
@@ -191,9 +150,7 @@ def test_numbers_and_names_beyond_all_bounds(
     refuse(*words).says(*said)
 
 
-def test_a_machine_that_has_not_enough(
-    cli: Cli, work: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_machine_that_has_not_enough(cli, work, monkeypatch):
     """Memory and the system's own errors are one line, too."""
 
     def lacking(*_: object, **__: object) -> None:

@@ -1,7 +1,5 @@
 """Bad tables: one line with file, line and column; exit code 2; no file left behind."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +10,6 @@ import pytest
 from posedesign.files import csv_tables
 
 Refuse = Callable[..., Any]
-ChangeCsv = Callable[[str, int, str, str], Path]
 
 
 NUMBER_CASES = {
@@ -41,15 +38,7 @@ NUMBER_CASES = {
     ],
     ids=["touchups", "poses", "pairs"],
 )
-def test_cell_that_is_no_number(
-    refuse: Refuse,
-    change_csv: ChangeCsv,
-    work: Path,
-    value: str,
-    file: str,
-    column: str,
-    command: str,
-) -> None:
+def test_cell_that_is_no_number(refuse, change_csv, work, value, file, column, command):
     path = change_csv(file, 5, column, value)
     words = [command, *([] if command == "robot-world" else [work / "cell.toml"]), path]
     line = refuse(*words, *([] if command == "score" else ["--out", work / "out"]))
@@ -58,7 +47,7 @@ def test_cell_that_is_no_number(
 
 
 @pytest.mark.parametrize("command", ["simulate", "program", "score"])
-def test_nan_in_poses(refuse: Refuse, change_csv: ChangeCsv, work: Path, command: str) -> None:
+def test_nan_in_poses(refuse, change_csv, work, command):
     poses = change_csv("poses.csv", 1, "j1_deg", "nan")
     words = [command, *([] if command == "program" else [work / "cell.toml"]), poses]
     line = refuse(*words, *([] if command == "score" else ["--out", work / "out"]))
@@ -74,7 +63,7 @@ def identify(refuse: Refuse, work: Path, data: bytes | str) -> Any:
     return line
 
 
-def test_wrong_column_names(refuse: Refuse, work: Path) -> None:
+def test_wrong_column_names(refuse, work):
     good = (work / "touchups.csv").read_text()
     line = identify(refuse, work, good.replace("j2_deg", "joint2"))
     line.says("line 1: there is no column j2_deg", "did you mean")
@@ -84,7 +73,7 @@ def test_wrong_column_names(refuse: Refuse, work: Path) -> None:
     line.says("there is no column target", "did you mean tagret?")
 
 
-def test_wrong_unit_columns(refuse: Refuse, work: Path) -> None:
+def test_wrong_unit_columns(refuse, work):
     good = (work / "touchups.csv").read_text()
     for bad in (good.replace("_deg", "_rad"), good.replace("j1_deg", "j1_rad")):
         line = identify(refuse, work, bad)
@@ -95,7 +84,7 @@ def test_wrong_unit_columns(refuse: Refuse, work: Path) -> None:
     line.says("pairs.csv, line 1, column b_y_m", "another unit than mm", "b_y_mm")
 
 
-def test_radians_in_a_degree_column(refuse: Refuse, work: Path) -> None:
+def test_radians_in_a_degree_column(refuse, work):
     lines = (work / "touchups.csv").read_text().splitlines()
     rows = [line.split(",") for line in lines[1:]]
     turned = [
@@ -105,7 +94,7 @@ def test_radians_in_a_degree_column(refuse: Refuse, work: Path) -> None:
     line.says("column j1_deg to j6_deg", "look like radians", "57.29578", "--trust-units")
 
 
-def test_fewer_equations_than_parameters(refuse: Refuse, work: Path) -> None:
+def test_fewer_equations_than_parameters(refuse, work):
     lines = (work / "touchups.csv").read_text().splitlines()
     path = work / "few.csv"
     for count in (1, 2, 3):
@@ -115,7 +104,7 @@ def test_fewer_equations_than_parameters(refuse: Refuse, work: Path) -> None:
         line.says(said, "measure at least 4")
 
 
-def test_the_same_posture_again_and_again(refuse: Refuse, work: Path) -> None:
+def test_the_same_posture_again_and_again(refuse, work):
     lines = (work / "touchups.csv").read_text().splitlines()
     path = work / "same.csv"
     target, *joints, pose = lines[1].split(",")
@@ -128,7 +117,7 @@ def test_the_same_posture_again_and_again(refuse: Refuse, work: Path) -> None:
     line.says("cannot identify", "absorbed by")
 
 
-def test_touch_ups_of_another_robot(refuse: Refuse, change_csv: ChangeCsv, work: Path) -> None:
+def test_touch_ups_of_another_robot(refuse, change_csv, work):
     lines = (work / "touchups.csv").read_text().splitlines()
     seven = [lines[0] + ",j7_deg", *(line + ",1.0" for line in lines[1:])]
     line = identify(refuse, work, "\n".join(seven) + "\n")
@@ -158,33 +147,29 @@ TABLE_TEXTS = {
 
 
 @pytest.mark.parametrize(("data", "words"), TABLE_TEXTS.values(), ids=TABLE_TEXTS)
-def test_text_of_a_table(refuse: Refuse, work: Path, data: bytes, words: tuple[str, ...]) -> None:
+def test_text_of_a_table(refuse, work, data, words):
     identify(refuse, work, data).says(*words)
 
 
-def test_long_nonsense_is_not_echoed_in_full(
-    refuse: Refuse, change_csv: ChangeCsv, work: Path
-) -> None:
+def test_long_nonsense_is_not_echoed_in_full(refuse, change_csv, work):
     path = change_csv("touchups.csv", 1, "j2_deg", "x" * 50_000)
     line = refuse("identify", work / "cell.toml", path, "--out", work / "out")
     assert len(line) < 300 + len(str(path))
 
 
-def test_nothing_steers_the_terminal(refuse: Refuse, work: Path) -> None:
+def test_nothing_steers_the_terminal(refuse, work):
     line = identify(refuse, work, "\x1b[31mtarget,\x1b[31mtarget\n1,2\n")
     assert "\x1b" not in line
     assert "\\x1b[31mtarget" in line
 
 
-def test_table_that_is_too_large(
-    refuse: Refuse, work: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_table_that_is_too_large(refuse, work, monkeypatch):
     monkeypatch.setattr(csv_tables, "LARGEST_CSV_BYTES", 1000)
     line = refuse("identify", work / "cell.toml", work / "touchups.csv", "--out", work / "out")
     line.says("touchups.csv", "is larger than 0.001 MB")
 
 
-def test_tables_that_are_not_there(refuse: Refuse, work: Path) -> None:
+def test_tables_that_are_not_there(refuse, work):
     for words in (
         ("identify", work / "cell.toml", work / "no.csv"),
         ("simulate", work / "cell.toml", work / "no.csv"),
@@ -196,13 +181,13 @@ def test_tables_that_are_not_there(refuse: Refuse, work: Path) -> None:
         refuse(*words, *out).says("no.csv: cannot be read: No such file", "check the path")
 
 
-def test_touch_up_without_a_target(refuse: Refuse, change_csv: ChangeCsv, work: Path) -> None:
+def test_touch_up_without_a_target(refuse, change_csv, work):
     path = change_csv("touchups.csv", 4, "target", "")
     line = refuse("identify", work / "cell.toml", path, "--out", work / "out")
     line.says(f"{path}, line 5, column target", "has no name")
 
 
-def test_poses_that_were_all_dropped(refuse: Refuse, work: Path) -> None:
+def test_poses_that_were_all_dropped(refuse, work):
     text = (work / "poses.csv").read_text()
     text = text.replace(",grid,", ",dropped,").replace(",via,", ",dropped,")
     (work / "poses.csv").write_text(text)
@@ -210,6 +195,6 @@ def test_poses_that_were_all_dropped(refuse: Refuse, work: Path) -> None:
     line.says("poses.csv: has no pose that was not dropped")
 
 
-def test_arguments_swapped(refuse: Refuse, work: Path) -> None:
+def test_arguments_swapped(refuse, work):
     line = refuse("score", work / "poses.csv", work / "cell.toml")
     line.says("poses.csv", "no valid TOML")

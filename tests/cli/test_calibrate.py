@@ -1,13 +1,10 @@
 """``posedesign calibrate``: rehearsed, stopped, gone on with, refused."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import io
 import json
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,7 +70,7 @@ class Rehearsed:
 
 
 @pytest.fixture(scope="module")
-def rehearsed(tmp_path_factory: pytest.TempPathFactory) -> Rehearsed:
+def rehearsed(tmp_path_factory) -> Rehearsed:
     folder = tmp_path_factory.mktemp("rehearsed")
     (folder / "cell.toml").write_text(CELL)
     said, out = io.StringIO(), folder / "run"
@@ -84,13 +81,13 @@ def rehearsed(tmp_path_factory: pytest.TempPathFactory) -> Rehearsed:
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> Path:
+def cell(tmp_path) -> Path:
     path = tmp_path / "cell.toml"
     path.write_text(CELL)
     return path
 
 
-def test_what_was_found_serves_every_other_command(cli, rehearsed: Rehearsed, tmp_path) -> None:
+def test_what_was_found_serves_every_other_command(cli, rehearsed, tmp_path):
     out = rehearsed.out
     assert {path.name for path in out.iterdir()} == FILES
     assert cli("check", out / "found_cell.toml", out / "poses.csv").code == 0
@@ -105,14 +102,14 @@ def test_what_was_found_serves_every_other_command(cli, rehearsed: Rehearsed, tm
         assert a["rms_mm"] == pytest.approx(b["rms_mm"], rel=1e-3)
 
 
-def test_plate_is_better_after_than_before(rehearsed: Rehearsed) -> None:
+def test_plate_is_better_after_than_before(rehearsed):
     """Below half of it, as in the paper, with offsets alone; far below with the deflection."""
     rows = {row["model"]: row["over 400 mm"] for row in rehearsed.said["plate_mm"]}
     assert rows["offsets"] < 0.5 * rows["frames only"]
     assert rows["offsets + compliance"] < 0.2 * rows["frames only"]
 
 
-def test_touch_ups_are_those_of_the_journal(rehearsed: Rehearsed) -> None:
+def test_touch_ups_are_those_of_the_journal(rehearsed):
     with (rehearsed.out / "touchups.csv").open() as stream:
         rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
     entries = [json.loads(line) for line in rehearsed.lines[1:]]
@@ -124,7 +121,7 @@ def test_touch_ups_are_those_of_the_journal(rehearsed: Rehearsed) -> None:
         assert shown == pytest.approx([v * 57.29577951308232 for v in q], abs=1e-5)
 
 
-def test_stopped_and_gone_on(cli, cell: Path, rehearsed: Rehearsed, tmp_path: Path) -> None:
+def test_stopped_and_gone_on(cli, cell, rehearsed, tmp_path):
     out = tmp_path / "run"
     out.mkdir()
     lines = rehearsed.lines
@@ -141,9 +138,7 @@ def test_stopped_and_gone_on(cli, cell: Path, rehearsed: Rehearsed, tmp_path: Pa
         assert (out / name).read_text() == (rehearsed.out / name).read_text()
 
 
-def test_restart_puts_what_was_measured_aside(
-    cli, cell: Path, rehearsed: Rehearsed, tmp_path: Path
-) -> None:
+def test_restart_puts_what_was_measured_aside(cli, cell, rehearsed, tmp_path):
     """All of it together: a journal alone says neither what was planned nor what came out."""
     out = tmp_path / "run"
     shutil.copytree(rehearsed.out, out)
@@ -169,9 +164,7 @@ def test_restart_puts_what_was_measured_aside(
 
 @pytest.mark.parametrize("name", ["touchups.csv", "poses.csv", "found_cell.toml"])
 @pytest.mark.parametrize("words", [[], ["--restart"]])
-def test_what_a_person_measured_is_never_replaced(
-    refuse, cell: Path, rehearsed: Rehearsed, tmp_path: Path, words: list[str], name: str
-) -> None:
+def test_what_a_person_measured_is_never_replaced(refuse, cell, rehearsed, tmp_path, words, name):
     """Beside a journal of ours, imported or by hand; nothing is moved either."""
     out = tmp_path / "run"
     shutil.copytree(rehearsed.out, out)
@@ -180,7 +173,7 @@ def test_what_a_person_measured_is_never_replaced(
 
 
 @pytest.mark.parametrize("words", [[], ["--restart"]])
-def test_pairs_that_a_person_measured(refuse, cell: Path, tmp_path: Path, words: list[str]) -> None:
+def test_pairs_that_a_person_measured(refuse, cell, tmp_path, words):
     out = tmp_path / "run"
     out.mkdir()
     (out / "running.lock").touch()
@@ -190,9 +183,7 @@ def test_pairs_that_a_person_measured(refuse, cell: Path, tmp_path: Path, words:
     refuse("calibrate", cell, "--out", out, *words).says("pairs.csv", "is not replaced by")
 
 
-def test_what_a_person_changed_is_kept_under_another_name(
-    cli, refuse, cell: Path, rehearsed: Rehearsed, tmp_path: Path
-) -> None:
+def test_what_a_person_changed_is_kept_under_another_name(cli, refuse, cell, rehearsed, tmp_path):
     out = tmp_path / "run"
     shutil.copytree(rehearsed.out, out)
     touched = (out / "touchups.csv").read_text().replace("P27", "P27x")
@@ -217,13 +208,7 @@ def _linked(out: Path, elsewhere: Path) -> None:
 
 @pytest.mark.parametrize("done", [_removed, _linked])
 @pytest.mark.parametrize("at", ["touch-up S03", "planning", "touch-up P02", "identifying", ""])
-def test_a_folder_that_is_taken_away_while_it_runs(
-    cell: Path,
-    rehearsed: Rehearsed,
-    tmp_path: Path,
-    at: str,
-    done: Callable[[Path, Path], None],
-) -> None:
+def test_a_folder_that_is_taken_away_while_it_runs(cell, rehearsed, tmp_path, at, done):
     """It ends with an error, and nothing is written where a link leads to."""
     out, elsewhere = tmp_path / "run", tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -248,9 +233,7 @@ def test_a_folder_that_is_taken_away_while_it_runs(
     assert out.exists() == (done is _linked)
 
 
-def test_a_journal_that_is_gone_takes_no_touch_ups_with_it(
-    refuse, cli, cell: Path, rehearsed: Rehearsed, tmp_path: Path
-) -> None:
+def test_a_journal_that_is_gone_takes_no_touch_ups_with_it(refuse, cli, cell, rehearsed, tmp_path):
     out = tmp_path / "run"
     shutil.copytree(rehearsed.out, out)
     (out / "journal.jsonl").unlink()
@@ -261,9 +244,7 @@ def test_a_journal_that_is_gone_takes_no_touch_ups_with_it(
     assert (out / "session.1" / "touchups.csv").read_bytes() == before
 
 
-def test_a_target_that_was_not_in_view_may_be_brought_there(
-    cli, cell: Path, tmp_path: Path
-) -> None:
+def test_a_target_that_was_not_in_view_may_be_brought_there(cli, cell, tmp_path):
     """What failed is not replayed: the same command looks again."""
     cell.write_text(OUT_OF_VIEW)
     for _ in range(2):
@@ -273,7 +254,7 @@ def test_a_target_that_was_not_in_view_may_be_brought_there(
         assert "going on" not in said.err
 
 
-def test_refusals(refuse, cell: Path, tmp_path: Path) -> None:
+def test_refusals(refuse, cell, tmp_path):
     out, share = tmp_path / "run", tmp_path / "share"
     share.mkdir()
     refuse("calibrate", tmp_path / "none.toml").says("none.toml", "cannot be read")
@@ -299,14 +280,12 @@ def shared(folder: Path) -> Path:
     return folder
 
 
-def test_no_camera_is_invented(refuse, cell: Path, tmp_path: Path) -> None:
+def test_no_camera_is_invented(refuse, cell, tmp_path):
     cell.write_text(WITHOUT_CAMERA)
     refuse("calibrate", cell, "--out", tmp_path / "run").says("no [camera]", "describe the camera")
 
 
-def test_another_cell_in_the_same_folder(
-    refuse, cell: Path, rehearsed: Rehearsed, tmp_path: Path
-) -> None:
+def test_another_cell_in_the_same_folder(refuse, cell, rehearsed, tmp_path):
     """What is other is named: the robot, its truth, or what the cell says."""
     out, share = rehearsed.out, shared(tmp_path / "share")
     fast = ("calibrate", cell, "--out", out, "--no-images")
@@ -321,9 +300,7 @@ def test_another_cell_in_the_same_folder(
     refuse(*fast).says("another cell")
 
 
-def test_touch_ups_of_one_robot_are_not_gone_on_with_by_another(
-    cli, refuse, cell: Path, tmp_path: Path
-) -> None:
+def test_touch_ups_of_one_robot_are_not_gone_on_with_by_another(cli, refuse, cell, tmp_path):
     """Behind another folder stands another arm, with zeros of its own."""
     out, shares = tmp_path / "run", [shared(tmp_path / name) for name in "ab"]
     for share in shares:
@@ -341,7 +318,7 @@ def test_touch_ups_of_one_robot_are_not_gone_on_with_by_another(
 
 
 @pytest.mark.parametrize("words", [[], ["--restart"]])
-def test_two_in_one_folder(refuse, cell: Path, tmp_path: Path, words: list[str]) -> None:
+def test_two_in_one_folder(refuse, cell, tmp_path, words):
     """Whoever comes second must not take the journal of the first away."""
     pytest.importorskip("fcntl", reason="files are not locked on this system")
     out = tmp_path / "run"
@@ -351,7 +328,7 @@ def test_two_in_one_folder(refuse, cell: Path, tmp_path: Path, words: list[str])
         refuse("calibrate", cell, "--out", out, *words).says("is calibrating here")
 
 
-def test_two_with_one_robot(refuse, cell: Path, tmp_path: Path) -> None:
+def test_two_with_one_robot(refuse, cell, tmp_path):
     pytest.importorskip("fcntl", reason="files are not locked on this system")
     share = tmp_path / "share"
     for name in ("in", "out"):
@@ -363,7 +340,7 @@ def test_two_with_one_robot(refuse, cell: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_rehearsal_with_pictures_among_obstacles(cli, cell: Path, tmp_path: Path) -> None:
+def test_rehearsal_with_pictures_among_obstacles(cli, cell, tmp_path):
     cell.write_text(SURROUNDED)
     out = tmp_path / "run"
     said = cli("calibrate", cell, "--out", out)
@@ -373,7 +350,7 @@ def test_rehearsal_with_pictures_among_obstacles(cli, cell: Path, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_anew_it_is_the_same(cli, cell: Path, rehearsed: Rehearsed, tmp_path: Path) -> None:
+def test_anew_it_is_the_same(cli, cell, rehearsed, tmp_path):
     out = tmp_path / "run"
     shutil.copytree(rehearsed.out, out)
     anew = cli("calibrate", cell, "--out", out, "--no-images", "--json", "--restart")
@@ -382,7 +359,7 @@ def test_anew_it_is_the_same(cli, cell: Path, rehearsed: Rehearsed, tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_not_reached_is_told_by_the_exit_code(cli, cell: Path, tmp_path: Path) -> None:
+def test_not_reached_is_told_by_the_exit_code(cli, cell, tmp_path):
     cell.write_text(CELL.replace("# condition_threshold = 1.0e5", "condition_threshold = 1.0  #"))
     said = cli("calibrate", cell, "--out", tmp_path / "run", "--no-images")
     assert said.code == 1

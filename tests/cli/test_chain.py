@@ -1,10 +1,8 @@
 """Files from step to step: what one command writes, the next one reads."""
 
-from __future__ import annotations
-
 import csv
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,6 @@ from posedesign.programs import read
 from tests.cli.conftest import with_camera
 
 Cli = Callable[..., Any]
-ChangeCell = Callable[[Mapping[str, str]], Path]
 
 RIGID = {
     "truth.deflection": "false",
@@ -43,9 +40,7 @@ def chain(cli: Cli, cell: Path, out: Path) -> dict[str, Any]:
     return answer
 
 
-def test_identified_offsets_are_the_true_ones(
-    cli: Cli, change_cell: ChangeCell, work: Path
-) -> None:
+def test_identified_offsets_are_the_true_ones(cli, change_cell, work):
     cell = change_cell(RIGID)
     answer = chain(cli, cell, work / "out")
     truth = Cell.load(cell).config.truth
@@ -64,9 +59,7 @@ def test_identified_offsets_are_the_true_ones(
 
 
 @pytest.mark.parametrize("seed", [2, 3])
-def test_true_camera_and_target_are_found(
-    cli: Cli, change_cell: ChangeCell, work: Path, seed: int
-) -> None:
+def test_true_camera_and_target_are_found(cli, change_cell, work, seed):
     keys = {
         **RIGID,
         "truth.zero_offsets_deg": "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]",
@@ -91,21 +84,21 @@ def test_true_camera_and_target_are_found(
         np.testing.assert_allclose([float(row[f"x_{a}_deg"]) for a in "wpr"], 0.0, atol=1e-4)
 
 
-def test_program_holds_the_planned_poses(cli: Cli, work: Path) -> None:
+def test_program_holds_the_planned_poses(cli, work):
     chain(cli, work / "cell.toml", work / "out")
     planned = read_poses(work / "out" / "poses.csv", 6)
     recorded = read(work / "out" / "CALIB01.LS")
     np.testing.assert_allclose(recorded.postures(), planned.postures, atol=np.deg2rad(1e-3))
 
 
-def test_the_same_files_twice(cli: Cli, work: Path) -> None:
+def test_the_same_files_twice(cli, work):
     chain(cli, work / "cell.toml", work / "one")
     chain(cli, work / "cell.toml", work / "two")
     for path in (work / "one").iterdir():
         assert path.read_bytes() == (work / "two" / path.name).read_bytes(), path.name
 
 
-def test_view_line_touch_ups(cli: Cli, change_cell: ChangeCell, work: Path) -> None:
+def test_view_line_touch_ups(cli, change_cell, work):
     keys = {**RIGID, "measurement.kind": '"view-line"', "parameters.tool_axes": '"xy"'}
     answer = chain(cli, change_cell(keys), work / "out")
     names = [p["name"] for p in answer["models"][1]["parameters"]]
@@ -115,7 +108,7 @@ def test_view_line_touch_ups(cli: Cli, change_cell: ChangeCell, work: Path) -> N
         assert abs(parameter["value"] - true) < 5.0 * parameter["sigma"]
 
 
-def test_spreadsheet_round_trip_changes_nothing(cli: Cli, work: Path) -> None:
+def test_spreadsheet_round_trip_changes_nothing(cli, work):
     """Excel writes a byte order mark and CRLF; people add comment lines."""
     assert cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work / "a").code == 0
     plain = (work / "touchups.csv").read_text()
@@ -129,16 +122,14 @@ def test_spreadsheet_round_trip_changes_nothing(cli: Cli, work: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["#1", "=T1", "-1", "Zapfen 3, links", 'the "old" one', "'x"])
-def test_any_target_name_survives_the_files(
-    cli: Cli, change_cell: ChangeCell, work: Path, name: str
-) -> None:
+def test_any_target_name_survives_the_files(cli, change_cell, work, name):
     cell = change_cell({"target.name": json.dumps(name)})
     answer = chain(cli, cell, work / "out")
     assert answer["targets"] == [name]
     assert answer["measurements"] == 27
 
 
-def test_several_targets(cli: Cli, work: Path) -> None:
+def test_several_targets(cli, work):
     """The touch-ups say which targets there are; the cell need not."""
     lines = (work / "touchups.csv").read_text().splitlines()
     named = [lines[0], *(f"S{i % 2}" + row[2:] for i, row in enumerate(lines[1:]))]

@@ -1,12 +1,8 @@
 """``posedesign check``: verdicts as a person reads them, and cells whose bounds make no sense."""
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,18 +11,14 @@ from posedesign.cell import Cell
 from posedesign.planning.pose_check import check_poses
 from posedesign.planning.tables import read_poses
 
-ChangeCell = Callable[[Mapping[str, str]], Path]
-Cli = Callable[..., Any]
-Refuse = Callable[..., Any]
-
 
 @pytest.fixture
-def work(demo_work: Path) -> Path:
+def work(demo_work) -> Path:
     """The reference cell with gun, camera, fixture and floor."""
     return demo_work
 
 
-def test_planned_poses_pass(cli: Cli, work: Path) -> None:
+def test_planned_poses_pass(cli, work):
     said = cli("check", work / "cell.toml", work / "poses.csv")
     assert said.code == 0
     assert "27 poses: 0 cannot be taken; 0 motions between them not clear" in said.out
@@ -37,7 +29,7 @@ def test_planned_poses_pass(cli: Cli, work: Path) -> None:
     assert told["not_checked"] == []
 
 
-def test_every_pose_has_its_tightest_constraint(cli: Cli, work: Path) -> None:
+def test_every_pose_has_its_tightest_constraint(cli, work):
     """The table and the JSON say what the constraints say."""
     cell = Cell.load(work / "cell.toml")
     poses = read_poses(work / "poses.csv", 6).measured
@@ -54,9 +46,7 @@ def test_every_pose_has_its_tightest_constraint(cli: Cli, work: Path) -> None:
     np.testing.assert_allclose([row["distance_mm"] for row in told], 1e3 * distance)
 
 
-def test_a_pose_in_the_floor(
-    cli: Cli, work: Path, change_csv: Callable[[str, int, str, str], Path]
-) -> None:
+def test_a_pose_in_the_floor(cli, work, change_csv):
     poses = change_csv("poses.csv", 2, "j2_deg", "70")
     said = cli("check", work / "cell.toml", poses)
     assert said.code == 1
@@ -70,7 +60,7 @@ def test_a_pose_in_the_floor(
     assert any(name in line for line in told["off_target"])
 
 
-def test_a_way_through_the_fixture(make_demo_cell: Callable[..., Cell]) -> None:
+def test_a_way_through_the_fixture(make_demo_cell):
     """Two clear poses on either side of a wall, and the wall between them."""
     cell = make_demo_cell(camera=None)
     x = 1e3 * cell.target_m[0]
@@ -88,9 +78,7 @@ def test_a_way_through_the_fixture(make_demo_cell: Callable[..., Cell]) -> None:
     assert not there[1].ok
 
 
-def test_the_way_back_to_the_base_posture_is_checked(
-    cli: Cli, refuse: Refuse, work: Path, change_csv: Callable[[str, int, str, str], Path]
-) -> None:
+def test_the_way_back_to_the_base_posture_is_checked(cli, refuse, work, change_csv):
     """The last stop moved to where the arm stands in the floor on its way: named, and refused."""
     poses = change_csv("poses.csv", 28, "j2_deg", "75")
     told = json.loads(cli("check", work / "cell.toml", poses, "--json").out)
@@ -104,7 +92,7 @@ def test_the_way_back_to_the_base_posture_is_checked(
     refuse(*words).says("pose V01")
 
 
-def test_postures_on_the_way_need_not_see_the_target(make_demo_cell: Callable[..., Cell]) -> None:
+def test_postures_on_the_way_need_not_see_the_target(make_demo_cell):
     from posedesign.planning.tables import PoseList
 
     cell = make_demo_cell()
@@ -116,9 +104,7 @@ def test_postures_on_the_way_need_not_see_the_target(make_demo_cell: Callable[..
     assert passing[1].feasible, passing[1].says
 
 
-def test_the_base_posture_itself_must_be_clear(
-    refuse: Refuse, demo_work: Path, make_demo_cell: Callable[..., Cell]
-) -> None:
+def test_the_base_posture_itself_must_be_clear(refuse, demo_work, make_demo_cell):
     """A ball in the elbow: other branches take the base pose, but the arm is not in them."""
     cell = make_demo_cell()
     elbow = 1e3 * cell.robot.state(cell.base_posture).origins[2]
@@ -128,9 +114,7 @@ def test_the_base_posture_itself_must_be_clear(
     refuse("plan", path, "--out", demo_work / "x").says("the base pose cannot be taken", "ball")
 
 
-def test_places_on_ways_are_counted_from_where_the_arm_comes_from(
-    make_demo_cell: Callable[..., Cell],
-) -> None:
+def test_places_on_ways_are_counted_from_where_the_arm_comes_from(make_demo_cell):
     """A post at a third of the way there is at two thirds of the way back."""
     cell = make_demo_cell(camera=None, obstacle=None)
     q = np.tile(cell.base_posture, (2, 1))
@@ -143,9 +127,7 @@ def test_places_on_ways_are_counted_from_where_the_arm_comes_from(
     assert 0.1 < there < 0.5
 
 
-def test_a_program_of_poses_that_collide_is_refused(
-    cli: Cli, refuse: Refuse, work: Path, change_cell: ChangeCell
-) -> None:
+def test_a_program_of_poses_that_collide_is_refused(cli, refuse, work, change_cell):
     cell = change_cell({"constraints.safety_distance_mm": "80.0"})
     words = ("program", work / "poses.csv", "--cell", cell, "--out", work)
     refuse(*words).says("pose P", "80 mm asked for", "more", "posedesign check", "--force")
@@ -187,13 +169,7 @@ CASES: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize(("changes", "words"), CASES.values(), ids=CASES)
-def test_bounds_that_shut_out_the_base_pose(
-    refuse: Refuse,
-    change_cell: ChangeCell,
-    work: Path,
-    changes: dict[str, str],
-    words: tuple[str, ...],
-) -> None:
+def test_bounds_that_shut_out_the_base_pose(refuse, change_cell, work, changes, words):
     refuse("plan", change_cell(changes), "--out", work / "out").says(*words)
 
 
@@ -261,13 +237,7 @@ KEYS: dict[str, tuple[dict[str, str], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize(("changes", "words"), KEYS.values(), ids=KEYS)
-def test_surroundings_that_make_no_sense(
-    refuse: Refuse,
-    change_cell: ChangeCell,
-    work: Path,
-    changes: dict[str, str],
-    words: tuple[str, ...],
-) -> None:
+def test_surroundings_that_make_no_sense(refuse, change_cell, work, changes, words):
     refuse("check", change_cell(changes), work / "poses.csv").says(*words)
 
 
@@ -297,9 +267,7 @@ SOLIDS: dict[str, tuple[str, tuple[str, ...]]] = {
 
 @pytest.mark.parametrize(("text", "words"), SOLIDS.values(), ids=SOLIDS)
 @pytest.mark.parametrize("table", ["obstacle", "tool.body"])
-def test_solids_that_make_no_sense(
-    refuse: Refuse, work: Path, text: str, words: tuple[str, ...], table: str
-) -> None:
+def test_solids_that_make_no_sense(refuse, work, text, words, table):
     path = work / "cell.toml"
     path.write_text(path.read_text() + f"\n[[{table}]]\n{text}\n")
     refuse("check", path, work / "poses.csv").says(*words)
@@ -327,9 +295,7 @@ def cube_stl(size: float) -> str:
 @pytest.mark.parametrize(
     ("size", "scale", "noted"), [(400.0, 1.0, False), (0.4, 1000.0, False), (0.4, 1.0, True)]
 )
-def test_meshes_in_another_unit_are_noted(
-    cli: Cli, work: Path, size: float, scale: float, noted: bool
-) -> None:
+def test_meshes_in_another_unit_are_noted(cli, work, size, scale, noted):
     """A cube of 400 mm where the gun is: seen in mm and in metres, but for the wrong scale."""
     (work / "cube.stl").write_text(cube_stl(size))
     path = work / "cell.toml"
@@ -344,20 +310,13 @@ def test_meshes_in_another_unit_are_noted(
     assert said.code == (0 if noted else 1)
 
 
-def test_a_tool_is_no_half_space(refuse: Refuse, work: Path) -> None:
+def test_a_tool_is_no_half_space(refuse, work):
     path = work / "cell.toml"
     path.write_text(path.read_text() + '\n[[tool.body]]\nname = "b"\nkind = "half-space"\n')
     refuse("plan", path, "--out", work / "x").says("b: a tool cannot be a half-space")
 
 
-def test_a_preset_with_five_values(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
-    cell = change_cell({"base_pose.posture_deg": "[0, 15, -25, 0, -50]"})
-    refuse("plan", cell, "--out", work / "x").says(
-        "r2000ic165f has 6 joints, the posture has 5 values"
-    )
-
-
-def test_what_is_not_checked_is_said(cli: Cli, make_urdf: Callable[..., Path], work: Path) -> None:
+def test_what_is_not_checked_is_said(cli, make_urdf, work):
     new = cli("new", "--robot", make_urdf())
     assert new.code == 0
     cell = work / "own.toml"

@@ -1,11 +1,6 @@
 """``posedesign convert``, and what the tables of a plan say before their header."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,11 +9,8 @@ import pytest
 from posedesign.cell import Cell
 from posedesign.planning.tables import read_poses, read_robot_poses
 
-Cli = Callable[..., Any]
-Refuse = Callable[..., Any]
 
-
-def test_there_and_back(cli: Cli, work: Path) -> None:
+def test_there_and_back(cli, work):
     """Through ROS and RoboDK to the usual table, with columns of other makers."""
     planned = work / "poses.csv"
     table = pd.read_csv(planned)
@@ -45,7 +37,7 @@ def test_there_and_back(cli: Cli, work: Path) -> None:
     assert pd.read_csv(work / "robodk.csv").columns[:6].tolist() == [f"J{i}" for i in range(1, 7)]
 
 
-def test_plan_and_header_agree(cli: Cli, work: Path) -> None:
+def test_plan_and_header_agree(cli, work):
     out = work / "out"
     told = json.loads(cli("plan", work / "cell.toml", "--out", out, "--json").out)
     found = read_poses(out / "poses.csv", 6)
@@ -59,7 +51,7 @@ def test_plan_and_header_agree(cli: Cli, work: Path) -> None:
     assert table["configuration"].notna().all()  # the reference robot is a FANUC
 
 
-def test_changed_poses_are_told(cli: Cli, work: Path) -> None:
+def test_changed_poses_are_told(cli, work):
     out, cell = work / "out", work / "cell.toml"
     cli("plan", cell, "--out", out)
     text = (out / "poses.csv").read_text()
@@ -78,7 +70,7 @@ def test_changed_poses_are_told(cli: Cli, work: Path) -> None:
     assert again.fingerprint_written == first.fingerprint
 
 
-def test_what_cannot_be_converted(refuse: Refuse, work: Path) -> None:
+def test_what_cannot_be_converted(refuse, work):
     path, cell = work / "ros.csv", work / "cell.toml"
     path.write_text("joint1_rad,joint2_rad,joint3_rad,joint4_rad,joint5_rad,joint6_rad\n" + "1,2,")
     words = ("convert", path, "--cell", cell, "--out", work / "out.csv")
@@ -92,9 +84,7 @@ def test_what_cannot_be_converted(refuse: Refuse, work: Path) -> None:
     assert not (work / "out.csv").exists()
 
 
-def test_poses_outside_the_limits_are_told(
-    cli: Cli, work: Path, change_csv: Callable[[str, int, str, str], Path]
-) -> None:
+def test_poses_outside_the_limits_are_told(cli, work, change_csv):
     poses = change_csv("poses.csv", 2, "j2_deg", "170")
     said = cli("convert", poses, "--cell", work / "cell.toml", "--out", work / "out.csv")
     assert said.code == 0

@@ -1,7 +1,5 @@
 """correct and predict as a person types them."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable
@@ -19,15 +17,12 @@ from posedesign.identification.models import model_of
 from posedesign.planning.tables import read_poses
 from posedesign.simulation import SimulatedRobot
 
-Cli = Callable[..., Any]
-Refuse = Callable[..., Any]
-
 WAYS = ["corrected poses", "description", "mastering", "as it is"]
 TEXTS = ("meaning", "joint", "pendant_joint", "name", "status", "reason", "configuration")
 
 
 @pytest.fixture(scope="session")
-def _identified(tmp_path_factory: pytest.TempPathFactory, _work: Path) -> dict[str, Any]:
+def _identified(tmp_path_factory, _work) -> dict[str, Any]:
     out = tmp_path_factory.mktemp("identified")
     files = [str(_work / name) for name in ("cell.toml", "touchups.csv")]
     assert run(["identify", *files, "--out", str(out)]) == 0
@@ -37,7 +32,7 @@ def _identified(tmp_path_factory: pytest.TempPathFactory, _work: Path) -> dict[s
 
 
 @pytest.fixture
-def identified(work: Path, _identified: dict[str, Any]) -> Path:
+def identified(work, _identified) -> Path:
     """The file that identify makes, in the working folder."""
     path = work / "identification.json"
     path.write_text(json.dumps(_identified))
@@ -45,7 +40,7 @@ def identified(work: Path, _identified: dict[str, Any]) -> Path:
 
 
 @pytest.fixture
-def changed(identified: Path) -> Callable[[Callable[[dict[str, Any]], object]], Path]:
+def changed(identified) -> Callable[[Callable[[dict[str, Any]], object]], Path]:
     """Change the content of the file in the working folder."""
 
     def change(how: Callable[[dict[str, Any]], object]) -> Path:
@@ -79,7 +74,7 @@ def as_identified(cell: Cell, content: dict[str, Any]) -> tuple[CalibrationModel
     return model, np.array([values[name] for name in model.names])
 
 
-def test_correct_writes_description_mastering_and_poses(cli: Cli, work, identified) -> None:
+def test_correct_writes_description_mastering_and_poses(cli, work, identified):
     out = work / "out"
     said = cli("correct", work / "cell.toml", identified, work / "poses.csv", "--out", out)
     assert said.code == 0, said
@@ -113,7 +108,7 @@ def test_correct_writes_description_mastering_and_poses(cli: Cli, work, identifi
         np.testing.assert_allclose(se3.rotation_from_wpr(wpr), T[:3, :3], atol=1e-9)
 
 
-def test_corrected_urdf_is_the_identified_arm(cli: Cli, work, identified) -> None:
+def test_corrected_urdf_is_the_identified_arm(cli, work, identified):
     name = json.loads(identified.read_text())["recommended"]
     typed = ("correct", work / "cell.toml", identified, "--model", name, "--out", work / "out")
     assert cli(*typed).code == 0
@@ -131,7 +126,7 @@ def test_corrected_urdf_is_the_identified_arm(cli: Cli, work, identified) -> Non
     np.testing.assert_allclose(again.fk(q), cell.robot.fk(moved), atol=1e-9)
 
 
-def test_mastering_is_in_the_signs_of_the_pendant(cli: Cli, work, identified) -> None:
+def test_mastering_is_in_the_signs_of_the_pendant(cli, work, identified):
     name = json.loads(identified.read_text())["recommended"]
     typed = ("correct", work / "cell.toml", identified, "--model", name, "--out", work / "out")
     assert cli(*typed).code == 0
@@ -144,7 +139,7 @@ def test_mastering_is_in_the_signs_of_the_pendant(cli: Cli, work, identified) ->
     assert rows[2]["sigma_deg"] > 0
 
 
-def test_the_ways_are_compared_first_and_the_best_is_named(cli: Cli, work, identified) -> None:
+def test_the_ways_are_compared_first_and_the_best_is_named(cli, work, identified):
     out = work / "out"
     said = cli("correct", work / "cell.toml", identified, work / "poses.csv", "--out", out)
     lines = said.out.splitlines()
@@ -171,9 +166,7 @@ def test_the_ways_are_compared_first_and_the_best_is_named(cli: Cli, work, ident
     assert f"{rms['corrected poses']:.3g} mm rms" in (out / "corrected_poses.csv").read_text()[:900]
 
 
-def test_values_are_those_of_their_way_and_a_named_model_stays_as_it_is(
-    cli: Cli, work, identified
-) -> None:
+def test_values_are_those_of_their_way_and_a_named_model_stays_as_it_is(cli, work, identified):
     """Compliance cannot be mastered, and zero offsets take up a part of it over the box."""
     name = json.loads(identified.read_text())["recommended"]
     typed = ("correct", work / "cell.toml", identified, "--json", "--out")
@@ -187,7 +180,7 @@ def test_values_are_those_of_their_way_and_a_named_model_stays_as_it_is(
     assert files[0] != files[1]
 
 
-def test_the_reference_of_the_file_is_what_is_corrected_by(cli: Cli, work, changed) -> None:
+def test_the_reference_of_the_file_is_what_is_corrected_by(cli, work, changed):
     path = changed(lambda c: c.update(reference=c["models"][-1]["name"]))
     largest = json.loads(path.read_text())["reference"]
     assert "geometry" in largest or "everything" in largest
@@ -201,7 +194,7 @@ def test_the_reference_of_the_file_is_what_is_corrected_by(cli: Cli, work, chang
     assert rows["corrected poses"]["not_carried_mm"] > 0.05
 
 
-def test_a_zero_that_only_a_prior_holds_is_not_mastered(cli: Cli, work, changed) -> None:
+def test_a_zero_that_only_a_prior_holds_is_not_mastered(cli, work, changed):
     def held(content: dict[str, Any]) -> None:
         best(content)["held_by_prior"] = ["zero_offset.joint_4"]
         for p in best(content)["parameters"]:
@@ -217,9 +210,7 @@ def test_a_zero_that_only_a_prior_holds_is_not_mastered(cli: Cli, work, changed)
     assert rows[4]["sigma_deg"] > 0
 
 
-def test_the_box_is_that_of_the_cell_or_the_one_given(
-    cli: Cli, refuse: Refuse, work, identified
-) -> None:
+def test_the_box_is_that_of_the_cell_or_the_one_given(cli, refuse, work, identified):
     typed = ("correct", work / "cell.toml", identified, "--out", work / "out")
     said = cli(*typed, "--box=1500,-200,400,1900,200,800")
     assert said.code == 0
@@ -230,9 +221,7 @@ def test_the_box_is_that_of_the_cell_or_the_one_given(
     refuse(*typed, "--box=9000,0,0,9900,1,1").says("no point of the task box", "--box")
 
 
-def test_a_tool_of_another_name_is_corrected_as_the_cells(
-    cli: Cli, refuse: Refuse, work, changed
-) -> None:
+def test_a_tool_of_another_name_is_corrected_as_the_cells(cli, refuse, work, changed):
     """A reflector that sits where the tool is, say."""
 
     def renamed(content: dict[str, Any]) -> None:
@@ -255,7 +244,7 @@ def test_a_tool_of_another_name_is_corrected_as_the_cells(
     refuse(*typed, "--tool", "p2").says("no tool point 'p2'", "p1")
 
 
-def test_several_tool_points_are_to_be_told_apart(cli: Cli, work, changed) -> None:
+def test_several_tool_points_are_to_be_told_apart(cli, work, changed):
     def two(content: dict[str, Any]) -> None:
         for model in content["models"]:
             model.pop("covariance_si", None)
@@ -276,7 +265,7 @@ def test_several_tool_points_are_to_be_told_apart(cli: Cli, work, changed) -> No
     assert "--tool" not in named.err
 
 
-def test_corrected_poses_become_a_program(cli: Cli, work, identified) -> None:
+def test_corrected_poses_become_a_program(cli, work, identified):
     out, cell = work / "out", work / "cell.toml"
     assert cli("correct", cell, identified, work / "poses.csv", "--out", out).code == 0
     said = cli("program", out / "corrected_poses.csv", "--cell", cell, "--out", out)
@@ -284,7 +273,7 @@ def test_corrected_poses_become_a_program(cli: Cli, work, identified) -> None:
     assert "27 poses" in said.out
 
 
-def test_a_model_can_be_named(cli: Cli, work, identified) -> None:
+def test_a_model_can_be_named(cli, work, identified):
     said = cli(
         "correct", work / "cell.toml", identified, "--model", "offsets", "--out", work, "--json"
     )
@@ -296,16 +285,14 @@ def test_a_model_can_be_named(cli: Cli, work, identified) -> None:
     assert len(answer["mastering"]) == 6
 
 
-def test_what_a_description_cannot_hold_is_told(cli: Cli, work, identified) -> None:
+def test_what_a_description_cannot_hold_is_told(cli, work, identified):
     said = cli("correct", work / "cell.toml", identified, "--out", work / "out")
     assert "compliance" in json.loads(identified.read_text())["recommended"]
     assert "neither mastering nor a description can hold: compliance of joints" in said.err
     assert b"compliance of joints" in (work / "out" / "corrected.urdf").read_bytes()
 
 
-def test_a_pose_beyond_a_limit_is_dropped_with_its_reason(
-    cli: Cli, work, changed, change_csv
-) -> None:
+def test_a_pose_beyond_a_limit_is_dropped_with_its_reason(cli, work, changed, change_csv):
     def more(content: dict[str, Any]) -> None:
         for p in best(content)["parameters"]:
             if p["name"] == "zero_offset.joint_5":
@@ -322,14 +309,14 @@ def test_a_pose_beyond_a_limit_is_dropped_with_its_reason(
     assert first["j1_deg"] is None
 
 
-def test_ways_between_poses_are_corrected_too(cli: Cli, work, identified, change_csv) -> None:
+def test_ways_between_poses_are_corrected_too(cli, work, identified, change_csv):
     poses = change_csv("poses.csv", 2, "status", "via")
     assert cli("correct", work / "cell.toml", identified, poses, "--out", work / "out").code == 0
     rows = table(work / "out" / "corrected_poses.csv")
     assert [row["status"] for row in rows[:2]] == [table(poses)[0]["status"], "via"]
 
 
-def test_another_tool_than_the_cells_is_not_brought_to_the_poses(cli: Cli, work, changed) -> None:
+def test_another_tool_than_the_cells_is_not_brought_to_the_poses(cli, work, changed):
     def farther(content: dict[str, Any]) -> None:
         next(p for p in best(content)["parameters"] if p["name"] == "tool.x")["value"] += 50.0
 
@@ -341,7 +328,7 @@ def test_another_tool_than_the_cells_is_not_brought_to_the_poses(cli: Cli, work,
     assert all(float(words.split("up to ")[1].split(" ")[0]) < 1.0 for words in moved)
 
 
-def test_a_urdf_keeps_its_own_text(cli: Cli, work, make_urdf) -> None:
+def test_a_urdf_keeps_its_own_text(cli, work, make_urdf):
     source = make_urdf()
     before = source.read_text()
     cell = work / "small.toml"
@@ -427,9 +414,7 @@ BAD_CHANGES = {
 
 
 @pytest.mark.parametrize("how", BAD_CHANGES)
-def test_identifications_that_cannot_be_used_are_refused(
-    refuse: Refuse, work, changed, how: str
-) -> None:
+def test_identifications_that_cannot_be_used_are_refused(refuse, work, changed, how):
     change, words = BAD_CHANGES[how]
     path = changed(change)
     refuse("correct", work / "cell.toml", path, "--out", work / "out").says(*words)
@@ -447,49 +432,47 @@ BAD_TEXTS = {
 
 
 @pytest.mark.parametrize("what", BAD_TEXTS)
-def test_files_that_are_no_identification_are_refused(
-    refuse: Refuse, work, identified, what: str
-) -> None:
+def test_files_that_are_no_identification_are_refused(refuse, work, identified, what):
     text, words = BAD_TEXTS[what]
     identified.write_text(text)
     refuse("correct", work / "cell.toml", identified, "--out", work / "out").says(*words)
 
 
-def test_bytes_and_folders_are_refused(refuse: Refuse, work, identified) -> None:
+def test_bytes_and_folders_are_refused(refuse, work, identified):
     identified.write_bytes(b"\xff\xfe\x00{")
     refuse("correct", work / "cell.toml", identified, "--out", work / "out").says("not UTF-8")
     refuse("correct", work / "cell.toml", work, "--out", work / "out").says("cannot be read")
     refuse("correct", work / "cell.toml", work / "none.json").says("No such file")
 
 
-def test_a_file_too_large_is_refused(refuse: Refuse, work, identified, monkeypatch) -> None:
+def test_a_file_too_large_is_refused(refuse, work, identified, monkeypatch):
     monkeypatch.setattr("posedesign.identification.file.LARGEST_JSON_BYTES", 1000)
     refuse("correct", work / "cell.toml", identified, "--out", work / "out").says("larger than")
 
 
-def test_an_unknown_model_lists_near_ones(refuse: Refuse, work, identified) -> None:
+def test_an_unknown_model_lists_near_ones(refuse, work, identified):
     said = refuse("correct", work / "cell.toml", identified, "--model", "ofsets", "--out", work)
     said.says("no model 'ofsets'", "did you mean offsets")
 
 
-def test_a_model_of_the_set_up_alone_is_refused(refuse: Refuse, work, identified) -> None:
+def test_a_model_of_the_set_up_alone_is_refused(refuse, work, identified):
     said = refuse(
         "correct", work / "cell.toml", identified, "--model", "frames only", "--out", work / "out"
     )
     said.says("nothing of the arm to correct")
 
 
-def test_poses_of_another_robot_are_refused(refuse: Refuse, work, identified) -> None:
+def test_poses_of_another_robot_are_refused(refuse, work, identified):
     poses = work / "five.csv"
     poses.write_text("j1_deg,j2_deg,j3_deg,j4_deg,j5_deg\n10,20,30,40,50\n")
     refuse("correct", work / "cell.toml", identified, poses, "--out", work / "o").says("j6_deg")
 
 
-def test_an_output_folder_that_is_a_file_is_refused(refuse: Refuse, work, identified) -> None:
+def test_an_output_folder_that_is_a_file_is_refused(refuse, work, identified):
     refuse("correct", work / "cell.toml", identified, "--out", identified).says("output folder")
 
 
-def test_nothing_outside_the_output_folder_is_written(cli: Cli, work, identified) -> None:
+def test_nothing_outside_the_output_folder_is_written(cli, work, identified):
     before = {path: path.read_bytes() for path in work.rglob("*")}
     out = work / "out"
     assert (
@@ -501,7 +484,7 @@ def test_nothing_outside_the_output_folder_is_written(cli: Cli, work, identified
 # predict ----------------------------------------------------------------------------------------
 
 
-def test_predict_prints_and_writes_a_table(cli: Cli, work) -> None:
+def test_predict_prints_and_writes_a_table(cli, work):
     said = cli(
         "predict",
         work / "cell.toml",
@@ -525,7 +508,7 @@ def test_predict_prints_and_writes_a_table(cli: Cli, work) -> None:
     assert "from the noise alone" in said.out
 
 
-def test_a_box_may_begin_with_a_minus(cli: Cli, work) -> None:
+def test_a_box_may_begin_with_a_minus(cli, work):
     said = cli(
         *("predict", work / "cell.toml", work / "poses.csv"),
         *("--box", "-300,1300,500,300,1900,1100", "--out", work / "out", "--json"),
@@ -536,7 +519,7 @@ def test_a_box_may_begin_with_a_minus(cli: Cli, work) -> None:
     assert "joint 1" in answer["reference"]
 
 
-def test_a_model_of_the_cell_can_be_predicted(cli: Cli, refuse: Refuse, work) -> None:
+def test_a_model_of_the_cell_can_be_predicted(cli, refuse, work):
     typed = ["predict", work / "cell.toml", work / "poses.csv", "--box", "1400,0,500,2000,1,1100"]
     plain, same, more = (
         json.loads(cli(*typed, *options, "--out", work / "out", "--json").out)["points"]
@@ -549,7 +532,7 @@ def test_a_model_of_the_cell_can_be_predicted(cli: Cli, refuse: Refuse, work) ->
     refuse(*typed, "--model", "offset", "--out", work / "o").says("no model 'offset'", "offsets")
 
 
-def test_the_box_of_the_cell(cli: Cli, work) -> None:
+def test_the_box_of_the_cell(cli, work):
     path = work / "cell.toml"
     section = "[task_box]\nlowest_mm = [1500.0, 0.0, 800.0]\nhighest_mm = [6000.0, 0.0, 800.0]\n"
     path.write_text(path.read_text() + section + "steps = [2, 1, 1]\n")
@@ -574,9 +557,7 @@ def test_the_box_of_the_cell(cli: Cli, work) -> None:
         (["--box", "1000,0,500,1100,1,600", "--steps", "9999999,9,9"], ["in all"]),
     ],
 )
-def test_boxes_that_cannot_be_used_are_refused(
-    refuse: Refuse, work, options: list[str], words: list[str]
-) -> None:
+def test_boxes_that_cannot_be_used_are_refused(refuse, work, options, words):
     said = refuse("predict", work / "cell.toml", work / "poses.csv", *options, "--out", work / "o")
     said.says(*words)
 
@@ -596,15 +577,13 @@ def test_boxes_that_cannot_be_used_are_refused(
         ),
     ],
 )
-def test_sections_that_are_no_box_are_refused(
-    refuse: Refuse, work, text: str, words: list[str]
-) -> None:
+def test_sections_that_are_no_box_are_refused(refuse, work, text, words):
     path = work / "cell.toml"
     path.write_text(path.read_text() + f"[task_box]\n{text}\n")
     refuse("predict", path, work / "poses.csv", "--out", work / "o").says("task_box", *words)
 
 
-def test_poses_that_identify_nothing_are_refused(refuse: Refuse, work) -> None:
+def test_poses_that_identify_nothing_are_refused(refuse, work):
     few = (work / "poses.csv").read_text().splitlines()[:3]
     (work / "poses.csv").write_text("\n".join(few) + "\n")
     said = refuse(

@@ -1,11 +1,8 @@
 """Files damaged at random, and hostile options: never a traceback, a warning, or two errors."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +10,6 @@ import numpy as np
 import pytest
 
 from posedesign.cli.main import run
-
-Cli = Callable[..., Any]
 
 CASES = 8
 """Of each kind of file: seconds in all. The same with some thousands is run by hand."""
@@ -79,7 +74,7 @@ FACET = (
 
 
 @pytest.fixture(scope="module")
-def damaged(_work: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def damaged(_work, tmp_path_factory) -> Path:
     """A folder with a file of every kind, whole."""
     folder = tmp_path_factory.mktemp("whole")
     for name in ("cell.toml", "poses.csv", "touchups.csv", "pairs.csv"):
@@ -141,9 +136,7 @@ def check(said: Any, words: object) -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_damaged_file(
-    cli: Cli, damaged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
+def test_a_damaged_file(cli, damaged, tmp_path, monkeypatch, name):
     rng = np.random.default_rng(sorted(FILES).index(name))
     whole = (damaged / name).read_bytes()
     for case in range(CASES):
@@ -155,9 +148,7 @@ def test_a_damaged_file(
 
 
 @pytest.mark.parametrize("words", OPTIONS, ids=" ".join)
-def test_a_hostile_option(
-    cli: Cli, damaged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
-) -> None:
+def test_a_hostile_option(cli, damaged, tmp_path, monkeypatch, words):
     shutil.copytree(damaged, tmp_path / "here")
     monkeypatch.chdir(tmp_path / "here")
     for value in HOSTILE_OPTIONS:
@@ -165,9 +156,7 @@ def test_a_hostile_option(
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")
-def test_a_pipe_in_place_of_a_file(
-    cli: Cli, damaged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pipe_in_place_of_a_file(cli, damaged, tmp_path, monkeypatch):
     monkeypatch.setattr("calib.reading.PATIENCE_S", 0.05)
     for name, words in FILES.items():
         folder = tmp_path / name

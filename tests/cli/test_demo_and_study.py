@@ -1,14 +1,10 @@
 """The two long commands, once each with ten draws."""
 
-from __future__ import annotations
-
 import csv
 import json
-from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +14,6 @@ from posedesign.cell import Cell
 from posedesign.cli.main import run
 from posedesign.planning.tables import read_pairs, read_poses, read_touch_ups
 from posedesign.programs import validate
-
-Cli = Callable[..., Any]
 
 FILES = {
     "cell.toml",
@@ -35,7 +29,7 @@ FILES = {
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+def demo(tmp_path_factory) -> tuple[Path, str]:
     """``posedesign demo --draws 10`` with its folder and what it printed."""
     out = tmp_path_factory.mktemp("demo") / "posedesign-demo"
     said, aside = StringIO(), StringIO()
@@ -51,7 +45,7 @@ def study_rows(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(line for line in stream if not line.startswith("#")))
 
 
-def test_demo_leaves_its_files(demo: tuple[Path, str]) -> None:
+def test_demo_leaves_its_files(demo):
     out, said = demo
     names = {path.name for path in out.iterdir()}
     assert names >= FILES
@@ -61,7 +55,7 @@ def test_demo_leaves_its_files(demo: tuple[Path, str]) -> None:
     assert "with 27 poses at D_W/D_P/D_R 40/40/40 deg" in said
 
 
-def test_demo_files_can_be_read_back(demo: tuple[Path, str]) -> None:
+def test_demo_files_can_be_read_back(demo):
     out, _ = demo
     cell = Cell.load(out / "cell.toml")
     poses = read_poses(out / "poses.csv", cell.robot.n)
@@ -82,12 +76,12 @@ def test_demo_files_can_be_read_back(demo: tuple[Path, str]) -> None:
     assert (out / "accuracy_vs_condition.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_demo_files_feed_the_single_commands(demo: tuple[Path, str], cli: Cli) -> None:
+def test_demo_files_feed_the_single_commands(demo, cli):
     out, _ = demo
     assert cli("score", out / "cell.toml", out / "poses.csv").code == 0
 
 
-def test_study_covers_every_estimator_and_quantity(demo: tuple[Path, str]) -> None:
+def test_study_covers_every_estimator_and_quantity(demo):
     rows = study_rows(demo[0])
     sets = {row["d_w_deg"] for row in rows}
     assert len(sets) >= 9  # 5 deg, 10 deg, ... until wider angles no longer help
@@ -105,7 +99,7 @@ def test_study_covers_every_estimator_and_quantity(demo: tuple[Path, str]) -> No
         assert ("uncalibrated", "plate distance worst") in found
 
 
-def test_study_says_that_lower_condition_means_smaller_errors(demo: tuple[Path, str]) -> None:
+def test_study_says_that_lower_condition_means_smaller_errors(demo):
     rows = [
         row
         for row in study_rows(demo[0])
@@ -122,7 +116,7 @@ def test_study_says_that_lower_condition_means_smaller_errors(demo: tuple[Path, 
 
 
 @pytest.mark.slow
-def test_study_command(cli: Cli, work: Path) -> None:
+def test_study_command(cli, work):
     text = (work / "cell.toml").read_text()
     quick = text.replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [10.0, 10.0, 10.0]")
     (work / "cell.toml").write_text(quick)
@@ -147,9 +141,7 @@ def test_study_command(cli: Cli, work: Path) -> None:
         assert str(out / name) in table.out
 
 
-def test_study_depends_on_the_seed_alone(
-    cli: Cli, work: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_study_depends_on_the_seed_alone(cli, work, monkeypatch):
     drawn = "posedesign.report.accuracy_figure.draw_accuracy"
     monkeypatch.setattr(drawn, lambda study, path: path)  # longer than the studies
     text = (work / "cell.toml").read_text()

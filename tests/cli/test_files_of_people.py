@@ -1,18 +1,11 @@
 """Commands over folders that hold somebody's files: nothing changes, and one line says so."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.cli.conftest import with_camera
-
-Cli = Callable[..., Any]
-Refuse = Callable[..., Any]
 
 OPTIMAL = ("--method", "exchange", "--poses", "8", "--validation", "2")
 COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -50,7 +43,7 @@ CASES = [(name, file) for name, (_, files) in COMMANDS.items() for file in files
 
 
 @pytest.fixture
-def inputs(work: Path) -> dict[str, str]:
+def inputs(work) -> dict[str, str]:
     """What the commands read, in a folder of its own."""
     files = {key: str(work / f"{key}.csv") for key in ("poses", "touchups", "pairs")}
     files |= {"cell": str(work / "cell.toml"), "program": str(work / "CALIB01.LS")}
@@ -60,9 +53,7 @@ def inputs(work: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize(("name", "file"), CASES)
-def test_a_persons_file_is_not_replaced(
-    refuse: Refuse, inputs: dict[str, str], tmp_path: Path, name: str, file: str
-) -> None:
+def test_a_persons_file_is_not_replaced(refuse, inputs, tmp_path, name, file):
     out = tmp_path / "somebodys"
     out.mkdir()
     (out / file).write_bytes(b"target,j1_deg\nT1,12.5\n")
@@ -83,9 +74,7 @@ def test_a_persons_file_is_not_replaced(
         ("robodk-csv", "CALIB01.txt"),
     ],
 )
-def test_a_persons_program_is_not_replaced(
-    refuse: Refuse, inputs: dict[str, str], tmp_path: Path, dialect: str, file: str
-) -> None:
+def test_a_persons_program_is_not_replaced(refuse, inputs, tmp_path, dialect, file):
     out = tmp_path / "somebodys"
     out.mkdir()
     (out / file).write_bytes(b"mine")
@@ -94,9 +83,7 @@ def test_a_persons_program_is_not_replaced(
 
 
 @pytest.mark.parametrize("form", ["usual", "ros", "robodk"])
-def test_convert_does_not_replace(
-    cli: Cli, refuse: Refuse, inputs: dict[str, str], tmp_path: Path, form: str
-) -> None:
+def test_convert_does_not_replace(cli, refuse, inputs, tmp_path, form):
     words = ("convert", inputs["poses"], "--cell", inputs["cell"], "--to", form, "--out")
     assert cli(*words, tmp_path / "new.csv").code == 0
     assert cli(*words, tmp_path / "new.csv").code == 0
@@ -104,7 +91,7 @@ def test_convert_does_not_replace(
     refuse(*words, tmp_path / "mine.csv").says("does not say where it is from")
 
 
-def test_each_command_runs_over_its_own_files(cli: Cli, work: Path) -> None:
+def test_each_command_runs_over_its_own_files(cli, work):
     cell, out = work / "cell.toml", work / "out"
     for line in (
         ("plan", cell),
@@ -119,14 +106,14 @@ def test_each_command_runs_over_its_own_files(cli: Cli, work: Path) -> None:
     assert not [path for path in out.iterdir() if path.suffix == ".1"]
 
 
-def test_no_camera_is_invented(cli: Cli, work: Path) -> None:
+def test_no_camera_is_invented(cli, work):
     """Pairs of a camera that the cell does not have would be taken for ones that it could give."""
     said = cli("simulate", work / "cell.toml", work / "poses.csv", "--out", work / "out", "--json")
     assert [Path(name).name for name in json.loads(said.out)["files"]] == ["touchups.csv"]
     assert [path.name for path in (work / "out").iterdir()] == ["touchups.csv"]
 
 
-def test_simulated_is_said_in_the_headline(cli: Cli, work: Path) -> None:
+def test_simulated_is_said_in_the_headline(cli, work):
     cell, out = work / "cell.toml", work / "out"
     assert "SIMULATED" in cli("simulate", with_camera(cell), work / "poses.csv", "--out", out).out
     for line in (
@@ -142,9 +129,7 @@ def test_simulated_is_said_in_the_headline(cli: Cli, work: Path) -> None:
     assert '"kind": "simulated"' in (out / "identification.json").read_text()
 
 
-def test_a_rehearsal_goes_into_a_folder_of_its_own(
-    cli: Cli, work: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_rehearsal_goes_into_a_folder_of_its_own(cli, work, monkeypatch):
     monkeypatch.chdir(work)
     before = (work / "touchups.csv").read_bytes()
     assert cli("simulate", "cell.toml", "poses.csv").code == 0
@@ -153,9 +138,7 @@ def test_a_rehearsal_goes_into_a_folder_of_its_own(
 
 
 @pytest.mark.parametrize("made", ["program", "touchups.csv"])
-def test_a_plan_that_is_in_use_is_not_replaced(
-    cli: Cli, refuse: Refuse, work: Path, made: str
-) -> None:
+def test_a_plan_that_is_in_use_is_not_replaced(cli, refuse, work, made):
     cell, out = work / "cell.toml", work / "out"
     assert cli("plan", cell, "--out", out).code == 0
     assert cli("plan", cell, "--out", out).code == 0
@@ -175,7 +158,7 @@ def test_a_plan_that_is_in_use_is_not_replaced(
     assert (out / "poses.csv.1").read_bytes() == before
 
 
-def test_nothing_of_an_earlier_plan_stays_beside_a_new_one(cli: Cli, work: Path) -> None:
+def test_nothing_of_an_earlier_plan_stays_beside_a_new_one(cli, work):
     cell, out = work / "cell.toml", work / "out"
     assert cli("plan", cell, "--out", out).code == 0
     said = cli("plan", cell, *OPTIMAL, "--out", out)
@@ -188,7 +171,7 @@ def test_nothing_of_an_earlier_plan_stays_beside_a_new_one(cli: Cli, work: Path)
     assert sorted(path.name for path in out.iterdir()) == names
 
 
-def test_an_edited_result_is_kept(cli: Cli, refuse: Refuse, work: Path) -> None:
+def test_an_edited_result_is_kept(cli, refuse, work):
     cell, out = work / "cell.toml", work / "out"
     assert cli("plan", cell, "--out", out).code == 0
     edited = (out / "poses.csv").read_text().replace("P14", "mine", 1)

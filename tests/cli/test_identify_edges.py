@@ -1,11 +1,9 @@
 """``posedesign identify`` on files that are wrong, odd, poor, or of something else."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,10 +17,6 @@ from posedesign.cell import Cell
 from posedesign.cli.identification_output import print_identification
 from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.identification.comparison import identify_models
-
-Cli = Callable[..., Any]
-Refuse = Callable[..., Any]
-ChangeCell = Callable[[Mapping[str, str]], Path]
 
 PLACES, TURNS = ("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg")
 
@@ -80,9 +74,7 @@ def in_other_units(path: Path, columns: tuple[str, ...], factor: float) -> Path:
         ("camera-pose", TURNS, np.pi / 180.0, ("w_deg to r_deg", "look like radians")),
     ],
 )
-def test_units_that_are_mixed_up(
-    refuse: Refuse, work: Path, kind: str, columns: tuple[str, ...], factor: float, words: Any
-) -> None:
+def test_units_that_are_mixed_up(refuse, work, kind, columns, factor, words):
     path = in_other_units(tracked(work, kind), columns, factor)
     line = refuse("identify", work / "cell.toml", path, "--out", work / "out")
     line.says(f"error: {path}", "--trust-units", *words)
@@ -96,7 +88,7 @@ def with_models(cell: Path, models: str) -> Path:
     return cell
 
 
-def test_units_are_trusted_when_asked(cli: Cli, work: Path) -> None:
+def test_units_are_trusted_when_asked(cli, work):
     path = in_other_units(tracked(work, "point"), PLACES, 1e-3)
     with_models(work / "cell.toml", '["zero_offsets"]')
     said = cli("identify", work / "cell.toml", path, "--out", work, "--trust-units")
@@ -105,7 +97,7 @@ def test_units_are_trusted_when_asked(cli: Cli, work: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["point", "pose", "camera-pose", "distance"])
-def test_readings_in_order_are_identified(cli: Cli, work: Path, kind: str) -> None:
+def test_readings_in_order_are_identified(cli, work, kind):
     path = tracked(work, kind, 40)
     said = cli("identify", work / "cell.toml", path, "--out", work)
     assert said.code == 0, said.err
@@ -158,7 +150,7 @@ WRONG: dict[str, tuple[str, Callable[[list[dict[str, Any]]], object], tuple[str,
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_one_line_says_what_is_wrong_and_where(refuse: Refuse, work: Path, case: str) -> None:
+def test_one_line_says_what_is_wrong_and_where(refuse, work, case):
     kind, change, words = WRONG[case]
     path = tracked(work, kind)
     rows = table(path)
@@ -167,7 +159,7 @@ def test_one_line_says_what_is_wrong_and_where(refuse: Refuse, work: Path, case:
     refuse("identify", work / "cell.toml", path, "--out", work / "out").says(f"{path}, ", *words)
 
 
-def test_readings_without_the_word_for_them(cli: Cli, work: Path) -> None:
+def test_readings_without_the_word_for_them(cli, work):
     """Without the column kind they would be touch-ups whose readings are thrown away."""
     path = tracked(work, "point")
     rows = [{k: v for k, v in row.items() if k != "kind"} for row in table(path)]
@@ -183,7 +175,7 @@ def test_readings_without_the_word_for_them(cli: Cli, work: Path) -> None:
     )
 
 
-def test_a_known_distance_to_a_target_that_is_not_there(refuse: Refuse, work: Path) -> None:
+def test_a_known_distance_to_a_target_that_is_not_there(refuse, work):
     cell = work / "cell.toml"
     with cell.open("a") as stream:
         stream.write('[[known_distance]]\ntargets = ["T1", "T9"]\nlength_mm = 500.0\n')
@@ -191,7 +183,7 @@ def test_a_known_distance_to_a_target_that_is_not_there(refuse: Refuse, work: Pa
     line.says("a distance to the target 'T9' is known, and it was not measured", "T1")
 
 
-def test_rows_that_are_there_twice(cli: Cli, work: Path) -> None:
+def test_rows_that_are_there_twice(cli, work):
     lines = (work / "touchups.csv").read_text().splitlines()
     path = work / "twice.csv"
     path.write_text("\n".join([*lines, lines[4]]) + "\n")
@@ -207,7 +199,7 @@ def test_rows_that_are_there_twice(cli: Cli, work: Path) -> None:
     assert "line 33 as line 6 and 22 more rows" in said.err
 
 
-def test_poses_that_are_missing(cli: Cli, work: Path) -> None:
+def test_poses_that_are_missing(cli, work):
     rows = table(work / "touchups.csv")
     kept = [row for row in rows if row["pose"] not in ("P03", "P11")]
     path = save(work / "few.csv", kept)
@@ -216,7 +208,7 @@ def test_poses_that_are_missing(cli: Cli, work: Path) -> None:
     assert "of the poses up to P27 there are no measurements of P03, P11" in said.err
 
 
-def test_a_target_that_is_seen_once(cli: Cli, work: Path) -> None:
+def test_a_target_that_is_seen_once(cli, work):
     rows = table(work / "touchups.csv")
     rows[6]["target"] = "S9"
     said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
@@ -224,7 +216,7 @@ def test_a_target_that_is_seen_once(cli: Cli, work: Path) -> None:
     assert "measured once, which says nothing but where they are: S9" in said.err
 
 
-def test_many_rows_outside_the_limits(cli: Cli, work: Path) -> None:
+def test_many_rows_outside_the_limits(cli, work):
     rows = [row | {"j4_deg": "380"} for row in table(work / "touchups.csv")]
     said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
     lines = [line for line in said.err.splitlines() if "joint limits" in line or "is above" in line]
@@ -233,7 +225,7 @@ def test_many_rows_outside_the_limits(cli: Cli, work: Path) -> None:
     assert lines[-1].endswith("and 22 more rows outside the joint limits")
 
 
-def test_joints_that_nothing_shows(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
+def test_joints_that_nothing_shows(refuse, change_cell, work):
     joints = ", ".join(f'"joint_{i}"' for i in range(1, 7))
     cell = change_cell({"parameters.zero_offsets": f"[{joints}]"})
     line = refuse("identify", cell, work / "touchups.csv", "--out", work / "out")
@@ -262,7 +254,7 @@ def poses_in(text: str) -> set[str]:
 
 
 @pytest.mark.slow
-def test_gross_errors_are_left_out_by_name(cli: Cli, change_cell: ChangeCell, work: Path) -> None:
+def test_gross_errors_are_left_out_by_name(cli, change_cell, work):
     """A fifth of the touch-ups are wrong."""
     path, wrong = knocked(work, 0.2)
     said = cli("identify", work / "cell.toml", path, "--out", work)
@@ -292,7 +284,7 @@ def test_gross_errors_are_left_out_by_name(cli: Cli, change_cell: ChangeCell, wo
     assert {r["pose"] for r in best["residuals"] if r["weight"] == 0} == set(wrong)
 
 
-def test_planned_poses_are_no_measurements(cli: Cli, refuse: Refuse, work: Path) -> None:
+def test_planned_poses_are_no_measurements(cli, refuse, work):
     line = refuse("identify", work / "cell.toml", work / "poses.csv", "--out", work / "out")
     line.says("poses.csv, line 1: holds planned poses, not measurements", "posedesign simulate")
     rows = [{"target": "T1"} | row for row in table(work / "poses.csv")]
@@ -300,7 +292,7 @@ def test_planned_poses_are_no_measurements(cli: Cli, refuse: Refuse, work: Path)
     assert "these postures were planned, not measured" in said.err
 
 
-def test_one_row_in_radians(cli: Cli, work: Path) -> None:
+def test_one_row_in_radians(cli, work):
     rows = table(work / "touchups.csv")
     rows[3] |= {f"j{k}_deg": str(np.deg2rad(float(rows[3][f"j{k}_deg"]))) for k in range(1, 7)}
     said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
@@ -308,7 +300,7 @@ def test_one_row_in_radians(cli: Cli, work: Path) -> None:
     assert "m.csv: line 5: the tool point as described is " in said.err
 
 
-def test_eight_touch_ups_are_enough_to_choose_by(cli: Cli, work: Path) -> None:
+def test_eight_touch_ups_are_enough_to_choose_by(cli, work):
     """Priors hold what so few do not tell: every model can be judged."""
     rows = table(work / "touchups.csv")[:8]
     words = ("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work, "--json")
@@ -318,12 +310,12 @@ def test_eight_touch_ups_are_enough_to_choose_by(cli: Cli, work: Path) -> None:
     assert 0.0 < low < best["expected_box_mm"] < high
 
 
-def test_good_touch_ups_are_not_suspected(cli: Cli, work: Path) -> None:
+def test_good_touch_ups_are_not_suspected(cli, work):
     said = cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work)
     assert said.err == ""
 
 
-def test_more_wrong_than_right(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
+def test_more_wrong_than_right(refuse, change_cell, work):
     path, _ = knocked(work, 0.7, 1.0)
     cell = with_models(change_cell({"parameters.loss": '"graduated"'}), '["zero_offsets"]')
     refuse("identify", cell, path, "--out", work / "out").says("contradict", "measurements")
@@ -341,7 +333,7 @@ def other_arm(work: Path, preset: str) -> Path:
 
 
 @pytest.mark.parametrize("preset", ["lrmate200id", "hp3"])
-def test_touch_ups_of_another_arm(cli: Cli, work: Path, preset: str) -> None:
+def test_touch_ups_of_another_arm(cli, work, preset):
     """Links freed to be a metre off would explain them; nobody should believe that."""
     path = other_arm(work, preset)
     said = cli("identify", work / "cell.toml", path, "--out", work)
@@ -354,7 +346,7 @@ def test_touch_ups_of_another_arm(cli: Cli, work: Path, preset: str) -> None:
     assert "not of this robot" in content["reason"]
 
 
-def test_residuals_of_decimetres(cli: Cli, work: Path) -> None:
+def test_residuals_of_decimetres(cli, work):
     rng = np.random.default_rng(1)
     rows = table(work / "touchups.csv")
     for row in rows:
@@ -375,7 +367,7 @@ def strict(text: str) -> Any:
     return json.loads(text, parse_constant=refused)
 
 
-def test_four_touch_ups(cli: Cli, work: Path) -> None:
+def test_four_touch_ups(cli, work):
     """As many as are needed, and hardly more: said, and no NaN in the file."""
     rows = table(work / "touchups.csv")[:4]
     said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
@@ -389,7 +381,7 @@ def test_four_touch_ups(cli: Cli, work: Path) -> None:
     assert content["models"][0]["name"] == "frames only"
 
 
-def test_json_is_all_that_is_printed(cli: Cli, work: Path) -> None:
+def test_json_is_all_that_is_printed(cli, work):
     said = cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work, "--json")
     content = strict(said.out)
     assert content["recommended"] == "offsets + compliance"
@@ -398,7 +390,7 @@ def test_json_is_all_that_is_printed(cli: Cli, work: Path) -> None:
             assert parameter["low"] < parameter["value"] < parameter["high"]
 
 
-def test_numbers_have_the_decimals_that_they_deserve(cli: Cli, work: Path) -> None:
+def test_numbers_have_the_decimals_that_they_deserve(cli, work):
     said = cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work)
     content = json.loads((work / "identification.json").read_text())
     best = next(m for m in content["models"] if m["name"] == content["recommended"])
@@ -416,9 +408,7 @@ def test_numbers_have_the_decimals_that_they_deserve(cli: Cli, work: Path) -> No
         assert float(low) <= float(value) <= float(high)
 
 
-def test_parameters_that_are_not_told_are_listed(
-    capsys: pytest.CaptureFixture[str], work: Path
-) -> None:
+def test_parameters_that_are_not_told_are_listed(capsys, work):
     cell = Cell.load(with_models(work / "cell.toml", '["zero_offsets"]'))
     found = identify_models(cell, read_measurements(work / "touchups.csv", 6))
     notes = tuple(f"harmonic.joint_{k}.sin1 is absorbed by the targets" for k in range(1, 8))

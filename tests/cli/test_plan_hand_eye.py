@@ -1,12 +1,8 @@
 """``posedesign plan`` for a camera on the tool, and for an accuracy that is wanted."""
 
-from __future__ import annotations
-
 import csv
 import json
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,21 +12,17 @@ from calib.se3 import inverse
 from posedesign.cell import Cell
 from posedesign.planning.tables import read_pairs, read_poses
 
-ChangeCell = Callable[[Mapping[str, str]], Path]
-Cli = Callable[..., Any]
-Refuse = Callable[..., Any]
-
 CAMERA = {"measurement.kind": '"camera-pose"'}
 ONE_AXIS = {"variations.start_deg": "[0.0, 0.0, 5.0]", "variations.largest_deg": "[0.0, 0.0, 60.0]"}
 
 
 @pytest.fixture
-def cell(change_cell: ChangeCell) -> Path:
+def cell(change_cell) -> Path:
     """The reference cell with a camera in place of the pin."""
     return change_cell(CAMERA | {"plan.condition_threshold": "40.0"})
 
 
-def test_the_loop_turns_farther_until_X_and_Z_are_conditioned(cli: Cli, cell: Path, tmp_path: Path):
+def test_the_loop_turns_farther_until_X_and_Z_are_conditioned(cli, cell, tmp_path):
     said = cli("plan", cell, "--out", tmp_path / "plan", "--json")
     assert said.code == 0
     told = json.loads(said.out)
@@ -52,20 +44,20 @@ def test_the_loop_turns_farther_until_X_and_Z_are_conditioned(cli: Cli, cell: Pa
     assert "robot is taken to be exact" in said.err
 
 
-def test_people_are_told_which_is_X_and_which_is_Z(cli: Cli, cell: Path, tmp_path: Path) -> None:
+def test_people_are_told_which_is_X_and_which_is_Z(cli, cell, tmp_path):
     out = cli("plan", cell, "--out", tmp_path / "plan").out
     assert "tool: X = T_flange_camera" in out
     assert "target: Z = T_base_target" in out
 
 
-def test_the_usual_threshold_of_touch_ups_is_spoken_of(cli: Cli, change_cell: ChangeCell) -> None:
+def test_the_usual_threshold_of_touch_ups_is_spoken_of(cli, change_cell):
     path = change_cell(CAMERA | {"plan.condition_threshold": "1e5"})
     said = cli("plan", path, "--out", path.parent / "plan")
     assert said.code == 0
     assert "set plan.condition_threshold to 100 or less" in said.err
 
 
-def test_threshold_and_dwell_follow_the_kind_of_measurement(change_cell: ChangeCell) -> None:
+def test_threshold_and_dwell_follow_the_kind_of_measurement(change_cell):
     """Of a cell that was written for touch-ups, when nothing but the kind is changed."""
     of_touch_ups, of_poses = (Cell.load(change_cell(keys)).config.plan for keys in ({}, CAMERA))
     assert (of_touch_ups.condition_threshold, of_touch_ups.dwell_s) == (1e5, 20.0)
@@ -74,7 +66,7 @@ def test_threshold_and_dwell_follow_the_kind_of_measurement(change_cell: ChangeC
     assert (given.condition_threshold, given.dwell_s) == (50.0, 20.0)
 
 
-def test_the_fewest_poses_for_an_accuracy(cli: Cli, cell: Path, tmp_path: Path) -> None:
+def test_the_fewest_poses_for_an_accuracy(cli, cell, tmp_path):
     wanted = ("--wanted-sigma-mm", 0.05, "--wanted-sigma-deg", 0.02)
     said = cli("plan", cell, "--out", tmp_path / "few", *wanted, "--json")
     assert said.code == 0
@@ -110,7 +102,7 @@ def test_the_fewest_poses_for_an_accuracy(cli: Cli, cell: Path, tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_a_finer_accuracy_takes_more_poses(cli: Cli, cell: Path, tmp_path: Path) -> None:
+def test_a_finer_accuracy_takes_more_poses(cli, cell, tmp_path):
     counts = [
         json.loads(
             cli("plan", cell, "--out", tmp_path / "few", "--wanted-sigma-mm", mm, "--json").out
@@ -120,7 +112,7 @@ def test_a_finer_accuracy_takes_more_poses(cli: Cli, cell: Path, tmp_path: Path)
     assert counts == sorted(set(counts))
 
 
-def test_what_is_out_of_reach_is_said_with_all_poses(cli: Cli, cell: Path, tmp_path: Path) -> None:
+def test_what_is_out_of_reach_is_said_with_all_poses(cli, cell, tmp_path):
     said = cli("plan", cell, "--out", tmp_path / "none", "--wanted-sigma-mm", 0.001)
     assert said.code == 1
     assert "all " in said.out
@@ -130,7 +122,7 @@ def test_what_is_out_of_reach_is_said_with_all_poses(cli: Cli, cell: Path, tmp_p
     assert not (tmp_path / "none").exists()
 
 
-def test_touch_ups_may_be_planned_for_an_accuracy_too(cli: Cli, work: Path) -> None:
+def test_touch_ups_may_be_planned_for_an_accuracy_too(cli, work):
     told = json.loads(
         cli(
             "plan", work / "cell.toml", "--out", work / "few", "--wanted-sigma-deg", 0.01, "--json"
@@ -142,7 +134,7 @@ def test_touch_ups_may_be_planned_for_an_accuracy_too(cli: Cli, work: Path) -> N
     assert told["predicted"][-1]["wanted"] is None  # any length will do
 
 
-def test_what_is_simulated_are_pairs(cli: Cli, cell: Path, tmp_path: Path) -> None:
+def test_what_is_simulated_are_pairs(cli, cell, tmp_path):
     out = tmp_path / "few"
     assert cli("plan", cell, "--out", out, "--wanted-sigma-mm", 0.06).code == 0
     said = cli("simulate", cell, out / "poses.csv", "--out", out)
@@ -158,29 +150,27 @@ def test_what_is_simulated_are_pairs(cli: Cli, cell: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("words", [(), ("--wanted-sigma-mm", 1.0)])
-def test_turning_about_one_axis_is_refused(refuse: Refuse, change_cell: ChangeCell, words) -> None:
+def test_turning_about_one_axis_is_refused(refuse, change_cell, words):
     path = change_cell(CAMERA | ONE_AXIS | {"plan.repair": "false"})
     refuse("plan", path, *words).says("cannot identify target.T1.z, target.T1.rz", "absorbed by")
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0])
-def test_an_accuracy_is_above_zero(refuse: Refuse, cell: Path, value: float) -> None:
+def test_an_accuracy_is_above_zero(refuse, cell, value):
     refuse("plan", cell, f"--wanted-sigma-mm={value}").says("not above zero")
 
 
-def test_unweighted_estimates_cannot_be_planned_for_an_accuracy(
-    refuse: Refuse, change_cell: ChangeCell
-) -> None:
+def test_unweighted_estimates_cannot_be_planned_for_an_accuracy(refuse, change_cell):
     path = change_cell({"measurement.weighted": "false"})
     refuse("plan", path, "--wanted-sigma-mm", 1.0).says("measurement.weighted = true")
 
 
-def test_camera_poses_are_weighted(refuse: Refuse, change_cell: ChangeCell) -> None:
+def test_camera_poses_are_weighted(refuse, change_cell):
     path = change_cell(CAMERA | {"measurement.weighted": "false"})
     refuse("plan", path).says("mm and deg have no common unit", "measurement")
 
 
-def test_what_needs_a_robot_to_identify_is_refused(refuse: Refuse, cell: Path, work: Path) -> None:
+def test_what_needs_a_robot_to_identify_is_refused(refuse, cell, work):
     box = ("--box", "1700,-200,300,2000,200,700")
     refuse("predict", cell, work / "poses.csv", *box).says('measurement.kind = "touch-up"')
     refuse("study", "accuracy", cell).says('measurement.kind = "touch-up"')

@@ -1,10 +1,7 @@
 """``posedesign plan --method exchange`` and ``posedesign next`` as people type them."""
 
-from __future__ import annotations
-
 import csv
 import json
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +11,12 @@ from posedesign.cli import output
 from posedesign.planning.optimal.choose import _Planning
 from posedesign.planning.tables import read_poses
 
-ChangeCell = Callable[[Mapping[str, str]], Path]
-Cli = Callable[..., Any]
-Refuse = Callable[..., Any]
-
 SMALL = {"pool.candidates": "60"}
 EXCHANGE = ("--method", "exchange")
 
 
 @pytest.fixture
-def cell(change_cell: ChangeCell) -> Path:
+def cell(change_cell) -> Path:
     """The reference cell with a small pool."""
     return change_cell(SMALL)
 
@@ -37,7 +30,7 @@ def strict_json(text: str) -> Any:
     return json.loads(text, parse_constant=refuse)
 
 
-def test_a_plan_out_of_a_pool(cli: Cli, cell: Path, tmp_path: Path) -> None:
+def test_a_plan_out_of_a_pool(cli, cell, tmp_path):
     out = tmp_path / "run"
     said = cli("plan", cell, *EXCHANGE, "--poses", 8, "--validation", 3, "--out", out, "--json")
     assert said.code == 0
@@ -74,9 +67,7 @@ def test_a_plan_out_of_a_pool(cli: Cli, cell: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_plan_reads_well_in_a_narrow_terminal(
-    cli: Cli, cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_plan_reads_well_in_a_narrow_terminal(cli, cell, tmp_path, monkeypatch):
     monkeypatch.setattr(output, "PIPE_WIDTH", 80)
     for words in ((), ("--criterion", "D"), ("--criterion", "sigma:zero_offset.joint_2")):
         out = tmp_path / "run"
@@ -91,9 +82,7 @@ def test_a_plan_reads_well_in_a_narrow_terminal(
         assert said.out.rstrip().endswith(f"wrote {out / 'poses.csv'}")
 
 
-def test_the_fewest_poses_for_an_accuracy_of_the_tool_point(
-    cli: Cli, cell: Path, tmp_path: Path
-) -> None:
+def test_the_fewest_poses_for_an_accuracy_of_the_tool_point(cli, cell, tmp_path):
     accuracy = ("--target-accuracy", "0.2mm")
     said = cli("plan", cell, "--poses", "auto", *accuracy, "--out", tmp_path / "run", "--json")
     assert said.code == 0
@@ -107,7 +96,7 @@ def test_the_fewest_poses_for_an_accuracy_of_the_tool_point(
     assert "proven: fewer" in told["message"]
 
 
-def test_out_of_reach_is_valid_json_too(cli: Cli, cell: Path, tmp_path: Path) -> None:
+def test_out_of_reach_is_valid_json_too(cli, cell, tmp_path):
     said = cli("plan", cell, "--target-accuracy", "1um", "--out", tmp_path / "run", "--json")
     assert said.code == 1
     told = strict_json(said.out)
@@ -116,9 +105,7 @@ def test_out_of_reach_is_valid_json_too(cli: Cli, cell: Path, tmp_path: Path) ->
     assert not (tmp_path / "run").exists()
 
 
-def test_a_condition_number_needs_no_noise(
-    cli: Cli, change_cell: ChangeCell, tmp_path: Path
-) -> None:
+def test_a_condition_number_needs_no_noise(cli, change_cell, tmp_path):
     cell = change_cell(SMALL | {"measurement.weighted": "false"})
     words = ("--criterion", "c_g", "--poses", 8, "--out", tmp_path / "run", "--json")
     told = strict_json(cli("plan", cell, *words).out)
@@ -193,9 +180,7 @@ def test_a_condition_number_needs_no_noise(
     ],
     ids=lambda value: " ".join(value) if value[0].startswith("--") else "",
 )
-def test_mistyped_plans(
-    refuse: Refuse, cell: Path, tmp_path: Path, words: tuple[str, ...], said: tuple[str, ...]
-) -> None:
+def test_mistyped_plans(refuse, cell, tmp_path, words, said):
     refuse("plan", cell, *words, "--out", tmp_path / "out").says(*said)
 
 
@@ -217,17 +202,13 @@ def test_mistyped_plans(
     ],
     ids=lambda value: ", ".join(value) if isinstance(value, dict) else "",
 )
-def test_cells_that_cannot_be_planned_for(
-    refuse: Refuse, change_cell: ChangeCell, keys: dict[str, str], said: tuple[str, ...]
-) -> None:
+def test_cells_that_cannot_be_planned_for(refuse, change_cell, keys, said):
     path = change_cell(SMALL | keys)
     refuse("plan", path, *EXCHANGE, "--out", path.parent / "out").says(*said)
 
 
 @pytest.mark.slow
-def test_a_plan_that_is_stopped_leaves_the_last_one_whole(
-    cli: Cli, cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_plan_that_is_stopped_leaves_the_last_one_whole(cli, cell, tmp_path, monkeypatch):
     out = tmp_path / "run"
     words = ("plan", cell, *EXCHANGE, "--poses", 8, "--validation", 2, "--out", out)
     assert cli(*words).code == 0
@@ -245,7 +226,7 @@ def test_a_plan_that_is_stopped_leaves_the_last_one_whole(
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
-def test_own_poses_are_among_the_chosen(cli: Cli, cell: Path, work: Path) -> None:
+def test_own_poses_are_among_the_chosen(cli, cell, work):
     rows = (work / "poses.csv").read_text().splitlines()
     (work / "own.csv").write_text("\n".join(rows[:3]) + "\n")
     said = cli("plan", cell, "--poses", 8, "--keep", work / "own.csv", "--out", work / "run")
@@ -258,7 +239,7 @@ def test_own_poses_are_among_the_chosen(cli: Cli, cell: Path, work: Path) -> Non
 
 
 @pytest.fixture
-def measured(cli: Cli, cell: Path, tmp_path: Path) -> Path:
+def measured(cli, cell, tmp_path) -> Path:
     """Six touch-ups, simulated."""
     out = tmp_path / "first"
     assert cli("plan", cell, *EXCHANGE, "--poses", 6, "--out", out).code == 0
@@ -266,9 +247,7 @@ def measured(cli: Cli, cell: Path, tmp_path: Path) -> Path:
     return out / "touchups.csv"
 
 
-def test_rounds_of_next_go_on_until_they_stop(
-    cli: Cli, cell: Path, measured: Path, tmp_path: Path
-) -> None:
+def test_rounds_of_next_go_on_until_they_stop(cli, cell, measured, tmp_path):
     """Plan a few, touch up, and so on: each time with all touch-ups so far in one file."""
     every, errors = tmp_path / "all.csv", []
     every.write_text(measured.read_text())
@@ -293,7 +272,7 @@ def test_rounds_of_next_go_on_until_they_stop(
     assert errors == sorted(errors, reverse=True)
 
 
-def test_next_before_everything_is_identified(cli: Cli, cell: Path, measured: Path) -> None:
+def test_next_before_everything_is_identified(cli, cell, measured):
     lines = measured.read_text().splitlines()[1:]
     measured.write_text("\n".join(lines[:3]) + "\n")
     said = cli("next", cell, measured, "--poses", 4, "--out", measured.parent / "next")
@@ -306,7 +285,7 @@ def test_next_before_everything_is_identified(cli: Cli, cell: Path, measured: Pa
     assert "equations for 10 parameters" in told["why_not"]
 
 
-def test_next_says_when_the_accuracy_is_reached(cli: Cli, cell: Path, measured: Path) -> None:
+def test_next_says_when_the_accuracy_is_reached(cli, cell, measured):
     said = cli(
         "next", cell, measured, "--target-accuracy", "5mm", "--out", measured.parent / "next"
     )
@@ -332,13 +311,11 @@ def test_next_says_when_the_accuracy_is_reached(cli: Cli, cell: Path, measured: 
     ],
     ids=lambda value: " ".join(value) if value[0].startswith("--") else "",
 )
-def test_mistyped_nexts(
-    refuse: Refuse, cell: Path, work: Path, words: tuple[str, ...], said: tuple[str, ...]
-) -> None:
+def test_mistyped_nexts(refuse, cell, work, words, said):
     refuse("next", cell, work / "touchups.csv", *words, "--out", work / "out").says(*said)
 
 
-def test_files_that_next_cannot_use(refuse: Refuse, cell: Path, work: Path) -> None:
+def test_files_that_next_cannot_use(refuse, cell, work):
     out = ("--out", work / "out")
     refuse("next", cell, work / "none.csv", *out).says("cannot be read")
     (work / "empty.csv").write_text("")
@@ -355,7 +332,7 @@ def test_files_that_next_cannot_use(refuse: Refuse, cell: Path, work: Path) -> N
     refuse("next", cell, work / "two.csv", *out).says("of one target", "A, B", "leave out")
 
 
-def test_next_is_of_touch_ups(refuse: Refuse, change_cell: ChangeCell, work: Path) -> None:
+def test_next_is_of_touch_ups(refuse, change_cell, work):
     path = change_cell({"measurement.kind": '"camera-pose"'})
     refuse("next", path, work / "touchups.csv", "--out", work / "out").says(
         "camera", 'measurement.kind = "touch-up"'
@@ -364,7 +341,7 @@ def test_next_is_of_touch_ups(refuse: Refuse, change_cell: ChangeCell, work: Pat
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["irb120", "gp7"])
-def test_small_arms(cli: Cli, tmp_path: Path, robot: str) -> None:
+def test_small_arms(cli, tmp_path, robot):
     text = cli("new", "--robot", robot).out
     path = tmp_path / "cell.toml"
     path.write_text(text.replace("candidates = 1500", "candidates = 60"))
@@ -374,7 +351,7 @@ def test_small_arms(cli: Cli, tmp_path: Path, robot: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_redundant_arm(cli: Cli, tmp_path: Path) -> None:
+def test_a_redundant_arm(cli, tmp_path):
     text = cli("new", "--robot", "panda").out
     path = tmp_path / "cell.toml"
     path.write_text(text.replace("candidates = 1500", "candidates = 60"))

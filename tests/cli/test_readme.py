@@ -1,15 +1,10 @@
 """The README's own commands and its Python, run as printed on the reference cell."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-
-import pytest
 
 from posedesign.cell import Cell
 from posedesign.planning.tables import read_poses
@@ -36,9 +31,7 @@ def touched_up(poses: Path, program: Path) -> None:
     write(PoseProgram("CALIB01", taught, program_options(cell, listed)), "fanuc-ls", program.parent)
 
 
-def test_commands_and_python_of_the_readme(
-    cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_commands_and_python_of_the_readme(cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (steps,) = (block for block in blocks() if block.startswith("posedesign new"))
     lines = [line.partition("#")[0].strip() for line in steps.splitlines()]
@@ -69,7 +62,7 @@ def test_commands_and_python_of_the_readme(
     assert found["X_Z"].covariance.shape == (12, 12)
 
 
-def test_the_two_commands_are_what_the_makefile_has() -> None:
+def test_the_two_commands_are_what_the_makefile_has():
     makefile = (Path(__file__).parents[2] / "Makefile").read_text(encoding="utf-8")
     for target in ("demo", "test"):
         assert f"\nmake {target} " in README

@@ -1,11 +1,8 @@
 """``posedesign robot-world`` as a person types it, on pairs in every form."""
 
-from __future__ import annotations
-
 import csv
 import json
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,9 +26,6 @@ from posedesign.pairs import results as pairs_results
 from posedesign.pairs.file import Pairs, write_pairs
 from posedesign.pairs.forms import PoseForm
 from posedesign.pairs.results import solve_pairs
-
-Cli = Callable[..., Any]
-Refuse = Callable[..., Any]
 
 NOISE = PairNoise(rotation_rad=5e-4, translation_m=2e-4, on="B")
 TYPED = ("--noise-deg", "0.02", "--noise-mm", "0.2")
@@ -69,7 +63,7 @@ def headerless(path: Path, T: FloatArray, form: PoseForm) -> Path:
     return path
 
 
-def test_every_way_in_gives_the_same_answer(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_every_way_in_gives_the_same_answer(cli, tmp_path, measured):
     pairs, _, _ = measured
     target2cam = inverse(pairs.B)
     quaternions = "qw,qx,qy,qz,x_m,y_m,z_m"
@@ -103,7 +97,7 @@ def test_every_way_in_gives_the_same_answer(cli: Cli, tmp_path: Path, measured: 
         assert ("opencv" in answer) == ("opencv" in way)
 
 
-def test_what_is_printed_and_written(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_what_is_printed_and_written(cli, tmp_path, measured):
     pairs, X, Z = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs)
     said = cli("robot-world", path, "--method", "all", "--out", tmp_path)
@@ -132,7 +126,7 @@ def test_what_is_printed_and_written(cli: Cli, tmp_path: Path, measured: Any) ->
     assert 0.6 < float(best["noise_rotation_deg"]) / np.degrees(NOISE.rotation_rad) < 1.4
 
 
-def test_residuals_pair_by_pair(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_residuals_pair_by_pair(cli, tmp_path, measured):
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs)
     methods = ("ml", "shah")
@@ -162,7 +156,7 @@ def test_residuals_pair_by_pair(cli: Cli, tmp_path: Path, measured: Any) -> None
     assert float(row["left_out_mm"]) == pytest.approx(1e3 * np.linalg.norm(miss[:3, 3]), rel=1e-5)
 
 
-def test_pairs_that_are_left_out_are_named(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_pairs_that_are_left_out_are_named(cli, tmp_path, measured):
     pairs, _, _ = measured
     B = pairs.B.copy()
     B[[2, 7]] = B[[7, 2]]
@@ -177,7 +171,7 @@ def test_pairs_that_are_left_out_are_named(cli: Cli, tmp_path: Path, measured: A
     assert (row["pairs"], row["used"]) == ("12", "10")
 
 
-def test_json_carries_everything(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_json_carries_everything(cli, tmp_path, measured):
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs)
     noise = ("--noise-deg", np.degrees(NOISE.rotation_rad), "--noise-mm", 0.2, "--noise-on", "b")
@@ -201,7 +195,7 @@ def test_json_carries_everything(cli: Cli, tmp_path: Path, measured: Any) -> Non
     assert answer["sigma_z_rz_deg"] == pytest.approx(np.degrees(sigma[8]))
 
 
-def test_fixed_camera(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_fixed_camera(cli, tmp_path, measured):
     """The same numbers, other names: B is T_camera_target."""
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs)
@@ -217,7 +211,7 @@ def test_fixed_camera(cli: Cli, tmp_path: Path, measured: Any) -> None:
     assert "T_flange_camera" not in said.out
 
 
-def test_answer_in_the_names_of_opencv(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_answer_in_the_names_of_opencv(cli, tmp_path, measured):
     """Against OpenCV itself, on its own input."""
     pairs, _, _ = measured
     world2cam, base2gripper = inverse(pairs.B), inverse(pairs.A)
@@ -242,7 +236,7 @@ def test_answer_in_the_names_of_opencv(cli: Cli, tmp_path: Path, measured: Any) 
     assert "--invert b" not in table
 
 
-def test_wrong_way_round_is_said(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_wrong_way_round_is_said(cli, tmp_path, measured):
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, pairs.A, inverse(pairs.B)))
     said = cli("robot-world", path, "--method", "ml", "--out", tmp_path)
@@ -254,9 +248,7 @@ def test_wrong_way_round_is_said(cli: Cli, tmp_path: Path, measured: Any) -> Non
     assert (turned.code, turned.err) == (0, "")
 
 
-def test_rows_out_of_step_are_said_by_the_solver_too(
-    cli: Cli, tmp_path: Path, measured: Any
-) -> None:
+def test_rows_out_of_step_are_said_by_the_solver_too(cli, tmp_path, measured):
     """The reader sees that no form explains it, the solver which rows do."""
     pairs, _, _ = measured
     late = Pairs(pairs.names, pairs.A, np.roll(pairs.B, 1, axis=0))
@@ -267,9 +259,7 @@ def test_rows_out_of_step_are_said_by_the_solver_too(
     assert "one row earlier" in error
 
 
-def test_wrong_way_round_is_said_once_of_answers_too(
-    cli: Cli, tmp_path: Path, measured: Any
-) -> None:
+def test_wrong_way_round_is_said_once_of_answers_too(cli, tmp_path, measured):
     """A robust method may find pairs that agree in a wrong reading."""
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", Pairs(pairs.names, pairs.A, inverse(pairs.B)))
@@ -279,7 +269,7 @@ def test_wrong_way_round_is_said_once_of_answers_too(
     assert "with one side the other way round: see --invert" in said.err
 
 
-def test_notes_on_the_file_are_warnings(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_notes_on_the_file_are_warnings(cli, tmp_path, measured):
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs, QUATERNION, QUATERNION)
     lines = path.read_text().splitlines()
@@ -295,9 +285,7 @@ def test_notes_on_the_file_are_warnings(cli: Cli, tmp_path: Path, measured: Any)
     assert "if in B the four numbers called qx qy qz qw are w x y z" in said.err
 
 
-def test_likelihood_with_and_without_all_pairs_and_papers_are_the_default(
-    cli: Cli, tmp_path: Path, measured: Any
-) -> None:
+def test_likelihood_with_and_without_all_pairs_and_papers_are_the_default(cli, tmp_path, measured):
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs)
     (tmp_path / "named").mkdir()
@@ -311,7 +299,7 @@ def test_likelihood_with_and_without_all_pairs_and_papers_are_the_default(
         assert [r["method"] for r in rows_of(tmp_path / "robot_world.csv")] == expected
 
 
-def test_three_pairs_are_enough_for_an_answer(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_three_pairs_are_enough_for_an_answer(cli, tmp_path, measured):
     """With none of them left out, and no noise to be seen in what is left over."""
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "p.csv", Pairs(pairs.names[:3], pairs.A[:3], pairs.B[:3]))
@@ -338,6 +326,10 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
     "noise that is none": (
         ("p.csv", "--noise-deg", "1", "--noise-mm", "nan"),
         "--noise-mm is nan mm, no standard deviation",
+    ),
+    "noise that is no number": (
+        ("p.csv", "--noise-deg", "text", "--noise-mm", "1"),
+        "'--noise-deg': Input should be a valid number",
     ),
     "noise of zero": (
         ("p.csv", "--noise-deg", "0", "--noise-mm", "1"),
@@ -367,7 +359,7 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
 
 
 @pytest.mark.parametrize("case", REFUSED.values(), ids=REFUSED)
-def test_what_is_refused(refuse: Refuse, tmp_path: Path, measured: Any, case: Any) -> None:
+def test_what_is_refused(refuse, tmp_path, measured, case):
     words, said = case
     write_pairs(tmp_path / "p.csv", measured[0])
     (tmp_path / "folder").mkdir()
@@ -377,7 +369,7 @@ def test_what_is_refused(refuse: Refuse, tmp_path: Path, measured: Any, case: An
     refuse("robot-world", *typed, "--out", tmp_path / "out").says(said)
 
 
-def test_bad_rows_are_refused_by_line(refuse: Refuse, tmp_path: Path, measured: Any) -> None:
+def test_bad_rows_are_refused_by_line(refuse, tmp_path, measured):
     form = PoseForm("mm", "matrix")
     path = write_pairs(tmp_path / "p.csv", measured[0], form, form)
     header, *lines = path.read_text().splitlines()
@@ -395,7 +387,7 @@ def test_bad_rows_are_refused_by_line(refuse: Refuse, tmp_path: Path, measured: 
         refuse("robot-world", path, "--out", tmp_path / "out").says(words)
 
 
-def test_help_waits_for_no_library() -> None:
+def test_help_waits_for_no_library():
     import subprocess
 
     code = (
@@ -406,7 +398,7 @@ def test_help_waits_for_no_library() -> None:
     assert said.stdout.splitlines()[-1] == "[]"
 
 
-def test_certificate_of_the_likeliest(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_certificate_of_the_likeliest(cli, tmp_path, measured):
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs)
     said = cli("robot-world", path, "--method", "ml,shah", "--certify", "--out", tmp_path, "--json")
@@ -427,9 +419,7 @@ def test_certificate_of_the_likeliest(cli: Cli, tmp_path: Path, measured: Any) -
     assert "; this is off that optimum, X by " in text.out
 
 
-def test_optimum_that_is_proven_away_from_the_answer_is_no_proof_of_it(
-    cli: Cli, tmp_path: Path
-) -> None:
+def test_optimum_that_is_proven_away_from_the_answer_is_no_proof_of_it(cli, tmp_path):
     """Residual rotations of a radian: their chords and their angles weigh otherwise."""
     rng = np.random.default_rng(5)
     problem = random_problems(rng, 1, 40)
@@ -447,7 +437,7 @@ def test_optimum_that_is_proven_away_from_the_answer_is_no_proof_of_it(
     assert "ml: proven" not in said
 
 
-def test_noise_of_the_robot_is_found_where_the_residuals_show_it(cli: Cli, tmp_path: Path) -> None:
+def test_noise_of_the_robot_is_found_where_the_residuals_show_it(cli, tmp_path):
     """Taken for noise of B, as where nothing is known, that of A puts the target farther off."""
     rng = np.random.default_rng(5)
     problem = random_problems(rng, 1, 60, 15.0)
@@ -486,26 +476,20 @@ def test_noise_of_the_robot_is_found_where_the_residuals_show_it(cli: Cli, tmp_p
         ),
     ],
 )
-def test_what_cannot_be_certified_is_refused_before_solving(
-    refuse: Refuse, tmp_path: Path, options: tuple[str, ...], reasons: tuple[str, ...]
-) -> None:
+def test_what_cannot_be_certified_is_refused_before_solving(refuse, tmp_path, options, reasons):
     """Even before reading: there is no such file."""
     path = tmp_path / "no.csv"
     refuse("robot-world", path, "--certify", *options, "--out", tmp_path / "out").says(*reasons)
 
 
-def test_fixed_camera_sees_the_target_at_b_and_is_certified(
-    cli: Cli, tmp_path: Path, measured: Any
-) -> None:
+def test_fixed_camera_sees_the_target_at_b_and_is_certified(cli, tmp_path, measured):
     path = write_pairs(tmp_path / "pairs.csv", measured[0])
     options = ("--method", "ml", *TYPED, "--noise-on", "seen", "--certify", "--out", tmp_path)
     said = cli("robot-world", path, "--camera", "fixed", *options)
     assert "ml: proven: no X and Z have a chi² below" in said.out
 
 
-def test_noise_of_the_target_as_seen_weighs_as_the_camera_does(
-    cli: Cli, tmp_path: Path, measured: Any
-) -> None:
+def test_noise_of_the_target_as_seen_weighs_as_the_camera_does(cli, tmp_path, measured):
     pairs, _, _ = measured
     path = write_pairs(tmp_path / "pairs.csv", pairs)
     options = ("--method", "ml", *TYPED, "--out", tmp_path, "--json")
@@ -530,9 +514,7 @@ def test_noise_of_the_target_as_seen_weighs_as_the_camera_does(
         (5.0, "the noise given is larger than what is left over shows"),
     ],
 )
-def test_whether_the_noise_explains_the_data_is_said(
-    cli: Cli, tmp_path: Path, measured: Any, times: float, words: str
-) -> None:
+def test_whether_the_noise_explains_the_data_is_said(cli, tmp_path, measured, times, words):
     path = write_pairs(tmp_path / "pairs.csv", measured[0])
     noise = PairNoise(times * NOISE.rotation_rad, times * NOISE.translation_m)
     typed = ("--noise-deg", np.degrees(noise.rotation_rad), "--noise-mm", 1e3 * noise.translation_m)
@@ -551,9 +533,7 @@ def test_whether_the_noise_explains_the_data_is_said(
     assert rows_of(tmp_path / "robot_world.csv")[0]["chi2_per_freedom"] == ""
 
 
-def test_progress_is_shown_in_a_terminal_only(
-    cli: Cli, tmp_path: Path, measured: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_progress_is_shown_in_a_terminal_only(cli, tmp_path, measured, monkeypatch):
     path = write_pairs(tmp_path / "pairs.csv", measured[0])
     typed = ("robot-world", path, "--method", "shah,zhuang", "--out", tmp_path)
     assert cli(*typed).err == ""
@@ -562,7 +542,7 @@ def test_progress_is_shown_in_a_terminal_only(
     assert cli(*typed, "--json").err == ""
 
 
-def test_progress_goes_method_by_method(measured: Any) -> None:
+def test_progress_goes_method_by_method(measured):
     told: list[tuple[str, float]] = []
     solve_pairs(measured[0], ["shah", "ml"], advance=lambda what, part: told.append((what, part)))
     steps = ("solving", "standard deviations", "leaving out pairs")
@@ -571,7 +551,7 @@ def test_progress_goes_method_by_method(measured: Any) -> None:
     assert [part for _, part in told] == pytest.approx([k / 6 for k in range(7)])
 
 
-def test_all_among_other_names(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_all_among_other_names(cli, tmp_path, measured):
     path = write_pairs(tmp_path / "pairs.csv", measured[0])
     assert cli("robot-world", path, "--method", "shah, all", "--out", tmp_path).code == 0
     found = [row["method"] for row in rows_of(tmp_path / "robot_world.csv")]
@@ -580,14 +560,7 @@ def test_all_among_other_names(cli: Cli, tmp_path: Path, measured: Any) -> None:
 
 @pytest.mark.parametrize("status", ["ambiguous", "doubtful", "misfit", "not converged"])
 @pytest.mark.parametrize("method", ["ml", "ml,shah", "shah,ml", "all"])
-def test_answer_that_is_not_ok_is_not_done(
-    cli: Cli,
-    tmp_path: Path,
-    measured: Any,
-    monkeypatch: pytest.MonkeyPatch,
-    method: str,
-    status: str,
-) -> None:
+def test_answer_that_is_not_ok_is_not_done(cli, tmp_path, measured, monkeypatch, method, status):
     """Where it is the one that was asked for first: the others are there to compare."""
 
     def told(A: FloatArray, B: FloatArray, name: str, noise: Any, **options: Any) -> Any:
@@ -603,7 +576,7 @@ def test_answer_that_is_not_ok_is_not_done(
     assert row["status"] == status
 
 
-def test_opencv_order_in_every_kind_of_file(cli: Cli, tmp_path: Path, measured: Any) -> None:
+def test_opencv_order_in_every_kind_of_file(cli, tmp_path, measured):
     """gripper2base and target2cam as they are, with A and B where OpenCV's function has them."""
     pairs, _, _ = measured
     gripper2base, target2cam = pairs.A, inverse(pairs.B)

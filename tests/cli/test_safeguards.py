@@ -1,16 +1,9 @@
 """What keeps an arm, and its user, from going astray: limits, targets, and options that matter."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import pytest
-
-Cli = Callable[..., Any]
-ChangeCell = Callable[[Mapping[str, str]], Path]
 
 
 def with_joint_2_at_90_deg(path: Path) -> Path:
@@ -24,7 +17,7 @@ def with_joint_2_at_90_deg(path: Path) -> Path:
     return path
 
 
-def test_an_arm_is_not_sent_beyond_its_limits(refuse: Callable[..., Any], work: Path) -> None:
+def test_an_arm_is_not_sent_beyond_its_limits(refuse, work):
     poses, cell = with_joint_2_at_90_deg(work / "poses.csv"), work / "cell.toml"
     for words in (("simulate", cell, poses), ("program", poses, "--cell", cell)):
         refuse(*words, "--out", work / "out").says(
@@ -32,32 +25,26 @@ def test_an_arm_is_not_sent_beyond_its_limits(refuse: Callable[..., Any], work: 
         )
 
 
-def test_touch_ups_beyond_the_limits_are_named(cli: Cli, work: Path) -> None:
+def test_touch_ups_beyond_the_limits_are_named(cli, work):
     touch_ups = with_joint_2_at_90_deg(work / "touchups.csv")
     said = cli("identify", work / "cell.toml", touch_ups, "--out", work)
     assert f"warning: {touch_ups}: line 4: joint_2 90.0 deg is above 76.0 deg" in said.err
 
 
-def test_a_target_far_from_the_base_posture_is_worth_a_word(
-    cli: Cli, change_cell: ChangeCell, work: Path
-) -> None:
+def test_a_target_far_from_the_base_posture_is_worth_a_word(cli, change_cell, work):
     cell = change_cell({"target.position_mm": "[1915.4, 50.0, 693.0]"})
     said = cli("plan", cell, "--out", work / "out")
     assert "note: the target is 200 mm from where the base posture puts the tool point" in said.err
 
 
-def test_a_study_without_offsets_shows_the_tool(
-    cli: Cli, change_cell: ChangeCell, work: Path
-) -> None:
+def test_a_study_without_offsets_shows_the_tool(cli, change_cell, work):
     cell = change_cell({"parameters.zero_offsets": "[]", "variations.largest_deg": "[15, 15, 15]"})
     said = cli("study", "accuracy", cell, "--draws", 10, "--out", work)
     assert said.code == 0
     assert "x sd" in said.out
 
 
-def test_score_does_not_praise_poses_that_touch_nothing(
-    cli: Cli, work: Path, change_csv: Callable[[str, int, str, str], Path]
-) -> None:
+def test_score_does_not_praise_poses_that_touch_nothing(cli, work, change_csv):
     poses = change_csv("poses.csv", 2, "j1_deg", "40")
     said = cli("score", work / "cell.toml", poses)
     assert said.code == 1
@@ -68,9 +55,7 @@ def test_score_does_not_praise_poses_that_touch_nothing(
     assert "error: pose P" in said.err
 
 
-def test_predictions_are_those_of_the_estimator_asked_for(
-    cli: Cli, change_cell: ChangeCell, work: Path
-) -> None:
+def test_predictions_are_those_of_the_estimator_asked_for(cli, change_cell, work):
     cell = change_cell({"measurement.weighted": "false"})
     plan = json.loads(cli("plan", cell, "--out", work / "out", "--json").out)
     assert plan["predicted"][0]["predicted sigma"] == pytest.approx(0.01216, rel=0.01)
@@ -78,7 +63,7 @@ def test_predictions_are_those_of_the_estimator_asked_for(
     assert score["predicted"][0]["predicted sigma"] == pytest.approx(0.01216, rel=0.01)
 
 
-def test_an_angle_that_is_held(cli: Cli, change_cell: ChangeCell, work: Path) -> None:
+def test_an_angle_that_is_held(cli, change_cell, work):
     cell = change_cell(
         {"variations.start_deg": "[5, 5, 0]", "variations.largest_deg": "[60, 60, 0]"}
     )
@@ -87,7 +72,7 @@ def test_an_angle_that_is_held(cli: Cli, change_cell: ChangeCell, work: Path) ->
     assert {row["d_r_deg"] for row in plan["rounds"]} == {0}
 
 
-def test_the_newton_raphson_of_the_paper(cli: Cli, change_cell: ChangeCell, work: Path) -> None:
+def test_the_newton_raphson_of_the_paper(cli, change_cell, work):
     by = {}
     for method in ("gauss-newton", "newton-raphson"):
         cell = change_cell({"parameters.method": f'"{method}"'})
@@ -98,9 +83,7 @@ def test_the_newton_raphson_of_the_paper(cli: Cli, change_cell: ChangeCell, work
     assert by["gauss-newton"] == pytest.approx(by["newton-raphson"], rel=1e-4, abs=1e-5)
 
 
-def test_a_stiffness_of_ones_own_makes_the_arm_deflect(
-    cli: Cli, change_cell: ChangeCell, work: Path
-) -> None:
+def test_a_stiffness_of_ones_own_makes_the_arm_deflect(cli, change_cell, work):
     files = []
     for stiffness in ("[1e6, 1e6, 1e6, 1e6, 1e6, 1e6]", "[1e9, 1e9, 1e9, 1e9, 1e9, 1e9]"):
         cell = change_cell({"truth.stiffness_nm_per_rad": stiffness})
@@ -109,7 +92,7 @@ def test_a_stiffness_of_ones_own_makes_the_arm_deflect(
     assert files[0] != files[1]
 
 
-def test_arms_of_few_joints_are_not_planned_for(cli: Cli, tmp_path: Path) -> None:
+def test_arms_of_few_joints_are_not_planned_for(cli, tmp_path):
     joints = "".join(
         f"""<link name="l{i + 1}"/><joint name="j{i + 1}" type="revolute"><parent link="l{i}"/>
         <child link="l{i + 1}"/><origin xyz="0.3 0 0.1"/><axis xyz="0 {i % 2} {1 - i % 2}"/>
@@ -126,7 +109,7 @@ def test_arms_of_few_joints_are_not_planned_for(cli: Cli, tmp_path: Path) -> Non
     assert "short has 3 joints: fewer than 6 cannot hold the tool point" in said.err
 
 
-def test_a_fanuc_program_is_written_for_a_fanuc_only(cli: Cli, work: Path) -> None:
+def test_a_fanuc_program_is_written_for_a_fanuc_only(cli, work):
     """The pendant's J3 of another arm would be wrong by its J2."""
     robot = """<robot name="{name}"><link name="l0"/>{joints}</robot>"""
     joint = """<link name="l{n}"/><joint name="j{n}" type="revolute"><parent link="l{m}"/>
@@ -152,9 +135,7 @@ def test_a_fanuc_program_is_written_for_a_fanuc_only(cli: Cli, work: Path) -> No
     assert cli(*words).code == 0
 
 
-def test_a_study_on_an_arm_without_room_for_the_plate(
-    cli: Cli, change_cell: ChangeCell, work: Path
-) -> None:
+def test_a_study_on_an_arm_without_room_for_the_plate(cli, change_cell, work):
     cell = change_cell(
         {
             "base_pose.posture_deg": "[0.0, 70.0, -10.0, 0.0, -20.0, 0.0]",
@@ -178,9 +159,7 @@ def test_a_study_on_an_arm_without_room_for_the_plate(
     ],
     ids=lambda words: words[0],
 )
-def test_poses_that_were_changed_after_planning_are_told(
-    cli: Cli, work: Path, words: tuple[str, ...]
-) -> None:
+def test_poses_that_were_changed_after_planning_are_told(cli, work, words):
     """Their program would carry another plan's margins, indices and what was checked."""
     poses = work / "poses.csv"
     poses.write_text(f"# fingerprint: 0123456789ab\n{poses.read_text()}")

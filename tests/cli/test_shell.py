@@ -1,7 +1,5 @@
 """The console script in a process of its own: start, pipes, Ctrl-C, what is imported."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -46,16 +44,16 @@ def modules_after(statement: str) -> set[str]:
         "from posedesign.cli.main import run\nrun(['plan'])",
     ],
 )
-def test_help_does_not_wait_for_the_robot_libraries(statement: str) -> None:
+def test_help_does_not_wait_for_the_robot_libraries(statement):
     assert modules_after(statement).isdisjoint(HEAVY)
 
 
-def test_click_is_not_needed() -> None:
+def test_click_is_not_needed():
     """Typer brings its own since 0.26; a package that nobody asked for may not be there."""
     assert "click" not in modules_after("from posedesign.cli.main import run\nrun(['--help'])")
 
 
-def test_console_script_answers_with_exit_codes(tmp_path: Path) -> None:
+def test_console_script_answers_with_exit_codes(tmp_path):
     words = [SCRIPT] if SCRIPT.exists() else list(COMMAND)
     cell = subprocess.run([*words, "new"], capture_output=True, text=True, timeout=60, check=True)
     assert cell.stderr == ""
@@ -75,7 +73,7 @@ def test_console_script_answers_with_exit_codes(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cell.toml", "poses.csv", "rounds.csv"]
 
 
-def test_error_goes_to_standard_error_alone(tmp_path: Path) -> None:
+def test_error_goes_to_standard_error_alone(tmp_path):
     said = shell("plan", tmp_path / "none.toml")
     assert (said.returncode, said.stdout) == (2, "")
     assert said.stderr.startswith("error: ")
@@ -83,7 +81,7 @@ def test_error_goes_to_standard_error_alone(tmp_path: Path) -> None:
     assert "Traceback" not in said.stderr
 
 
-def test_tables_in_a_pipe_are_not_cut(tmp_path: Path) -> None:
+def test_tables_in_a_pipe_are_not_cut(tmp_path):
     (tmp_path / "cell.toml").write_text(cell_template())
     said = shell("plan", "cell.toml", cwd=tmp_path, env={"COLUMNS": "40", "PATH": ""})
     assert said.returncode == 0, said
@@ -93,7 +91,7 @@ def test_tables_in_a_pipe_are_not_cut(tmp_path: Path) -> None:
     assert "\x1b" not in said.stdout
 
 
-def test_reader_that_stops_reading(tmp_path: Path) -> None:
+def test_reader_that_stops_reading(tmp_path):
     """``posedesign new | head -1``"""
     with subprocess.Popen(
         [*COMMAND, "robots", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
@@ -107,7 +105,7 @@ def test_reader_that_stops_reading(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def not_reached(tmp_path: Path) -> Path:
+def not_reached(tmp_path) -> Path:
     """A folder with a cell and a pose that its robot cannot take: exit code 1."""
     (tmp_path / "cell.toml").write_text(cell_template(surroundings=False))
     joints = ",".join(f"j{k}_deg" for k in range(1, 7))
@@ -128,9 +126,7 @@ def not_reached(tmp_path: Path) -> Path:
         ('PYTHONIOENCODING=ascii "$@" robots >/dev/null; echo $?', "0\n"),
     ],
 )
-def test_what_becomes_of_the_output_does_not_change_the_exit_code(
-    not_reached: Path, command: str, codes: str
-) -> None:
+def test_what_becomes_of_the_output_does_not_change_the_exit_code(not_reached, command, codes):
     said = subprocess.run(
         ["bash", "-c", command, "-", *COMMAND],
         capture_output=True,
@@ -142,7 +138,7 @@ def test_what_becomes_of_the_output_does_not_change_the_exit_code(
     assert "Traceback" not in said.stderr
 
 
-def test_names_from_files_steer_no_terminal(not_reached: Path) -> None:
+def test_names_from_files_steer_no_terminal(not_reached):
     """Escapes, line ends and marks that turn the direction of writing are shown by their codes."""
     said = shell("check", "cell.toml", "poses.csv", cwd=not_reached)
     assert said.returncode == 1
@@ -151,7 +147,7 @@ def test_names_from_files_steer_no_terminal(not_reached: Path) -> None:
     assert all(c.isprintable() or c == "\n" for c in everything)
 
 
-def test_path_that_is_no_text(tmp_path: Path) -> None:
+def test_path_that_is_no_text(tmp_path):
     said = subprocess.run(
         [*COMMAND, "plan", b"no\xff\x1b.toml"], capture_output=True, timeout=60, cwd=tmp_path
     )
@@ -159,7 +155,7 @@ def test_path_that_is_no_text(tmp_path: Path) -> None:
     assert said.stderr.startswith(rb"error: no\udcff\x1b.toml: cannot be read")
 
 
-def test_ctrl_c_says_stopped_and_leaves_no_half_file(tmp_path: Path) -> None:
+def test_ctrl_c_says_stopped_and_leaves_no_half_file(tmp_path):
     folder = tmp_path / "out"
     with subprocess.Popen(
         [*COMMAND, "study", "accuracy", "--draws", "2000", "--out", str(folder)],

@@ -1,7 +1,5 @@
 """``posedesign study list, run, plot``."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
@@ -15,7 +13,7 @@ from studies import writing
 STUDIES = Path(__file__).parents[2] / "studies"
 
 
-def test_list_names_every_study_and_its_question(cli) -> None:
+def test_list_names_every_study_and_its_question(cli):
     rows = json.loads(cli("study", "list", "--json").out)
     folders = sorted(p.name for p in STUDIES.iterdir() if (p / "run.py").exists())
     assert [row["study"] for row in rows] == [name.partition("_")[2] for name in folders]
@@ -27,7 +25,7 @@ def test_list_names_every_study_and_its_question(cli) -> None:
 
 
 @pytest.mark.parametrize("study", list_studies(), ids=lambda study: study.name)
-def test_every_study_can_be_run_and_drawn(study) -> None:
+def test_every_study_can_be_run_and_drawn(study):
     """That it does is for the tests of each study."""
     module = study.load()
     assert callable(module.study)
@@ -65,7 +63,7 @@ def plot(folder):
 
 
 @pytest.fixture
-def small_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def small_study(tmp_path, monkeypatch) -> str:
     """A study that takes no time, in a folder of studies of its own."""
     folder = tmp_path / "studies" / "07_small"
     folder.mkdir(parents=True)
@@ -77,7 +75,7 @@ def small_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "small"
 
 
-def test_run_and_plot(cli, small_study: str, tmp_path: Path) -> None:
+def test_run_and_plot(cli, small_study, tmp_path):
     said = cli("study", "run", small_study, "--trials", "5")
     assert said.code == 0, said.err
     out = Path("study-results") / "small"
@@ -93,9 +91,7 @@ def test_run_and_plot(cli, small_study: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["small.csv", "figures.json", "any.svg"])
-def test_results_of_others_are_not_replaced(
-    cli, refuse, small_study: str, tmp_path: Path, name: str
-) -> None:
+def test_results_of_others_are_not_replaced(cli, refuse, small_study, tmp_path, name):
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / name).write_text("mine")
     words = ("study", "run", small_study, "--out", "here", "--restart")
@@ -104,7 +100,7 @@ def test_results_of_others_are_not_replaced(
     refuse(*words).says(f"here/{name}")
 
 
-def test_edited_results_are_not_replaced(cli, refuse, small_study: str, tmp_path: Path) -> None:
+def test_edited_results_are_not_replaced(cli, refuse, small_study, tmp_path):
     words = ("study", "run", small_study, "--out", "here")
     for _ in range(2):
         assert cli(*words, "--trials", "4").code == 0
@@ -117,7 +113,7 @@ def test_edited_results_are_not_replaced(cli, refuse, small_study: str, tmp_path
     refuse("study", "plot", small_study, "--out", "here").says("mine.png")
 
 
-def test_damaged_tables(refuse, small_study: str, tmp_path: Path) -> None:
+def test_damaged_tables(refuse, small_study, tmp_path):
     (tmp_path / "here").mkdir()
     damaged = ("", 'a,b\n1,2,3\n"', "other\n1\n", "trial\nx\n", "trial\n\xff", "\0\0")
     for text in damaged:
@@ -129,9 +125,7 @@ def test_damaged_tables(refuse, small_study: str, tmp_path: Path) -> None:
         refuse("study", "plot", small_study, "--out", "here").says("here", "--restart")
 
 
-def test_a_fault_in_drawing_is_no_damaged_table(
-    cli, refuse, small_study: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fault_in_drawing_is_no_damaged_table(cli, refuse, small_study, tmp_path, monkeypatch):
     assert cli("study", "run", small_study, "--out", "here").code == 0
     words = ("study", "plot", small_study, "--out", "here")
 
@@ -150,9 +144,7 @@ def test_a_fault_in_drawing_is_no_damaged_table(
         find_study(small_study).plot(tmp_path / "here")
 
 
-def test_what_a_run_left_that_failed_is_its_own(
-    cli, small_study: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_run_left_that_failed_is_its_own(cli, small_study, monkeypatch):
     module = find_study(small_study).load()
     study = module.study
 
@@ -166,7 +158,7 @@ def test_what_a_run_left_that_failed_is_its_own(
     assert cli("study", "run", small_study, "--out", "here").code == 0
 
 
-def test_the_note_of_another_study_opens_nothing(refuse, small_study: str, tmp_path: Path) -> None:
+def test_the_note_of_another_study_opens_nothing(refuse, small_study, tmp_path):
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / "small.csv").write_text("mine")
     words = ("study", "run", small_study, "--out", "here")
@@ -174,9 +166,7 @@ def test_the_note_of_another_study_opens_nothing(refuse, small_study: str, tmp_p
     refuse(*words).says("here/small.csv", "is not of the study small")
 
 
-def test_a_study_as_a_script_replaces_its_own_only(
-    small_study: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
-) -> None:
+def test_a_study_as_a_script_replaces_its_own_only(small_study, tmp_path, monkeypatch, capsys):
     module = find_study(small_study).load()
 
     def script(*words: str) -> None:
@@ -199,7 +189,7 @@ def test_a_study_as_a_script_replaces_its_own_only(
 
 
 @pytest.mark.slow
-def test_run_draws_and_goes_on(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_draws_and_goes_on(cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     settings = find_study("accuracy_vs_condition").load().SETTINGS
     monkeypatch.setitem(settings, "presets", ["irb120"])
@@ -220,7 +210,7 @@ def test_run_draws_and_goes_on(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert (out / "accuracy_vs_condition.png").exists()
 
 
-def test_refusals(refuse, tmp_path: Path) -> None:
+def test_refusals(refuse, tmp_path):
     refuse("study", "run", "acuracy_vs_condition").says(
         "acuracy", "did you mean accuracy_vs_condition"
     )
@@ -235,7 +225,7 @@ def test_refusals(refuse, tmp_path: Path) -> None:
     refuse("study", "run", "01", "--jobs", "1000000").says("1000000 jobs", "from 1 to")
 
 
-def test_no_scheduler(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_scheduler(cli, tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="needs Dask (posedesign[cluster])")
     monkeypatch.setattr(runner, "_CONNECT_S", 0.2)
     said = cli("study", "run", "01", "--out", tmp_path, "--scheduler", "nowhere")

@@ -1,7 +1,5 @@
 """Where a clearance is asked for and part of the arm has no shape, nothing is said to be clear."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +9,6 @@ import pytest
 
 from calib.robots import Robot
 from calib.robots.urdf_anew import urdf_of
-from tests.cli.conftest import Cli
 
 CELL = """[robot]
 urdf = "arm.urdf"
@@ -33,7 +30,7 @@ at_mm = [0, 0, -100]
 
 
 @pytest.fixture
-def bare_cell(tmp_path: Path) -> Callable[..., Path]:
+def bare_cell(tmp_path) -> Callable[..., Path]:
     """A UR10e as a URDF of its kinematics alone, with a table."""
     (tmp_path / "arm.urdf").write_bytes(urdf_of(Robot.preset("ur10e"), "kinematics"))
 
@@ -46,7 +43,7 @@ def bare_cell(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def poses(tmp_path: Path) -> Path:
+def poses(tmp_path) -> Path:
     """One pose, with the forearm in the table."""
     path = tmp_path / "poses.csv"
     path.write_text(
@@ -75,13 +72,8 @@ def only_the_first(poses: Path) -> Path:
     ],
 )
 def test_links_without_a_shape_are_refused_by_name(
-    words: tuple[str, ...],
-    cli: Cli,
-    bare_cell: Callable[..., Path],
-    poses: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    words, cli, bare_cell, poses, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     camera = "[camera]" if "calibrate" in words else ""
     places = {"cell": bare_cell("", camera), "poses": poses, "first": only_the_first(poses)}
@@ -103,9 +95,7 @@ def test_links_without_a_shape_are_refused_by_name(
 
 
 @pytest.mark.parametrize("robot", ['shapes = "ur10e"', "capsule_radius_mm = 80"])
-def test_with_shapes_the_forearm_is_seen_in_the_table(
-    robot: str, cli: Cli, bare_cell: Callable[..., Path], poses: Path
-) -> None:
+def test_with_shapes_the_forearm_is_seen_in_the_table(robot, cli, bare_cell, poses):
     said = cli("check", bare_cell(robot), poses)
     assert said.code == 1
     assert "2 poses: 1 cannot be taken" in said.out
@@ -114,26 +104,20 @@ def test_with_shapes_the_forearm_is_seen_in_the_table(
     assert (fitted in said.err) == ("capsule" in robot)
 
 
-def test_a_person_may_say_that_nothing_is_checked(
-    cli: Cli, bare_cell: Callable[..., Path], poses: Path
-) -> None:
+def test_a_person_may_say_that_nothing_is_checked(cli, bare_cell, poses):
     said = cli("check", bare_cell("", "[constraints]\ncollisions = false"), poses)
     assert "not checked: collisions: constraints.collisions is false" in said.err
     assert "2 poses: 0 cannot be taken" in said.out
 
 
-def test_the_shapes_of_another_arm_are_refused(
-    cli: Cli, bare_cell: Callable[..., Path], poses: Path
-) -> None:
+def test_the_shapes_of_another_arm_are_refused(cli, bare_cell, poses):
     said = cli("check", bare_cell('shapes = "ur5e"'), poses)
     assert said.code == 2
     assert "key robot.shapes: the preset ur5e is another arm" in said.err
     assert "of the same kinematics: ur10e" in said.err
 
 
-def test_meshes_that_are_gone_after_planning_are_refused(
-    cli: Cli, bare_cell: Callable[..., Path], poses: Path, tmp_path: Path
-) -> None:
+def test_meshes_that_are_gone_after_planning_are_refused(cli, bare_cell, poses, tmp_path):
     """A pose that ran into the table before must not be a good one since its mesh is away."""
     cell, urdf, mesh = bare_cell(), tmp_path / "arm.urdf", tmp_path / "forearm.stl"
     mesh.write_text(
@@ -162,9 +146,7 @@ def test_meshes_that_are_gone_after_planning_are_refused(
     assert "no collision geometry for forearm_link" in refused.err
 
 
-def test_what_is_not_checked_goes_with_the_poses(
-    cli: Cli, bare_cell: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_what_is_not_checked_goes_with_the_poses(cli, bare_cell, tmp_path):
     """Verdict, JSON, list of poses, and the program that is written from it without the cell."""
     cell, out = bare_cell('shapes = "ur10e"'), tmp_path / "out"
     said = cli("plan", cell, "--out", out, "--json")
@@ -187,9 +169,7 @@ def test_what_is_not_checked_goes_with_the_poses(
         assert json.loads(cli(*words, "--json").out)["not_checked"] == told["not_checked"]
 
 
-def test_what_force_lets_through_is_named(
-    cli: Cli, bare_cell: Callable[..., Path], poses: Path, tmp_path: Path
-) -> None:
+def test_what_force_lets_through_is_named(cli, bare_cell, poses, tmp_path):
     cell, first = bare_cell('shapes = "ur10e"'), only_the_first(poses)
     elbow = Robot.preset("ur10e").state(np.deg2rad([0, -70, 90, -110, -90, 0])).origins[2]
     at_mm = np.round(1e3 * elbow).tolist()

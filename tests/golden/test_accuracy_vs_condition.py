@@ -1,7 +1,5 @@
 """Accuracy against condition on four arms: a short form against what its folder says."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -22,9 +20,7 @@ WRITTEN = pd.read_csv(STUDY.folder / "accuracy_vs_condition.csv")
 
 
 @pytest.fixture(scope="module", params=["irb120", pytest.param("all", marks=pytest.mark.slow)])
-def short(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[dict[str, Any], pd.DataFrame, Path]:
+def short(request, tmp_path_factory) -> tuple[dict[str, Any], pd.DataFrame, Path]:
     """Sixty data sets of each pose set, of one arm or of all."""
     out = tmp_path_factory.mktemp("short")
     settings = STUDY.load().SETTINGS
@@ -46,7 +42,7 @@ def full_of(rows: pd.DataFrame) -> pd.DataFrame:
     return full
 
 
-def test_spread_is_that_of_the_full_run(short) -> None:
+def test_spread_is_that_of_the_full_run(short):
     _, rows, _ = short
     full = full_of(rows)
     ratio = rows["spread_deg"] / full["spread_deg"]
@@ -55,7 +51,7 @@ def test_spread_is_that_of_the_full_run(short) -> None:
     assert ((ratio > low) & (ratio < high)).all()
 
 
-def test_medians_are_those_of_the_full_run(short) -> None:
+def test_medians_are_those_of_the_full_run(short):
     """Within the quarter that a median of sixty may be off: five standard errors."""
     _, rows, _ = short
     full = full_of(rows)
@@ -64,7 +60,7 @@ def test_medians_are_those_of_the_full_run(short) -> None:
         assert np.median(rows[name] / full[name]) == pytest.approx(1.0, abs=0.2)
 
 
-def test_slopes_and_ranks(short) -> None:
+def test_slopes_and_ranks(short):
     figures, _, _ = short
     full = {(r["preset"], r["estimator"], r["quantity"]): r for r in EXPECTED["relations"]}
     assert figures["relations"]
@@ -74,12 +70,12 @@ def test_slopes_and_ranks(short) -> None:
         assert row["rank"] > 0.9
 
 
-def test_predicted_is_what_was_found(short) -> None:
+def test_predicted_is_what_was_found(short):
     """The covariance, before any measurement, against the spread of the full run."""
     np.testing.assert_allclose(WRITTEN["spread_deg"] / WRITTEN["predicted_deg"], 1.0, atol=0.12)
 
 
-def test_trials_are_all_there(short) -> None:
+def test_trials_are_all_there(short):
     _, rows, out = short
     (table,) = out.glob("trials.*")
     trials = read_table(table)
@@ -88,7 +84,7 @@ def test_trials_are_all_there(short) -> None:
     assert not (out / "parts").exists()
 
 
-def test_figures_come_from_the_tables(short) -> None:
+def test_figures_come_from_the_tables(short):
     _, _, out = short
     (drawn,) = {path.parent for path in STUDY.plot(out)}
     assert drawn == out
@@ -97,7 +93,7 @@ def test_figures_come_from_the_tables(short) -> None:
             assert (out / f"{name}{ending}").stat().st_size > 10_000
 
 
-def test_readme_has_the_figures_of_the_run() -> None:
+def test_readme_has_the_figures_of_the_run():
     """Every row of its table, to the last digit."""
     text = (STUDY.folder / "README.md").read_text()
     found = {(r["preset"], r["estimator"], r["quantity"]): r for r in EXPECTED["relations"]}

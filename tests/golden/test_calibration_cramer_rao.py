@@ -1,7 +1,5 @@
 """Step two of a calibration by sight against the Cramér-Rao bound of its own touch-ups."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,7 +86,7 @@ def scatter_over_bound(done: Rehearsed) -> FloatArray:
 
 
 @pytest.mark.parametrize("trials", [150, pytest.param(1500, marks=pytest.mark.slow)])
-def test_within_a_tenth_of_the_bound(trials: int) -> None:
+def test_within_a_tenth_of_the_bound(trials):
     """Weighted by one noise for all poses; the bound knows that of each pose.
 
     A standard deviation of T trials is good to 1 / sqrt(2 T); three of them are allowed on top, and

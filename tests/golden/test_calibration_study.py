@@ -1,7 +1,5 @@
 """Calibration by visual touch-up, Figures 9 to 11 of the paper: a short form of the study."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from types import ModuleType
@@ -40,22 +38,22 @@ def expected() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def bench(study: ModuleType) -> Any:
+def bench(study) -> Any:
     return study.bench_of(study.SHOWN)
 
 
 @pytest.fixture(scope="module")
-def sets(study: ModuleType, bench: Any) -> Any:
+def sets(study, bench) -> Any:
     return [study.pose_set(bench.cell, threshold) for threshold in THRESHOLDS]
 
 
 @pytest.fixture(scope="module")
-def found(study: ModuleType, bench: Any, sets: Any) -> Any:
+def found(study, bench, sets) -> Any:
     return list(study.every(bench, sets, SHORT, 77))  # touch-ups of its own
 
 
 class TestSetUp:
-    def test_camera_and_target_are_those_of_the_paper(self, bench: Any) -> None:
+    def test_camera_and_target_are_those_of_the_paper(self, bench):
         camera = bench.observer("fast").camera
         assert (camera.width_px, camera.height_px) == (640, 480)
         assert camera.focal_px == pytest.approx(1600.0)
@@ -63,10 +61,10 @@ class TestSetUp:
         assert distance == pytest.approx(0.35)
         assert bench.jacobian.distance_m == pytest.approx(0.35, rel=3e-3)  # as the arm finds it
 
-    def test_pose_sets_are_those_of_the_reference_cell(self, sets: Any) -> None:
+    def test_pose_sets_are_those_of_the_reference_cell(self, sets):
         assert {s.d_deg: s.c_g for s in sets} == pytest.approx(REFERENCE, rel=1e-3)
 
-    def test_touch_ups_repeat_as_in_table_2(self, expected: dict[str, Any]) -> None:
+    def test_touch_ups_repeat_as_in_table_2(self, expected):
         """3 sigma of .02, .02, .12 mm in the paper; camera and light are other ones: a factor."""
         for row in expected["arms"]["deflecting"]["variation"]:
             if row["estimator"] == "touch-up":
@@ -76,9 +74,7 @@ class TestSetUp:
 
 
 class TestVariation:
-    def test_a_short_run_has_the_figures_that_are_written(
-        self, study: ModuleType, bench: Any, found: Any, expected: dict[str, Any]
-    ) -> None:
+    def test_a_short_run_has_the_figures_that_are_written(self, study, bench, found, expected):
         written = {
             (row["d_deg"], row["estimator"]): row
             for row in expected["arms"][study.SHOWN]["variation"]
@@ -95,27 +91,25 @@ class TestVariation:
                 band += 0.06 * abs(other["error_deg"])
                 assert abs(row["error_deg"] - other["error_deg"]) < band
 
-    def test_variation_falls_with_the_condition_number(self, study: ModuleType, found: Any) -> None:
+    def test_variation_falls_with_the_condition_number(self, study, found):
         for k, estimator in enumerate(found[0][1]):
             std = [them[k].offset_deg.std(ddof=1) for _, them in found]
             assert std[0] > std[1] > std[2], estimator.estimator.name
 
-    def test_touch_up_is_better_than_the_view_line_where_the_condition_is_poor(
-        self, found: Any
-    ) -> None:
+    def test_touch_up_is_better_than_the_view_line_where_the_condition_is_poor(self, found):
         by_name = [{e.estimator.name: e.offset_deg.std(ddof=1) for e in them} for _, them in found]
         assert by_name[0]["touch-up"] < by_name[0]["view line"]
         assert by_name[-1]["touch-up"] > by_name[-1]["view line"]  # and worse without weights
         for std in by_name:
             assert std["touch-up, weighted"] < 1.05 * std["touch-up, size left out"]
 
-    def test_what_is_predicted_is_what_is_found(self, expected: dict[str, Any]) -> None:
+    def test_what_is_predicted_is_what_is_found(self, expected):
         """From the scatter of the first ten data sets, the same for all poses: to a third."""
         for arm in expected["arms"].values():
             for row in arm["variation"]:
                 assert 0.66 < row["predicted_deg"] / row["many_std_deg"] < 1.34, row
 
-    def test_through_pictures_it_is_the_same(self, expected: dict[str, Any]) -> None:
+    def test_through_pictures_it_is_the_same(self, expected):
         said = expected["pictures"]
         counts = said["image_data_sets"], said["fast_data_sets"]
         low, high = f_distribution.ppf([0.001, 0.999], counts[0] - 1, counts[1] - 1)
@@ -126,7 +120,7 @@ class TestVariation:
             ratio = said[f"image_{axis}_3s_mm"] / said[f"fast_{axis}_3s_mm"]
             assert 0.85 < ratio < 1.15  # 500 degrees of freedom: 3 %, and what the raster does
 
-    def test_ranks_are_those_of_scipy(self, study: ModuleType) -> None:
+    def test_ranks_are_those_of_scipy(self, study):
         import touch_claims
 
         rng = np.random.default_rng(4)
@@ -134,7 +128,7 @@ class TestVariation:
         brute = [spearmanr(x, row).statistic for row in y]
         np.testing.assert_allclose(touch_claims.ranks(x, y), brute, atol=1e-12)
 
-    def test_the_causes_of_an_error_are_told_apart(self, expected: dict[str, Any]) -> None:
+    def test_the_causes_of_an_error_are_told_apart(self, expected):
         """Without backlash a poor set is as wrong by view line as by touch-up; not with it."""
         rows = {(row["d_deg"], row["away"]): row for row in expected["causes"]}
         as_it_is, without = rows[10.0, "nothing"], rows[10.0, "backlash"]
@@ -143,9 +137,7 @@ class TestVariation:
 
 
 class TestPlate:
-    def test_before_calibration_it_is_as_with_a_pin_that_touches_exactly(
-        self, bench: Any, expected: dict[str, Any]
-    ) -> None:
+    def test_before_calibration_it_is_as_with_a_pin_that_touches_exactly(self, bench, expected):
         """Another simulation of the touch, without a camera."""
         import touch_plate
 
@@ -159,9 +151,7 @@ class TestPlate:
         said = [written[f"d{d}_mm"] for d in touch_plate.DISTANCES]
         np.testing.assert_allclose(1e3 * before, said, atol=4e-3)
 
-    def test_a_short_run_has_the_figures_that_are_written(
-        self, study: ModuleType, bench: Any, found: Any, expected: dict[str, Any]
-    ) -> None:
+    def test_a_short_run_has_the_figures_that_are_written(self, study, bench, found, expected):
         import touch_plate
 
         rng = np.random.default_rng(6)
@@ -179,9 +169,7 @@ class TestPlate:
                 band = 4.0 * 1.6 * spread / np.sqrt(SHORT)
                 assert abs(np.median(worst) - row["worst_mm"]) < band, row["d_deg"]
 
-    def test_the_best_set_halves_the_error_and_nothing_better_is_claimed(
-        self, expected: dict[str, Any]
-    ) -> None:
+    def test_the_best_set_halves_the_error_and_nothing_better_is_claimed(self, expected):
         plates = {arm: part["claims"]["plate"] for arm, part in expected["arms"].items()}
         assert plates["deflecting"]["touch-up"]["best_ratio"] < 0.5
         assert plates["rigid"]["touch-up"]["ratio_at_smallest_c_g"] < 0.25
@@ -189,9 +177,7 @@ class TestPlate:
         assert plates["deflecting"]["touch-up"]["best_d_deg"] < 60.0
         assert expected["robots"]["touch-up"]["smallest_c_g_is_best"]["high"] < 0.5
 
-    def test_commands_that_are_compensated_drive_as_far_off_as_is_measured(
-        self, expected: dict[str, Any]
-    ) -> None:
+    def test_commands_that_are_compensated_drive_as_far_off_as_is_measured(self, expected):
         """Distances driven to without measuring, and touched up and measured."""
         for part in expected["arms"].values():
             for row in (part["plate"]["before"], *part["plate"]["rows"]):
@@ -200,9 +186,7 @@ class TestPlate:
 
 
 class TestWhatPeopleRead:
-    def test_tables_and_verdicts_are_the_result(
-        self, study: ModuleType, expected: dict[str, Any]
-    ) -> None:
+    def test_tables_and_verdicts_are_the_result(self, study, expected):
         text = (FOLDER / "README.md").read_text(encoding="utf-8")
         for lines in study.tables(expected):
             for line in lines:

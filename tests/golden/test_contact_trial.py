@@ -4,8 +4,6 @@ fcl sees triangles alone, all pairs, with Pinocchio's kinematics: solids as mesh
 them, so that what it calls a contact is one.
 """
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import fcl
@@ -180,7 +178,7 @@ def trial(name: str, kind: str, seed: int, count: int) -> dict[str, int]:
         for k in ("both", "meshes", "solids")
     ],
 )
-def test_no_contact_is_called_clear(name: str, kind: str) -> None:
+def test_no_contact_is_called_clear(name, kind):
     quick = (name, kind) in QUICK
     found = trial(name, kind, 1, FEW if quick else MANY)
     assert found["contacts"] > 0

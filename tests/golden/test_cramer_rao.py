@@ -4,8 +4,6 @@ Scatter of simulated identifications over the Cramér-Rao bound, parameter by pa
 prints the ratios.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -219,7 +217,7 @@ LONG = ("two payloads", "geometry by touch-ups", "plane", "mixed kinds")
 
 
 @pytest.fixture(params=[pytest.param(k, marks=pytest.mark.slow) if k in LONG else k for k in CASES])
-def case(request: pytest.FixtureRequest) -> Case:
+def case(request) -> Case:
     make, parameters = CASES[request.param]
     found = make()
     assert found.model.p == parameters
@@ -246,7 +244,7 @@ def ratios(case: Case, trials: int) -> np.ndarray:
     return found
 
 
-def test_scatter_is_the_bound(case: Case) -> None:
+def test_scatter_is_the_bound(case):
     """Within what these draws tell: each parameter, its mean, and all of them together (NEES)."""
     error, covariance = scatter(case, FEW)
     p = case.model.p
@@ -269,7 +267,7 @@ def test_scatter_is_the_bound(case: Case) -> None:
     rest_in_full(CASES, CASES.keys() - {"mixed kinds", "geometry by points", "geometry by poses"}),
     indirect=True,
 )
-def test_every_parameter_is_within_three_hundredths_of_the_bound(case: Case) -> None:
+def test_every_parameter_is_within_three_hundredths_of_the_bound(case):
     found = ratios(case, MANY)
     assert BAR[0] < found.min()
     assert found.max() < BAR[1]

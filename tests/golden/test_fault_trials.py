@@ -1,7 +1,5 @@
 """Faults of simulated measurements have to be named, and nothing where there is none."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 
@@ -48,7 +46,7 @@ def named(fault: str, kind: str, seed: int) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("trials", [1, pytest.param(10, marks=pytest.mark.full)])
-def test_faults_are_named(trials: int) -> None:
+def test_faults_are_named(trials):
     said = Counter(
         named(fault, kind, seed + 31 * k)
         for k, (fault, kind) in enumerate(CASES)
@@ -61,7 +59,7 @@ def test_faults_are_named(trials: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [12, pytest.param(108, marks=pytest.mark.full)])
-def test_nothing_is_named_that_is_not_there(count: int) -> None:
+def test_nothing_is_named_that_is_not_there(count):
     """With the noise as given, three times as large, and with what models leave out of an arm."""
     false = 0
     for seed in range(count):

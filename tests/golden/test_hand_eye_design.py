@@ -1,7 +1,5 @@
 """What is predicted of X and Z before measuring is how the likeliest X and Z scatter."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

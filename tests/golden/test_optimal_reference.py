@@ -4,8 +4,6 @@ An independent exchange over 2,400 to 3,000 postures came to C_G 1.40e4 with the
 18.8 where it reaches over its back as well; a grid of W, P and R at 50 deg has 4.27e4.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +33,7 @@ class Candidates:
 
 
 @pytest.fixture(scope="module", params=CONFIGURATIONS)
-def candidates(request: pytest.FixtureRequest, reference_cell: Cell) -> Candidates:
+def candidates(request, reference_cell) -> Candidates:
     rng = np.random.default_rng(0)
     pool = cone_pool(reference_cell, TILT, ORIENTATIONS, rng, request.param)
     assert len(pool) >= ORIENTATIONS
@@ -55,9 +53,7 @@ def check_poses(cell: Cell, candidates: Candidates, found: Selection) -> None:
     assert np.arccos(np.clip(z @ down, -1.0, 1.0)).max() <= TILT + 1e-9
 
 
-def test_condition_number(
-    reference_cell: Cell, candidates: Candidates, request: pytest.FixtureRequest
-) -> None:
+def test_condition_number(reference_cell, candidates, request):
     configurations = request.node.callspec.params["candidates"]
     found = select(regressor(candidates.linear), POSES, "C_G", starts=2, bound=False)
     check_poses(reference_cell, candidates, found)
@@ -88,9 +84,7 @@ def efficiency_of(white: np.ndarray, weights: np.ndarray, rows: np.ndarray, k: i
 
 
 @pytest.mark.parametrize("interest", [None, [0, 1, 2, 3]], ids=["all parameters", "offsets"])
-def test_d_efficiency_is_proven(
-    reference_cell: Cell, candidates: Candidates, interest: list[int] | None
-) -> None:
+def test_d_efficiency_is_proven(reference_cell, candidates, interest):
     white = candidates.linear.white_jacobian
     found = select(white, POSES, "D", interest=interest)
     check_poses(reference_cell, candidates, found)

@@ -1,7 +1,5 @@
 """The studies of Li 2010 and Hirsh 2001: a short form of each against what its folder says."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -65,14 +63,12 @@ def hirsh_study() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def li_short(li: ModuleType) -> dict[Any, Any]:
+def li_short(li) -> dict[Any, Any]:
     return li.run(SHORT, poses=[5, 10])
 
 
 class TestLi:
-    def test_a_short_run_has_the_medians_that_are_written(
-        self, li: ModuleType, li_short: dict[Any, Any]
-    ) -> None:
+    def test_a_short_run_has_the_medians_that_are_written(self, li, li_short):
         """About half of the errors of one sample lie below the median of another."""
         medians = {
             (row["workspace"], row["noisy"], row["poses"], row["method"]): row
@@ -85,9 +81,7 @@ class TestLi:
                     below = methods[name][:, measure] < medians[*cell, name][title]
                     assert abs(below.mean() - 0.5) < band, (cell, name, title)
 
-    def test_the_order_of_the_paper_holds_in_mm_from_ten_poses_on(
-        self, li: ModuleType, li_short: dict[Any, Any]
-    ) -> None:
+    def test_the_order_of_the_paper_holds_in_mm_from_ten_poses_on(self, li, li_short):
         found = li.claims(li_short, 10)["order"]
         rotation = {
             (row["better"], row["worse"]): row
@@ -97,9 +91,7 @@ class TestLi:
         assert rotation["Kronecker, mm", "dual quaternion, mm"]["holds"] == 6
         assert rotation["Kronecker, m", "dual quaternion, m"]["holds"] == 0
 
-    def test_what_the_kronecker_form_minimises_is_the_papers_own_measure(
-        self, li: ModuleType
-    ) -> None:
+    def test_what_the_kronecker_form_minimises_is_the_papers_own_measure(self, li):
         """E of Table 1 is least for it by construction, as long as no matrix is made a rotation."""
         import li_cases
         import li_table
@@ -117,7 +109,7 @@ class TestLi:
         for row in written(LI)["table_1"]["simulated"].values():
             assert row["not_orthonormal_least"] == 1.0
 
-    def test_the_problems_are_what_the_paper_describes(self, li: ModuleType) -> None:
+    def test_the_problems_are_what_the_paper_describes(self, li):
         """Only the noisy side has errors, of .5 deg an Euler angle and 1 mm a coordinate."""
         import li_cases
 
@@ -132,7 +124,7 @@ class TestLi:
             lever = 2.0 * np.radians(0.5) * 3e3  # [mm] what the angles move, generously
             assert largest < 2.0 * np.sqrt(3.0) + lever
 
-    def test_the_tables_that_people_read_are_the_result(self) -> None:
+    def test_the_tables_that_people_read_are_the_result(self):
         order = written(LI)["order"]
         table = rows_of_table(LI, "## Who is nearer to the truth")
         assert len(table) >= 8
@@ -147,7 +139,7 @@ class TestLi:
                 numbers = [int(n) for n in re.findall(r"\d+", cell)]
                 assert numbers == [row["holds"], row["reversed"], row["undecided"]]
 
-    def test_the_figures_of_table_1_are_the_result(self) -> None:
+    def test_the_figures_of_table_1_are_the_result(self):
         found = written(LI)["table_1"]
         rows = found["simulated"] | found["measured"]
         names = ("quaternion", "quaternion, safe frames", "dual quaternion, mm", "Kronecker, mm")
@@ -160,7 +152,7 @@ class TestLi:
                 assert float(cell.replace(",", "")) == pytest.approx(value, rel=6e-3), (what, name)
 
     @pytest.mark.real_data
-    def test_real_pairs_are_read_as_the_references_have_them(self, li: ModuleType) -> None:
+    def test_real_pairs_are_read_as_the_references_have_them(self, li):
         """Residuals of Shah's closed form as other solvers have them [deg, mm]."""
         pairs = li.real_pairs(li.data_folder())
         references = {
@@ -181,14 +173,12 @@ class TestLi:
 
 
 @pytest.fixture(scope="module")
-def hirsh_short(hirsh_study: ModuleType) -> dict[str, Any]:
+def hirsh_short(hirsh_study) -> dict[str, Any]:
     return hirsh_study.run("all orientations", SHORT)
 
 
 class TestHirsh:
-    def test_a_short_run_says_what_is_written(
-        self, hirsh_study: ModuleType, hirsh_short: dict[str, Any]
-    ) -> None:
+    def test_a_short_run_says_what_is_written(self, hirsh_study, hirsh_short):
         full = written(HIRSH)["workspaces"]["all orientations"]
         for views, row in hirsh_short["views"].items():
             other = full["views"][views]
@@ -201,7 +191,7 @@ class TestHirsh:
             assert_same_share(row["faster"], other["faster"], SHORT)
 
     @pytest.mark.parametrize("workspace", ["all orientations", "cone of 40 deg", "cone of 10 deg"])
-    def test_medians_of_a_short_sample(self, hirsh_study: ModuleType, workspace: str) -> None:
+    def test_medians_of_a_short_sample(self, hirsh_study, workspace):
         band = DEVIATIONS * np.sqrt(0.25 / SHORT + 0.25 / FULL)
         free, noisy = hirsh_study.views_of(workspace, SHORT)
         for views, row in written(HIRSH)["workspaces"][workspace]["views"].items():
@@ -217,7 +207,7 @@ class TestHirsh:
             end = hirsh_study.error(se3.quaternion_from_rotation(Z[:, :3, :3]), few.z)
             assert abs((end < row["floor"]["median_rad"]).mean() - 0.5) < band
 
-    def test_the_prediction_is_never_below_the_count(self, hirsh_study: ModuleType) -> None:
+    def test_the_prediction_is_never_below_the_count(self, hirsh_study):
         for workspace in hirsh_study.SETTINGS["workspaces"]:
             free, _ = hirsh_study.views_of(workspace, SHORT)
             for views in hirsh_study.SETTINGS["views"]:
@@ -227,9 +217,7 @@ class TestHirsh:
                 assert ratio.min() >= 1.0
                 assert 1.0 <= np.median(ratio) < 1.15
 
-    def test_walking_takes_as_many_cycles_as_the_library_counts(
-        self, hirsh_study: ModuleType
-    ) -> None:
+    def test_walking_takes_as_many_cycles_as_the_library_counts(self, hirsh_study):
         free, _ = hirsh_study.views_of("all orientations", SHORT)
         tolerance, last = hirsh_study.SETTINGS["tolerance_rad"], 60
         for views in (3, 10):
@@ -240,13 +228,13 @@ class TestHirsh:
             np.testing.assert_array_equal(near.any(axis=0), within)
             np.testing.assert_array_equal(near.argmax(axis=0)[within], counted[within])
 
-    def test_doubled_steps_are_the_same_walk(self, hirsh_study: ModuleType) -> None:
+    def test_doubled_steps_are_the_same_walk(self, hirsh_study):
         free, _ = hirsh_study.views_of("cone of 40 deg", 50)
         one_by_one = hirsh_study.walk(free, 2 ** np.arange(8), hirsh_study.IDENTITY)
         doubled = hirsh_study.walk_by_squaring(free, 8, hirsh_study.IDENTITY)
         np.testing.assert_allclose(doubled, one_by_one, atol=1e-12)
 
-    def test_the_printed_form_is_that_of_the_library(self, hirsh_study: ModuleType) -> None:
+    def test_the_printed_form_is_that_of_the_library(self, hirsh_study):
         """All but the few in which rounding decides the sign of a scalar part next to zero."""
         free, _ = hirsh_study.views_of("all orientations", SHORT)
         few = free.first(5)
@@ -255,7 +243,7 @@ class TestHirsh:
         same_end = np.abs((z * other).sum(axis=-1)) > 1.0 - 1e-9
         assert same_end.mean() > 0.98
 
-    def test_the_tables_that_people_read_are_the_result(self) -> None:
+    def test_the_tables_that_people_read_are_the_result(self):
         spaces = written(HIRSH)["workspaces"]
         table = rows_of_table(HIRSH, "## Figures")
         assert len(table) == sum(len(every["views"]) for every in spaces.values())

@@ -1,7 +1,5 @@
 """The study of peers: a short form of it against what its folder says."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from pathlib import Path
@@ -59,25 +57,19 @@ def assert_intervals_meet(
 
 
 class TestPairs:
-    def test_errors_are_those_of_the_folder(
-        self, study: ModuleType, written: dict[str, Any]
-    ) -> None:
+    def test_errors_are_those_of_the_folder(self, study, written):
         short = study.pairs.errors(study.SETTINGS, FEW)
         keys = ("setting", "pairs", "solver")
         assert by(short, *keys).keys() == by(written["pairs"], *keys).keys()
         for value in ("X_deg*", "X_mm*"):
             assert_intervals_meet(short, written["pairs"], keys, value)
 
-    def test_scipy_ends_where_the_likeliest_are(
-        self, study: ModuleType, written: dict[str, Any]
-    ) -> None:
+    def test_scipy_ends_where_the_likeliest_are(self, study, written):
         for said in (written["optimum"], study.pairs.optimum(study.SETTINGS, FEW)):
             assert said["largest_difference_of_X"] < SHORT_APART
             assert said["scipy_higher"] == said["ours_higher"] == 0
 
-    def test_likeliest_are_nearest_where_the_noise_is_as_told(
-        self, written: dict[str, Any]
-    ) -> None:
+    def test_likeliest_are_nearest_where_the_noise_is_as_told(self, written):
         """In a cone, by intervals that have nothing in common."""
         rows = by(written["pairs"], "setting", "pairs", "solver")
         for (setting, n, solver), row in rows.items():
@@ -85,9 +77,7 @@ class TestPairs:
                 best = rows[setting, n, "ours: ml"]
                 assert best["X_mm_high"] < row["X_mm_low"], (n, solver)
 
-    def test_what_cannot_be_solved_is_refused_here(
-        self, study: ModuleType, written: dict[str, Any]
-    ) -> None:
+    def test_what_cannot_be_solved_is_refused_here(self, study, written):
         """What others make of a NaN differs from run to run; whether they answer is looked at."""
         short = by(study.pairs.refusals(study.SETTINGS), "pairs")
         for key, said in by(written["refusals"], "pairs").items():
@@ -99,16 +89,14 @@ class TestPairs:
 
 
 class TestTouchUps:
-    def test_errors_are_those_of_the_folder(
-        self, study: ModuleType, written: dict[str, Any]
-    ) -> None:
+    def test_errors_are_those_of_the_folder(self, study, written):
         short = study.fits.errors(study.SETTINGS, FEW, 0, ())
         assert len(short) == 4
         assert_intervals_meet(short, written["touch_ups"], ("noise", "by"), "tool_error*_mm")
         for row in short:
             assert row["of_ours"] == pytest.approx(1.0, abs=study.fits.SAME)
 
-    def test_peers_weigh_all_axes_alike(self, written: dict[str, Any]) -> None:
+    def test_peers_weigh_all_axes_alike(self, written):
         """As good with equal noise, and further off where depth is less certain."""
         rows = by(written["touch_ups"], "noise", "by")
         for name in ("figaroh", "pybotics' arm, coordinates"):
@@ -117,18 +105,14 @@ class TestTouchUps:
             assert deep["of_ours"] > 1.3
             assert deep["ours_nearer_low"] > 0.5
 
-    def test_what_cannot_be_told_is_refused(
-        self, study: ModuleType, written: dict[str, Any]
-    ) -> None:
+    def test_what_cannot_be_told_is_refused(self, study, written):
         facts = study.fits.facts(study.SETTINGS, ())["offset_that_cannot_be_told"]
         assert facts["ours"] == written["facts"]["offset_that_cannot_be_told"]["ours"]
         assert set(facts["ours"].values()) == {"NotIdentifiableError"}
 
     @needs_figaroh
     @pytest.mark.slow
-    def test_figaroh_says_what_the_folder_has(
-        self, study: ModuleType, written: dict[str, Any]
-    ) -> None:
+    def test_figaroh_says_what_the_folder_has(self, study, written):
         facts = study.fits.facts(study.SETTINGS, ("figaroh",))
         assert facts["figaroh_apart_m"] < 1e-9
         name = "offset_that_cannot_be_told"
@@ -137,16 +121,14 @@ class TestTouchUps:
         assert_intervals_meet(short, written["touch_ups"], ("noise", "by"), "tool_error*_mm")
 
     @needs_pybotics
-    def test_pybotics_has_the_same_arm_and_answers(
-        self, study: ModuleType, written: dict[str, Any]
-    ) -> None:
+    def test_pybotics_has_the_same_arm_and_answers(self, study, written):
         assert study.fits.facts(study.SETTINGS, ("pybotics",))["pybotics_apart_m"] < 1e-9
         short = study.fits.errors(study.SETTINGS, FEW, 0, ("pybotics",))
         assert_intervals_meet(short, written["touch_ups"], ("noise", "by"), "tool_error*_mm")
 
 
 class TestChoice:
-    def test_ours_is_that_of_the_folder(self, study: ModuleType, written: dict[str, Any]) -> None:
+    def test_ours_is_that_of_the_folder(self, study, written):
         expected = by(written["selection"], "by")
         for row in study.selection.compared(study.SETTINGS, with_figaroh=False):
             said = expected[(row["by"],)]
@@ -155,24 +137,20 @@ class TestChoice:
 
     @needs_figaroh
     @pytest.mark.slow
-    def test_figaroh_chooses_as_the_folder_says(
-        self, study: ModuleType, written: dict[str, Any]
-    ) -> None:
+    def test_figaroh_chooses_as_the_folder_says(self, study, written):
         expected = by(written["selection"], "by")
         for row in study.selection.compared(study.SETTINGS, with_figaroh=True):
             share = expected[(row["by"],)]["of_the_bound"]
             assert row["of_the_bound"] == pytest.approx(share, abs=5e-3)
 
-    def test_more_than_the_bound_takes_a_pose_twice(self, written: dict[str, Any]) -> None:
+    def test_more_than_the_bound_takes_a_pose_twice(self, written):
         for row in written["selection"]:
             assert row["of_the_bound"] < 1.0 + 1e-6 or row["different"] < row["poses"]
 
 
 class TestWhole:
     @pytest.mark.slow
-    def test_short_form_writes_draws_and_keeps_the_ratios(
-        self, study: ModuleType, written: dict[str, Any], tmp_path: Path
-    ) -> None:
+    def test_short_form_writes_draws_and_keeps_the_ratios(self, study, written, tmp_path):
         said = study.study(Options(tmp_path, FEW))
         drawn = study.plot(tmp_path)
         assert {path.name for path in drawn} == {
@@ -183,9 +161,7 @@ class TestWhole:
         for key, row in by(said["times"], *keys).items():
             assert abs(np.log(row["ratio"] / expected[key]["ratio"])) < np.log(LOOSE), key
 
-    def test_peers_that_are_not_there_are_left_out_with_a_sentence(
-        self, study: ModuleType, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_peers_that_are_not_there_are_left_out_with_a_sentence(self, study, monkeypatch):
         monkeypatch.setattr(study.importlib.util, "find_spec", lambda name: None)
         assert study.installed() == ()
         assert set(study.versions(())) == {"opencv", "scipy"}
@@ -194,7 +170,7 @@ class TestWhole:
 
 
 class TestReadme:
-    def test_tables_are_the_result(self, study: ModuleType, written: dict[str, Any]) -> None:
+    def test_tables_are_the_result(self, study, written):
         text = (FOLDER / "README.md").read_text(encoding="utf-8")
         assert not written["left_out"]
         for line in study.words.markdown(written).splitlines():

@@ -4,8 +4,6 @@ The ways are sampled densely, and all distances are computed by Pinocchio's own 
 planner's kinematics, bounds, pair selection and bisection play no part in it.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import coal
@@ -103,12 +101,12 @@ def check_plan(cell: Cell, result: PosePlan) -> None:
     "name",
     [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in preset_names()],
 )
-def test_planned_sets_of_presets_have_no_collision(name: str) -> None:
+def test_planned_sets_of_presets_have_no_collision(name):
     cell = Cell.from_text(cell_template(name))
     check_plan(cell, plan(cell))
 
 
-def test_brute_force_sees_a_collision(demo_cell: Cell) -> None:
+def test_brute_force_sees_a_collision(demo_cell):
     """The check can fail: the arm bent down into the floor, 0.3 m of it below."""
     q = demo_cell.base_posture + np.deg2rad([0.0, 60.0, -10.0, 0.0, 0.0, 0.0])
     room, pair = BruteForce(demo_cell).least_room(q)

@@ -4,8 +4,6 @@ Sentences are put together from the key figures and looked for in the README. Wh
 numbers has to be given: in ``study.toml``, by the paper, or by the cell.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib
@@ -214,14 +212,14 @@ SENTENCES = {VISUAL: visual_sentences, CALIBRATION: calibration_sentences}
 
 
 @pytest.mark.parametrize("name", list(SENTENCES))
-def test_sentences_have_the_key_figures(name: str) -> None:
+def test_sentences_have_the_key_figures(name):
     text = folder_text(name)
     missing = [sentence for sentence in SENTENCES[name]() if sentence not in text]
     assert not missing
 
 
 @pytest.mark.parametrize("name", list(SENTENCES))
-def test_all_other_numbers_are_given(name: str) -> None:
+def test_all_other_numbers_are_given(name):
     text = re.sub(r"```.*?```", "", folder_text(name), flags=re.S)
     text = re.sub(r"\]\(.*?\)", "]", text)  # addresses of links
     prose = "\n".join(line for line in text.splitlines() if not line.startswith("| "))

@@ -1,10 +1,7 @@
 """Is the recommended model the one to take: a short form, and what its figures stand on."""
 
-from __future__ import annotations
-
 import json
 import sys
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -27,21 +24,21 @@ def run() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def arms(run: ModuleType) -> ModuleType:
+def arms(run) -> ModuleType:
     return sys.modules["recommended_arms"]
 
 
 @pytest.fixture(scope="module")
-def trials(run: ModuleType) -> ModuleType:
+def trials(run) -> ModuleType:
     return sys.modules["recommended_trials"]
 
 
 @pytest.fixture(scope="module")
-def peers(run: ModuleType) -> ModuleType:
+def peers(run) -> ModuleType:
     return sys.modules["recommended_peers"]
 
 
-def test_the_interval_of_wilson_is_the_published_one() -> None:
+def test_the_interval_of_wilson_is_the_published_one():
     """Eight of ten: .490 to .943 (Newcombe 1998 gives the formula; none of ten ends at .278)."""
     eight = wilson(np.arange(10) < 8)
     assert (eight["low"], eight["high"]) == pytest.approx((0.4902, 0.9433), abs=1e-4)
@@ -49,7 +46,7 @@ def test_the_interval_of_wilson_is_the_published_one() -> None:
     assert (none["low"], none["high"]) == pytest.approx((0.0, 0.2775), abs=1e-4)
 
 
-def test_a_base_that_stands_elsewhere_is_no_error_and_a_scale_is(arms: ModuleType) -> None:
+def test_a_base_that_stands_elsewhere_is_no_error_and_a_scale_is(arms):
     rng = np.random.default_rng(1)
     points = rng.standard_normal((200, 3))
     moved = points @ rotation_exp(np.array([0.3, -0.2, 0.5])).T + [1.0, -2.0, 0.5]
@@ -59,7 +56,7 @@ def test_a_base_that_stands_elsewhere_is_no_error_and_a_scale_is(arms: ModuleTyp
     assert arms.aligned_rms_m(1.01 * moved, points) == pytest.approx(0.01 * size, rel=1e-9)
 
 
-def test_an_arm_is_the_same_however_it_is_measured(arms: ModuleType) -> None:
+def test_an_arm_is_the_same_however_it_is_measured(arms):
     drawn = [arms.bench_of("irb120", way).arm(1) for way in ("camera", "tracker")]
     first, second = (dict(zip(one.model.names, one.values, strict=True)) for one in drawn)
     own = [n for n in first if n.startswith(("zero_offset", "link", "compliance"))]
@@ -67,7 +64,7 @@ def test_an_arm_is_the_same_however_it_is_measured(arms: ModuleType) -> None:
     assert [first[n] for n in own] == [second[n] for n in own]
 
 
-def test_qr_keeps_what_the_measurements_tell(arms: ModuleType, peers: ModuleType) -> None:
+def test_qr_keeps_what_the_measurements_tell(arms, peers):
     """As many columns as the matrix has singular values above noise."""
     bench = arms.bench_of("irb120", "tracker")
     arm = bench.arm(0)
@@ -79,9 +76,7 @@ def test_qr_keeps_what_the_measurements_tell(arms: ModuleType, peers: ModuleType
     assert few.p == np.linalg.matrix_rank(J / np.linalg.norm(J, axis=0), tol=1e-8)
 
 
-def test_each_model_is_held_against_the_arm_as_it_is(
-    arms: ModuleType, trials: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_model_is_held_against_the_arm_as_it_is(arms, trials, monkeypatch):
     """An arm that is off in its zeros alone, measured without noise: offsets leave nothing."""
     bench = arms.bench_of("irb120", "tracker")
     drawn = bench.arm(2)  # neither compliant nor wavy
@@ -99,9 +94,7 @@ def test_each_model_is_held_against_the_arm_as_it_is(
 
 
 @pytest.mark.slow
-def test_a_short_form_has_the_structure_of_the_full_one(
-    run: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_short_form_has_the_structure_of_the_full_one(run, tmp_path, monkeypatch):
     """One preset in one way; what was done before a stop is not done again."""
     monkeypatch.setattr(run, "conditions", lambda: [{"preset": "irb120", "way": "tracker"}])
     said: list[float] = []
@@ -117,7 +110,7 @@ def test_a_short_form_has_the_structure_of_the_full_one(
     assert STUDY.run(Options(tmp_path, TRIALS)) == found
 
 
-def test_what_is_recommended_harms_no_arm_and_is_near_the_best() -> None:
+def test_what_is_recommended_harms_no_arm_and_is_near_the_best():
     """Of the full run; the shares that are bars may be what their intervals reach."""
     ways = {row["way"]: row for row in EXPECTED["rows"] if row["preset"] == "all"}
     assert list(ways) == ["touch-up", "camera", "tracker"]
@@ -132,14 +125,14 @@ def test_what_is_recommended_harms_no_arm_and_is_near_the_best() -> None:
     assert ways["touch-up"]["near_high"] >= 0.9
 
 
-def test_the_tables_that_people_read_are_the_result(run: ModuleType) -> None:
+def test_the_tables_that_people_read_are_the_result(run):
     text = (STUDY.folder / "README.md").read_text(encoding="utf-8")
     for line in run.markdown(EXPECTED).splitlines():
         assert line in text
     assert f"{EXPECTED['trials']} arms of each preset" in text
 
 
-def test_its_readme_has_its_commands() -> None:
+def test_its_readme_has_its_commands():
     text = (STUDY.folder / "README.md").read_text(encoding="utf-8")
     for command in ("run", "plot"):
         assert f"posedesign study {command} recommended_model " in text

@@ -4,8 +4,6 @@ FANUC R-2000iC/165F in public dimensions, pin tip and noise in tool axes as in W
 2006; C_G of Eq. 9-12, conditions and predicted standard deviations of the J2 offset.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -62,7 +60,7 @@ def view_line(cell: Cell) -> ViewLine:
     return ViewLine(np.array(cell.config.measurement.three_sigma_mm)[:2] / 3e3)
 
 
-def test_base_pose(reference_cell: Cell) -> None:
+def test_base_pose(reference_cell):
     T = reference_cell.robot.fk(reference_cell.base_posture)
     assert reference_cell.target_m * 1e3 == pytest.approx([1915.4, 50.0, 493.0], abs=0.05)
     # W P R = (180, 0, 0): straight down
@@ -70,9 +68,7 @@ def test_base_pose(reference_cell: Cell) -> None:
 
 
 @pytest.mark.parametrize(("d", "c_g", "cond_2", "weighted", "unweighted"), TABLE)
-def test_reference_table(
-    reference_cell: Cell, d: int, c_g: float, cond_2: float, weighted: float, unweighted: float
-) -> None:
+def test_reference_table(reference_cell, d, c_g, cond_2, weighted, unweighted):
     q = postures(reference_cell, d)
     blocks = reference_cell.model().jacobian(q)
     measurement = touch_up(reference_cell)
@@ -87,7 +83,7 @@ def test_reference_table(
 
 
 @pytest.mark.parametrize(("d", "printed"), VIEW_LINE)
-def test_reference_view_line(reference_cell: Cell, d: int, printed: float) -> None:
+def test_reference_view_line(reference_cell, d, printed):
     """By view line: within 1 %, but for two rows where the printed figure carries rounding noise.
 
     The position of the tool point along the view line does nothing to the two rows, so its column
@@ -104,7 +100,7 @@ def test_reference_view_line(reference_cell: Cell, d: int, printed: float) -> No
         assert sigma == pytest.approx(printed, rel=ONE_PERCENT)
 
 
-def test_a_column_of_rounding_errors_explains_the_view_line_figures(reference_cell: Cell) -> None:
+def test_a_column_of_rounding_errors_explains_the_view_line_figures(reference_cell):
     """A random tenth column widens sigma by what separates the printed figures from the right."""
     model = reference_cell.model(measurement=view_line(reference_cell))
     q = postures(reference_cell, 30)
@@ -123,7 +119,7 @@ def test_a_column_of_rounding_errors_explains_the_view_line_figures(reference_ce
     assert np.quantile(ratio, 0.5) < printed_ratio < ratio.max()
 
 
-def test_the_tool_point_along_a_view_line_is_refused(reference_cell: Cell) -> None:
+def test_the_tool_point_along_a_view_line_is_refused(reference_cell):
     from calib.model import CalibrationModel
     from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 
@@ -142,7 +138,7 @@ def test_the_tool_point_along_a_view_line_is_refused(reference_cell: Cell) -> No
     assert caught.value.parameters == ("tool.z",)
 
 
-def test_the_loop_reaches_the_threshold_at_40_deg(reference_cell: Cell) -> None:
+def test_the_loop_reaches_the_threshold_at_40_deg(reference_cell):
     result = plan(reference_cell)
     assert result.stop is StopReason.THRESHOLD
     assert [r.variation_deg[0] for r in result.rounds] == [5, 10, 15, 20, 25, 30, 35, 40]
@@ -156,7 +152,7 @@ REACHABLE = [(30, 27, 4.002e3), (35, 26, 3.242e3), (40, 24, 2.631e3), (45, 20, 2
 
 
 @pytest.mark.parametrize(("d", "count", "c_g"), REACHABLE)
-def test_repair_lowers_the_condition(make_cell, d: int, count: int, c_g: float) -> None:
+def test_repair_lowers_the_condition(make_cell, d, count, c_g):
     cell = make_cell(base_pose=REPAIR_CASE)
     poses = grid_poses(cell, np.full(3, float(d)))
     model = cell.model()
@@ -170,7 +166,7 @@ def test_repair_lowers_the_condition(make_cell, d: int, count: int, c_g: float) 
         assert condition_inf(model.jacobian(repaired.kept)) < reachable
 
 
-def test_repaired_poses_keep_what_they_promise(make_cell) -> None:
+def test_repaired_poses_keep_what_they_promise(make_cell):
     cell = make_cell(base_pose=REPAIR_CASE)
     poses = repair(cell, grid_poses(cell, np.full(3, 50.0)), RepairPool(cell))
     point = cell.robot.state(poses.kept).point(cell.tool_m)
@@ -185,7 +181,7 @@ def test_repaired_poses_keep_what_they_promise(make_cell) -> None:
     assert any("out of reach by" in reason for reason in poses.reasons)
 
 
-def test_the_plan_goes_into_a_program_and_back(reference_cell: Cell, tmp_path) -> None:
+def test_the_plan_goes_into_a_program_and_back(reference_cell, tmp_path):
     from posedesign import programs
 
     result = plan(reference_cell)

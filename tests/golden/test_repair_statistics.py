@@ -5,8 +5,6 @@ of view. Whether anything is feasible is settled by dense sampling of the touch-
 orientations, all arm configurations.
 """
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -88,7 +86,7 @@ def any_feasible(cell: Cell, rng: np.random.Generator) -> bool:
 
 
 @pytest.mark.slow
-def test_repair_finds_what_there_is() -> None:
+def test_repair_finds_what_there_is():
     rng = np.random.default_rng(11)
     repaired = feasible = hopeless = 0
     while feasible + hopeless < POSES:

@@ -1,7 +1,5 @@
 """What buys accuracy, and which index predicts it: short forms of both studies."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from types import ModuleType
@@ -53,20 +51,18 @@ def index() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def bench(buys: ModuleType) -> Any:
+def bench(buys) -> Any:
     return buys.Bench(REFERENCE, buys.SETTINGS)
 
 
 @pytest.fixture(scope="module")
-def short(buys: ModuleType) -> dict[str, Any]:
+def short(buys) -> dict[str, Any]:
     table = buys.rows(buys.run(REFERENCE, SHORT, KEYS))
     return {row["key"]: row for row in table}
 
 
 class TestErrorsOverTheBox:
-    def test_the_baseline_is_the_set_of_the_reference_cell(
-        self, buys: ModuleType, bench: Any
-    ) -> None:
+    def test_the_baseline_is_the_set_of_the_reference_cell(self, buys, bench):
         """C_G and sigma of joint 2's offset at 40 deg, of independent code."""
         pool = bench.plan(buys.VARIANTS[0])
         model = bench.model(buys.VARIANTS[0], pool)
@@ -75,7 +71,7 @@ class TestErrorsOverTheBox:
         C = Experiment.of(model, pool).covariance
         assert np.rad2deg(np.sqrt(C[0, 0])) == pytest.approx(0.00540, abs=6e-6)
 
-    def test_touch_ups_without_noise_leave_no_error(self, buys: ModuleType, bench: Any) -> None:
+    def test_touch_ups_without_noise_leave_no_error(self, buys, bench):
         """Offsets of the first and last joint are taken up; in its own base the arm is turned."""
         pool = bench.plan(buys.VARIANTS[0])
         model = bench.model(buys.VARIANTS[0], pool)
@@ -89,7 +85,7 @@ class TestErrorsOverTheBox:
         turned = np.deg2rad(0.03) * np.linalg.norm(points[..., :2], axis=-1)  # of joint 1
         np.testing.assert_allclose(np.linalg.norm(own, axis=-1)[0], turned.ravel(), rtol=1e-6)
 
-    def test_intervals_are_those_of_normal_errors(self) -> None:
+    def test_intervals_are_those_of_normal_errors(self):
         """Against chi-squared, which three equal components of independent trials follow."""
         trials = 400
         drawn = np.random.default_rng(2).standard_normal((trials, 1, 3))
@@ -103,7 +99,7 @@ class TestErrorsOverTheBox:
 
 
 class TestWhatBuys:
-    def test_a_short_run_has_the_figures_that_are_written(self, short: dict[str, Any]) -> None:
+    def test_a_short_run_has_the_figures_that_are_written(self, short):
         full = written(BUYS)
         expected = {row["key"]: row for row in full["arms"][REFERENCE]["rows"]}
         assert set(short) == set(KEYS)
@@ -117,14 +113,14 @@ class TestWhatBuys:
             assert_same_size(row["rms_mm"], other, SHORT, full["trials"])
             assert row["deflecting_rms_mm"] > 10.0 * row["rms_mm"]
 
-    def test_what_is_predicted_is_what_is_found(self) -> None:
+    def test_what_is_predicted_is_what_is_found(self):
         """All variants of both arms: 0.9 to 1.1, beyond which the interval may reach."""
         for part in written(BUYS)["arms"].values():
             for row in part["rows"]:
                 low, high = row["rms_low_mm"], row["rms_high_mm"]
                 assert low / 1.1 < row["predicted_rms_mm"] < high / 0.9, row["key"]
 
-    def test_tables_and_advice_that_people_read_are_the_result(self, buys: ModuleType) -> None:
+    def test_tables_and_advice_that_people_read_are_the_result(self, buys):
         text = (BUYS / "README.md").read_text(encoding="utf-8")
         for part in written(BUYS)["arms"].values():
             for line in buys.markdown(part["rows"]).splitlines():
@@ -132,7 +128,7 @@ class TestWhatBuys:
 
 
 class TestWhichIndex:
-    def test_ranks_are_those_of_scipy(self, index: ModuleType) -> None:
+    def test_ranks_are_those_of_scipy(self, index):
         import index_ranks
 
         a, b = np.random.default_rng(3).integers(9, size=(2, 4, 30)).astype(float)  # with ties
@@ -140,7 +136,7 @@ class TestWhichIndex:
         expected = [spearmanr(x, y).statistic for x, y in zip(a, b, strict=True)]
         np.testing.assert_allclose(found, expected, atol=1e-12)
 
-    def test_a_short_choice_has_the_figures_that_are_written(self, index: ModuleType) -> None:
+    def test_a_short_choice_has_the_figures_that_are_written(self, index):
         problem = next(iter(index.SETTINGS["problems"]))
         short = index.chosen(
             problem, index.SETTINGS, trials=SHORT, criteria=("I", "D", "C_G"), counts=(15,)
@@ -159,7 +155,7 @@ class TestWhichIndex:
                 trials = index.SETTINGS["chosen"]["trials"]
                 assert_same_size(row["rms_mm"], other, SHORT, trials)
 
-    def test_the_deviation_predicted_is_the_error_where_the_model_is_right(self) -> None:
+    def test_the_deviation_predicted_is_the_error_where_the_model_is_right(self):
         for row in written(INDEX)["held"]:
             if row["case"] in ("right", "all compliances"):
                 assert 0.9 < row["ratio"] < 1.1, row
@@ -168,7 +164,7 @@ class TestWhichIndex:
             if row["case"] in ("deflection", "links", "joint 3"):
                 assert row["ratio_low"] > 10.0, row
 
-    def test_a_short_run_holds_the_model_against_the_error(self, index: ModuleType) -> None:
+    def test_a_short_run_holds_the_model_against_the_error(self, index):
         rows = index.held(REFERENCE, index.SETTINGS, trials=SHORT, keys=("right", "noise"))
         assert len(rows) == 6
         for row in rows:
@@ -177,7 +173,7 @@ class TestWhichIndex:
             assert abs(np.log(row["ratio"] / factor)) < DEVIATIONS * sigma
 
     @pytest.mark.slow
-    def test_a_short_sample_of_random_sets_ranks_indices_alike(self, index: ModuleType) -> None:
+    def test_a_short_sample_of_random_sets_ranks_indices_alike(self, index):
         """The predicted error ranks sets as the error does, and better than C_G or D do."""
         problem = next(iter(index.SETTINGS["problems"]))
         rows = {r["index"]: r for r in index.ranked(problem, 60, 60) if r["sets"] == "mixed"}
@@ -193,7 +189,7 @@ class TestWhichIndex:
             assert low - 0.05 < full[name]["rho"] < high + 0.05, name
         assert rows[first]["rho"] > max(rows["C_G"]["rho"], rows["D"]["rho"])
 
-    def test_tables_that_people_read_are_the_result(self, index: ModuleType) -> None:
+    def test_tables_that_people_read_are_the_result(self, index):
         text = (INDEX / "README.md").read_text(encoding="utf-8")
         for line in index.markdown(written(INDEX)).splitlines():
             assert line in text

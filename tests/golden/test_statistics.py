@@ -1,9 +1,5 @@
 """What the covariance predicts, against the scatter of simulated calibrations."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
@@ -25,7 +21,7 @@ CHANCE = 1e-4
 
 
 @pytest.fixture(scope="module")
-def rigid_cell(make_cell: Callable[..., Cell]) -> Cell:
+def rigid_cell(make_cell) -> Cell:
     """The robot that is simulated is of the kind that is identified."""
     return make_cell(
         truth={"deflection": False, "zero_offsets_deg": [0, 0.1, -0.08, 0.05, 0.12, 0]}
@@ -34,9 +30,7 @@ def rigid_cell(make_cell: Callable[..., Cell]) -> Cell:
 
 @pytest.mark.parametrize("weighted", [True, False])
 @pytest.mark.parametrize("kind", ["touch-up", "view-line"])
-def test_scatter_of_many_draws_is_the_predicted_covariance(
-    make_cell: Callable[..., Cell], weighted: bool, kind: str
-) -> None:
+def test_scatter_of_many_draws_is_the_predicted_covariance(make_cell, weighted, kind):
     cell = make_cell(
         truth={"deflection": False, "zero_offsets_deg": [0, 0.1, -0.08, 0.05, 0.12, 0]},
         measurement={"kind": kind},
@@ -68,7 +62,7 @@ def test_scatter_of_many_draws_is_the_predicted_covariance(
     assert low < nees.mean() < high
 
 
-def test_noise_free_study_of_a_rigid_arm_has_no_errors(make_cell: Callable[..., Cell]) -> None:
+def test_noise_free_study_of_a_rigid_arm_has_no_errors(make_cell):
     """The study's truth is what can be found: a bias of its own would pass for the method's.
 
     Offsets of the first and the last joint cannot be found: they turn base and tip, and with them
@@ -93,7 +87,7 @@ def test_noise_free_study_of_a_rigid_arm_has_no_errors(make_cell: Callable[..., 
         assert np.abs(inverse(shown @ true) @ estimate - np.eye(4)).max() < 1e-9
 
 
-def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell: Callable[..., Cell]) -> None:
+def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell):
     cell = make_cell(
         truth={"deflection": False, "zero_offsets_deg": [0.0] * 6},
         measurement={"weighted": False},
@@ -112,7 +106,7 @@ def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell: Callable[.
     assert abs(mean - freedom) < 4 * np.sqrt(2 * freedom / len(results))
 
 
-def test_noise_free_identification_is_exact(rigid_cell: Cell) -> None:
+def test_noise_free_identification_is_exact(rigid_cell):
     q = plan(rigid_cell).postures
     robot = SimulatedRobot.of(rigid_cell)
     model = rigid_cell.model()
@@ -127,9 +121,7 @@ def test_noise_free_identification_is_exact(rigid_cell: Cell) -> None:
 # the literal forms of Li and Hirsh, and Andreff's, are known to fail here: see the next test, and
 # their own tests
 @pytest.mark.parametrize("method", [m for m in METHODS if m not in LITERAL])
-def test_noise_free_robot_world_from_the_planned_poses_is_exact(
-    make_cell: Callable[..., Cell], method: str
-) -> None:
+def test_noise_free_robot_world_from_the_planned_poses_is_exact(make_cell, method):
     cell = make_cell(truth={"deflection": False, "zero_offsets_deg": [0.0] * 6})
     robot = SimulatedRobot.of(cell)
     touched = robot.touch_up(plan(cell).postures, None)
@@ -141,9 +133,7 @@ def test_noise_free_robot_world_from_the_planned_poses_is_exact(
         assert np.abs(error[:3, 3]).max() < 1e-9
 
 
-def test_touch_up_hides_a_scale_from_the_printed_kronecker_form(
-    make_cell: Callable[..., Cell],
-) -> None:
+def test_touch_up_hides_a_scale_from_the_printed_kronecker_form(make_cell):
     """Eq. 19 of Li et al. 2010 and touch-up: the answer is wrong, and the status says so.
 
     Touch-up keeps the target in one place c of the camera, so ``p_B = -R_B c`` and the terms of
@@ -158,7 +148,7 @@ def test_touch_up_hides_a_scale_from_the_printed_kronecker_form(
 
 
 @pytest.mark.slow
-def test_wider_variation_brings_the_scatter_down_as_predicted(rigid_cell: Cell) -> None:
+def test_wider_variation_brings_the_scatter_down_as_predicted(rigid_cell):
     """The first finding of Watanabe et al. 2006, Fig. 9: the scatter falls with C_G."""
     from posedesign.simulation.accuracy_study import accuracy_study, pick
 

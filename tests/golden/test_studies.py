@@ -1,7 +1,5 @@
 """Every study in a short form, against the figures that stand in its folder."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -20,7 +18,7 @@ CHANCE = 1e-4
 
 
 @pytest.mark.slow
-def test_one_cell_in_depth() -> None:
+def test_one_cell_in_depth():
     study = find_study("14_one_cell_in_depth").load()
     found = study.key_figures(study.run(draws=SHORT))
     expected = json.loads((STUDIES / "14_one_cell_in_depth" / "expected.json").read_text())
@@ -35,7 +33,7 @@ def test_one_cell_in_depth() -> None:
             assert short[name] == pytest.approx(full[name], rel=0.4), name
 
 
-def test_every_study_has_its_parts() -> None:
+def test_every_study_has_its_parts():
     folders = [p for p in STUDIES.iterdir() if p.is_dir() and p.name[:2].isdigit()]
     assert folders
     for folder in folders:
@@ -44,7 +42,7 @@ def test_every_study_has_its_parts() -> None:
         assert folder.name in (STUDIES / "README.md").read_text()
 
 
-def test_claims_have_the_figures_of_their_studies() -> None:
+def test_claims_have_the_figures_of_their_studies():
     """Every number of a verdict stands in the README of the study that the line names."""
     text = (STUDIES / "README.md").read_text(encoding="utf-8")
     lines = [line.strip("| ").split(" | ") for line in text.splitlines() if "/README.md) |" in line]
@@ -57,7 +55,7 @@ def test_claims_have_the_figures_of_their_studies() -> None:
         assert not missing, f"{folder}: {figures}"
 
 
-def test_claims_that_chance_has_a_part_in_carry_their_intervals() -> None:
+def test_claims_that_chance_has_a_part_in_carry_their_intervals():
     """A median of forty arms that are anywhere between -.82 and .96 is no figure without them."""
     text = (STUDIES / "README.md").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if "/README.md) |" in line]
@@ -67,7 +65,7 @@ def test_claims_that_chance_has_a_part_in_carry_their_intervals() -> None:
         assert re.search(r"[\d.]+ to [\d.]+", line), line
 
 
-def test_the_table_of_the_accuracy_study_is_its_result() -> None:
+def test_the_table_of_the_accuracy_study_is_its_result():
     """The figures that people read are those that the run wrote, to their last digit."""
     folder = STUDIES / "14_one_cell_in_depth"
     by_angle = {row["d_deg"]: row for row in json.loads((folder / "expected.json").read_text())}

@@ -1,7 +1,5 @@
 """Studies 02 to 07 as every study is used: run into a folder, drawn from that folder alone."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sys
@@ -33,7 +31,7 @@ TRIALS = 12
 
 
 @pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
+def short(monkeypatch) -> None:
     """Less work for the studies that do not go by their number of trials alone."""
     panda, pairs, li, hirsh = (
         find_study(name).load()
@@ -116,7 +114,7 @@ def run_and_draw(study: Study, out: Path) -> tuple[Any, list[tuple[str, float]]]
 
 @pytest.mark.usefixtures("short", "untouched")
 @pytest.mark.parametrize("name", [PAPERS[0], pytest.param(PAPERS[1], marks=pytest.mark.slow)])
-def test_studies_of_papers(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_studies_of_papers(name, tmp_path, monkeypatch):
     monkeypatch.setenv("POSEDESIGN_DATA", str(tmp_path))  # no real pairs there
     study = find_study(name)
     found, said = run_and_draw(study, tmp_path / "out")
@@ -136,7 +134,7 @@ def test_studies_of_papers(name: str, tmp_path: Path, monkeypatch: pytest.Monkey
 @pytest.mark.real_data
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RECORDINGS)
-def test_studies_of_real_data(name: str, tmp_path: Path) -> None:
+def test_studies_of_real_data(name, tmp_path):
     lacking = [part for part in RECORDINGS[name] if not (data_folder() / part).is_dir()]
     if lacking:
         pytest.skip(f"{data_folder() / lacking[0]} does not exist: set POSEDESIGN_DATA")
@@ -159,9 +157,7 @@ def test_studies_of_real_data(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
-def test_without_the_recordings_it_says_where_it_looked(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_recordings_it_says_where_it_looked(name, tmp_path, monkeypatch):
     study, nowhere = find_study(name), tmp_path / "nowhere"
     monkeypatch.setenv("POSEDESIGN_DATA", str(nowhere))
     with pytest.raises(InputError) as caught:
@@ -185,7 +181,7 @@ def test_without_the_recordings_it_says_where_it_looked(
         *(pytest.param(name, marks=pytest.mark.slow) for name in ("real_pairs", *PAPERS)),
     ],
 )
-def test_committed_figures_are_those_of_the_committed_tables(name: str, tmp_path: Path) -> None:
+def test_committed_figures_are_those_of_the_committed_tables(name, tmp_path):
     """Drawn again from a copy of the tables in the study's own folder, and nothing else."""
     study = find_study(name)
     for path in (*study.folder.glob("*.csv"), study.folder / "expected.json"):

@@ -1,7 +1,5 @@
 """Studies 08 to 13 as studies: run in a short form into a folder, drawn from what stands there."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Iterator
@@ -128,7 +126,7 @@ def check_short_form(name: str, trials: int, out: Path) -> None:
         for name in TABLES
     ],
 )
-def test_a_figure_needs_nothing_but_tables_and_key_figures(name: str, tmp_path: Path) -> None:
+def test_a_figure_needs_nothing_but_tables_and_key_figures(name, tmp_path):
     study = find_study(name)
     for part in (*TABLES[name], "expected.json"):
         shutil.copy(study.folder / part, tmp_path)
@@ -146,9 +144,7 @@ def test_a_figure_needs_nothing_but_tables_and_key_figures(name: str, tmp_path: 
         ("calibration_by_touch_up", 20),
     ],
 )
-def test_a_short_form_has_the_structure_of_the_full_one(
-    name: str, trials: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_short_form_has_the_structure_of_the_full_one(name, trials, tmp_path, monkeypatch):
     make_smaller(name, monkeypatch)
     check_short_form(name, trials, tmp_path)
 
@@ -157,9 +153,7 @@ def test_a_short_form_has_the_structure_of_the_full_one(
 @pytest.mark.real_data
 @pytest.mark.usefixtures("untouched")
 @pytest.mark.parametrize("name", list(RECORDINGS))
-def test_so_has_one_of_measurements(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_so_has_one_of_measurements(name, tmp_path, monkeypatch):
     try:
         data_with(RECORDINGS[name])
     except InputError as error:
@@ -169,7 +163,7 @@ def test_so_has_one_of_measurements(
 
 
 @pytest.mark.parametrize("name", [name for name in TABLES if name not in RECORDINGS])
-def test_too_few_trials_are_refused_before_any_work(name: str, tmp_path: Path) -> None:
+def test_too_few_trials_are_refused_before_any_work(name, tmp_path):
     with pytest.raises(InputError, match="1 trials") as caught:
         find_study(name).run(Options(tmp_path, 1))
     assert "or more" in str(caught.value.hint)
@@ -177,7 +171,7 @@ def test_too_few_trials_are_refused_before_any_work(name: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("name", list(TABLES))
-def test_its_readme_has_its_commands(name: str) -> None:
+def test_its_readme_has_its_commands(name):
     study = find_study(name)
     text = (study.folder / "README.md").read_text(encoding="utf-8")
     for command in ("run", "plot"):

@@ -5,8 +5,6 @@ stands in ``poses.csv`` is driven through by Pinocchio's own reading of the URDF
 the triangles and primitives of the files. What the list names as not checked is left out.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 import tomllib
@@ -647,15 +645,7 @@ def _tree_of(name: str) -> ET.Element:
     ("name", "kind", "seed", "pinned", "method"),
     [("ur5e", "meshes", 2, False, PLANS[1]), ("lrmate200id", "both", 4, True, PLANS[0])],
 )
-def test_no_contact_in_a_written_list(
-    name: str,
-    kind: str,
-    seed: int,
-    pinned: bool,
-    method: tuple[str, ...],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_no_contact_in_a_written_list(name, kind, seed, pinned, method, tmp_path, capsys):
     tally, wrong = trial(
         tmp_path, urdf_of_preset(name), kind, seed, capsys, [method], pinned=pinned
     )
@@ -669,13 +659,7 @@ def test_no_contact_in_a_written_list(
 @pytest.mark.full
 @pytest.mark.parametrize("changed", [{}, WILD], ids=["usual", "wild"])
 @pytest.mark.parametrize(("k", "name"), list(enumerate(ARMS)), ids=ARMS)
-def test_no_contact_in_lists_of_many_arms(
-    k: int,
-    name: str,
-    changed: Mapping[str, str],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_no_contact_in_lists_of_many_arms(k, name, changed, tmp_path, capsys):
     """Half of them with a pin."""
     tree, kind = _tree_of(name), KINDS[k % len(KINDS)]
     if kind == "shapes" and not name.endswith(".urdf"):
@@ -685,7 +669,7 @@ def test_no_contact_in_lists_of_many_arms(
     assert tally["lists"] + tally["refused by name"] == 2
 
 
-def test_the_check_sees_contacts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_check_sees_contacts(tmp_path, capsys):
     """The same cell planned without collisions."""
     unseen = {"collisions": "false"}
     tree = urdf_of_preset("ur5e")

@@ -1,7 +1,5 @@
 """Tables 1 to 3 of Watanabe et al. 2006: a short form of the study against what its folder says."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from types import ModuleType
@@ -35,12 +33,12 @@ def written() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def expected(written: dict[str, Any]) -> dict[str, dict[str, Any]]:
+def expected(written) -> dict[str, dict[str, Any]]:
     return {row["key"]: row for row in written["rows"]}
 
 
 @pytest.fixture
-def few_pictures(study: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def few_pictures(study, monkeypatch) -> None:
     """Noise of the fast camera from fewer pictures than the study takes."""
     monkeypatch.setitem(study.SETTINGS, "noise_pictures", PICTURES)
 
@@ -70,48 +68,36 @@ class TestRepeatability:
     @pytest.mark.parametrize(
         "key", ["fast", pytest.param("any side, tenth", marks=pytest.mark.slow)]
     )
-    def test_a_short_run_scatters_as_is_written(
-        self, study: ModuleType, expected: dict[str, dict[str, Any]], key: str
-    ) -> None:
+    def test_a_short_run_scatters_as_is_written(self, study, expected, key):
         ((row,), _) = study.run(SHORT, keys=(key,))
         assert_same_scatter(row, expected[key], TOUCH + STEREO, PICTURES)
 
     @pytest.mark.slow
-    def test_a_few_pictures_scatter_as_is_written(
-        self, study: ModuleType, expected: dict[str, dict[str, Any]]
-    ) -> None:
+    def test_a_few_pictures_scatter_as_is_written(self, study, expected):
         row, _ = study.tables.row(study.SETTINGS["condition"][0], study.SETTINGS, FEW)
         assert row["seen"] == "image"
         assert row["failed"] == 0
         assert_same_scatter(row, expected["images"], TOUCH + STEREO)
 
     @pytest.mark.parametrize("pair", [("images", "fast"), ("images, any side", "any side")])
-    def test_pictures_and_the_fast_camera_agree(
-        self, expected: dict[str, dict[str, Any]], pair: tuple[str, str]
-    ) -> None:
+    def test_pictures_and_the_fast_camera_agree(self, expected, pair):
         slow, fast = (expected[key] for key in pair)
         for axis in TOUCH + STEREO:
             error = np.hypot(log_error(slow, axis), log_error(fast, axis))
             assert abs(np.log(slow[f"{axis}_mm"] / fast[f"{axis}_mm"])) < DEVIATIONS * error, axis
 
-    def test_table_2_is_met_within_the_factor(
-        self, study: ModuleType, expected: dict[str, dict[str, Any]]
-    ) -> None:
+    def test_table_2_is_met_within_the_factor(self, study, expected):
         paper, factor = study.SETTINGS["paper"]["touch_up_mm"], study.SETTINGS["paper"]["factor"]
         for axis, figure in zip(TOUCH, paper, strict=True):
             assert figure / factor < expected["images"][f"{axis}_mm"] < figure * factor, axis
 
-    def test_stereo_is_worse_in_depth_only_by_an_arm_that_stops_badly(
-        self, expected: dict[str, dict[str, Any]]
-    ) -> None:
+    def test_stereo_is_worse_in_depth_only_by_an_arm_that_stops_badly(self, expected):
         for key in ("images", "fast", "looks", "tight", "afresh", "catalogue", "still"):
             assert expected[key]["depth_ratio_high"] < 0.9, key
         for key in ("any side", "any side, tenth", "nominal", "double"):
             assert expected[key]["depth_ratio_low"] > 1.0, key
 
-    def test_depth_of_stereo_is_the_scatter_across_times_its_gain(
-        self, written: dict[str, Any], expected: dict[str, dict[str, Any]]
-    ) -> None:
+    def test_depth_of_stereo_is_the_scatter_across_times_its_gain(self, written, expected):
         """Of view lines that only scatter, whose scatter a touch-up shows across."""
         _, _, gain = written["derived"]["stereo_gain"]
         for key in ("fast", "looks", "catalogue", "double", "nominal"):
@@ -120,7 +106,7 @@ class TestRepeatability:
 
 
 class TestParts:
-    def test_a_line_without_noise_is_found_and_met(self, study: ModuleType) -> None:
+    def test_a_line_without_noise_is_found_and_met(self, study):
         import visual_lines
 
         rng = np.random.default_rng(3)
@@ -133,7 +119,7 @@ class TestParts:
         np.testing.assert_allclose(found, [line, line], atol=1e-9)
         np.testing.assert_allclose(visual_lines.meet(T, found), [m, m], atol=1e-9)
 
-    def test_the_gain_of_stereo_is_that_of_lines_that_scatter(self, study: ModuleType) -> None:
+    def test_the_gain_of_stereo_is_that_of_lines_that_scatter(self, study):
         import visual_lines
 
         rng = np.random.default_rng(4)
@@ -146,7 +132,7 @@ class TestParts:
         gain = study.tables.depth_of_stereo([-15.0, 0.0, 15.0])
         np.testing.assert_allclose(met.std(axis=0) / 1e-5, gain, rtol=0.03)
 
-    def test_repeatability_is_that_of_the_standard(self, study: ModuleType) -> None:
+    def test_repeatability_is_that_of_the_standard(self, study):
         """ISO 9283 in full: joints drawn, the tool's distances from their mean."""
         cell = study.cell_of(study.SETTINGS, study.SETTINGS["base"])
         rng = np.random.default_rng(5)
@@ -157,7 +143,7 @@ class TestParts:
         distance = np.linalg.norm(places - places.mean(axis=0), axis=1)
         assert distance.mean() + 3 * distance.std() == pytest.approx(25e-6, rel=0.15)
 
-    def test_intervals_cover_where_set_ups_differ(self, study: ModuleType) -> None:
+    def test_intervals_cover_where_set_ups_differ(self, study):
         """A hundred trials of one set-up would claim to know what another set-up contradicts."""
         rng = np.random.default_rng(6)
         true = np.exp(0.3 * rng.standard_normal((2000, 20))) / np.exp(0.3**2 / 2.0)
@@ -174,7 +160,7 @@ class TestParts:
         alone = np.sqrt(0.5 / 99) * 1.96  # what one set-up says of itself
         assert (np.abs(0.5 * np.log(found[:, 0])) < alone).mean() < 0.7
 
-    def test_eq_2_as_printed_is_the_same_data_once_scaled(self, study: ModuleType) -> None:
+    def test_eq_2_as_printed_is_the_same_data_once_scaled(self, study):
         import visual_bench
 
         views = np.array([[330.0, 236.0, 40.0, 0.3, 39.0], [310.0, 250.0, 52.0, 0.0, 50.0]])
@@ -189,14 +175,14 @@ class TestParts:
 
 class TestAgainstPin:
     @pytest.mark.usefixtures("few_pictures")
-    def test_the_bias_is_that_of_the_ellipse_and_is_taken_off(self, study: ModuleType) -> None:
+    def test_the_bias_is_that_of_the_ellipse_and_is_taken_off(self, study):
         trials = 100
         for row in study.against_pin(trials, "fast")["rows"]:
             left = np.subtract(row["mean_mm"], row["predicted_mm"])
             band = DEVIATIONS * np.array(row["sigma_mm"]) / np.sqrt(trials)
             assert (np.abs(left) < band + 0.004).all(), row
 
-    def test_table_3_stays_below_its_bar(self, study: ModuleType, written: dict[str, Any]) -> None:
+    def test_table_3_stays_below_its_bar(self, study, written):
         bar = study.SETTINGS["paper"]["pin_bar_mm"]
         rows = written["pin"]["rows"]
         worst = dict.fromkeys((row["variant"] for row in rows), 0.0)
@@ -210,18 +196,14 @@ class TestAgainstPin:
 
 
 class TestReadme:
-    def test_tables_that_people_read_are_the_result(
-        self, study: ModuleType, written: dict[str, Any]
-    ) -> None:
+    def test_tables_that_people_read_are_the_result(self, study, written):
         text = (FOLDER / "README.md").read_text(encoding="utf-8")
         tables = [study.markdown_repeated(written["rows"], axes) for axes in (TOUCH, STEREO)]
         tables.append(study.markdown_pin(written["pin"]["rows"]))
         for line in "\n".join(tables).splitlines():
             assert line in text
 
-    def test_verdicts_have_the_figures_of_the_tables(
-        self, study: ModuleType, expected: dict[str, dict[str, Any]]
-    ) -> None:
+    def test_verdicts_have_the_figures_of_the_tables(self, study, expected):
         lines = (FOLDER / "README.md").read_text(encoding="utf-8").splitlines()
         second = next(line for line in lines if line.startswith("| 2: "))
         first = next(line for line in lines if line.startswith("| 1: "))

@@ -1,7 +1,5 @@
 """Arms in any posture: inverse kinematics, nearness, invariances."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

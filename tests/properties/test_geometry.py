@@ -1,7 +1,5 @@
 """Random arms among random solids, against Pinocchio alone and against plain sampling."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

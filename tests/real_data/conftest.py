@@ -1,7 +1,5 @@
 """Where the measurements of real robots are, which the project does not contain."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType

@@ -1,10 +1,7 @@
 """Choosing poses of the IRB 120: what a choice must be worth, and that it has seen no reading."""
 
-from __future__ import annotations
-
 import json
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -26,7 +23,7 @@ Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def study(load_study: Callable[[Path], ModuleType]) -> ModuleType:
+def study(load_study) -> ModuleType:
     return load_study(FOLDER)
 
 
@@ -36,7 +33,7 @@ def written() -> Row:
 
 
 @pytest.fixture(scope="module")
-def measured(data_folder: Path) -> Path:
+def measured(data_folder) -> Path:
     folder = data_folder / "identification" / "abb_irb120"
     if not folder.is_dir():
         pytest.skip(f"{folder} does not exist")
@@ -44,7 +41,7 @@ def measured(data_folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def short(study: ModuleType, measured: Path) -> Row:
+def short(study, measured) -> Row:
     """The model that is recommended, by the criterion that is, at all three counts."""
     rows = study.run(measured, SHORT, [study.RECOMMENDED])
     return rounded(rows, study.DIGITS)[0]
@@ -56,7 +53,7 @@ def bench(study: ModuleType, data: Path, name: str) -> Any:
 
 
 @pytest.mark.slow
-def test_better_than_the_median_by_lot_at_every_count(study: ModuleType, short: Row) -> None:
+def test_better_than_the_median_by_lot_at_every_count(study, short):
     assert [of["n"] for of in short["counts"]] == [9, 12, 18]
     for of in short["counts"]:
         (chosen,) = of["chosen"]
@@ -66,7 +63,7 @@ def test_better_than_the_median_by_lot_at_every_count(study: ModuleType, short: 
 
 
 @pytest.mark.slow
-def test_twelve_poses_cannot_be_expected_to_be_worth_36(short: Row) -> None:
+def test_twelve_poses_cannot_be_expected_to_be_worth_36(short):
     """The bar of 5 % is beyond any choice of 12, by a proof that has no reading in it."""
     (twelve,) = short["counts"][1]["chosen"]
     assert twelve["expected_bound"] > 1.10
@@ -77,7 +74,7 @@ def test_twelve_poses_cannot_be_expected_to_be_worth_36(short: Row) -> None:
 
 
 @pytest.mark.slow
-def test_the_study_is_as_written(short: Row, written: Row) -> None:
+def test_the_study_is_as_written(short, written):
     then = next(row for row in written["models"] if row["model"] == short["model"])
     rel = written["tolerance"]
     assert short["parameters"] == then["parameters"]
@@ -94,7 +91,7 @@ def test_the_study_is_as_written(short: Row, written: Row) -> None:
                 assert value == pytest.approx(same[name], rel=rel), name
 
 
-def test_no_reading_is_seen_by_a_choice(study: ModuleType, measured: Path) -> None:
+def test_no_reading_is_seen_by_a_choice(study, measured):
     own = bench(study, measured, SHORT[0])
     noise = np.random.default_rng(1).normal(size=own.data.observed.shape)
     other = replace(own, data=replace(own.data, observed=noise))
@@ -103,7 +100,7 @@ def test_no_reading_is_seen_by_a_choice(study: ModuleType, measured: Path) -> No
     np.testing.assert_array_equal(first, second)
 
 
-def test_fits_are_those_of_identify(study: ModuleType, measured: Path) -> None:
+def test_fits_are_those_of_identify(study, measured):
     """To twelve configurations, with rows that are independent, with priors and without."""
     chosen = np.zeros((1, 36), dtype=bool)
     chosen[0, ::3] = True
@@ -118,7 +115,7 @@ def test_fits_are_those_of_identify(study: ModuleType, measured: Path) -> None:
         assert left == pytest.approx(result.rms_m, rel=1e-6)
 
 
-def test_all_36_are_as_in_study_03(study: ModuleType, measured: Path) -> None:
+def test_all_36_are_as_in_study_03(study, measured):
     """Its 35 parameters, from nominal Jacobians alone, and what it has for a pose left out."""
     own = bench(study, measured, "no priors")
     all36 = sys.modules["irb_choice"].everything(own)
@@ -128,9 +125,7 @@ def test_all_36_are_as_in_study_03(study: ModuleType, measured: Path) -> None:
     assert 1e3 * np.sqrt(all36.check_left_out.mean()) == pytest.approx(0.1433, abs=2e-4)
 
 
-def test_an_error_common_to_a_configuration_is_what_is_whitened(
-    study: ModuleType, measured: Path
-) -> None:
+def test_an_error_common_to_a_configuration_is_what_is_whitened(study, measured):
     own = bench(study, measured, SHORT[0])
     settings = study.SETTINGS
     sigma, common = (1e-3 * settings[f"{name}_sigma_mm"] for name in ("point", "common"))
@@ -143,14 +138,12 @@ def test_an_error_common_to_a_configuration_is_what_is_whitened(
     assert own.noise_m == pytest.approx(np.sqrt((e**2).sum(-1).mean()), rel=0.02)
 
 
-def test_the_table_that_people_read_is_the_result(study: ModuleType, written: Row) -> None:
+def test_the_table_that_people_read_is_the_result(study, written):
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert study.table(written["models"]) in text
 
 
-def test_without_data_it_says_where_it_looked(
-    study: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_data_it_says_where_it_looked(study, monkeypatch, tmp_path):
     monkeypatch.setenv("POSEDESIGN_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(InputError, match="nowhere"):
         study.study(Options(tmp_path / "out"))

@@ -1,10 +1,7 @@
 """Choosing touch-ups of the Panda: ten a socket against all thirty, at sites that were held out."""
 
-from __future__ import annotations
-
 import json
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -28,7 +25,7 @@ Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def study(load_study: Callable[[Path], ModuleType]) -> ModuleType:
+def study(load_study) -> ModuleType:
     return load_study(FOLDER)
 
 
@@ -38,7 +35,7 @@ def written() -> Row:
 
 
 @pytest.fixture(scope="module")
-def measured(data_folder: Path) -> Path:
+def measured(data_folder) -> Path:
     folder = data_folder / "identification" / "panda_ball_in_socket"
     if not folder.is_dir():
         pytest.skip(f"{folder} does not exist")
@@ -71,7 +68,7 @@ def check_same(found: Row, then: Row, rel: float) -> None:
             assert c["efficiency"] == pytest.approx(same["efficiency"], rel=rel), c["criterion"]
 
 
-def test_offsets_in_the_short_form(study: ModuleType, measured: Path, written: Row) -> None:
+def test_offsets_in_the_short_form(study, measured, written):
     (row,) = rounded(study.run(measured, QUICK, [study.RECOMMENDED]), study.DIGITS)
     check_bars(study, row)
     then = next(r for r in written["models"] if r["model"] == QUICK[0])
@@ -82,7 +79,7 @@ def test_offsets_in_the_short_form(study: ModuleType, measured: Path, written: R
 
 
 @pytest.mark.slow
-def test_the_model_recommended(study: ModuleType, measured: Path, written: Row) -> None:
+def test_the_model_recommended(study, measured, written):
     (row,) = rounded(study.run(measured, [BEST], [study.RECOMMENDED]), study.DIGITS)
     check_bars(study, row)
     then = next(r for r in written["models"] if r["model"] == BEST)
@@ -92,15 +89,13 @@ def test_the_model_recommended(study: ModuleType, measured: Path, written: Row) 
         assert of["chosen"][0]["error_mm"] < of["by_lot_mm"]["quantiles"][2]
 
 
-def test_what_is_written_meets_the_bars(study: ModuleType, written: Row) -> None:
+def test_what_is_written_meets_the_bars(study, written):
     assert written["recommended"] == study.RECOMMENDED
     assert written["models"][0]["model"] == BEST
     check_bars(study, written["models"][0])
 
 
-def test_as_many_at_each_socket_and_none_from_the_site_held_out(
-    study: ModuleType, measured: Path
-) -> None:
+def test_as_many_at_each_socket_and_none_from_the_site_held_out(study, measured):
     own = bench(study, measured, QUICK[0], site=1)
     choice = sys.modules["panda_choice"].choose(own, study.RECOMMENDED, 10, 1, 8)
     np.testing.assert_array_equal(np.bincount(own.data.target[choice.rows]), [10] * 4)
@@ -108,9 +103,7 @@ def test_as_many_at_each_socket_and_none_from_the_site_held_out(
     assert 0.9 < choice.efficiency <= 1.0
 
 
-def test_the_choice_is_the_best_of_all_where_these_can_be_tried(
-    study: ModuleType, measured: Path
-) -> None:
+def test_the_choice_is_the_best_of_all_where_these_can_be_tried(study, measured):
     """Two of seven touch-ups at each of three sockets: 9261 choices, all of them tried."""
     own = bench(study, measured, QUICK[0])
     kept = np.concatenate([group[:28:4] for group in own.groups[:3]])
@@ -135,7 +128,7 @@ def test_the_choice_is_the_best_of_all_where_these_can_be_tried(
     assert choice.efficiency <= np.exp((found - best) / p) + 1e-9
 
 
-def test_the_site_is_judged_as_in_study_02(study: ModuleType, measured: Path) -> None:
+def test_the_site_is_judged_as_in_study_02(study, measured):
     own = bench(study, measured, QUICK[0])
     row = {"name": "o", "offsets": [2, 3, 4, 5, 6]}
     recorded = study.touched.load(measured)
@@ -145,21 +138,19 @@ def test_the_site_is_judged_as_in_study_02(study: ModuleType, measured: Path) ->
     assert own.held_out_mm(every)[0] == pytest.approx(expected, rel=1e-5)
 
 
-def test_the_table_that_people_read_is_the_result(study: ModuleType, written: Row) -> None:
+def test_the_table_that_people_read_is_the_result(study, written):
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert study.table(written["models"]) in text
 
 
-def test_without_data_it_says_where_it_looked(
-    study: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_data_it_says_where_it_looked(study, monkeypatch, tmp_path):
     monkeypatch.setenv("POSEDESIGN_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(InputError, match="nowhere"):
         study.study(Options(tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 
 
-def test_what_is_written_is_read_again(study: ModuleType, written: Row, tmp_path: Path) -> None:
+def test_what_is_written_is_read_again(study, written, tmp_path):
     """The table that stands in the folder is that of its key figures."""
     assert study.write(written["models"], tmp_path) == written
     assert read_figures(tmp_path) == written

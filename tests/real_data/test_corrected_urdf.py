@@ -1,7 +1,5 @@
 """Corrected URDFs of real arms read back to what was identified, and are else the same file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +21,7 @@ pytestmark = pytest.mark.real_data
 
 
 @pytest.fixture(scope="module")
-def urdfs(data_folder: Path) -> list[Path]:
+def urdfs(data_folder) -> list[Path]:
     files = sorted((data_folder / "urdf").glob("*.urdf"))
     if not files:
         pytest.skip(f"no URDF files in {data_folder / 'urdf'}")

@@ -5,11 +5,7 @@ a box about all of them. The distances left are those of three points that a mea
 table, with the noise that the identification found, must say how large they are.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -46,11 +42,7 @@ def base_anew(points: FloatArray, wanted: FloatArray) -> float:
 
 
 @pytest.fixture(scope="module")
-def found(
-    load_study: Callable[[Path], ModuleType],
-    data_folder: Path,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> dict[str, tuple[float, float]]:
+def found(load_study, data_folder, tmp_path_factory) -> dict[str, tuple[float, float]]:
     """Of each way: what was measured, and what the table and the noise say [mm]."""
     if not (data_folder / "identification" / "abb_irb120").is_dir():
         pytest.skip("no recordings of the IRB 120")
@@ -93,14 +85,12 @@ def found(
 
 
 @pytest.mark.parametrize("way", [POSES, DESCRIPTION, MASTERING, AS_IT_IS])
-def test_the_table_is_true_of_configurations_kept_back(
-    found: dict[str, tuple[float, float]], way: str
-) -> None:
+def test_the_table_is_true_of_configurations_kept_back(found, way):
     left, said = found[way]
     assert left == pytest.approx(said, rel=0.15), found
 
 
-def test_each_way_leaves_less_than_the_next(found: dict[str, tuple[float, float]]) -> None:
+def test_each_way_leaves_less_than_the_next(found):
     left = [found[way][0] for way in (POSES, DESCRIPTION, MASTERING, AS_IT_IS)]
     assert left == sorted(left)
     assert left[0] < 0.2

@@ -7,8 +7,6 @@ Minimal_Robot_Calibration_Using_Position, IEEE T-ASE 12(2), 2015), a UR10 under 
 marked as such, with the figure measured, and fails once it is.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -74,7 +72,7 @@ def identified(text: str, measured: Path, out: Path) -> Done:
 
 
 @pytest.fixture(scope="module")
-def sockets(data_folder: Path) -> Recorded:
+def sockets(data_folder) -> Recorded:
     """Postures ``(N, 7)`` [rad] by site and socket."""
     folder = data_folder / "identification" / "panda_ball_in_socket"
     if not folder.is_dir():
@@ -87,7 +85,7 @@ def sockets(data_folder: Path) -> Recorded:
 
 
 @pytest.fixture(scope="module")
-def panda(sockets: Recorded, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Done]:
+def panda(sockets, tmp_path_factory) -> Callable[..., Done]:
     """The Panda identified from the touch-ups of some sites, once each."""
     done: dict[tuple[str, ...], Done] = {}
 
@@ -109,16 +107,14 @@ def panda(sockets: Recorded, tmp_path_factory: pytest.TempPathFactory) -> Callab
 
 
 @pytest.fixture(scope="module")
-def arm_recordings(load_study: Callable[[Path], ModuleType]) -> ModuleType:
+def arm_recordings(load_study) -> ModuleType:
     """How study 03 reads the IRB 120, and predicts points that no fit uses."""
     load_study(STUDIES / "03_irb120_measuring_arm")
     return sys.modules["arm_recordings"]
 
 
 @pytest.fixture(scope="module")
-def irb120(
-    data_folder: Path, arm_recordings: ModuleType, tmp_path_factory: pytest.TempPathFactory
-) -> Done:
+def irb120(data_folder, arm_recordings, tmp_path_factory) -> Done:
     if not (data_folder / arm_recordings.RECORDINGS).is_dir():
         pytest.skip(f"{data_folder / arm_recordings.RECORDINGS} does not exist")
     out = tmp_path_factory.mktemp("irb120")
@@ -127,7 +123,7 @@ def irb120(
 
 
 @pytest.fixture(scope="module")
-def irb120_row(irb120: Done, data_folder: Path, arm_recordings: ModuleType) -> dict[str, float]:
+def irb120_row(irb120, data_folder, arm_recordings) -> dict[str, float]:
     """Figures of the recommended model, refitted without each configuration."""
     trial, _ = irb120.identified.shown
     recorded = arm_recordings.load(data_folder)
@@ -137,11 +133,7 @@ def irb120_row(irb120: Done, data_folder: Path, arm_recordings: ModuleType) -> d
 
 
 @pytest.fixture(scope="module")
-def ur10(
-    data_folder: Path,
-    load_study: Callable[[Path], ModuleType],
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Done:
+def ur10(data_folder, load_study, tmp_path_factory) -> Done:
     study = load_study(STUDIES / "04_ur10_motion_capture")
     folder = data_folder / study.RECORDINGS
     if not folder.is_dir():
@@ -175,9 +167,7 @@ def texts_of(done: Done) -> Sequence[str]:
 
 
 @pytest.mark.slow
-def test_plates_of_the_panda_have_their_length_or_nothing_is_recommended(
-    panda: Callable[..., Done],
-) -> None:
+def test_plates_of_the_panda_have_their_length_or_nothing_is_recommended(panda):
     """50.0 mm, which nobody has told: touch-ups do not see the scale of an arm that is free."""
     done = panda(*SITES)
     if done.is_calibrated:
@@ -186,7 +176,7 @@ def test_plates_of_the_panda_have_their_length_or_nothing_is_recommended(
 
 
 @pytest.mark.slow
-def test_the_panda_is_recognised(panda: Callable[..., Done]) -> None:
+def test_the_panda_is_recognised(panda):
     """It is the arm of the preset, off by a few degrees at most."""
     done = panda(*SITES)
     assert done.is_calibrated
@@ -205,9 +195,7 @@ def test_the_panda_is_recognised(panda: Callable[..., Done]) -> None:
         ),
     ],
 )
-def test_sites_of_the_panda_held_out(
-    panda: Callable[..., Done], sockets: Recorded, site: str
-) -> None:
+def test_sites_of_the_panda_held_out(panda, sockets, site):
     others = [other for other in SITES if other != site]
     done = panda(*others)
     assert done.is_calibrated
@@ -216,22 +204,22 @@ def test_sites_of_the_panda_held_out(
     assert held_out_mm(done, sockets, site) <= HELD_OUT_MM[site] + 0.005
 
 
-def test_the_irb120_leave_one_out(irb120: Done, irb120_row: dict[str, float]) -> None:
+def test_the_irb120_leave_one_out(irb120, irb120_row):
     assert irb120.is_calibrated
     assert irb120_row["leave_one_out_mm"] <= LEAVE_ONE_OUT_MM
 
 
-def test_the_irb120_refitted_without_each_configuration(irb120_row: dict[str, float]) -> None:
+def test_the_irb120_refitted_without_each_configuration(irb120_row):
     """What is said of configurations left out is what refits without them find."""
     assert irb120_row["refitted_mm"] == pytest.approx(irb120_row["leave_one_out_mm"], rel=4e-4)
 
 
-def test_the_irb120_at_points_kept_back(irb120_row: dict[str, float]) -> None:
+def test_the_irb120_at_points_kept_back(irb120_row):
     """Five points of the tool that no fit uses, in the configuration that is left out."""
     assert irb120_row["check_mm"] <= CHECK_MM
 
 
-def test_the_ur10_is_not_made_worse(ur10: Done) -> None:
+def test_the_ur10_is_not_made_worse(ur10):
     """Next to nothing is to be gained: what is recommended predicts no worse than the arm as is."""
     rms = {m["name"]: m.get("leave_one_out_rms_mm") for m in ur10.content["models"]}
     assert rms[ur10.recommended] <= rms[FRAMES_ONLY] + 1e-9

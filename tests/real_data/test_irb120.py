@@ -4,10 +4,7 @@ Measured by others (drliaowu/Minimal_Robot_Calibration_Using_Position, IEEE T-AS
 Figures to compare with are those of an independent plain least-squares fit.
 """
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -32,7 +29,7 @@ Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def study(load_study: Callable[[Path], ModuleType]) -> ModuleType:
+def study(load_study) -> ModuleType:
     return load_study(FOLDER)
 
 
@@ -42,12 +39,12 @@ def written() -> Row:
 
 
 @pytest.fixture(scope="module")
-def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tables(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("irb120")
 
 
 @pytest.fixture(scope="module")
-def found(study: ModuleType, data_folder: Path, tables: Path) -> Row:
+def found(study, data_folder, tables) -> Row:
     measured = data_folder / "identification" / "abb_irb120"
     if not measured.is_dir():
         pytest.skip(f"{measured} does not exist")
@@ -55,11 +52,11 @@ def found(study: ModuleType, data_folder: Path, tables: Path) -> Row:
 
 
 @pytest.fixture(scope="module")
-def rows(found: Row) -> dict[str, Row]:
+def rows(found) -> dict[str, Row]:
     return {row["model"]: row for row in found["models"]}
 
 
-def test_the_bars_are_met(rows: dict[str, Row]) -> None:
+def test_the_bars_are_met(rows):
     """Of independent fits: 24 parameters, 30 parameters; and what is better than both."""
     assert rows["geometry, points pinned"]["leave_one_out_mm"] <= 0.346
     assert rows["geometry, shape of the points held"]["leave_one_out_mm"] <= 0.329
@@ -70,7 +67,7 @@ def test_the_bars_are_met(rows: dict[str, Row]) -> None:
     assert rows["geometry + compliance"]["check_from_zero_mm"] <= 0.151
 
 
-def test_the_references_are_reproduced(rows: dict[str, Row]) -> None:
+def test_the_references_are_reproduced(rows):
     """In the data's own protocol, and with base and points fitted; check points both ways."""
     for name, parameters, out in (
         ("nothing fitted", 0, 18.158),
@@ -99,9 +96,7 @@ def test_the_references_are_reproduced(rows: dict[str, Row]) -> None:
         assert rows[name]["check_from_zero_mm"] == pytest.approx(zero, abs=1e-4), name
 
 
-def test_everything_is_recommended_and_compliance_is_no_chance(
-    found: Row, rows: dict[str, Row]
-) -> None:
+def test_everything_is_recommended_and_compliance_is_no_chance(found, rows):
     assert found["recommended"] == "everything with priors"
     best, before = rows["everything with priors"], rows["geometry + compliance"]
     for name in ("leave_one_out_mm", "check_mm", "check_from_zero_mm"):
@@ -111,7 +106,7 @@ def test_everything_is_recommended_and_compliance_is_no_chance(
     assert found["check_gain_chance_mm2"] == pytest.approx(0.01622, abs=1e-4)
 
 
-def test_the_study_is_as_written(found: Row, written: Row) -> None:
+def test_the_study_is_as_written(found, written):
     assert found["recommended"] == written["recommended"]
     assert found["points_off_mm"] == pytest.approx(written["points_off_mm"], abs=0.01)
     for row, old in zip(found["models"], written["models"], strict=True):
@@ -121,9 +116,7 @@ def test_the_study_is_as_written(found: Row, written: Row) -> None:
                 assert value == pytest.approx(old[name], abs=written["tolerance_mm"]), name
 
 
-def test_the_command_line_gives_the_same(
-    found: Row, rows: dict[str, Row], tables: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_line_gives_the_same(found, rows, tables, capsys):
     del found  # it has written the tables
     names = [str(tables / name) for name in ("cell.toml", "measurements.csv")]
     assert run(["identify", *names, "--out", str(tables)]) == 0
@@ -145,6 +138,6 @@ def test_the_command_line_gives_the_same(
     assert any("compliance.joint_1" in note for note in best["notes"])
 
 
-def test_the_table_that_people_read_is_the_result(study: ModuleType, written: Row) -> None:
+def test_the_table_that_people_read_is_the_result(study, written):
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert study.table(written) in text

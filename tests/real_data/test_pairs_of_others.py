@@ -1,7 +1,5 @@
 """Pose pairs as others published them, read by the options that say what they are."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 
@@ -31,9 +29,7 @@ def assert_left_over(row: dict[str, str], deg: float, mm: float, rel: float = 0.
 
 
 @pytest.mark.slow
-def test_matlab_file_of_a_ur3e(
-    data_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_matlab_file_of_a_ur3e(data_folder, tmp_path, capsys):
     """A = T_cam, B = inverse of T_hand: what is left over as other solvers have it."""
     path = str(data_folder / "robot_world" / "ur3e_hand_camera" / "T_handcam_UR3e210506.mat")
     common = ["robot-world", path, "--unit", "mm", "--invert", "b", "--out", str(tmp_path)]
@@ -61,7 +57,7 @@ def test_matlab_file_of_a_ur3e(
 
 
 @pytest.mark.parametrize(("tag", "count"), [("tag_15_cam_1", 142), ("tag_22_cam_2", 228)])
-def test_two_files_without_headers(data_folder: Path, tag: str, count: int) -> None:
+def test_two_files_without_headers(data_folder, tag, count):
     folder = data_folder / "robot_world" / "multi_tag"
     paths = [folder / f"{tag}_{side}.csv" for side in "AB"]
     columns = ["qw", "qx", "qy", "qz", "x_m", "y_m", "z_m"]
@@ -81,9 +77,7 @@ def blocks_of(path: Path) -> FloatArray:
     return np.array(numbers[1:], dtype=float).reshape(int(numbers[0]), 4, 4)
 
 
-def test_text_files_of_tabb(
-    data_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_text_files_of_tabb(data_folder, tmp_path, capsys):
     """World to camera and base to gripper, as OpenCV's own test takes them."""
     folder = data_folder / "robot_world" / "tabb_ds1"
     subset = np.loadtxt(folder / "cali_subset24.txt")
@@ -114,7 +108,7 @@ def test_text_files_of_tabb(
     assert "base2world" in capsys.readouterr().out
 
 
-def test_real_pairs_come_back_from_every_kind_of_file(data_folder: Path, tmp_path: Path) -> None:
+def test_real_pairs_come_back_from_every_kind_of_file(data_folder, tmp_path):
     path = data_folder / "robot_world" / "ur3e_hand_camera" / "T_handcam_UR3e210506.mat"
     read = PairSource(path, variables=["T_hand", "T_cam"], unit="mm", invert="b").read()
     pairs = Pairs(read.names, read.A, read.B)

@@ -4,10 +4,7 @@ Bars are what a model has to reach at a site held out; figures of reference are 
 independent plain least-squares fit, its priors weighed against a noise of 0.15 mm.
 """
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -33,7 +30,7 @@ Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def study(load_study: Callable[[Path], ModuleType]) -> ModuleType:
+def study(load_study) -> ModuleType:
     return load_study(FOLDER)
 
 
@@ -44,7 +41,7 @@ def written() -> dict[str, Row]:
 
 
 @pytest.fixture(scope="module")
-def measured(data_folder: Path) -> Path:
+def measured(data_folder) -> Path:
     folder = data_folder / "identification" / "panda_ball_in_socket"
     if not folder.is_dir():
         pytest.skip(f"{folder} does not exist")
@@ -52,7 +49,7 @@ def measured(data_folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def quick(study: ModuleType, measured: Path) -> dict[str, Row]:
+def quick(study, measured) -> dict[str, Row]:
     """The rows that take a second or less."""
     return {row["model"]: row for row in study.run(measured, QUICK)}
 
@@ -76,14 +73,14 @@ def check(found: Row, expected: Row) -> None:
 
 
 @pytest.mark.real_data
-def test_figures_of_the_quick_rows(quick: dict[str, Row], written: dict[str, Row]) -> None:
+def test_figures_of_the_quick_rows(quick, written):
     assert list(quick) == QUICK
     for name, row in quick.items():
         check(row, written[name])
 
 
 @pytest.mark.real_data
-def test_geometry_with_a_prior_against_the_independent_fit(quick: dict[str, Row]) -> None:
+def test_geometry_with_a_prior_against_the_independent_fit(quick):
     row = quick["geometry, prior 0.5 mm, 2 mrad"]
     assert row["rms_mm"] == pytest.approx(0.504, abs=0.001)
     np.testing.assert_allclose(held_out(row), [0.667, 0.771, 1.049], atol=0.001)
@@ -96,7 +93,7 @@ def test_geometry_with_a_prior_against_the_independent_fit(quick: dict[str, Row]
 
 
 @pytest.mark.real_data
-def test_a_weak_prior_lets_the_scale_drift_and_the_result_says_so(quick: dict[str, Row]) -> None:
+def test_a_weak_prior_lets_the_scale_drift_and_the_result_says_so(quick):
     weak, tuned = quick["+ geometry, prior 2 mm, 10 mrad"], quick["geometry, all priors tuned"]
     np.testing.assert_allclose(sockets(weak), [47.2, 46.9, 46.4], atol=0.06)
     assert not weak["scale_is_seen"]
@@ -108,13 +105,13 @@ def test_a_weak_prior_lets_the_scale_drift_and_the_result_says_so(quick: dict[st
 
 
 @pytest.mark.real_data
-def test_harmonics_alone_are_enough_for_the_bars(quick: dict[str, Row]) -> None:
+def test_harmonics_alone_are_enough_for_the_bars(quick):
     assert (held_out(quick["+ harmonics"]) <= [0.60, 0.65, 0.80]).all()
 
 
 @pytest.mark.real_data
 @pytest.mark.slow
-def test_all_rows(study: ModuleType, measured: Path, written: dict[str, Row]) -> None:
+def test_all_rows(study, measured, written):
     rows = study.run(measured)
     assert [row["model"] for row in rows] == list(written)
     for row in rows:
@@ -127,13 +124,13 @@ def test_all_rows(study: ModuleType, measured: Path, written: dict[str, Row]) ->
     assert (np.abs(sockets(best) - TRUE_MM) <= 0.6).all()
 
 
-def test_what_is_written_reaches_the_bars(written: dict[str, Row]) -> None:
+def test_what_is_written_reaches_the_bars(written):
     best = written[BEST]
     assert (held_out(best) <= [0.60, 0.65, 0.80]).all()
     assert (np.abs(sockets(best) - TRUE_MM) <= 0.6).all()
 
 
-def test_the_table_that_people_read_is_the_result(study: ModuleType) -> None:
+def test_the_table_that_people_read_is_the_result(study):
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     found = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
     assert study.table(found) in text

@@ -4,8 +4,6 @@ Measured by others (platonics-delft/kinematics_calibration, arXiv 2503.12584). F
 with are those of an independent plain least-squares fit.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -37,7 +35,7 @@ Panda = Callable[..., tuple[int, Path]]
 
 
 @pytest.fixture(scope="module")
-def panda(data_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Panda:
+def panda(data_folder, tmp_path_factory) -> Panda:
     """Run ``posedesign identify`` on the touch-ups with the offsets of some joints free."""
     folder = tmp_path_factory.mktemp("panda")
     measured = data_folder / "identification" / "panda_ball_in_socket"
@@ -61,7 +59,7 @@ def panda(data_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Panda:
     return identify
 
 
-def test_offsets_of_joints_2_to_6(panda: Panda) -> None:
+def test_offsets_of_joints_2_to_6(panda):
     code, path = panda(2, 3, 4, 5, 6)
     assert code == 0
     content = json.loads(path.read_text())
@@ -81,9 +79,7 @@ def test_offsets_of_joints_2_to_6(panda: Panda) -> None:
 
 
 @pytest.mark.parametrize(("joints", "hidden"), [((2, 3, 4, 5, 6, 7), 7), ((1, 2, 3, 4, 5, 6), 1)])
-def test_a_joint_that_the_data_cannot_know_is_refused_by_name(
-    panda: Panda, capsys: pytest.CaptureFixture[str], joints: tuple[int, ...], hidden: int
-) -> None:
+def test_a_joint_that_the_data_cannot_know_is_refused_by_name(panda, capsys, joints, hidden):
     code, path = panda(*joints)
     said = capsys.readouterr().err
     assert code == 2

@@ -1,10 +1,7 @@
 """``posedesign new`` and ``plan`` on URDFs of real arms."""
 
-from __future__ import annotations
-
 import csv
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,9 +21,7 @@ RADII_MM = {"irb6640_185_280": [300, 200, 250, 200, 100, 100]}
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_plan_reaches_the_threshold(
-    data_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arm: str
-) -> None:
+def test_plan_reaches_the_threshold(data_folder, tmp_path, capsys, arm):
     urdf = data_folder / "urdf" / f"{arm}.urdf"
     if not urdf.exists():
         pytest.skip(f"{urdf} does not exist")

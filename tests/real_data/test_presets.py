@@ -1,7 +1,5 @@
 """Presets against the public URDFs of the same arms: one can stand in for the other."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +41,7 @@ Pair = tuple[str, Robot, Robot, Path]
 
 
 @pytest.fixture(scope="module", params=URDFS)
-def pair(request: pytest.FixtureRequest, data_folder: Path) -> Pair:
+def pair(request, data_folder) -> Pair:
     """Name, the preset with the URDF's own tip, the robot of the URDF, and its file."""
     path = data_folder / "urdf" / f"{URDFS[request.param]}.urdf"
     if not path.exists():
@@ -52,14 +50,14 @@ def pair(request: pytest.FixtureRequest, data_folder: Path) -> Pair:
     return request.param, Robot.preset(request.param, tip=robot.tip_frame), robot, path
 
 
-def test_forward_kinematics(pair: Pair) -> None:
+def test_forward_kinematics(pair):
     _, preset, robot, _ = pair
     q = np.random.default_rng(2).uniform(robot.lower, robot.upper, (1000, robot.n))
     np.testing.assert_allclose(preset.fk(q), robot.fk(q), atol=1e-9)
     np.testing.assert_allclose(preset.jacobian(q), robot.jacobian(q), atol=1e-9)
 
 
-def test_names_limits_and_speeds(pair: Pair) -> None:
+def test_names_limits_and_speeds(pair):
     name, preset, robot, _ = pair
     assert preset.joint_names == robot.joint_names
     assert preset.base_frame == robot.base_frame
@@ -69,7 +67,7 @@ def test_names_limits_and_speeds(pair: Pair) -> None:
     np.testing.assert_allclose(preset.speed, robot.speed, atol=tolerance, rtol=0)
 
 
-def test_every_link_of_the_file_is_there(pair: Pair) -> None:
+def test_every_link_of_the_file_is_there(pair):
     name, preset, robot, path = pair
     links, here = (
         {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
@@ -86,7 +84,7 @@ def test_every_link_of_the_file_is_there(pair: Pair) -> None:
         np.testing.assert_allclose(ours.fk(q), theirs.fk(q), atol=1e-9, err_msg=link)
 
 
-def test_masses(pair: Pair) -> None:
+def test_masses(pair):
     name, preset, robot, _ = pair
     if name in WITH_MASSES:
         np.testing.assert_allclose(preset.link_mass, robot.link_mass, atol=1e-12)
@@ -96,7 +94,7 @@ def test_masses(pair: Pair) -> None:
         assert preset.link_mass.any() == (name in {"r2000ic165f", "panda"})
 
 
-def test_the_tool_frame_of_ours_points_out_of_the_face(data_folder: Path) -> None:
+def test_the_tool_frame_of_ours_points_out_of_the_face(data_folder):
     """MH5 has no tool0 in its file: ours sits where its last link is, z along that one's x."""
     path = data_folder / "urdf" / "mh5.urdf"
     if not path.exists():

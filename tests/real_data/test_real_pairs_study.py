@@ -1,10 +1,7 @@
 """Pairs of real robots: residuals against another program's, predictions, proofs, the images."""
 
-from __future__ import annotations
-
 import importlib
 import json
-from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 from types import ModuleType
@@ -30,12 +27,12 @@ Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def study(load_study: Callable[[Path], ModuleType]) -> ModuleType:
+def study(load_study) -> ModuleType:
     return load_study(FOLDER)
 
 
 @pytest.fixture(scope="module")
-def pairs_folder(data_folder: Path) -> Path:
+def pairs_folder(data_folder) -> Path:
     folder = data_folder / "robot_world"
     if not folder.is_dir():
         pytest.skip(f"{folder} does not exist")
@@ -48,12 +45,12 @@ def written() -> Row:
 
 
 @pytest.fixture(scope="module")
-def found(study: ModuleType, data_folder: Path, pairs_folder: Path) -> Row:
+def found(study, data_folder, pairs_folder) -> Row:
     return study.run(data_folder, METHODS, sigma=False)
 
 
 @pytest.fixture(scope="module")
-def pairs(study: ModuleType, data_folder: Path, pairs_folder: Path) -> Row:
+def pairs(study, data_folder, pairs_folder) -> Row:
     return study.real_pairs(data_folder)
 
 
@@ -67,9 +64,7 @@ def rows(found: Row, name: str) -> dict[str, Row]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_residuals_are_no_larger_than_those_of_the_reference(
-    found: Row, study: ModuleType, name: str
-) -> None:
+def test_residuals_are_no_larger_than_those_of_the_reference(found, study, name):
     """To the digits that it was printed with, in degrees and in millimetres."""
     row = rows(found, name)["ml, ratio"]
     # the tags' translations are of another scale than those of what carries the camera, and with
@@ -82,9 +77,7 @@ def test_residuals_are_no_larger_than_those_of_the_reference(
 
 
 @pytest.mark.parametrize("name", [LARGEST, "Tabb"])
-def test_left_out_residuals_are_those_of_new_solutions(
-    found: Row, pairs: Row, study: ModuleType, name: str
-) -> None:
+def test_left_out_residuals_are_those_of_new_solutions(found, pairs, study, name):
     A, B = pairs[name]
     others = np.array([np.delete(np.arange(len(A)), i) for i in range(len(A))])
     left = solve_batch(A[others], B[others], "ml", module("real_rows").given_noise(study.SETTINGS))
@@ -96,7 +89,7 @@ def test_left_out_residuals_are_those_of_new_solutions(
 
 
 @pytest.mark.parametrize("tag", ["tag_15_cam_1", "tag_22_cam_2"])
-def test_scalar_first_and_neither_side_inverted_is_what_fits(pairs_folder: Path, tag: str) -> None:
+def test_scalar_first_and_neither_side_inverted_is_what_fits(pairs_folder, tag):
     """Of sixteen readings of the files it leaves the least, in rotation and in translation."""
     first = ("qw", "qx", "qy", "qz", "x_m", "y_m", "z_m")
     last = ("qx", "qy", "qz", "qw", "x_m", "y_m", "z_m")
@@ -115,7 +108,7 @@ def test_scalar_first_and_neither_side_inverted_is_what_fits(pairs_folder: Path,
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_likeliest_is_proven_and_predicts_about_best(found: Row, name: str) -> None:
+def test_the_likeliest_is_proven_and_predicts_about_best(found, name):
     of = found["data"][name]
     assert of["certificate"]["status"] == "optimal"
     assert of["certificate"]["unique"]
@@ -128,7 +121,7 @@ def test_the_likeliest_is_proven_and_predicts_about_best(found: Row, name: str) 
         assert row["rms_mm_ratio"] > 0.95
 
 
-def test_rotations_first_predict_worse_where_poses_hardly_turn(found: Row) -> None:
+def test_rotations_first_predict_worse_where_poses_hardly_turn(found):
     methods = found["data"]["tag 22, camera 2"]["splits"]["methods"]
     assert methods["shah"]["rms_mm_ratio"] > 3.0
     assert methods["shah"]["rms_mm_worse"] > 0.95
@@ -137,9 +130,7 @@ def test_rotations_first_predict_worse_where_poses_hardly_turn(found: Row) -> No
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_estimated_noise_goes_with_the_residuals_of_every_half(
-    study: ModuleType, pairs: Row, name: str
-) -> None:
+def test_estimated_noise_goes_with_the_residuals_of_every_half(study, pairs, name):
     """Of every half of the runs: residuals in units of the noise estimated are as they must be."""
     A, B = pairs[name]
     for learn in module("real_splits").halves(len(A), study.SETTINGS["splits"]["runs"])[::5]:
@@ -154,7 +145,7 @@ def test_estimated_noise_goes_with_the_residuals_of_every_half(
 
 
 @pytest.mark.slow
-def test_halves_agree_better_by_the_noise_that_shows(study: ModuleType, pairs: Row) -> None:
+def test_halves_agree_better_by_the_noise_that_shows(study, pairs):
     """X and Z of two halves that share no pair are nearer, and as near as they say."""
     A, B = pairs["UR3e"]
     learn = module("real_splits").halves(len(A), study.SETTINGS["splits"]["runs"])
@@ -173,7 +164,7 @@ def test_halves_agree_better_by_the_noise_that_shows(study: ModuleType, pairs: R
     assert np.mean(inside[None]) >= np.mean(inside["B"])
 
 
-def test_side_of_the_noise_decides_where_the_camera_ends(found: Row) -> None:
+def test_side_of_the_noise_decides_where_the_camera_ends(found):
     """Against the images: 50 mm off along the view with noise on the robot's side alone."""
     sides = found["images"]["noise_on"]
     b, a, both, shown = sides.values()
@@ -187,7 +178,7 @@ def test_side_of_the_noise_decides_where_the_camera_ends(found: Row) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_study_is_as_written(found: Row, written: Row, name: str) -> None:
+def test_the_study_is_as_written(found, written, name):
     rel = written["tolerance"]
     then = rows(written, name)
     for method, row in rows(found, name).items():
@@ -199,7 +190,7 @@ def test_the_study_is_as_written(found: Row, written: Row, name: str) -> None:
             assert halves[figure] == pytest.approx(before[figure], rel=5.0 * rel), (method, figure)
 
 
-def test_the_tables_that_people_read_are_the_result(study: ModuleType, written: Row) -> None:
+def test_the_tables_that_people_read_are_the_result(study, written):
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     for name, table in module("real_tables").all_tables(written).items():
         assert table in text, name

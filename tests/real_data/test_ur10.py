@@ -4,10 +4,7 @@ Measured by others (thanhndv212/figaroh-examples). Figures to compare with are t
 independent plain least-squares fit, refitted without each pose.
 """
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -32,7 +29,7 @@ Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def study(load_study: Callable[[Path], ModuleType]) -> ModuleType:
+def study(load_study) -> ModuleType:
     return load_study(FOLDER)
 
 
@@ -42,12 +39,12 @@ def written() -> Row:
 
 
 @pytest.fixture(scope="module")
-def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tables(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("ur10")
 
 
 @pytest.fixture(scope="module")
-def found(study: ModuleType, data_folder: Path, tables: Path) -> Row:
+def found(study, data_folder, tables) -> Row:
     measured = data_folder / "identification" / "ur10"
     if not measured.is_dir():
         pytest.skip(f"{measured} does not exist")
@@ -66,14 +63,7 @@ def rows(found: Row, noise: str) -> dict[str, Row]:
         (("geometry",), 30, 4.1017, 7.397),
     ],
 )
-def test_the_references_are_reproduced(
-    found: Row,
-    tables: Path,
-    words: tuple[str, ...],
-    parameters: int,
-    out_mm: float,
-    out_mrad: float,
-) -> None:
+def test_the_references_are_reproduced(found, tables, words, parameters, out_mm, out_mrad):
     """Without priors and weighed by the noise given, as the independent fit is."""
     del found  # it has written the tables
     cell = Cell.load(tables / NOISES["given"])
@@ -87,14 +77,14 @@ def test_the_references_are_reproduced(
     assert result.noise[0].sigma == pytest.approx([1e-3] * 3 + [2e-3] * 3)
 
 
-def test_a_before_with_frames_that_were_never_fitted_flatters(found: Row) -> None:
+def test_a_before_with_frames_that_were_never_fitted_flatters(found):
     nominal, frames = (rows(found, "estimated")[name] for name in ("nothing fitted", "frames only"))
     assert nominal["rms_mm"] == pytest.approx(134.5, abs=0.1)
     assert frames["rms_mm"] < 3.7
 
 
 @pytest.mark.parametrize("noise", NOISES)
-def test_priors_of_the_right_size_gain_what_free_links_do_not(found: Row, noise: str) -> None:
+def test_priors_of_the_right_size_gain_what_free_links_do_not(found, noise):
     """In position by two standard errors, and in orientation by more."""
     of = found[noise]
     assert of["recommended"] == "geometry with priors"
@@ -105,7 +95,7 @@ def test_priors_of_the_right_size_gain_what_free_links_do_not(found: Row, noise:
     assert row["geometry with priors"]["leave_one_out_mm"] < row["frames only"]["leave_one_out_mm"]
 
 
-def test_noise_that_is_given_wrong_is_found(found: Row) -> None:
+def test_noise_that_is_given_wrong_is_found(found):
     """A millimetre was given where no model leaves less than two: the same comes out of both."""
     given, estimated = (rows(found, noise) for noise in ("given", "estimated"))
     for name in ("frames only", "geometry with priors"):
@@ -114,7 +104,7 @@ def test_noise_that_is_given_wrong_is_found(found: Row) -> None:
         assert given[name]["sigma_mm"] > 1.8
 
 
-def test_the_study_is_as_written(found: Row, written: Row) -> None:
+def test_the_study_is_as_written(found, written):
     for noise in NOISES:
         assert found[noise]["recommended"] == written[noise]["recommended"]
         for row, old in zip(found[noise]["models"], written[noise]["models"], strict=True):
@@ -124,9 +114,7 @@ def test_the_study_is_as_written(found: Row, written: Row) -> None:
 
 
 @pytest.mark.parametrize("noise", NOISES)
-def test_the_command_line_gives_the_same(
-    found: Row, tables: Path, noise: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_line_gives_the_same(found, tables, noise, tmp_path, capsys):
     names = [str(tables / NOISES[noise]), str(tables / "measurements.csv")]
     assert run(["identify", *names, "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
@@ -146,5 +134,5 @@ def test_the_command_line_gives_the_same(
         assert model["noise"][0]["estimated"]
 
 
-def test_the_table_that_people_read_is_the_result(study: ModuleType, written: Row) -> None:
+def test_the_table_that_people_read_is_the_result(study, written):
     assert study.table(written) in (FOLDER / "README.md").read_text(encoding="utf-8")

@@ -1,7 +1,5 @@
 """URDF files of real arms: each loads, moves as in Pinocchio, and can be solved for its joints."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,7 @@ pytestmark = pytest.mark.real_data
 
 
 @pytest.fixture(scope="module")
-def urdfs(data_folder: Path) -> list[Path]:
+def urdfs(data_folder) -> list[Path]:
     files = sorted((data_folder / "urdf").glob("*.urdf"))
     if not files:
         pytest.skip(f"no URDF files in {data_folder / 'urdf'}")
@@ -111,7 +109,7 @@ def test_every_arm_is_ready_to_be_planned_for(urdfs):
         assert robot.model.nq == robot.n, path.name
 
 
-def test_universal_robots_with_a_straight_wrist(data_folder: Path) -> None:
+def test_universal_robots_with_a_straight_wrist(data_folder):
     """The closed form loses some of these poses; they are closed in on from where it ends."""
     robot = Robot.from_urdf(data_folder / "urdf" / "ur5e.urdf")
     q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (300, 6))
@@ -123,11 +121,11 @@ def test_universal_robots_with_a_straight_wrist(data_folder: Path) -> None:
     np.testing.assert_allclose(robot.fk(answers.postures), poses[answers.pose], atol=1e-8)
 
 
-def test_the_flange_of_a_panda_is_its_tip(data_folder: Path) -> None:
+def test_the_flange_of_a_panda_is_its_tip(data_folder):
     assert Robot.from_urdf(data_folder / "urdf" / "panda.urdf").tip_frame == "panda_link8"
 
 
-def test_a_file_expanded_from_xacro_is_the_same_arm(urdfs, tmp_path: Path) -> None:
+def test_a_file_expanded_from_xacro_is_the_same_arm(urdfs, tmp_path):
     pytest.importorskip("xacro")
     for path in urdfs[:4]:
         copy = tmp_path / f"{path.stem}.xacro"
@@ -140,7 +138,7 @@ def test_a_file_expanded_from_xacro_is_the_same_arm(urdfs, tmp_path: Path) -> No
         }
 
 
-def test_every_joint_of_an_arm_can_be_locked(urdfs) -> None:
+def test_every_joint_of_an_arm_can_be_locked(urdfs):
     for path in urdfs:
         robot = Robot.from_urdf(path)
         q = np.random.default_rng(4).uniform(robot.lower, robot.upper)
@@ -154,7 +152,7 @@ def test_every_joint_of_an_arm_can_be_locked(urdfs) -> None:
             )
 
 
-def test_damaged_files_are_refused_in_words(urdfs, tmp_path: Path, capfd) -> None:
+def test_damaged_files_are_refused_in_words(urdfs, tmp_path, capfd):
     rng = np.random.default_rng(5)
     errors = 0
     for path in urdfs:

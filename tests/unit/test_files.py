@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 from pathlib import Path
@@ -9,19 +10,21 @@ from pathlib import Path
 import pytest
 
 from calib import reading
-from calib.errors import FileFormatError, OutputError
+from calib.errors import FileFormatError, InputError, OutputError
 from posedesign.files import (
     Results,
+    locking,
     numbers,
     read_bytes_bounded,
     write_bytes_atomic,
     write_text_atomic,
 )
 from posedesign.files import safe as files
+from posedesign.files.locking import LOCK, held
 from posedesign.study.folder import own_folder
 
 
-def test_text_is_written_with_the_asked_line_ends(tmp_path: Path) -> None:
+def test_text_is_written_with_the_asked_line_ends(tmp_path):
     path = tmp_path / "a.txt"
     assert write_text_atomic(path, "one\ntwo\r\n", newline="\r\n") == path
     assert path.read_bytes() == b"one\r\ntwo\r\n"
@@ -30,14 +33,14 @@ def test_text_is_written_with_the_asked_line_ends(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["a.txt"]
 
 
-def test_permissions_follow_the_umask(tmp_path: Path) -> None:
+def test_permissions_follow_the_umask(tmp_path):
     path, plain = tmp_path / "a.txt", tmp_path / "b.txt"
     write_text_atomic(path, "")
     plain.write_text("")
     assert path.stat().st_mode == plain.stat().st_mode
 
 
-def test_a_link_stays_a_link(tmp_path: Path) -> None:
+def test_a_link_stays_a_link(tmp_path):
     real, link = tmp_path / "real.txt", tmp_path / "link.txt"
     real.write_text("old")
     link.symlink_to(real)
@@ -46,26 +49,26 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     assert real.read_text() == "new"
 
 
-def test_a_missing_folder_is_named(tmp_path: Path) -> None:
+def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(OutputError, match="there is no folder") as caught:
         write_text_atomic(tmp_path / "none" / "a.txt", "x")
     assert caught.value.hint == "create it first"
 
 
 @pytest.mark.parametrize("name", [".", "folder"])
-def test_a_folder_is_no_file(tmp_path: Path, name: str) -> None:
+def test_a_folder_is_no_file(tmp_path, name):
     (tmp_path / "folder").mkdir()
     with pytest.raises(OutputError, match="not an ordinary file"):
         write_bytes_atomic(tmp_path / name, b"x")
 
 
-def test_a_device_is_not_replaced() -> None:
+def test_a_device_is_not_replaced():
     with pytest.raises(OutputError, match="not an ordinary file"):
         write_bytes_atomic(os.devnull, b"x")
     assert not Path(os.devnull).is_file()
 
 
-def test_a_character_outside_the_encoding_is_refused_before_the_disk(tmp_path: Path) -> None:
+def test_a_character_outside_the_encoding_is_refused_before_the_disk(tmp_path):
     with pytest.raises(OutputError, match=r"'\\xe9' cannot be written in ascii"):
         write_text_atomic(tmp_path / "a.txt", "é", encoding="ascii")
     assert not os.listdir(tmp_path)
@@ -88,9 +91,7 @@ class _FullDisk:
         raise OSError(28, "No space left on device")
 
 
-def test_a_full_disk_leaves_the_old_file_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
     path = tmp_path / "a.txt"
     path.write_text("old")
     monkeypatch.setattr(files, "open", _FullDisk, raising=False)
@@ -103,9 +104,7 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, PermissionError(13, "Permission denied")])
-def test_a_failed_rename_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException | type[BaseException]
-) -> None:
+def test_a_failed_rename_leaves_nothing(tmp_path, monkeypatch, error):
     def fail(*_: object) -> None:
         raise error
 
@@ -117,15 +116,13 @@ def test_a_failed_rename_leaves_nothing(
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
-def test_a_closed_folder_is_named(tmp_path: Path) -> None:
+def test_a_closed_folder_is_named(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(OutputError, match="cannot be written"):
         write_text_atomic(tmp_path / "a.txt", "x")
 
 
-def test_a_closed_folder_is_found_before_the_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_closed_folder_is_found_before_the_work(tmp_path, monkeypatch):
     """Where it is asked for the right to write; root has it everywhere."""
     closed, (open_, name) = tmp_path / "closed", (tmp_path / "open", "poses.csv")
     closed.mkdir()
@@ -145,7 +142,7 @@ def test_a_closed_folder_is_found_before_the_work(
         assert Results(folder).claim("planned", (file, "measuring poses"))
 
 
-def test_a_large_file_is_refused(tmp_path: Path) -> None:
+def test_a_large_file_is_refused(tmp_path):
     path = tmp_path / "a.bin"
     path.write_bytes(b"12345")
     assert read_bytes_bounded(path, most_bytes=5) == b"12345"
@@ -154,15 +151,13 @@ def test_a_large_file_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["none.bin", ".", "a\0b"])
-def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path, name: str) -> None:
+def test_a_file_that_cannot_be_opened_is_named(tmp_path, name):
     with pytest.raises(FileFormatError, match="cannot be read"):
         read_bytes_bounded(tmp_path / name, most_bytes=4)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")
-def test_a_pipe_that_nobody_writes_into_is_not_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pipe_that_nobody_writes_into_is_not_waited_for(tmp_path, monkeypatch):
     monkeypatch.setattr(reading, "PATIENCE_S", 0.1)
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(FileFormatError, match=r"nothing came out of this pipe for 0.1 s"):
@@ -170,7 +165,7 @@ def test_a_pipe_that_nobody_writes_into_is_not_waited_for(
 
 
 @pytest.mark.skipif(not Path("/dev/fd").is_dir(), reason="descriptors as files")
-def test_a_pipe_that_somebody_writes_into_is_read() -> None:
+def test_a_pipe_that_somebody_writes_into_is_read():
     out, into = os.pipe()
     os.write(into, b"12345")
     os.close(into)
@@ -181,13 +176,75 @@ def test_a_pipe_that_somebody_writes_into_is_read() -> None:
 
 
 @pytest.mark.parametrize("text", ["9" * 400, "9" * 5000, "1e999", "-1e301", "NaN", "[" * 200_000])
-def test_numbers_of_json_that_no_result_has(text: str) -> None:
+def test_numbers_of_json_that_no_result_has(text):
     with pytest.raises(ValueError, match=r"finite number within|nested too deep"):
         numbers.load_json(f'{{"a": {text}')
 
 
-def test_one_bound_for_all_numbers() -> None:
+def test_one_bound_for_all_numbers():
     assert numbers.usable(3) == 3.0
     assert numbers.usable(-numbers.LARGEST_NUMBER) == -numbers.LARGEST_NUMBER
     for value in (10**400, 1e308, -(10**13), float("nan"), float("-inf"), True, "1", None):
         assert math.isnan(numbers.usable(value))
+
+
+pytest.importorskip("fcntl", reason="files are not locked on this system")
+
+
+def test_the_second_is_told_which_is_first(tmp_path):
+    with (
+        held(tmp_path, "digging"),
+        pytest.raises(InputError, match=f"process {os.getpid()} is digging here") as caught,
+        held(tmp_path, "digging", "dig elsewhere"),
+    ):
+        pass
+    assert caught.value.hint == "wait for it, stop it, or dig elsewhere"
+    with held(tmp_path, "digging"):
+        assert (tmp_path / LOCK).read_text() == f"{os.getpid()}\n"
+    assert not (tmp_path / LOCK).read_text()
+
+
+def test_what_stands_in_the_lock_may_be_anything(tmp_path):
+    with held(tmp_path, "digging"):
+        (tmp_path / LOCK).write_bytes(b"\xff\x00\x1b[31m")
+        with (
+            pytest.raises(InputError, match="process another is digging"),
+            held(tmp_path, "digging"),
+        ):
+            pass
+
+
+def test_what_a_link_leads_to_is_not_emptied(tmp_path):
+    (tmp_path / "kept").write_text("kept")
+    (tmp_path / LOCK).symlink_to(tmp_path / "kept")
+    with pytest.raises(OutputError, match="cannot be written"), held(tmp_path, "digging"):
+        pass
+    assert (tmp_path / "kept").read_text() == "kept"
+
+
+def test_a_folder_that_is_none(tmp_path):
+    with pytest.raises(OutputError, match="No such file"), held(tmp_path / "none", "digging"):
+        pass
+
+
+def test_a_file_system_without_locks(tmp_path, monkeypatch):
+    """Some network shares: nobody is said to be there who is not."""
+
+    def unknown(*_: object) -> None:
+        raise OSError(errno.EOPNOTSUPP, "Operation not supported")
+
+    monkeypatch.setattr(locking.fcntl, "flock", unknown)
+    with held(tmp_path, "digging"), held(tmp_path, "digging"):
+        assert (tmp_path / LOCK).read_text() == f"{os.getpid()}\n"
+
+
+def test_a_full_disk(tmp_path, monkeypatch):
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    with pytest.raises(OutputError, match="No space left"), held(tmp_path, "digging"):
+        pass
+    monkeypatch.undo()
+    with held(tmp_path, "digging"):
+        pass

@@ -1,7 +1,5 @@
 """Files say where they come from, and are replaced by their own command only."""
 
-from __future__ import annotations
-
 import io
 import json
 from pathlib import Path
@@ -39,7 +37,7 @@ def claim(path: Path, kind: str = "computed", **more: object) -> Claim:
 
 
 @pytest.mark.parametrize("name", CONTENTS)
-def test_what_is_written_is_read_back(tmp_path: Path, name: str) -> None:
+def test_what_is_written_is_read_back(tmp_path, name):
     path = tmp_path / name
     own = claim(path)
     write_bytes_atomic(own, CONTENTS[name])
@@ -52,7 +50,7 @@ def test_what_is_written_is_read_back(tmp_path: Path, name: str) -> None:
         assert read_whole(path)[1] is False
 
 
-def test_other_programs_read_the_files(tmp_path: Path) -> None:
+def test_other_programs_read_the_files(tmp_path):
     for name, data in CONTENTS.items():
         write_bytes_atomic(claim(tmp_path / name), data)
     assert read_table(tmp_path / "a.csv").columns == ["a", "b"]
@@ -66,14 +64,12 @@ def test_other_programs_read_the_files(tmp_path: Path) -> None:
     assert (tmp_path / "a.urdf").read_text().splitlines()[1].startswith("<!-- origin: ")
 
 
-def test_the_day_is_that_of_the_environment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_day_is_that_of_the_environment(tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
     assert Origin.of("planned", "poses", "plan").day == "1970-01-02"
 
 
-def test_what_comes_from_simulated_is_simulated(tmp_path: Path) -> None:
+def test_what_comes_from_simulated_is_simulated(tmp_path):
     source = tmp_path / "in put,1.csv"
     write_table(claim(source, "simulated"), ["a"], [{"a": 1}])
     assert is_simulated(source)
@@ -99,7 +95,7 @@ def test_what_comes_from_simulated_is_simulated(tmp_path: Path) -> None:
         ("other command", "by else"),
     ],
 )
-def test_what_is_not_ones_own_is_refused(tmp_path: Path, there: object, reason: str) -> None:
+def test_what_is_not_ones_own_is_refused(tmp_path, there, reason):
     path = tmp_path / "touch.csv"
     if isinstance(there, bytes):
         path.write_bytes(there)
@@ -124,7 +120,7 @@ def test_what_is_not_ones_own_is_refused(tmp_path: Path, there: object, reason: 
     assert sorted(p.name for p in tmp_path.iterdir()) == ["touch.csv", "touch.csv.1"]
 
 
-def test_names_of_what_is_kept_are_free(tmp_path: Path) -> None:
+def test_names_of_what_is_kept_are_free(tmp_path):
     path = tmp_path / "a.csv"
     for text in ("first", "second"):
         path.write_text(text)
@@ -134,7 +130,7 @@ def test_names_of_what_is_kept_are_free(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("measured", ["by hand", "imported"])
-def test_a_rehearsal_never_replaces_measurements(tmp_path: Path, measured: str) -> None:
+def test_a_rehearsal_never_replaces_measurements(tmp_path, measured):
     path = tmp_path / "touchups.csv"
     path.write_text("target\n")
     if measured == "imported":
@@ -144,7 +140,7 @@ def test_a_rehearsal_never_replaces_measurements(tmp_path: Path, measured: str) 
         write_table(claim(path, "simulated", overwrite=True), ["a"], [{"a": 3}])
 
 
-def test_other_measurements_are_not_replaced(tmp_path: Path) -> None:
+def test_other_measurements_are_not_replaced(tmp_path):
     path = tmp_path / "touchups.csv"
     write_table(claim(path, "measured"), ["a"], [{"a": 1}])
     write_table(claim(path, "measured"), ["a"], [{"a": 2}])
@@ -153,7 +149,7 @@ def test_other_measurements_are_not_replaced(tmp_path: Path) -> None:
         write_table(Claim(path, monday), ["a"], [{"a": 3}])
 
 
-def test_all_are_claimed_or_none(tmp_path: Path) -> None:
+def test_all_are_claimed_or_none(tmp_path):
     (tmp_path / "two.json").write_text("{}")
     with pytest.raises(OutputError, match=r"two\.json"):
         Results(tmp_path, "try").claim("computed", ("one.csv", "one"), ("two.json", "two"))
@@ -164,14 +160,14 @@ def test_all_are_claimed_or_none(tmp_path: Path) -> None:
     assert json.loads((out / "one.json").read_text())["a"] == [1.5]
 
 
-def test_what_came_in_the_meantime_is_not_lost(tmp_path: Path) -> None:
+def test_what_came_in_the_meantime_is_not_lost(tmp_path):
     (one,) = Results(tmp_path, "try").claim("computed", POSES)
     (tmp_path / "poses.csv").write_text("mine")
     with pytest.raises(OutputError, match="does not say where it is from"):
         write_table(one, ["a"], [{"a": 3}])
 
 
-def test_a_file_that_names_no_origin(tmp_path: Path) -> None:
+def test_a_file_that_names_no_origin(tmp_path):
     path = tmp_path / "a.csv"
     for text in ("# origin: unheard poses by me on 2026-01-01 digest 0123456789abcdef\n", "\0" * 9):
         path.write_text(text)

@@ -1,7 +1,5 @@
 """Robots, set-ups and postures that the tests of calib share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -25,13 +23,13 @@ def reference_robot() -> Robot:
 
 
 @pytest.fixture(scope="session")
-def target_m(reference_robot: Robot) -> np.ndarray:
+def target_m(reference_robot) -> np.ndarray:
     """Where the pin tip is at the base posture."""
     return se3.apply(reference_robot.fk(BASE_POSTURE), TOOL_M)
 
 
 @pytest.fixture(scope="session")
-def make_model(reference_robot: Robot, target_m: np.ndarray) -> Callable[..., CalibrationModel]:
+def make_model(reference_robot, target_m) -> Callable[..., CalibrationModel]:
     """The reference model with other joints freed, another measurement or further blocks."""
 
     def make(
@@ -55,7 +53,7 @@ def make_model(reference_robot: Robot, target_m: np.ndarray) -> Callable[..., Ca
 
 
 @pytest.fixture(scope="session")
-def touching(reference_robot: Robot, target_m: np.ndarray) -> Callable[..., np.ndarray]:
+def touching(reference_robot, target_m) -> Callable[..., np.ndarray]:
     """Postures ``(N, 6)`` with the pin tip on a target and the tool tilted at random."""
 
     def make(count: int, seed: int = 0, tilt: float = 0.6, shift=(0.0, 0.0, 0.0)) -> np.ndarray:
@@ -74,7 +72,7 @@ def touching(reference_robot: Robot, target_m: np.ndarray) -> Callable[..., np.n
 
 
 @pytest.fixture
-def random_urdf(tmp_path: Path) -> Callable[..., Path]:
+def random_urdf(tmp_path) -> Callable[..., Path]:
     """Write an arm of n revolute joints with arbitrary origins, axes, limits and masses."""
 
     def write(rng: np.random.Generator, n: int) -> Path:
@@ -119,7 +117,7 @@ SEVEN_JOINTS = [  # xyz [m], rpy [rad], limits [rad] in the manner of a Franka a
 
 
 @pytest.fixture(scope="session")
-def seven_axis_robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+def seven_axis_robot(tmp_path_factory) -> Robot:
     """A redundant arm, for which there is no closed form."""
     text = ['<robot name="seven"><link name="l0"/>']
     for j, (xyz, rpy, lower, upper) in enumerate(SEVEN_JOINTS):

@@ -1,7 +1,5 @@
 """Links without a shape: which they are, and what can stand in for them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,20 +29,20 @@ def without_shapes(preset: str, folder: Path) -> Robot:
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_every_preset_knows_all_of_its_links(name: str) -> None:
+def test_every_preset_knows_all_of_its_links(name):
     robot = Robot.preset(name)
     assert unshaped_links(robot) == ()
     assert not has_bare_base(robot)
 
 
-def test_links_without_length_need_no_shape(tmp_path: Path) -> None:
+def test_links_without_length_need_no_shape(tmp_path):
     robot = without_shapes("ur10e", tmp_path)
     # shoulder and last wrist: the next joint, or the flange, sits where theirs does
     assert unshaped_links(robot) == tuple(robot.link_names[j] for j in (2, 3, 4, 5))
     assert has_bare_base(robot)
 
 
-def test_a_calibrated_wrist_is_still_one_without_length(tmp_path: Path) -> None:
+def test_a_calibrated_wrist_is_still_one_without_length(tmp_path):
     """Its frames have the errors of the arm in them, of a millimetre or two."""
     bare = without_shapes("tx2_60", tmp_path)
     placements = bare.chain.placements.copy()
@@ -56,7 +54,7 @@ def test_a_calibrated_wrist_is_still_one_without_length(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["r2000ic165f", "ur10e", "panda"])
-def test_shapes_of_the_preset_of_the_same_kinematics(name: str, tmp_path: Path) -> None:
+def test_shapes_of_the_preset_of_the_same_kinematics(name, tmp_path):
     preset, bare = Robot.preset(name), without_shapes(name, tmp_path)
     assert name in presets_like(bare)
     robot = with_shapes_of(bare, name)
@@ -66,13 +64,13 @@ def test_shapes_of_the_preset_of_the_same_kinematics(name: str, tmp_path: Path) 
         np.testing.assert_allclose(one.T_link_body, other.T_link_body, atol=1e-9)
 
 
-def test_another_arm_lends_no_shapes(tmp_path: Path) -> None:
+def test_another_arm_lends_no_shapes(tmp_path):
     with pytest.raises(RobotModelError, match=r"is another arm than .*: at zero, axis 2") as error:
         with_shapes_of(without_shapes("ur10e", tmp_path), "ur5e")
     assert error.value.hint == "of the same kinematics: ur10e"
 
 
-def test_capsules_run_from_joint_to_joint(tmp_path: Path) -> None:
+def test_capsules_run_from_joint_to_joint(tmp_path):
     bare = without_shapes("r2000ic165f", tmp_path)
     robot = with_capsules(bare, [0.1])
     assert unshaped_links(robot) == ()
@@ -96,7 +94,7 @@ def test_capsules_run_from_joint_to_joint(tmp_path: Path) -> None:
             assert np.linalg.norm(line - joint, axis=1).min() < 1e-9
 
 
-def test_capsules_go_round_corners_along_the_axes() -> None:
+def test_capsules_go_round_corners_along_the_axes():
     """An elbow that is higher than the forearm's axis: up first, then along it."""
     chain = Robot.preset("r2000ic165f").chain
     lines = centre_lines(chain)
@@ -105,7 +103,7 @@ def test_capsules_go_round_corners_along_the_axes() -> None:
     np.testing.assert_allclose(turns, 0.0, atol=1e-9)
 
 
-def test_a_radius_for_each_link_or_one_for_all(tmp_path: Path) -> None:
+def test_a_radius_for_each_link_or_one_for_all(tmp_path):
     bare = without_shapes("ur10e", tmp_path)
     robot = with_capsules(bare, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     for body in robot.bodies:
@@ -114,7 +112,7 @@ def test_a_radius_for_each_link_or_one_for_all(tmp_path: Path) -> None:
         with_capsules(bare, [0.1, 0.2])
 
 
-def test_a_lost_shape_is_one_that_is_not_there(tmp_path: Path) -> None:
+def test_a_lost_shape_is_one_that_is_not_there(tmp_path):
     """Also of a link without length, and of what hangs on a link beside its other bodies."""
     whole = Robot.preset("ur10e")
     name = whole.link_names[6]

@@ -1,7 +1,5 @@
 """Data and models that do not belong together are refused in one line."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,10 +1,5 @@
 """What else gives way under gravity: bearings across their joint, and lost motion about it."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -60,14 +55,14 @@ def energy(model: pin.Model, q: np.ndarray) -> float:
 
 
 @pytest.fixture(params=["preset", "random"])
-def arm(request: pytest.FixtureRequest, random_urdf: Callable[..., Path]) -> Robot:
+def arm(request, random_urdf) -> Robot:
     """An arm with axes along its frames, and one with axes and frames of any direction."""
     if request.param == "preset":
         return Robot.preset("ur5e")
     return Robot.from_urdf(random_urdf(np.random.default_rng(3), 5))
 
 
-def test_a_bearing_tilts_by_its_compliance_times_the_work_of_gravity(arm: Robot) -> None:
+def test_a_bearing_tilts_by_its_compliance_times_the_work_of_gravity(arm):
     """The torque about an axis is what the potential energy loses with a turn about it."""
     compliance, step = 2e-6, 1e-5
     q = np.random.default_rng(0).uniform(-2.0, 2.0, (4, arm.n))
@@ -94,7 +89,7 @@ def test_a_bearing_tilts_by_its_compliance_times_the_work_of_gravity(arm: Robot)
     assert largest > 5.0
 
 
-def test_bearing_and_reducer_share_the_whole_torque(arm: Robot) -> None:
+def test_bearing_and_reducer_share_the_whole_torque(arm):
     """The parts across and along the axis are those of one vector, payload included."""
     q = np.random.default_rng(1).uniform(-2.0, 2.0, (6, arm.n))
     block = BearingCompliance(arm, arm.joint_names, PAYLOADS[0])
@@ -111,7 +106,7 @@ def test_bearing_and_reducer_share_the_whole_torque(arm: Robot) -> None:
         np.testing.assert_allclose(squared[:, j], np.sum(torque**2, axis=1), rtol=1e-9)
 
 
-def test_all_that_displaces_a_frame_adds_up(arm: Robot) -> None:
+def test_all_that_displaces_a_frame_adds_up(arm):
     """Link geometry and bearing make one rotation vector, whichever block comes first."""
     rng = np.random.default_rng(2)
     q = rng.uniform(-2.0, 2.0, (3, arm.n))
@@ -132,7 +127,7 @@ def test_all_that_displaces_a_frame_adds_up(arm: Robot) -> None:
 
 
 @pytest.mark.parametrize("scale", [0.0, 1.0])
-def test_jacobian_against_central_differences(arm: Robot, scale: float) -> None:
+def test_jacobian_against_central_differences(arm, scale):
     rng = np.random.default_rng(4)
     q = rng.uniform(-2.0, 2.0, (5, arm.n))
     setup = Setup.of(5, payload=[0, 1, 1, 0, 1])
@@ -157,7 +152,7 @@ def test_jacobian_against_central_differences(arm: Robot, scale: float) -> None:
         np.testing.assert_allclose(found[..., k], expected, atol=tolerance, err_msg=model.names[k])
 
 
-def test_bearings_are_named_by_the_axes_across() -> None:
+def test_bearings_are_named_by_the_axes_across():
     robot = Robot.preset("r2000ic165f")
     along = [int(np.argmax(np.abs(axis))) for axis in robot.chain.axes]
     block = BearingCompliance(robot, robot.joint_names, prior=1e-7)
@@ -172,7 +167,7 @@ def test_bearings_are_named_by_the_axes_across() -> None:
     np.testing.assert_array_equal(block.nominal, 0.0)
 
 
-def test_lost_motion_leans_to_the_side_that_gravity_pushes() -> None:
+def test_lost_motion_leans_to_the_side_that_gravity_pushes():
     robot = Robot.preset("ur5e")
     joint = robot.joint_names[1]
     block = LostMotion(robot, [joint], 10.0, prior_rad=1e-3)
@@ -200,7 +195,7 @@ def test_lost_motion_leans_to_the_side_that_gravity_pushes() -> None:
         (lambda r: LostMotion(r, r.joint_names, np.nan), "must be a number above zero"),
     ],
 )
-def test_refusals(make: Callable[[Robot], ParameterBlock], message: str) -> None:
+def test_refusals(make, message):
     with pytest.raises(InputError, match=message):
         make(Robot.preset("ur5e"))
 
@@ -208,7 +203,7 @@ def test_refusals(make: Callable[[Robot], ParameterBlock], message: str) -> None
 @pytest.mark.parametrize(
     "kind", [BearingCompliance, JointCompliance, lambda r, j: LostMotion(r, j, 1.0)]
 )
-def test_a_payload_that_nobody_knows_is_refused(kind: Callable[..., ParameterBlock]) -> None:
+def test_a_payload_that_nobody_knows_is_refused(kind):
     robot = Robot.preset("ur5e")
     model = model_of(robot, [kind(robot, robot.joint_names)])
     with pytest.raises(InputError, match="has payload 2, 1 are known"):

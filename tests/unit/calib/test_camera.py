@@ -1,7 +1,5 @@
 """The ideal camera: pixels of points, and how far they are from the edge of the image."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -10,16 +8,16 @@ from calib.vision.camera import PinholeCamera
 CAMERA = PinholeCamera(640, 480, 800.0)
 
 
-def test_a_point_on_the_axis_is_in_the_middle() -> None:
+def test_a_point_on_the_axis_is_in_the_middle():
     np.testing.assert_allclose(CAMERA.project(np.array([0.0, 0.0, 2.0])), [320.0, 240.0])
 
 
-def test_similar_triangles() -> None:
+def test_similar_triangles():
     """25 mm to the right at 0.5 m: 800 * 25 / 500 = 40 px; 10 mm down: 16 px."""
     np.testing.assert_allclose(CAMERA.project(np.array([0.025, 0.010, 0.5])), [360.0, 256.0])
 
 
-def test_against_opencv() -> None:
+def test_against_opencv():
     cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed")
     points = np.random.default_rng(1).uniform([-0.2, -0.2, 0.3], [0.2, 0.2, 1.0], (20, 3))
     matrix = np.array([[800.0, 0.0, 320.0], [0.0, 800.0, 240.0], [0.0, 0.0, 1.0]])
@@ -31,13 +29,13 @@ def test_against_opencv() -> None:
     ("pixel", "room"),
     [((320, 240), 240), ((10, 240), 10), ((635, 240), 5), ((320, 475), 5), ((-7, 240), -7)],
 )
-def test_room_is_the_distance_from_the_nearest_edge(pixel: tuple[int, int], room: float) -> None:
+def test_room_is_the_distance_from_the_nearest_edge(pixel, room):
     x, y = (np.array(pixel) - [320.0, 240.0]) / 800.0
     assert CAMERA.room_px(np.array([x, y, 1.0])) == pytest.approx(room)
 
 
 @pytest.mark.parametrize("depth", [0.0, -0.5])
-def test_nothing_behind_the_lens_is_seen(depth: float) -> None:
+def test_nothing_behind_the_lens_is_seen(depth):
     point = np.array([0.01, 0.0, depth])
     assert np.isnan(CAMERA.project(point)).all()
     assert CAMERA.room_px(point) == -np.inf

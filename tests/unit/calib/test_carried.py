@@ -1,7 +1,5 @@
 """What a correction can carry, against arms drawn and a search that knows no derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize
@@ -91,7 +89,7 @@ def lost2(expectation: Expectation, model: CalibrationModel, x: FloatArray) -> f
 
 
 @pytest.fixture(scope="module")
-def expectation(robot: Robot) -> Expectation:
+def expectation(robot) -> Expectation:
     model = whole(robot)
     x, covariance = identified(model)
     return Expectation(model, x, covariance, postures(robot))
@@ -112,7 +110,7 @@ def corrections(robot: Robot, expectation: Expectation) -> dict[str, Carried]:
     }
 
 
-def test_expected_error_is_that_of_arms_drawn(robot: Robot, expectation: Expectation) -> None:
+def test_expected_error_is_that_of_arms_drawn(robot, expectation):
     model, q = expectation.model, expectation.q
     rng, draws = np.random.default_rng(1), 400
     drawn = rng.multivariate_normal(expectation.x, expectation.covariance, draws, method="eigh")
@@ -127,7 +125,7 @@ def test_expected_error_is_that_of_arms_drawn(robot: Robot, expectation: Expecta
         assert abs(squares.mean() - expected) < 4.0 * chance + 0.01 * expected, name
 
 
-def test_the_best_values_are_those_of_a_search(robot: Robot, expectation: Expectation) -> None:
+def test_the_best_values_are_those_of_a_search(robot, expectation):
     """By simplex, which knows no derivatives, from another start."""
     model = model_of(robot, ZeroOffsets(robot, robot.joint_names[1:4]))
     own = expectation.carried(model, ~model.nuisance)
@@ -148,9 +146,7 @@ def test_the_best_values_are_those_of_a_search(robot: Robot, expectation: Expect
     assert least * (1 - 1e-3) < ours < least + 1.01 * ALIKE * (least + unknown2)
 
 
-def test_values_that_are_alike_are_the_ones_nearest_to_those_identified(
-    robot: Robot, expectation: Expectation
-) -> None:
+def test_values_that_are_alike_are_the_ones_nearest_to_those_identified(robot, expectation):
     model = model_of(robot, ZeroOffsets(robot, robot.joint_names[1:]), LinkGeometry(robot))
     own = expectation.carried(model, ~model.nuisance)
     start = part_of(expectation.model, expectation.x, expectation.covariance, model)
@@ -168,7 +164,7 @@ def test_values_that_are_alike_are_the_ones_nearest_to_those_identified(
     assert (np.abs(x - start.x) / [NATURAL[unit] for unit in model.units]).max() > 10.0
 
 
-def test_more_parameters_leave_less(robot: Robot, expectation: Expectation) -> None:
+def test_more_parameters_leave_less(robot, expectation):
     rms = {
         name: expectation.of(own.model, own.x).rms_m
         for name, own in corrections(robot, expectation).items()
@@ -178,7 +174,7 @@ def test_more_parameters_leave_less(robot: Robot, expectation: Expectation) -> N
 
 
 @pytest.mark.slow
-def test_sigma_of_the_best_values_is_their_scatter(robot: Robot) -> None:
+def test_sigma_of_the_best_values_is_their_scatter(robot):
     """Over identifications that scatter as their covariance says."""
     model, q = whole(robot), postures(robot)
     x, covariance = identified(model)
@@ -193,7 +189,7 @@ def test_sigma_of_the_best_values_is_their_scatter(robot: Robot) -> None:
     np.testing.assert_allclose(ratio, 1.0, atol=4 * 0.065)
 
 
-def test_what_a_correction_holds_stays_as_identified(robot: Robot) -> None:
+def test_what_a_correction_holds_stays_as_identified(robot):
     model = model_of(robot, ZeroOffsets(robot, robot.joint_names[1:]))
     x, covariance = identified(model)
     expectation = Expectation(model, x, covariance, postures(robot))
@@ -206,7 +202,7 @@ def test_what_a_correction_holds_stays_as_identified(robot: Robot) -> None:
     )
 
 
-def test_a_base_that_stands_elsewhere_is_no_error(robot: Robot) -> None:
+def test_a_base_that_stands_elsewhere_is_no_error(robot):
     """Neither for what is known of it, nor for what is not."""
     first = LinkGeometry(robot, [f"link.{robot.joint_names[0]}.{a}" for a in ("x", "z", "rx")])
     model = model_of(robot, first)
@@ -219,7 +215,7 @@ def test_a_base_that_stands_elsewhere_is_no_error(robot: Robot) -> None:
     assert unmoved.lost_rms_m < 1e-12
 
 
-def test_rigid_motions_are_orthonormal_and_of_a_body() -> None:
+def test_rigid_motions_are_orthonormal_and_of_a_body():
     rng = np.random.default_rng(0)
     points = rng.standard_normal((7, 3))
     U = rigid_motions(points)
@@ -232,7 +228,7 @@ def test_rigid_motions_are_orthonormal_and_of_a_body() -> None:
     assert rigid_motions(points[:1]).shape == (3, 3)
 
 
-def test_a_covariance_that_is_none_is_refused(robot: Robot) -> None:
+def test_a_covariance_that_is_none_is_refused(robot):
     model = model_of(robot, ZeroOffsets(robot, robot.joint_names[1:]))
     for bad in (np.eye(3), np.full((model.p, model.p), np.nan)):
         with pytest.raises(InputError, match="covariance of the 11 parameters"):

@@ -1,7 +1,5 @@
 """Forward kinematics and Jacobian against Pinocchio's own, and which joints a robot is made of."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Models side by side: which one is taken, with what reason, and what is refused."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -15,7 +13,6 @@ from calib.identification.choice import CHANCE
 from calib.identification.comparison import Candidate, Comparison, compare
 from calib.identification.least_squares import minimise
 from calib.identification.left_out import targets_left_out
-from calib.identification.robust import Loss
 from calib.model.measurements import (
     Measurement,
     Measurements,
@@ -92,7 +89,7 @@ def paired(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("error", "expected"), [(0.0, "frames only"), (2e-3, "offsets"), (4e-3, "both")]
 )
-def test_the_smallest_model_that_is_as_good_as_the_best(error: float, expected: str) -> None:
+def test_the_smallest_model_that_is_as_good_as_the_best(error, expected):
     truth = model(offsets(), scale())
     x = truth.nominal.copy()
     x[:4] = min(error, 2e-3)
@@ -109,7 +106,7 @@ def test_the_smallest_model_that_is_as_good_as_the_best(error: float, expected: 
     assert "orientation" not in found.reason
 
 
-def test_the_rule_over_many_draws() -> None:
+def test_the_rule_over_many_draws():
     """Whatever is drawn: the first, in order of size, within chance of the best."""
     truth = model(offsets(), scale())
     x = truth.nominal.copy()
@@ -134,7 +131,7 @@ def test_the_rule_over_many_draws() -> None:
     assert {("offsets", "offsets"), ("offsets", "both"), ("both", "both")} <= set(taken)
 
 
-def test_differences_are_paired_by_pose() -> None:
+def test_differences_are_paired_by_pose():
     """Two reflectors of one pose are one witness, not two."""
     truth = model(offsets(), scale())
     x = truth.nominal.copy()
@@ -155,7 +152,7 @@ def posed(*blocks: ParameterBlock) -> CalibrationModel:
 
 
 @pytest.mark.parametrize("swing_rad", [0.0, 2e-2])
-def test_what_is_gained_in_orientation_is_said(swing_rad: float) -> None:
+def test_what_is_gained_in_orientation_is_said(swing_rad):
     """Waves of the last joint turn a tool that sits on its axis, and do not move it.
 
     Angles are coarse: they say nothing of where the tracker stands that points do not say better.
@@ -195,7 +192,7 @@ def touched(
     return truth, simulate(truth, x, q, np.random.default_rng(0), setup=setup)
 
 
-def test_targets_left_out_are_those_of_refits(touching, make_model) -> None:
+def test_targets_left_out_are_those_of_refits(touching, make_model):
     """The arm from the other targets by a model that has no others, then the target's place."""
     free, data = touched(touching, make_model)
     found = targets_left_out(free, data, identify(free, data))
@@ -214,7 +211,7 @@ def test_targets_left_out_are_those_of_refits(touching, make_model) -> None:
         np.testing.assert_allclose(np.linalg.norm(found[own], axis=1), far, rtol=1e-5)
 
 
-def test_targets_left_out_are_the_criterion_where_there_are_enough(touching, make_model) -> None:
+def test_targets_left_out_are_the_criterion_where_there_are_enough(touching, make_model):
     truth, data = touched(touching, make_model)
     frames = make_model((), TouchUp(NOISE_M), targets=3)
     found = compare([Candidate("frames only", frames), Candidate("offsets", truth)], data)
@@ -227,7 +224,7 @@ def test_targets_left_out_are_the_criterion_where_there_are_enough(touching, mak
     assert np.isnan(targets_left_out(two, fewer, identify(two, fewer))).all()
 
 
-def test_leave_one_out_is_that_of_refits() -> None:
+def test_leave_one_out_is_that_of_refits():
     truth = model(offsets())
     data = points(truth, truth.nominal + 1e-3, seed=8)
     result = identify(truth, data)
@@ -241,7 +238,7 @@ def test_leave_one_out_is_that_of_refits() -> None:
         np.testing.assert_allclose(found, rows, atol=1e-3 * NOISE_M)
 
 
-def test_a_candidate_that_cannot_be_identified_is_kept_with_its_error() -> None:
+def test_a_candidate_that_cannot_be_identified_is_kept_with_its_error():
     truth = model(offsets())
     data = points(truth, truth.nominal, seed=1)
     blind = model(ZeroOffsets(ROBOT, JOINTS[:2]))  # the tracker may stand turned about joint 1
@@ -258,7 +255,7 @@ def test_a_candidate_that_cannot_be_identified_is_kept_with_its_error() -> None:
     assert first.recommended == "frames only"
 
 
-def test_where_every_candidate_is_refused_the_first_error_is_raised() -> None:
+def test_where_every_candidate_is_refused_the_first_error_is_raised():
     truth = model(offsets())
     data = points(truth, truth.nominal, seed=1)
     pan, last = (model(ZeroOffsets(ROBOT, [JOINTS[k]])) for k in (0, -1))
@@ -266,7 +263,7 @@ def test_where_every_candidate_is_refused_the_first_error_is_raised() -> None:
         compare([Candidate("pan", pan), Candidate("last", last)], data)
 
 
-def test_nothing_is_recommended_where_every_pose_is_needed(touching, make_model) -> None:
+def test_nothing_is_recommended_where_every_pose_is_needed(touching, make_model):
     frames = make_model((), TouchUp(NOISE_M))
     data = touch_ups(touching(3, seed=4))
     far = np.full(3, 2e-3)
@@ -277,7 +274,7 @@ def test_nothing_is_recommended_where_every_pose_is_needed(touching, make_model)
     assert found.nominal_m is far
 
 
-def test_repeats_of_a_posture_are_one_witness() -> None:
+def test_repeats_of_a_posture_are_one_witness():
     """Six readings of each posture, all with names of their own: as if they were named alike."""
     truth = model(JointHarmonics(ROBOT, JOINTS[1:5], [7.0]))
     rng = np.random.default_rng(0)
@@ -292,7 +289,7 @@ def test_repeats_of_a_posture_are_one_witness() -> None:
     assert one.reason == other.reason
 
 
-def test_the_choice_is_in_units_of_the_noise() -> None:
+def test_the_choice_is_in_units_of_the_noise():
     """Touch-ups of a millimetre do not drown a tracker of ten micrometres."""
     kinds = [Point(1e-5), TouchUp(1e-3)]
     set_up = [ToolPoint([0, 0, 0.15]), TargetFrame(np.eye(4), "tracker")]
@@ -319,7 +316,7 @@ def test_the_choice_is_in_units_of_the_noise() -> None:
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy", "student-t", "graduated"])
-def test_gross_errors_do_not_choose(loss: Loss) -> None:
+def test_gross_errors_do_not_choose(loss):
     """One in five is off by centimetres: what the loss weighs down is weighed down here, too."""
     truth = model(offsets(), scale())
     x = truth.nominal.copy()
@@ -341,7 +338,7 @@ def test_gross_errors_do_not_choose(loss: Loss) -> None:
     assert result.rms_m < result.leave_one_out_rms_m
 
 
-def test_chance_is_never_taken_for_a_gain_and_a_gain_mostly() -> None:
+def test_chance_is_never_taken_for_a_gain_and_a_gain_mostly():
     """Nothing to gain, and four offsets of three standard deviations each: 77 % of 150 draws."""
     truth, taken = model(offsets()), {0.0: 0, 3.0: 0}
     for gain in taken:
@@ -354,7 +351,7 @@ def test_chance_is_never_taken_for_a_gain_and_a_gain_mostly() -> None:
     assert taken[3.0] >= 10  # of 20, by chance once in four hundred
 
 
-def test_models_with_priors_are_as_large_as_what_measurements_tell() -> None:
+def test_models_with_priors_are_as_large_as_what_measurements_tell():
     """Six offsets that are known beforehand are less to tell than four that are not."""
     known = model(ZeroOffsets(ROBOT, JOINTS[1:5], 1e-7), scale())
     free = model(offsets())
@@ -368,7 +365,7 @@ def test_models_with_priors_are_as_large_as_what_measurements_tell() -> None:
     assert few.effective_parameters == pytest.approx(known.p - 4, abs=0.01)
 
 
-def test_with_targets_left_out_chance_is_that_of_the_targets(touching, make_model) -> None:
+def test_with_targets_left_out_chance_is_that_of_the_targets(touching, make_model):
     """What is said is the standard error from target to target where that reaches farther."""
     truth, data = touched(touching, make_model)
     frames = make_model((), TouchUp(NOISE_M), targets=3)

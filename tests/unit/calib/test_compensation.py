@@ -1,7 +1,5 @@
 """Commands that bring the real arm where the nominal one was meant to go."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

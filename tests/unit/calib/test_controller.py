@@ -1,7 +1,5 @@
 """What the pendant shows: joints both ways, world frames, and descriptions that do not fit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +13,7 @@ from calib.robots.controller import controller_of
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_pendant_and_posture_are_inverse(name: str) -> None:
+def test_pendant_and_posture_are_inverse(name):
     robot = Robot.preset(name)
     controller = robot.controller
     assert controller is not None
@@ -25,7 +23,7 @@ def test_pendant_and_posture_are_inverse(name: str) -> None:
     np.testing.assert_allclose(controller.in_base(controller.in_world(T)), T, atol=1e-14)
 
 
-def test_fanuc_j3_is_the_angle_to_the_horizontal() -> None:
+def test_fanuc_j3_is_the_angle_to_the_horizontal():
     """Moving J2 on the pendant leaves the forearm's direction as it is."""
     robot = Robot.preset("r2000ic165f")
     assert robot.controller is not None
@@ -38,7 +36,7 @@ def test_fanuc_j3_is_the_angle_to_the_horizontal() -> None:
     assert np.rad2deg(np.arcsin(-forearm[2])) == pytest.approx(-20.0, abs=1e-9)
 
 
-def test_fanuc_world_lies_on_j1_at_the_height_of_j2() -> None:
+def test_fanuc_world_lies_on_j1_at_the_height_of_j2():
     """Pendant J (0, 0, 0, 0, -90, 0): X 1592, Z 1085, W 180, from a real controller."""
     robot = Robot.preset("r2000ic165f")
     assert robot.controller is not None
@@ -49,7 +47,7 @@ def test_fanuc_world_lies_on_j1_at_the_height_of_j2() -> None:
     np.testing.assert_allclose(T[:3, :3], np.diag([1.0, -1.0, -1.0]), atol=1e-12)
 
 
-def test_the_world_is_computed_where_the_description_has_none() -> None:
+def test_the_world_is_computed_where_the_description_has_none():
     robot = Robot.preset("r2000ic165f")
     assert robot.controller is not None
     found = controller_of("fanuc", robot.chain, None)
@@ -64,7 +62,7 @@ def turned_joint(chain: SerialChain, joint: int) -> SerialChain:
 
 
 @pytest.mark.parametrize("joint", range(6))
-def test_signs_are_read_off_the_axes(joint: int) -> None:
+def test_signs_are_read_off_the_axes(joint):
     robot = Robot.preset("r2000ic165f")
     assert robot.controller is not None
     q = np.deg2rad([10.0, 20.0, -30.0, 40.0, -50.0, 60.0])
@@ -74,7 +72,7 @@ def test_signs_are_read_off_the_axes(joint: int) -> None:
     np.testing.assert_allclose(found.pendant(other), robot.controller.pendant(q), atol=1e-12)
 
 
-def test_kuka_signs() -> None:
+def test_kuka_signs():
     """A1, A4 and A6 count about axes that point down, and back along the arm."""
     robot = Robot.preset("kr6r900sixx")
     assert robot.controller is not None
@@ -83,7 +81,7 @@ def test_kuka_signs() -> None:
     assert np.rad2deg(np.arctan2(turned[1, 3], turned[0, 3])) == pytest.approx(-30.0, abs=1e-9)
 
 
-def test_universal_robots_count_positions_in_a_turned_base() -> None:
+def test_universal_robots_count_positions_in_a_turned_base():
     robot = Robot.preset("ur5e")
     assert robot.controller is not None
     T = se3.transform(np.eye(3), [-0.8172, -0.2329, 0.0628])
@@ -92,7 +90,7 @@ def test_universal_robots_count_positions_in_a_turned_base() -> None:
     )
 
 
-def test_unknown_maker_is_named() -> None:
+def test_unknown_maker_is_named():
     robot = Robot.preset("r2000ic165f")
     with pytest.raises(RobotModelError, match="no controller 'fanu'") as caught:
         robot.controlled_by("fanu")
@@ -100,7 +98,7 @@ def test_unknown_maker_is_named() -> None:
 
 
 @pytest.mark.parametrize("maker", sorted(set(POSITIVE_AXES) - {"fanuc", "yaskawa", "franka"}))
-def test_a_description_with_other_axes_is_refused(maker: str) -> None:
+def test_a_description_with_other_axes_is_refused(maker):
     """The wrist of a FANUC at zero lies along x: a maker whose zero differs is not guessed at."""
     chain = Robot.preset("r2000ic165f").chain
     if maker in ("abb", "kuka"):  # the same axes, but for signs: they are read off
@@ -110,7 +108,7 @@ def test_a_description_with_other_axes_is_refused(maker: str) -> None:
         controller_of(maker, chain, None)
 
 
-def test_wrong_number_of_joints() -> None:
+def test_wrong_number_of_joints():
     robot = Robot.preset("r2000ic165f")
     with pytest.raises(RobotModelError, match="an arm of franka has 7 joints, this one 6"):
         robot.controlled_by("franka")

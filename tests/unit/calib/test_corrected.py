@@ -1,7 +1,5 @@
 """The identified robot as a chain, and as a URDF."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from pathlib import Path

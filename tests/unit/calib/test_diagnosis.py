@@ -1,7 +1,5 @@
 """Tests of effects against dense algebra, and faults that have to be named."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -27,13 +25,13 @@ def arm() -> Arm:
 
 
 @pytest.fixture(scope="module")
-def model(arm: Arm) -> CalibrationModel:
+def model(arm) -> CalibrationModel:
     """What may be off in it."""
     return model_of_arm(arm.cell, table_of(arm, arm.measured(np.random.default_rng(6))))
 
 
 @pytest.fixture(scope="module")
-def found(arm: Arm, model: CalibrationModel) -> Tuned:
+def found(arm, model) -> Tuned:
     """Its measurements, fitted."""
     solution = tuned(model, arm.measured(np.random.default_rng(6)))
     assert solution is not None
@@ -41,7 +39,7 @@ def found(arm: Arm, model: CalibrationModel) -> Tuned:
 
 
 @pytest.fixture(scope="module")
-def held(found: Tuned) -> Held:
+def held(found) -> Held:
     """The same without the noise and the priors that were found."""
     return found.held
 
@@ -57,7 +55,7 @@ def dense(held: Held) -> tuple[FloatArray, FloatArray, FloatArray]:
     return away.T @ y, away.T @ V @ away, away
 
 
-def test_residuals_and_effects_are_those_of_the_whole_covariance(held: Held) -> None:
+def test_residuals_and_effects_are_those_of_the_whole_covariance(held):
     y, V, away = dense(held)
     inverse = away @ np.linalg.inv(V) @ away.T
     assert np.allclose(held.rows.ravel(), -inverse @ away @ y, atol=1e-6)
@@ -68,7 +66,7 @@ def test_residuals_and_effects_are_those_of_the_whole_covariance(held: Held) -> 
     assert np.allclose(held.blocks, blocks, atol=1e-7)
 
 
-def test_odds_are_the_ratio_of_dense_marginal_likelihoods(found: Tuned) -> None:
+def test_odds_are_the_ratio_of_dense_marginal_likelihoods(found):
     """With noise and priors as they were, the gradient being nought there by the fit."""
     held = found.held
     y, V, away = dense(held)
@@ -82,7 +80,7 @@ def test_odds_are_the_ratio_of_dense_marginal_likelihoods(found: Tuned) -> None:
     assert fixed - 1e-6 < best < fixed + 1.0  # found again, they can only be likelier
 
 
-def test_steps_at_all_places_are_those_one_by_one(held: Held) -> None:
+def test_steps_at_all_places_are_those_one_by_one(held):
     steps = {
         (*effect.finding.things, effect.columns.shape[-1]): effect
         for effect in changes(held)
@@ -99,7 +97,7 @@ def test_steps_at_all_places_are_those_one_by_one(held: Held) -> None:
         assert np.allclose(effect.columns, thing.columns * (np.arange(24) >= start)[:, None, None])
 
 
-def test_neighbours_that_are_alike() -> None:
+def test_neighbours_that_are_alike():
     rng = np.random.default_rng(3)
     rows = rng.standard_normal((4000, 3))
     assert alike(rows) < 0.05
@@ -131,7 +129,7 @@ def faults(arm: Arm) -> Iterator[tuple[str, tuple[int, ...], FloatArray, FloatAr
 
 
 @pytest.mark.parametrize("index", range(7))
-def test_faults_are_named(arm: Arm, model: CalibrationModel, index: int) -> None:
+def test_faults_are_named(arm, model, index):
     cause, rows, q, read = list(faults(arm))[index]
     data = replace(arm.measured(np.random.default_rng(6)), postures=q, observed=read)
     named = diagnose(model, data)

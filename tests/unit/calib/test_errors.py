@@ -1,7 +1,5 @@
 """Errors: what they say, what they carry, and that they survive the way back from a worker."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 

@@ -1,8 +1,5 @@
 """Priors from the measurements: the marginal likelihood, and the sizes that it finds."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -65,7 +62,7 @@ def problem_of(model: CalibrationModel, data: Measurements, groups=GROUPS, weigh
 
 
 @pytest.mark.parametrize("weighted", [False, True])
-def test_evidence_is_the_density_of_the_measurements(weighted: bool) -> None:
+def test_evidence_is_the_density_of_the_measurements(weighted):
     """With a prior on every parameter: that of a Gaussian vector, by another package."""
     kinds: list[Measurement] = [Point([1e-4, 2e-4, 3e-4]), Pose(None)]
     model = model_of(kinds, ZeroOffsets(ROBOT, ROBOT.joint_names[:2], 2e-3), free=False)
@@ -90,7 +87,7 @@ def test_evidence_is_the_density_of_the_measurements(weighted: bool) -> None:
     assert found == pytest.approx(expected, abs=1e-6)
 
 
-def test_what_is_free_is_integrated_out() -> None:
+def test_what_is_free_is_integrated_out():
     """A flat prior is the limit of a wide one, but for the density that the wide one has."""
     model, data = model_of(Point(None)), draw(1)
     theta = np.append(np.log(TRUE_SIZES), 0.1)
@@ -102,7 +99,7 @@ def test_what_is_free_is_integrated_out() -> None:
     assert flat == pytest.approx(held + added, abs=1e-3)
 
 
-def test_a_known_distance_is_a_measurement() -> None:
+def test_a_known_distance_is_a_measurement():
     places = [[0.4, 0.2, 0.3], [0.4, -0.2, 0.3]]
     blocks: list[ParameterBlock] = [
         ZeroOffsets(ROBOT, ROBOT.joint_names[1:4], 1e-3),
@@ -127,7 +124,7 @@ def test_a_known_distance_is_a_measurement() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_gradient_against_central_differences(seed: int) -> None:
+def test_gradient_against_central_differences(seed):
     rng = np.random.default_rng(seed)
     apart = [1e-4, 1e-4, 3e-4, 1e-4, 1e-4, 1e-4]  # an axis that starts otherwise has its own
     kind = Pose(apart).of_unknown_noise() if seed else Pose(None)
@@ -145,7 +142,7 @@ def test_gradient_against_central_differences(seed: int) -> None:
         assert gradient[k] == pytest.approx(expected, rel=1e-5, abs=1e-4)
 
 
-def test_sensitivity_against_central_differences() -> None:
+def test_sensitivity_against_central_differences():
     model, data = model_of(Pose(None)), draw(2, 20, Pose(NOISE_M))
     problem = problem_of(model, data)
     theta = np.append(np.log(TRUE_SIZES), [0.1, -0.2])
@@ -167,7 +164,7 @@ def curvature(problem, theta: np.ndarray) -> np.ndarray:
     return (np.array(rows) + np.array(rows).T) / 2
 
 
-def test_sizes_of_simulated_errors_are_found_within_what_chance_allows() -> None:
+def test_sizes_of_simulated_errors_are_found_within_what_chance_allows():
     """Ten arms: squared errors of the logarithms, by their own information, are chi²."""
     model, total, freedom = model_of(Point(None)), 0.0, 0
     worst = []
@@ -188,7 +185,7 @@ def test_sizes_of_simulated_errors_are_found_within_what_chance_allows() -> None
     assert max(worst) < 0.8
 
 
-def test_the_maximum_is_one() -> None:
+def test_the_maximum_is_one():
     """No small change of a size or of the noise makes the measurements likelier."""
     model, data = model_of(Point(None)), draw(3)
     found = tune_priors(model, data, GROUPS)
@@ -207,7 +204,7 @@ def test_the_maximum_is_one() -> None:
 
 
 @pytest.mark.parametrize("loss", ["least-squares", "student-t"])
-def test_the_identification_that_follows_finds_the_same(loss: str) -> None:
+def test_the_identification_that_follows_finds_the_same(loss):
     data = draw(4, 50)
     found = tune_priors(model_of(Point(None)), data, GROUPS, loss=loss)
     result = identify(found.model, data, loss=loss)
@@ -220,7 +217,7 @@ def test_the_identification_that_follows_finds_the_same(loss: str) -> None:
     assert np.isinf(result.prior[found.model.nuisance]).all()
 
 
-def test_student_weights_are_those_of_the_robust_fit() -> None:
+def test_student_weights_are_those_of_the_robust_fit():
     data = draw(5)
     observed = data.observed.copy()
     observed[[3, 17]] += 3e-3  # two gross errors, 40 times the noise
@@ -243,7 +240,7 @@ def test_student_weights_are_those_of_the_robust_fit() -> None:
 
 
 @pytest.mark.parametrize("factor", [0.1, 30.0])
-def test_where_the_noise_starts_does_not_matter(factor: float) -> None:
+def test_where_the_noise_starts_does_not_matter(factor):
     data, model = draw(6), model_of(Point(None))
     one = tune_priors(model, data, GROUPS)
     other = tune_priors(
@@ -256,13 +253,13 @@ def test_where_the_noise_starts_does_not_matter(factor: float) -> None:
     assert other.log_evidence == pytest.approx(one.log_evidence, abs=1e-3)
 
 
-def test_noise_that_is_given_stays() -> None:
+def test_noise_that_is_given_stays():
     found = tune_priors(model_of(Point(NOISE_M)), draw(7), GROUPS)
     np.testing.assert_array_equal(found.model.measurement.sigma, NOISE_M)
     assert not found.model.measurement.estimated
 
 
-def test_priors_outside_the_groups_stay() -> None:
+def test_priors_outside_the_groups_stay():
     offsets = ZeroOffsets(ROBOT, ROBOT.joint_names[:1], 1e-5)
     angles = tuple(n for n in ANGLES if not n.startswith(f"link.{ROBOT.joint_names[0]}"))
     groups = (GROUPS[0], PriorGroup("angles", angles, 1e-5, 1e-2))
@@ -274,7 +271,7 @@ def test_priors_outside_the_groups_stay() -> None:
     assert found.model.prior[model.names.index(offsets.names[0])] == 1e-5
 
 
-def test_a_size_that_is_not_there_stands_at_its_bound() -> None:
+def test_a_size_that_is_not_there_stands_at_its_bound():
     """Bounds hold, and what stands at one is said."""
     data = draw(9)
     model = model_of(Point(None), ZeroOffsets(ROBOT, ROBOT.joint_names[:1], 1e-4))
@@ -301,7 +298,7 @@ def test_a_size_that_is_not_there_stands_at_its_bound() -> None:
         (lambda: PriorGroup("g", ("a",), np.nan, 1.0), "not two numbers above zero in order"),
     ],
 )
-def test_groups_that_are_none(make: Callable[[], PriorGroup], message: str) -> None:
+def test_groups_that_are_none(make, message):
     with pytest.raises(InputError, match=message):
         make()
 
@@ -320,19 +317,19 @@ def test_groups_that_are_none(make: Callable[[], PriorGroup], message: str) -> N
         ({"data": draw(0, 4)[:2]}, "2 measurements give 6 equations"),
     ],
 )
-def test_refusals(arguments: dict[str, object], message: str) -> None:
+def test_refusals(arguments, message):
     given = {"data": draw(0), "groups": GROUPS} | arguments
     with pytest.raises(InputError, match=message):
         tune_priors(model_of(Point(None)), **given)
 
 
-def test_what_no_prior_holds_must_be_seen() -> None:
+def test_what_no_prior_holds_must_be_seen():
     """Angles in no group, about axes that no measurement tells apart."""
     with pytest.raises(NotIdentifiableError):
         tune_priors(model_of(Point(None)), draw(0), GROUPS[:1])
 
 
-def test_uncertain_sizes_widen_what_rests_on_them() -> None:
+def test_uncertain_sizes_widen_what_rests_on_them():
     """The law of total variance, against draws of sizes and noise from their likelihood."""
     usual = [replace(group, usual=8e-4) for group in GROUPS]
     model, data = model_of(Point(None)), draw(6, 12)

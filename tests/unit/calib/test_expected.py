@@ -1,7 +1,5 @@
 """The error expected of an arm, the reference that it is expected by, and the noise it finds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -109,7 +107,7 @@ def aligned_rms(a: FloatArray, b: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.sum((turn.apply(a) - b) ** 2, axis=1))))
 
 
-def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm: Robot) -> None:
+def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm):
     truth, _, data = measured(arm, 3)
     fitted = fit(Candidate("all", truth, (), groups_of(truth)), data)
     rng = np.random.default_rng(0)
@@ -131,7 +129,7 @@ def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm: 
         assert found.high_m == pytest.approx(high, rel=0.15)
 
 
-def test_where_the_base_stands_does_not_count(arm: Robot) -> None:
+def test_where_the_base_stands_does_not_count(arm):
     truth, x, data = measured(arm, 4)
     at = Workplace(data.postures, Setup.of(data.count), "there")
     arms = DrawnArms(truth, x, np.zeros((truth.p, truth.p)), at)
@@ -143,7 +141,7 @@ def test_where_the_base_stands_does_not_count(arm: Robot) -> None:
     assert arms.error_of(truth, elbow).rms_m > 1e-7
 
 
-def test_expected_errors_are_those_that_come(arm: Robot) -> None:
+def test_expected_errors_are_those_that_come(arm):
     """Mean square of the true error over the expected one, over arms: 1 within its statistics."""
     ratios = []
     for seed in range(12):
@@ -162,7 +160,7 @@ def test_expected_errors_are_those_that_come(arm: Robot) -> None:
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.72)
 
 
-def test_noise_that_does_not_explain_the_residuals_is_found(arm: Robot) -> None:
+def test_noise_that_does_not_explain_the_residuals_is_found(arm):
     truth, _, data = measured(arm, 5, sigma=12 * NOISE_M)
     given = replace_noise(truth, NOISE_M)
     at = Workplace(data.postures, Setup.of(data.count), "there")
@@ -176,7 +174,7 @@ def test_noise_that_does_not_explain_the_residuals_is_found(arm: Robot) -> None:
     assert found.fitted.result.explains_data
 
 
-def test_noise_that_explains_the_residuals_is_left_as_given(arm: Robot) -> None:
+def test_noise_that_explains_the_residuals_is_left_as_given(arm):
     truth, _, data = measured(arm, 6)
     at = Workplace(data.postures, Setup.of(data.count), "there")
     found = fit_reference(Candidate("all", truth, (), groups_of(truth)), data, at)
@@ -189,7 +187,7 @@ def replace_noise(model: CalibrationModel, sigma: float) -> CalibrationModel:
     return model.with_measurements([TouchUp(sigma)])
 
 
-def test_touches_by_hand_with_heavy_tails_are_weighed_by_students_loss(arm: Robot) -> None:
+def test_touches_by_hand_with_heavy_tails_are_weighed_by_students_loss(arm):
     truth, x, data = measured(arm, 7)
     rng = np.random.default_rng(7)
     # a few slips of a tenth of a degree: postures are what touch-ups report
@@ -211,7 +209,7 @@ def test_touches_by_hand_with_heavy_tails_are_weighed_by_students_loss(arm: Robo
     assert off(found.fitted.result.values) < off(asked.fitted.result.values)
 
 
-def test_a_compliance_held_by_a_prior_is_not_negative(arm: Robot) -> None:
+def test_a_compliance_held_by_a_prior_is_not_negative(arm):
     joints = list(arm.joint_names)[1:4]
     truth = CalibrationModel(
         arm,
@@ -235,7 +233,7 @@ def test_a_compliance_held_by_a_prior_is_not_negative(arm: Robot) -> None:
 
 
 @pytest.mark.parametrize("heavy", [False, True])
-def test_the_gain_of_students_noise_is_that_of_the_densities(heavy: bool) -> None:
+def test_the_gain_of_students_noise_is_that_of_the_densities(heavy):
     rng = np.random.default_rng(1)
     rows = 3
     white = rng.standard_normal((400, rows))

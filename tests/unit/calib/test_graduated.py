@@ -1,7 +1,5 @@
 """The search for what contradicts the others: with priors, of many, and at what price."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

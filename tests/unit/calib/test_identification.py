@@ -1,7 +1,5 @@
 """Identification: exact without noise, both methods alike, and silent about nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

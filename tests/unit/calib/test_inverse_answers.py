@@ -1,7 +1,5 @@
 """What an answer of inverse kinematics says: every turn, singular, limits, why there is none."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

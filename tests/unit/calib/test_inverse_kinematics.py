@@ -1,7 +1,5 @@
 """Inverse kinematics: every branch, the right full turn, the limits, how far is too far."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

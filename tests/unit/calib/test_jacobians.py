@@ -1,7 +1,5 @@
 """Every kind of parameter seen by every kind of measurement, against central differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,16 +1,20 @@
 """Leave-one-out in closed form, against the fits that it spares."""
 
-from __future__ import annotations
-
 import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from calib import CalibrationModel, identify
+from calib.identification.comparison import Candidate, compare
+from calib.identification.least_squares import minimise
+from calib.identification.left_out import free_points, targets_left_out
 from calib.model import KnownDistance
 from calib.model.measurements import Distance, Measurements, Point, Pose, Setup, TouchUp
+from calib.model.measurements.repeats import SAME_POSTURE_RAD, repeated_together, same_posture
 from calib.model.measurements.simulate import simulate
 from calib.model.parameters import TargetFrame, TargetPoints, ToolFrame, ToolPoints, ZeroOffsets
 from calib.se3 import rotation_exp, transform
@@ -171,3 +175,92 @@ def test_memory_grows_with_the_rows_not_with_their_square(reference_robot):
         tracemalloc.stop()
     assert peaks[1] < 6.0 * peaks[0]  # of four times the rows; sixteen times with their square
     assert peaks[1] < 60e6
+
+
+def test_of_one_name_or_at_one_posture():
+    q = np.array([[0.0, 1.0], [1.0, 1.0], [0.001, 1.001], [0.002, 1.0], [0.0, 1.0], [2.0, 2.0]])
+    data = Measurements(q, Setup.of(6), names=("A", "B", "C", "D", "E", "B"))
+    # A, C and E are at one posture; D is too far in one joint; B has one name
+    np.testing.assert_array_equal(data.groups == data.groups[:, None], expected())
+    np.testing.assert_array_equal(data[np.array([5, 1, 3])].groups, [0, 0, 1])
+
+
+def expected() -> np.ndarray:
+    index = np.array([0, 1, 0, 2, 0, 1])
+    return index == index[:, None]
+
+
+def test_a_slow_path_is_not_one_posture():
+    q = np.linspace(0.0, 1.0, 5000)[:, None] * np.ones(6)
+    index = same_posture(q)
+    assert np.abs(q - q[np.unique(index, return_index=True)[1]][0]).max() == 1.0
+    assert len(np.unique(index)) > 250
+    for each in np.unique(index):
+        assert np.ptp(q[index == each], axis=0).max() <= 2 * SAME_POSTURE_RAD
+
+
+def test_many_at_one_posture():
+    """Pairs are not counted one by one: there are fifty million of them."""
+    q = np.zeros((10_000, 6))
+    assert not repeated_together(np.arange(10_000), q).any()
+
+
+@given(st.integers(0, 10_000), st.integers(1, 30))
+def test_the_order_of_measurements_does_not_matter(seed, count):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(0, 4 * SAME_POSTURE_RAD, (count, 2))
+    pose = rng.integers(0, count, count)
+    order = rng.permutation(count)
+    groups = repeated_together(pose, q)
+    again = repeated_together(pose[order], q[order])
+    np.testing.assert_array_equal(again == again[:, None], groups[order] == groups[order][:, None])
+
+
+NOISE_M = 1e-4
+
+
+def test_places_are_fitted_to_other_poses_by_the_noise(touching, make_model):
+    """Axes of unlike noise, weights, a pose touched twice: as refits of the place without it."""
+    kind = TouchUp([1e-4, 2e-4, 5e-4])
+    truth = make_model((2, 3, 4, 5), kind, targets=3)
+    shifts = [np.array([0.0, 0.3, 0.4]) * k for k in range(3)]
+    q = np.vstack([touching(7, seed=k, shift=shift) for k, shift in enumerate(shifts)])
+    setup = Setup.of(21, target=np.repeat(np.arange(3), 7))
+    data = simulate(truth, truth.nominal, q, np.random.default_rng(0), setup=setup)
+    data = replace(data, names=tuple(f"P{max(i, 1)}" for i in range(21)))
+    fitted = identify(truth, data)
+    result = replace(fitted, weights=np.random.default_rng(1).uniform(0.1, 1.0, 21))
+    found = targets_left_out(truth, data, result)
+    place = free_points(truth, data)[0]
+    assert place.sum() == 3
+    start = fitted.values[None]
+    others = minimise(
+        truth, data.trials(None), start, weights=(result.weights * (data.target != 0))[None]
+    ).x
+    for pose in (0, 3):
+        own = np.flatnonzero(data.pose == pose)
+        rest = result.weights * (data.target == 0) * (data.pose != pose)
+        x = minimise(truth, data.trials(None), others, weights=rest[None], free=place).x[0]
+        rows = truth.linearise(data.postures[own], x, data.setup[own]).rows
+        np.testing.assert_allclose(found[own], rows, rtol=1e-4, atol=1e-9)
+
+
+def test_a_target_touched_once_says_nothing(touching, make_model, target_m):
+    """Fourteen touches at one target and one at each of five: once all errors came out as zero."""
+    each = (14, 1, 1, 1, 1, 1)
+    shifts = np.array([0.0, 0.06, 0.08]) * np.arange(6)[:, None]
+    places = TargetPoints(target_m + shifts, tuple("ABCDEF"))
+    frames, truth = (
+        CalibrationModel(m.robot, [*m.parameters[:-1], places], TouchUp(NOISE_M))
+        for m in (make_model((), TouchUp(NOISE_M)), make_model((2, 3, 4, 5), TouchUp(NOISE_M)))
+    )
+    x = truth.nominal.copy()
+    x[:4] = [10e-3, -10e-3, 8e-3, 15e-3]
+    q = np.vstack([touching(n, seed=k, shift=shifts[k]) for k, n in enumerate(each)])
+    setup = Setup.of(19, target=np.repeat(np.arange(6), each))
+    data = simulate(truth, x, q, np.random.default_rng(0), setup=setup)
+    found = compare([Candidate("frames only", frames), Candidate("offsets", truth)], data)
+    assert np.isnan(found.trials[0].target_out_m[14:]).all()
+    assert found.criterion == "leave-one-out"
+    assert found.recommended == "offsets"
+    assert "of 19 measurements can be predicted with their target left out" in found.reason

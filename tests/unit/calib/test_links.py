@@ -1,7 +1,5 @@
 """Link geometry: what a displaced frame does, against a chain whose placements were changed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

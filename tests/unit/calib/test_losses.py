@@ -1,7 +1,5 @@
 """What robust losses cost in certainty, and noise that weights do not make smaller."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

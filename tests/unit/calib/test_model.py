@@ -1,7 +1,5 @@
 """The calibration model: predictions, whitening, names, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

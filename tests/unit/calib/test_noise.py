@@ -1,7 +1,5 @@
 """Noise that nobody has given: what the residuals say of it, kind by kind."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

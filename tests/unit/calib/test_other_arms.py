@@ -1,7 +1,5 @@
 """Six-axis arms other than the spherical wrist on exact right angles: parallel axes, rounding."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The robots that come with the library, against what is published of them."""
 
-from __future__ import annotations
-
 import itertools
 import re
 
@@ -427,12 +425,12 @@ def test_unknown_preset_lists_the_near_ones():
         ("TX2-60", "tx2_60"),
     ],
 )
-def test_names_as_people_type_them(typed: str, meant: str) -> None:
+def test_names_as_people_type_them(typed, meant):
     assert Robot.preset(typed).name == meant
 
 
 @pytest.mark.parametrize("name", ["", "-", "kuka", "r2000", "r2000ic165"])
-def test_half_a_name_is_not_guessed_at(name: str) -> None:
+def test_half_a_name_is_not_guessed_at(name):
     """An R-2000iC/165 is not an R-2000iC/165F."""
     with pytest.raises(RobotModelError, match="there is no preset"):
         Robot.preset(name)

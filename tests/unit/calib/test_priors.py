@@ -1,7 +1,5 @@
 """What is known besides the measurements: priors, and distances between targets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

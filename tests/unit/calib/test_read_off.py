@@ -1,7 +1,5 @@
 """What instruments show: predictions against plain matrices, rotations on the manifold."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

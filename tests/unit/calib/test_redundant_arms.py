@@ -1,7 +1,5 @@
 """Arms of seven joints: every branch along the sweep, and the nearest of the self-motion."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Measurements that contradict the others: found by name, or kept from doing harm."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

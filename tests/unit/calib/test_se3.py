@@ -1,13 +1,21 @@
 """Rotations and transforms: conversions there and back, an independent oracle, refusals."""
 
-from __future__ import annotations
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from calib import se3
 from calib.errors import InputError
+from calib.model.parameters import TargetFrame, ToolFrame
+from calib.robot_world import solve, solve_batch
+from calib.robots import Robot
+from calib.se3 import FloatArray
+from posedesign.planning.tables import Pairs, write_pairs
 
 
 def rotations(count: int, seed: int = 0) -> np.ndarray:
@@ -237,3 +245,95 @@ def test_jacobians_take_batches():
         many = jacobian(v)
         assert many.shape == (4, 5, 3, 3)
         np.testing.assert_array_equal(many[2, 3], jacobian(v[2, 3]))
+
+
+angle = st.floats(-np.pi, np.pi)
+component = st.floats(-1, 1, allow_subnormal=False)
+quaternions = st.tuples(component, component, component, component).filter(
+    lambda q: np.linalg.norm(q) > 1e-3
+)
+few = settings(max_examples=60, deadline=None)
+
+
+@few
+@given(angle, st.floats(-np.pi / 2, np.pi / 2), angle)
+def test_every_w_p_r_gives_its_matrix_back(w, p, r):
+    R = se3.rotation_from_wpr([w, p, r])
+    back = se3.wpr_from_rotation(R)
+    assert abs(back[1]) <= np.pi / 2
+    assert -np.pi < back[0] <= np.pi
+    assert -np.pi < back[2] <= np.pi
+    np.testing.assert_allclose(se3.rotation_from_wpr(back), R, atol=3e-9)
+
+
+@few
+@given(quaternions)
+def test_all_ways_of_writing_a_rotation_agree(q):
+    R = se3.rotation_from_quaternion(q)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
+    back = se3.quaternion_from_rotation(R)
+    unit = np.array(q) / np.linalg.norm(q)
+    assert abs(back @ unit) > 1 - 1e-12
+    np.testing.assert_allclose(se3.rotation_exp(se3.rotation_log(R)), R, atol=1e-13)
+    wpr = se3.wpr_from_rotation(R)
+    np.testing.assert_allclose(se3.rotation_from_wpr(wpr), R, atol=3e-9)
+
+
+@few
+@given(quaternions, quaternions)
+def test_the_angle_is_the_same_seen_from_any_frame(q, other):
+    R, Q = se3.rotation_from_quaternion(q), se3.rotation_from_quaternion(other)
+    expected = se3.rotation_angle(R)
+    np.testing.assert_allclose(se3.rotation_angle(Q @ R @ Q.T), expected, atol=1e-7)
+    np.testing.assert_allclose(se3.rotation_angle(R.T), expected, atol=1e-7)
+
+
+@few
+@given(quaternions, st.floats(1e-3, 1e3))
+def test_projection_takes_out_a_scale(q, scale):
+    R = se3.rotation_from_quaternion(q)
+    np.testing.assert_allclose(se3.project_to_rotation(scale * R), R, atol=1e-13)
+
+
+Take = Callable[[FloatArray, Path], object]
+
+
+def _pairs(T: FloatArray) -> FloatArray:
+    return np.stack([np.eye(4), np.eye(4), T])
+
+
+ENTRANCES: dict[str, Take] = {
+    "ToolFrame": lambda T, _: ToolFrame(T),
+    "TargetFrame": lambda T, _: TargetFrame(T),
+    "solve, A": lambda T, _: solve(_pairs(T), _pairs(np.eye(4))),
+    "solve, B": lambda T, _: solve(_pairs(np.eye(4)), _pairs(T)),
+    "solve_batch": lambda T, _: solve_batch(_pairs(T)[None], _pairs(np.eye(4))[None]),
+    "inverse kinematics": lambda T, _: Robot.preset("r2000ic165f").inverse(T[None]),
+    "pairs.csv": lambda T, folder: write_pairs(
+        folder / "pairs.csv", Pairs(("a", "b", "c"), _pairs(np.eye(4)), _pairs(T))
+    ),
+}
+
+
+def moved(row: int, column: int, by: float) -> FloatArray:
+    """The unit transform with one number changed."""
+    T = np.eye(4)
+    T[row, column] += by
+    return T
+
+
+WRONG = {
+    "left-handed": (np.diag([1.0, 1.0, -1.0, 1.0]), "left-handed"),
+    "scaled": (np.diag([1.01, 1.01, 1.01, 1.0]), "not orthonormal"),
+    "transposed": (moved(3, 0, 0.2), "last row"),
+    "not a number": (moved(0, 3, np.nan), "not a finite number"),
+}
+
+
+@pytest.mark.parametrize("entrance", ENTRANCES)
+@pytest.mark.parametrize("kind", WRONG)
+def test_every_entrance_refuses_what_is_no_rigid_transform(tmp_path, entrance, kind):
+    T, message = WRONG[kind]
+    with pytest.raises(InputError, match=message):
+        ENTRANCES[entrance](T, tmp_path)
+    assert list(tmp_path.iterdir()) == []

@@ -1,7 +1,5 @@
 """First guesses: a set-up that is nowhere near its nominal place is found exactly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

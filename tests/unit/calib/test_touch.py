@@ -1,7 +1,5 @@
 """The simulated touch-up: the tool point on the target, the orientation held."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

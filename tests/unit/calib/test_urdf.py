@@ -1,7 +1,5 @@
 """URDF files of every kind: what is read otherwise is said, what is broken is named."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -41,7 +39,7 @@ J1, J2 = joint("j1", "a", "b"), joint("j2", "b", "c")
 
 
 @pytest.fixture
-def read(tmp_path: Path, capfd):
+def read(tmp_path, capfd):
     """Read the inside of a <robot>, or a whole file, and see that nothing is printed."""
 
     def call(text: str | bytes, **frames: str) -> Robot:

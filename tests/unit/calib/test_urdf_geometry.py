@@ -1,7 +1,5 @@
 """Collision geometry of URDFs: what is solid, where it is, and which files may be read for it."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path
@@ -45,7 +43,7 @@ def arm(a: str = "", b: str = "", tool: str = "", side: str = "") -> str:
 
 
 @pytest.fixture
-def package(tmp_path: Path) -> Path:
+def package(tmp_path) -> Path:
     """The folder of a ROS package, with an empty one and a plain folder beside it."""
     for name in ("arm_description", "grippers"):
         (tmp_path / "ws" / name / "meshes").mkdir(parents=True)
@@ -58,7 +56,7 @@ def package(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def read(package: Path, capfd):
+def read(package, capfd):
     def call(text: str, **frames: str) -> Robot:
         path = package / "urdf" / "arm.urdf"
         path.write_text(text)
@@ -297,7 +295,7 @@ def test_packages_without_a_package_file(tmp_path, meshes_read, file, name, foun
 
 
 @pytest.fixture
-def elsewhere(tmp_path: Path) -> Path:
+def elsewhere(tmp_path) -> Path:
     """A description in one repository, its package of meshes in another under another name."""
     for folder, name in (
         ("src/one/arm_description-humble", "arm_description"),

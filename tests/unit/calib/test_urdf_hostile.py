@@ -1,7 +1,5 @@
 """Damaged URDFs: an arm or an error that a person can use, and never a word from elsewhere."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from pathlib import Path

@@ -1,9 +1,5 @@
 """Joints beside the arm, joints held still by name, and what cannot be moved."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -28,7 +24,7 @@ ARM = links("a", "b", "c") + joint("j1", "a", "b") + joint("j2", "b", "c")
 
 
 @pytest.fixture
-def read(tmp_path: Path, capfd):
+def read(tmp_path, capfd):
     """Read the inside of a <robot>, and see that nothing is printed."""
 
     def call(text: str, tip: str | None = "c", **named: object) -> Robot:

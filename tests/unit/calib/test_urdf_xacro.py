@@ -1,7 +1,5 @@
 """Files with xacro macros: expanded within their packages, refused where they leave them."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path
@@ -44,7 +42,7 @@ def robot(inside: str) -> str:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path) -> Path:
     """A folder of descriptions with a package beside it, and a file out of their reach."""
     place = tmp_path / "ws" / "arm" / "urdf"
     place.mkdir(parents=True)
@@ -58,7 +56,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def read(folder: Path, capfd):
+def read(folder, capfd):
     def call(inside: str, name: str = "arm.xacro") -> Robot:
         path = folder / name
         path.write_text(robot(inside))

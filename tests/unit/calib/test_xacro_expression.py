@@ -1,7 +1,5 @@
 """Expressions of xacro files: worked out as Python would, without what Python could do."""
 
-from __future__ import annotations
-
 import math
 import operator
 

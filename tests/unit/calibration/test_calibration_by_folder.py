@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -62,7 +62,7 @@ class ServedCell:
 
 
 @pytest.fixture
-def small_cell(make_demo_cell: Callable[..., Cell]) -> Iterator[Cell]:
+def small_cell(make_demo_cell) -> Iterator[Cell]:
     return make_demo_cell(
         camera={"image_px": [480, 384], "focal_px": 675.0},
         parameters={"models": [["zero_offsets"], ["zero_offsets", "compliance"]]},
@@ -72,7 +72,7 @@ def small_cell(make_demo_cell: Callable[..., Cell]) -> Iterator[Cell]:
 
 
 @pytest.mark.slow
-def test_programs_out_and_pictures_in(small_cell: Cell, tmp_path: Path) -> None:
+def test_programs_out_and_pictures_in(small_cell, tmp_path):
     cell = small_cell
     folder, out = tmp_path / "share", tmp_path / "run"
     folder.mkdir()

@@ -1,7 +1,5 @@
 """Cells written as text: read back they are the same, whatever stands in them."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 
@@ -20,7 +18,7 @@ WHERE = Path("cell.toml")
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_templates_come_back(name: str) -> None:
+def test_templates_come_back(name):
     config = Cell.from_text(cell_template(name)).config
     text = cell_text(config, Path("/cells"), "two\nlines")
     assert text.startswith("# two\n# lines\n")
@@ -33,7 +31,7 @@ def test_templates_come_back(name: str) -> None:
     ),
     numbers=st.tuples(*[st.floats(-1e6, 1e6)] * 3),
 )
-def test_names_and_numbers_come_back(name: str, numbers: tuple[float, float, float]) -> None:
+def test_names_and_numbers_come_back(name, numbers):
     config = CellConfig.model_validate(
         {
             "robot": {"preset": "irb120"},
@@ -45,7 +43,7 @@ def test_names_and_numbers_come_back(name: str, numbers: tuple[float, float, flo
     assert parse_text(cell_text(config, Path()), WHERE) == config
 
 
-def test_paths_are_in_full(tmp_path: Path) -> None:
+def test_paths_are_in_full(tmp_path):
     """The text may be put anywhere; what is in the folder of the cell is found from there."""
     raw = tomllib.loads(cell_template("irb120"))
     raw["robot"] = {"urdf": "arms/a.urdf"}

@@ -1,7 +1,5 @@
 """A robot behind a folder: a thread plays the cell, reads the programs, and answers."""
 
-from __future__ import annotations
-
 import csv
 import itertools
 import os
@@ -142,9 +140,7 @@ def tree(folder: Path) -> list[str]:
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
 
 
-def test_moves_and_pictures_go_with_each_other(
-    reference_cell: Cell, tmp_path: Path, serve: Callable[..., ServedCell]
-) -> None:
+def test_moves_and_pictures_go_with_each_other(reference_cell, tmp_path, serve):
     robot = robot_in(reference_cell, tmp_path)
     served = serve(reference_cell, tmp_path)
     rng = np.random.default_rng(3)
@@ -164,9 +160,7 @@ def test_moves_and_pictures_go_with_each_other(
     assert "0007_2.request" not in tree(tmp_path / "out")
 
 
-def test_joints_can_be_asked_for_before_the_picture(
-    reference_cell: Cell, tmp_path: Path, serve: Callable[..., ServedCell]
-) -> None:
+def test_joints_can_be_asked_for_before_the_picture(reference_cell, tmp_path, serve):
     def answer(folder: Path, label: str, posture: FloatArray) -> None:
         time.sleep(0.03)
         save_table(folder / "in" / f"{label}.csv", np.rad2deg(posture) + 0.02)
@@ -179,9 +173,7 @@ def test_joints_can_be_asked_for_before_the_picture(
 
 
 @pytest.mark.parametrize("kind", ["pendant table", "program", "program in small letters"])
-def test_a_pendant_shows_joint_3_to_the_horizontal(
-    kind: str, reference_cell: Cell, tmp_path: Path, serve: Callable[..., ServedCell]
-) -> None:
+def test_a_pendant_shows_joint_3_to_the_horizontal(kind, reference_cell, tmp_path, serve):
     shift = np.array([0.03, -0.05, 0.04, 0.01, -0.02, 0.05])
 
     def answer(folder: Path, label: str, posture: FloatArray) -> None:
@@ -208,9 +200,7 @@ def test_a_pendant_shows_joint_3_to_the_horizontal(
     assert np.rad2deg(robot.joints() - posture) == pytest.approx(shift, abs=2.5e-3)
 
 
-def test_a_pendants_joint_3_in_the_column_of_the_urdf_is_refused(
-    reference_cell: Cell, tmp_path: Path
-) -> None:
+def test_a_pendants_joint_3_in_the_column_of_the_urdf_is_refused(reference_cell, tmp_path):
     robot = robot_in(reference_cell, tmp_path)
     robot.move(reference_cell.base_posture)
     shown = np.rad2deg(reference_cell.base_posture)
@@ -224,7 +214,7 @@ def test_a_pendants_joint_3_in_the_column_of_the_urdf_is_refused(
 
 
 @pytest.mark.parametrize("name", DIALECTS)
-def test_every_controller(name: str, tmp_path: Path) -> None:
+def test_every_controller(name, tmp_path):
     dialect = DIALECTS[name]
     cell = cell_with(ARMS[dialect.maker])
     robot = robot_in(cell, tmp_path, dialect=name)
@@ -252,7 +242,7 @@ def test_every_controller(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["kuka-krl", "fanuc-ls", "staubli-val3"])
-def test_the_table_comes_last(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table_comes_last(name, tmp_path, monkeypatch):
     cell = cell_with(ARMS[DIALECTS[name].maker])
     there: list[list[str]] = []
     rename = os.replace
@@ -268,7 +258,7 @@ def test_the_table_comes_last(name: str, tmp_path: Path, monkeypatch: pytest.Mon
     assert [names for names in there if "0001.csv" in names] == there[-1:]
 
 
-def test_what_the_arm_cannot_do_is_not_written(reference_cell: Cell, tmp_path: Path) -> None:
+def test_what_the_arm_cannot_do_is_not_written(reference_cell, tmp_path):
     robot = robot_in(reference_cell, tmp_path)
     beyond, nan = reference_cell.base_posture.copy(), reference_cell.base_posture.copy()
     beyond[4] = reference_cell.robot.upper[4] + 0.01
@@ -288,9 +278,7 @@ def test_what_the_arm_cannot_do_is_not_written(reference_cell: Cell, tmp_path: P
     assert tree(tmp_path) == ["in", "out"]
 
 
-def test_what_the_controller_would_refuse_is_not_given_out(
-    make_cell: Callable[..., Cell], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_controller_would_refuse_is_not_given_out(make_cell, tmp_path, monkeypatch):
     cell = make_cell(program={"tool_frame": 99})  # FANUC has ten
     with pytest.raises(InputError, match="tool_frame"):
         robot_in(cell, tmp_path).move(cell.base_posture)
@@ -309,9 +297,7 @@ def test_what_the_controller_would_refuse_is_not_given_out(
 
 
 @pytest.mark.parametrize("stale", ["0007.png", "0007.CSV", "0007_2.png", "move0007.ls"])
-def test_results_of_an_earlier_run_are_not_taken(
-    stale: str, reference_cell: Cell, tmp_path: Path
-) -> None:
+def test_results_of_an_earlier_run_are_not_taken(stale, reference_cell, tmp_path):
     robot = robot_in(reference_cell, tmp_path)
     (tmp_path / "out" / "MOVE0006.LS").touch()
     (tmp_path / "in" / stale).touch()
@@ -324,7 +310,7 @@ def test_results_of_an_earlier_run_are_not_taken(
     assert tree(tmp_path / "out") == ["0007.csv", "MOVE0006.LS", "MOVE0007.LS"]
 
 
-def test_a_second_picture_that_is_there_too_early(reference_cell: Cell, tmp_path: Path) -> None:
+def test_a_second_picture_that_is_there_too_early(reference_cell, tmp_path):
     robot = robot_in(reference_cell, tmp_path)
     robot.move(reference_cell.base_posture)
     answered(tmp_path, "0001")
@@ -335,7 +321,7 @@ def test_a_second_picture_that_is_there_too_early(reference_cell: Cell, tmp_path
     assert "0001_2.request" not in tree(tmp_path / "out")
 
 
-def test_numbers_go_on(reference_cell: Cell, tmp_path: Path) -> None:
+def test_numbers_go_on(reference_cell, tmp_path):
     posture = reference_cell.base_posture
     robot_in(reference_cell, tmp_path).move(posture)
     robot = robot_in(reference_cell, tmp_path)
@@ -353,7 +339,7 @@ def test_numbers_go_on(reference_cell: Cell, tmp_path: Path) -> None:
         robot.move(posture)
 
 
-def test_two_that_order_moves_of_one_arm(reference_cell: Cell, tmp_path: Path) -> None:
+def test_two_that_order_moves_of_one_arm(reference_cell, tmp_path):
     """Pictures of either would be taken from where the other has sent the arm."""
     first, second = (robot_in(reference_cell, tmp_path) for _ in range(2))
     first.move(reference_cell.base_posture)
@@ -364,7 +350,7 @@ def test_two_that_order_moves_of_one_arm(reference_cell: Cell, tmp_path: Path) -
     assert tree(tmp_path / "out")[:3] == ["0001.csv", "0002.csv", "0003.csv"]
 
 
-def test_waiting_ends_and_can_be_taken_up_again(reference_cell: Cell, tmp_path: Path) -> None:
+def test_waiting_ends_and_can_be_taken_up_again(reference_cell, tmp_path):
     robot = robot_in(reference_cell, tmp_path, timeout_s=0.05)
     robot.move(reference_cell.base_posture)
     begun = time.monotonic()
@@ -383,9 +369,7 @@ def test_waiting_ends_and_can_be_taken_up_again(reference_cell: Cell, tmp_path: 
     assert seen_in(robot.grab())[6] == 2
 
 
-def test_a_picture_that_is_still_being_written_is_waited_for(
-    reference_cell: Cell, tmp_path: Path
-) -> None:
+def test_a_picture_that_is_still_being_written_is_waited_for(reference_cell, tmp_path):
     rng = np.random.default_rng(1)
     picture = rng.integers(0, 256, (40, 50), dtype=np.uint8)
     done, data = cv2.imencode(".png", picture)
@@ -407,7 +391,7 @@ def test_a_picture_that_is_still_being_written_is_waited_for(
     assert np.array_equal(found, picture)
 
 
-def test_a_picture_that_never_becomes_one(reference_cell: Cell, tmp_path: Path) -> None:
+def test_a_picture_that_never_becomes_one(reference_cell, tmp_path):
     robot = robot_in(reference_cell, tmp_path, timeout_s=0.03)
     robot.move(reference_cell.base_posture)
     answered(tmp_path, "0001")
@@ -421,9 +405,7 @@ def test_a_picture_that_never_becomes_one(reference_cell: Cell, tmp_path: Path) 
     robot.grab()
 
 
-def test_what_changes_without_end_is_not_read(
-    reference_cell: Cell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_changes_without_end_is_not_read(reference_cell, tmp_path, monkeypatch):
     robot = robot_in(reference_cell, tmp_path, timeout_s=0.03)
     robot.move(reference_cell.base_posture)
     answered(tmp_path, "0001")
@@ -440,7 +422,7 @@ def test_what_changes_without_end_is_not_read(
     assert next(looks) > 2
 
 
-def test_what_is_no_file_is_not_opened(reference_cell: Cell, tmp_path: Path) -> None:
+def test_what_is_no_file_is_not_opened(reference_cell, tmp_path):
     robot = robot_in(reference_cell, tmp_path, timeout_s=0.03)
     robot.move(reference_cell.base_posture)
     os.mkfifo(tmp_path / "in" / "0001.png")  # to open it would wait for ever
@@ -449,9 +431,7 @@ def test_what_is_no_file_is_not_opened(reference_cell: Cell, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(("off_deg", "taken"), [(0.06, True), (0.15, False)])
-def test_an_arm_that_was_moved(
-    off_deg: float, taken: bool, reference_cell: Cell, tmp_path: Path
-) -> None:
+def test_an_arm_that_was_moved(off_deg, taken, reference_cell, tmp_path):
     robot = robot_in(reference_cell, tmp_path)
     robot.move(reference_cell.base_posture)
     answered(tmp_path, "0001")
@@ -470,7 +450,7 @@ def test_an_arm_that_was_moved(
     robot.grab()
 
 
-def test_results_of_another_move(reference_cell: Cell, tmp_path: Path) -> None:
+def test_results_of_another_move(reference_cell, tmp_path):
     robot = robot_in(reference_cell, tmp_path)
     near = reference_cell.base_posture + np.deg2rad(0.01)
     robot.move(near)
@@ -486,7 +466,7 @@ def test_results_of_another_move(reference_cell: Cell, tmp_path: Path) -> None:
     robot.grab()
 
 
-def test_tables_that_cannot_be_used(reference_cell: Cell, tmp_path: Path) -> None:
+def test_tables_that_cannot_be_used(reference_cell, tmp_path):
     robot = robot_in(reference_cell, tmp_path, timeout_s=0.03)
     robot.move(reference_cell.base_posture)
     path = tmp_path / "in" / "0001.csv"
@@ -503,7 +483,7 @@ def test_tables_that_cannot_be_used(reference_cell: Cell, tmp_path: Path) -> Non
         assert str(caught.value).count(str(path)) == 1
 
 
-def test_nothing_is_written_elsewhere(reference_cell: Cell, tmp_path: Path) -> None:
+def test_nothing_is_written_elsewhere(reference_cell, tmp_path):
     folder, other = tmp_path / "share", tmp_path / "other"
     folder.mkdir()
     other.mkdir()
@@ -529,7 +509,7 @@ def test_nothing_is_written_elsewhere(reference_cell: Cell, tmp_path: Path) -> N
     assert sorted(path.name for path in folder.iterdir()) == ["in", "out"]
 
 
-def test_wrong_uses(reference_cell: Cell, tmp_path: Path) -> None:
+def test_wrong_uses(reference_cell, tmp_path):
     with pytest.raises(InputError, match="there is no folder"):
         robot_in(reference_cell, tmp_path / "none")
     with pytest.raises(InputError, match="unknown dialect"):
@@ -545,9 +525,7 @@ def test_wrong_uses(reference_cell: Cell, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("place", ["in", "out"])
-def test_a_folder_that_becomes_a_link_leads_nowhere(
-    place: str, reference_cell: Cell, tmp_path: Path
-) -> None:
+def test_a_folder_that_becomes_a_link_leads_nowhere(place, reference_cell, tmp_path):
     """Between two moves: what is elsewhere is neither written nor read."""
     share, elsewhere = tmp_path / "share", tmp_path / "elsewhere"
     share.mkdir()

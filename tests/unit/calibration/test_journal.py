@@ -1,12 +1,9 @@
 """Measurements that are kept: recalled, cut off, damaged, of another calibration."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +34,7 @@ def recalled(kept: Journal, name: str, answer: dict[str, Any] | None = None, q: 
     return kept.recall(name, q, never if answer is None else lambda: answer, dict)
 
 
-def test_a_measurement_is_made_once(tmp_path: Path) -> None:
+def test_a_measurement_is_made_once(tmp_path):
     with journal(tmp_path) as kept:
         first = recalled(kept, "P01", {"q": np.array([1.0 / 3.0, np.nan])})
         assert first["q"] == [1.0 / 3.0, None]
@@ -47,7 +44,7 @@ def test_a_measurement_is_made_once(tmp_path: Path) -> None:
         assert recalled(again, "P01")["q"] == [1.0 / 3.0, None]  # to the last bit
 
 
-def test_every_measurement_is_on_the_disk_at_once(tmp_path: Path) -> None:
+def test_every_measurement_is_on_the_disk_at_once(tmp_path):
     """What a machine that goes down now would leave."""
     with journal(tmp_path) as kept:
         for k in range(3):
@@ -57,7 +54,7 @@ def test_every_measurement_is_on_the_disk_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("left", range(1, 60, 7))
-def test_a_line_that_was_cut_off_is_dropped(tmp_path: Path, left: int) -> None:
+def test_a_line_that_was_cut_off_is_dropped(tmp_path, left):
     path = tmp_path / "journal.jsonl"
     with journal(tmp_path) as kept:
         recalled(kept, "P01", {"k": 1})
@@ -72,7 +69,7 @@ def test_a_line_that_was_cut_off_is_dropped(tmp_path: Path, left: int) -> None:
         assert recalled(last, "P02") == {"k": 3}
 
 
-def test_cut_off_in_its_first_line_it_begins_anew(tmp_path: Path) -> None:
+def test_cut_off_in_its_first_line_it_begins_anew(tmp_path):
     journal(tmp_path).__exit__()
     path = tmp_path / "journal.jsonl"
     whole = path.read_bytes()
@@ -82,7 +79,7 @@ def test_cut_off_in_its_first_line_it_begins_anew(tmp_path: Path) -> None:
         assert path.read_bytes() == whole
 
 
-def test_another_posture_is_refused(tmp_path: Path) -> None:
+def test_another_posture_is_refused(tmp_path):
     with journal(tmp_path) as kept:
         recalled(kept, "P01", {"k": 1})
         assert recalled(kept, "P01", q=Q + 1e-12) == {"k": 1}
@@ -91,7 +88,7 @@ def test_another_posture_is_refused(tmp_path: Path) -> None:
                 recalled(kept, "P01", q=asked)
 
 
-def test_another_calibration_is_refused_and_what_is_other_is_named(tmp_path: Path) -> None:
+def test_another_calibration_is_refused_and_what_is_other_is_named(tmp_path):
     journal(tmp_path).__exit__()
     before = (tmp_path / "journal.jsonl").read_bytes()
     with pytest.raises(FileFormatError, match="begun with another cell, not with the cell that"):
@@ -106,9 +103,7 @@ def test_another_calibration_is_refused_and_what_is_other_is_named(tmp_path: Pat
 
 @pytest.mark.parametrize("number", ["Infinity", "-Infinity", "NaN", "1e999", "1" + 400 * "0"])
 @pytest.mark.parametrize("where", ["asked", "answer"])
-def test_numbers_that_are_none_are_found_when_it_is_opened(
-    tmp_path: Path, number: str, where: str
-) -> None:
+def test_numbers_that_are_none_are_found_when_it_is_opened(tmp_path, number, where):
     path = tmp_path / "journal.jsonl"
     with journal(tmp_path) as kept:
         for k in range(3):
@@ -144,7 +139,7 @@ def _moved_and_linked(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("done", [_gone, _made_anew, _linked])
-def test_a_folder_that_is_taken_away_ends_it(tmp_path: Path, done: Callable[[Path], None]) -> None:
+def test_a_folder_that_is_taken_away_ends_it(tmp_path, done):
     """Before anything is measured that could not be kept."""
     folder = tmp_path / "run"
     folder.mkdir()
@@ -158,7 +153,7 @@ def test_a_folder_that_is_taken_away_ends_it(tmp_path: Path, done: Callable[[Pat
             assert len((tmp_path / "elsewhere" / "journal.jsonl").read_text().splitlines()) == 2
 
 
-def test_a_folder_that_was_renamed_is_the_same(tmp_path: Path) -> None:
+def test_a_folder_that_was_renamed_is_the_same(tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
     with journal(folder) as kept:
@@ -168,7 +163,7 @@ def test_a_folder_that_was_renamed_is_the_same(tmp_path: Path) -> None:
         assert recalled(again, "P01") == {"k": 1}
 
 
-def test_a_journal_that_is_a_link_is_refused(tmp_path: Path) -> None:
+def test_a_journal_that_is_a_link_is_refused(tmp_path):
     (tmp_path / "journal.jsonl").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(OutputError, match=r"journal\.jsonl"):
         journal(tmp_path)
@@ -190,14 +185,14 @@ def test_a_journal_that_is_a_link_is_refused(tmp_path: Path) -> None:
         '{"posedesign": "plan"}',
     ],
 )
-def test_what_is_no_journal_is_refused_and_left_as_it_is(tmp_path: Path, text: str) -> None:
+def test_what_is_no_journal_is_refused_and_left_as_it_is(tmp_path, text):
     (tmp_path / "journal.jsonl").write_text(text)
     with pytest.raises(FileFormatError, match="is no journal"):
         journal(tmp_path)
     assert (tmp_path / "journal.jsonl").read_text() == text
 
 
-def test_a_journal_of_another_version_is_told_as_such(tmp_path: Path) -> None:
+def test_a_journal_of_another_version_is_told_as_such(tmp_path):
     text = '{"posedesign": "calibration", "version": 3, "about": {"robot": "a"}}\n{"cut'
     (tmp_path / "journal.jsonl").write_text(text)
     with pytest.raises(FileFormatError, match="version 3, this program has 2"):
@@ -205,7 +200,7 @@ def test_a_journal_of_another_version_is_told_as_such(tmp_path: Path) -> None:
     assert (tmp_path / "journal.jsonl").read_text() == text
 
 
-def test_a_damaged_line_can_be_taken_out(tmp_path: Path) -> None:
+def test_a_damaged_line_can_be_taken_out(tmp_path):
     path = tmp_path / "journal.jsonl"
     with journal(tmp_path) as kept:
         for k in range(3):
@@ -221,7 +216,7 @@ def test_a_damaged_line_can_be_taken_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("broken", [{"asked": "abc"}, {"asked": {}}, {"answer": None}])
-def test_a_damaged_answer_is_told_by_its_name(tmp_path: Path, broken: dict[str, Any]) -> None:
+def test_a_damaged_answer_is_told_by_its_name(tmp_path, broken):
     with journal(tmp_path) as kept:
         recalled(kept, "P01", {"k": 1})
     path = tmp_path / "journal.jsonl"
@@ -234,7 +229,7 @@ def test_a_damaged_answer_is_told_by_its_name(tmp_path: Path, broken: dict[str, 
         recalled(again, "P01")
 
 
-def test_errors_of_whoever_measures_come_out_as_they_are(tmp_path: Path) -> None:
+def test_errors_of_whoever_measures_come_out_as_they_are(tmp_path):
     """An adapter that fails is no damaged file: --restart would throw hours away."""
 
     def fails() -> dict[str, Any]:
@@ -246,7 +241,7 @@ def test_errors_of_whoever_measures_come_out_as_they_are(tmp_path: Path) -> None
         assert len(kept) == 0
 
 
-def test_a_full_disk_leaves_whole_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_leaves_whole_lines(tmp_path, monkeypatch):
     """One line says it, and the same journal can be gone on with when there is room."""
     path = tmp_path / "journal.jsonl"
 
@@ -266,7 +261,7 @@ def test_a_full_disk_leaves_whole_lines(tmp_path: Path, monkeypatch: pytest.Monk
         assert recalled(again, "P02") == {"k": 3}
 
 
-def test_a_disk_that_takes_no_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_takes_no_byte(tmp_path, monkeypatch):
     if not os.path.exists("/dev/full"):
         pytest.skip("no device that is full on this system")
     (tmp_path / "sub").mkdir()
@@ -278,7 +273,7 @@ def test_a_disk_that_takes_no_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         recalled(kept, "P01", {"k": 1})
 
 
-def test_what_failed_at_the_end_is_tried_again(tmp_path: Path) -> None:
+def test_what_failed_at_the_end_is_tried_again(tmp_path):
     """Not what failed before something that succeeded: that was built upon it."""
     with journal(tmp_path) as kept:
         recalled(kept, "S02a", LOST)

@@ -1,9 +1,6 @@
 """Measurements of a station that are kept: what comes back, and what is refused."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +15,6 @@ from calib.vision.touch_up.relation import Relation
 from calib.vision.touch_up.servo import Loop
 from posedesign.autonomous.journal import Journal
 from posedesign.autonomous.recorded_session import KeptStation
-from posedesign.cell import Cell
 
 ABOUT = {"robot": "of a test"}
 
@@ -68,9 +64,7 @@ def refuses(start: FloatArray, end: FloatArray) -> list[str]:
     return ["the arm would hit the floor"] * len(end)
 
 
-def test_a_refused_move_is_told_and_no_picture_asked_for(
-    reference_cell: Cell, tmp_path: Path
-) -> None:
+def test_a_refused_move_is_told_and_no_picture_asked_for(reference_cell, tmp_path):
     drive = Drive(reference_cell.robot, Unmoved(), 0.0, refuses)
     for _ in range(2):
         with Journal(tmp_path / "journal.jsonl", ABOUT) as journal:
@@ -79,9 +73,7 @@ def test_a_refused_move_is_told_and_no_picture_asked_for(
             assert view.reasons == ("the arm would hit the floor",)
 
 
-def test_what_is_passed_through_before_a_kept_measurement(
-    reference_cell: Cell, tmp_path: Path
-) -> None:
+def test_what_is_passed_through_before_a_kept_measurement(reference_cell, tmp_path):
     """Not gone through again; what lies before the next one is, in the same order."""
     asked = [np.full(6, 0.1 * k) for k in range(1, 7)]
     visited = []
@@ -104,9 +96,7 @@ def test_what_is_passed_through_before_a_kept_measurement(
     assert np.array(visited[1]).tolist() == np.array(asked[2:]).tolist()
 
 
-def test_a_flaw_of_an_adapter_is_not_called_one_of_the_file(
-    reference_cell: Cell, tmp_path: Path
-) -> None:
+def test_a_flaw_of_an_adapter_is_not_called_one_of_the_file(reference_cell, tmp_path):
     drive = Drive(reference_cell.robot, Failing(), 0.0)
     with (
         Journal(tmp_path / "journal.jsonl", ABOUT) as journal,
@@ -139,9 +129,7 @@ ANSWER: dict[str, Any] = {
         {"moves": "many"},
     ],
 )
-def test_a_damaged_touch_up(
-    reference_cell: Cell, tmp_path: Path, broken: dict[str, object]
-) -> None:
+def test_a_damaged_touch_up(reference_cell, tmp_path, broken):
     path = tmp_path / "journal.jsonl"
     head = {"posedesign": "calibration", "version": 2, "about": ABOUT}
     line = {"name": "P01", "asked": [0.0] * 6, "answer": ANSWER | broken}

@@ -1,7 +1,5 @@
 """Pictures from hostile files: exact pixels or one line that says why not; no bomb goes off."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from functools import cache
@@ -72,7 +70,7 @@ def refusal(data: bytes, folder: Path) -> str:
 
 
 @pytest.mark.parametrize("ending", FORMATS)
-def test_grey_levels_are_those_that_were_saved(ending: str, tmp_path: Path) -> None:
+def test_grey_levels_are_those_that_were_saved(ending, tmp_path):
     found = read(encoded(ending), tmp_path)
     assert found.dtype == np.uint8
     assert found.shape == (24, 37)
@@ -82,7 +80,7 @@ def test_grey_levels_are_those_that_were_saved(ending: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("ending", [".png", ".bmp", ".tif"])
-def test_colours_become_grey_by_their_brightness(ending: str, tmp_path: Path) -> None:
+def test_colours_become_grey_by_their_brightness(ending, tmp_path):
     blue, green, red = np.moveaxis(scene(colours=3).astype(float), -1, 0)
     wanted = 0.114 * blue + 0.587 * green + 0.299 * red  # ITU-R BT.601
     found = read(encoded(ending, 3), tmp_path)
@@ -90,17 +88,17 @@ def test_colours_become_grey_by_their_brightness(ending: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("order", "<>")
-def test_tiffs_of_others(order: str, tmp_path: Path) -> None:
+def test_tiffs_of_others(order, tmp_path):
     assert np.array_equal(read(tiff(order, scene()), tmp_path), scene())
 
 
-def test_the_content_tells_the_format_and_not_the_name(tmp_path: Path) -> None:
+def test_the_content_tells_the_format_and_not_the_name(tmp_path):
     path = tmp_path / "0001.jpg"
     path.write_bytes(encoded(".png"))
     assert np.array_equal(read_picture(path), scene())
 
 
-def test_a_note_on_how_the_camera_was_held_is_not_followed(tmp_path: Path) -> None:
+def test_a_note_on_how_the_camera_was_held_is_not_followed(tmp_path):
     entry = struct.pack("<HHIHH", 0x0112, 3, 1, 6, 0)  # turned by a quarter
     exif = b"Exif\0\0II*\0" + struct.pack("<IH", 8, 1) + entry + bytes(4)
     data = encoded(".jpg")
@@ -112,21 +110,21 @@ def test_a_note_on_how_the_camera_was_held_is_not_followed(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("ending", [".png", ".pgm", ".tif"])
-def test_sixteen_bits_are_refused(ending: str, tmp_path: Path) -> None:
+def test_sixteen_bits_are_refused(ending, tmp_path):
     done, data = cv2.imencode(ending, scene().astype(np.uint16) * 16)
     assert done
     assert "not 8" in (message := refusal(bytes(data), tmp_path)) or "not 255" in message
 
 
 @pytest.mark.parametrize("ending", FORMATS)
-def test_a_picture_that_is_cut_off_anywhere_is_refused(ending: str, tmp_path: Path) -> None:
+def test_a_picture_that_is_cut_off_anywhere_is_refused(ending, tmp_path):
     data = encoded(ending)
     for length in range(0, len(data), 1 + len(data) // 150):
         refusal(data[:length], tmp_path)
     refusal(data[:-1], tmp_path)
 
 
-def test_pixels_of_a_tiff_that_are_missing(tmp_path: Path) -> None:
+def test_pixels_of_a_tiff_that_are_missing(tmp_path):
     data = tiff("<", scene())
     assert "is cut off" in refusal(data[:-1], tmp_path)
 
@@ -174,9 +172,7 @@ def bombs() -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("kind", bombs())
-def test_bombs_are_refused_before_they_are_decoded(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bombs_are_refused_before_they_are_decoded(kind, tmp_path, monkeypatch):
     def decode(*_: object) -> None:
         raise AssertionError("was decoded")
 
@@ -186,9 +182,7 @@ def test_bombs_are_refused_before_they_are_decoded(
 
 
 @pytest.mark.parametrize("kind", [b"zTXt", b"iTXt", b"iCCP", b"tRNS", b"gAMA"])
-def test_what_is_no_pixel_of_a_png_is_not_decoded(
-    kind: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_pixel_of_a_png_is_not_decoded(kind, tmp_path, monkeypatch):
     """Notes that are compressed are bombs of their own."""
     given: list[bytes] = []
     decode = cv2.imdecode
@@ -206,7 +200,7 @@ def test_what_is_no_pixel_of_a_png_is_not_decoded(
     assert len(given[0]) <= len(plain)
 
 
-def test_colours_of_a_png_by_number(tmp_path: Path) -> None:
+def test_colours_of_a_png_by_number(tmp_path):
     colours = bytes(value for k in range(256) for value in (k, k, k))
     rows = b"".join(b"\0" + row.tobytes() for row in scene())
     header = struct.pack(">IIBBBBB", 37, 24, 8, 3, 0, 0, 0)
@@ -215,7 +209,7 @@ def test_colours_of_a_png_by_number(tmp_path: Path) -> None:
     assert np.array_equal(read(data, tmp_path), scene())
 
 
-def test_as_many_pixels_as_cameras_have_and_no_more(tmp_path: Path) -> None:
+def test_as_many_pixels_as_cameras_have_and_no_more(tmp_path):
     side = int(MOST_PIXELS**0.5)
     full = struct.pack(">II", side, side)
     more = struct.pack(">II", side, side + 2)
@@ -225,7 +219,7 @@ def test_as_many_pixels_as_cameras_have_and_no_more(tmp_path: Path) -> None:
     assert "claims" in refusal(start + chunk(b"IHDR", more + tail) + rest, tmp_path)
 
 
-def test_wrong_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_files(tmp_path, monkeypatch):
     assert "is empty" in refusal(b"", tmp_path)
     assert "is no PNG" in refusal(b"GIF89a" + bytes(50), tmp_path)
     broken = bytearray(encoded(".png"))
@@ -240,9 +234,7 @@ def test_wrong_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @settings(max_examples=150)
 @given(st.data())
-def test_damaged_pictures_give_pixels_or_one_line(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
+def test_damaged_pictures_give_pixels_or_one_line(tmp_path_factory, data):
     whole = data.draw(
         st.sampled_from([*(encoded(e) for e in FORMATS), encoded(".jpg", 3), tiff(">", scene())])
     )
@@ -267,9 +259,7 @@ def test_damaged_pictures_give_pixels_or_one_line(
     st.sampled_from([b"\x89PNG\r\n\x1a\n", b"P5", b"BM", b"\xff\xd8", b"II*\0", b"MM\0*"]),
     st.binary(),
 )
-def test_rubbish_behind_a_signature(
-    tmp_path_factory: pytest.TempPathFactory, start: bytes, rest: bytes
-) -> None:
+def test_rubbish_behind_a_signature(tmp_path_factory, start, rest):
     path = tmp_path_factory.getbasetemp() / "rubbish"
     path.write_bytes(start + rest)
     with pytest.raises(FileFormatError):

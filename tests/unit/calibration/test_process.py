@@ -1,8 +1,6 @@
 """The two steps by sight: what is found, what is kept, and what stops it."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -79,20 +77,20 @@ def station_of(
 
 
 @pytest.fixture(scope="module")
-def cell(make_cell: Callable[..., Cell]) -> Cell:
+def cell(make_cell) -> Cell:
     """With nothing around the arm: its poses are planned in a moment."""
     return make_cell(**QUICK)
 
 
 @pytest.fixture(scope="module")
-def whole(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Whole:
+def whole(cell, tmp_path_factory) -> Whole:
     out = tmp_path_factory.mktemp("whole")
     with station_of(cell, out) as station:
         done = calibrate(cell, station, out)
     return done, out, station.drive.arms.made
 
 
-def test_camera_and_target_are_found(cell: Cell, whole: Whole) -> None:
+def test_camera_and_target_are_found(cell, whole):
     """From a cell that is told nothing of them: within what the arm itself is off."""
     done, _, _ = whole
     truth = true_cell(cell)
@@ -106,7 +104,7 @@ def test_camera_and_target_are_found(cell: Cell, whole: Whole) -> None:
     assert np.arccos(min(1.0, done.cell.target_normal @ seen[:3, 2])) < np.deg2rad(0.5)
 
 
-def test_touch_ups_leave_what_noise_and_lost_motion_leave(whole: Whole) -> None:
+def test_touch_ups_leave_what_noise_and_lost_motion_leave(whole):
     done, _, _ = whole
     assert not done.missed
     assert len(done.touch_ups.names) == len(done.plan.postures) == 27
@@ -120,7 +118,7 @@ def test_touch_ups_leave_what_noise_and_lost_motion_leave(whole: Whole) -> None:
     assert taken < 0.2 * expected["frames only"]
 
 
-def test_noise_that_repeats_cannot_show_is_a_bound(whole: Whole) -> None:
+def test_noise_that_repeats_cannot_show_is_a_bound(whole):
     """Repeats that agree by chance are weighted by the least noise, and no figure was measured."""
     found = replace(whole[0], sigma_m=np.array([LEAST_SIGMA_M, 2e-5, 4e-5]))
     said = SightResult(found, None)
@@ -128,7 +126,7 @@ def test_noise_that_repeats_cannot_show_is_a_bound(whole: Whole) -> None:
     assert said.as_dict()["three_sigma_is_a_bound"] == [True, False, False]
 
 
-def test_files_say_the_same(whole: Whole) -> None:
+def test_files_say_the_same(whole):
     done, out, _ = whole
     table = read_measurements(out / "touchups.csv", done.cell.robot.n, kind="touch-up")
     np.testing.assert_allclose(table.data.postures, done.touch_ups.postures, atol=1e-8)
@@ -141,9 +139,7 @@ def test_files_say_the_same(whole: Whole) -> None:
 @pytest.mark.parametrize(
     "moves", [pytest.param(n, marks=pytest.mark.slow) for n in (1, 20, 130)] + [60, 170]
 )
-def test_stopped_and_gone_on_it_is_the_same(
-    cell: Cell, whole: Whole, tmp_path: Path, moves: int
-) -> None:
+def test_stopped_and_gone_on_it_is_the_same(cell, whole, tmp_path, moves):
     """Whatever it was stopped in: nothing is lost, nothing is measured twice."""
     done, out, made = whole
     with station_of(cell, tmp_path, moves) as first, pytest.raises(StoppedError):
@@ -159,7 +155,7 @@ def test_stopped_and_gone_on_it_is_the_same(
 
 
 @pytest.mark.slow
-def test_stopped_among_obstacles(make_demo_cell: Callable[..., Cell], tmp_path: Path) -> None:
+def test_stopped_among_obstacles(make_demo_cell, tmp_path):
     """With postures that are passed through on the way to others."""
     cell = make_demo_cell(**QUICK)
     with station_of(cell, tmp_path) as station:
@@ -180,9 +176,7 @@ def test_stopped_among_obstacles(make_demo_cell: Callable[..., Cell], tmp_path: 
         assert second.drive.arms.made <= made - moves + 14
 
 
-def test_a_whole_calibration_is_replayed_without_a_move(
-    cell: Cell, whole: Whole, tmp_path: Path
-) -> None:
+def test_a_whole_calibration_is_replayed_without_a_move(cell, whole, tmp_path):
     done, out, _ = whole
     (tmp_path / "journal.jsonl").write_bytes((out / "journal.jsonl").read_bytes())
     with station_of(cell, tmp_path, moves=0) as station:
@@ -190,12 +184,7 @@ def test_a_whole_calibration_is_replayed_without_a_move(
     np.testing.assert_array_equal(again.touch_ups.postures, done.touch_ups.postures)
 
 
-def test_what_the_file_says_of_camera_and_target_is_not_looked_at(
-    cell: Cell,
-    whole: Whole,
-    tmp_path: Path,
-    make_cell: Callable[..., Cell],
-) -> None:
+def test_what_the_file_says_of_camera_and_target_is_not_looked_at(cell, whole, tmp_path, make_cell):
     """The same arm, camera and target; a cell that has them somewhere else comes to the same."""
     told = make_cell(
         tool={"point_mm": [0.0, 0.0, 100.0]},
@@ -209,7 +198,7 @@ def test_what_the_file_says_of_camera_and_target_is_not_looked_at(
     np.testing.assert_array_equal(done.cell.target_m, whole[0].cell.target_m)
 
 
-def test_no_target_in_view(make_demo_cell: Callable[..., Cell], tmp_path: Path) -> None:
+def test_no_target_in_view(make_demo_cell, tmp_path):
     cell = make_demo_cell(truth={"target_error_mm": [300.0, 0.0, 0.0]})
     with (
         station_of(cell, tmp_path) as station,
@@ -233,7 +222,7 @@ class Blind(StoppingArms):
         return type(seen)(np.full_like(seen.ellipses, np.nan), ("no target: dark",) * len(which))
 
 
-def test_poses_that_were_missed_are_said(cell: Cell, tmp_path: Path) -> None:
+def test_poses_that_were_missed_are_said(cell, tmp_path):
     """Blind for the last quarter of the poses."""
     said: list[str] = []
     with station_of(cell, tmp_path, arms=Blind(arms_of(cell), 110)) as station:
@@ -245,7 +234,7 @@ def test_poses_that_were_missed_are_said(cell: Cell, tmp_path: Path) -> None:
     assert set(done.touch_ups.names) | set(missed) == set(done.plan.names)
 
 
-def test_blind_in_step_two(cell: Cell, tmp_path: Path) -> None:
+def test_blind_in_step_two(cell, tmp_path):
     with (
         station_of(cell, tmp_path, arms=Blind(arms_of(cell), 66)) as station,
         pytest.raises(ConvergenceError, match="poses could be touched up: lost, no target: dark"),
@@ -253,7 +242,7 @@ def test_blind_in_step_two(cell: Cell, tmp_path: Path) -> None:
         calibrate(cell, station, tmp_path)
 
 
-def test_moves_into_what_stands_around_are_refused(demo_cell: Cell) -> None:
+def test_moves_into_what_stands_around_are_refused(demo_cell):
     cell = demo_cell
     refuses = refusals_of(cell)
     q = np.tile(cell.base_posture, (2, 1))
@@ -264,7 +253,7 @@ def test_moves_into_what_stands_around_are_refused(demo_cell: Cell) -> None:
         assert "mm" in into
 
 
-def test_a_motion_that_is_not_clear_from_where_the_arm_stands(demo_cell: Cell) -> None:
+def test_a_motion_that_is_not_clear_from_where_the_arm_stands(demo_cell):
     """Either end is: between them the fixture stands. Another way is taken, past the base pose."""
     cell = demo_cell
     plan = posedesign.plan(cell)
@@ -299,7 +288,7 @@ class TurnedOn(StoppingArms):
 
 
 @pytest.mark.parametrize("lies_from", [0, 1, 22, 61, 140, 180])
-def test_a_turn_too_many_ends_it_before_the_next_move(tmp_path: Path, lies_from: int) -> None:
+def test_a_turn_too_many_ends_it_before_the_next_move(tmp_path, lies_from):
     """At whatever move of a calibration, of an arm that may turn by a whole turn."""
     cell = Cell.from_text(cell_template("ur10e", surroundings=False))
     arms = TurnedOn(arms_of(cell), lies_from)
@@ -336,9 +325,7 @@ class Named(RobotAdapter):
         (7, InputError, r"identity\(\) of the robot's adapter gave a int"),
     ],
 )
-def test_touch_ups_belong_to_the_robot_that_its_adapter_names(
-    cell: Cell, tmp_path: Path, identity: object, kind: type[Exception], said: str
-) -> None:
+def test_touch_ups_belong_to_the_robot_that_its_adapter_names(cell, tmp_path, identity, kind, said):
     with pytest.raises(UnreachableError, match="the gate is open"):
         calibrate_robot(cell, Named("serial 7"), tmp_path)
     with pytest.raises(kind, match=said):

@@ -1,7 +1,5 @@
 """Poses, camera and target that the tests of the camera share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The centre of an ellipse is not the image of the circle's middle: by how much, and back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -20,7 +18,7 @@ from calib.vision.camera import (
 BENT = Camera(640, 480, 1600.0, distortion=(-0.2, 0.1, 1e-3, -1e-3, 0.0))
 
 
-def test_bias_in_the_geometry_of_the_paper(camera, looking) -> None:
+def test_bias_in_the_geometry_of_the_paper(camera, looking):
     """20 mm at 350 mm: highest and lowest point of the rim give ``f r² sin cos / (d² - r² sin²)``.
 
     0.65 px at 45 degrees, which is 0.14 mm at the target: seven times the repeatability of
@@ -37,7 +35,7 @@ def test_bias_in_the_geometry_of_the_paper(camera, looking) -> None:
     assert np.linalg.norm(bias[3]) * 350.0 / 1600.0 == pytest.approx(0.143, abs=1e-3)  # mm
 
 
-def test_bias_of_a_circle_that_is_projected_point_by_point(camera, target, looking) -> None:
+def test_bias_of_a_circle_that_is_projected_point_by_point(camera, target, looking):
     """The middle between the highest and the lowest point of the rim, tilted about x."""
     T = looking(40.0)
     rim = camera.project(se3.apply(T, target.rim(4)))
@@ -46,7 +44,7 @@ def test_bias_of_a_circle_that_is_projected_point_by_point(camera, target, looki
 
 
 @pytest.mark.parametrize("lens", ["paper", "bent"])
-def test_pose_and_centre_come_back_from_the_ellipse(lens, camera, looking) -> None:
+def test_pose_and_centre_come_back_from_the_ellipse(lens, camera, looking):
     used = camera if lens == "paper" else BENT
     tolerance = 1e-9 if lens == "paper" else 1e-6  # a bent ellipse is none
     T = np.array(
@@ -63,7 +61,7 @@ def test_pose_and_centre_come_back_from_the_ellipse(lens, camera, looking) -> No
     assert np.abs(center - used.project(T[:, :3, 3])).max() < limit
 
 
-def test_both_poses_of_a_circle_look_the_same(camera, looking) -> None:
+def test_both_poses_of_a_circle_look_the_same(camera, looking):
     """The other of the two is drawn again, and is the same ellipse."""
     ellipse = circle_image(camera, 0.02, looking(35.0, 0.03, -0.01))
     for middle, normal in zip(*circle_poses(camera, 0.02, ellipse), strict=True):
@@ -73,14 +71,14 @@ def test_both_poses_of_a_circle_look_the_same(camera, looking) -> None:
         np.testing.assert_allclose(again, ellipse, atol=1e-7)
 
 
-def test_a_normal_a_few_degrees_off_is_enough(camera, looking) -> None:
+def test_a_normal_a_few_degrees_off_is_enough(camera, looking):
     T = looking(20.0, 0.01, 0.005)
     off = se3.rotation_exp([np.deg2rad(8.0), 0.1, 0.0]) @ T[:3, 2]
     center = circle_center(camera, 0.02, circle_image(camera, 0.02, T), off)
     np.testing.assert_allclose(center, camera.project(T[:3, 3]), atol=1e-7)
 
 
-def test_the_bias_is_taken_out_of_measurements(camera, target, looking) -> None:
+def test_the_bias_is_taken_out_of_measurements(camera, target, looking):
     """Rendered and measured at 30 degrees: 0.57 px off, and after the correction none is left."""
     rng = np.random.default_rng(15)
     raw, corrected = [], []

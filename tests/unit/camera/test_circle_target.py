@@ -1,7 +1,5 @@
 """The target: its pattern, its corners, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from calib.errors import InputError
 from calib.vision.camera import CircleTarget
 
 
-def test_areas_by_monte_carlo() -> None:
+def test_areas_by_monte_carlo():
     """Dark: circle less cross, pi r² - (2 L w - w²); light: the rest of the plate."""
     target = CircleTarget(0.02, (0.05, 0.04), 0.012, 0.002, circle=0.1, face=0.9)
     count = 400_000
@@ -26,7 +24,7 @@ def test_areas_by_monte_carlo() -> None:
         assert share == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / count))
 
 
-def test_corners_are_where_the_pattern_changes() -> None:
+def test_corners_are_where_the_pattern_changes():
     """About a corner three quarters are of one kind and one of the other."""
     target = CircleTarget()
     assert target.corners().shape == (16, 3)
@@ -38,7 +36,7 @@ def test_corners_are_where_the_pattern_changes() -> None:
         assert sorted(counts) == [1, 3]
 
 
-def test_corners_follow_each_other_about_z() -> None:
+def test_corners_follow_each_other_about_z():
     for corners in (CircleTarget().plate_corners(), CircleTarget().cross_corners()):
         x, y, _ = corners.T
         area = 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
@@ -46,7 +44,7 @@ def test_corners_follow_each_other_about_z() -> None:
     assert CircleTarget(cross_length_m=0.0).cross_corners().shape == (0, 3)
 
 
-def test_rim_is_on_the_circle() -> None:
+def test_rim_is_on_the_circle():
     rim = CircleTarget(0.03).rim(7)
     np.testing.assert_allclose(np.linalg.norm(rim, axis=1), 0.015)
     assert (rim[:, 2] == 0.0).all()
@@ -63,7 +61,7 @@ def test_rim_is_on_the_circle() -> None:
         ({"face": 0.08}, "circle"),
     ],
 )
-def test_impossible_targets_are_refused(arguments: dict[str, float], name: str) -> None:
+def test_impossible_targets_are_refused(arguments, name):
     with pytest.raises(InputError) as caught:
         CircleTarget(**arguments)
     assert caught.value.name == name

@@ -1,7 +1,5 @@
 """Ellipses of circles and of points against projected points, OpenCV and central differences."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
@@ -24,14 +22,14 @@ def poses(looking) -> np.ndarray:
     )
 
 
-def test_projected_rim_lies_on_the_ellipse(camera, target, looking) -> None:
+def test_projected_rim_lies_on_the_ellipse(camera, target, looking):
     T = poses(looking)
     rim = se3.apply(T[:, None], target.rim(40))
     distance, _ = ellipse_distance(circle_image(camera, 0.02, T), camera.project(rim))
     assert np.abs(distance).max() < 1e-9
 
 
-def test_rectangular_pixels(target, looking) -> None:
+def test_rectangular_pixels(target, looking):
     camera = Camera(640, 480, 900.0, focal_y_px=700.0, principal_px=(300.0, 260.0))
     T = looking(35.0, 0.01, 0.02, 0.3)
     distance, _ = ellipse_distance(
@@ -40,7 +38,7 @@ def test_rectangular_pixels(target, looking) -> None:
     assert np.abs(distance).max() < 1e-9
 
 
-def test_with_distortion_as_opencv_fits_the_rim(target, looking) -> None:
+def test_with_distortion_as_opencv_fits_the_rim(target, looking):
     """OpenCV's fit is algebraic: it differs from least distances by the square of the misfit."""
     for T in poses(looking):
         rim = BENT.project(se3.apply(T, target.rim(720)))
@@ -52,12 +50,12 @@ def test_with_distortion_as_opencv_fits_the_rim(target, looking) -> None:
 
 
 @pytest.mark.parametrize("pose", [(180.0,), (0.0, 0.0, 0.0, -0.3), (80.0, 0.0, 0.0, 0.009)])
-def test_circles_that_are_not_seen_whole_are_nan(pose, camera, looking) -> None:
+def test_circles_that_are_not_seen_whole_are_nan(pose, camera, looking):
     """From behind, behind the lens, and with one half of it behind the lens."""
     assert np.isnan(circle_image(camera, 0.02, looking(*pose))).all()
 
 
-def test_axes() -> None:
+def test_axes():
     turn = np.deg2rad(30.0)
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     S = R @ np.diag([40.0, 25.0]) @ R.T
@@ -69,7 +67,7 @@ def test_axes() -> None:
     assert ellipse_distance(ellipse, end[None])[0] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_distance_and_its_derivatives() -> None:
+def test_distance_and_its_derivatives():
     ellipse = np.array([300.0, 200.0, 40.0, 6.0, 30.0])
     rng = np.random.default_rng(2)
     points = ellipse_points(ellipse, 11) + rng.normal(0.0, 0.05, (11, 2))
@@ -85,7 +83,7 @@ def test_distance_and_its_derivatives() -> None:
         np.testing.assert_allclose((up - down) / 2e-5, jacobian[:, k], atol=0.02)
 
 
-def test_fit_has_the_scatter_that_its_derivatives_predict() -> None:
+def test_fit_has_the_scatter_that_its_derivatives_predict():
     true = np.array([300.0, 200.0, 40.0, 6.0, 30.0])
     rng, trials, sigma = np.random.default_rng(6), 2000, 0.05
     clean = ellipse_points(true, 60)

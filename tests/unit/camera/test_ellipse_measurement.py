@@ -1,7 +1,5 @@
 """Measured ellipses against exact projective geometry, and every outcome that is none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +35,7 @@ def error(found: EllipseMeasurement, camera: Camera, target: CircleTarget, T) ->
     return np.concatenate([found.center_px - true[:2], axes])
 
 
-def test_bias_over_subpixel_shifts(camera, target, looking) -> None:
+def test_bias_over_subpixel_shifts(camera, target, looking):
     """A circle shifted through a pixel in steps of an eighth: below 0.02 px everywhere."""
     pixel = 0.35 / 1600.0
     errors = []
@@ -49,7 +47,7 @@ def test_bias_over_subpixel_shifts(camera, target, looking) -> None:
 
 
 @pytest.mark.parametrize("blur_px", [0.6, 1.0, 1.5])
-def test_blur_does_not_make_a_small_circle_smaller(blur_px, camera, looking) -> None:
+def test_blur_does_not_make_a_small_circle_smaller(blur_px, camera, looking):
     """The half height of a blurred disc of radius R lies at ``R - sigma² / (2 R)``.
 
     With R = 15 px and a blur of 1.5 px the diameter would be 0.15 px short; the area is kept.
@@ -68,7 +66,7 @@ def test_blur_does_not_make_a_small_circle_smaller(blur_px, camera, looking) -> 
     assert np.abs(np.mean(errors, axis=0)).max() < 0.03
 
 
-def test_edges_of_a_disc_of_known_area(camera, target, looking) -> None:
+def test_edges_of_a_disc_of_known_area(camera, target, looking):
     """All of the rim is found, within noise of 0.3 / 154 grey levels over the reach."""
     T = looking(30.0)
     ellipse = circle_image(camera, 0.02, T)
@@ -79,7 +77,7 @@ def test_edges_of_a_disc_of_known_area(camera, target, looking) -> None:
 @pytest.mark.parametrize(
     "pose", [(0.0,), (45.0, 0.02, -0.01), (30.0, -0.04, 0.02, 0.4, 50.0), (10.0, 0, 0, 0.15)]
 )
-def test_against_projective_geometry(pose, camera, target, looking) -> None:
+def test_against_projective_geometry(pose, camera, target, looking):
     T = looking(*pose)
     found = measure_ellipse(image_of([(target, T)]))
     assert found.is_ok
@@ -91,14 +89,14 @@ def test_against_projective_geometry(pose, camera, target, looking) -> None:
     )
 
 
-def test_with_distortion(target, looking) -> None:
+def test_with_distortion(target, looking):
     bent = Camera(640, 480, 1600.0, distortion=(-0.3, 0.1, 1e-3, -1e-3, 0.0))
     T = looking(30.0, 0.04, 0.02)
     found = measure_ellipse(image_of([(target, T)], camera=bent))
     assert np.abs(error(found, bent, target, T)).max() < 0.02
 
 
-def test_light_circle_on_a_dark_plate(camera, looking) -> None:
+def test_light_circle_on_a_dark_plate(camera, looking):
     light = CircleTarget(circle=0.85, face=0.08)
     T = looking(20.0)
     found = measure_ellipse(image_of([(light, T)]), dark=False)
@@ -131,14 +129,14 @@ HIDDEN = Occluder(((350.0, 150.0), (420.0, 150.0), (420.0, 260.0), (358.0, 240.0
         "light about",
     ],
 )
-def test_measured_all_the_same(imaging, limit, camera, target, looking) -> None:
+def test_measured_all_the_same(imaging, limit, camera, target, looking):
     T = looking(25.0, 0.001, -0.001)
     found = measure_ellipse(image_of([(target, T)], imaging))
     assert found.status == "ok", found.message
     assert np.abs(error(found, camera, target, T)).max() < limit
 
 
-def test_nothing_in_the_image() -> None:
+def test_nothing_in_the_image():
     found = measure_ellipse(image_of([], Imaging()))
     assert found.status == "no target"
     assert found.message == "no dark ellipse of 10 px or more in the image"
@@ -146,11 +144,11 @@ def test_nothing_in_the_image() -> None:
     assert not found.is_ok
 
 
-def test_an_image_of_one_grey_level() -> None:
+def test_an_image_of_one_grey_level():
     assert measure_ellipse(np.full((480, 640), 90, dtype=np.uint8)).status == "no target"
 
 
-def test_a_square_is_no_target(looking) -> None:
+def test_a_square_is_no_target(looking):
     """A dark square on a light plate: its sides are no arcs, its corners none either."""
     square = CircleTarget(0.019, (0.02, 0.02), 0.0, circle=0.08, face=0.0801)
     sheet = CircleTarget(0.001, (0.04, 0.04), 0.0)
@@ -159,14 +157,14 @@ def test_a_square_is_no_target(looking) -> None:
 
 
 @pytest.mark.parametrize("x_m", [0.062, 0.066, -0.064])
-def test_cut_by_the_edge_of_the_image(x_m, target, looking) -> None:
+def test_cut_by_the_edge_of_the_image(x_m, target, looking):
     found = measure_ellipse(image_of([(target, looking(20.0, x_m))]))
     assert found.status == "touches the edge"
     assert "is cut by the edge" in found.message
     assert np.isnan(found.long_axis_px)
 
 
-def test_half_a_circle_is_a_poor_fit(target, looking) -> None:
+def test_half_a_circle_is_a_poor_fit(target, looking):
     half = Occluder(((322.0, -9.0), (650.0, -9.0), (650.0, 490.0), (322.0, 490.0)))
     found = measure_ellipse(image_of([(target, looking(25.0))], replace(QUIET, occluders=(half,))))
     assert found.status == "poor fit"
@@ -174,7 +172,7 @@ def test_half_a_circle_is_a_poor_fit(target, looking) -> None:
     assert not found.is_ok
 
 
-def test_several(camera, target, looking) -> None:
+def test_several(camera, target, looking):
     poses = looking(20.0, -0.03), looking(20.0, 0.03)
     image = image_of([(target, T) for T in poses])
     found = measure_ellipse(image)

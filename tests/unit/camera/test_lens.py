@@ -1,7 +1,5 @@
 """The lens against OpenCV, and where no point is seen."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
@@ -25,14 +23,14 @@ def points(count: int = 200) -> np.ndarray:
     return np.random.default_rng(3).uniform([-0.25, -0.2, 0.4], [0.25, 0.2, 1.0], (count, 3))
 
 
-def test_projects_as_opencv() -> None:
+def test_projects_as_opencv():
     there, _ = cv2.projectPoints(
         points(), np.zeros(3), np.zeros(3), MATRIX, np.array(CAMERA.distortion)
     )
     np.testing.assert_allclose(CAMERA.project(points()), there[:, 0] + 0.5, atol=1e-9)
 
 
-def test_rays_as_opencv() -> None:
+def test_rays_as_opencv():
     pixels = np.random.default_rng(4).uniform([0, 0], [1280, 1024], (200, 2))
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-14)
     there = cv2.undistortPointsIter(
@@ -43,13 +41,13 @@ def test_rays_as_opencv() -> None:
     assert (rays[:, 2] == 1.0).all()
 
 
-def test_rays_lead_back_to_their_pixels() -> None:
+def test_rays_lead_back_to_their_pixels():
     x, y = np.meshgrid(np.linspace(0, 1280, 33), np.linspace(0, 1024, 27))
     pixels = np.stack([x, y], axis=-1)
     np.testing.assert_allclose(CAMERA.project(0.7 * CAMERA.rays(pixels)), pixels, atol=1e-8)
 
 
-def test_derivatives_by_central_differences() -> None:
+def test_derivatives_by_central_differences():
     step = 1e-6
     moved = step * np.eye(3)
     p = points(20)[:, None]
@@ -59,7 +57,7 @@ def test_derivatives_by_central_differences() -> None:
     )
 
 
-def test_camera_of_the_paper() -> None:
+def test_camera_of_the_paper():
     """12 mm on 4.8 mm over 640 pixels: 1600 px; 20 mm at 350 mm are 1600 * 20 / 350 = 91.4 px."""
     camera = Camera.paper()
     np.testing.assert_allclose(camera.focal_xy_px, [1600.0, 1600.0])
@@ -68,7 +66,7 @@ def test_camera_of_the_paper() -> None:
     assert b[0] - a[0] == pytest.approx(91.428571)
 
 
-def test_without_distortion_it_is_the_ideal_camera() -> None:
+def test_without_distortion_it_is_the_ideal_camera():
     ideal, camera = PinholeCamera(640, 480, 800.0), Camera(640, 480, 800.0)
     np.testing.assert_allclose(camera.project(points()), ideal.project(points()))
     np.testing.assert_allclose(camera.room_px(points()), ideal.room_px(points()))
@@ -77,7 +75,7 @@ def test_without_distortion_it_is_the_ideal_camera() -> None:
     np.testing.assert_allclose(ideal.rays(pixels) * points()[:, 2:], points(), atol=1e-12)
 
 
-def test_points_far_outside_do_not_fold_back_into_the_image() -> None:
+def test_points_far_outside_do_not_fold_back_into_the_image():
     """Barrel distortion k1 = -0.3 turns back at r = sqrt(1 / 0.9); OpenCV draws what is beyond."""
     camera = Camera(640, 480, 400.0, distortion=(-0.3, 0.0, 0.0, 0.0, 0.0))
     assert camera.largest_radius == pytest.approx(np.sqrt(1 / 0.9))
@@ -94,7 +92,7 @@ def test_points_far_outside_do_not_fold_back_into_the_image() -> None:
 
 
 @pytest.mark.parametrize("depth", [0.0, -0.3])
-def test_nothing_behind_the_lens(depth: float) -> None:
+def test_nothing_behind_the_lens(depth):
     assert np.isnan(CAMERA.project(np.array([0.01, 0.0, depth]))).all()
 
 
@@ -107,7 +105,7 @@ def test_nothing_behind_the_lens(depth: float) -> None:
         ({"focal_px": 800.0, "distortion": (0.1, 0.0)}, "distortion"),
     ],
 )
-def test_unusable_cameras_are_refused(arguments: dict[str, float], name: str) -> None:
+def test_unusable_cameras_are_refused(arguments, name):
     with pytest.raises(InputError) as caught:
         Camera(640, 480, **arguments)
     assert caught.value.name == name

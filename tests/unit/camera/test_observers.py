@@ -1,7 +1,5 @@
 """Images and geometry give the same measurements: means, scatter and outcomes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +8,6 @@ import pytest
 from calib.errors import ConvergenceError, InputError
 from calib.vision.camera import (
     Camera,
-    CircleTarget,
     FastObserver,
     ImageObserver,
     Imaging,
@@ -29,7 +26,7 @@ TRIALS = 300
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 35.0])
-def test_both_agree(tilt_deg, target, looking) -> None:
+def test_both_agree(tilt_deg, target, looking):
     """Means within 3 standard errors of both, standard deviations within 15 %.
 
     The images of the test are others than those that the noise comes from. A standard deviation of
@@ -55,7 +52,7 @@ def test_both_agree(tilt_deg, target, looking) -> None:
     np.testing.assert_allclose(noise.sigma_vhs_px, seen.std(axis=0), rtol=0.2)
 
 
-def test_one_at_a_time_as_in_a_batch(camera, target, looking) -> None:
+def test_one_at_a_time_as_in_a_batch(camera, target, looking):
     noise = MeasurementNoise.from_sigma([0.01, 0.02, 0.03])
     observer = FastObserver(camera, target, noise)
     T = looking(30.0, 0.01)
@@ -65,7 +62,7 @@ def test_one_at_a_time_as_in_a_batch(camera, target, looking) -> None:
     assert one.is_ok
 
 
-def test_noise_of_given_standard_deviations(camera, target, looking) -> None:
+def test_noise_of_given_standard_deviations(camera, target, looking):
     """For tilted targets, whatever the direction of the long axis; 4 sigma of 20000 trials."""
     sigma = np.array([0.01, 0.02, 0.03])
     observer = FastObserver(camera, target, MeasurementNoise.from_sigma(sigma))
@@ -76,7 +73,7 @@ def test_noise_of_given_standard_deviations(camera, target, looking) -> None:
         np.testing.assert_allclose(seen.std(axis=0), sigma, rtol=4 / np.sqrt(40_000))
 
 
-def test_the_same_outcomes(camera, target, looking) -> None:
+def test_the_same_outcomes(camera, target, looking):
     noise = MeasurementNoise.from_sigma([0.003, 0.003, 0.005])
     slow = make_observer("image", camera, target, imaging=Imaging())
     fast = make_observer("fast", camera, target, noise=noise)
@@ -97,14 +94,14 @@ def test_the_same_outcomes(camera, target, looking) -> None:
     assert np.isnan(batch[1:]).all()
 
 
-def test_an_observer_needs_its_noise(camera, target) -> None:
+def test_an_observer_needs_its_noise(camera, target):
     with pytest.raises(InputError, match="has no noise"):
         make_observer("fast", camera, target)
     with pytest.raises(InputError, match="did you mean fast"):
         make_observer("fats", camera, target)
 
 
-def test_noise_that_cannot_be_had(camera: Camera, target: CircleTarget, looking) -> None:
+def test_noise_that_cannot_be_had(camera, target, looking):
     with pytest.raises(InputError, match="9 images give no noise"):
         noise_from_images(camera, target, looking(), Imaging(), 9, np.random.default_rng(0))
     half = Occluder(((332.0, -9.0), (650.0, -9.0), (650.0, 490.0), (332.0, 490.0)))

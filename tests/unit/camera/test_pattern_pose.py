@@ -1,7 +1,5 @@
 """Poses from images against the truth: no bias, the stated scatter, reasons where there is none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +23,7 @@ def errors(T: np.ndarray, true: np.ndarray) -> np.ndarray:
     return np.concatenate([turn, T[:3, 3] - true[:3, 3]])
 
 
-def test_no_bias_and_the_stated_covariance(camera, target, looking) -> None:
+def test_no_bias_and_the_stated_covariance(camera, target, looking):
     """Means within 4 standard errors, scatter as stated to 20 % and four times its own error."""
     rng = np.random.default_rng(11)
     found, scatter = [], []
@@ -54,7 +52,7 @@ def test_no_bias_and_the_stated_covariance(camera, target, looking) -> None:
 )
 @pytest.mark.parametrize("colours", [(0.08, 0.85), (0.85, 0.08)], ids=["dark", "light"])
 @pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0, 0.3), (-40.0, 0.04, 0.02, 0.3, -35.0)])
-def test_one_image(camera, colours, pose, looking) -> None:
+def test_one_image(camera, colours, pose, looking):
     target = CircleTarget(circle=colours[0], face=colours[1])
     rng, true = np.random.default_rng(12), looking(*pose)
     image = render(camera, [(target, true)], Imaging(noise_grey=1.0), rng)
@@ -63,7 +61,7 @@ def test_one_image(camera, colours, pose, looking) -> None:
     assert (np.abs(errors(found.T_camera_target, true)) < 5 * found.sigma).all()
 
 
-def test_a_part_of_the_rim_hidden(camera, target, looking) -> None:
+def test_a_part_of_the_rim_hidden(camera, target, looking):
     rng, true = np.random.default_rng(13), looking(25.0)
     hidden = Occluder(((352.0, 200.0), (380.0, 200.0), (380.0, 225.0), (352.0, 225.0)))
     image = render(camera, [(target, true)], replace(Imaging(), occluders=(hidden,)), rng)
@@ -72,7 +70,7 @@ def test_a_part_of_the_rim_hidden(camera, target, looking) -> None:
     assert (np.abs(errors(found.T_camera_target, true)) < 5 * found.sigma).all()
 
 
-def test_no_pose_says_why(camera, target, looking) -> None:
+def test_no_pose_says_why(camera, target, looking):
     rng, true = np.random.default_rng(14), looking(25.0)
     empty = render(camera, [], Imaging(), rng)
     found = pose_from_image(camera, target, empty, true)
@@ -85,7 +83,7 @@ def test_no_pose_says_why(camera, target, looking) -> None:
     assert np.isnan(thin.covariance).all()
 
 
-def test_a_circle_alone_is_refused(camera, looking) -> None:
+def test_a_circle_alone_is_refused(camera, looking):
     plain = CircleTarget(cross_length_m=0.0)
     with pytest.raises(InputError, match="without a cross"):
         pose_from_image(camera, plain, np.zeros((480, 640), dtype=np.uint8), looking())

@@ -1,7 +1,5 @@
 """Rendered images against brute force, and what light, noise, glare and occluders do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2
@@ -34,7 +32,7 @@ def brute_force(
 
 @pytest.mark.parametrize("camera", [SMALL, BENT], ids=["ideal", "distorted"])
 @pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0, 0.3, 0.0), (40.0, 0.01, -0.012, 0.25, 30.0)])
-def test_against_brute_force(camera: Camera, pose: tuple[float, ...], looking, target) -> None:
+def test_against_brute_force(camera, pose, looking, target):
     """Corners of cross and plate hide most between the rays of a pixel: a tenth of its contrast."""
     T = looking(*pose)
     image = render(camera, [(target, T)], CLEAN, np.random.default_rng(0))
@@ -44,7 +42,7 @@ def test_against_brute_force(camera: Camera, pose: tuple[float, ...], looking, t
     assert abs(difference.mean()) < 0.03
 
 
-def test_a_part_of_the_plate_outside_the_image(looking, target) -> None:
+def test_a_part_of_the_plate_outside_the_image(looking, target):
     T = looking(20.0, x_m=0.04, y_m=-0.03, z_m=0.3)
     image = render(SMALL, [(target, T)], CLEAN, np.random.default_rng(0))
     assert np.abs(image - brute_force(SMALL, target, T, CLEAN)).max() < 0.1 * 154.0
@@ -52,12 +50,12 @@ def test_a_part_of_the_plate_outside_the_image(looking, target) -> None:
 
 
 @pytest.mark.parametrize("pose", [(180.0,), (100.0,), (0.0, 0.0, 0.0, -0.35), (0.0, 5.0)])
-def test_back_and_what_is_behind_or_beside_are_not_drawn(pose, looking, target) -> None:
+def test_back_and_what_is_behind_or_beside_are_not_drawn(pose, looking, target):
     image = render(SMALL, [(target, looking(*pose))], CLEAN, np.random.default_rng(0))
     assert (image == 70).all()
 
 
-def test_several_targets_the_later_in_front(looking, target) -> None:
+def test_several_targets_the_later_in_front(looking, target):
     grey = CircleTarget(0.01, (0.02, 0.02), 0.0, circle=0.5, face=0.6)
     scene = [(target, looking(z_m=0.3)), (grey, looking(z_m=0.25)), (grey, looking(x_m=-0.05))]
     image = render(SMALL, scene, CLEAN, np.random.default_rng(0))
@@ -66,7 +64,7 @@ def test_several_targets_the_later_in_front(looking, target) -> None:
     assert image[24, 32 - round(200 * 0.05 / 0.35)] == 100
 
 
-def test_blur_is_a_gaussian(looking, target) -> None:
+def test_blur_is_a_gaussian(looking, target):
     scene = [(target, looking(25.0, z_m=0.3))]
     sharp = render(SMALL, scene, CLEAN, np.random.default_rng(0))
     image = render(SMALL, scene, replace(CLEAN, blur_px=1.3), np.random.default_rng(0))
@@ -74,7 +72,7 @@ def test_blur_is_a_gaussian(looking, target) -> None:
     assert np.abs(image - expected).max() < 1.1
 
 
-def test_noise_has_its_standard_deviation() -> None:
+def test_noise_has_its_standard_deviation():
     image = render(Camera.paper(), [], replace(CLEAN, noise_grey=2.0), np.random.default_rng(5))
     # rounding adds a variance of 1/12; 307200 pixels give the deviation to 0.13 %
     assert image.std() == pytest.approx(np.sqrt(4.0 + 1 / 12), rel=0.006)
@@ -83,7 +81,7 @@ def test_noise_has_its_standard_deviation() -> None:
     assert (image == again).all()
 
 
-def test_uneven_light() -> None:
+def test_uneven_light():
     """From the left edge to the right the light grows by 40 %; in the corners 30 % are lost."""
     flat = replace(CLEAN, surroundings=0.5, white_grey=200.0)
     sloped = render(SMALL, [], replace(flat, gradient=(0.4, 0.0)), np.random.default_rng(0))
@@ -96,7 +94,7 @@ def test_uneven_light() -> None:
     assert dim[24, 32] == 100
 
 
-def test_occluder_and_glare() -> None:
+def test_occluder_and_glare():
     corners = ((5.0, 10.0), (25.0, 10.0), (25.0, 40.0), (5.0, 40.0))
     imaging = replace(
         CLEAN, occluders=(Occluder(corners, 0.1),), glares=(Glare((50.0, 24.0), 3.0, 400.0),)
@@ -109,6 +107,6 @@ def test_occluder_and_glare() -> None:
     assert image[24, 62] == 70
 
 
-def test_negative_noise_is_refused() -> None:
+def test_negative_noise_is_refused():
     with pytest.raises(InputError, match="noise_grey is -1"):
         Imaging(noise_grey=-1.0)

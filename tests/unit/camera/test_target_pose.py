@@ -1,7 +1,5 @@
 """Poses from points against the truth, Monte Carlo and OpenCV."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
@@ -22,7 +20,7 @@ def errors(T: np.ndarray, true: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("pose", [(0.0,), (30.0, 0.02, -0.02, 0.3, 40.0), (-50.0, 0.01, 0.03)])
-def test_without_noise_the_pose_is_exact(pose, target, looking) -> None:
+def test_without_noise_the_pose_is_exact(pose, target, looking):
     true = looking(*pose)
     for points in (target.corners(), target.rim(12)):
         found = pose_from_points(BENT, points, BENT.project(se3.apply(true, points)))
@@ -31,7 +29,7 @@ def test_without_noise_the_pose_is_exact(pose, target, looking) -> None:
         assert found.rms_px < 1e-6
 
 
-def test_as_opencv_refines_it(target, looking) -> None:
+def test_as_opencv_refines_it(target, looking):
     true, points = looking(30.0, 0.02, -0.01, 0.3, 10.0), target.corners()
     rng = np.random.default_rng(8)
     pixels = BENT.project(se3.apply(true, points)) + rng.normal(0.0, 0.05, (len(points), 2))
@@ -45,7 +43,7 @@ def test_as_opencv_refines_it(target, looking) -> None:
     np.testing.assert_allclose(found[:3, :3], cv2.Rodrigues(turn)[0], atol=1e-6)
 
 
-def test_covariance_by_monte_carlo(target, looking) -> None:
+def test_covariance_by_monte_carlo(target, looking):
     true, points, sigma, trials = looking(30.0, 0.02, -0.01, 0.3, 10.0), target.corners(), 0.05, 400
     rng = np.random.default_rng(9)
     clean = BENT.project(se3.apply(true, points))
@@ -61,7 +59,7 @@ def test_covariance_by_monte_carlo(target, looking) -> None:
     assert whole.mean() == pytest.approx(6.0, abs=4 * np.sqrt(12.0 / trials))
 
 
-def test_a_small_target_far_away_is_ambiguous(target, looking) -> None:
+def test_a_small_target_far_away_is_ambiguous(target, looking):
     """At 4 m and 0.3 px the plate leaning towards the camera looks as if leaning away."""
     true, points = looking(30.0, z_m=4.0), target.corners()
     found = pose_from_points(BENT, points, BENT.project(se3.apply(true, points)), 0.3)
@@ -69,7 +67,7 @@ def test_a_small_target_far_away_is_ambiguous(target, looking) -> None:
     assert "fits as well" in found.message
 
 
-def test_pixels_that_no_point_is_seen_at(target) -> None:
+def test_pixels_that_no_point_is_seen_at(target):
     folded = Camera(640, 480, 200.0, distortion=(-0.3, 0.0, 0.0, 0.0, 0.0))
     pixels = np.array([[0.0, 0.0], [640.0, 0.0], [640.0, 480.0], [0.0, 480.0]])
     found = pose_from_points(folded, target.plate_corners(), pixels)
@@ -86,6 +84,6 @@ def test_pixels_that_no_point_is_seen_at(target) -> None:
         (np.zeros((4, 3)), np.zeros((4, 2)), 0.0, "noise of 0.0 px"),
     ],
 )
-def test_unusable_points_are_refused(points, pixels, sigma, message) -> None:
+def test_unusable_points_are_refused(points, pixels, sigma, message):
     with pytest.raises(InputError, match=message):
         pose_from_points(BENT, points, pixels, sigma)

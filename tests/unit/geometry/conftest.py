@@ -1,7 +1,5 @@
 """A plain arm whose distances can be reckoned by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

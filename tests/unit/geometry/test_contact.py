@@ -1,7 +1,5 @@
 """Contact is never room: of meshes with meshes, with other solids, and of one inside the other."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

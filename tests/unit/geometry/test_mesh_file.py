@@ -1,7 +1,5 @@
 """Meshes of every format, and files that are not what they should be."""
 
-from __future__ import annotations
-
 import builtins
 import os
 import re
@@ -330,7 +328,7 @@ def test_scales_that_cannot_be(read, scale):
         ("vertex 1 0 0\n", ""),
     ],
 )
-def test_a_damaged_text_stl_is_refused(tmp_path: Path, before: str, after: str) -> None:
+def test_a_damaged_text_stl_is_refused(tmp_path, before, after):
     facet = "facet normal 0 0 {}\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
     facet += "endloop\nendfacet\n"
     text = f"solid a\n{facet.format(1)}{facet.format(1)}endsolid a\n"
@@ -342,7 +340,7 @@ def test_a_damaged_text_stl_is_refused(tmp_path: Path, before: str, after: str) 
         read_mesh(path)
 
 
-def test_readers_of_meshes_log_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_readers_of_meshes_log_nothing(tmp_path, caplog):
     """Normals are not used; trimesh logs a traceback where they are no numbers."""
     text = "solid a\nfacet normal 0 0 x\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
     (tmp_path / "a.stl").write_text(text + "endloop\nendfacet\nendsolid a\n")

@@ -1,7 +1,5 @@
 """Which pairs are checked, distances by hand, and every error of a scene."""
 
-from __future__ import annotations
-
 import itertools
 import pickle
 

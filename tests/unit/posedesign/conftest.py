@@ -1,7 +1,5 @@
 """Measurements of every kind on the reference cell, of an arm whose errors are known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -119,6 +117,6 @@ class Lab:
 
 
 @pytest.fixture(scope="session")
-def lab(reference_cell: Cell) -> Lab:
+def lab(reference_cell) -> Lab:
     """The reference cell, measured in any way."""
     return Lab(reference_cell)

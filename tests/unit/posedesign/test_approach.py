@@ -1,8 +1,5 @@
 """All joints arrive at all poses from one side, whatever the poses; where not, it is said why."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from posedesign.cell import Cell
 from posedesign.constraints.motions import WayChecker, WayVerdicts
 from posedesign.motion.route import Passing, Route, RouteOptions, Router
 from posedesign.planning.loop import plan
@@ -19,8 +15,6 @@ from posedesign.planning.loop import plan
 FREE = WayChecker((), np.inf)
 ANGLE = np.deg2rad(1.0)
 SAME_SIDE = RouteOptions(approach_rad=ANGLE)
-
-MakeCell = Callable[..., Cell]
 
 
 def last_movements(base: np.ndarray, found: Route) -> np.ndarray:
@@ -54,7 +48,7 @@ def check_one_side(base: np.ndarray, found: Route, angle: float) -> None:
     share=arrays(float, st.tuples(st.integers(1, 6), st.just(6)), elements=st.floats(0.05, 0.95))
 )
 @settings(max_examples=25, deadline=None)
-def test_joints_arrive_from_one_side(reference_cell: Cell, share: np.ndarray) -> None:
+def test_joints_arrive_from_one_side(reference_cell, share):
     cell = reference_cell
     robot = cell.robot
     q = robot.lower + share * robot.joint_range
@@ -69,7 +63,7 @@ def test_joints_arrive_from_one_side(reference_cell: Cell, share: np.ndarray) ->
 
 
 @pytest.mark.parametrize("angle_deg", [0.5, 3.0])
-def test_poses_of_a_plan_are_approached(make_demo_cell: MakeCell, angle_deg: float) -> None:
+def test_poses_of_a_plan_are_approached(make_demo_cell, angle_deg):
     """Among floor, fixture and gun: passed postures and ways keep what the poses keep."""
     cell = make_demo_cell(plan={"approach": "same-side", "approach_deg": angle_deg})
     found = plan(cell)
@@ -82,7 +76,7 @@ def test_poses_of_a_plan_are_approached(make_demo_cell: MakeCell, angle_deg: flo
         assert stop.pose is None or before.passing is Passing.APPROACH
 
 
-def test_without_it_joints_arrive_from_both_sides(make_demo_cell: MakeCell) -> None:
+def test_without_it_joints_arrive_from_both_sides(make_demo_cell):
     """The check can fail."""
     cell = make_demo_cell()
     arrived = last_movements(cell.base_posture, plan(cell).route)
@@ -90,7 +84,7 @@ def test_without_it_joints_arrive_from_both_sides(make_demo_cell: MakeCell) -> N
     assert (arrived < 0.0).any(axis=0).all()
 
 
-def test_a_joint_at_its_lower_limit_turns_all_of_them(reference_cell: Cell) -> None:
+def test_a_joint_at_its_lower_limit_turns_all_of_them(reference_cell):
     """One pose has no room below J5, so J5 arrives from above everywhere; the others from below."""
     cell = reference_cell
     q = np.tile(cell.base_posture, (3, 1))
@@ -102,7 +96,7 @@ def test_a_joint_at_its_lower_limit_turns_all_of_them(reference_cell: Cell) -> N
     np.testing.assert_array_equal(signs, np.tile([1.0, 1, 1, 1, -1, 1], (3, 1)))
 
 
-def test_what_cannot_be_approached_like_most_is_lost(reference_cell: Cell) -> None:
+def test_what_cannot_be_approached_like_most_is_lost(reference_cell):
     """Two poses at the lower limit of J5, one at the upper: the one is given up, and why."""
     cell = reference_cell
     q = np.tile(cell.base_posture, (3, 1))
@@ -132,7 +126,7 @@ class ShutFromBelow(WayChecker):
         return WayVerdicts(~hit, none, none, tuple("a wall" if h else "" for h in hit))
 
 
-def test_a_blocked_way_from_the_passed_posture_turns_the_joint(reference_cell: Cell) -> None:
+def test_a_blocked_way_from_the_passed_posture_turns_the_joint(reference_cell):
     cell = reference_cell
     q = np.tile(cell.base_posture, (2, 1))
     q[:, 0] = np.deg2rad([10.0, 20.0])
@@ -143,7 +137,7 @@ def test_a_blocked_way_from_the_passed_posture_turns_the_joint(reference_cell: C
     np.testing.assert_array_equal(signs, np.tile([-1.0, 1, 1, 1, 1, 1], (2, 1)))
 
 
-def test_a_wall_on_both_sides_loses_the_pose(reference_cell: Cell) -> None:
+def test_a_wall_on_both_sides_loses_the_pose(reference_cell):
     cell = reference_cell
     q = np.tile(cell.base_posture, (2, 1))
     q[:, 0] = np.deg2rad([10.0, 20.0])

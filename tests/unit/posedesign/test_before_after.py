@@ -1,9 +1,6 @@
 """What is said of measurements besides numbers: odd rows, gaps, and whose arm it is."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +12,6 @@ from calib.errors import ConvergenceError, NotIdentifiableError
 from calib.identification.result import DISPLAY
 from calib.model.measurements.simulate import simulate
 from calib.model.parameters import LinkGeometry
-from posedesign.cell import Cell
 from posedesign.files import json_text
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
 from posedesign.identification.comparison import (
@@ -31,7 +27,6 @@ from posedesign.identification.comparison import (
 )
 from posedesign.identification.content import results_as_dict
 
-MakeCell = Callable[..., Cell]
 OFFSETS = {"parameters": {"models": [["zero_offsets"]]}}
 
 
@@ -49,7 +44,7 @@ def again(table: MeasurementTable, rows: list[int]) -> MeasurementTable:
     return replace(more, lines=tuple(range(2, 2 + len(every))))
 
 
-def test_pasted_rows_count_once(tmp_path: Path, lab: Any) -> None:
+def test_pasted_rows_count_once(tmp_path, lab):
     table = table_of(tmp_path, lab, ["touch-up", "point"], 6)
     same, said = without_repeats(table)
     assert same is table
@@ -68,7 +63,7 @@ def test_pasted_rows_count_once(tmp_path: Path, lab: Any) -> None:
 
 
 @pytest.mark.parametrize("index", ["kind", "tool", "target", "payload"])
-def test_rows_of_another_set_up_are_no_repeats(tmp_path: Path, lab: Any, index: str) -> None:
+def test_rows_of_another_set_up_are_no_repeats(tmp_path, lab, index):
     table = table_of(tmp_path, lab, ["touch-up", "view-line"], 4, tools=("a", "b"), targets_each=2)
     double = again(table, [0])
     setup = double.data.setup
@@ -90,13 +85,13 @@ def test_rows_of_another_set_up_are_no_repeats(tmp_path: Path, lab: Any, index: 
         (["P09"], ["of P01, P02, P03, P04, P05 and 3 more poses"]),
     ],
 )
-def test_gaps_in_a_plan(names: list[str], said: list[str]) -> None:
+def test_gaps_in_a_plan(names, said):
     found = missing_poses(names)
     assert len(found) == len(said)
     assert all(text in line for text, line in zip(said, found, strict=True))
 
 
-def test_long_lists_are_summed_up() -> None:
+def test_long_lists_are_summed_up():
     lines = [str(k) for k in range(8)]
     assert summed_up(lines[:5], "rows") == lines[:5]
     assert summed_up(lines, "rows") == [*lines[:5], "and 3 more rows"]
@@ -104,9 +99,7 @@ def test_long_lists_are_summed_up() -> None:
     assert listed(lines[:1], "poses") == "0"
 
 
-def test_targets_seen_once_are_said_in_one_line(
-    tmp_path: Path, lab: Any, make_cell: MakeCell
-) -> None:
+def test_targets_seen_once_are_said_in_one_line(tmp_path, lab, make_cell):
     table = table_of(tmp_path, lab, ["touch-up"], 30, targets_each=3)
     data = table.data
     few = [i for i in range(30) if data.setup.target[i] == 0 or i in (1, 2)]
@@ -135,15 +128,7 @@ def measured_by(lab: Any, offset_deg: float, shift_m: float, tmp_path: Path) -> 
         (3.0, 0.0, "zero_offsets", None),
     ],
 )
-def test_whose_arm_it_is(
-    tmp_path: Path,
-    lab: Any,
-    make_cell: MakeCell,
-    offset_deg: float,
-    shift_m: float,
-    model: str,
-    name: str | None,
-) -> None:
+def test_whose_arm_it_is(tmp_path, lab, make_cell, offset_deg, shift_m, model, name):
     """Freed links explain any other arm to the last digit: what they say of it has to be looked at.
 
     An arm of the same make with a link 0.2 m longer is another arm, 2 mm are an error of this one.
@@ -170,13 +155,11 @@ def test_whose_arm_it_is(
     assert content["reason"] == why_another(found)
 
 
-def test_every_unit_has_a_bound() -> None:
+def test_every_unit_has_a_bound():
     assert set(BELIEVABLE) == set(DISPLAY)
 
 
-def test_residuals_of_decimetres_are_of_another_arm(
-    tmp_path: Path, lab: Any, make_cell: MakeCell
-) -> None:
+def test_residuals_of_decimetres_are_of_another_arm(tmp_path, lab, make_cell):
     table = table_of(tmp_path, lab, ["touch-up"], 40)
     rng = np.random.default_rng(3)
     q = table.data.postures + rng.normal(0.0, 0.1, table.data.postures.shape)
@@ -189,9 +172,7 @@ def test_residuals_of_decimetres_are_of_another_arm(
     assert "not of this robot" in why_another(found)
 
 
-def test_where_nothing_fits_the_hint_says_where_to_look(
-    tmp_path: Path, lab: Any, make_cell: MakeCell
-) -> None:
+def test_where_nothing_fits_the_hint_says_where_to_look(tmp_path, lab, make_cell):
     """One joint counts backwards: nothing converges, or nothing can be told."""
     table = table_of(tmp_path, lab, ["touch-up"], 12)
     q = table.data.postures.copy()
@@ -203,9 +184,7 @@ def test_where_nothing_fits_the_hint_says_where_to_look(
     assert "are these of this robot, this tool, in URDF joint signs?" in caught.value.hint
 
 
-def test_what_is_shown_where_nothing_can_be_judged(
-    tmp_path: Path, lab: Any, make_cell: MakeCell
-) -> None:
+def test_what_is_shown_where_nothing_can_be_judged(tmp_path, lab, make_cell):
     """Four touch-ups: twelve equations, ten parameters, and no pose to spare."""
     table = table_of(tmp_path, lab, ["touch-up"], 4)
     cell = make_cell(parameters={"models": [["zero_offsets"]]})
@@ -220,7 +199,7 @@ def test_what_is_shown_where_nothing_can_be_judged(
     assert content["models"][-1]["name"] == content["reference"] == "everything with priors"
 
 
-def test_gross_errors_are_named(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+def test_gross_errors_are_named(tmp_path, lab, make_cell):
     """Least squares names them and the option; the option says what it left out."""
     table = table_of(tmp_path, lab, ["touch-up"], 40, noise=5e-6)
     q = table.data.postures.copy()

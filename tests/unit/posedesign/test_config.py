@@ -1,11 +1,8 @@
 """``cell.toml``: what may stand in it, and that nothing else gets past."""
 
-from __future__ import annotations
-
 import copy
 import tomllib
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +24,7 @@ KEYS = [
 ]
 
 
-def test_defaults_are_those_of_the_example() -> None:
+def test_defaults_are_those_of_the_example():
     """What the example says of a key is what happens without it."""
     least = {
         "robot": {"preset": "r2000ic165f"},
@@ -46,7 +43,7 @@ def test_defaults_are_those_of_the_example() -> None:
     np.testing.assert_allclose(cell.truth()[1][:6], written.truth()[1][:6], atol=1e-12)
 
 
-def test_example_names_every_key() -> None:
+def test_example_names_every_key():
     """A key that the example does not show is a key that nobody finds."""
     text = cell_template()
     # this stands in the example of a URDF
@@ -64,7 +61,7 @@ def test_example_names_every_key() -> None:
                 assert written, f"{name}.{key}"
 
 
-def test_units_are_millimetres_and_degrees(make_cell: Callable[..., Cell]) -> None:
+def test_units_are_millimetres_and_degrees(make_cell):
     cell = make_cell(
         tool={"point_mm": [100.0, 0.0, 250.0]},
         plan={"limit_margin_deg": 3.0},
@@ -76,14 +73,14 @@ def test_units_are_millimetres_and_degrees(make_cell: Callable[..., Cell]) -> No
     np.testing.assert_allclose(np.rad2deg(cell.base_posture), EXAMPLE["base_pose"]["posture_deg"])
 
 
-def test_target_is_where_the_base_pose_puts_the_tool(reference_cell: Cell) -> None:
+def test_target_is_where_the_base_pose_puts_the_tool(reference_cell):
     T = reference_cell.robot.fk(reference_cell.base_posture)
     expected = T[:3, :3] @ reference_cell.tool_m + T[:3, 3]
     np.testing.assert_allclose(reference_cell.target_m, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(("section", "key"), KEYS, ids=lambda word: word)
-def test_mistyped_key_is_named_with_the_right_one(section: str, key: str) -> None:
+def test_mistyped_key_is_named_with_the_right_one(section, key):
     raw = copy.deepcopy(EXAMPLE)
     wrong = key[:-1] + "xx"
     raw[section][wrong] = raw[section].pop(key)
@@ -95,7 +92,7 @@ def test_mistyped_key_is_named_with_the_right_one(section: str, key: str) -> Non
 
 
 @pytest.mark.parametrize("section", EXAMPLE)
-def test_mistyped_section_is_named_with_the_right_one(section: str) -> None:
+def test_mistyped_section_is_named_with_the_right_one(section):
     raw = copy.deepcopy(EXAMPLE)
     raw[section + "s"] = raw.pop(section)
     with pytest.raises(FileFormatError) as caught:
@@ -105,13 +102,13 @@ def test_mistyped_section_is_named_with_the_right_one(section: str) -> None:
 
 
 @pytest.mark.parametrize("section", ["robot", "tool", "base_pose"])
-def test_missing_section(section: str) -> None:
+def test_missing_section(section):
     raw = {name: keys for name, keys in EXAMPLE.items() if name != section}
     with pytest.raises(FileFormatError, match=f"{section}: is missing"):
         parse_config(raw, WHERE)
 
 
-def test_errors_carry_their_key_and_value() -> None:
+def test_errors_carry_their_key_and_value():
     raw = copy.deepcopy(EXAMPLE)
     raw["measurement"]["three_sigma_mm"][1] = -0.5
     with pytest.raises(FileFormatError) as caught:
@@ -121,7 +118,7 @@ def test_errors_carry_their_key_and_value() -> None:
     assert error.path == WHERE
 
 
-def test_text_and_file_are_read_alike(tmp_path: Path) -> None:
+def test_text_and_file_are_read_alike(tmp_path):
     path = tmp_path / "cell.toml"
     path.write_text(cell_template())
     assert read_config(path) == parse_text(cell_template(), path) == parse_config(EXAMPLE, path)
@@ -129,13 +126,13 @@ def test_text_and_file_are_read_alike(tmp_path: Path) -> None:
     assert read_config(path) == parse_config(EXAMPLE, path)  # as Windows editors save it
 
 
-def test_bad_text_is_a_known_error() -> None:
+def test_bad_text_is_a_known_error():
     with pytest.raises(FileFormatError, match="no valid TOML") as caught:
         Cell.from_text("[robot\n", "here.toml")
     assert caught.value.path == Path("here.toml")
 
 
-def test_too_large_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_large_a_file(tmp_path, monkeypatch):
     path = tmp_path / "cell.toml"
     path.write_text(cell_template())
     monkeypatch.setattr(config, "LARGEST_CELL_BYTES", path.stat().st_size)
@@ -146,7 +143,7 @@ def test_too_large_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize("name", ["none.toml", ".", "a\0b"])
-def test_a_file_that_cannot_be_opened(tmp_path: Path, name: str) -> None:
+def test_a_file_that_cannot_be_opened(tmp_path, name):
     with pytest.raises(FileFormatError, match="cannot be read") as caught:
         read_config(tmp_path / name)
     assert "posedesign new" in caught.value.hint
@@ -156,7 +153,7 @@ def test_a_file_that_cannot_be_opened(tmp_path: Path, name: str) -> None:
 @given(
     data=st.binary(max_size=200) | st.text(max_size=200).map(lambda t: t.encode("utf-8", "replace"))
 )
-def test_random_files_raise_nothing_but_known_errors(tmp_path: Path, data: bytes) -> None:
+def test_random_files_raise_nothing_but_known_errors(tmp_path, data):
     path = tmp_path / "cell.toml"
     path.write_bytes(data)
     with pytest.raises(CalibError):
@@ -176,7 +173,7 @@ values = plain | st.lists(plain, max_size=7) | st.lists(st.floats(), min_size=3,
 
 @settings(max_examples=150)
 @given(place=st.sampled_from(KEYS), value=values)
-def test_any_value_anywhere_is_taken_or_refused(place: tuple[str, str], value: object) -> None:
+def test_any_value_anywhere_is_taken_or_refused(place, value):
     """No key lets a value through that breaks something later with an error of its own."""
     section, key = place
     raw = copy.deepcopy(EXAMPLE)

@@ -1,7 +1,5 @@
 """The ways to use an identification: what each carries, with which tool, how true the table is."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -81,7 +79,7 @@ def identified(
 TOOL = ["tool.x", "tool.y", "tool.z", "target.T1.x", "target.T1.y", "target.T1.z"]
 
 
-def test_more_is_carried_by_more(cell: Cell) -> None:
+def test_more_is_carried_by_more(cell):
     names = ["zero_offset.joint_2", "link.joint_3.z", "compliance.joint_3", *TOOL]
     found = identified(
         cell,
@@ -101,7 +99,7 @@ def test_more_is_carried_by_more(cell: Cell) -> None:
     assert not any("joint_1" in name for name in routes[DESCRIPTION].values.model.names)
 
 
-def test_the_plainest_of_equals_comes_first(cell: Cell) -> None:
+def test_the_plainest_of_equals_comes_first(cell):
     found = identified(cell, ["zero_offset.joint_2", *TOOL], {"zero_offset.joint_2": 2e-3})
     routes = routes_of(cell, found)
     assert [route.name for route in routes.routes] == [MASTERING, DESCRIPTION, POSES, AS_IT_IS]
@@ -109,7 +107,7 @@ def test_the_plainest_of_equals_comes_first(cell: Cell) -> None:
     assert routes[MASTERING].values.x == pytest.approx(found.x, abs=1e-15)
 
 
-def test_a_model_that_is_used_is_judged_by_what_is_known(cell: Cell) -> None:
+def test_a_model_that_is_used_is_judged_by_what_is_known(cell):
     known = identified(
         cell,
         ["zero_offset.joint_2", "link.joint_3.z", *TOOL],
@@ -130,7 +128,7 @@ def labelled(label: str) -> list[str]:
     return [f"tool.{label}.{axis}" for axis in "xyz"]
 
 
-def test_a_tool_point_of_any_name_is_the_cells_where_it_sits_there(cell: Cell) -> None:
+def test_a_tool_point_of_any_name_is_the_cells_where_it_sits_there(cell):
     found = identified(cell, ["zero_offset.joint_2", *labelled("p1"), "target.T1.x"])
     tool = corrected_tool(cell, found)
     assert tool.index == 0
@@ -140,7 +138,7 @@ def test_a_tool_point_of_any_name_is_the_cells_where_it_sits_there(cell: Cell) -
     np.testing.assert_allclose(routes[MASTERING].tool_m, cell.tool_m, atol=1e-12)
 
 
-def test_of_several_tool_points_one_is_to_be_named(cell: Cell) -> None:
+def test_of_several_tool_points_one_is_to_be_named(cell):
     names = ["zero_offset.joint_2", *labelled("p1"), *labelled("p2"), "target.T1.x"]
     found = identified(cell, names, {"tool.p2.x": cell.tool_m[0] + 0.1})
     tool = corrected_tool(cell, found)
@@ -158,7 +156,7 @@ def test_of_several_tool_points_one_is_to_be_named(cell: Cell) -> None:
     assert not any("tool point" in said for said in routes.words(MASTERING)[1:])
 
 
-def test_a_frame_is_no_tool_point(cell: Cell) -> None:
+def test_a_frame_is_no_tool_point(cell):
     found = identified(cell, ["zero_offset.joint_2", "tool.x", "tool.rx", "target.T1.x"])
     tool = corrected_tool(cell, found)
     assert tool.parameters == ()
@@ -168,7 +166,7 @@ def test_a_frame_is_no_tool_point(cell: Cell) -> None:
 # the box ----------------------------------------------------------------------------------------
 
 
-def test_poses_fill_the_box_and_turn_the_tool(cell: Cell) -> None:
+def test_poses_fill_the_box_and_turn_the_tool(cell):
     lowest, highest = np.array([1.7, -0.2, 0.5]), np.array([1.9, 0.2, 0.9])
     q, words = postures_of_box(cell, TaskBox(lowest, highest))
     assert len(q) == DRAWN
@@ -187,7 +185,7 @@ def test_poses_fill_the_box_and_turn_the_tool(cell: Cell) -> None:
     assert "30 deg" in words
 
 
-def test_a_box_out_of_reach_is_refused(cell: Cell) -> None:
+def test_a_box_out_of_reach_is_refused(cell):
     with pytest.raises(UnreachableError, match=r"no point of the task box can be reached.*--box"):
         postures_of_box(cell, TaskBox(np.full(3, 8.0), np.full(3, 9.0)))
 
@@ -272,7 +270,7 @@ class Arm:
 
 
 @pytest.mark.slow
-def test_the_table_is_true_of_arms(tmp_path: Path) -> None:
+def test_the_table_is_true_of_arms(tmp_path):
     """From measurements to files, and from the files to fresh poses: in the median within 15 %."""
     ratios: dict[str, list[float]] = {}
     for seed in range(30):

@@ -1,8 +1,5 @@
 """Every constraint against what it means geometrically, verdicts, and the choice of postures."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,8 +15,6 @@ from posedesign.constraints import Checker, Constraint, Situation, nearest_postu
 from posedesign.constraints.joints import CoupledLimits, JointLimits, Singularity
 from posedesign.constraints.space import Collision
 from posedesign.constraints.visibility import Distance, InImage, LineOfSight, Tilt
-
-MakeCell = Callable[..., Cell]
 
 
 def situation(cell: Cell, *postures_deg: list[float]) -> Situation:
@@ -52,7 +47,7 @@ def only(cell: Cell, kind: type[Constraint]) -> Constraint:
         ([0, 15, -25, 0, -131.2, 0], -6.2, "J5 -131.2 deg is below -125.0 deg"),
     ],
 )
-def test_joint_limits(reference_cell: Cell, q: list[float], room: float, says: str) -> None:
+def test_joint_limits(reference_cell, q, room, says):
     verdicts = Checker(reference_cell.robot).check(np.deg2rad([q]))
     assert np.rad2deg(verdicts.room[0, 0]) == pytest.approx(room)
     limits = verdicts.constraints[0]
@@ -60,7 +55,7 @@ def test_joint_limits(reference_cell: Cell, q: list[float], room: float, says: s
     assert verdicts.feasible[0] == (room >= 0)
 
 
-def test_a_margin_moves_every_bound(reference_cell: Cell) -> None:
+def test_a_margin_moves_every_bound(reference_cell):
     robot = reference_cell.robot
     q = np.deg2rad([[0.0, 75.5, -25.0, 0.0, -50.0, 0.0]])
     verdicts = Checker(robot, margin=np.deg2rad(1.0)).check(q)
@@ -68,7 +63,7 @@ def test_a_margin_moves_every_bound(reference_cell: Cell) -> None:
     assert verdicts.says(0) == "J2 75.5 deg is above 75.0 deg (1 deg inside the limit)"
 
 
-def test_coupled_limits() -> None:
+def test_coupled_limits():
     """q3 - q2 within -60 .. 40 deg, whatever the joints by themselves may do."""
     bare = Robot.preset("r2000ic165f")
     limit = CoupledLimit(
@@ -90,7 +85,7 @@ def test_coupled_limits() -> None:
     assert verdicts.remedy(2) == "lower plan.limit_margin_deg"
 
 
-def test_coupled_limits_of_the_cell(make_cell: MakeCell) -> None:
+def test_coupled_limits_of_the_cell(make_cell):
     """Beside those of the preset, or in their place."""
     given = {
         "name": "J2 with J3",
@@ -110,7 +105,7 @@ def test_coupled_limits_of_the_cell(make_cell: MakeCell) -> None:
     assert make_cell(robot={"keep_coupled_limits": False}).robot.coupled_limits == ()
 
 
-def test_singular_value_against_an_svd_of_pinocchio(reference_cell: Cell) -> None:
+def test_singular_value_against_an_svd_of_pinocchio(reference_cell):
     pin = pytest.importorskip("pinocchio")
     robot = reference_cell.robot
     q = np.random.default_rng(1).uniform(robot.lower, robot.upper, (20, 6))
@@ -125,7 +120,7 @@ def test_singular_value_against_an_svd_of_pinocchio(reference_cell: Cell) -> Non
         assert value == pytest.approx(np.linalg.svd(J, compute_uv=False)[-1], abs=1e-9)
 
 
-def test_a_straight_wrist_is_singular(make_cell: MakeCell) -> None:
+def test_a_straight_wrist_is_singular(make_cell):
     cell = make_cell(constraints={"collisions": False, "smallest_singular_value": 0.02})
     q = np.deg2rad([[0.0, 15.0, -25.0, 0.0, 0.0, 0.0], [0.0, 15.0, -25.0, 0.0, -50.0, 0.0]])
     verdicts = cell.checker.check(q)
@@ -137,38 +132,38 @@ def test_a_straight_wrist_is_singular(make_cell: MakeCell) -> None:
 
 
 @pytest.fixture
-def seeing(make_demo_cell: MakeCell) -> Cell:
+def seeing(make_demo_cell) -> Cell:
     return make_demo_cell(constraints={"collisions": False}, obstacle=None)
 
 
 @pytest.mark.parametrize("degrees", [0.0, 20.0, 60.0, 69.9])
-def test_tilt_is_the_angle_that_the_tool_is_turned_by(seeing: Cell, degrees: float) -> None:
+def test_tilt_is_the_angle_that_the_tool_is_turned_by(seeing, degrees):
     """The target faces the camera of the base pose, which looks along the tool."""
     arm = turned(seeing, "y", degrees)
     room, _ = only(seeing, Tilt).room(arm)
     assert np.rad2deg(room[0]) == pytest.approx(70.0 - degrees, abs=1e-6)
 
 
-def test_tilt_beyond_its_bound(seeing: Cell) -> None:
+def test_tilt_beyond_its_bound(seeing):
     verdicts = seeing.checker.check(turned(seeing, "y", 75.0).q)
     assert not verdicts.feasible[0]
     assert verdicts.says(0) == "target seen at a tilt of 75.0 deg, largest allowed 70 deg"
 
 
-def test_the_normal_of_the_target_may_be_given(make_demo_cell: MakeCell) -> None:
+def test_the_normal_of_the_target_may_be_given(make_demo_cell):
     slanted = [np.sin(np.deg2rad(30.0)), 0.0, np.cos(np.deg2rad(30.0))]
     cell = make_demo_cell(target={"normal": slanted})
     room, _ = only(cell, Tilt).room(situation(cell, [0, 15, -25, 0, -50, 0]))
     assert np.rad2deg(room[0]) == pytest.approx(40.0, abs=1e-6)
 
 
-def test_the_default_normal_faces_the_camera_of_the_base_pose(make_demo_cell: MakeCell) -> None:
+def test_the_default_normal_faces_the_camera_of_the_base_pose(make_demo_cell):
     """Also where the target is moved: the base pose is then moved onto it, its orientation kept."""
     cell = make_demo_cell(target={"position_mm": [1800.0, 200.0, 600.0]}, obstacle=None)
     np.testing.assert_allclose(cell.target_normal, [0.0, 0.0, 1.0], atol=1e-12)
 
 
-def test_the_rolled_target_stays_in_the_middle(seeing: Cell) -> None:
+def test_the_rolled_target_stays_in_the_middle(seeing):
     """The tool point is the middle of the image: 512 px to the edge, less the radius and border.
 
     10 mm at 250 mm with 1800 px: 72 px, and the corners of the octagon about it a little farther.
@@ -178,7 +173,7 @@ def test_the_rolled_target_stays_in_the_middle(seeing: Cell) -> None:
     assert 482.0 - reach_px / np.cos(np.pi / 8) - 1e-9 <= room[0] <= 482.0 - reach_px + 1e-9
 
 
-def test_target_outside_the_image(make_demo_cell: MakeCell) -> None:
+def test_target_outside_the_image(make_demo_cell):
     """A lens turned by 15 deg sees the target 1800 tan(15) = 482 px off the middle."""
     cell = make_demo_cell(camera={"wpr_deg": [15.0, 0.0, 0.0]}, target={"radius_mm": 0.0})
     room, _ = only(cell, InImage).room(situation(cell, [0, 15, -25, 0, -50, 0]))
@@ -196,9 +191,7 @@ def test_target_outside_the_image(make_demo_cell: MakeCell) -> None:
         (100.0, 240.0, -10.0, "target 250 mm from the camera, farthest allowed 240 mm"),
     ],
 )
-def test_distance(
-    make_demo_cell: MakeCell, nearest: float, farthest: float, room: float, says: str
-) -> None:
+def test_distance(make_demo_cell, nearest, farthest, room, says):
     cell = make_demo_cell(camera={"nearest_mm": nearest, "farthest_mm": farthest})
     arm = situation(cell, [0, 15, -25, 0, -50, 0])
     distance = only(cell, Distance)
@@ -207,7 +200,7 @@ def test_distance(
     assert distance.says(arm, 0, found[0], which[0]) == says
 
 
-def test_something_in_the_line_of_sight(make_demo_cell: MakeCell) -> None:
+def test_something_in_the_line_of_sight(make_demo_cell):
     x, y, z = 1e3 * make_demo_cell().target_m
     post = {"name": "post", "size_mm": [10.0, 10.0, 50.0], "at_mm": [x, y, z + 60.0]}
     cell = make_demo_cell(obstacle=[post], constraints={"collisions": False})
@@ -221,9 +214,7 @@ def test_something_in_the_line_of_sight(make_demo_cell: MakeCell) -> None:
 
 
 @pytest.mark.parametrize(("beside_mm", "seen"), [(0.2, False), (1.0, True)])
-def test_a_clamp_over_the_rim_blocks_the_view(
-    make_demo_cell: MakeCell, beside_mm: float, seen: bool
-) -> None:
+def test_a_clamp_over_the_rim_blocks_the_view(make_demo_cell, beside_mm, seen):
     """The middle of the target is free, and its rim where the clamp ends just outside."""
     plain = make_demo_cell()
     x, y, z = 1e3 * plain.target_m
@@ -237,7 +228,7 @@ def test_a_clamp_over_the_rim_blocks_the_view(
         assert straight.says(0) == "clamp stands between camera and target"
 
 
-def test_the_tool_itself_may_block_the_view(make_demo_cell: MakeCell) -> None:
+def test_the_tool_itself_may_block_the_view(make_demo_cell):
     tool = {"name": "clamp", "size_mm": [300.0, 300.0, 50.0], "at_mm": [100.0, 0.0, 200.0]}
     cell = make_demo_cell(tool={"body": [tool]}, obstacle=None, constraints={"collisions": False})
     verdicts = cell.checker.check(cell.base_posture[None])
@@ -251,7 +242,7 @@ def test_the_tool_itself_may_block_the_view(make_demo_cell: MakeCell) -> None:
 # space
 
 
-def test_two_bodies_too_near(make_demo_cell: MakeCell) -> None:
+def test_two_bodies_too_near(make_demo_cell):
     """A wall beside the gun, 15 mm from its side."""
     cell = make_demo_cell()
     T = cell.robot.fk(cell.base_posture)
@@ -273,7 +264,7 @@ def test_two_bodies_too_near(make_demo_cell: MakeCell) -> None:
     assert ignored.checker.check(near.base_posture[None]).feasible[0]
 
 
-def test_workspace_box(make_demo_cell: MakeCell) -> None:
+def test_workspace_box(make_demo_cell):
     """Farthest to the front is the side of the camera, 240 mm along x of the tip."""
     cell = make_demo_cell()
     front = 1e3 * cell.robot.fk(cell.base_posture)[0, 3] + 240.0
@@ -291,7 +282,7 @@ def test_workspace_box(make_demo_cell: MakeCell) -> None:
     assert wide.checker.check(cell.base_posture[None]).feasible[0]
 
 
-def test_the_workspace_is_kept_on_the_ways_too(make_demo_cell: MakeCell) -> None:
+def test_the_workspace_is_kept_on_the_ways_too(make_demo_cell):
     """From 30 deg to the left to 30 deg to the right the camera swings out to the front."""
     cell = make_demo_cell(camera=None, obstacle=None)
     q = np.tile(cell.base_posture, (2, 1))
@@ -312,7 +303,7 @@ def test_the_workspace_is_kept_on_the_ways_too(make_demo_cell: MakeCell) -> None
     assert not narrow.passing.check(cell.base_posture[None]).feasible[0]
 
 
-def test_an_arm_without_bodies_keeps_the_workspace_all_the_same(make_cell: MakeCell) -> None:
+def test_an_arm_without_bodies_keeps_the_workspace_all_the_same(make_cell):
     """Its joints and its tool point do: that of the reference cell is at x = 1915 mm."""
     box = {
         "collisions": False,
@@ -327,9 +318,7 @@ def test_an_arm_without_bodies_keeps_the_workspace_all_the_same(make_cell: MakeC
 
 
 @pytest.mark.parametrize("distance", [600.0, 2500.0])
-def test_safety_distances_of_more_than_half_a_metre(
-    make_demo_cell: MakeCell, distance: float
-) -> None:
+def test_safety_distances_of_more_than_half_a_metre(make_demo_cell, distance):
     """A ball 1.5 m from everything that moves."""
     ball = {"name": "ball", "kind": "sphere", "radius_mm": 50.0, "at_mm": [1900.0, 2500.0, 1000.0]}
     cell = make_demo_cell(
@@ -357,14 +346,14 @@ class NoNumber(JointLimits):
 
 
 @pytest.mark.parametrize("every", [True, False])
-def test_a_room_that_is_no_number_is_none(reference_cell: Cell, every: bool) -> None:
+def test_a_room_that_is_no_number_is_none(reference_cell, every):
     robot = reference_cell.robot
     checker = Checker(robot, [NoNumber(robot, 0.0)])
     verdicts = checker.check(reference_cell.base_posture[None], every=every)
     assert not verdicts.feasible[0]
 
 
-def test_later_constraints_are_spared_what_is_lost(demo_cell: Cell) -> None:
+def test_later_constraints_are_spared_what_is_lost(demo_cell):
     q = np.vstack([demo_cell.base_posture, np.deg2rad([0.0, 90.0, -25.0, 0.0, -50.0, 0.0])])
     lazy = demo_cell.checker.check(q, every=False)
     full = demo_cell.checker.check(q)
@@ -375,7 +364,7 @@ def test_later_constraints_are_spared_what_is_lost(demo_cell: Cell) -> None:
     assert lazy.says(1) == "J2 90.0 deg is above 76.0 deg"
 
 
-def test_order_of_postures_does_not_matter(demo_cell: Cell) -> None:
+def test_order_of_postures_does_not_matter(demo_cell):
     rng = np.random.default_rng(5)
     robot = demo_cell.robot
     size = np.repeat([0.02, 0.6], 30)[:, None]
@@ -387,7 +376,7 @@ def test_order_of_postures_does_not_matter(demo_cell: Cell) -> None:
     assert not one.feasible.all()
 
 
-def test_no_postures(demo_cell: Cell) -> None:
+def test_no_postures(demo_cell):
     verdicts = demo_cell.checker.check(np.empty((0, 6)))
     assert verdicts.feasible.shape == (0,)
 
@@ -395,7 +384,7 @@ def test_no_postures(demo_cell: Cell) -> None:
 # the choice of postures
 
 
-def test_a_branch_that_collides_gives_way_to_another(make_demo_cell: MakeCell) -> None:
+def test_a_branch_that_collides_gives_way_to_another(make_demo_cell):
     """A post where the forearm's elbow-up branch is: the pose is still taken, otherwise."""
     cell = make_demo_cell(constraints={"collisions": False}, obstacle=None)
     pose = cell.robot.fk(cell.base_posture)[None]
@@ -441,7 +430,7 @@ class Deep(Shallow):
     name, off = "deep", -0.091
 
 
-def test_the_reason_is_what_is_broken_worst_not_first(demo_cell: Cell) -> None:
+def test_the_reason_is_what_is_broken_worst_not_first(demo_cell):
     checker = Checker(demo_cell.robot, [Shallow(), Deep()])
     base = demo_cell.base_posture
     poses = demo_cell.robot.fk(np.tile(base, (3, 1)))
@@ -452,7 +441,7 @@ def test_the_reason_is_what_is_broken_worst_not_first(demo_cell: Cell) -> None:
     assert str(nothing).startswith("none of 3 poses can be taken; 100% of them: deep, e.g. deep 91")
 
 
-def test_reasons_of_poses_that_cannot_be_taken(make_demo_cell: MakeCell) -> None:
+def test_reasons_of_poses_that_cannot_be_taken(make_demo_cell):
     cell = make_demo_cell(camera=None)
     poses = np.tile(cell.robot.fk(cell.base_posture), (3, 1, 1))
     poses[0, 0, 3] += 3.0  # out of reach

@@ -1,11 +1,8 @@
 """What is said of findings, and where it is said."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,7 +10,6 @@ import pytest
 from calib.errors import NotIdentifiableError
 from calib.identification.diagnosis import Finding
 from calib.identification.diagnosis.finding import Cause
-from posedesign.cell import Cell
 from posedesign.cli.identification_output import print_identification
 from posedesign.files import json_text
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
@@ -21,7 +17,6 @@ from posedesign.identification.comparison import identify_models, why_another
 from posedesign.identification.content import results_as_dict
 from posedesign.identification.findings import as_dict, in_words, is_gross
 
-MakeCell = Callable[..., Cell]
 THINGS: dict[str, tuple[str, ...]] = {
     "harmonic": ("joint_2", "1"),
     "zero": ("joint_2", "+90"),
@@ -37,7 +32,7 @@ JOINTS = ("harmonic", "sign", "zero", "sign and zero", "coupling", "swapped join
 
 
 @pytest.fixture(scope="module")
-def table(lab: Any, tmp_path_factory: pytest.TempPathFactory) -> MeasurementTable:
+def table(lab, tmp_path_factory) -> MeasurementTable:
     """Touch-ups of three targets, as read from a file."""
     measured = lab.measure(["touch-up"], 45, targets_each=3, noise=2e-5)
     path = tmp_path_factory.mktemp("said") / "m.csv"
@@ -45,7 +40,7 @@ def table(lab: Any, tmp_path_factory: pytest.TempPathFactory) -> MeasurementTabl
 
 
 @pytest.mark.parametrize("cause", get_args(Cause))
-def test_every_cause_has_words(table: MeasurementTable, cause: Cause) -> None:
+def test_every_cause_has_words(table, cause):
     part = "joint" if cause in (*JOINTS, "all signs", "joint unit") else "target"
     finding = Finding(cause, THINGS.get(cause, ("A0",)), part, (3, 7), 1e-3, "m", 0.03, 1e-4, 40.0)
     said = in_words(finding, table)
@@ -58,7 +53,7 @@ def test_every_cause_has_words(table: MeasurementTable, cause: Cause) -> None:
     assert content["lines"] == [5, 9]
 
 
-def test_what_an_arm_could_be_bent_to_is_said_by_its_odds(table: MeasurementTable) -> None:
+def test_what_an_arm_could_be_bent_to_is_said_by_its_odds(table):
     finding = Finding("scale", ("point",), "instrument", (), 0.01, "", 3e-5, 3e-5, 46.0)
     assert "point seem to be 1 % too long: errors of the arm that explain it as well are 1e20 " in (
         in_words(finding, table)
@@ -66,7 +61,7 @@ def test_what_an_arm_could_be_bent_to_is_said_by_its_odds(table: MeasurementTabl
 
 
 @pytest.mark.parametrize(("size", "gross"), [(0.01, True), (-0.003, True), (0.0005, False)])
-def test_a_scale_that_no_arm_is_off_by(size: float, gross: bool) -> None:
+def test_a_scale_that_no_arm_is_off_by(size, gross):
     """A tracker that is 1 % long has links identified that are 1 % long; warm arms grow by less."""
     finding = Finding("scale", ("point",), "instrument", (), size, "", 3e-5, 3e-5, 46.0)
     assert is_gross((finding,)) == gross
@@ -74,9 +69,7 @@ def test_a_scale_that_no_arm_is_off_by(size: float, gross: bool) -> None:
     assert is_gross((replace(finding, cause="sign", size=np.nan),))
 
 
-def test_another_arm_is_said_to_be_one(
-    table: MeasurementTable, make_cell: MakeCell, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_arm_is_said_to_be_one(table, make_cell, capsys):
     """Also where a gap of the model is named: that is no reason why it is another arm."""
     cell = make_cell(parameters={"models": [["zero_offsets"]]})
     q = table.data.postures + np.random.default_rng(3).normal(0.0, 0.1, (45, 6))
@@ -87,7 +80,7 @@ def test_another_arm_is_said_to_be_one(
         assert "not of this robot" in capsys.readouterr().err
 
 
-def test_causes_that_fit_as_well_are_named_with_it(table: MeasurementTable) -> None:
+def test_causes_that_fit_as_well_are_named_with_it(table):
     other = Finding("zero", ("joint_2", "180"), "joint", (), np.nan, "", 0.03, 1e-4, 40.0)
     finding = replace(other, cause="sign", things=("joint_1",), also=(other,))
     said = in_words(finding, table)
@@ -96,9 +89,7 @@ def test_causes_that_fit_as_well_are_named_with_it(table: MeasurementTable) -> N
     )
 
 
-def test_a_joint_counted_the_other_way(
-    table: MeasurementTable, make_cell: MakeCell, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_joint_counted_the_other_way(table, make_cell, capsys):
     """It is said first, it is the reason why no model is recommended, and it is in the file."""
     cell = make_cell(parameters={"models": [["zero_offsets"]]})
     q = table.data.postures.copy()
@@ -115,13 +106,13 @@ def test_a_joint_counted_the_other_way(
     assert shown.err.count("counted the other way") == 1
 
 
-def test_steady_measurements_say_nothing(table: MeasurementTable, make_cell: MakeCell) -> None:
+def test_steady_measurements_say_nothing(table, make_cell):
     found = identify_models(make_cell(parameters={"models": [["zero_offsets"]]}), table)
     assert found.findings == ()
     assert found.is_of_this_robot
 
 
-def test_a_refusal_is_hinted_at_by_name(table: MeasurementTable, make_cell: MakeCell) -> None:
+def test_a_refusal_is_hinted_at_by_name(table, make_cell):
     """Where the cell asks for what cannot be told, the mistake comes first."""
     asked = {"models": [["zero_offsets"]], "zero_offsets": ["joint_1", "joint_2", "joint_3"]}
     cell, data = make_cell(parameters=asked), table.data

@@ -1,7 +1,5 @@
 """Zero offsets as controllers want them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -25,13 +23,13 @@ def with_offsets(model: CalibrationModel, degrees: list[float]) -> np.ndarray:
     return x
 
 
-def test_every_maker_has_a_preset() -> None:
+def test_every_maker_has_a_preset():
     makers = {preset_info(name)["controller"] for name in preset_names()}
     assert makers == set(POSITIVE_AXES)
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_corrected_pendant_values_take_the_arm_where_the_nominal_one_goes(name: str) -> None:
+def test_corrected_pendant_values_take_the_arm_where_the_nominal_one_goes(name):
     robot = Robot.preset(name)
     assert robot.controller is not None
     rng = np.random.default_rng(0)
@@ -49,7 +47,7 @@ def test_corrected_pendant_values_take_the_arm_where_the_nominal_one_goes(name: 
     np.testing.assert_allclose(there, shown_deg + np.rad2deg(table.correction), atol=1e-9)
 
 
-def test_fanucs_third_joint_has_a_part_of_the_second() -> None:
+def test_fanucs_third_joint_has_a_part_of_the_second():
     robot = Robot.preset("r2000ic165f")
     model = model_of(robot, ("joint_2", "joint_3"))
     x = with_offsets(model, [0.1, 0.3])
@@ -69,7 +67,7 @@ def test_fanucs_third_joint_has_a_part_of_the_second() -> None:
     )
 
 
-def test_without_correlations_the_sigma_is_a_bound() -> None:
+def test_without_correlations_the_sigma_is_a_bound():
     robot = Robot.preset("r2000ic165f")
     model = model_of(robot, ("joint_2", "joint_3"))
     x, sigma = with_offsets(model, [0.1, 0.3]), np.full(model.p, np.deg2rad(0.01))
@@ -80,7 +78,7 @@ def test_without_correlations_the_sigma_is_a_bound() -> None:
     assert mastering(model, x).rows()[2]["sigma_deg"] is None
 
 
-def test_joints_that_were_not_identified_say_so() -> None:
+def test_joints_that_were_not_identified_say_so():
     robot = Robot.preset("r2000ic165f")
     model = model_of(robot, ("joint_2",))
     rows = mastering(model, with_offsets(model, [0.1]), sigma=np.full(model.p, 1e-4)).rows()
@@ -95,7 +93,7 @@ def test_joints_that_were_not_identified_say_so() -> None:
     assert all("\n" not in str(row["meaning"]) for row in rows)
 
 
-def test_an_unknown_controller_has_the_signs_of_the_description() -> None:
+def test_an_unknown_controller_has_the_signs_of_the_description():
     robot = replace(Robot.preset("r2000ic165f"), controller=None)
     model = model_of(robot, ("joint_2", "joint_3"))
     rows = mastering(model, with_offsets(model, [0.1, 0.3])).rows()

@@ -1,7 +1,5 @@
 """Tables of measurements: what is written is read back, of every kind and every mixture."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,7 +32,7 @@ def named(kinds: list[str]) -> str:
 
 
 @pytest.mark.parametrize("kinds", MIXTURES, ids=named)
-def test_round_trip(tmp_path: Path, lab: Any, kinds: list[str]) -> None:
+def test_round_trip(tmp_path, lab, kinds):
     measured = lab.measure(kinds, 6, tools=("tool", "ball"), targets_each=2, noise=1e-4)
     data = measured.data
     path = write_measurements(tmp_path / "m.csv", data, measured.kinds)
@@ -66,7 +64,7 @@ def test_round_trip(tmp_path: Path, lab: Any, kinds: list[str]) -> None:
             assert rotation_angle(R).max() < EXACT
 
 
-def test_only_columns_that_are_needed(tmp_path: Path, lab: Any) -> None:
+def test_only_columns_that_are_needed(tmp_path, lab):
     def columns(kinds: list[str], **more: Any) -> list[str]:
         measured = lab.measure(kinds, 3, **more)
         path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
@@ -79,7 +77,7 @@ def test_only_columns_that_are_needed(tmp_path: Path, lab: Any) -> None:
     assert columns(["distance", "plane"]) == ["target", "pose", "kind", "distance_mm"]
 
 
-def test_payloads_by_name(tmp_path: Path, lab: Any) -> None:
+def test_payloads_by_name(tmp_path, lab):
     measured = lab.measure(["touch-up"], 4, payload=[0, 2, 1, 0])
     path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds, ["bag", "box"])
     rows = read_rows(path)[1]
@@ -94,7 +92,7 @@ def test_payloads_by_name(tmp_path: Path, lab: Any) -> None:
     assert "[[payload]]" in e.value.hint
 
 
-def test_without_kinds_they_are_those_of_the_cell(tmp_path: Path, lab: Any) -> None:
+def test_without_kinds_they_are_those_of_the_cell(tmp_path, lab):
     measured = lab.measure(["view-line"], 3)
     path = write_measurements(tmp_path / "m.csv", measured.data)
     assert "kind" not in read_rows(path)[0]
@@ -102,7 +100,7 @@ def test_without_kinds_they_are_those_of_the_cell(tmp_path: Path, lab: Any) -> N
     assert read_measurements(path, 6).kinds == ("touch-up",)
 
 
-def test_what_cannot_be_written(tmp_path: Path, lab: Any) -> None:
+def test_what_cannot_be_written(tmp_path, lab):
     measured = lab.measure(["touch-up", "plane"], 3, payload=1)
     path = tmp_path / "m.csv"
     with pytest.raises(InputError, match="a payload of the measurements has no name"):
@@ -115,7 +113,7 @@ def test_what_cannot_be_written(tmp_path: Path, lab: Any) -> None:
     assert not path.exists()
 
 
-def test_some_rows_keep_their_lines(tmp_path: Path, lab: Any) -> None:
+def test_some_rows_keep_their_lines(tmp_path, lab):
     measured = lab.measure(["plane", "touch-up"], 3)
     path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
     table = read_measurements(path, 6)
@@ -144,7 +142,7 @@ def written(tmp_path: Path, lab: Any, kinds: list[str]) -> tuple[Path, list[str]
     return path, *rows_of(path)
 
 
-def test_a_reading_that_is_missing_is_named(tmp_path: Path, lab: Any) -> None:
+def test_a_reading_that_is_missing_is_named(tmp_path, lab):
     path, columns, rows = written(tmp_path, lab, ["point", "distance"])
     rows[2]["y_mm"] = ""
     write_table(path, columns, rows)
@@ -168,9 +166,7 @@ def test_a_reading_that_is_missing_is_named(tmp_path: Path, lab: Any) -> None:
         (["point"], "Pont", "line 2, column kind: there is no kind of .* 'Pont'", "point"),
     ],
 )
-def test_a_kind_that_the_columns_do_not_fit(
-    tmp_path: Path, lab: Any, kinds: list[str], called: str, message: str, hint: str
-) -> None:
+def test_a_kind_that_the_columns_do_not_fit(tmp_path, lab, kinds, called, message, hint):
     path, columns, rows = written(tmp_path, lab, kinds)
     write_table(path, columns, [row | {"kind": called} for row in rows])
     with pytest.raises(FileFormatError, match=message) as e:
@@ -178,7 +174,7 @@ def test_a_kind_that_the_columns_do_not_fit(
     assert hint in e.value.hint
 
 
-def test_readings_that_nobody_reads_are_noted(tmp_path: Path, lab: Any) -> None:
+def test_readings_that_nobody_reads_are_noted(tmp_path, lab):
     path, columns, rows = written(tmp_path, lab, ["point"])
     write_table(path, [c for c in columns if c != "kind"], rows)
     (note,) = read_measurements(path, 6).notes
@@ -190,7 +186,7 @@ def test_readings_that_nobody_reads_are_noted(tmp_path: Path, lab: Any) -> None:
     assert "distance_mm of 4 rows are not read, because a point has x_mm, y_mm, z_mm" in note
 
 
-def test_a_plane_is_nothing_else(tmp_path: Path, lab: Any) -> None:
+def test_a_plane_is_nothing_else(tmp_path, lab):
     path, columns, rows = written(tmp_path, lab, ["plane", "touch-up"])
     for row in rows:
         row["target"] = "T1"
@@ -204,9 +200,7 @@ def test_a_plane_is_nothing_else(tmp_path: Path, lab: Any) -> None:
 
 @pytest.mark.parametrize("column", ["target", "pose", "tool"])
 @pytest.mark.parametrize("character", ["\x1b", "\x9b", "\x7f", "\n"])
-def test_names_do_not_steer_the_terminal(
-    tmp_path: Path, lab: Any, column: str, character: str
-) -> None:
+def test_names_do_not_steer_the_terminal(tmp_path, lab, column, character):
     path, columns, rows = written(tmp_path, lab, ["touch-up"])
     rows[1] |= {"tool": "tool", column: f"T{character}[31m"}
     write_table(path, [*columns, "tool"], rows)
@@ -214,7 +208,7 @@ def test_names_do_not_steer_the_terminal(
         read_measurements(path, 6)
 
 
-def test_one_pose_has_one_posture(tmp_path: Path, lab: Any) -> None:
+def test_one_pose_has_one_posture(tmp_path, lab):
     path, columns, rows = written(tmp_path, lab, ["touch-up"])
     rows[3]["pose"] = rows[1]["pose"]
     write_table(path, columns, rows)
@@ -248,9 +242,7 @@ TURNS = ("w_deg", "p_deg", "r_deg")
         ("camera-pose", dict.fromkeys(TURNS, np.pi / 180.0), "w_deg to r_deg", "57.29578"),
     ],
 )
-def test_units_of_readings(
-    tmp_path: Path, lab: Any, kind: str, factors: dict[str, float], column: str, hint: str
-) -> None:
+def test_units_of_readings(tmp_path, lab, kind, factors, column, hint):
     path, columns, rows = written(tmp_path, lab, [kind])
     check_readings(lab.cell, read_measurements(path, 6))  # as they are they are believed
     write_table(path, columns, scaled(rows, factors))
@@ -261,7 +253,7 @@ def test_units_of_readings(
     assert hint in e.value.hint
 
 
-def test_turns_that_are_written_otherwise(tmp_path: Path, lab: Any) -> None:
+def test_turns_that_are_written_otherwise(tmp_path, lab):
     """Rotation vectors in the columns of W, P and R."""
     measured = lab.measure(["pose"], 30)
     path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
@@ -274,7 +266,7 @@ def test_turns_that_are_written_otherwise(tmp_path: Path, lab: Any) -> None:
     assert "W, P, R turn about fixed x, y, z in this order" in e.value.hint
 
 
-def test_a_point_that_the_arm_turns_about_may_stand_still(tmp_path: Path, lab: Any) -> None:
+def test_a_point_that_the_arm_turns_about_may_stand_still(tmp_path, lab):
     """Touch-ups that a tracker watches: the tool point does not move, the readings do not."""
     measured = lab.measure(["touch-up"], 20)
     readings = np.random.default_rng(2).normal(0.5, 1e-4, (20, 3))
@@ -283,14 +275,14 @@ def test_a_point_that_the_arm_turns_about_may_stand_still(tmp_path: Path, lab: A
     check_readings(lab.cell, read_measurements(path, 6))
 
 
-def test_one_wrong_rotation_does_not_condemn_the_table(tmp_path: Path, lab: Any) -> None:
+def test_one_wrong_rotation_does_not_condemn_the_table(tmp_path, lab):
     path, columns, rows = written(tmp_path, lab, ["pose"])
     rows[0]["r_deg"] = float(str(rows[0]["r_deg"])) + 90.0
     write_table(path, columns, rows)
     check_readings(lab.cell, read_measurements(path, 6))
 
 
-def test_more_measurements_than_can_be_identified_are_refused_at_once(tmp_path: Path) -> None:
+def test_more_measurements_than_can_be_identified_are_refused_at_once(tmp_path):
     path = tmp_path / "m.csv"
     row = "T1,0,0,0,0,0,0\n"
     path.write_text("target,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\n" + row * 50_001)

@@ -1,8 +1,5 @@
 """Models in words: what each frees, with which priors and noise; and models by their names."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
@@ -30,7 +27,6 @@ from posedesign.identification.models import (
     robot_blocks,
 )
 
-MakeCell = Callable[..., Cell]
 WORDS = [word for word in get_args(Word) if word != "priors"]
 
 STEMS = {
@@ -58,12 +54,12 @@ def stems(names: Any) -> set[str]:
 
 
 @pytest.mark.parametrize("word", WORDS)
-def test_each_word_frees_what_it_says(reference_cell: Cell, word: str) -> None:
+def test_each_word_frees_what_it_says(reference_cell, word):
     names = [name for block in robot_blocks(reference_cell, [word]) for name in block.names]
     assert stems(names) == STEMS[word]
 
 
-def test_names_of_models() -> None:
+def test_names_of_models():
     assert name_of(["zero_offsets"]) == "offsets"
     assert name_of(["zero_offsets", "lost_motion"]) == "offsets + lost motion"
     assert name_of(["geometry", "priors", "compliance"]) == "geometry + compliance with priors"
@@ -88,7 +84,7 @@ HELD = {
 
 
 @pytest.mark.parametrize("words", [["zero_offsets"], ["geometry"], *[[w] for w in WORDS[2:]]])
-def test_priors_of_joints_and_links(make_cell: MakeCell, words: list[str]) -> None:
+def test_priors_of_joints_and_links(make_cell, words):
     cell = make_cell(parameters=PRIORS)
     for block in robot_blocks(cell, words):
         assert np.isinf(block.prior).all()
@@ -100,9 +96,7 @@ def test_priors_of_joints_and_links(make_cell: MakeCell, words: list[str]) -> No
             assert sigma == pytest.approx(HELD[f"link {unit}" if stem == "link" else stem]), name
 
 
-def test_models_are_tried_from_small_to_large(
-    tmp_path: Path, lab: Any, make_cell: MakeCell
-) -> None:
+def test_models_are_tried_from_small_to_large(tmp_path, lab, make_cell):
     models = [["geometry", "compliance"], ["zero_offsets"], ["zero_offsets", "bearings", "scale"]]
     cell = make_cell(parameters={"models": models})
     _, table = table_of(tmp_path, lab, ["point"])
@@ -119,9 +113,7 @@ def test_models_are_tried_from_small_to_large(
     assert not found[1].notes
 
 
-def test_what_needs_masses_is_left_out_without_them(
-    tmp_path: Path, lab: Any, make_cell: MakeCell
-) -> None:
+def test_what_needs_masses_is_left_out_without_them(tmp_path, lab, make_cell):
     _, table = table_of(tmp_path, lab, ["touch-up"])
     light = make_cell(
         robot={"preset": "r2000ib210f"},
@@ -136,9 +128,7 @@ def test_what_needs_masses_is_left_out_without_them(
     assert not any(w in reference(heavy, table).model.names for w in ("compliance.joint_2",))
 
 
-def test_links_are_not_free_where_nothing_sees_the_scale(
-    tmp_path: Path, lab: Any, make_cell: MakeCell
-) -> None:
+def test_links_are_not_free_where_nothing_sees_the_scale(tmp_path, lab, make_cell):
     """Neither by touch-ups of one target nor of three; by a known distance, and by readings."""
     models = {"parameters": {"models": [["geometry"], ["geometry", "priors"]]}}
     known = {"targets": ["A0", "A1"], "length_mm": 300.0}
@@ -156,9 +146,7 @@ def test_links_are_not_free_where_nothing_sees_the_scale(
         assert held_only(cell, table) == ([] if free else ["geometry"])
 
 
-def test_the_reference_holds_everything_by_priors(
-    tmp_path: Path, lab: Any, make_cell: MakeCell
-) -> None:
+def test_the_reference_holds_everything_by_priors(tmp_path, lab, make_cell):
     cell = make_cell(parameters={"models": [["zero_offsets"], ["scale"]]})
     _, table = table_of(tmp_path, lab, ["touch-up"])
     model = reference(cell, table).model
@@ -171,7 +159,7 @@ def test_the_reference_holds_everything_by_priors(
     assert sorted(grouped) == sorted(np.array(model.names)[~model.nuisance])
 
 
-def test_noise_given_and_unknown(make_cell: MakeCell) -> None:
+def test_noise_given_and_unknown(make_cell):
     cell = make_cell(
         noise=[
             {"kind": "pose", "three_sigma_mm": [0.3, 0.6, 0.9], "three_sigma_deg": 0.03},
@@ -188,7 +176,7 @@ def test_noise_given_and_unknown(make_cell: MakeCell) -> None:
 
 
 @pytest.mark.parametrize("kind", ["touch-up", "point", "distance"])
-def test_noise_from_the_residuals(tmp_path: Path, lab: Any, make_cell: MakeCell, kind: str) -> None:
+def test_noise_from_the_residuals(tmp_path, lab, make_cell, kind):
     """150 measurements: the standard deviation is known to about 1 / sqrt(2 x 150)."""
     noise = 5e-5
     measured, table = table_of(
@@ -207,7 +195,7 @@ def test_noise_from_the_residuals(tmp_path: Path, lab: Any, make_cell: MakeCell,
         assert abs(result.value(name) - measured.value(name)) < 5.0 * sigma
 
 
-def test_known_distances_take_part(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+def test_known_distances_take_part(tmp_path, lab, make_cell):
     """Of two targets, in any order of their names; a wrong one shows."""
     measured, table = table_of(tmp_path, lab, ["touch-up"], 60, targets_each=2)
     ends = [np.array([measured.value(f"target.A{k}.{axis}") for axis in "xyz"]) for k in (0, 1)]
@@ -230,7 +218,7 @@ def test_known_distances_take_part(tmp_path: Path, lab: Any, make_cell: MakeCell
     assert found.rms_m > 1e-6
 
 
-def test_a_known_distance_to_nowhere(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+def test_a_known_distance_to_nowhere(tmp_path, lab, make_cell):
     _, table = table_of(tmp_path, lab, ["touch-up"], 6)
     cell = make_cell(known_distance=[{"targets": ["A0", "A7"], "length_mm": 100.0}])
     with pytest.raises(InputError, match="distance to the target 'A7' is known") as caught:
@@ -244,7 +232,7 @@ def rebuilt(cell: Cell, table: MeasurementTable) -> list[tuple[CalibrationModel,
 
 
 @pytest.mark.parametrize("kinds", [["touch-up"], ["pose"], ["point", "touch-up"]], ids="+".join)
-def test_models_from_names(tmp_path: Path, lab: Any, make_cell: MakeCell, kinds: list[str]) -> None:
+def test_models_from_names(tmp_path, lab, make_cell, kinds):
     """The arm that a file of results speaks of moves as the one that was identified."""
     words = [[word] for word in WORDS] + [["geometry", "compliance", "priors"]]
     cell = make_cell(parameters={"models": words})
@@ -266,7 +254,7 @@ def test_models_from_names(tmp_path: Path, lab: Any, make_cell: MakeCell, kinds:
         np.testing.assert_allclose(there, here, rtol=0, atol=1e-12)
 
 
-def test_names_that_no_arm_has(reference_cell: Cell) -> None:
+def test_names_that_no_arm_has(reference_cell):
     with pytest.raises(InputError, match=r"no parameter 'link\.joint_7\.x'") as caught:
         model_of(reference_cell, ["zero_offset.joint_2", "link.joint_7.x"])
     assert "link.joint_" in caught.value.hint
@@ -274,7 +262,7 @@ def test_names_that_no_arm_has(reference_cell: Cell) -> None:
         model_of(reference_cell, ["nonsense"])
 
 
-def test_every_kind_has_its_place_in_the_table() -> None:
+def test_every_kind_has_its_place_in_the_table():
     """A kind that is added has to be given its columns, or be one that is met."""
     from posedesign.files.measurements import _READ
 

@@ -1,7 +1,5 @@
 """What to touch up next: what is known counts, what each pose gains, and when to stop."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Plans out of a pool: what they promise, what is proven of them, and what is refused."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from dataclasses import replace
@@ -14,6 +12,9 @@ from calib.errors import InputError, UnreachableError
 from calib.identification import covariance_of, identify_batch
 from calib.identification.prediction import predict_accuracy
 from calib.model.measurements.simulate import simulate
+from calib.model.measurements.touch import touch
+from calib.se3 import rotation_angle
+from posedesign.candidates import cone_pool
 from posedesign.candidates.of_cell import box_of_cell, functions_over_box, pool_of
 from posedesign.cell import Cell
 from posedesign.cell.schema import parse_config
@@ -23,11 +24,13 @@ from posedesign.constraints.motions import WayChecker, WayVerdicts
 from posedesign.motion.route import Router
 from posedesign.planning.checks import off_target
 from posedesign.planning.loop import check_base_pose
-from posedesign.planning.optimal import Wish, plan_optimal
+from posedesign.planning.optimal import Wish, plan_fewest, plan_optimal
+from posedesign.planning.optimal import choose as planning
 from posedesign.planning.optimal.accuracy import accuracy_of
 from posedesign.planning.optimal.objective import goal_of
 from posedesign.planning.optimal.outlook import outlook_of
 from posedesign.planning.optimal.reachable import without_alike
+from posedesign.planning.optimal.robust import TRIALS, blocks_of_robots, draw_parameters, robustness
 from posedesign.planning.tables import read_poses
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.exchange import exchange
@@ -374,3 +377,169 @@ def test_postures_like_those_go_with_them_in_the_end(make_cell):
     assert sum(alike) > 10
     assert len(left) == len(pool) - sum(alike) + sum(alike[:5])
     np.testing.assert_array_equal(left.postures[:5], q[:5])
+
+
+TILT = np.deg2rad(40.0)
+
+
+@pytest.fixture(scope="module")
+def reference(make_cell):
+    cell = make_cell()
+    model = cell.model()
+    pool = cone_pool(cell, TILT, 40, np.random.default_rng(3))
+    box, _ = functions_over_box(cell, model)
+    return cell, model, pool, goal_of(Wish(), model, box)
+
+
+def test_parameters_are_drawn_as_the_cell_says(reference):
+    cell, model, _, _ = reference
+    drawn = draw_parameters(cell, model, 4001, np.random.default_rng(0))
+    np.testing.assert_array_equal(drawn[0], model.nominal)
+    spread = (drawn[1:] - model.nominal).std(axis=0)
+    expected = [np.deg2rad(1.0) if unit == "rad" else 5e-3 for unit in model.units]
+    # standard error of a standard deviation: 1 / sqrt(2 n); five of them
+    np.testing.assert_allclose(spread, expected, rtol=5 / np.sqrt(8000))
+
+
+def test_blocks_are_those_at_the_postures_that_touch(reference):
+    cell, model, pool, goal = reference
+    drawn = draw_parameters(cell, model, 3, np.random.default_rng(1))
+    blocks = blocks_of_robots(model, goal, pool, drawn)
+    assert blocks.shape == (3, len(pool), 3, model.p)
+    np.testing.assert_allclose(blocks[0], pool.white(model), rtol=1e-9, atol=1e-6)
+    q, miss = touch(model, pool.postures, drawn[2])
+    assert miss.max() < 1e-9
+    step = 1e-6
+    for k in range(model.p):  # central differences of what such a robot would show
+        shift = step * np.eye(model.p)[k]
+        ahead = model.linearise(q, drawn[2] + shift).white_rows
+        behind = model.linearise(q, drawn[2] - shift).white_rows
+        slope = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(blocks[2][..., k], slope, rtol=1e-4, atol=1.0)
+
+
+def test_what_is_said_of_other_robots_is_what_identification_finds_there(reference):
+    """The predicted error over the box, against Monte Carlo on one such robot."""
+    cell, model, pool, goal = reference
+    chosen = pool.take(np.arange(0, len(pool), 3))
+    x = draw_parameters(cell, model, 2, np.random.default_rng(5))[1]
+    predicted = goal.criterion.shown(
+        goal.cost_of_blocks(blocks_of_robots(model, goal, chosen, x[None])[0])
+    )
+    trials, rng = 600, np.random.default_rng(6)
+
+    data = simulate(model, x, chosen.postures, rng, trials=trials)
+    found = identify_batch(model, data)
+    box, _ = functions_over_box(cell, model)
+    error = np.einsum("krp,tp->tkr", box, found - x)
+    rms = np.sqrt((error**2).sum(axis=(1, 2)).mean() / len(box))
+    # a few parameters carry most of the error: some 600 independent squares, five standard errors
+    assert 1e3 * rms == pytest.approx(predicted, rel=5 / np.sqrt(2 * trials))  # in mm
+
+
+def test_robustness_is_of_the_trials(reference):
+    cell, model, pool, goal = reference
+    chosen = pool.take(np.arange(0, len(pool), 3))
+    found = robustness(cell, model, goal, chosen)
+    assert found.trials == TRIALS
+    assert found.nominal == pytest.approx(goal.value_of(chosen.linearise(model)), rel=1e-6)
+    assert found.nominal < found.worst
+    assert found.median < found.worst
+    assert found.worst < 3 * found.nominal  # a degree and 5 mm do not make it useless
+
+
+def test_a_robust_plan_says_for_how_many_robots(make_cell):
+    cell = make_cell(pool={"candidates": 60})
+    for robust in ("average", "worst"):
+        plan = plan_optimal(cell, Wish(count=8, robust=robust))
+        assert plan.reached
+        assert f"{robust} of 6 robots" in plan.message
+        assert plan.selection.value >= plan.accuracy.value * 0.9
+        assert plan.selection.efficiency > 0.9
+
+
+WANTED_M = 2e-4
+
+
+@pytest.fixture(scope="module")
+def camera_cell(make_cell):
+    return make_cell(
+        measurement={"kind": "camera-pose"}, variations={"largest_deg": (45.0, 45.0, 45.0)}
+    )
+
+
+def test_the_pool_is_all_grids_that_can_be_taken(camera_cell):
+    found = plan_fewest(camera_cell, WANTED_M)
+    assert found.tried == 16 * 26 + 1  # the base pose is in every grid
+    assert found.pool_size == found.tried
+    base = camera_cell.robot.fk(camera_cell.base_posture)[:3, :3]
+    turned = np.rad2deg(rotation_angle(base.T @ found.poses.orientations))
+    assert turned.max() > 45.0
+    kept = found.poses.kept
+    assert off_target(camera_cell, found.poses.names, kept, 1e-9) == []
+    assert camera_cell.checker.check(kept).feasible.all()
+    assert sorted(found.route.order) == list(range(len(kept)))
+
+
+def test_an_angle_that_is_held_is_in_the_pool_once(make_cell):
+    cell = make_cell(
+        measurement={"kind": "camera-pose"},
+        variations={"start_deg": (5.0, 5.0, 0.0), "largest_deg": (45.0, 45.0, 0.0)},
+    )
+    assert plan_fewest(cell, 1e-3).tried == 16 * 8 + 1
+
+
+def test_others_take_the_place_of_poses_that_no_way_leads_to(camera_cell, monkeypatch):
+    first = plan_fewest(camera_cell, WANTED_M)
+    cut_off = first.poses.kept[0]
+    route = Router.route
+
+    def losing(self, postures):
+        found = route(self, postures)
+        lost = np.flatnonzero((postures == cut_off).all(axis=1)).tolist()
+        return replace(found, lost=dict.fromkeys(lost, "no clear way to it: a wall"))
+
+    monkeypatch.setattr(Router, "route", losing)
+    second = plan_fewest(camera_cell, WANTED_M)
+    assert second.reached
+    assert second.pool_size == first.pool_size - 1
+    assert not (second.poses.kept == cut_off).all(axis=1).any()
+
+
+def test_the_rest_is_kept_where_no_way_leads_to_a_pose(camera_cell, monkeypatch):
+    """Whatever is chosen, its first is cut off: it is dropped, and what is left is planned."""
+    route, tries = Router.route, []
+
+    def losing(self, postures):
+        tries.append(postures)
+        lost = {0: "no clear way to it: a wall"} if len(tries) <= 3 else {}
+        kept = route(self, np.delete(postures, list(lost), axis=0))
+        return replace(kept, lost=lost)
+
+    monkeypatch.setattr(Router, "route", losing)
+    monkeypatch.setattr(planning, "ATTEMPTS", 3)
+    found = plan_fewest(camera_cell, WANTED_M)
+    assert len(tries) == 4
+    assert not found.reached
+    assert found.dropped == ("no clear way to it: a wall",)
+    count = found.selection.count - 1
+    assert len(found.postures) == len(found.poses.kept_names) == found.accuracy.poses == count
+    assert len(found.poses.names) == count + 1
+    assert "1 pose(s) dropped: no clear way to it: a wall" in found.message
+
+
+def test_without_any_way_it_says_what_is_in_it(camera_cell, monkeypatch):
+    route = Router.route
+
+    def losing(self, postures):
+        nothing = route(self, postures[:0])
+        return replace(nothing, lost=dict.fromkeys(range(len(postures)), "a wall"))
+
+    monkeypatch.setattr(Router, "route", losing)
+    with pytest.raises(InputError, match="a wall"):
+        plan_fewest(camera_cell, 1e-3)
+
+
+def test_something_has_to_be_wanted(camera_cell):
+    with pytest.raises(InputError, match="no accuracy is wanted"):
+        plan_fewest(camera_cell)

@@ -1,7 +1,5 @@
 """How far an answer is from the optimum that is proven, against the rise of chi² itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +26,7 @@ def chi2(A: FloatArray, B: FloatArray, X: FloatArray, Z: FloatArray) -> float:
 
 @pytest.mark.parametrize("times", [0.01, 0.04, 0.06, 0.5, 2.0])
 @pytest.mark.parametrize("sides", ["X", "Z", "XZ"])
-def test_sigmas_are_the_root_of_the_rise_of_chi2(times: float, sides: str) -> None:
+def test_sigmas_are_the_root_of_the_rise_of_chi2(times, sides):
     A, B = measured()
     result = solve(A, B, "ml", NOISE)
     assert result.covariance is not None
@@ -49,7 +47,7 @@ def test_sigmas_are_the_root_of_the_rise_of_chi2(times: float, sides: str) -> No
     assert (proof.sigma_Z < 1e-3) == (sides == "X")
 
 
-def test_the_likeliest_is_at_the_optimum_and_others_are_not() -> None:
+def test_the_likeliest_is_at_the_optimum_and_others_are_not():
     A, B = measured()
     likeliest = prove(A, B, solve(A, B, "ml", NOISE))
     other = prove(A, B, solve(A, B, "tsai-lenz", NOISE))

@@ -1,7 +1,5 @@
 """Pose pairs in every form: what is written is read back, and what is no pose is refused."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Callable, Sequence
@@ -54,9 +52,7 @@ def assert_same(found: FloatArray, expected: FloatArray, form: PoseForm) -> None
     a=st.sampled_from(FORMS),
     b=st.sampled_from(FORMS),
 )
-def test_every_form_round_trips(
-    tmp_path: Path, vectors: FloatArray, places: FloatArray, a: PoseForm, b: PoseForm
-) -> None:
+def test_every_form_round_trips(tmp_path, vectors, places, a, b):
     T = transform(rotation_exp(vectors), places)
     path = write_pairs(tmp_path / "p.csv", Pairs(("1", "2", "3", "4"), T[:, 0], T[:, 1]), a, b)
     found = read_pairs(path, trust_units=True)
@@ -66,7 +62,7 @@ def test_every_form_round_trips(
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.turn}, {form.unit}")
-def test_every_form_against_scipy(tmp_path: Path, form: PoseForm) -> None:
+def test_every_form_against_scipy(tmp_path, form):
     """Each orientation written down from scipy's own definition of it."""
     pairs = some_pairs()
     rotations = Rotation.from_matrix(pairs.A[:, :3, :3])
@@ -98,7 +94,7 @@ def table(folder: Path, columns: Sequence[str], numbers: FloatArray, name: str =
     return folder / name
 
 
-def test_order_and_further_columns_do_not_matter(tmp_path: Path) -> None:
+def test_order_and_further_columns_do_not_matter(tmp_path):
     pairs = some_pairs()
     path = write_pairs(tmp_path / "p.csv", pairs, PoseForm("m", "quaternion"))
     rows = [line.split(",") for line in path.read_text().splitlines()]
@@ -108,7 +104,7 @@ def test_order_and_further_columns_do_not_matter(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("columns", "last"), [("matrix16_mm", True), ("matrix12_mm", False)])
-def test_matrices_row_by_row_without_a_header(tmp_path: Path, columns: str, last: bool) -> None:
+def test_matrices_row_by_row_without_a_header(tmp_path, columns, last):
     pairs = some_pairs()
     scaled = [T * np.where(np.arange(4) == 3, 1e3, 1.0) for T in (pairs.A, pairs.B)]
     for T in scaled:
@@ -120,7 +116,7 @@ def test_matrices_row_by_row_without_a_header(tmp_path: Path, columns: str, last
     np.testing.assert_allclose(found.B, pairs.B, atol=1e-12)
 
 
-def test_two_files_of_different_forms_without_headers(tmp_path: Path) -> None:
+def test_two_files_of_different_forms_without_headers(tmp_path):
     pairs = some_pairs()
     a, b = PoseForm("m", "quaternion"), PoseForm("mm", "wpr-deg")
     paths = [
@@ -134,7 +130,7 @@ def test_two_files_of_different_forms_without_headers(tmp_path: Path) -> None:
     assert found.names == pairs.names
 
 
-def test_a_line_of_comment_and_a_column_to_pass_over(tmp_path: Path) -> None:
+def test_a_line_of_comment_and_a_column_to_pass_over(tmp_path):
     pairs = some_pairs()
     numbers = np.hstack([np.arange(8.0)[:, None], PoseForm("m", "vector-rad").numbers(pairs.A)])
     path = table(tmp_path, [], np.hstack([numbers, numbers[:, :1]]))
@@ -144,7 +140,7 @@ def test_a_line_of_comment_and_a_column_to_pass_over(tmp_path: Path) -> None:
     assert found.place.lines[0] == 2
 
 
-def test_names_that_are_expanded() -> None:
+def test_names_that_are_expanded():
     assert expanded(["a_matrix12_m"])[:5] == ["a_r11", "a_r12", "a_r13", "a_x_m", "a_r21"]
     assert expanded(["b_matrix16_mm"])[-4:] == ["b_r41", "b_r42", "b_r43", "b_r44"]
     assert expanded(["qw", "pose"]) == ["qw", "pose"]
@@ -171,7 +167,7 @@ def refused(path: Path, *words: str, **keys: object) -> FileFormatError:
 QUATERNION, MATRIX = PoseForm("m", "quaternion"), PoseForm("mm", "matrix")
 
 
-def test_quaternion_of_another_norm(tmp_path: Path) -> None:
+def test_quaternion_of_another_norm(tmp_path):
     path = write_pairs(tmp_path / "p.csv", some_pairs(), QUATERNION)
     changed(path, 3, "a_qx", lambda text: str(float(text) + 0.5))
     error = refused(path, "line 4, column a_qw to a_qz: the quaternion has the norm", "not 1")
@@ -183,7 +179,7 @@ def test_quaternion_of_another_norm(tmp_path: Path) -> None:
     refused(path, "line 4", "norm 1e+10, not 1")
 
 
-def test_quaternions_of_three_decimals_are_taken_with_a_note(tmp_path: Path) -> None:
+def test_quaternions_of_three_decimals_are_taken_with_a_note(tmp_path):
     pairs = some_pairs(50)
     path = write_pairs(tmp_path / "p.csv", pairs, QUATERNION)
     lines = [line.split(",") for line in path.read_text().splitlines()]
@@ -205,7 +201,7 @@ def test_quaternions_of_three_decimals_are_taken_with_a_note(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(("decimals", "taken"), [(6, True), (4, True), (3, False)])
-def test_matrices_of_few_decimals(tmp_path: Path, decimals: int, taken: bool) -> None:
+def test_matrices_of_few_decimals(tmp_path, decimals, taken):
     pairs = some_pairs(50)
     path = write_pairs(tmp_path / "p.csv", pairs, MATRIX)
     lines = [line.split(",") for line in path.read_text().splitlines()]
@@ -222,7 +218,7 @@ def test_matrices_of_few_decimals(tmp_path: Path, decimals: int, taken: bool) ->
     assert np.linalg.norm(rotation_log(turn), axis=-1).max() < 10.0**-decimals
 
 
-def test_left_handed_matrix(tmp_path: Path) -> None:
+def test_left_handed_matrix(tmp_path):
     path = write_pairs(tmp_path / "p.csv", some_pairs(), PoseForm(), MATRIX)
     for name in ("b_r13", "b_r23", "b_r33"):
         for row in (5, 7):
@@ -230,14 +226,14 @@ def test_left_handed_matrix(tmp_path: Path) -> None:
     refused(path, "line 6, column b_r11 to b_r33", "left-handed (determinant -1), and so on in 1")
 
 
-def test_scaled_matrix(tmp_path: Path) -> None:
+def test_scaled_matrix(tmp_path):
     path = write_pairs(tmp_path / "p.csv", some_pairs(), MATRIX)
     for name in pair_columns("a", MATRIX)[3:]:
         changed(path, 2, name, lambda text: str(1000.0 * float(text)))
     refused(path, "line 3", "the rotation is scaled by 1000", "divide it")
 
 
-def test_transposed_matrix(tmp_path: Path) -> None:
+def test_transposed_matrix(tmp_path):
     pairs = some_pairs()
     numbers = np.swapaxes(pairs.A, -1, -2).reshape(-1, 16)
     path = table(tmp_path, [], numbers)
@@ -249,7 +245,7 @@ def test_transposed_matrix(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("turn", ["wpr", "vector"])
-def test_degrees_that_are_radians_and_the_other_way_round(tmp_path: Path, turn: str) -> None:
+def test_degrees_that_are_radians_and_the_other_way_round(tmp_path, turn):
     pairs = some_pairs()
     first = {"wpr": "a_w", "vector": "a_rx"}[turn]
     for unit, looks in (("deg", "radians"), ("rad", "degrees")):
@@ -272,7 +268,7 @@ def test_degrees_that_are_radians_and_the_other_way_round(tmp_path: Path, turn: 
         assert read_pairs(path, trust_units=True).names == pairs.names
 
 
-def test_metres_that_are_millimetres_and_the_other_way_round(tmp_path: Path) -> None:
+def test_metres_that_are_millimetres_and_the_other_way_round(tmp_path):
     for unit, words in (
         ("mm", ("is longer than", "if these are m, call the columns a_x_m, a_y_m, a_z_m")),
         ("m", ("m long", "if these are mm, call the columns a_x_mm, a_y_mm, a_z_mm")),
@@ -309,7 +305,7 @@ HEADERS = {
 
 
 @pytest.mark.parametrize("case", HEADERS.values(), ids=HEADERS)
-def test_headers(tmp_path: Path, case: tuple[str, ...]) -> None:
+def test_headers(tmp_path, case):
     header, *words = case
     count = len(header.split(","))
     path = tmp_path / "p.csv"
@@ -319,9 +315,7 @@ def test_headers(tmp_path: Path, case: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.turn}, {form.unit}")
 @pytest.mark.parametrize("spell", [str.upper, str.title])
-def test_capitals_in_the_header_do_not_matter(
-    tmp_path: Path, form: PoseForm, spell: Callable[[str], str]
-) -> None:
+def test_capitals_in_the_header_do_not_matter(tmp_path, form, spell):
     pairs = some_pairs()
     path = write_pairs(tmp_path / "p.csv", pairs, form, form)
     header, *lines = path.read_text().splitlines()
@@ -335,7 +329,7 @@ def test_capitals_in_the_header_do_not_matter(
     refused(path, f"column a_{form.turn_columns[0]}: appears twice, capitals apart")
 
 
-def test_capitals_in_names_given_beside_a_file(tmp_path: Path) -> None:
+def test_capitals_in_names_given_beside_a_file(tmp_path):
     pairs = some_pairs()
     numbers = pairs.A.reshape(-1, 16)
     np.testing.assert_allclose(
@@ -371,15 +365,13 @@ ENDLESS = {
 
 @pytest.mark.parametrize("trust", [False, True])
 @pytest.mark.parametrize("case", ENDLESS.values(), ids=ENDLESS)
-def test_numbers_beyond_any_robot(
-    tmp_path: Path, case: tuple[PoseForm, str, str, str], trust: bool
-) -> None:
+def test_numbers_beyond_any_robot(tmp_path, case, trust):
     form, column, value, words = case
     path = changed(write_pairs(tmp_path / "p.csv", some_pairs(), form, form), 3, column, value)
     refused(path, "line 4, ", words, trust_units=trust)
 
 
-def test_file_of_endless_numbers_only(tmp_path: Path) -> None:
+def test_file_of_endless_numbers_only(tmp_path):
     for form in FORMS:
         path = write_pairs(tmp_path / "p.csv", some_pairs(), form, form)
         header, *lines = path.read_text().splitlines()
@@ -389,7 +381,7 @@ def test_file_of_endless_numbers_only(tmp_path: Path) -> None:
             refused(path, "line 2, ", "and so on in 7 more", trust_units=True)
 
 
-def test_what_is_far_but_no_mistake_is_trusted(tmp_path: Path) -> None:
+def test_what_is_far_but_no_mistake_is_trusted(tmp_path):
     pairs = some_pairs()
     A = pairs.A.copy()
     A[:, :3, 3] += 5e5
@@ -398,7 +390,7 @@ def test_what_is_far_but_no_mistake_is_trusted(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_pairs(path, trust_units=True).A, A, rtol=1e-9)
 
 
-def test_columns_that_do_not_fit(tmp_path: Path) -> None:
+def test_columns_that_do_not_fit(tmp_path):
     form = PoseForm("m", "quaternion")
     path = table(tmp_path, [], form.numbers(some_pairs().A))
     names = ["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
@@ -417,7 +409,7 @@ def test_columns_that_do_not_fit(tmp_path: Path) -> None:
         read_side(path, "b", [f"a_{name}" for name in names])
 
 
-def test_sides_that_do_not_match(tmp_path: Path) -> None:
+def test_sides_that_do_not_match(tmp_path):
     pairs = some_pairs()
     form = PoseForm("m", "quaternion")
     paths = []
@@ -435,7 +427,7 @@ def test_sides_that_do_not_match(tmp_path: Path) -> None:
         PairSource(a=paths[0], b=paths[1]).read()
 
 
-def test_pairs_that_are_there_twice_count_once(tmp_path: Path) -> None:
+def test_pairs_that_are_there_twice_count_once(tmp_path):
     pairs = some_pairs()
     path = write_pairs(tmp_path / "p.csv", pairs)
     lines = path.read_text().splitlines()
@@ -450,7 +442,7 @@ def test_pairs_that_are_there_twice_count_once(tmp_path: Path) -> None:
     assert len(PairSource(path).read().names) == 9
 
 
-def test_inversion_and_opencv_lead_to_the_same_pairs(tmp_path: Path) -> None:
+def test_inversion_and_opencv_lead_to_the_same_pairs(tmp_path):
     """From gripper2base and target2cam, as OpenCV users have them, in three ways."""
     pairs = some_pairs()
     gripper2base, target2cam = pairs.A, inverse(pairs.B)
@@ -498,9 +490,7 @@ def rotation(q: FloatArray) -> Rotation:
 
 @pytest.mark.parametrize("case", MISREAD.values(), ids=MISREAD)
 @pytest.mark.parametrize("side", ["a", "b"])
-def test_orientations_of_another_convention_are_noticed(
-    tmp_path: Path, case: tuple[Callable[[FloatArray], FloatArray], tuple[str, ...], str], side: str
-) -> None:
+def test_orientations_of_another_convention_are_noticed(tmp_path, case, side):
     turn, columns, words = case
     pairs = some_pairs(20)
     form = PoseForm("mm", "matrix")
@@ -517,7 +507,7 @@ def test_orientations_of_another_convention_are_noticed(
     assert words in note
 
 
-def test_rows_out_of_step_are_noticed(tmp_path: Path) -> None:
+def test_rows_out_of_step_are_noticed(tmp_path):
     pairs = some_pairs(20)
     shifted = Pairs(pairs.names, pairs.A, np.roll(pairs.B, 1, axis=0))
     (note,) = PairSource(write_pairs(tmp_path / "p.csv", shifted)).read().notes
@@ -559,9 +549,7 @@ cells = st.sampled_from(
     form=st.sampled_from(FORMS),
     rows=st.lists(st.lists(cells, min_size=12, max_size=24), min_size=1, max_size=5),
 )
-def test_random_cells_raise_nothing_but_known_errors(
-    tmp_path: Path, form: PoseForm, rows: list[list[str]]
-) -> None:
+def test_random_cells_raise_nothing_but_known_errors(tmp_path, form, rows):
     columns = [*pair_columns("a", form), *pair_columns("b", form)]
     path = tmp_path / "random.csv"
     body = [",".join((row * 2)[: len(columns)]) for row in rows]

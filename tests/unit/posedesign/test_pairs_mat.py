@@ -1,7 +1,5 @@
 """MATLAB files: arrays 4x4xN of numbers are read, everything else is refused in one line."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib
@@ -44,7 +42,7 @@ Save = Callable[..., Path]
 
 
 @pytest.fixture
-def save(tmp_path: Path) -> Save:
+def save(tmp_path) -> Save:
     def saved(name: str = "pairs.mat", compress: bool = True, **variables: Any) -> Path:
         savemat(tmp_path / name, variables, do_compression=compress)
         return tmp_path / name
@@ -54,7 +52,7 @@ def save(tmp_path: Path) -> Save:
 
 @pytest.mark.parametrize("unit", ["mm", "m"])
 @pytest.mark.parametrize("compress", [True, False])
-def test_round_trip(save: Save, unit: str, compress: bool) -> None:
+def test_round_trip(save, unit, compress):
     pairs = some_pairs()
     path = save(compress=compress, B=as_matlab(pairs.B, unit), A=as_matlab(pairs.A, unit), n=3.0)
     found = PairSource(path, unit=unit).read()
@@ -64,7 +62,7 @@ def test_round_trip(save: Save, unit: str, compress: bool) -> None:
     assert found.places[2] == "A(:,:,3)"
 
 
-def test_variables_by_name_and_two_files(save: Save) -> None:
+def test_variables_by_name_and_two_files(save):
     pairs = some_pairs()
     hand, cam = as_matlab(pairs.A, "m"), as_matlab(inverse(pairs.B), "m")
     one = save(T_hand=hand, T_cam=cam)
@@ -79,7 +77,7 @@ def test_variables_by_name_and_two_files(save: Save) -> None:
         np.testing.assert_allclose(found.B, pairs.B, atol=1e-12)
 
 
-def test_single_precision_is_taken_as_the_nearest_rotation(save: Save) -> None:
+def test_single_precision_is_taken_as_the_nearest_rotation(save):
     pairs = some_pairs()
     path = save(A=as_matlab(pairs.A, "m").astype(np.float32), B=as_matlab(pairs.B, "m"))
     found = PairSource(path, unit="m").read()
@@ -117,14 +115,14 @@ POSES: dict[str, tuple[Callable[[FloatArray], FloatArray], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("kind", POSES)
-def test_matrix_that_is_no_transform(save: Save, kind: str) -> None:
+def test_matrix_that_is_no_transform(save, kind):
     change, words = POSES[kind]
     pairs = some_pairs()
     path = save(A=as_matlab(pairs.A, "m"), B=changed(pairs.B, 4, change))
     refused(path, "key B(:,:,5)", *words)
 
 
-def test_variables_that_do_not_fit(save: Save) -> None:
+def test_variables_that_do_not_fit(save):
     pairs = some_pairs()
     A = as_matlab(pairs.A, "m")
     path = save(
@@ -168,7 +166,7 @@ def test_variables_that_do_not_fit(save: Save) -> None:
         (np.complex128, "is 4x4x6 complex double, and transforms are real"),
     ],
 )
-def test_kind_that_is_none_is_said_without_names(save: Save, kind: type, words: str) -> None:
+def test_kind_that_is_none_is_said_without_names(save, kind, words):
     """Of A and B themselves, and of the only variable of a file."""
     A = as_matlab(some_pairs().A, "m")
     other = (100.0 * np.abs(A)).astype(kind) * (1j if kind is np.complex128 else 1)
@@ -178,7 +176,7 @@ def test_kind_that_is_none_is_said_without_names(save: Save, kind: type, words: 
         PairSource(a=one, b=alone, unit="m").read()
 
 
-def test_translation_beyond_any_robot(save: Save) -> None:
+def test_translation_beyond_any_robot(save):
     pairs = some_pairs()
     far = changed(pairs.B, 2, lambda T: T + np.outer([1.0, 0, 0, 0], [0, 0, 0, 1e307]))
     for unit in ("m", "mm"):
@@ -190,7 +188,7 @@ def test_translation_beyond_any_robot(save: Save) -> None:
         )
 
 
-def test_unit_that_cannot_be(save: Save) -> None:
+def test_unit_that_cannot_be(save):
     pairs = some_pairs()
     for unit, other, words in (("mm", "m", "is longer than"), ("m", "mm", "m long")):
         path = save(A=as_matlab(pairs.A, other), B=as_matlab(pairs.B, unit))
@@ -220,7 +218,7 @@ OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", OPTIONS.values(), ids=OPTIONS)
-def test_options_that_do_not_go_together(case: tuple[dict[str, Any], str]) -> None:
+def test_options_that_do_not_go_together(case):
     keys, words = case
     with pytest.raises(InputError, match=words):
         PairSource(**keys)
@@ -250,18 +248,18 @@ FILES: dict[str, tuple[bytes, tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("case", FILES.values(), ids=FILES)
-def test_files_that_are_none(tmp_path: Path, case: tuple[bytes, tuple[str, ...]]) -> None:
+def test_files_that_are_none(tmp_path, case):
     data, words = case
     path = tmp_path / "p.mat"
     path.write_bytes(data)
     refused(path, *words)
 
 
-def test_file_that_is_not_there(tmp_path: Path) -> None:
+def test_file_that_is_not_there(tmp_path):
     refused(tmp_path / "no.mat", "cannot be read: No such file")
 
 
-def test_few_bytes_that_unfold_to_many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_few_bytes_that_unfold_to_many(tmp_path, monkeypatch):
     monkeypatch.setattr(pairs_mat_reading, "LARGEST_MAT_BYTES", 1_000_000)
     packed = zlib.compress(struct.pack("<II", 14, 20_000_000) + bytes(20_000_000))
     assert len(packed) < 30_000
@@ -272,7 +270,7 @@ def test_few_bytes_that_unfold_to_many(tmp_path: Path, monkeypatch: pytest.Monke
     refused(path, "is larger than 1 MB")
 
 
-def test_lengths_inside_that_are_not_true(save: Save) -> None:
+def test_lengths_inside_that_are_not_true(save):
     """Dimensions of gigabytes over an array of bytes."""
     A = as_matlab(some_pairs().A, "m")
     path = save(A=A, B=A, compress=False)
@@ -289,9 +287,7 @@ def test_lengths_inside_that_are_not_true(save: Save) -> None:
     places=st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 255)), min_size=1, max_size=8),
     keep=st.floats(0.05, 1.0),
 )
-def test_damaged_files_raise_nothing_but_known_errors(
-    tmp_path: Path, places: list[tuple[float, int]], keep: float
-) -> None:
+def test_damaged_files_raise_nothing_but_known_errors(tmp_path, places, keep):
     A = as_matlab(some_pairs().A, "m")
     stream = io.BytesIO()
     cell = np.array(["a", {"T": A}], dtype=object)

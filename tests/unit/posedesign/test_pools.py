@@ -1,13 +1,11 @@
 """Pools of postures: they touch, they keep every constraint, and nothing is left out or twice."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.stats import kstest
 
@@ -22,13 +20,13 @@ from posedesign.candidates import (
     offset_targets,
     wpr_pool,
 )
-from posedesign.candidates.draws import even_points
+from posedesign.candidates.branches import evenly
+from posedesign.candidates.draws import even_points, once
 from posedesign.cell import Cell
 from posedesign.cell.orientations import cone_rotations, cone_rotations_at, touching_poses
 from posedesign.cell.template import cell_template
 from posedesign.constraints import nearest_postures
 
-MakeCell = Callable[..., Cell]
 TILT = np.deg2rad(45.0)
 
 
@@ -47,9 +45,7 @@ def as_set(postures: FloatArray) -> set[bytes]:
 
 
 @pytest.mark.parametrize("configurations", CONFIGURATIONS)
-def test_every_posture_touches_its_target_and_keeps_every_constraint(
-    demo_cell: Cell, configurations: str
-) -> None:
+def test_every_posture_touches_its_target_and_keeps_every_constraint(demo_cell, configurations):
     targets = offset_targets(demo_cell, [[0, 0, 0], [40, -30, 200]])
     pool = cone_pool(demo_cell, TILT, 60, rng(), configurations, targets_m=targets)
     robot = demo_cell.robot
@@ -62,7 +58,7 @@ def test_every_posture_touches_its_target_and_keeps_every_constraint(
         assert own.checker.check(pool.postures[pool.target == k]).feasible.all()
 
 
-def test_what_a_camera_is_to_see_goes_with_the_target(make_demo_cell: MakeCell) -> None:
+def test_what_a_camera_is_to_see_goes_with_the_target(make_demo_cell):
     """The verdicts are those of a cell whose file says that the target is there."""
     cell = make_demo_cell(camera={"largest_tilt_deg": 20.0})
     targets = offset_targets(cell, [[0, 0, 0], [0, 400, 0]])
@@ -79,7 +75,7 @@ def test_what_a_camera_is_to_see_goes_with_the_target(make_demo_cell: MakeCell) 
     assert both.all()
 
 
-def test_the_grids_are_those_of_the_fewest_poses(demo_cell: Cell, reference_cell: Cell) -> None:
+def test_the_grids_are_those_of_the_fewest_poses(demo_cell, reference_cell):
     for cell, expected in ((reference_cell, 411), (demo_cell, 369)):
         pool = wpr_pool(cell)
         assert (pool.tried, len(pool)) == (417, expected)
@@ -88,13 +84,13 @@ def test_the_grids_are_those_of_the_fewest_poses(demo_cell: Cell, reference_cell
         np.testing.assert_array_equal(pool.postures, found.q)
 
 
-def test_angles_that_are_held_do_not_repeat_poses(make_cell: MakeCell) -> None:
+def test_angles_that_are_held_do_not_repeat_poses(make_cell):
     cell = make_cell(variations={"start_deg": [5.0, 0.0, 5.0], "largest_deg": [60.0, 0.0, 5.0]})
     # W takes 2 * 4 + 1 values, R three
     assert wpr_pool(cell, 4).tried == 27
 
 
-def test_the_nearest_posture_is_the_nearest_of_all_that_can_be_taken() -> None:
+def test_the_nearest_posture_is_the_nearest_of_all_that_can_be_taken():
     """On an arm whose branches collide in different places."""
     cell = Cell.from_text(cell_template("ur5e"))
     poses = tried_poses(cell, 150)
@@ -113,7 +109,7 @@ def test_the_nearest_posture_is_the_nearest_of_all_that_can_be_taken() -> None:
 
 
 @pytest.mark.parametrize("configurations", ["front", "all"])
-def test_no_branch_is_left_out(demo_cell: Cell, configurations: str) -> None:
+def test_no_branch_is_left_out(demo_cell, configurations):
     poses = tried_poses(demo_cell, 300)
     pool = cone_pool(demo_cell, TILT, 300, rng(), configurations)
     solutions = demo_cell.robot.inverse(poses, near=demo_cell.base_posture, margin=demo_cell.margin)
@@ -125,7 +121,7 @@ def test_no_branch_is_left_out(demo_cell: Cell, configurations: str) -> None:
     assert len(pool) == len(expected)
 
 
-def test_the_arm_reaches_over_its_back_only_where_it_is_asked_to(reference_cell: Cell) -> None:
+def test_the_arm_reaches_over_its_back_only_where_it_is_asked_to(reference_cell):
     base = reference_cell.base_posture[0]
     front = cone_pool(reference_cell, TILT, 300, rng(), "front")
     everything = cone_pool(reference_cell, TILT, 300, rng(), "all")
@@ -135,7 +131,7 @@ def test_the_arm_reaches_over_its_back_only_where_it_is_asked_to(reference_cell:
     assert as_set(everything.postures[~back]) == as_set(front.postures)
 
 
-def test_each_joint_takes_the_turn_nearest_to_the_base_posture(reference_cell: Cell) -> None:
+def test_each_joint_takes_the_turn_nearest_to_the_base_posture(reference_cell):
     pool = cone_pool(reference_cell, TILT, 100, rng(), "all")
     poses = touching_poses(pool.orientations, reference_cell.tool_m, pool.touched_m)
     turned = reference_cell.robot.inverse(poses, every_turn=True)
@@ -149,7 +145,7 @@ def test_each_joint_takes_the_turn_nearest_to_the_base_posture(reference_cell: C
     assert others > 100
 
 
-def test_the_cone_is_filled_evenly() -> None:
+def test_the_cone_is_filled_evenly():
     count, tilt = 3000, np.deg2rad(50.0)
     points = even_points(count, 3, rng())
     R = cone_rotations_at(np.eye(3), tilt, points)
@@ -174,7 +170,7 @@ def test_the_cone_is_filled_evenly() -> None:
     assert even < 0.8 * min(drawn)
 
 
-def test_rolls_fill_the_full_turn() -> None:
+def test_rolls_fill_the_full_turn():
     """At the middle of the cone the tilt vanishes, and the turn is the roll alone."""
     points = even_points(500, 3, rng())
     R = cone_rotations_at(np.eye(3), 1e-6, points)
@@ -182,7 +178,7 @@ def test_rolls_fill_the_full_turn() -> None:
     assert kstest(roll / (2 * np.pi) + 0.5, "uniform").statistic < 0.02
 
 
-def test_independent_cones_are_drawn_as_ever() -> None:
+def test_independent_cones_are_drawn_as_ever():
     """Replacements of a plan are seeded: the same cell must give the same plan."""
     given = np.random.default_rng(3)
     R = cone_rotations(np.eye(3), 0.7, 5, given)
@@ -193,26 +189,26 @@ def test_independent_cones_are_drawn_as_ever() -> None:
     assert given.random() == again.random()
 
 
-def test_no_two_postures_are_the_same(reference_cell: Cell) -> None:
+def test_no_two_postures_are_the_same(reference_cell):
     for pool in (wpr_pool(reference_cell), cone_pool(reference_cell, TILT, 200, rng(), "all")):
         apart = np.abs(pool.postures[:, None] - pool.postures).max(axis=-1)
         assert (apart + np.eye(len(pool))).min() > 1e-6
 
 
-def test_the_same_generator_gives_the_same_pool(reference_cell: Cell) -> None:
+def test_the_same_generator_gives_the_same_pool(reference_cell):
     one, same, other = (cone_pool(reference_cell, TILT, 50, rng(s)).postures for s in (1, 1, 2))
     np.testing.assert_array_equal(one, same)
     assert not as_set(one) & as_set(other)
 
 
-def test_targets_are_tried_with_other_orientations(reference_cell: Cell) -> None:
+def test_targets_are_tried_with_other_orientations(reference_cell):
     targets = offset_targets(reference_cell, [[0, 0, 0], [0, 0, 300]])
     pool = cone_pool(reference_cell, TILT, 50, rng(), "nearest", targets_m=targets)
     first, second = (pool.orientations[pool.target == k].reshape(-1, 9) for k in (0, 1))
     assert np.linalg.norm(first[:, None] - second, axis=-1).min() > 1e-6
 
 
-def test_blocks_are_those_of_the_target_that_each_posture_touches(reference_cell: Cell) -> None:
+def test_blocks_are_those_of_the_target_that_each_posture_touches(reference_cell):
     targets = offset_targets(reference_cell, [[0, 0, 0], [100, 0, 300], [-50, 80, 200]])
     pool = cone_pool(
         reference_cell, TILT, 30, rng(), targets_m=targets, target_names=["low", "mid", "high"]
@@ -237,7 +233,7 @@ def test_blocks_are_those_of_the_target_that_each_posture_touches(reference_cell
     np.testing.assert_array_equal(turned.white(model), pool.white(model))
 
 
-def test_one_target_goes_with_the_one_of_a_model(reference_cell: Cell) -> None:
+def test_one_target_goes_with_the_one_of_a_model(reference_cell):
     pool = cone_pool(reference_cell, TILT, 20, rng(), target_names=["ball"])
     assert pool.white(reference_cell.model()).shape == (len(pool), 3, 10)
     several = cone_pool(
@@ -247,7 +243,7 @@ def test_one_target_goes_with_the_one_of_a_model(reference_cell: Cell) -> None:
         several.white(reference_cell.model())
 
 
-def test_some_of_a_pool(reference_cell: Cell) -> None:
+def test_some_of_a_pool(reference_cell):
     targets = offset_targets(reference_cell, [[0, 0, 0], [0, 0, 200]])
     pool = cone_pool(reference_cell, TILT, 20, rng(), targets_m=targets)
     some = pool.take([5, 0, -1])
@@ -270,7 +266,7 @@ def test_some_of_a_pool(reference_cell: Cell) -> None:
             pool.take(rows)
 
 
-def test_a_summary_in_words(reference_cell: Cell) -> None:
+def test_a_summary_in_words(reference_cell):
     targets = offset_targets(reference_cell, [[0, 0, 0], [0, 0, 3000]])
     pool = cone_pool(reference_cell, TILT, 20, rng(), "nearest", targets_m=targets)
     assert pool.summary() == (
@@ -283,7 +279,7 @@ def test_a_summary_in_words(reference_cell: Cell) -> None:
     )
 
 
-def test_a_redundant_arm_gives_some_of_its_postures() -> None:
+def test_a_redundant_arm_gives_some_of_its_postures():
     cell = Cell.from_text(cell_template("panda", surroundings=False))
     for configurations, most in (("nearest", 1), ("front", 8)):
         pool = cone_pool(cell, 0.4, 12, rng(), configurations)
@@ -317,14 +313,14 @@ def test_a_redundant_arm_gives_some_of_its_postures() -> None:
         ({"targets_m": [[1.9, 0.0, 0.5]], "target_names": ["a", "b"]}, "as many names"),
     ],
 )
-def test_wrong_input_is_refused(reference_cell: Cell, wrong: dict[str, Any], said: str) -> None:
+def test_wrong_input_is_refused(reference_cell, wrong, said):
     given = {"tilt": TILT, "count": 5, "rng": rng(), **wrong}
     with pytest.raises(InputError, match=said) as caught:
         cone_pool(reference_cell, **given)
     assert caught.value.hint or caught.value.name
 
 
-def test_wrong_levels_and_offsets_are_refused(reference_cell: Cell) -> None:
+def test_wrong_levels_and_offsets_are_refused(reference_cell):
     with pytest.raises(InputError, match="1 to"):
         wpr_pool(reference_cell, 0)
     with pytest.raises(InputError, match="in mm"):
@@ -334,7 +330,7 @@ def test_wrong_levels_and_offsets_are_refused(reference_cell: Cell) -> None:
     )
 
 
-def test_a_pool_whose_parts_do_not_go_together_is_refused(reference_cell: Cell) -> None:
+def test_a_pool_whose_parts_do_not_go_together_is_refused(reference_cell):
     pool = cone_pool(reference_cell, TILT, 5, rng())
     for name, wrong in (
         ("orientations", pool.orientations[1:]),
@@ -347,7 +343,7 @@ def test_a_pool_whose_parts_do_not_go_together_is_refused(reference_cell: Cell) 
             replace(pool, **{name: wrong})
 
 
-def test_a_target_in_an_obstacle_is_refused(demo_cell: Cell) -> None:
+def test_a_target_in_an_obstacle_is_refused(demo_cell):
     with pytest.raises(InputError, match="inside the obstacle 'fixture'"):
         cone_pool(demo_cell, TILT, 5, rng(), targets_m=offset_targets(demo_cell, [0, 0, -100]))
 
@@ -356,7 +352,7 @@ def test_a_target_in_an_obstacle_is_refused(demo_cell: Cell) -> None:
     ("offset_mm", "said"),
     [([3000, 0, 0], "out of reach"), ([-1700, 0, 300], "joint limits, e.g. J")],
 )
-def test_an_empty_pool_says_why(reference_cell: Cell, offset_mm: list[float], said: str) -> None:
+def test_an_empty_pool_says_why(reference_cell, offset_mm, said):
     targets = offset_targets(reference_cell, offset_mm)
     with pytest.raises(UnreachableError, match="none of 40 poses can be taken") as caught:
         cone_pool(reference_cell, 0.2, 40, rng(), targets_m=targets)
@@ -364,7 +360,7 @@ def test_an_empty_pool_says_why(reference_cell: Cell, offset_mm: list[float], sa
     assert caught.value.hint
 
 
-def test_the_reason_is_the_one_met_most_often(make_demo_cell: MakeCell) -> None:
+def test_the_reason_is_the_one_met_most_often(make_demo_cell):
     """Nothing comes nearer to anything than half a metre: gun and fixture stand in the way."""
     cell = make_demo_cell(constraints={"safety_distance_mm": 500.0})
     with pytest.raises(
@@ -377,7 +373,7 @@ def test_the_reason_is_the_one_met_most_often(make_demo_cell: MakeCell) -> None:
     assert "camera.largest_tilt_deg" in caught.value.hint
 
 
-def test_an_arm_that_could_only_reach_over_its_back_says_so(make_cell: MakeCell) -> None:
+def test_an_arm_that_could_only_reach_over_its_back_says_so(make_cell):
     """The base posture looks away from the target: all postures turn the first joint."""
     cell = make_cell()
     away = replace(cell, base_posture=cell.base_posture + np.pi * np.eye(6)[0])
@@ -385,3 +381,39 @@ def test_an_arm_that_could_only_reach_over_its_back_says_so(make_cell: MakeCell)
         cone_pool(away, 0.1, 10, rng(), "front", targets_m=cell.target_m)
     assert 'configurations = "all"' in caught.value.hint
     assert len(cone_pool(away, 0.1, 10, rng(), "all", targets_m=cell.target_m))
+
+
+@given(st.integers(0, 10_000), st.integers(0, 60), st.integers(1, 7))
+def test_each_row_is_kept_once(seed, count, width):
+    rng = np.random.default_rng(seed)
+    rows = rng.integers(-2, 3, (count, width)) * 0.3 + rng.uniform(-2e-7, 2e-7, (count, width))
+    kept = once(rows, 1e-6)
+    apart = np.abs(rows[:, None] - rows).max(axis=-1, initial=0.0) < 1e-6
+    # the noise is so small that being the same goes over from one to the next
+    expected = [not apart[i, :i].any() for i in range(count)]
+    assert kept.tolist() == expected
+
+
+@given(st.lists(st.integers(0, 30), max_size=12), st.integers(1, 9))
+def test_rows_of_a_group_are_thinned_evenly(sizes, most):
+    group = np.repeat(np.arange(len(sizes)), sizes)
+    kept = evenly(group, most)
+    for k, size in enumerate(sizes):
+        rows = np.flatnonzero(kept[group == k])
+        assert len(rows) == min(size, most)
+        if 1 <= most <= size:
+            gaps = np.diff(np.append(rows, size + rows[0]))
+            assert gaps.max() - gaps.min() <= 1
+            assert rows[0] == 0
+
+
+@given(st.integers(1, 500), st.integers(1, 8), st.integers(0, 10_000))
+def test_even_points_are_in_the_cube_and_apart(count, dimensions, seed):
+    points = even_points(count, dimensions, np.random.default_rng(seed))
+    assert points.shape == (count, dimensions)
+    assert points.min() >= 0.0
+    assert points.max() < 1.0
+    if count > 1 and dimensions == 1:
+        # the golden section leaves gaps of at most three lengths (Steinhaus)
+        gaps = np.diff(np.sort(points[:, 0]), append=points.min() + 1.0)
+        assert len(np.unique(gaps.round(9))) <= 3

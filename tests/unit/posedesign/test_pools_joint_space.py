@@ -1,8 +1,5 @@
 """Pools that touch nothing: even in the joints, or in what a camera sees of its target."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +13,6 @@ from posedesign.candidates.draws import even_points
 from posedesign.candidates.views import viewing_poses
 from posedesign.cell import Cell
 from posedesign.cell.template import cell_template
-
-MakeCell = Callable[..., Cell]
 
 
 def rng(seed: int = 7) -> np.random.Generator:
@@ -35,7 +30,7 @@ def brute_force(cell: Cell, half: float, wanted: int) -> FloatArray:
     return found
 
 
-def test_joints_fill_their_ranges(make_cell: MakeCell) -> None:
+def test_joints_fill_their_ranges(make_cell):
     cell = make_cell(plan={"limit_margin_deg": 2.0})
     free = [0, 3, 4, 5]  # joints 2 and 3 have a limit together that cuts a corner off
     pool = joint_pool(cell, 800, rng(), largest_turn=1.0)
@@ -52,7 +47,7 @@ def test_joints_fill_their_ranges(make_cell: MakeCell) -> None:
     assert (pool.target == 0).all()
 
 
-def test_postures_follow_brute_force(make_cell: MakeCell) -> None:
+def test_postures_follow_brute_force(make_cell):
     cell = make_cell(constraints={"smallest_singular_value": 0.12})
     expected = brute_force(cell, 1.2, 3000)
     pool = joint_pool(cell, 3000, rng(), largest_turn=1.2)
@@ -62,7 +57,7 @@ def test_postures_follow_brute_force(make_cell: MakeCell) -> None:
     assert (np.abs(apart) < 4.0 * sigma).all()
 
 
-def test_a_view_is_all_that_the_camera_is_allowed(make_demo_cell: MakeCell) -> None:
+def test_a_view_is_all_that_the_camera_is_allowed(make_demo_cell):
     cell = make_demo_cell(
         camera={"wpr_deg": [8.0, -5.0, 30.0], "largest_tilt_deg": 40.0},
         target={"normal": [0.3, -0.2, 1.0]},
@@ -93,7 +88,7 @@ def test_a_view_is_all_that_the_camera_is_allowed(make_demo_cell: MakeCell) -> N
     assert kstest(heading / (2 * np.pi) + 0.5, "uniform").statistic < 0.03
 
 
-def test_the_target_is_in_view_and_nothing_that_is_possible_is_missed(demo_cell: Cell) -> None:
+def test_the_target_is_in_view_and_nothing_that_is_possible_is_missed(demo_cell):
     """Every feasible posture of brute force has one of the pool near by."""
     pool = joint_pool(demo_cell, 1500, rng(), largest_turn=1.0)
     assert len(pool) == 1500
@@ -106,16 +101,14 @@ def test_the_target_is_in_view_and_nothing_that_is_possible_is_missed(demo_cell:
     assert np.quantile(apart, 0.99) < np.quantile(own.min(axis=1), 0.99)
 
 
-def test_the_arm_is_turned_over_its_back_where_the_camera_sees_from_there(
-    make_demo_cell: MakeCell,
-) -> None:
+def test_the_arm_is_turned_over_its_back_where_the_camera_sees_from_there(make_demo_cell):
     cell = make_demo_cell(constraints={"collisions": False})
     pool = joint_pool(cell, 500, rng())
     assert (np.abs(pool.postures[:, 0] - cell.base_posture[0]) > np.pi / 2).any()
     assert np.abs(pool.postures - cell.base_posture).max() <= np.pi
 
 
-def test_close_to_the_base_posture_joints_are_drawn_evenly(demo_cell: Cell) -> None:
+def test_close_to_the_base_posture_joints_are_drawn_evenly(demo_cell):
     """There most of what is drawn in the joints sees the target, and hardly any view is so near."""
     pool = joint_pool(demo_cell, 500, rng(), largest_turn=0.01)
     assert (len(pool), pool.tried) == (500, 1000)
@@ -123,14 +116,14 @@ def test_close_to_the_base_posture_joints_are_drawn_evenly(demo_cell: Cell) -> N
     assert min(kstest(column, "uniform").pvalue for column in part.T) > 0.01
 
 
-def test_a_redundant_arm_sees_its_target() -> None:
+def test_a_redundant_arm_sees_its_target():
     cell = Cell.from_text(cell_template("panda"))
     pool = joint_pool(cell, 40, rng())
     assert len(pool) == 40
     assert cell.checker.check(pool.postures).feasible.all()
 
 
-def test_the_same_generator_gives_the_same_postures(demo_cell: Cell, reference_cell: Cell) -> None:
+def test_the_same_generator_gives_the_same_postures(demo_cell, reference_cell):
     for cell in (demo_cell, reference_cell):
         one, same, other = (joint_pool(cell, 30, rng(s)).postures for s in (1, 1, 2))
         np.testing.assert_array_equal(one, same)
@@ -138,13 +131,13 @@ def test_the_same_generator_gives_the_same_postures(demo_cell: Cell, reference_c
         assert not np.isin(one, other).any()
 
 
-def test_no_two_postures_are_the_same_without_touch(demo_cell: Cell) -> None:
+def test_no_two_postures_are_the_same_without_touch(demo_cell):
     q = joint_pool(demo_cell, 300, rng()).postures
     apart = np.abs(q[:, None] - q).max(axis=-1)
     assert (apart + np.eye(len(q))).min() > 1e-6
 
 
-def test_wrong_input_is_refused_without_touch(reference_cell: Cell) -> None:
+def test_wrong_input_is_refused_without_touch(reference_cell):
     for count in (0, -1, 1.5, np.nan):
         with pytest.raises(InputError, match="1 to"):
             joint_pool(reference_cell, count, rng())  # type: ignore[arg-type]
@@ -154,9 +147,7 @@ def test_wrong_input_is_refused_without_touch(reference_cell: Cell) -> None:
         assert "radians" in caught.value.hint
 
 
-def test_an_empty_pool_without_touch_says_why(
-    make_cell: MakeCell, make_demo_cell: MakeCell
-) -> None:
+def test_an_empty_pool_without_touch_says_why(make_cell, make_demo_cell):
     cell = make_cell(constraints={"smallest_singular_value": 0.9})
     with pytest.raises(UnreachableError, match=r"of them: singularity, e\.g\. smallest") as one:
         joint_pool(cell, 5, rng())

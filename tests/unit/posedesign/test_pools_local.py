@@ -1,7 +1,5 @@
 """The tool turned a little about what it touches: the same branch, next to where it was."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +22,7 @@ def turns_of(pool: Pool, sigma: float) -> FloatArray:
     return np.random.default_rng(5).normal(0.0, sigma, (len(pool), 3))
 
 
-def test_the_tool_turns_in_its_own_axes_about_what_it_touches(reference_cell: Cell) -> None:
+def test_the_tool_turns_in_its_own_axes_about_what_it_touches(reference_cell):
     pool = pool_of(reference_cell)
     turns = turns_of(pool, 0.03)
     q = local_poses(reference_cell, pool.postures, turns)
@@ -39,9 +37,7 @@ def test_the_tool_turns_in_its_own_axes_about_what_it_touches(reference_cell: Ce
 
 
 @pytest.mark.parametrize("sigma", [0.001, 0.01, 0.03])
-def test_it_is_the_nearest_of_all_branches_in_closed_form(
-    reference_cell: Cell, sigma: float
-) -> None:
+def test_it_is_the_nearest_of_all_branches_in_closed_form(reference_cell, sigma):
     """Where the nearest is another branch, a singularity of the wrist is less than a turn away."""
     pool = pool_of(reference_cell)
     turns = turns_of(pool, sigma)
@@ -65,7 +61,7 @@ def test_it_is_the_nearest_of_all_branches_in_closed_form(
     assert nan < 0.1 * len(pool)
 
 
-def test_there_and_back_again(demo_cell: Cell) -> None:
+def test_there_and_back_again(demo_cell):
     """Followed along the turn no branch is left, however large the turn is."""
     pool = pool_of(demo_cell)
     turns = turns_of(pool, 0.25)
@@ -76,7 +72,7 @@ def test_there_and_back_again(demo_cell: Cell) -> None:
     np.testing.assert_allclose(back, pool.postures[there], atol=1e-6)
 
 
-def test_a_small_turn_moves_the_joints_as_the_jacobian_has_it(reference_cell: Cell) -> None:
+def test_a_small_turn_moves_the_joints_as_the_jacobian_has_it(reference_cell):
     pool = pool_of(reference_cell, 50)
     turns = turns_of(pool, 1e-5)
     q = local_poses(reference_cell, pool.postures, turns)
@@ -90,13 +86,13 @@ def test_a_small_turn_moves_the_joints_as_the_jacobian_has_it(reference_cell: Ce
     assert (np.abs(q - pool.postures - expected).max(axis=1) < 1e-8 * gain**3).all()
 
 
-def test_no_turn_is_the_same_posture(demo_cell: Cell) -> None:
+def test_no_turn_is_the_same_posture(demo_cell):
     pool = pool_of(demo_cell, 50)
     q = local_poses(demo_cell, pool.postures, np.zeros((len(pool), 3)))
     np.testing.assert_allclose(q, pool.postures, atol=1e-9)
 
 
-def test_there_is_no_posture_beyond_a_limit(reference_cell: Cell) -> None:
+def test_there_is_no_posture_beyond_a_limit(reference_cell):
     """Joint 6 five degrees below its limit: turned about its own axis by four, and by six."""
     robot = reference_cell.robot
     start = reference_cell.base_posture.copy()
@@ -110,7 +106,7 @@ def test_there_is_no_posture_beyond_a_limit(reference_cell: Cell) -> None:
     assert np.isnan(q[1]).all()
 
 
-def test_there_is_no_posture_beyond_a_coupled_limit(reference_cell: Cell) -> None:
+def test_there_is_no_posture_beyond_a_coupled_limit(reference_cell):
     pool = pool_of(reference_cell, 100)
     turns = turns_of(pool, 0.02)
     free = local_poses(reference_cell, pool.postures, turns)
@@ -123,7 +119,7 @@ def test_there_is_no_posture_beyond_a_coupled_limit(reference_cell: Cell) -> Non
     np.testing.assert_array_equal(q[kept], free[kept])
 
 
-def test_a_redundant_arm_moves_little() -> None:
+def test_a_redundant_arm_moves_little():
     cell = Cell.from_text(cell_template("panda", surroundings=False))
     pool = cone_pool(cell, 0.3, 10, np.random.default_rng(4), "front")
     turns = turns_of(pool, 0.02)
@@ -146,7 +142,7 @@ def test_a_redundant_arm_moves_little() -> None:
     assert np.median(moved / least) < 1.1
 
 
-def test_verdicts_of_many_targets_and_of_none(demo_cell: Cell) -> None:
+def test_verdicts_of_many_targets_and_of_none(demo_cell):
     pool = pool_of(demo_cell, 100)
     q = local_poses(demo_cell, pool.postures, turns_of(pool, 0.2), pool.touched_m)
     kept = feasible(demo_cell, q, pool.target, pool.targets_m)
@@ -156,7 +152,7 @@ def test_verdicts_of_many_targets_and_of_none(demo_cell: Cell) -> None:
     assert 0 < kept.sum() < len(pool)
 
 
-def test_wrong_turns_are_refused(reference_cell: Cell) -> None:
+def test_wrong_turns_are_refused(reference_cell):
     q = np.tile(reference_cell.base_posture, (2, 1))
     for turns in (np.zeros((1, 3)), np.zeros(3), np.full((2, 3), np.nan)):
         with pytest.raises(InputError, match="rotation vector"):

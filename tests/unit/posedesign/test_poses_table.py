@@ -1,7 +1,5 @@
 """``poses.csv``: what stands in it, in which forms, and what survives reading and writing it."""
 
-from __future__ import annotations
-
 import csv
 import re
 from dataclasses import replace
@@ -15,7 +13,6 @@ from hypothesis import strategies as st
 
 from calib.errors import FileFormatError, InputError
 from calib.se3 import rotation_from_wpr
-from posedesign.cell import Cell
 from posedesign.files.csv_tables import read_rows, read_table, write_table
 from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.files.postures import columns_of
@@ -48,13 +45,13 @@ columns = st.sampled_from([c for c in HOSTILE if "line" not in c]).map(lambda c:
 
 
 @pytest.fixture(scope="module")
-def demo_plan(demo_cell: Cell) -> PosePlan:
+def demo_plan(demo_cell) -> PosePlan:
     """Of the cell with gun, camera, fixture and floor."""
     return plan(demo_cell)
 
 
 @pytest.fixture
-def written(demo_cell: Cell, demo_plan: PosePlan, tmp_path: Path) -> Path:
+def written(demo_cell, demo_plan, tmp_path) -> Path:
     """The table of that plan."""
     return write_poses(
         tmp_path / "poses.csv",
@@ -68,7 +65,7 @@ def written(demo_cell: Cell, demo_plan: PosePlan, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def some(reference_cell: Cell) -> PoseList:
+def some(reference_cell) -> PoseList:
     """Four postures of the reference robot, the third of them passed through."""
     off = np.random.default_rng(3).uniform(-0.3, 0.3, (4, 6))
     via = np.array([False, False, True, False])
@@ -80,7 +77,7 @@ def normal(text: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def test_the_header_says_what_the_plan_says(written: Path, demo_plan: PosePlan) -> None:
+def test_the_header_says_what_the_plan_says(written, demo_plan):
     found = read_poses(written, 6)
     wanted = demo_plan.indices.as_dict()
     assert int(found.header["poses measured"]) == wanted.pop("poses") == len(demo_plan.postures)
@@ -92,7 +89,7 @@ def test_the_header_says_what_the_plan_says(written: Path, demo_plan: PosePlan) 
     assert "mm and deg" in found.header["units"]
 
 
-def test_a_changed_posture_is_seen_by_the_fingerprint(written: Path, demo_cell: Cell) -> None:
+def test_a_changed_posture_is_seen_by_the_fingerprint(written, demo_cell):
     found = read_poses(written, 6)
     turned = found.postures.copy()
     turned[0, 5] += np.deg2rad(0.01)
@@ -102,18 +99,14 @@ def test_a_changed_posture_is_seen_by_the_fingerprint(written: Path, demo_cell: 
 
 
 @pytest.mark.parametrize("degrees", [10.00005 - 3e-10, 10.00005 + 3e-10, -0.00005, 1e-10, 33.3])
-def test_the_fingerprint_survives_on_the_edge_of_its_steps(
-    tmp_path: Path, reference_cell: Cell, degrees: float
-) -> None:
+def test_the_fingerprint_survives_on_the_edge_of_its_steps(tmp_path, reference_cell, degrees):
     q = np.full((1, 6), np.deg2rad(degrees))
     poses = PoseList(("P1",), q, np.array([False]))
     path = write_pose_list(tmp_path / "a.csv", poses, reference_cell.robot, reference_cell.tool_m)
     assert read_poses(path, 6).fingerprint == poses.fingerprint
 
 
-def test_stops_are_numbered_and_dropped_poses_are_not(
-    tmp_path: Path, demo_cell: Cell, demo_plan: PosePlan
-) -> None:
+def test_stops_are_numbered_and_dropped_poses_are_not(tmp_path, demo_cell, demo_plan):
     poses = demo_plan.poses.without({3: "=in the way"})
     stops = [s for s in demo_plan.route.stops if s.pose is None or s.pose < len(poses.kept)]
     route = replace(demo_plan.route, stops=tuple(stops))
@@ -127,7 +120,7 @@ def test_stops_are_numbered_and_dropped_poses_are_not(
     assert read_poses(path, 6).dropped[0].name == last["name"] == "P04"
 
 
-def test_margins_are_what_a_second_calculation_finds(written: Path, demo_cell: Cell) -> None:
+def test_margins_are_what_a_second_calculation_finds(written, demo_cell):
     found = read_poses(written, 6)
     table = pd.read_csv(written, comment="#")
     robot, q, seen = demo_cell.robot, found.postures, ~found.via
@@ -170,7 +163,7 @@ def test_margins_are_what_a_second_calculation_finds(written: Path, demo_cell: C
     assert (beyond < 0.15 * radius_px + 1e-6).all()
 
 
-def test_a_cell_that_describes_less_has_fewer_margins(reference_cell: Cell, some: PoseList) -> None:
+def test_a_cell_that_describes_less_has_fewer_margins(reference_cell, some):
     assert set(Margins.of(reference_cell, some.postures, some.via).columns) <= {
         "limit_margin_deg",
         "self_clearance_mm",
@@ -178,7 +171,7 @@ def test_a_cell_that_describes_less_has_fewer_margins(reference_cell: Cell, some
     }
 
 
-def test_a_margin_is_negative_beyond_the_limit(reference_cell: Cell) -> None:
+def test_a_margin_is_negative_beyond_the_limit(reference_cell):
     robot = reference_cell.robot
     q = reference_cell.base_posture[None].copy()
     q[0, 0] = robot.upper[0] + np.deg2rad(2.0)
@@ -186,9 +179,7 @@ def test_a_margin_is_negative_beyond_the_limit(reference_cell: Cell) -> None:
     assert margins["limit_margin_deg"][0] == pytest.approx(-2.0)
 
 
-def test_pandas_reads_names_with_number_signs(
-    tmp_path: Path, reference_cell: Cell, some: PoseList
-) -> None:
+def test_pandas_reads_names_with_number_signs(tmp_path, reference_cell, some):
     named = replace(some, names=("#1", "a # b", "'#x", "=x"), extra={"by, #": ("#", "b#", "", "=")})
     path = tmp_path / "p.csv"
     write_pose_list(path, named, reference_cell.robot, reference_cell.tool_m)
@@ -204,9 +195,7 @@ def test_pandas_reads_names_with_number_signs(
 @FILES_BETWEEN_EXAMPLES
 @given(data=st.data())
 @pytest.mark.parametrize("form", [JointForm.USUAL, JointForm.ROS])
-def test_what_is_not_known_survives(
-    tmp_path: Path, reference_cell: Cell, some: PoseList, form: JointForm, data: st.DataObject
-) -> None:
+def test_what_is_not_known_survives(tmp_path, reference_cell, some, form, data):
     four = st.tuples(cells, cells, cells, cells)
     extra = data.draw(st.dictionaries(columns, four, min_size=1, max_size=3))
     lost = DroppedPose("=lost", "#why", {column: data.draw(cells) for column in extra})
@@ -235,7 +224,7 @@ def test_what_is_not_known_survives(
     assert all(column in pd.read_csv(path, comment="#") for column in ("name", "order", "x_mm"))
 
 
-def test_comments_cannot_break_out_of_their_lines(tmp_path: Path) -> None:
+def test_comments_cannot_break_out_of_their_lines(tmp_path):
     said = ["a\n=cmd(),2", "x,=cmd()", 'x;"=cmd()"', "x\u2028y\tz\r"]
     path = write_table(tmp_path / "a.csv", ["a"], [{"a": 1.0}], said)
     text = path.read_text()
@@ -245,7 +234,7 @@ def test_comments_cannot_break_out_of_their_lines(tmp_path: Path) -> None:
         assert not any(cell.lstrip().startswith(tuple("=+-@")) for cell in line)
 
 
-def test_comments_keep_their_commas(tmp_path: Path) -> None:
+def test_comments_keep_their_commas(tmp_path):
     """A spreadsheet cuts them into cells there, and fills the line up with more commas."""
     said = "not checked: link_1, gun against table; 3 of 27, at most"
     path = write_table(tmp_path / "a.csv", ["a", "b"], [{"a": 1.0, "b": 2.0}], [said])
@@ -256,7 +245,7 @@ def test_comments_keep_their_commas(tmp_path: Path) -> None:
     assert list(pd.read_csv(path, comment="#")) == ["a", "b"]
 
 
-def test_comments_that_a_spreadsheet_saved(written: Path, demo_plan: PosePlan) -> None:
+def test_comments_that_a_spreadsheet_saved(written, demo_plan):
     """It fills every line up to the width of the table."""
     text = re.sub(r"(?m)^(#.*)$", r"\1,,,,", written.read_text())
     written.write_text(text)
@@ -264,9 +253,7 @@ def test_comments_that_a_spreadsheet_saved(written: Path, demo_plan: PosePlan) -
     assert float(read_poses(written, 6).header["c_g"]) == pytest.approx(demo_plan.indices.c_g)
 
 
-def test_columns_of_pose_and_axes_agree_with_the_robot(
-    tmp_path: Path, reference_cell: Cell, some: PoseList
-) -> None:
+def test_columns_of_pose_and_axes_agree_with_the_robot(tmp_path, reference_cell, some):
     robot, tool_m = reference_cell.robot, reference_cell.tool_m
     path = write_pose_list(tmp_path / "a.csv", some, robot, tool_m)
     table = pd.read_csv(path, comment="#")
@@ -279,9 +266,7 @@ def test_columns_of_pose_and_axes_agree_with_the_robot(
     assert table["status"].tolist() == ["grid", "grid", "via", "grid"]
 
 
-def test_configuration_in_the_words_of_the_controller(
-    tmp_path: Path, reference_cell: Cell, some: PoseList, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_configuration_in_the_words_of_the_controller(tmp_path, reference_cell, some, monkeypatch):
     robot, tool_m, path = reference_cell.robot, reference_cell.tool_m, tmp_path / "a.csv"
 
     def written_words() -> list[str]:
@@ -300,9 +285,7 @@ def test_configuration_in_the_words_of_the_controller(
     assert written_words() == [""] * 4
 
 
-def test_robodk_has_pendant_values_first(
-    tmp_path: Path, reference_cell: Cell, some: PoseList
-) -> None:
+def test_robodk_has_pendant_values_first(tmp_path, reference_cell, some):
     robot = reference_cell.robot
     listed = replace(
         some,
@@ -326,7 +309,7 @@ def test_robodk_has_pendant_values_first(
     assert (found.dropped, found.comments) == ((), ())
 
 
-def test_joints_as_ros_names_them(tmp_path: Path, reference_cell: Cell, some: PoseList) -> None:
+def test_joints_as_ros_names_them(tmp_path, reference_cell, some):
     robot, path = reference_cell.robot, tmp_path / "ros.csv"
     write_pose_list(path, some, robot, reference_cell.tool_m, form=JointForm.ROS)
     table = pd.read_csv(path, comment="#")
@@ -343,9 +326,7 @@ def test_joints_as_ros_names_them(tmp_path: Path, reference_cell: Cell, some: Po
 
 
 @pytest.mark.parametrize("form", [JointForm.ROS, JointForm.ROBODK])
-def test_other_forms_need_the_robot(
-    tmp_path: Path, reference_cell: Cell, some: PoseList, form: JointForm
-) -> None:
+def test_other_forms_need_the_robot(tmp_path, reference_cell, some, form):
     path = tmp_path / "a.csv"
     write_pose_list(path, some, reference_cell.robot, reference_cell.tool_m, form=form)
     for count in (6, None):
@@ -365,14 +346,7 @@ def test_other_forms_need_the_robot(
         ({f"joint_{i}_rad": f"J{i}" for i in range(2, 7)}, "no column J1", "did you mean J"),
     ],
 )
-def test_wrong_names_of_joints(
-    tmp_path: Path,
-    reference_cell: Cell,
-    some: PoseList,
-    change: dict[str, str],
-    said: str,
-    hint: str,
-) -> None:
+def test_wrong_names_of_joints(tmp_path, reference_cell, some, change, said, hint):
     robot, path = reference_cell.robot, tmp_path / "a.csv"
     assert robot.joint_names == tuple(f"joint_{i}" for i in range(1, 7))
     named = [change.get(f"{name}_rad", f"{name}_rad") for name in robot.joint_names]
@@ -382,9 +356,7 @@ def test_wrong_names_of_joints(
     assert hint in caught.value.hint
 
 
-def test_degrees_under_the_names_of_radians(
-    tmp_path: Path, reference_cell: Cell, some: PoseList
-) -> None:
+def test_degrees_under_the_names_of_radians(tmp_path, reference_cell, some):
     robot, path = reference_cell.robot, tmp_path / "a.csv"
     named = [f"{name}_rad" for name in robot.joint_names]
     rows = [dict(zip(named, 57.3 * q, strict=True)) for q in some.postures]
@@ -395,7 +367,7 @@ def test_degrees_under_the_names_of_radians(
     np.testing.assert_allclose(found.postures, 57.3 * some.postures, atol=1e-8)
 
 
-def test_robodk_file_of_a_longer_arm(tmp_path: Path, reference_cell: Cell) -> None:
+def test_robodk_file_of_a_longer_arm(tmp_path, reference_cell):
     named = [f"J{i + 1}" for i in range(7)]
     path = write_table(tmp_path / "a.csv", named, [dict.fromkeys(named, 10.0)])
     with pytest.raises(FileFormatError, match="the robot has 6 joints only") as caught:
@@ -403,7 +375,7 @@ def test_robodk_file_of_a_longer_arm(tmp_path: Path, reference_cell: Cell) -> No
     assert caught.value.column == "J7"
 
 
-def test_touch_ups_keep_what_is_not_known(tmp_path: Path) -> None:
+def test_touch_ups_keep_what_is_not_known(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("target,j1_deg,j2_deg,who,\"'=x\"\nT1,10,20,'=cmd(),-1.50\nT1,30,40,#x,\n")
     table = read_measurements(path, 2)

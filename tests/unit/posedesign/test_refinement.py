@@ -1,7 +1,5 @@
 """Poses turned off the pool: better, inside all constraints, on target, and at an optimum."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

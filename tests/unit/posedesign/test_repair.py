@@ -1,9 +1,5 @@
 """Replacements: as far as possible from all other poses, from wherever there is something left."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -23,11 +19,9 @@ from posedesign.planning.repair import (
 )
 from posedesign.planning.tables import read_poses, write_poses
 
-MakeCell = Callable[..., Cell]
-
 
 @given(seed=st.integers(0, 10_000), count=st.integers(1, 6))
-def test_each_replacement_is_the_farthest_there_is(seed: int, count: int) -> None:
+def test_each_replacement_is_the_farthest_there_is(seed, count):
     rng = np.random.default_rng(seed)
     pool, chosen = rng.uniform(size=(30, 3)), rng.uniform(size=(4, 3))
     scale = np.array([1.0, 2.0, 0.5])
@@ -40,13 +34,13 @@ def test_each_replacement_is_the_farthest_there_is(seed: int, count: int) -> Non
         there = np.vstack([there, posture])
 
 
-def test_repetitions_are_not_picked() -> None:
+def test_repetitions_are_not_picked():
     pool = np.zeros((5, 2))
     assert len(farthest_postures(pool, np.ones((1, 2)), 3, np.ones(2))) == 1
     assert len(farthest_postures(np.empty((0, 2)), pool, 3, np.ones(2))) == 0
 
 
-def test_every_posture_of_the_pool_keeps_every_constraint(demo_cell: Cell) -> None:
+def test_every_posture_of_the_pool_keeps_every_constraint(demo_cell):
     q = RepairPool(demo_cell).postures(5)
     assert len(q) >= ENOUGH * 5
     assert demo_cell.checker.check(q).feasible.all()
@@ -54,7 +48,7 @@ def test_every_posture_of_the_pool_keeps_every_constraint(demo_cell: Cell) -> No
     assert np.abs(point - demo_cell.target_m).max() < 1e-9
 
 
-def test_the_first_pool_stays_near_the_base_pose(make_cell: MakeCell) -> None:
+def test_the_first_pool_stays_near_the_base_pose(make_cell):
     cell = make_cell(plan={"repair_tilt_deg": 25.0, "repair_base_joint_deg": 20.0})
     q = RepairPool(cell).postures(1)
     z = cell.robot.fk(q)[:, :3, 2]
@@ -64,7 +58,7 @@ def test_the_first_pool_stays_near_the_base_pose(make_cell: MakeCell) -> None:
     assert len(q) > POOL_ORIENTATIONS / 4
 
 
-def test_a_narrow_view_is_searched_until_there_is_enough(make_demo_cell: MakeCell) -> None:
+def test_a_narrow_view_is_searched_until_there_is_enough(make_demo_cell):
     """A tilt of 1 deg leaves hardly any of a thousand orientations; many are found all the same."""
     cell = make_demo_cell(camera={"largest_tilt_deg": 1.0})
     pool = RepairPool(cell)
@@ -73,12 +67,12 @@ def test_a_narrow_view_is_searched_until_there_is_enough(make_demo_cell: MakeCel
     assert cell.checker.check(q).feasible.all()
 
 
-def test_the_same_cell_gives_the_same_pool(demo_cell: Cell) -> None:
+def test_the_same_cell_gives_the_same_pool(demo_cell):
     one, other = RepairPool(demo_cell), RepairPool(demo_cell)
     np.testing.assert_array_equal(one.postures(400), other.postures(400))
 
 
-def test_what_is_excluded_is_offered_no_more(demo_cell: Cell) -> None:
+def test_what_is_excluded_is_offered_no_more(demo_cell):
     pool = RepairPool(demo_cell)
     before = pool.postures(1)
     pool.exclude(before[:3])
@@ -91,7 +85,7 @@ def test_what_is_excluded_is_offered_no_more(demo_cell: Cell) -> None:
         assert np.abs(later - posture).max(axis=1).min() > np.deg2rad(1.0)
 
 
-def test_reasons_say_what_and_how_far(demo_cell: Cell) -> None:
+def test_reasons_say_what_and_how_far(demo_cell):
     """The turn in words is the angle between the pose of the grid and its replacement."""
     poses = grid_poses(demo_cell, np.full(3, 50.0))
     gaps = [i for i, status in enumerate(poses.status) if status is PoseStatus.DROPPED]
@@ -104,7 +98,7 @@ def test_reasons_say_what_and_how_far(demo_cell: Cell) -> None:
         assert after.reasons[i] == f"{why}; replaced by a pose turned by {angle:.0f} deg"
 
 
-def test_replacements_are_shared_out_by_nearness(demo_cell: Cell) -> None:
+def test_replacements_are_shared_out_by_nearness(demo_cell):
     """No two gaps could swap their replacements and both be turned less in sum."""
     poses = grid_poses(demo_cell, np.full(3, 60.0))
     gaps = [i for i, status in enumerate(poses.status) if status is PoseStatus.DROPPED]
@@ -119,7 +113,7 @@ def test_replacements_are_shared_out_by_nearness(demo_cell: Cell) -> None:
             assert turn(i, i) + turn(j, j) <= turn(i, j) + turn(j, i) + 1e-9
 
 
-def test_without_repair_poses_are_dropped(make_demo_cell: MakeCell) -> None:
+def test_without_repair_poses_are_dropped(make_demo_cell):
     cell = make_demo_cell(plan={"repair": False}, variations={"start_deg": [50.0, 50.0, 50.0]})
     result = plan(cell)
     assert result.rounds[0].dropped > 0
@@ -127,7 +121,7 @@ def test_without_repair_poses_are_dropped(make_demo_cell: MakeCell) -> None:
     assert result.poses.count(PoseStatus.DROPPED) == result.rounds[result.best].dropped
 
 
-def test_a_plan_is_the_same_every_time(demo_cell: Cell, make_demo_cell: MakeCell) -> None:
+def test_a_plan_is_the_same_every_time(demo_cell, make_demo_cell):
     one, other = plan(demo_cell), plan(make_demo_cell())
     np.testing.assert_array_equal(one.postures, other.postures)
     assert one.names == other.names
@@ -146,7 +140,7 @@ class Shut(WayChecker):
         return WayVerdicts(~away, none, none, tuple("a wall" if a else "" for a in away))
 
 
-def test_blocked_ways_are_not_blamed_on_angles(make_demo_cell: MakeCell) -> None:
+def test_blocked_ways_are_not_blamed_on_angles(make_demo_cell):
     cell = make_demo_cell(plan={"repair": False}, variations={"largest_deg": [10.0, 10.0, 10.0]})
     cell.__dict__["ways"] = Shut((), np.inf)
     result = plan(cell)
@@ -167,7 +161,7 @@ class NotBeyond(WayChecker):
 
 
 @pytest.mark.parametrize("replace", [pytest.param(True, marks=pytest.mark.slow), False])
-def test_poses_that_no_way_leads_to(make_demo_cell: MakeCell, replace: bool) -> None:
+def test_poses_that_no_way_leads_to(make_demo_cell, replace):
     cell = make_demo_cell(plan={"repair": replace, "condition_threshold": 2e5})
     free = plan(cell)
     assert (np.abs(free.postures[:, 3]) > np.deg2rad(50.0)).any()
@@ -185,19 +179,19 @@ def test_poses_that_no_way_leads_to(make_demo_cell: MakeCell, replace: bool) -> 
 
 
 @pytest.fixture(scope="module")
-def hemmed_in(make_demo_cell: MakeCell) -> Cell:
+def hemmed_in(make_demo_cell) -> Cell:
     """No joint may travel far: some poses are reached only through others, or not at all."""
     return make_demo_cell(constraints={"largest_travel_deg": 40.0})
 
 
-def test_ways_of_a_plan_are_clear(hemmed_in: Cell) -> None:
+def test_ways_of_a_plan_are_clear(hemmed_in):
     result = plan(hemmed_in)
     stops = np.array([hemmed_in.base_posture, *(stop.posture for stop in result.route.stops)])
     assert hemmed_in.ways.check(stops[:-1], stops[1:]).clear.all()
     assert np.rad2deg(np.abs(np.diff(stops, axis=0))).max() <= 40.0 + 1e-6
 
 
-def test_rounds_count_the_poses_that_are_left(hemmed_in: Cell) -> None:
+def test_rounds_count_the_poses_that_are_left(hemmed_in):
     result = plan(hemmed_in)
     best = result.rounds[result.best]
     assert best.grid + best.repaired == len(result.postures) == len(result.names)
@@ -208,7 +202,7 @@ def test_rounds_count_the_poses_that_are_left(hemmed_in: Cell) -> None:
         assert (status is PoseStatus.GRID) == (reason == "")
 
 
-def test_what_is_written_is_what_was_planned(hemmed_in: Cell, tmp_path) -> None:
+def test_what_is_written_is_what_was_planned(hemmed_in, tmp_path):
     result = plan(hemmed_in)
     path = tmp_path / "poses.csv"
     write_poses(path, hemmed_in.robot, result.poses, result.route, hemmed_in.tool_m)

@@ -4,8 +4,6 @@ Distances are those of points on the pin from the box of the fixture, by formula
 the scenes of the tool.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Callable
@@ -61,7 +59,7 @@ ONE_ROUND = {"start_deg": [25.0, 25.0, 25.0], "largest_deg": [25.0, 25.0, 25.0]}
 
 
 @pytest.fixture(scope="module")
-def pin_cell(make_demo_cell: MakeCell) -> MakeCell:
+def pin_cell(make_demo_cell) -> MakeCell:
     """The demo cell with a pin in place of the camera, on a fixture that reaches to the target."""
     demo = make_demo_cell()
     gun = demo.config.tool.body[0].model_dump(exclude_none=True)
@@ -92,7 +90,7 @@ def pin_cell(make_demo_cell: MakeCell) -> MakeCell:
 
 
 @pytest.fixture(scope="module")
-def planned(pin_cell: MakeCell, tmp_path_factory: pytest.TempPathFactory) -> Planned:
+def planned(pin_cell, tmp_path_factory) -> Planned:
     """The cell, its plan of one round of the loop, and the list in its file."""
     cell, folder = pin_cell(variations=ONE_ROUND), tmp_path_factory.mktemp("pin")
     found = plan_poses(cell, folder)
@@ -143,7 +141,7 @@ def of_route(cell: Cell, route: Route) -> tuple[FloatArray, np.ndarray]:
     return postures, np.array([False, *(stop.pose is None for stop in route.stops)])
 
 
-def test_a_pin_is_never_planned_through_its_fixture(planned: Planned) -> None:
+def test_a_pin_is_never_planned_through_its_fixture(planned):
     """And it would be: the straight moves between the same poses run it into the fixture."""
     cell, found, _ = planned
     assert len(found.postures) == 27
@@ -157,7 +155,7 @@ def test_a_pin_is_never_planned_through_its_fixture(planned: Planned) -> None:
     assert pin_distance(cell, between.reshape(-1, 6)).min() < -0.01
 
 
-def test_chosen_poses_back_off_too(pin_cell: MakeCell) -> None:
+def test_chosen_poses_back_off_too(pin_cell):
     cell = pin_cell(pool={"candidates": 150})
     found = plan_optimal(cell, Wish(count=10, validation=3))
     for route in (found.route, found.validation_route):
@@ -165,7 +163,7 @@ def test_chosen_poses_back_off_too(pin_cell: MakeCell) -> None:
         check_route(cell, *of_route(cell, route))
 
 
-def test_a_pin_along_another_axis(pin_cell: MakeCell) -> None:
+def test_a_pin_along_another_axis(pin_cell):
     """Backed off against x of the tip, 50 mm."""
     cell = pin_cell(tool={"axis": [2.0, 0.0, 0.0]}, constraints={"ignore": []})
     assert cell.retreat is not None
@@ -177,7 +175,7 @@ def test_a_pin_along_another_axis(pin_cell: MakeCell) -> None:
 
 
 @pytest.mark.parametrize("robot", ["ur10e", "tx2_60", "hp3", "panda"])
-def test_arms_back_off_straight_on_their_branch(robot: str) -> None:
+def test_arms_back_off_straight_on_their_branch(robot):
     """60 mm along the tool, its orientation kept; a move that the joints would bend is refused."""
     raw = tomllib.loads(cell_template(robot, surroundings=False))
     raw["plan"]["retreat_mm"] = 60.0
@@ -204,7 +202,7 @@ def test_arms_back_off_straight_on_their_branch(robot: str) -> None:
         assert off.max() <= 0.05 * 0.06 * 1.01
 
 
-def test_the_time_of_the_retreats_is_part_of_the_round(planned: Planned) -> None:
+def test_the_time_of_the_retreats_is_part_of_the_round(planned):
     """Every move of the path, from the base posture on, at the speed of the program."""
     cell, found, _ = planned
     postures, _ = of_route(cell, found.route)
@@ -213,7 +211,7 @@ def test_the_time_of_the_retreats_is_part_of_the_round(planned: Planned) -> None
     assert found.route.cycle_time_s == pytest.approx(moving + 27 * cell.config.plan.dwell_s)
 
 
-def test_lists_without_retreats_are_not_clear(planned: Planned) -> None:
+def test_lists_without_retreats_are_not_clear(planned):
     """The poses can be taken, and no motion between them; with the retreats all is well."""
     cell, _, listed = planned
     assert all(verdict.ok for verdict in check_poses(cell, listed))
@@ -224,7 +222,7 @@ def test_lists_without_retreats_are_not_clear(planned: Planned) -> None:
     assert "fixture" in bare[1].way
 
 
-def test_sideways_is_not_along_the_tool(pin_cell: MakeCell) -> None:
+def test_sideways_is_not_along_the_tool(pin_cell):
     """A passed posture at the height of a retreat and 30 mm beside it leads to no pose."""
     cell = pin_cell()
     assert cell.retreat is not None
@@ -239,7 +237,7 @@ def test_sideways_is_not_along_the_tool(pin_cell: MakeCell) -> None:
     assert [v.way_clear for v in check_poses(cell, listed)] == [False, False]
 
 
-def test_the_pin_without_a_retreat_is_refused(pin_cell: MakeCell) -> None:
+def test_the_pin_without_a_retreat_is_refused(pin_cell):
     with pytest.raises(FileFormatError, match="without a retreat") as caught:
         pin_cell(plan={"retreat_mm": 0.0})
     assert caught.value.key == "constraints.ignore"
@@ -255,17 +253,17 @@ def test_the_pin_without_a_retreat_is_refused(pin_cell: MakeCell) -> None:
         ({"retreat_mm": 30.0, "stop_short_mm": 30.0}, "stop_short_mm 30 is not below retreat_mm"),
     ],
 )
-def test_retreats_that_cannot_be(pin_cell: MakeCell, keys: dict[str, Any], said: str) -> None:
+def test_retreats_that_cannot_be(pin_cell, keys, said):
     with pytest.raises(FileFormatError, match=said):
         pin_cell(plan=keys)
 
 
-def test_a_tool_without_an_axis(pin_cell: MakeCell) -> None:
+def test_a_tool_without_an_axis(pin_cell):
     with pytest.raises(FileFormatError, match="axis has no length"):
         pin_cell(tool={"axis": [0.0, 0.0, 0.0]})
 
 
-def test_no_room_to_back_off_from_the_base_posture(pin_cell: MakeCell) -> None:
+def test_no_room_to_back_off_from_the_base_posture(pin_cell):
     with pytest.raises(UnreachableError, match="no posture 1500 mm back along the tool"):
         plan(pin_cell(plan={"retreat_mm": 1500.0}))
 
@@ -284,7 +282,7 @@ def postures_in(cell: Cell, text: str) -> dict[int, FloatArray]:
     }
 
 
-def test_the_program_backs_off(planned: Planned, tmp_path: Path) -> None:
+def test_the_program_backs_off(planned, tmp_path):
     """From a file of poses to a program, its motions read line by line and sampled; and back."""
     cell, _, listed = planned
     assert {why for why, via in zip(listed.reasons, listed.via, strict=True) if via} == {
@@ -308,7 +306,7 @@ def test_the_program_backs_off(planned: Planned, tmp_path: Path) -> None:
     assert sorted(found.touch_ups.names) == sorted(listed.measured.names)
 
 
-def test_a_program_may_stop_short(pin_cell: MakeCell, tmp_path: Path) -> None:
+def test_a_program_may_stop_short(pin_cell, tmp_path):
     """Each move in ends 10 mm before the target; what is jogged on from there is a touch-up."""
     cell = pin_cell(variations=ONE_ROUND, plan={"stop_short_mm": 10.0})
     plan_poses(cell, tmp_path)
@@ -347,7 +345,7 @@ def test_a_program_may_stop_short(pin_cell: MakeCell, tmp_path: Path) -> None:
     assert len(found.untouched) == 26
 
 
-def test_formats_without_passed_postures_are_refused(planned: Planned, tmp_path: Path) -> None:
+def test_formats_without_passed_postures_are_refused(planned, tmp_path):
     cell, _, listed = planned
     for name in ("moveit-joints", "robot-calibration"):
         with pytest.raises(InputError, match="would not back off"):

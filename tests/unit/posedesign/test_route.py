@@ -1,8 +1,5 @@
 """The round through the poses: short, along clear ways only, with detours where they must be."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -53,7 +50,7 @@ def route(
     return Router(cell.robot, ways, cell.passing, cell.base_posture, options).route(at(*degrees))
 
 
-def test_poses_are_visited_along_the_shortest_way(reference_cell: Cell) -> None:
+def test_poses_are_visited_along_the_shortest_way(reference_cell):
     options = RouteOptions(return_to_base=False)
     found = route(reference_cell, FREE, 30.0, 10.0, 20.0, options=options)
     assert found.order.tolist() == [1, 2, 0]
@@ -62,7 +59,7 @@ def test_poses_are_visited_along_the_shortest_way(reference_cell: Cell) -> None:
     assert found.lost == {}
 
 
-def test_the_round_ends_at_the_base_posture(reference_cell: Cell) -> None:
+def test_the_round_ends_at_the_base_posture(reference_cell):
     """Past 70 deg on the way there or on the way back: the same time, so as it is on one side."""
     found = route(reference_cell, FREE, 140.0, 70.0, -30.0)
     assert sorted(found.order) == [0, 1, 2]
@@ -79,12 +76,7 @@ def test_the_round_ends_at_the_base_posture(reference_cell: Cell) -> None:
     ("degrees", "blocked", "detours"),
     [((10.0, 20.0, 30.0), [(0.0, 30.0)], False), ((20.0, 30.0), [(0.0, 30.0), (0.0, 20.0)], True)],
 )
-def test_the_way_back_is_clear(
-    reference_cell: Cell,
-    degrees: tuple[float, ...],
-    blocked: list[tuple[float, float]],
-    detours: bool,
-) -> None:
+def test_the_way_back_is_clear(reference_cell, degrees, blocked, detours):
     """Where nothing leads back from the last pose: by another pose last, else by a detour."""
     walls = Walls(*blocked)
     found = route(reference_cell, walls, *degrees)
@@ -95,7 +87,7 @@ def test_the_way_back_is_clear(
     assert (found.detours > 0) == detours
 
 
-def test_time_of_a_route(reference_cell: Cell) -> None:
+def test_time_of_a_route(reference_cell):
     """Half the speed, 20 s at each pose; without any speeds it is not known."""
     robot, dwell = reference_cell.robot, RouteOptions(dwell_s=20.0, speed_share=0.5)
     found = route(reference_cell, FREE, 130.0, options=dwell)
@@ -110,14 +102,14 @@ def test_time_of_a_route(reference_cell: Cell) -> None:
     assert "not known" in silent.timing
 
 
-def test_the_router_of_a_cell_does_what_its_plan_says(make_cell: Callable[..., Cell]) -> None:
+def test_the_router_of_a_cell_does_what_its_plan_says(make_cell):
     plan = {"return_to_base": False, "approach": "same-side", "approach_deg": 3.0, "dwell_s": 5.0}
     cell = make_cell(plan=plan, program={"speed_percent": 50})
     assert Router.of_cell(cell).options == RouteOptions(False, np.deg2rad(3.0), 5.0, 0.5)
     assert Router.of_cell(make_cell()).options == RouteOptions(True, 0.0, 20.0, 0.1)
 
 
-def test_a_blocked_way_changes_the_order(reference_cell: Cell) -> None:
+def test_a_blocked_way_changes_the_order(reference_cell):
     found = route(reference_cell, Walls((10.0, 20.0)), 10.0, 20.0, 30.0)
     steps = [frozenset(pair) for pair in pairwise([0, *np.array([10, 20, 30])[found.order]])]
     assert frozenset((10, 20)) not in steps
@@ -125,7 +117,7 @@ def test_a_blocked_way_changes_the_order(reference_cell: Cell) -> None:
     assert found.detours == 0
 
 
-def test_a_detour_where_no_order_is_clear(reference_cell: Cell) -> None:
+def test_a_detour_where_no_order_is_clear(reference_cell):
     walls = Walls((0.0, 20.0), (10.0, 20.0))
     found = route(reference_cell, walls, 10.0, 20.0, options=RouteOptions(return_to_base=False))
     assert found.detours == 1
@@ -153,7 +145,7 @@ class Prison(WayChecker):
         )
 
 
-def test_a_pose_that_no_way_leads_to_is_lost(reference_cell: Cell) -> None:
+def test_a_pose_that_no_way_leads_to_is_lost(reference_cell):
     found = route(reference_cell, Prison((), np.inf), 10.0, 20.0, 30.0)
     assert found.lost == {1: "no clear way to it: a wall"}
     assert sorted(found.order) == [0, 2]
@@ -174,7 +166,7 @@ class Maze(WayChecker):
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_a_path_through_a_maze_is_found(reference_cell: Cell, seed: int) -> None:
+def test_a_path_through_a_maze_is_found(reference_cell, seed):
     """One clear path through seven poses and as many ways that lead nowhere: none is given up."""
     rng = np.random.default_rng(seed)
     degrees = [10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
@@ -188,13 +180,13 @@ def test_a_path_through_a_maze_is_found(reference_cell: Cell, seed: int) -> None
     assert maze.check(stops[:-1], stops[1:]).clear.all()
 
 
-def test_only_ways_of_the_order_are_checked(reference_cell: Cell) -> None:
+def test_only_ways_of_the_order_are_checked(reference_cell):
     walls = Walls()
     route(reference_cell, walls, *range(5, 65, 5))
     assert walls.asked == [13]  # type: ignore[attr-defined]
 
 
-def test_travel_of_a_joint_is_bounded() -> None:
+def test_travel_of_a_joint_is_bounded():
     ways = WayChecker((), np.deg2rad(45.0))
     verdicts = ways.check(at(0.0, 0.0), at(45.0, 46.0))
     assert verdicts.clear.tolist() == [True, False]
@@ -202,7 +194,7 @@ def test_travel_of_a_joint_is_bounded() -> None:
     np.testing.assert_allclose(np.rad2deg(verdicts.travel), [45.0, 46.0])
 
 
-def test_fast_joints_count_less(make_cell: Callable[..., Cell]) -> None:
+def test_fast_joints_count_less(make_cell):
     """Time counts, not angle: joint 6 of this arm is twice as fast as joint 1."""
     robot = Robot.preset("r2000ic165f")
     q = np.tile(make_cell().base_posture, (2, 1))

@@ -1,7 +1,5 @@
 """The fewest poses of a pool, against all subsets of small pools."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Orders against all orders and against dynamic programming; times against joints that are run."""
 
-from __future__ import annotations
-
 from itertools import pairwise, permutations
 
 import numpy as np
@@ -41,7 +39,7 @@ def best_of_all(cost: np.ndarray, closed: bool) -> float:
 
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("seed", range(15))
-def test_order_against_all_orders(seed: int, closed: bool) -> None:
+def test_order_against_all_orders(seed, closed):
     """Four to eight places: none of all orders is shorter by more than costs are rounded."""
     count = 4 + seed % 5
     cost = costs(count, seed)
@@ -54,7 +52,7 @@ def test_order_against_all_orders(seed: int, closed: bool) -> None:
 
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("seed", range(15))
-def test_costs_that_differ_there_and_back(seed: int, closed: bool) -> None:
+def test_costs_that_differ_there_and_back(seed, closed):
     """As with approaches: near the best of all orders, though the library averages the two."""
     cost = costs(8, seed, uneven=0.03)
     found = length(cost, shortest_order(cost, closed=closed), closed)
@@ -62,7 +60,7 @@ def test_costs_that_differ_there_and_back(seed: int, closed: bool) -> None:
     assert found <= 1.01 * best
 
 
-def test_rounding_to_whole_numbers_loses_nothing_that_counts() -> None:
+def test_rounding_to_whole_numbers_loses_nothing_that_counts():
     """A heap of near places and one that is a thousand times as far: not lost in the rounding."""
     points = np.random.default_rng(5).uniform(size=(12, 6))
     points[7] += 1000.0
@@ -74,7 +72,7 @@ def test_rounding_to_whole_numbers_loses_nothing_that_counts() -> None:
     assert found <= (1.0 + 1e-4) * best
 
 
-def test_the_library_finds_what_the_quick_search_does_not() -> None:
+def test_the_library_finds_what_the_quick_search_does_not():
     """Of five sets of 60 places most are shorter, none is longer."""
     gains = []
     for seed in range(5):
@@ -87,13 +85,13 @@ def test_the_library_finds_what_the_quick_search_does_not() -> None:
     assert np.median(gains) > 0.005
 
 
-def test_the_same_places_have_the_same_order() -> None:
+def test_the_same_places_have_the_same_order():
     cost = costs(27, 1)
     assert len({tuple(shortest_order(cost, closed=True)) for _ in range(5)}) == 1
 
 
 @pytest.mark.parametrize("uneven", [0.0, 0.2])
-def test_no_stretch_turned_round_or_moved_would_be_shorter(uneven: float) -> None:
+def test_no_stretch_turned_round_or_moved_would_be_shorter(uneven):
     cost = costs(25, 3, uneven=uneven)
     order = shortest_order(cost, thorough=False)
     found = length(cost, order, False)
@@ -112,13 +110,13 @@ def test_no_stretch_turned_round_or_moved_would_be_shorter(uneven: float) -> Non
 
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_few_places(count: int, closed: bool) -> None:
+def test_few_places(count, closed):
     assert shortest_order(np.zeros((count, count)), closed=closed) == list(range(count))
 
 
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("seed", range(10))
-def test_ways_that_do_not_exist_are_avoided(seed: int, closed: bool) -> None:
+def test_ways_that_do_not_exist_are_avoided(seed, closed):
     """One round, and as many ways again: every order but one of few leads through a wall."""
     rng = np.random.default_rng(seed)
     count = 9
@@ -136,7 +134,7 @@ def test_ways_that_do_not_exist_are_avoided(seed: int, closed: bool) -> None:
     ("degrees", "order"),
     [((20, 100, 190, 280), [0, 1, 2, 3, 4]), ((80, 170, 260, 340), [0, 4, 3, 2, 1])],
 )
-def test_a_round_begins_with_the_nearer_end(degrees: tuple[int, ...], order: list[int]) -> None:
+def test_a_round_begins_with_the_nearer_end(degrees, order):
     angle = np.deg2rad([0, *degrees])
     points = np.column_stack([np.cos(angle), np.sin(angle)])
     cost = np.linalg.norm(points[:, None] - points[None], axis=-1)
@@ -144,7 +142,7 @@ def test_a_round_begins_with_the_nearer_end(degrees: tuple[int, ...], order: lis
 
 
 @pytest.mark.parametrize("moves_deg", [[0.0, 0.0], [3.0, 1.0], [5.0, 60.0], [-90.0, 20.0]])
-def test_times_against_joints_that_are_run(moves_deg: list[float]) -> None:
+def test_times_against_joints_that_are_run(moves_deg):
     """Speed up with v/t, hold v, slow down: the time in which the steps add up to the way."""
     speeds, ramp = np.deg2rad([20.0, 50.0]), 0.3
     moves = np.deg2rad(moves_deg)
@@ -160,13 +158,13 @@ def test_times_against_joints_that_are_run(moves_deg: list[float]) -> None:
     assert move_times(moves, speeds, ramp) == pytest.approx(slowest, abs=1e-3)
 
 
-def test_times_without_ramps_and_of_many_moves() -> None:
+def test_times_without_ramps_and_of_many_moves():
     speeds = np.array([1.0, 2.0])
     moves = np.array([[[1.0, 1.0], [0.5, -3.0]]])
     np.testing.assert_allclose(move_times(moves, speeds, 0.0), [[1.0, 1.5]])
 
 
-def test_cycle_time_of_two_poses() -> None:
+def test_cycle_time_of_two_poses():
     """There at 2 rad/s in 1 + 0.3 s, on in 0.5 + 0.3 s, back in 1.5 + 0.3 s; 20 s at two poses."""
     path = np.array([[0.0], [2.0], [3.0], [0.0]])
     measured = np.array([False, True, True, False])
@@ -174,7 +172,7 @@ def test_cycle_time_of_two_poses() -> None:
     assert found == pytest.approx(40.0 + 1.3 + 0.8 + 1.8)
 
 
-def test_a_detour_takes_longer() -> None:
+def test_a_detour_takes_longer():
     """Stopping on the way costs a ramp, whatever the way."""
     speeds = 0.1 * Robot.preset("r2000ic165f").speed
     path = np.deg2rad([[0.0] * 6, [40.0, 10, 20, -30, 5, 60]])

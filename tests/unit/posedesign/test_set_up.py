@@ -1,7 +1,5 @@
 """From a table to an identified arm: every kind, several tools and targets, exact without noise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -64,7 +62,7 @@ def identified(
 
 
 @pytest.mark.parametrize("name", MIXTURES)
-def test_exact_without_noise(tmp_path: Path, lab: Any, make_cell: MakeCell, name: str) -> None:
+def test_exact_without_noise(tmp_path, lab, make_cell, name):
     each = TARGETS.get(name, 1)
     measured, found = identified(
         tmp_path, lab, make_cell, MIXTURES[name], count=60, targets_each=each
@@ -79,7 +77,7 @@ def test_exact_without_noise(tmp_path: Path, lab: Any, make_cell: MakeCell, name
     assert before.rms_m > 1e-5
 
 
-def test_places_of_tools_and_targets(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+def test_places_of_tools_and_targets(tmp_path, lab, make_cell):
     """Two tools and two trackers: each is found where it is."""
     measured, found = identified(
         tmp_path, lab, make_cell, ["pose"], tools=("near", "far"), targets_each=2, count=60
@@ -100,7 +98,7 @@ def test_places_of_tools_and_targets(tmp_path: Path, lab: Any, make_cell: MakeCe
                 assert rotation_angle(off[:3, :3]) < 10 * EXACT
 
 
-def test_what_there_must_be(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+def test_what_there_must_be(tmp_path, lab, make_cell):
     measured = lab.measure(list(KINDS), 8)
     path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
     blocks = set_up_blocks(make_cell(), read_measurements(path, 6))
@@ -113,7 +111,7 @@ def test_what_there_must_be(tmp_path: Path, lab: Any, make_cell: MakeCell) -> No
         assert kinds[f"{'ABCDEFG'[k]}0"] is expected, kind
 
 
-def test_axes_of_the_tool(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+def test_axes_of_the_tool(tmp_path, lab, make_cell):
     """A view line does not show the tool point along itself; the cell may hold more axes."""
 
     def axes(cell: Cell, *kinds: str) -> list[tuple[str, ...]]:
@@ -131,7 +129,7 @@ def test_axes_of_the_tool(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None
     assert axes(held, "touch-up") == [("tool.x",), ("tool.ball.x", "tool.ball.y", "tool.ball.z")]
 
 
-def test_how_far_off_it_was_before(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+def test_how_far_off_it_was_before(tmp_path, lab, make_cell):
     measured = lab.measure(["touch-up", "point"], 12)
     path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
     table = read_measurements(path, 6)
@@ -146,7 +144,7 @@ def test_how_far_off_it_was_before(tmp_path: Path, lab: Any, make_cell: MakeCell
     np.testing.assert_allclose(elsewhere[:12], around, atol=1e-12)
 
 
-def test_rows_that_are_something_else(tmp_path: Path, lab: Any, make_cell: MakeCell) -> None:
+def test_rows_that_are_something_else(tmp_path, lab, make_cell):
     measured = lab.measure(["touch-up", "point"], 12, targets_each=2)
     q = measured.data.postures.copy()
     path = write_measurements(tmp_path / "m.csv", measured.data, measured.kinds)
@@ -159,7 +157,7 @@ def test_rows_that_are_something_else(tmp_path: Path, lab: Any, make_cell: MakeC
     assert "the others of A1" in said
 
 
-def test_targets_seen_once(lab: Any) -> None:
+def test_targets_seen_once(lab):
     data = lab.measure(["touch-up"], 7, targets_each=2).data
     assert seen_once(data) == []
     assert seen_once(data[np.array([0, 2, 3])]) == ["A1"]

@@ -1,7 +1,5 @@
 """Tables: what is written is read back, and what is no table is refused."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -14,7 +12,6 @@ from hypothesis.extra import numpy as arrays
 from calib.errors import CalibError, FileFormatError, OutputError
 from calib.model.measurements import touch_ups
 from calib.se3 import rotation_from_wpr, transform
-from posedesign.cell import Cell
 from posedesign.files import csv_tables
 from posedesign.files import safe as files
 from posedesign.files.csv_tables import check_columns, read_rows, write_table
@@ -55,7 +52,7 @@ def postures(n: int, least: int = 1) -> st.SearchStrategy[np.ndarray]:
 
 @FILES_BETWEEN_EXAMPLES
 @given(q=postures(6), data=st.data())
-def test_touch_ups_round_trip(tmp_path: Path, q: np.ndarray, data: st.DataObject) -> None:
+def test_touch_ups_round_trip(tmp_path, q, data):
     labels = tuple(data.draw(st.lists(names, min_size=1, max_size=3, unique=True)))
     target = np.array(
         data.draw(st.lists(st.integers(0, len(labels) - 1), min_size=len(q), max_size=len(q)))
@@ -71,7 +68,7 @@ def test_touch_ups_round_trip(tmp_path: Path, q: np.ndarray, data: st.DataObject
     x=arrays.arrays(float, (3, 2, 6), elements=st.floats(-1.0, 1.0)),
     labels=st.lists(names, min_size=3, max_size=3),
 )
-def test_pairs_round_trip(tmp_path: Path, x: np.ndarray, labels: list[str]) -> None:
+def test_pairs_round_trip(tmp_path, x, labels):
     wpr = x[..., 3:] * [math.pi, 0.49 * math.pi, math.pi]
     T = transform(rotation_from_wpr(wpr), 10.0 * x[..., :3])
     path = write_pairs(tmp_path / "p.csv", Pairs(tuple(labels), T[:, 0], T[:, 1]))
@@ -81,7 +78,7 @@ def test_pairs_round_trip(tmp_path: Path, x: np.ndarray, labels: list[str]) -> N
     np.testing.assert_allclose(found.B, T[:, 1], rtol=0, atol=3 * EXACT)
 
 
-def test_pairs_at_the_pole_of_wpr(tmp_path: Path) -> None:
+def test_pairs_at_the_pole_of_wpr(tmp_path):
     """W and R are not unique at P = 90 deg; the rotation is."""
     wpr = np.array([[0.3, math.pi / 2, -0.2], [1.0, -math.pi / 2, 2.0], [math.pi, 0.0, -math.pi]])
     T = transform(rotation_from_wpr(wpr), np.zeros((3, 3)))
@@ -94,9 +91,7 @@ def test_pairs_at_the_pole_of_wpr(tmp_path: Path) -> None:
     share=arrays.arrays(float, st.tuples(st.integers(1, 5), st.just(6)), elements=st.floats(0, 1)),
     dropped=st.sets(st.integers(0, 4)),
 )
-def test_poses_round_trip(
-    tmp_path: Path, reference_cell: Cell, share: np.ndarray, dropped: set[int]
-) -> None:
+def test_poses_round_trip(tmp_path, reference_cell, share, dropped):
     robot = reference_cell.robot
     q = np.vstack([robot.lower + share * robot.joint_range, reference_cell.base_posture])
     status = [PoseStatus.DROPPED if i in dropped else PoseStatus.GRID for i in range(len(q))]
@@ -140,7 +135,7 @@ def test_poses_round_trip(
 @pytest.mark.parametrize(
     ("status", "via"), [("Via", True), ("VIA", True), ("", False), ("Grid", False)]
 )
-def test_status_as_people_write_it(tmp_path: Path, status: str, via: bool) -> None:
+def test_status_as_people_write_it(tmp_path, status, via):
     columns = ["name", "status", *(f"j{i + 1}_deg" for i in range(6))]
     rows = [
         dict.fromkeys(columns[2:], 10.0 * k) | {"status": s}
@@ -150,7 +145,7 @@ def test_status_as_people_write_it(tmp_path: Path, status: str, via: bool) -> No
     assert read_poses(path, 6).via.tolist() == [via, False]
 
 
-def test_unknown_status_is_named(tmp_path: Path) -> None:
+def test_unknown_status_is_named(tmp_path):
     columns = ["name", "status", *(f"j{i + 1}_deg" for i in range(6))]
     rows = [dict.fromkeys(columns[2:], 10.0) | {"status": "droped"}]
     path = write_table(tmp_path / "p.csv", columns, rows)
@@ -159,7 +154,7 @@ def test_unknown_status_is_named(tmp_path: Path) -> None:
     assert "dropped" in caught.value.hint
 
 
-def test_touch_ups_as_the_pendant_shows_them(tmp_path: Path, reference_cell: Cell) -> None:
+def test_touch_ups_as_the_pendant_shows_them(tmp_path, reference_cell):
     robot = reference_cell.robot
     q = reference_cell.base_posture + np.random.default_rng(1).uniform(-0.5, 0.5, (5, 6))
     assert robot.controller is not None
@@ -177,7 +172,7 @@ def test_touch_ups_as_the_pendant_shows_them(tmp_path: Path, reference_cell: Cel
     np.testing.assert_allclose(poses.postures, q, rtol=0, atol=EXACT)
 
 
-def test_joints_and_pendant_must_agree(tmp_path: Path, reference_cell: Cell) -> None:
+def test_joints_and_pendant_must_agree(tmp_path, reference_cell):
     """Measurements typed over what the plan left in the pendant's columns must not be lost."""
     robot = reference_cell.robot
     assert robot.controller is not None
@@ -196,7 +191,7 @@ def test_joints_and_pendant_must_agree(tmp_path: Path, reference_cell: Cell) -> 
         read_touch_ups(path, 6, controller=robot.controller)
 
 
-def test_planned_poses_carry_what_the_pendant_shows(tmp_path: Path, reference_cell: Cell) -> None:
+def test_planned_poses_carry_what_the_pendant_shows(tmp_path, reference_cell):
     result = plan(reference_cell)
     robot = reference_cell.robot
     path = tmp_path / "q.csv"
@@ -211,7 +206,7 @@ def test_planned_poses_carry_what_the_pendant_shows(tmp_path: Path, reference_ce
 @given(
     data=st.binary(max_size=300) | st.text(max_size=300).map(lambda t: t.encode("utf-8", "replace"))
 )
-def test_random_files_raise_nothing_but_known_errors(tmp_path: Path, data: bytes) -> None:
+def test_random_files_raise_nothing_but_known_errors(tmp_path, data):
     path = tmp_path / "random.csv"
     path.write_bytes(data)
     for read in (lambda: read_poses(path, 6), lambda: read_poses(path, None)):
@@ -230,7 +225,7 @@ cells = st.sampled_from(
 
 @FILES_BETWEEN_EXAMPLES
 @given(rows=st.lists(st.lists(cells, min_size=0, max_size=9), max_size=6))
-def test_nearly_good_files_are_read_or_refused(tmp_path: Path, rows: list[list[str]]) -> None:
+def test_nearly_good_files_are_read_or_refused(tmp_path, rows):
     path = tmp_path / "near.csv"
     header = "target,j1_deg,j2_deg,status\n"
     path.write_text(header + "".join(",".join(row) + "\n" for row in rows))
@@ -272,19 +267,19 @@ def test_nearly_good_files_are_read_or_refused(tmp_path: Path, rows: list[list[s
         ("plain", "plain"),
     ],
 )
-def test_written_cells(tmp_path: Path, value: object, text: str) -> None:
+def test_written_cells(tmp_path, value, text):
     path = write_table(tmp_path / "a.csv", ["a", "b"], [{"a": value, "b": "end"}])
     assert path.read_bytes().decode() == f"a,b\n{text},end\n"
 
 
-def test_cells_with_commas_quotes_and_line_ends(tmp_path: Path) -> None:
+def test_cells_with_commas_quotes_and_line_ends(tmp_path):
     values = ["a,b", 'say "yes"', "two\nlines", "ä€"]
     write_table(tmp_path / "a.csv", ["a"], [{"a": value} for value in values])
     _, rows = read_rows(tmp_path / "a.csv")
     assert [row.cells["a"] for row in rows] == values
 
 
-def test_lines_are_counted_as_an_editor_does(tmp_path: Path) -> None:
+def test_lines_are_counted_as_an_editor_does(tmp_path):
     (tmp_path / "a.csv").write_text('# note\n\nname,j1_deg\n"two\nlines",90\nP2,none\n')
     with pytest.raises(FileFormatError) as caught:
         read_poses(tmp_path / "a.csv", 1)
@@ -292,7 +287,7 @@ def test_lines_are_counted_as_an_editor_does(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["1", "+1", "-1.5", ".5", "5.", "1e-3", "1E+3", " 7 ", "'-7"])
-def test_numbers_that_people_and_spreadsheets_write(tmp_path: Path, text: str) -> None:
+def test_numbers_that_people_and_spreadsheets_write(tmp_path, text):
     (tmp_path / "a.csv").write_text(f"j1_deg\n{text}\n")
     found = read_poses(tmp_path / "a.csv", 1).postures
     assert np.rad2deg(found[0, 0]) == pytest.approx(float(text.strip("' ")))
@@ -307,7 +302,7 @@ def test_numbers_that_people_and_spreadsheets_write(tmp_path: Path, text: str) -
         ([[0.0], [0.0], [0.0]], False),  # zero is zero in every unit
     ],
 )
-def test_radians_are_recognised(tmp_path: Path, rows: list[list[float]], refused: bool) -> None:
+def test_radians_are_recognised(tmp_path, rows, refused):
     path = write_table(tmp_path / "a.csv", ["j1_deg"], [{"j1_deg": row[0]} for row in rows])
     if refused:
         with pytest.raises(FileFormatError, match="look like radians") as caught:
@@ -329,29 +324,27 @@ def test_radians_are_recognised(tmp_path: Path, rows: list[list[float]], refused
         (["j1_deg", "j2_deg", "j3_deg"], "the robot has 2 joints only", "another robot"),
     ],
 )
-def test_columns(found: list[str], said: str, hint: str) -> None:
+def test_columns(found, said, hint):
     with pytest.raises(FileFormatError, match=said) as caught:
         check_columns(Path("a.csv"), found, ["j1_deg", "j2_deg"], joints=True)
     assert hint in caught.value.hint
     assert caught.value.row == 1
 
 
-def test_columns_in_any_order_and_more_of_them(tmp_path: Path) -> None:
+def test_columns_in_any_order_and_more_of_them(tmp_path):
     (tmp_path / "a.csv").write_text("who,j2_deg,target,j1_deg\nme,20,T1,10\n")
     found = read_touch_ups(tmp_path / "a.csv", 2)
     np.testing.assert_allclose(np.rad2deg(found.postures), [[10.0, 20.0]])
 
 
-def test_poses_without_names_are_numbered(tmp_path: Path) -> None:
+def test_poses_without_names_are_numbered(tmp_path):
     (tmp_path / "a.csv").write_text("j1_deg,j2_deg\n10,20\n30,40\n")
     assert read_poses(tmp_path / "a.csv", None).names == ("P01", "P02")
 
 
 @pytest.mark.parametrize("moment", ["write", "rename"])
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_a_table_that_fails_leaves_the_old_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str, error: BaseException
-) -> None:
+def test_a_table_that_fails_leaves_the_old_one(tmp_path, monkeypatch, moment, error):
     path = tmp_path / "a.csv"
     path.write_text("old\n")
 
@@ -370,7 +363,7 @@ def test_a_table_that_fails_leaves_the_old_one(
     assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
 
 
-def test_rows_that_cannot_be_made_leave_the_old_table(tmp_path: Path) -> None:
+def test_rows_that_cannot_be_made_leave_the_old_table(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("old\n")
 
@@ -384,9 +377,7 @@ def test_rows_that_cannot_be_made_leave_the_old_table(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
 
 
-def test_a_large_table_is_refused_before_it_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_table_is_refused_before_it_is_read(tmp_path, monkeypatch):
     path = tmp_path / "a.csv"
     path.write_text("j1_deg\n" + "10\n" * 100)
     monkeypatch.setattr(csv_tables, "LARGEST_CSV_BYTES", 100)

@@ -1,7 +1,5 @@
 """Accuracy over the volume that an arm works in."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -25,7 +23,7 @@ def found(reference_cell, planned) -> BoxAccuracy:
     return predict_box(reference_cell, *planned, BOX)
 
 
-def test_points_of_a_box() -> None:
+def test_points_of_a_box():
     points = BOX.points_m
     assert points.shape == (12, 3)
     np.testing.assert_array_equal(points[0], BOX.lowest_m)
@@ -35,7 +33,7 @@ def test_points_of_a_box() -> None:
     np.testing.assert_allclose(one.points_m, [[1.7, 0.0, 0.8]])
 
 
-def test_the_tool_stands_on_each_point_as_at_the_base_pose(reference_cell, found) -> None:
+def test_the_tool_stands_on_each_point_as_at_the_base_pose(reference_cell, found):
     assert found.reached.all()
     state = reference_cell.robot.state(found.postures)
     np.testing.assert_allclose(state.point(reference_cell.tool_m), BOX.points_m, atol=1e-8)
@@ -45,7 +43,7 @@ def test_the_tool_stands_on_each_point_as_at_the_base_pose(reference_cell, found
         reference_cell.robot.check_limits(q)
 
 
-def test_figures_are_those_of_the_covariance(planned, found) -> None:
+def test_figures_are_those_of_the_covariance(planned, found):
     model, C = planned
     expected = predict_accuracy(model, C, found.postures)
     np.testing.assert_allclose(found.covariance, expected)
@@ -64,7 +62,7 @@ def test_figures_are_those_of_the_covariance(planned, found) -> None:
     assert "joint 1" in found.reference
 
 
-def test_nearer_to_the_target_it_is_reached_better(reference_cell, planned) -> None:
+def test_nearer_to_the_target_it_is_reached_better(reference_cell, planned):
     at = reference_cell.target_m
     near = predict_box(reference_cell, *planned, TaskBox(at, at, (1, 1, 1)))
     away = predict_box(reference_cell, *planned, BOX)
@@ -73,7 +71,7 @@ def test_nearer_to_the_target_it_is_reached_better(reference_cell, planned) -> N
     assert near.to_target_m[0] < 2e-5  # better than a single touch-up
 
 
-def test_what_cannot_be_reached_has_a_reason(reference_cell, planned) -> None:
+def test_what_cannot_be_reached_has_a_reason(reference_cell, planned):
     box = TaskBox(np.array([1.5, 0.0, 0.8]), np.array([5.5, 0.0, 0.8]), (3, 1, 1))
     found = predict_box(reference_cell, *planned, box)
     np.testing.assert_array_equal(found.reached, [True, False, False])
@@ -86,13 +84,13 @@ def test_what_cannot_be_reached_has_a_reason(reference_cell, planned) -> None:
     assert found.summary().startswith("1 of 3 points reached")
 
 
-def test_nothing_reachable_is_refused(reference_cell, planned) -> None:
+def test_nothing_reachable_is_refused(reference_cell, planned):
     far = np.array([9.0, 0.0, 0.0])
     with pytest.raises(UnreachableError, match="no point of the task box can be reached: out of"):
         predict_box(reference_cell, *planned, TaskBox(far, far, (1, 1, 1)))
 
 
-def test_obstacles_count(make_cell, planned) -> None:
+def test_obstacles_count(make_cell, planned):
     block = {"name": "block", "size_mm": [300.0, 300.0, 300.0], "at_mm": [1400.0, -400.0, 1100.0]}
     cell = make_cell(obstacle=[block], constraints={"collisions": True})
     found = predict_box(cell, *planned, BOX)
@@ -113,12 +111,12 @@ def test_obstacles_count(make_cell, planned) -> None:
         ("0,0,0,1e12,1,1", "two corners"),
     ],
 )
-def test_text_that_is_no_box_is_refused(text: str, words: str) -> None:
+def test_text_that_is_no_box_is_refused(text, words):
     with pytest.raises(InputError, match=words):
         TaskBox.of_text(text)
 
 
 @pytest.mark.parametrize("steps", [(0, 3, 3), (1000, 1000, 1000), (3, -1, 3)])
-def test_steps_out_of_bounds_are_refused(steps: tuple[int, int, int]) -> None:
+def test_steps_out_of_bounds_are_refused(steps):
     with pytest.raises(InputError, match="points"):
         TaskBox(BOX.lowest_m, BOX.highest_m, steps)

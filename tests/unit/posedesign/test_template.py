@@ -1,7 +1,5 @@
 """The example cell that ``posedesign new`` prints."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 
@@ -52,20 +50,20 @@ def write_arm(path: Path, suffix: str = "", kind: str = "revolute") -> Path:
     return path
 
 
-def test_reference_is_the_default() -> None:
+def test_reference_is_the_default():
     assert cell_template() == cell_template(REFERENCE) == cell_template("")
     assert tomllib.loads(cell_template())["robot"]["preset"] == REFERENCE
 
 
 @pytest.mark.parametrize("name", preset_names())
-def test_presets_have_a_base_pose_that_can_be_planned_from(name: str) -> None:
+def test_presets_have_a_base_pose_that_can_be_planned_from(name):
     cell = Cell.from_text(cell_template(name))
     check_base_pose(cell)
     assert cell.robot.name == Robot.preset(name).name
     assert cell.offset_joints == cell.robot.joint_names[1:-1]
 
 
-def test_every_line_fits_and_every_key_says_its_unit() -> None:
+def test_every_line_fits_and_every_key_says_its_unit():
     text = cell_template()
     assert max(map(len, text.splitlines())) <= 110
     for keys in tomllib.loads(text).values():
@@ -76,7 +74,7 @@ def test_every_line_fits_and_every_key_says_its_unit() -> None:
                 assert key.endswith(units), key
 
 
-def test_a_urdf_gets_a_base_pose_of_its_own(tmp_path: Path) -> None:
+def test_a_urdf_gets_a_base_pose_of_its_own(tmp_path):
     urdf = write_arm(tmp_path / "arm.urdf")
     text = cell_template(str(urdf))
     assert "# DECIDE FIRST: the URDF has no collision geometry for l2, l3, l4, l5:" in text
@@ -98,14 +96,14 @@ def test_a_urdf_gets_a_base_pose_of_its_own(tmp_path: Path) -> None:
         ("'''", "'''"),
     ],
 )
-def test_names_that_mean_something_in_toml(tmp_path: Path, suffix: str, name: str) -> None:
+def test_names_that_mean_something_in_toml(tmp_path, suffix, name):
     urdf = write_arm(tmp_path / f'ro"b\\o{len(suffix)}t.urdf', suffix)
     cell = Cell.from_text(cell_template(str(urdf)))
     assert cell.offset_joints == tuple(f"a{i}{name}" for i in range(2, 6))
     assert cell.robot.tip_frame == f"l6{name}"
 
 
-def test_line_ends_in_names_do_not_write_keys(tmp_path: Path) -> None:
+def test_line_ends_in_names_do_not_write_keys(tmp_path):
     urdf = write_arm(tmp_path / "arm.urdf", "&#10;mass_kg = 5")
     try:
         text = cell_template(str(urdf))
@@ -116,7 +114,7 @@ def test_line_ends_in_names_do_not_write_keys(tmp_path: Path) -> None:
         Cell.from_text(text)
 
 
-def test_what_was_assumed_of_the_urdf_stands_in_the_cell(tmp_path: Path) -> None:
+def test_what_was_assumed_of_the_urdf_stands_in_the_cell(tmp_path):
     text = cell_template(str(write_arm(tmp_path / "arm.urdf", kind="continuous")))
     assert "# tip taken to be l6, the last link of the longest chain\n" in text
     assert "# continuous joint a1 is read as one of +-360 deg\n" in text
@@ -131,7 +129,7 @@ def test_what_was_assumed_of_the_urdf_stands_in_the_cell(tmp_path: Path) -> None
         ("no.urdf", "cannot be read", "preset"),
     ],
 )
-def test_unknown_robots(name: str, said: str, hint: str) -> None:
+def test_unknown_robots(name, said, hint):
     with pytest.raises(RobotModelError, match=said) as caught:
         cell_template(name)
     assert hint in caught.value.hint
@@ -144,9 +142,7 @@ def test_unknown_robots(name: str, said: str, hint: str) -> None:
         ({3: "0 0 1"}, "# controller: no maker known here counts joints as this description does"),
     ],
 )
-def test_only_a_controller_that_fits_is_proposed(
-    axes: dict[int, str], written: str, tmp_path: Path
-) -> None:
+def test_only_a_controller_that_fits_is_proposed(axes, written, tmp_path):
     """A description that is named after FANUC's may have another zero posture."""
     path = write_arm(tmp_path / "arm.urdf")
     text = path.read_text().replace('name="arm"', 'name="fanuc_lr"')

@@ -1,8 +1,5 @@
 """Touched-up positions come back from a program as the touch-ups that they are."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +24,7 @@ from posedesign.simulation import SimulatedRobot
 
 
 @pytest.fixture(scope="module")
-def planned(reference_cell: Cell) -> PoseList:
+def planned(reference_cell) -> PoseList:
     found = plan(reference_cell)
     stops = found.stops
     return PoseList(
@@ -38,7 +35,7 @@ def planned(reference_cell: Cell) -> PoseList:
 
 
 @pytest.fixture(scope="module")
-def touched(reference_cell: Cell, planned: PoseList) -> np.ndarray:
+def touched(reference_cell, planned) -> np.ndarray:
     """Where the simulated robot, with its errors, stands when the tool meets the target."""
     robot = SimulatedRobot.of(reference_cell)
     postures = robot.touch_up(planned.measured.postures, np.random.default_rng(3)).postures
@@ -64,14 +61,7 @@ def returned(
 
 
 @pytest.mark.parametrize(("form", "off_deg"), [("joint", 1.1e-3), ("cartesian", 2e-3)])
-def test_what_was_touched_up_comes_back(
-    form: str,
-    off_deg: float,
-    reference_cell: Cell,
-    planned: PoseList,
-    touched: np.ndarray,
-    tmp_path: Path,
-) -> None:
+def test_what_was_touched_up_comes_back(form, off_deg, reference_cell, planned, touched, tmp_path):
     path = returned(reference_cell, planned, touched, tmp_path, form)
     back = import_touch_ups(reference_cell, [path], planned)
     assert back.touch_ups.names == planned.measured.names
@@ -86,8 +76,8 @@ def test_what_was_touched_up_comes_back(
 
 
 def test_what_rounding_adds_is_what_it_moves_the_tool_by(
-    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+    reference_cell, planned, touched, tmp_path
+):
     """Against the real thing: positions rounded, and where the tool point then is."""
     q = np.concatenate([touched + k * 1.234e-5 for k in range(40)])
     arm = arm_of(reference_cell)
@@ -101,9 +91,7 @@ def test_what_rounding_adds_is_what_it_moves_the_tool_by(
     assert told == pytest.approx(1e3 * np.sqrt((moved**2).mean()), rel=0.1)
 
 
-def test_the_order_of_measuring_is_that_of_the_plan_not_of_the_file(
-    make_cell: Callable[..., Cell], tmp_path: Path
-) -> None:
+def test_the_order_of_measuring_is_that_of_the_plan_not_of_the_file(make_cell, tmp_path):
     """With postures passed through in between, which never count as touch-ups."""
     cell = make_cell(plan={"approach": "same-side"})
     found = plan(cell)
@@ -115,9 +103,7 @@ def test_the_order_of_measuring_is_that_of_the_plan_not_of_the_file(
     np.testing.assert_allclose(back.touch_ups.postures, touched, atol=2e-5)
 
 
-def test_poses_that_were_not_touched_up_are_left_out(
-    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+def test_poses_that_were_not_touched_up_are_left_out(reference_cell, planned, touched, tmp_path):
     some = touched.copy()
     some[[2, 5]] = planned.measured.postures[[2, 5]]
     path = returned(reference_cell, planned, some, tmp_path)
@@ -135,17 +121,13 @@ def test_poses_that_were_not_touched_up_are_left_out(
 
 
 @pytest.mark.parametrize("form", ["joint", "cartesian"])
-def test_a_program_as_it_was_planned_is_no_measurement(
-    form: str, reference_cell: Cell, planned: PoseList, tmp_path: Path
-) -> None:
+def test_a_program_as_it_was_planned_is_no_measurement(form, reference_cell, planned, tmp_path):
     path = returned(reference_cell, planned, planned.measured.postures, tmp_path, form)
     with pytest.raises(InputError, match="no position differs from the plan"):
         import_touch_ups(reference_cell, [path], planned)
 
 
-def test_a_program_of_another_plan_is_refused(
-    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+def test_a_program_of_another_plan_is_refused(reference_cell, planned, touched, tmp_path):
     other = replace(planned, postures=planned.postures + np.deg2rad(0.01))
     path = returned(reference_cell, other, touched, tmp_path)
     with pytest.raises(InputError, match=r"was written from the plan [0-9a-f]{8}, the poses are"):
@@ -155,9 +137,7 @@ def test_a_program_of_another_plan_is_refused(
     assert back.warnings[0] == f"{path}: does not say which plan it was written from"
 
 
-def test_parts_of_a_program_are_put_together(
-    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+def test_parts_of_a_program_are_put_together(reference_cell, planned, touched, tmp_path):
     path = returned(reference_cell, planned, touched, tmp_path)
     text = path.read_text()
     stored, end = text.index("/POS\n") + 5, text.index("/END")
@@ -173,9 +153,7 @@ def test_parts_of_a_program_are_put_together(
         import_touch_ups(reference_cell, [first, first], planned)
 
 
-def test_registers_come_back_by_their_numbers(
-    make_cell: Callable[..., Cell], planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+def test_registers_come_back_by_their_numbers(make_cell, planned, touched, tmp_path):
     cell = make_cell(program={"keep": "register", "first_register": 31})
     lines = ["[*POSREG*]$POSREG  Storage: SHADOW  Access: RW  : ARRAY[1,100] OF Position Reg"]
     lines += [
@@ -194,9 +172,7 @@ def test_registers_come_back_by_their_numbers(
     np.testing.assert_allclose(back.touch_ups.postures, touched, atol=2e-5)
 
 
-def test_a_list_in_csv_comes_back_by_its_names(
-    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+def test_a_list_in_csv_comes_back_by_its_names(reference_cell, planned, touched, tmp_path):
     measured = planned.measured
     path = tmp_path / "results.csv"
     plan_of = (f"fingerprint: {planned.fingerprint}",)  # as an edited poses.csv has it
@@ -211,9 +187,7 @@ def test_a_list_in_csv_comes_back_by_its_names(
         import_touch_ups(reference_cell, [path], planned)
 
 
-def test_what_is_odd_is_said(
-    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+def test_what_is_odd_is_said(reference_cell, planned, touched, tmp_path):
     off = touched.copy()
     off[0, 0] += np.deg2rad(20.0)
     off[1, 4] = np.deg2rad(-126.0)
@@ -223,9 +197,7 @@ def test_what_is_odd_is_said(
     assert any("-126" in line for line in warnings)
 
 
-def test_a_program_of_a_cell_is_judged_as_it_is_rounded(
-    reference_cell: Cell, planned: PoseList, tmp_path: Path
-) -> None:
+def test_a_program_of_a_cell_is_judged_as_it_is_rounded(reference_cell, planned, tmp_path):
     options = program_options(reference_cell, planned)
     written = write_program(planned, tmp_path, "fanuc-ls", options, "CALIB01", reference_cell)
     assert written.problems == ()
@@ -237,7 +209,7 @@ def test_a_program_of_a_cell_is_judged_as_it_is_rounded(
     assert "rounding moved C_G by +2.0%" in worse.warning
 
 
-def test_each_pose_is_approached_from_one_side(reference_cell: Cell, planned: PoseList) -> None:
+def test_each_pose_is_approached_from_one_side(reference_cell, planned):
     listed = with_approaches(reference_cell, planned.measured, 1.0)
     steps = np.rad2deg(listed.postures[1::2] - listed.postures[::2])
     assert listed.via.tolist() == [True, False] * 27
@@ -250,16 +222,14 @@ def test_each_pose_is_approached_from_one_side(reference_cell: Cell, planned: Po
         with_approaches(reference_cell, planned, 0.0)
 
 
-def test_a_list_that_is_approached_is_not_approached_again(make_cell: Callable[..., Cell]) -> None:
+def test_a_list_that_is_approached_is_not_approached_again(make_cell):
     cell = make_cell(plan={"approach": "same-side"})
     found = plan(cell)
     with pytest.raises(InputError, match="approached from one side already"):
         with_approaches(cell, PoseList.of_route(found.poses, found.route), 1.0)
 
 
-def test_the_dialect_is_that_of_the_controller(
-    reference_cell: Cell, planned: PoseList, tmp_path: Path
-) -> None:
+def test_the_dialect_is_that_of_the_controller(reference_cell, planned, tmp_path):
     assert chosen_dialect(reference_cell, planned, None) == "fanuc-ls"
     panda = Cell.from_text(cell_template("panda"))
     with pytest.raises(InputError, match="has a controller of franka"):
@@ -276,7 +246,7 @@ def test_the_dialect_is_that_of_the_controller(
         chosen_dialect(None, listed, "kuka-krl")
 
 
-def test_user_frame_zero_is_the_world(make_cell: Callable[..., Cell]) -> None:
+def test_user_frame_zero_is_the_world(make_cell):
     cell = make_cell(program={"user": {"at_mm": [1.0, 0.0, 0.0]}})
     with pytest.raises(InputError, match="user frame 0 of a FANUC is the world"):
         arm_of(cell)
@@ -285,16 +255,14 @@ def test_user_frame_zero_is_the_world(make_cell: Callable[..., Cell]) -> None:
     np.testing.assert_allclose(moved.T_tip_tool[:3, 3], cell.tool_m)
 
 
-def test_files_that_are_no_programs_are_named(reference_cell: Cell, tmp_path: Path) -> None:
+def test_files_that_are_no_programs_are_named(reference_cell, tmp_path):
     path = tmp_path / "X.LS"
     path.write_text("nothing")
     with pytest.raises(FileFormatError, match="does not start with /PROG"):
         import_touch_ups(reference_cell, [path])
 
 
-def test_a_foreign_program_is_not_joined_by_its_numbers(
-    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+def test_a_foreign_program_is_not_joined_by_its_numbers(reference_cell, planned, touched, tmp_path):
     """Without a mark of the plan, positions have to be near those of the plan."""
     path = returned(reference_cell, planned, touched, tmp_path)
     path.write_text(path.read_text().replace("!PLAN", "!NOTE"))
@@ -312,8 +280,8 @@ def test_a_foreign_program_is_not_joined_by_its_numbers(
 
 
 def test_names_that_several_positions_have_are_told_apart(
-    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+    reference_cell, planned, touched, tmp_path
+):
     path = returned(reference_cell, planned, touched, tmp_path)
     text = path.read_text().replace("!PLAN", "!NOTE")
     for name in planned.measured.names[:3]:
@@ -324,9 +292,7 @@ def test_names_that_several_positions_have_are_told_apart(
     assert len(set(names)) == len(names)
 
 
-def test_poses_in_other_frames_are_refused(
-    make_cell: Callable[..., Cell], planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+def test_poses_in_other_frames_are_refused(make_cell, planned, touched, tmp_path):
     user = {"user_frame": 3, "user": {"at_mm": [100.0, 0.0, 0.0]}}
     cell = make_cell(program=user)
     path = returned(cell, planned, touched, tmp_path, "cartesian")
@@ -344,9 +310,7 @@ def test_poses_in_other_frames_are_refused(
     assert any("does not say in which frames" in line for line in warnings)
 
 
-def test_poses_are_not_written_into_a_frame_that_nobody_knows(
-    make_cell: Callable[..., Cell], planned: PoseList, tmp_path: Path
-) -> None:
+def test_poses_are_not_written_into_a_frame_that_nobody_knows(make_cell, planned, tmp_path):
     cell = make_cell(program={"user_frame": 3, "form": "cartesian"})
     options = program_options(cell, planned)
     with pytest.raises(InputError, match="poses in user frame 3 need to know where it is"):
@@ -360,17 +324,13 @@ def test_poses_are_not_written_into_a_frame_that_nobody_knows(
     assert "tool frame 1 is taken to be the cell's tool point (200, -50, 350) mm" in written.note
 
 
-def test_one_pose_has_no_condition_to_move(
-    reference_cell: Cell, planned: PoseList, tmp_path: Path
-) -> None:
+def test_one_pose_has_no_condition_to_move(reference_cell, planned, tmp_path):
     one = PoseList(planned.names[:1], planned.postures[:1], planned.via[:1])
     options = program_options(reference_cell, one)
     assert not write_program(one, tmp_path, "fanuc-ls", options, "CAL", reference_cell).warning
 
 
-def test_poses_that_were_exchanged_are_found_out(
-    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+def test_poses_that_were_exchanged_are_found_out(reference_cell, planned, touched, tmp_path):
     """All touch the same target: only the joints tell them apart."""
     two = touched.copy()
     two[[4, 9]] = two[[9, 4]]
@@ -385,9 +345,7 @@ def test_poses_that_were_exchanged_are_found_out(
         import_touch_ups(reference_cell, [shifted], planned)
 
 
-def test_two_poses_of_one_name_are_refused(
-    reference_cell: Cell, planned: PoseList, touched: np.ndarray, tmp_path: Path
-) -> None:
+def test_two_poses_of_one_name_are_refused(reference_cell, planned, touched, tmp_path):
     path = returned(reference_cell, planned, touched, tmp_path)
     names = (planned.names[0], planned.names[0], *planned.names[2:])
     double = replace(planned, names=names)
@@ -398,9 +356,7 @@ def test_two_poses_of_one_name_are_refused(
         write_program(double, tmp_path, "fanuc-ls", options, "CAL", reference_cell)
 
 
-def test_a_list_of_touch_ups_needs_no_import(
-    reference_cell: Cell, planned: PoseList, tmp_path: Path
-) -> None:
+def test_a_list_of_touch_ups_needs_no_import(reference_cell, planned, tmp_path):
     path = tmp_path / "touchups.csv"
     measured = SimulatedRobot.of(reference_cell).touch_up(planned.measured.postures, None)
     write_touch_ups(path, measured)
@@ -411,7 +367,7 @@ def test_a_list_of_touch_ups_needs_no_import(
 @pytest.mark.parametrize(
     ("preset", "dialect"), [("kr6r900sixx", "kuka-krl"), ("tx2_60", "staubli-val3")]
 )
-def test_all_files_of_a_program_may_be_named(preset: str, dialect: str, tmp_path: Path) -> None:
+def test_all_files_of_a_program_may_be_named(preset, dialect, tmp_path):
     cell = Cell.from_text(cell_template(preset, surroundings=False))
     found = plan(cell)
     listed = PoseList.of_route(found.poses, found.route)

@@ -1,9 +1,5 @@
 """Where the target is, where the tool points to, and what is described to meet there."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -58,7 +54,7 @@ def text(
     )
 
 
-def test_target_tool_and_what_is_nearest_are_told() -> None:
+def test_target_tool_and_what_is_nearest_are_told():
     cell = Cell.from_text(text())
     seen = cell.whereabouts
     np.testing.assert_allclose(seen.target_m, seen.tool_m)
@@ -77,19 +73,19 @@ def at_mm_of(moved_mm: float) -> list[float]:
     return (1e3 * Cell.from_text(text()).target_m + [0.0, moved_mm, 0.0]).tolist()
 
 
-def test_a_reference_pin_that_is_not_at_the_target_is_refused() -> None:
+def test_a_reference_pin_that_is_not_at_the_target_is_refused():
     said = "key obstacle: reference pin is 48 mm from the target"
     with pytest.raises(FileFormatError, match=said):
         Cell.from_text(text(below_mm=48.0))
 
 
-def test_a_pin_that_does_not_end_at_the_tool_point_is_refused() -> None:
+def test_a_pin_that_does_not_end_at_the_tool_point_is_refused():
     target = f"[target]\nposition_mm = {at_mm_of(0.0)}"
     with pytest.raises(FileFormatError, match=r"key tool.body: pin is 48 mm from the tool point"):
         Cell.from_text(text(point=246.0, target=target))
 
 
-def test_a_base_posture_that_does_not_touch_the_target_is_refused() -> None:
+def test_a_base_posture_that_does_not_touch_the_target_is_refused():
     """Both bodies end where they are to meet, but the taught posture is not there."""
     target = f"[target]\nposition_mm = {at_mm_of(30.0)}"
     x, y, z = at_mm_of(30.0)
@@ -106,12 +102,12 @@ def test_a_base_posture_that_does_not_touch_the_target_is_refused() -> None:
         {"below_mm": 48.0, "ignore": "[]"},  # nothing is said to touch
     ],
 )
-def test_what_need_not_touch_may_be_elsewhere(changed: dict[str, object]) -> None:
+def test_what_need_not_touch_may_be_elsewhere(changed):
     Cell.from_text(text(**changed))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("mesh", [False, True])
-def test_an_obstacle_around_the_target_is_refused(mesh: bool, tmp_path: Path) -> None:
+def test_an_obstacle_around_the_target_is_refused(mesh, tmp_path):
     cell = Cell.from_text(text())
     x, y, z = 1e3 * cell.target_m
     kind = "size_mm = [80, 80, 80]"

@@ -1,7 +1,5 @@
 """Information on X and Z of planned pairs: differences, elimination, and the other models."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 from calib import se3
 from calib.robot_world import (
+    METHODS,
     PairNoise,
     PairSets,
     add_noise,
+    pairs_from_opencv,
     random_problems,
     solve_batch,
 )
@@ -20,7 +23,9 @@ from calib.robot_world.algebra import (
     right_matrix,
 )
 from calib.robot_world.closed_form import assemble
-from calib.robot_world.methods import hirsh, li_kronecker
+from calib.robot_world.methods import dornaika_horaud, hirsh, li_kronecker
+from calib.robot_world.noise import difference, perturb
+from calib.robot_world.results import Estimate
 
 NOISE = PairNoise(np.radians(0.5), 1e-3, "both")
 
@@ -257,3 +262,158 @@ def test_order_of_the_pairs_does_not_choose_the_reference_frames():
     for shift in (1, 2, 5):
         again = solve_batch(np.roll(A, shift, axis=1), np.roll(B, shift, axis=1), "zhuang")
         np.testing.assert_allclose(again.X, found.X, atol=1e-9)
+
+
+@pytest.mark.parametrize("cone_deg", [None, 30.0])
+def test_closed_form_is_the_smallest_eigenvalue_of_both_quaternions(cone_deg):
+    """``Σ |a x - z b|²`` over unit x and z, by the eigenvectors of CᵀC and CCᵀ."""
+    A, B = noisy(1, 5, 7, cone_deg)[:2]
+    found = solve_batch(A, B, "dornaika-horaud")
+    a, b = PairSets(A, B).quaternions
+    for trial in range(5):
+        C = sum(left_matrix(p).T @ right_matrix(q) for p, q in zip(a[trial], b[trial], strict=True))
+        x, z = np.linalg.eigh(C @ C.T)[1][:, 3], np.linalg.eigh(C.T @ C)[1][:, 3]
+        np.testing.assert_allclose(
+            found.X[trial, :3, :3], se3.rotation_from_quaternion(x), atol=1e-9
+        )
+        np.testing.assert_allclose(
+            found.Z[trial, :3, :3], se3.rotation_from_quaternion(z), atol=1e-9
+        )
+
+
+def test_closed_form_is_where_hirsh_ends():
+    A, B = noisy(2, 50, 6)[:2]
+    closed, iterated = (solve_batch(A, B, name) for name in ("dornaika-horaud", "hirsh"))
+    np.testing.assert_allclose(closed.X, iterated.X, atol=1e-9)
+    np.testing.assert_allclose(closed.Z, iterated.Z, atol=1e-9)
+
+
+def residuals(A, B, R_X, p_X, R_Z, p_Z):
+    turn = A[:, :3, :3] @ R_X - R_Z @ B[:, :3, :3]
+    shift = A[:, :3, :3] @ p_X + A[:, :3, 3] - B[:, :3, 3] @ R_Z.T - p_Z
+    return np.concatenate([turn.ravel(), shift.ravel()])
+
+
+@pytest.mark.parametrize("pairs", [3, 8])
+def test_nonlinear_is_the_minimum_of_the_sum_of_both(pairs):
+    A, B = noisy(3, 4, pairs)[:2]
+    found = solve_batch(A, B, "dornaika-horaud-nonlinear")
+    assert found.converged.all()
+    for trial in range(4):
+        X, Z = found.X[trial], found.Z[trial]
+        start = np.random.default_rng(trial).normal(scale=0.02, size=12)
+
+        def cost(error, a=A[trial], b=B[trial], X=X, Z=Z):
+            X, Z = perturb(X, error[:6]), perturb(Z, error[6:])
+            return residuals(a, b, X[:3, :3], X[:3, 3], Z[:3, :3], Z[:3, 3])
+
+        end = optimize.least_squares(cost, start, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+        np.testing.assert_allclose(end, 0.0, atol=1e-7)
+
+
+def test_penalties_of_the_paper_lead_to_the_same_place():
+    """All 24 numbers free, |RᵀR - 1|² weighted by 1e6, as printed."""
+    A, B = noisy(4, 1, 8)[:2]
+    found = solve_batch(A, B, "dornaika-horaud-nonlinear")
+    start = np.concatenate(
+        [part.ravel() for T in (found.X[0], found.Z[0]) for part in (T[:3, :3], T[:3, 3])]
+    )
+
+    def cost(u):
+        R_X, R_Z = u[:9].reshape(3, 3), u[12:21].reshape(3, 3)
+        penalties = [1e3 * (R.T @ R - np.eye(3)).ravel() for R in (R_X, R_Z)]
+        return np.concatenate([residuals(A[0], B[0], R_X, u[9:12], R_Z, u[21:]), *penalties])
+
+    moved = start + np.random.default_rng(5).normal(scale=1e-3, size=24)
+    end = optimize.least_squares(cost, moved, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    np.testing.assert_allclose(end, start, atol=1e-6)
+
+
+def test_nonlinear_depends_on_the_unit_of_length():
+    A, B = noisy(6, 50, 8)[:2]
+    metres = dornaika_horaud.estimate_nonlinear(PairSets(A, B))
+    millimetres = [T.copy() for T in (A, B)]
+    for T in millimetres:
+        T[..., :3, 3] *= 1e3
+    other = dornaika_horaud.estimate_nonlinear(PairSets(*millimetres))
+    turn = difference(other.Z, metres.Z)[:, :3]
+    assert np.median(np.linalg.norm(turn, axis=-1)) > 1e-4
+
+
+def plain_shah(A, B):
+    """Sum of Kronecker products, singular vectors, determinants, then 3N linear equations."""
+    total = sum(np.kron(a[:3, :3], b[:3, :3]) for a, b in zip(A, B, strict=True))
+    U, _, Vt = np.linalg.svd(total)
+    R_X, R_Z = (nearest(v.reshape(3, 3)) for v in (Vt[0], U[:, 0]))
+    rows = np.concatenate([np.hstack([a[:3, :3], -np.eye(3)]) for a in A])
+    right_side = np.concatenate([R_Z @ b[:3, 3] - a[:3, 3] for a, b in zip(A, B, strict=True)])
+    p = np.linalg.lstsq(rows, right_side)[0]
+    return R_X, R_Z, p[:3], p[3:]
+
+
+def nearest(V):
+    U, _, Wt = np.linalg.svd(V / np.cbrt(np.linalg.det(V)))
+    return U @ Wt
+
+
+@pytest.mark.parametrize("cone_deg", [None, 30.0])
+@pytest.mark.parametrize("pairs", [3, 8, 25])
+def test_shah_is_its_definition(pairs, cone_deg):
+    A, B = noisy(pairs, 4, pairs, cone_deg)[:2]
+    found = solve_batch(A, B, "shah")
+    for trial in range(4):
+        R_X, R_Z, p_X, p_Z = plain_shah(A[trial], B[trial])
+        np.testing.assert_allclose(found.X[trial, :3, :3], R_X, atol=1e-9)
+        np.testing.assert_allclose(found.Z[trial, :3, :3], R_Z, atol=1e-9)
+        np.testing.assert_allclose(found.X[trial, :3, 3], p_X, atol=1e-9)
+        np.testing.assert_allclose(found.Z[trial, :3, 3], p_Z, atol=1e-9)
+
+
+def one(A, B, method):
+    found = solve_batch(A[None], B[None], method)
+    return Estimate(found.X[0], found.Z[0])
+
+
+@pytest.mark.parametrize(("method", "name"), [("shah", "SHAH"), ("li-kronecker-literal", "LI")])
+def test_opencv_solves_the_same_equation_read_from_the_other_side(method, name):
+    """Its residual is that of the inverse equation, so the inverses are what to give us."""
+    cv2 = pytest.importorskip("cv2", reason="comparison with OpenCV")
+    world2cam, base2gripper = noisy(1, 5, 9)[:2]
+    for ours, theirs in zip(world2cam, base2gripper, strict=True):
+        R_X, p_X, R_Z, p_Z = cv2.calibrateRobotWorldHandEye(
+            list(ours[:, :3, :3]),
+            list(ours[:, :3, 3]),
+            list(theirs[:, :3, :3]),
+            list(theirs[:, :3, 3]),
+            method=getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name}"),
+        )
+        found = one(ours, theirs, method)
+        np.testing.assert_allclose(found.X[:3, :3], R_X, atol=1e-9)
+        np.testing.assert_allclose(found.Z[:3, :3], R_Z, atol=1e-9)
+        np.testing.assert_allclose(found.X[:3, 3], p_X[:, 0], atol=1e-9)
+        np.testing.assert_allclose(found.Z[:3, 3], p_Z[:, 0], atol=1e-9)
+        # From our side the rotations of Shah are the same, the translations are not.
+        mine = one(*pairs_from_opencv(ours, theirs), method)
+        if method == "shah":
+            np.testing.assert_allclose(np.linalg.inv(mine.Z)[:3, :3], R_X, atol=1e-9)
+        assert np.abs(np.linalg.inv(mine.Z)[:3, 3] - p_X[:, 0]).max() > 1e-6
+
+
+def test_poses_that_hardly_tilt_cost_no_digits():
+    """Three poses whose common axis tilts by 1e-4: singular vectors of the mean lose 1e-16/1e-8."""
+    rng = np.random.default_rng(3)
+    problems = random_problems(rng, 50, 3)
+    start = problems.A[:, :1, :3, :3]
+    turns = se3.rotation_exp([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1e-4, 0.0, 2.0]])
+    A = se3.transform(start @ turns, problems.A[..., :3, 3])
+    B = se3.inverse(problems.Z)[:, None] @ A @ problems.X[:, None]
+    found = METHODS["shah"].estimate(PairSets(A, B))
+    np.testing.assert_allclose(found.X[:, :3, :3], problems.X[:, :3, :3], atol=1e-10)
+    mean = np.array(
+        [
+            sum(np.kron(a[:3, :3], b[:3, :3]) for a, b in zip(*T, strict=True))
+            for T in zip(A, B, strict=True)
+        ]
+    )
+    by_mean = np.array([nearest(v.reshape(3, 3)) for v in np.linalg.svd(mean)[2][:, 0]])
+    assert np.abs(by_mean - problems.X[:, :3, :3]).max() > 1e-9

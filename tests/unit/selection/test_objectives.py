@@ -1,7 +1,5 @@
 """Costs, their derivatives and what is kept up to date, against definitions and differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What cannot be chosen from, or for, is refused in one line that says what to do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Relaxations against cvxpy, and the proofs that they give."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import cvxpy as cp

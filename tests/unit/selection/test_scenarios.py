@@ -1,7 +1,5 @@
 """Choices over several scenarios, against brute force over all of them."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What select is asked for: known rows, kept poses, doubles, thresholds, methods; its errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

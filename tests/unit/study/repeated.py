@@ -1,7 +1,5 @@
 """A study that is quick and needs no robot: what the tests of the runner repeat."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Studies at scale: the same on any workers, and nothing lost or done twice after a kill."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import importlib.util
@@ -50,7 +48,7 @@ def repeated() -> Iterator[ModuleType]:
 
 
 @pytest.fixture(params=[".csv", ".parquet"])
-def ending(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+def ending(request, monkeypatch) -> str:
     """Both forms of tables."""
     if request.param == ".parquet":
         pytest.importorskip("pyarrow", reason="Parquet needs pyarrow (posedesign[parquet])")
@@ -62,7 +60,7 @@ def store_in(folder: Path, repeated: ModuleType) -> Store:
     return Store(folder, "trials", repeated.about())
 
 
-def test_every_trial_is_there_once(repeated: ModuleType, tmp_path: Path, ending: str) -> None:
+def test_every_trial_is_there_once(repeated, tmp_path, ending):
     table = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated))
     assert table.suffix == ending
     frame = read_table(table)
@@ -72,7 +70,7 @@ def test_every_trial_is_there_once(repeated: ModuleType, tmp_path: Path, ending:
     assert not (tmp_path / "parts").exists()
 
 
-def test_seeds_belong_to_tasks() -> None:
+def test_seeds_belong_to_tasks():
     """Tasks draw what a sequence of their own number gives, however many others there are."""
     small, large = Grid([{}], 10, 5, 3).tasks(), Grid([{}, {}], 1000, 5, 3).tasks()
     for a, b in zip(small, large, strict=False):
@@ -83,7 +81,7 @@ def test_seeds_belong_to_tasks() -> None:
 
 
 @pytest.mark.parametrize("jobs", [2, pytest.param(8, marks=pytest.mark.slow)])
-def test_the_same_on_any_number_of_workers(repeated: ModuleType, tmp_path: Path, jobs: int) -> None:
+def test_the_same_on_any_number_of_workers(repeated, tmp_path, jobs):
     tables = [
         run_grid(
             repeated.simulate, repeated.grid(), store_in(tmp_path / str(n), repeated), Workers(n)
@@ -93,7 +91,7 @@ def test_the_same_on_any_number_of_workers(repeated: ModuleType, tmp_path: Path,
     assert tables[0].read_bytes() == tables[1].read_bytes()
 
 
-def test_going_on_does_only_what_is_left(repeated: ModuleType, tmp_path: Path, ending: str) -> None:
+def test_going_on_does_only_what_is_left(repeated, tmp_path, ending):
     done: list[int] = []
 
     def noted(task: object) -> object:
@@ -139,7 +137,7 @@ def kill_and_go_on(out: Path, moments: list[float], jobs: int) -> Counter[int]:
 
 
 @pytest.mark.slow
-def test_killed_at_twenty_moments(repeated: ModuleType, tmp_path: Path) -> None:
+def test_killed_at_twenty_moments(repeated, tmp_path):
     """The same file; what was written was not done again, what was in hand once more at most."""
     whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "whole", repeated))
     start = time.monotonic()
@@ -157,7 +155,7 @@ def test_killed_at_twenty_moments(repeated: ModuleType, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_killed_again_and_again_with_two_workers(repeated: ModuleType, tmp_path: Path) -> None:
+def test_killed_again_and_again_with_two_workers(repeated, tmp_path):
     whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "whole", repeated))
     start = time.monotonic()
     kill_and_go_on(tmp_path / "once", [], 2)
@@ -171,9 +169,7 @@ def test_killed_again_and_again_with_two_workers(repeated: ModuleType, tmp_path:
 
 @pytest.mark.parametrize("restart", [False, True])
 @pytest.mark.parametrize("name", ["parts", "trials.csv", "trials.parquet"])
-def test_files_of_others_are_left_alone(
-    repeated: ModuleType, tmp_path: Path, name: str, restart: bool
-) -> None:
+def test_files_of_others_are_left_alone(repeated, tmp_path, name, restart):
     """A folder that somebody keeps something else in, under the same names."""
     mine = tmp_path / name
     if name == "parts":
@@ -185,7 +181,7 @@ def test_files_of_others_are_left_alone(
     assert mine.read_text() == "mine"
 
 
-def test_what_is_no_part_is_not_counted(repeated: ModuleType, tmp_path: Path, ending: str) -> None:
+def test_what_is_no_part_is_not_counted(repeated, tmp_path, ending):
     store = store_in(tmp_path, repeated)
     with store.open():
         store.write(3, {"a": [1]})
@@ -196,15 +192,13 @@ def test_what_is_no_part_is_not_counted(repeated: ModuleType, tmp_path: Path, en
 
 
 @pytest.mark.parametrize("text", ["", "{", "[" * 200_000, "\x00", "[]"])
-def test_a_damaged_note_of_what_it_is_about(
-    repeated: ModuleType, tmp_path: Path, text: str
-) -> None:
+def test_a_damaged_note_of_what_it_is_about(repeated, tmp_path, text):
     (tmp_path / "about.json").write_text(text)
     with pytest.raises(FileFormatError, match="another study"):
         run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated))
 
 
-def test_damaged_results_are_told(repeated: ModuleType, tmp_path: Path, ending: str) -> None:
+def test_damaged_results_are_told(repeated, tmp_path, ending):
     store = store_in(tmp_path, repeated)
     with store.open():
         for number in range(24):
@@ -222,7 +216,7 @@ def test_damaged_results_are_told(repeated: ModuleType, tmp_path: Path, ending: 
         read_table(tmp_path / f"none{ending}")
 
 
-def test_two_in_one_folder(repeated: ModuleType, tmp_path: Path) -> None:
+def test_two_in_one_folder(repeated, tmp_path):
     pytest.importorskip("fcntl", reason="files are not locked on this system")
     with store_in(tmp_path, repeated).open():
         code = (
@@ -237,7 +231,7 @@ def test_two_in_one_folder(repeated: ModuleType, tmp_path: Path) -> None:
     assert f"process {os.getpid()} is running a study here" in said.stdout
 
 
-def test_other_numbers_in_one_folder(repeated: ModuleType, tmp_path: Path) -> None:
+def test_other_numbers_in_one_folder(repeated, tmp_path):
     run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated))
     other = Store(tmp_path, "trials", {**repeated.about(), "trials": 41})
     with pytest.raises(FileFormatError, match="other numbers: trials was 40, and is 41 now"):
@@ -247,9 +241,7 @@ def test_other_numbers_in_one_folder(repeated: ModuleType, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("when", ["part", "table"])
-def test_a_full_disk(
-    repeated: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str, ending: str
-) -> None:
+def test_a_full_disk(repeated, tmp_path, monkeypatch, when, ending):
     """One line, and what was written before is there for going on."""
     full = OSError(errno.ENOSPC, "No space left on device")
 
@@ -281,18 +273,18 @@ def test_a_full_disk(
 
 
 @pytest.mark.parametrize("bad", [{"trials": 0}, {"batch": 0}, {"conditions": []}])
-def test_grids_of_nothing(bad: dict[str, object]) -> None:
+def test_grids_of_nothing(bad):
     with pytest.raises(InputError):
         Grid(**{"conditions": [{}], "trials": 1, "batch": 1, "seed": 0, **bad})
 
 
 @pytest.mark.parametrize("jobs", [0, -1, 1_000_000])
-def test_numbers_of_workers_that_cannot_be(jobs: int) -> None:
+def test_numbers_of_workers_that_cannot_be(jobs):
     with pytest.raises(InputError, match="jobs"):
         Workers(jobs)
 
 
-def test_errors_of_a_task_come_out(repeated: ModuleType, tmp_path: Path) -> None:
+def test_errors_of_a_task_come_out(repeated, tmp_path):
     def refuses(task: object) -> object:
         raise InputError("no such arm", hint="choose another")
 
@@ -300,9 +292,7 @@ def test_errors_of_a_task_come_out(repeated: ModuleType, tmp_path: Path) -> None
         run_grid(refuses, repeated.grid(), store_in(tmp_path, repeated))
 
 
-def test_no_scheduler_there(
-    repeated: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_scheduler_there(repeated, tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="needs Dask (posedesign[cluster])")
     monkeypatch.setattr(runner, "_CONNECT_S", 0.2)
     workers = Workers(1, "tcp://127.0.0.1:1")
@@ -310,7 +300,7 @@ def test_no_scheduler_there(
         run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path, repeated), workers)
 
 
-def test_a_task_that_kills_its_worker_is_named(repeated: ModuleType, tmp_path: Path) -> None:
+def test_a_task_that_kills_its_worker_is_named(repeated, tmp_path):
     store = store_in(tmp_path, repeated)
     with pytest.raises(ConvergenceError, match=r"killed 3 times at task .*\b7\b.* is kept"):
         run_grid(repeated.simulate_deadly, repeated.grid(), store, Workers(2))
@@ -319,7 +309,7 @@ def test_a_task_that_kills_its_worker_is_named(repeated: ModuleType, tmp_path: P
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes as Linux has")
-def test_workers_end_soon_after_the_run_they_work_for_was_killed(tmp_path: Path) -> None:
+def test_workers_end_soon_after_the_run_they_work_for_was_killed(tmp_path):
     """Even in the middle of a task of ten minutes."""
     environment = os.environ | {"STUDY_DIARY": str(tmp_path)}
     command = [sys.executable, str(SCRIPT), str(tmp_path / "out"), "2", "slow"]
@@ -396,7 +386,7 @@ def cluster(folder: Path, count: int, *options: str) -> Iterator[Cluster]:
 
 
 @pytest.mark.slow
-def test_a_cluster_whose_worker_is_killed(repeated: ModuleType, tmp_path: Path) -> None:
+def test_a_cluster_whose_worker_is_killed(repeated, tmp_path):
     whole = run_grid(repeated.simulate, repeated.grid(), store_in(tmp_path / "whole", repeated))
     slow = Grid([{**c, "seconds": 0.15} for c in repeated.CONDITIONS], 40, 5, 3)
     killed = []
@@ -419,7 +409,7 @@ def test_a_cluster_whose_worker_is_killed(repeated: ModuleType, tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_a_task_that_kills_the_workers_of_a_cluster(repeated: ModuleType, tmp_path: Path) -> None:
+def test_a_task_that_kills_the_workers_of_a_cluster(repeated, tmp_path):
     store = store_in(tmp_path / "out", repeated)
     with (
         cluster(tmp_path, 1) as there,
@@ -429,9 +419,7 @@ def test_a_task_that_kills_the_workers_of_a_cluster(repeated: ModuleType, tmp_pa
 
 
 @pytest.mark.slow
-def test_a_cluster_that_loses_all_workers(
-    repeated: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cluster_that_loses_all_workers(repeated, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "_PATIENCE_S", 3.0)
     monkeypatch.setattr(runner, "_LOOK_S", 1.0)
     store = store_in(tmp_path / "out", repeated)
@@ -444,9 +432,7 @@ def test_a_cluster_that_loses_all_workers(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_scheduler_that_goes(
-    repeated: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: signal.Signals
-) -> None:
+def test_a_scheduler_that_goes(repeated, tmp_path, monkeypatch, how):
     monkeypatch.setattr(runner, "_PATIENCE_S", 3.0)
     monkeypatch.setattr(runner, "_LOOK_S", 1.0)
     slow = Grid([{**c, "seconds": 0.3} for c in repeated.CONDITIONS], 40, 5, 3)

@@ -1,7 +1,5 @@
 """An ideal cell that the tests of visual touch-up share: nothing is off but what a test asks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -85,12 +83,12 @@ def make_bench() -> Callable[..., Bench]:
 
 
 @pytest.fixture(scope="session")
-def bench(make_bench: Callable[..., Bench]) -> Bench:
+def bench(make_bench) -> Bench:
     """The ideal one."""
     return make_bench()
 
 
 @pytest.fixture(scope="session")
-def jacobian(bench: Bench) -> ImageJacobian:
+def jacobian(bench) -> ImageJacobian:
     """Of the ideal bench."""
     return measure_jacobian(bench.drive(), bench.q, bench.relation, 0.01, both_ways=True).jacobian

@@ -1,7 +1,5 @@
 """Robots that say something else than where they are: stopped before the next move is commanded."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -72,7 +70,7 @@ def postures(count: int) -> FloatArray:
 
 
 @pytest.mark.parametrize("name", LIES)
-def test_a_lie_ends_it_before_the_next_move(name: str) -> None:
+def test_a_lie_ends_it_before_the_next_move(name):
     lie, joint, said = LIES[name]
     robot = Lying(usual_posture("ur10e"), lie, moves=3)
     drive = Drive(preset("ur10e"), OneArm(robot), np.deg2rad(0.2))
@@ -95,7 +93,7 @@ def test_a_lie_ends_it_before_the_next_move(name: str) -> None:
         ("degrees", "in degrees"),
     ],
 )
-def test_a_lie_at_first_ends_it_before_any_move(name: str, said: str) -> None:
+def test_a_lie_at_first_ends_it_before_any_move(name, said):
     robot = Lying(usual_posture("ur10e"), LIES[name][0])
     drive = Drive(preset("ur10e"), OneArm(robot), np.deg2rad(0.2))
     with pytest.raises(InputError, match=said) as caught:
@@ -113,7 +111,7 @@ def test_a_lie_at_first_ends_it_before_any_move(name: str, said: str) -> None:
         ([0.0, -75.0, 1e300, -115.0, -90.0, 0.0], "outside its limits"),
     ],
 )
-def test_where_no_move_begins_from(shown_deg: list[float], said: str) -> None:
+def test_where_no_move_begins_from(shown_deg, said):
     shown = np.deg2rad(shown_deg)
     robot = Lying(shown, lambda q, before: q)
     drive = Drive(preset("ur10e"), OneArm(robot), np.deg2rad(0.2))
@@ -122,7 +120,7 @@ def test_where_no_move_begins_from(shown_deg: list[float], said: str) -> None:
     assert not robot.commanded
 
 
-def test_more_than_half_a_turn_from_where_it_was_left() -> None:
+def test_more_than_half_a_turn_from_where_it_was_left():
     """A planned motion may turn a joint by more: the arm goes on with it where it was stopped."""
     left, asked = usual_posture("ur10e").copy(), usual_posture("ur10e").copy()
     left[5], asked[5] = np.deg2rad([-120.0, 110.0])
@@ -140,7 +138,7 @@ def test_more_than_half_a_turn_from_where_it_was_left() -> None:
             drive.to_posture(ONE, asked[None])
 
 
-def test_a_sign_is_told_by_where_the_arm_was_left() -> None:
+def test_a_sign_is_told_by_where_the_arm_was_left():
     left = usual_posture("ur10e") + 0.1
     robot = Lying(left, flipped(1))
     drive = Drive(preset("ur10e"), OneArm(robot))
@@ -150,7 +148,7 @@ def test_a_sign_is_told_by_where_the_arm_was_left() -> None:
     assert not robot.commanded
 
 
-def test_an_arm_that_is_jogged_between_two_moves() -> None:
+def test_an_arm_that_is_jogged_between_two_moves():
     robot = Lying(usual_posture("ur10e"), lambda q, before: q)
     drive = Drive(preset("ur10e"), OneArm(robot))
     first, second = postures(2)
@@ -161,7 +159,7 @@ def test_an_arm_that_is_jogged_between_two_moves() -> None:
     assert len(robot.commanded) == 2
 
 
-def test_a_pendants_joint_3_is_named() -> None:
+def test_a_pendants_joint_3_is_named():
     arm = preset("r2000ic165f")
     q = usual_posture("r2000ic165f")
     robot = Lying(q, lambda q, before: np.deg2rad(arm.controller.pendant(q)))
@@ -170,7 +168,7 @@ def test_a_pendants_joint_3_is_named() -> None:
     assert not robot.commanded
 
 
-def test_rounding_and_width_of_fine_positions_are_allowed() -> None:
+def test_rounding_and_width_of_fine_positions_are_allowed():
     robot = Lying(usual_posture("ur10e"), lambda q, before: q + np.deg2rad(0.05))
     drive = Drive(preset("ur10e"), OneArm(robot))
     for q in postures(5):
@@ -181,14 +179,14 @@ def test_rounding_and_width_of_fine_positions_are_allowed() -> None:
 
 
 @pytest.mark.parametrize("shown", [np.zeros(5), np.zeros(7), [np.nan] * 6, None, "home"])
-def test_joint_values_that_are_none(shown: object) -> None:
+def test_joint_values_that_are_none(shown):
     robot = Lying(usual_posture("ur10e"), lambda q, before: shown, moves=1)
     with pytest.raises(InputError, match=r"joints\(\) of the robot's adapter gave"):
         Drive(preset("ur10e"), OneArm(robot)).to_posture(ONE, postures(1))
     assert len(robot.commanded) == 1
 
 
-def test_limits_are_kept_without_anybody_asking() -> None:
+def test_limits_are_kept_without_anybody_asking():
     robot = Lying(usual_posture("ur10e"), lambda q, before: q)
     drive = Drive(preset("ur10e"), OneArm(robot))
     q = usual_posture("ur10e")[None].copy()
@@ -199,7 +197,7 @@ def test_limits_are_kept_without_anybody_asking() -> None:
     assert not robot.commanded
 
 
-def test_a_motion_is_asked_for_from_where_the_arm_stands() -> None:
+def test_a_motion_is_asked_for_from_where_the_arm_stands():
     asked: list[tuple[FloatArray, FloatArray]] = []
 
     def refuses(start: FloatArray, end: FloatArray) -> list[str]:
@@ -215,7 +213,7 @@ def test_a_motion_is_asked_for_from_where_the_arm_stands() -> None:
     assert np.allclose([end for _, end in asked], [q, q - 0.003])
 
 
-def test_another_way_is_taken_where_the_straight_one_is_refused() -> None:
+def test_another_way_is_taken_where_the_straight_one_is_refused():
     robot = Lying(usual_posture("ur10e"), lambda q, before: q)
     q, between = postures(2)
 
@@ -232,7 +230,7 @@ def test_another_way_is_taken_where_the_straight_one_is_refused() -> None:
     assert np.allclose(robot.commanded, [between, q - 0.003, q])
 
 
-def test_where_the_arm_stands_at_first_may_not_be_known() -> None:
+def test_where_the_arm_stands_at_first_may_not_be_known():
     said: list[str] = []
     starts: list[FloatArray] = []
 
@@ -251,7 +249,7 @@ def test_where_the_arm_stands_at_first_may_not_be_known() -> None:
     assert np.array_equal(starts[3], postures(2)[:1])
 
 
-def test_a_correction_that_turns_a_joint_far_is_not_made(bench) -> None:
+def test_a_correction_that_turns_a_joint_far_is_not_made(bench):
     """Next to a singularity a shift of millimetres turns the wrist by half a turn."""
     q = bench.q.copy()
     q[4] = np.deg2rad(0.3)
@@ -285,7 +283,7 @@ class TurnedOn:
 
 
 @pytest.mark.parametrize("moves", [0, 1, 4])
-def test_a_turn_in_a_touch_up_commands_nothing_more(bench, jacobian, moves: int) -> None:
+def test_a_turn_in_a_touch_up_commands_nothing_more(bench, jacobian, moves):
     arms = TurnedOn(bench.arms(), moves)
     start = bench.q + np.deg2rad([0.5, -0.4, 0.3, 0.0, 0.2, 0.0])
     with pytest.raises(InputError, match=r"one turn of 360 deg (on|back)"):

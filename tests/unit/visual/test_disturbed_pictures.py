@@ -1,7 +1,5 @@
 """Pictures that fooled the measurement: crosses in small circles, glares, things before the rim."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -34,7 +32,7 @@ def measured(size_px: float, imaging: Imaging, rng, target: CircleTarget | None 
 
 @pytest.mark.parametrize("blur_px", [0.5, 1.0, 1.2])
 @pytest.mark.parametrize("size_px", [18.0, 24.0, 30.0])
-def test_cross_does_not_pull_the_rim_of_a_small_circle(size_px, blur_px) -> None:
+def test_cross_does_not_pull_the_rim_of_a_small_circle(size_px, blur_px):
     """A tenth of a pixel at most: it was half a pixel at 18 px, and a slope of the size with it."""
     rng = np.random.default_rng(0)
     off = []
@@ -45,7 +43,7 @@ def test_cross_does_not_pull_the_rim_of_a_small_circle(size_px, blur_px) -> None
     assert abs(np.mean(off)) < 0.12
 
 
-def test_glares_are_refused_or_harmless() -> None:
+def test_glares_are_refused_or_harmless():
     """Anywhere on and about a target of 55 px: a seventh of a pixel where it is measured."""
     rng, worst, refused = np.random.default_rng(1), 0.0, 0
     for _ in range(120):
@@ -59,7 +57,7 @@ def test_glares_are_refused_or_harmless() -> None:
     assert 0 < refused < 110
 
 
-def test_what_hides_a_part_of_the_rim_is_refused_or_harmless() -> None:
+def test_what_hides_a_part_of_the_rim_is_refused_or_harmless():
     """Bars over a target of 55 px, of any grey."""
     rng, worst, refused = np.random.default_rng(2), 0.0, 0
     for _ in range(120):

@@ -1,7 +1,5 @@
 """How the target is turned, against known normals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -43,7 +41,7 @@ def seen(bench, normal, noise_px=0.0, stretch=1.0):
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 5.0, 20.0, 45.0])
 @pytest.mark.parametrize("aside_deg", [0.0, 100.0, 250.0])
-def test_normal_is_found(bench, tilt_deg, aside_deg) -> None:
+def test_normal_is_found(bench, tilt_deg, aside_deg):
     tilt, aside = np.deg2rad([tilt_deg, aside_deg])
     normal = np.array([np.sin(tilt) * np.cos(aside), np.sin(tilt) * np.sin(aside), -np.cos(tilt)])
     R, ellipses, in_base = seen(bench, normal)
@@ -57,13 +55,13 @@ def test_normal_is_found(bench, tilt_deg, aside_deg) -> None:
     assert noisy.sigma_rad < np.deg2rad(1.0)
 
 
-def test_oval_is_no_circle(bench) -> None:
+def test_oval_is_no_circle(bench):
     """One side a tenth shorter whatever the orientation: no tilt looks like that."""
     R, ellipses, _ = seen(bench, np.array([0.0, 0.0, -1.0]), stretch=0.9)
     assert "not those of a flat circle" in find_normal(ideal_jacobian(bench), R, ellipses).flaw
 
 
-def test_tilt_bias_is_that_of_the_projection(make_bench) -> None:
+def test_tilt_bias_is_that_of_the_projection(make_bench):
     """Ellipse less image of the middle, and size less that of Eq. 1, at tilts up to 55 deg."""
     bench = make_bench(tilt_deg=25.0)
     jacobian = ideal_jacobian(bench)
@@ -82,6 +80,6 @@ def test_tilt_bias_is_that_of_the_projection(make_bench) -> None:
     assert np.abs(bench.relation.error(ellipse, off)).max() < 0.02
 
 
-def test_no_bias_for_the_back(bench) -> None:
+def test_no_bias_for_the_back(bench):
     bias = TiltBias(bench.robot, ideal_jacobian(bench), -bench.true.T_base_target[:3, 2])
     assert not bias(bench.q[None]).any()

@@ -1,7 +1,5 @@
 """The first step: camera and target from nothing, and the reason of every refusal."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -68,7 +66,7 @@ def moving(bench, shift_m: FloatArray):
     return arms, move
 
 
-def test_ideal_cell_is_found(make_bench) -> None:
+def test_ideal_cell_is_found(make_bench):
     """To what the tilt of the circle does to its ellipse."""
     bench = make_bench(tilt_deg=15.0, at_m=(0.01, -0.02, 0.33))
     found = first_step(bench)
@@ -80,7 +78,7 @@ def test_ideal_cell_is_found(make_bench) -> None:
     assert len(found.postures) == 14
 
 
-def test_designated_size_is_kept(make_bench) -> None:
+def test_designated_size_is_kept(make_bench):
     bench = make_bench()
     found = find_set_up(Station(bench.drive()), bench.q, Loop(), size_px=110.0)
     assert found.jacobian.relation.size_px == 110.0
@@ -88,7 +86,7 @@ def test_designated_size_is_kept(make_bench) -> None:
     assert found.jacobian.distance_m == pytest.approx(expected, rel=2e-3)
 
 
-def test_every_measurement_has_a_name_of_its_own(make_bench) -> None:
+def test_every_measurement_has_a_name_of_its_own(make_bench):
     """Names are what a journal finds its answers by; progress only grows."""
     bench, said = make_bench(), []
     station = Watched(bench.drive(approach_rad=APPROACH))
@@ -108,12 +106,12 @@ def test_every_measurement_has_a_name_of_its_own(make_bench) -> None:
         ((0.09, 0.0, 0.35), "touches the edge|outside the image"),
     ],
 )
-def test_target_that_is_too_small_or_large_or_outside(make_bench, at_m, reason) -> None:
+def test_target_that_is_too_small_or_large_or_outside(make_bench, at_m, reason):
     said = refused(first_step(make_bench(at_m=at_m)))
     assert any(part in said for part in reason.split("|")), said
 
 
-def test_singular_posture_is_refused(make_bench) -> None:
+def test_singular_posture_is_refused(make_bench):
     bench = make_bench()
     q = bench.q.copy()
     q[4] = np.deg2rad(2.0)
@@ -123,7 +121,7 @@ def test_singular_posture_is_refused(make_bench) -> None:
     assert "singularity" in refused(first_step(moved))
 
 
-def test_play_larger_than_the_approach_is_refused(make_bench) -> None:
+def test_play_larger_than_the_approach_is_refused(make_bench):
     """Half of that is taken up, and nothing is said."""
     much = make_bench(lost_motion=LostMotion.of(6, backlash_rad=1.5 * APPROACH))
     assert "from one side and from the other" in refused(first_step(much))
@@ -133,7 +131,7 @@ def test_play_larger_than_the_approach_is_refused(make_bench) -> None:
 
 @pytest.mark.parametrize("when", ["S05a", "S10a", "S14a"])
 @pytest.mark.parametrize("way_mm", [(4, 0, 0), (0, 0, 6)])
-def test_target_that_moves_is_told(make_bench, when, way_mm) -> None:
+def test_target_that_moves_is_told(make_bench, when, way_mm):
     bench = make_bench()
     arms, move = moving(bench, np.array(way_mm) / 1e3)
     station = Watched(bench.drive(arms, APPROACH), {when: move})
@@ -141,7 +139,7 @@ def test_target_that_moves_is_told(make_bench, when, way_mm) -> None:
     assert "made again" in said or "miss each other" in said or "right angles" in said
 
 
-def test_camera_that_is_turned_is_told(make_bench) -> None:
+def test_camera_that_is_turned_is_told(make_bench):
     """About the pin tip, so that the loop finds the target where it was; before the first turn."""
     bench = make_bench()
     arms = bench.arms()
@@ -155,14 +153,14 @@ def test_camera_that_is_turned_is_told(make_bench) -> None:
     assert "turned by 2.0 deg" in refused(find_set_up(station, bench.q, Loop()))
 
 
-def test_drift_within_the_noise_is_let_pass(make_bench) -> None:
+def test_drift_within_the_noise_is_let_pass(make_bench):
     bench = make_bench()
     arms, move = moving(bench, np.array([0.0, 2e-4, 0.0]))
     station = Watched(bench.drive(arms, APPROACH), {"S10a": move})
     assert isinstance(find_set_up(station, bench.q, Loop()), SetUp)
 
 
-def test_size_that_does_not_follow_the_distance_is_told(make_bench) -> None:
+def test_size_that_does_not_follow_the_distance_is_told(make_bench):
     """As where something hides a part of the target when it is seen larger."""
     bench = make_bench()
     arms = bench.arms()
@@ -178,7 +176,7 @@ def test_size_that_does_not_follow_the_distance_is_told(make_bench) -> None:
     assert "does not follow its distance" in refused(first_step(bench, arms))
 
 
-def test_picture_that_does_not_follow_the_arm_is_told(make_bench) -> None:
+def test_picture_that_does_not_follow_the_arm_is_told(make_bench):
     bench = make_bench()
     arms = bench.arms()
     still = arms.look(np.array([0]))
@@ -186,12 +184,12 @@ def test_picture_that_does_not_follow_the_arm_is_told(make_bench) -> None:
     assert "does not follow the arm" in refused(first_step(bench, arms))
 
 
-def test_way_to_the_target_may_be_too_far(make_bench) -> None:
+def test_way_to_the_target_may_be_too_far(make_bench):
     bench = make_bench(at_m=(0.055, 0.0, 0.35))
     assert "would move the tip" in refused(first_step(bench, loop=Loop(farthest_m=0.03)))
 
 
-def test_turns_that_are_refused_are_noted(make_bench) -> None:
+def test_turns_that_are_refused_are_noted(make_bench):
     """Where the arm may hardly turn, there are too few touch-ups, and it is said why."""
     bench = make_bench()
 

@@ -1,7 +1,5 @@
 """Short straight moves as a controller runs them, against the closed-form inverse kinematics."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,7 @@ SIX_AXES = [name for name in PRESETS if preset(name).n == 6]
 
 
 @pytest.mark.parametrize("name", SIX_AXES)
-def test_posture_is_the_nearest_of_all_branches(name) -> None:
+def test_posture_is_the_nearest_of_all_branches(name):
     robot, q = preset(name), usual_posture(name)
     rng = np.random.default_rng(3)
     R = rotation_exp(np.deg2rad(rng.uniform(-8, 8, (5, 3))))
@@ -27,14 +25,14 @@ def test_posture_is_the_nearest_of_all_branches(name) -> None:
         assert np.abs(found[k] - nearest).max() < 1e-7
 
 
-def test_out_of_reach_is_told() -> None:
+def test_out_of_reach_is_told():
     robot, q = preset("m20ia"), usual_posture("m20ia")
     T = robot.fk(q) @ transform(np.eye(3), [0.0, 0.0, 5.0])
     _, reached = follow(robot, q[None], T[None])
     assert not reached[0]
 
 
-def test_limits_are_kept() -> None:
+def test_limits_are_kept():
     """A joint at its limit is not turned beyond it to get to a pose."""
     robot, q = preset("m20ia"), usual_posture("m20ia").copy()
     q[5] = robot.upper[5]
@@ -45,7 +43,7 @@ def test_limits_are_kept() -> None:
     assert (found[0] <= robot.upper).all()
 
 
-def test_shift_is_along_the_axes_of_the_tip() -> None:
+def test_shift_is_along_the_axes_of_the_tip():
     T = preset("m20ia").fk(usual_posture("m20ia"))
     moved = shifted(T, np.array([0.0, 0.0, 0.1]))
     assert moved[:3, 3] - T[:3, 3] == pytest.approx(0.1 * T[:3, 2])

@@ -1,7 +1,5 @@
 """The image Jacobian against differences of the projection, and what it tells of the camera."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -27,20 +25,20 @@ def by_differences(bench) -> np.ndarray:
 
 @pytest.mark.parametrize("both_ways", [True, False])
 @pytest.mark.parametrize("step_m", [2e-3, 20e-3])
-def test_jacobian_is_that_of_the_projection(bench, step_m, both_ways) -> None:
+def test_jacobian_is_that_of_the_projection(bench, step_m, both_ways):
     """At any length of the moves: the data are linear, so there is nothing to linearise."""
     found = measure_jacobian(bench.drive(), bench.q, bench.relation, step_m, both_ways=both_ways)
     expected = by_differences(bench)
     assert np.abs(found.jacobian.matrix - expected).max() < 1e-3 * np.abs(expected).max()
 
 
-def test_arm_ends_where_it_began(bench) -> None:
+def test_arm_ends_where_it_began(bench):
     drive = bench.drive()
     measure_jacobian(drive, bench.q, bench.relation, 0.01)
     assert np.abs(drive.arms.joints(np.array([0])) - bench.q).max() < 1e-12
 
 
-def test_camera_is_told(bench) -> None:
+def test_camera_is_told(bench):
     """How it is turned, its focal length, distance and size of the target."""
     found = measure_jacobian(bench.drive(), bench.q, bench.relation, 0.01, both_ways=True).jacobian
     assert np.abs(found.R_tip_camera - bench.true.T_tip_camera[:3, :3]).max() < 1e-4
@@ -49,7 +47,7 @@ def test_camera_is_told(bench) -> None:
     assert found.diameter_m == pytest.approx(bench.target.diameter_m, rel=1e-3)
 
 
-def test_shift_takes_errors_away(bench) -> None:
+def test_shift_takes_errors_away(bench):
     """Eq. 3; for a view line V and H only, by the smallest shift that does."""
     jacobian = ImageJacobian(by_differences(bench), bench.relation)
     error = np.array([[12.0, -7.0, 3.0], [1.0, 2.0, -0.5]])
@@ -59,7 +57,7 @@ def test_shift_takes_errors_away(bench) -> None:
     assert line @ np.cross(*jacobian.matrix[:2]) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_update_keeps_what_was_not_moved(bench) -> None:
+def test_update_keeps_what_was_not_moved(bench):
     """The secant of the move is met, and across it nothing changes."""
     jacobian = ImageJacobian(by_differences(bench), bench.relation)
     move, change = np.array([0.01, -0.02, 0.03]), np.array([5.0, 1.0, -9.0])
@@ -69,7 +67,7 @@ def test_update_keeps_what_was_not_moved(bench) -> None:
     assert updated.matrix @ across == pytest.approx(jacobian.matrix @ across)
 
 
-def test_sound_jacobian_has_no_flaw(bench) -> None:
+def test_sound_jacobian_has_no_flaw(bench):
     assert ImageJacobian(by_differences(bench), bench.relation).flaw() == ""
 
 
@@ -85,13 +83,13 @@ def test_sound_jacobian_has_no_flaw(bench) -> None:
         (lambda M, R: M * [1.0, np.nan, 1.0], "does not follow"),
     ],
 )
-def test_what_no_camera_sees_is_a_flaw(bench, change, said) -> None:
+def test_what_no_camera_sees_is_a_flaw(bench, change, said):
     M = by_differences(bench)
     R = ImageJacobian(M, bench.relation).R_tip_camera
     assert said in ImageJacobian(change(M, R), bench.relation).flaw()
 
 
-def test_picture_that_stands_still_is_told(make_bench) -> None:
+def test_picture_that_stands_still_is_told(make_bench):
     """From a hundred metres nothing moves in the picture, and nothing is made of that."""
     bench = make_bench()
     drive = bench.drive()
@@ -103,7 +101,7 @@ def test_picture_that_stands_still_is_told(make_bench) -> None:
     assert "does not follow" in found.reason
 
 
-def test_move_out_of_the_picture_is_told(bench) -> None:
+def test_move_out_of_the_picture_is_told(bench):
     found = measure_jacobian(bench.drive(), bench.q, bench.relation, 0.2)
     assert found.jacobian is None
     assert found.status in ("lost", "no posture")

@@ -1,7 +1,5 @@
 """What joints lose: against a play operator written out, and what the approach does about it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -45,7 +43,7 @@ def joints_of(bench, lost: LostMotion, ways: np.ndarray, payload=None) -> np.nda
     return np.array(out)
 
 
-def test_joints_follow_a_play_operator(bench) -> None:
+def test_joints_follow_a_play_operator(bench):
     """Back and forth, friction winding the reducer up on both sides of the play."""
     n = bench.robot.n
     lost = LostMotion.of(n, backlash_rad=2e-3, friction_nm=5.0, stiffness_nm_per_rad=1e4)
@@ -57,7 +55,7 @@ def test_joints_follow_a_play_operator(bench) -> None:
         assert found[:, j] == pytest.approx(played(ways[:, j], -band, band), abs=1e-15)
 
 
-def test_gravity_lays_joints_on_a_side(bench) -> None:
+def test_gravity_lays_joints_on_a_side(bench):
     """Whatever the way, a joint that carries more than its friction lies on the lower side."""
     n = bench.robot.n
     lost = LostMotion.of(n, backlash_rad=2e-3)
@@ -70,7 +68,7 @@ def test_gravity_lays_joints_on_a_side(bench) -> None:
     assert (np.ptp(loaded, axis=0) < 1e-12).all()
 
 
-def test_upright_axis_leans_to_no_side(bench) -> None:
+def test_upright_axis_leans_to_no_side(bench):
     """Its torque is rounding, whose sign is by chance: it must not throw the joint about."""
     n = bench.robot.n
     lost = LostMotion.of(n, backlash_rad=2e-3)
@@ -81,18 +79,18 @@ def test_upright_axis_leans_to_no_side(bench) -> None:
     assert lag[1:] == pytest.approx(-1e-3, abs=1e-12), "dragged behind the motor, all the way"
 
 
-def test_no_loss_without_any(bench) -> None:
+def test_no_loss_without_any(bench):
     ways = bench.q + np.random.default_rng(0).uniform(-0.1, 0.1, (5, bench.robot.n))
     assert np.array_equal(joints_of(bench, LostMotion.of(bench.robot.n), ways), ways)
 
 
 @pytest.mark.parametrize("wrong", [[1.0, 2.0], -1.0, np.nan])
-def test_lost_motion_that_makes_no_sense_is_refused(wrong) -> None:
+def test_lost_motion_that_makes_no_sense_is_refused(wrong):
     with pytest.raises(InputError, match="lost motion"):
         LostMotion.of(6, backlash_rad=wrong)
 
 
-def test_approach_takes_up_what_joints_lose(make_bench) -> None:
+def test_approach_takes_up_what_joints_lose(make_bench):
     """Touch-ups come to from different sides: the backlash scatters them, the approach does not."""
     lost = LostMotion.of(6, backlash_rad=3e-4)
     bench = make_bench(lost_motion=lost)

@@ -1,7 +1,5 @@
 """A robot behind its adapter: pictures are taken, measured, and old ones told."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -49,7 +47,7 @@ def robot(bench) -> FakeRobot:
     return FakeRobot(bench)
 
 
-def test_target_is_measured_in_the_picture(bench, robot) -> None:
+def test_target_is_measured_in_the_picture(bench, robot):
     arm = OneArm(robot)
     assert arm.image_px == (640, 480)
     assert arm.count == 1
@@ -67,20 +65,20 @@ def test_target_is_measured_in_the_picture(bench, robot) -> None:
         ("photo.png", "gave a str"),
     ],
 )
-def test_pictures_that_are_none(robot, monkeypatch, picture, said) -> None:
+def test_pictures_that_are_none(robot, monkeypatch, picture, said):
     monkeypatch.setattr(robot, "grab", lambda: picture)
     with pytest.raises(InputError, match=said):
         OneArm(robot).look(ONE)
 
 
 @pytest.mark.parametrize("joints", [None, [1.0, np.nan], "home", np.zeros((2, 6)), []])
-def test_joint_values_that_are_none(robot, monkeypatch, joints) -> None:
+def test_joint_values_that_are_none(robot, monkeypatch, joints):
     monkeypatch.setattr(robot, "joints", lambda: joints)
     with pytest.raises(InputError, match=r"joints\(\) of the robot's adapter gave"):
         OneArm(robot).joints(ONE)
 
 
-def test_picture_is_the_last_one_until_the_arm_moves(robot) -> None:
+def test_picture_is_the_last_one_until_the_arm_moves(robot):
     arm = OneArm(robot)
     arm.look(ONE)
     first = arm.picture(0)
@@ -91,7 +89,7 @@ def test_picture_is_the_last_one_until_the_arm_moves(robot) -> None:
     assert robot.grabbed == 2
 
 
-def test_whole_loop_through_pictures(bench, robot) -> None:
+def test_whole_loop_through_pictures(bench, robot):
     drive = Drive(bench.robot, OneArm(robot), 0.003)
     jacobian = measure_jacobian(drive, bench.q, bench.relation, 0.01, both_ways=True).jacobian
     start = bench.q + np.deg2rad([0.5, -0.4, 0.3, 0.0, 0.2, 0.0])
@@ -102,18 +100,18 @@ def test_whole_loop_through_pictures(bench, robot) -> None:
     assert np.abs(place - [0.0, 0.0, 0.35]).max() < 1e-3
 
 
-def test_every_stop_is_come_to_from_below(bench, robot) -> None:
+def test_every_stop_is_come_to_from_below(bench, robot):
     drive = Drive(bench.robot, OneArm(robot), 0.003)
     drive.to_posture(ONE, bench.q[None])
     assert len(robot.moves) == 2
     assert robot.moves[1] - robot.moves[0] == pytest.approx(0.003)
 
 
-def test_light_target_on_a_dark_plate_needs_to_be_said(bench, robot) -> None:
+def test_light_target_on_a_dark_plate_needs_to_be_said(bench, robot):
     assert OneArm(robot, dark=False).look(ONE).reasons[0]
 
 
-def test_picture_from_before_a_move_is_told(bench, robot) -> None:
+def test_picture_from_before_a_move_is_told(bench, robot):
     """Bit by bit the same at another posture: no picture with noise is."""
     arm = OneArm(robot)
     assert arm.look(ONE).seen[0]
@@ -126,7 +124,7 @@ def test_picture_from_before_a_move_is_told(bench, robot) -> None:
     assert arm.look(ONE).seen[0]
 
 
-def test_station_looks_where_it_is_asked(bench, robot) -> None:
+def test_station_looks_where_it_is_asked(bench, robot):
     station = Station(Drive(bench.robot, OneArm(robot), 0.0))
     q = bench.q + np.deg2rad([0.3, 0, 0, 0, 0, 0])
     assert station.look("here", q).seen[0]

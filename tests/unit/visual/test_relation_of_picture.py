@@ -1,7 +1,5 @@
 """The designated relation: its numbers are linear in the place of the target."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,7 @@ from calib.vision.touch_up.relation import Relation
 FACING = np.diag([1.0, -1.0, -1.0])
 
 
-def test_error_is_linear_in_the_place_of_the_target() -> None:
+def test_error_is_linear_in_the_place_of_the_target():
     """Also 100 mm off: Eq. 1, but for what a finite circle off the axis is longer by."""
     camera = Camera.paper()
     relation = Relation((320.0, 240.0), 1600.0 * 0.002 / 0.35)
@@ -28,7 +26,7 @@ def test_error_is_linear_in_the_place_of_the_target() -> None:
         assert np.abs(e[0] + e[2] - 2.0 * e[1]).max() < 0.02
 
 
-def test_numbers_are_those_of_equation_2() -> None:
+def test_numbers_are_those_of_equation_2():
     """``(V - V0) s0/s``, ``(H - H0) s0/s``, ``s0 (s0/s - 1)``, a bias taken off first."""
     relation = Relation((100.0, 80.0), 30.0)
     ellipse = np.array([110.0, 60.0, 20.0, 0.0, 15.0])
@@ -39,6 +37,6 @@ def test_numbers_are_those_of_equation_2() -> None:
 @pytest.mark.parametrize(
     ("center", "size"), [((0.0, 0.0), 0.0), ((0.0, 0.0), -3.0), ((float("nan"), 0.0), 10.0)]
 )
-def test_relation_without_size_or_place_is_refused(center, size) -> None:
+def test_relation_without_size_or_place_is_refused(center, size):
     with pytest.raises(InputError, match="cannot be designated"):
         Relation(center, size)

@@ -1,7 +1,5 @@
 """Simulated arms: where camera and target are, against the calibration model."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +12,7 @@ from calib.vision.touch_up.simulated import LostMotion, SimulatedArms, straight_
 SILENT = MeasurementNoise.from_sigma([0.0, 0.0, 0.0])
 
 
-def test_target_is_seen_from_where_the_model_has_the_arm(make_bench) -> None:
+def test_target_is_seen_from_where_the_model_has_the_arm(make_bench):
     bench = make_bench(offsets_deg=0.3)
     q = bench.q + np.random.default_rng(1).uniform(-0.2, 0.2, (4, 6))
     arms = bench.arms(4)
@@ -26,7 +24,7 @@ def test_target_is_seen_from_where_the_model_has_the_arm(make_bench) -> None:
     assert np.array_equal(arms.joints(np.arange(4)), q), "the controller knows nothing of them"
 
 
-def test_each_arm_may_have_a_target_of_its_own(bench) -> None:
+def test_each_arm_may_have_a_target_of_its_own(bench):
     shifts = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.02, 0.0]])
     own = transform(np.eye(3), shifts) @ bench.true.T_base_target
     true = replace(bench.true, T_base_target=own)
@@ -37,7 +35,7 @@ def test_each_arm_may_have_a_target_of_its_own(bench) -> None:
     assert T_base_camera @ seen == pytest.approx(own[[2, 0]])
 
 
-def test_vibration_and_scatter_are_as_large_as_said(make_bench) -> None:
+def test_vibration_and_scatter_are_as_large_as_said(make_bench):
     """Standard deviations of 3000 numbers are good to 1.3 %; four of these are allowed."""
     lost = LostMotion.of(6, scatter_rad=[1e-5, 0, 0, 0, 0, 0])
     bench = make_bench(lost_motion=lost, vibration_m=3e-6)
@@ -51,7 +49,7 @@ def test_vibration_and_scatter_are_as_large_as_said(make_bench) -> None:
     assert not arms._stopped[:, 1:].any()
 
 
-def test_same_seed_same_noise(bench) -> None:
+def test_same_seed_same_noise(bench):
     noise = MeasurementNoise.from_sigma([0.1, 0.1, 0.1])
     arms = bench.arms(3, noise, seed=5)
     first = arms.look(np.arange(3)).ellipses
@@ -61,7 +59,7 @@ def test_same_seed_same_noise(bench) -> None:
     assert arms.pictures == 9
 
 
-def test_pictures_only_where_there_are_pictures(bench) -> None:
+def test_pictures_only_where_there_are_pictures(bench):
     assert bench.arms().picture(0) is None
     observer = ImageObserver(bench.camera, bench.target, Imaging())
     arms = SimulatedArms(bench.true, observer, 1, np.random.default_rng(0), bench.q)
@@ -69,6 +67,6 @@ def test_pictures_only_where_there_are_pictures(bench) -> None:
     assert arms.image_px == (640, 480)
 
 
-def test_target_straight_before_the_lens(bench) -> None:
+def test_target_straight_before_the_lens(bench):
     T = straight_to(bench.robot.fk(bench.q), bench.true.T_tip_camera, 0.35)
     assert pytest.approx(bench.true.T_base_target) == T

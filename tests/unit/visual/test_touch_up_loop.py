@@ -1,7 +1,5 @@
 """The loop of visual touch-up: one move does where nothing is off; every end has its reason."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -33,7 +31,7 @@ def true_place(bench, q) -> np.ndarray:
 
 
 @pytest.mark.parametrize("way", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, -0.5, -0.6)])
-def test_one_move_from_30_mm_off(bench, jacobian, way) -> None:
+def test_one_move_from_30_mm_off(bench, jacobian, way):
     """Eq. 3 with data that are linear in the place of the target."""
     loop = Loop(center_px=0.5, size_px=0.2)
     done = touch_up(bench.drive(), beside(bench, 0.03 * np.array(way)), jacobian, loop)
@@ -42,7 +40,7 @@ def test_one_move_from_30_mm_off(bench, jacobian, way) -> None:
     assert np.abs(true_place(bench, done.q[0]) - [0, 0, 0.35]).max() < 1e-3
 
 
-def test_view_line_leaves_the_distance(bench, jacobian) -> None:
+def test_view_line_leaves_the_distance(bench, jacobian):
     R = bench.true.T_tip_camera[:3, :3]
     q = beside(bench, R @ [0.01, -0.015, 0.03])
     before = true_place(bench, q[0])[2]
@@ -54,7 +52,7 @@ def test_view_line_leaves_the_distance(bench, jacobian) -> None:
     assert abs(before - 0.35) > 0.02
 
 
-def test_batch_is_the_same_as_one_at_a_time(make_bench) -> None:
+def test_batch_is_the_same_as_one_at_a_time(make_bench):
     """With offsets and without noise: arms do not know of each other."""
     bench = make_bench(offsets_deg=0.2)
     jacobian = measure_jacobian(bench.drive(), bench.q, bench.relation, 0.01).jacobian
@@ -67,20 +65,20 @@ def test_batch_is_the_same_as_one_at_a_time(make_bench) -> None:
         assert together.moves[k] == alone.moves[0]
 
 
-def test_target_outside_the_picture_is_lost(bench, jacobian) -> None:
+def test_target_outside_the_picture_is_lost(bench, jacobian):
     done = touch_up(bench.drive(), beside(bench, [0.15, 0.0, 0.0]), jacobian, Loop())
     assert done.status == ("lost",)
     assert "outside the image" in done.reasons[0] or "cut by the edge" in done.reasons[0]
 
 
-def test_farthest_ends_the_loop(bench, jacobian) -> None:
+def test_farthest_ends_the_loop(bench, jacobian):
     q = beside(bench, bench.true.T_tip_camera[:3, :3] @ [0.0, 0.0, -0.06])
     done = touch_up(bench.drive(), q, jacobian, Loop(farthest_m=0.05))
     assert done.status == ("too far",)
     assert "60 mm" in done.reasons[0]
 
 
-def test_refused_posture_is_no_posture(bench, jacobian) -> None:
+def test_refused_posture_is_no_posture(bench, jacobian):
     fence = ["behind the fence"]
     drive = Drive(bench.robot, bench.arms(), 0.0, lambda start, end: fence * len(end))
     done = touch_up(drive, beside(bench, [0.01, 0.0, 0.0]), jacobian, Loop())
@@ -89,7 +87,7 @@ def test_refused_posture_is_no_posture(bench, jacobian) -> None:
     assert np.array_equal(done.q[0], bench.q), "it stands where it stood"
 
 
-def test_unreachable_shift_is_no_posture(make_bench, jacobian) -> None:
+def test_unreachable_shift_is_no_posture(make_bench, jacobian):
     """The target is 20 cm further, where the arm comes to a limit."""
     bench = make_bench()
     q = bench.q.copy()
@@ -101,7 +99,7 @@ def test_unreachable_shift_is_no_posture(make_bench, jacobian) -> None:
     assert "limits or a singularity" in done.reasons[0]
 
 
-def test_noise_above_the_threshold_does_not_converge(bench, jacobian) -> None:
+def test_noise_above_the_threshold_does_not_converge(bench, jacobian):
     noisy = bench.arms(1, MeasurementNoise.from_sigma([5.0, 5.0, 5.0]))
     done = touch_up(bench.drive(noisy), bench.q[None], jacobian, Loop(1e-3, 1e-3, 3, 1.0))
     assert done.status == ("not converged",)
@@ -110,7 +108,7 @@ def test_noise_above_the_threshold_does_not_converge(bench, jacobian) -> None:
     assert "px off" in done.reasons[0]
 
 
-def test_picture_that_does_not_follow_is_lost(bench, jacobian) -> None:
+def test_picture_that_does_not_follow_is_lost(bench, jacobian):
     """One that is always one move old: told after the first move."""
     drive = bench.drive()
     q = beside(bench, [0.02, 0.01, 0.0])
@@ -123,7 +121,7 @@ def test_picture_that_does_not_follow_is_lost(bench, jacobian) -> None:
     assert "followed a move by 0.0 of" in done.reasons[0]
 
 
-def test_first_picture_is_not_believed_alone(bench, jacobian) -> None:
+def test_first_picture_is_not_believed_alone(bench, jacobian):
     """The first may be one of the last touch-up, at which the target was as designated."""
     drive = bench.drive()
     touched = drive.arms.look(ONE)
@@ -136,7 +134,7 @@ def test_first_picture_is_not_believed_alone(bench, jacobian) -> None:
     assert np.abs(true_place(bench, done.q[0])[:2]).max() < 1e-4
 
 
-def test_mean_of_looks_is_taken(bench, jacobian) -> None:
+def test_mean_of_looks_is_taken(bench, jacobian):
     """Of 400 pictures the scatter of what is measured is a twentieth of that of one."""
     noise = MeasurementNoise.from_sigma([1.0, 1.0, 1.0])
     errors = {}
@@ -153,6 +151,6 @@ def test_mean_of_looks_is_taken(bench, jacobian) -> None:
 @pytest.mark.parametrize(
     "wrong", [{"center_px": 0.0}, {"size_px": -1.0}, {"iterations": 0}, {"farthest_m": np.inf}]
 )
-def test_loop_that_cannot_end_is_refused(wrong) -> None:
+def test_loop_that_cannot_end_is_refused(wrong):
     with pytest.raises(InputError, match="of the touch-up is"):
         Loop(**wrong)

@@ -1,7 +1,5 @@
 """Pin tip and target from touch-ups, against known ones."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from calib.se3 import FloatArray, rotation_exp, transform
@@ -25,7 +23,7 @@ def touched(offsets: FloatArray, widest_deg: float = 15.0) -> FloatArray:
     return true - offsets
 
 
-def test_pin_of_an_arm_without_errors() -> None:
+def test_pin_of_an_arm_without_errors():
     robot = preset("m20ia")
     q = touched(np.zeros(6))
     pin = solve_pin(robot, q, GUESS)
@@ -36,7 +34,7 @@ def test_pin_of_an_arm_without_errors() -> None:
     assert pin.left_m < 1e-6
 
 
-def test_offsets_are_told_from_a_longer_pin() -> None:
+def test_offsets_are_told_from_a_longer_pin():
     """Better than plain least squares, which is written out here, and as well as it says."""
     robot, rng = preset("m20ia"), np.random.default_rng(8)
     off, plain, said = [], [], []
@@ -54,7 +52,7 @@ def test_offsets_are_told_from_a_longer_pin() -> None:
     assert worst < 0.8 * np.sqrt((np.array(plain) ** 2).mean(axis=0)).max()
 
 
-def test_small_turns_tell_little() -> None:
+def test_small_turns_tell_little():
     """A pin that is seen under a tenth of the turn is known ten times worse."""
     robot = preset("m20ia")
     wide = solve_pin(robot, touched(np.zeros(6)), GUESS).sigma_tool_m
@@ -62,13 +60,13 @@ def test_small_turns_tell_little() -> None:
     assert small > 5.0 * wide
 
 
-def test_another_robot_leaves_what_no_offsets_explain() -> None:
+def test_another_robot_leaves_what_no_offsets_explain():
     q = touched(np.zeros(6))
     q[1:, 1] += np.deg2rad([0.5, -0.5] * 4)  # as if the arm went elsewhere than its joints say
     assert solve_pin(preset("m20ia"), q, GUESS).left_m > 1e-3
 
 
-def test_one_touch_up_gives_the_guess() -> None:
+def test_one_touch_up_gives_the_guess():
     q = usual_posture("m20ia")[None]
     pin = solve_pin(preset("m20ia"), q, GUESS)
     assert np.abs(pin.tool_m - GUESS).max() < 1e-6

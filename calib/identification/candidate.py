@@ -50,10 +50,14 @@ class Fitted:
     model : CalibrationModel
         With the sizes of its priors and the noise that were found.
     result : IdentificationResult
+    log_marginal : float
+        How likely the measurements are under the model, see
+        :class:`~calib.identification.TunedPriors`; NaN of a model whose priors were not tuned.
     """
 
     model: CalibrationModel
     result: IdentificationResult
+    log_marginal: float = float("nan")
 
 
 def fit(
@@ -76,11 +80,13 @@ def fit(
     """
     model, start, known = candidate.model, None, None
     of_sizes: FloatArray | float = 0.0
+    log_marginal = float("nan")
     if candidate.groups:
         tuned = tune_priors(
             model, data, candidate.groups, loss=loss if loss in LOSSES else "student-t"
         )
         model, start, of_sizes = tuned.model, tuned.x, tuned.covariance
+        log_marginal = tuned.log_marginal
         kinds = [kind.of_found_noise() if kind.estimated else kind for kind in model.measurements]
         model = model.with_measurements(kinds)
     usual = model.prior
@@ -104,4 +110,4 @@ def fit(
         free &= ~below
         model = model.with_prior(np.where(below, HELD * usual, model.prior))
         start = None if start is None else np.where(below, model.nominal, result.values)
-    return Fitted(model, result)
+    return Fitted(model, result, log_marginal)

@@ -31,7 +31,7 @@ standard errors of many poses. Where there is nothing to gain a larger model was
 150 simulated draws (10 poses, 4 parameters); four offsets of three standard deviations each in 77 %
 of them."""
 
-AS_GOOD = 0.1
+AS_GOOD = 0.05
 """Part of the least expected error that a smaller model may have more."""
 
 JUDGED = 0.8

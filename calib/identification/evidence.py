@@ -17,6 +17,7 @@ from scipy.optimize import minimize
 
 from calib.errors import ConvergenceError, InputError, near_names
 from calib.identification.checks import check_enough, check_identifiable_at
+from calib.identification.losses import log_weights
 from calib.identification.marginal import LinearEvidence, linear_evidence, noise_classes
 from calib.identification.noise import costs_of
 from calib.identification.robust import WEIGHTS, Loss, distances2
@@ -101,8 +102,12 @@ class TunedPriors:
     sigma : array (G,)
         Standard deviation of each group [SI].
     log_evidence : float
-        Logarithm of the marginal likelihood of the linearised problem, weights as they are. It
-        compares models of the same measurements, loss and parameters without a prior.
+        Logarithm of the marginal likelihood of the linearised problem at these sizes and this
+        noise, weights as they are.
+    log_marginal : float
+        The same over all sizes and noises, too (Laplace's approximation), and for Student's loss
+        over the weights: it compares models of the same measurements, loss and parameters without
+        a prior.
     x : array (p,)
         Parameters [SI]; :func:`calib.identify` finds the same, and what they are worth.
     weights : array (N,)
@@ -120,6 +125,7 @@ class TunedPriors:
     groups: tuple[PriorGroup, ...]
     sigma: FloatArray
     log_evidence: float
+    log_marginal: float
     x: FloatArray
     weights: FloatArray
     covariance: FloatArray
@@ -178,14 +184,20 @@ def tune_priors(
     tuned = _applied(model, data, members, theta)
     shares = weights / costs_of(tuned, data, x, weights, loss)[0]
     problem = linear_evidence(model, data, x, members, shares)
+    curvature = _curvature(problem, theta, bounds, usual)
+    log_evidence = problem.log_evidence(theta)[0]
+    log_marginal = log_evidence + _volume(curvature, theta, bounds, usual)
+    if loss == "student-t":
+        log_marginal += log_weights(weights)
     return TunedPriors(
         model=tuned,
         groups=groups,
         sigma=np.exp(theta[: len(groups)]),
-        log_evidence=problem.log_evidence(theta)[0],
+        log_evidence=log_evidence,
+        log_marginal=log_marginal,
         x=x,
         weights=weights,
-        covariance=_covariance_of_sizes(problem, theta, bounds, usual),
+        covariance=_covariance_of_sizes(problem, theta, curvature),
         passes=passes,
         notes=tuple(_notes(groups, theta, bounds)),
     )
@@ -299,29 +311,51 @@ def _maximise(
     return np.asarray(found.x)
 
 
-def _covariance_of_sizes(
+def _curvature(
     problem: LinearEvidence, theta: FloatArray, bounds: FloatArray, usual: FloatArray
 ) -> FloatArray:
-    """Covariance ``(p, p)`` [SI] of the likeliest parameters over sizes and noise as uncertain.
+    """Information ``(G + C, G + C)`` on the logarithms of sizes and noise.
 
-    Sizes are uncertain by the curvature of their likelihood, but by no more than their bounds
-    leave: as if uniform between them.
+    By the curvature of their likelihood, but no less than their bounds give: as if uniform between
+    them.
     """
-    p = len(problem.nominal)
-    if not theta.size:
-        return np.zeros((p, p))
     step = _CURVATURE_STEP * np.eye(len(theta))
     curvature = [
         (_slope(problem, theta + s, usual)[1] - _slope(problem, theta - s, usual)[1])
         / (2.0 * _CURVATURE_STEP)
         for s in step
     ]
-    widths = np.maximum(bounds[1] - bounds[0], _CURVATURE_STEP)
-    information = -np.asarray(curvature) + np.diag(12.0 / widths**2)
+    least = 12.0 / np.maximum(bounds[1] - bounds[0], _CURVATURE_STEP) ** 2
+    information = -np.asarray(curvature).reshape(len(theta), -1) + np.diag(least)
     values, vectors = np.linalg.eigh((information + information.T) / 2.0)
-    root = vectors / np.sqrt(np.maximum(values, (12.0 / widths**2).min()))
-    spread = problem.sensitivity(theta) @ root
-    return np.asarray(spread @ spread.T)
+    return np.asarray((vectors * np.maximum(values, least.min(initial=1.0))) @ vectors.T)
+
+
+def _volume(
+    information: FloatArray, theta: FloatArray, bounds: FloatArray, usual: FloatArray
+) -> float:
+    """Logarithm of the share of all that sizes and noise may be which the measurements leave.
+
+    Laplace's approximation: the prior at the likeliest sizes (MacKay 1992, "Bayesian
+    interpolation"), log-normal about the usual one or uniform between the bounds, times the volume
+    of what is as likely.
+    """
+    known = np.isfinite(usual)
+    off = (theta - usual)[known] / USUAL_WITHIN
+    prior = -0.5 * off @ off - known.sum() * np.log(USUAL_WITHIN * np.sqrt(2.0 * np.pi))
+    widths = np.maximum((bounds[1] - bounds[0])[~known], _CURVATURE_STEP)
+    prior -= np.log(widths).sum()
+    return float(prior - 0.5 * np.linalg.slogdet(information / (2.0 * np.pi))[1])
+
+
+def _covariance_of_sizes(
+    problem: LinearEvidence, theta: FloatArray, information: FloatArray
+) -> FloatArray:
+    """Covariance ``(p, p)`` [SI] of the likeliest parameters over sizes and noise as uncertain."""
+    if not theta.size:
+        return np.zeros((len(problem.nominal), len(problem.nominal)))
+    moved = problem.sensitivity(theta)
+    return np.asarray(moved @ np.linalg.solve(information, moved.T))
 
 
 def _members(model: CalibrationModel, groups: Sequence[PriorGroup]) -> tuple[IntArray, ...]:

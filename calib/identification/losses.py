@@ -107,6 +107,15 @@ def _expected(loss: Loss, rows: int, share: float) -> tuple[float, float, float]
     return float(w.mean()), float(np.mean(w * s2)) / rows, float(np.mean(w**2 * s2)) / rows
 
 
+def log_weights(weights: FloatArray) -> float:
+    """How likely the weights ``(N,)`` of Student's loss are, logarithm but for a constant.
+
+    Student's noise is Gaussian with precisions that are drawn, about one: with them the likelihood
+    of weighted squares is that of Student's, at its likeliest weights.
+    """
+    return float(STUDENT_FREEDOM / 2.0 * np.sum(np.log(weights) - weights))
+
+
 def gain_of_student(s2: FloatArray, rows: IntArray) -> float:
     """Logarithm of how much likelier Student's noise makes residuals than Gaussian noise does.
 

@@ -3,17 +3,23 @@
 It is what other models are judged by, see :mod:`calib.identification.expected`. How large errors of
 each kind are on this arm is found from the measurements within bounds, and so is noise that does
 not explain the residuals: priors weigh against the noise that there is, not against a wrong one.
+
+Some errors most arms do not have: joints that give way, transmissions that run unevenly. Arms
+without them are alternatives, each as probable as the measurements make it (Bayesian model
+averaging: Hoeting, Madigan, Raftery and Volinsky 1999, Statistical Science 14, 382-417). An arm
+that may have everything is taken to have a little of everything.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.errors import CalibError, ConvergenceError
 from calib.identification.candidate import Candidate, Fitted, fit
-from calib.identification.expected import DrawnArms, Workplace
+from calib.identification.expected import DrawnArms, Posterior, Workplace
 from calib.identification.losses import HEAVY_TAILS, Loss, gain_of_student
 from calib.identification.noise import redundancy, rows_of
 from calib.model import CalibrationModel
@@ -40,6 +46,9 @@ class Reference:
         By which other models are judged.
     loss : Loss
         That it was fitted with, and that the others are to be.
+    probabilities : dict of str to float
+        Of the arm with everything, and of each alternative, by their names: after the measurements,
+        before which all are alike.
     """
 
     candidate: Candidate
@@ -47,12 +56,14 @@ class Reference:
     fitted: Fitted
     arms: DrawnArms
     loss: Loss
+    probabilities: dict[str, float]
 
 
 def fit_reference(
     candidate: Candidate,
     data: Measurements,
     workplace: Workplace,
+    alternatives: Sequence[Candidate] = (),
     *,
     loss: Loss | None = None,
 ) -> Reference:
@@ -64,6 +75,8 @@ def fit_reference(
         Everything that may be off, with the groups of its priors.
     data : Measurements
     workplace : Workplace
+    alternatives : sequence of Candidate
+        Arms without some of it. One that cannot be fitted is improbable.
     loss : Loss, optional
         By default least squares, or Student's where residuals have heavier tails than noise has.
 
@@ -78,9 +91,33 @@ def fit_reference(
     if loss is None and _tails(fitted, data) > HEAVY_TAILS:
         usual = "student-t"
         candidate, fitted = _fit(candidate, data, usual)
-    result = fitted.result
-    arms = DrawnArms(fitted.model, result.values, result.covariance, workplace)
-    return Reference(candidate, given, fitted, arms, usual)
+    fits = {candidate.name: fitted} | _alternatives(fitted, alternatives, data, usual)
+    logs = np.array([one.log_marginal for one in fits.values()])
+    odds = np.exp(np.nan_to_num(logs - logs.max()))  # without priors to tune there is but one
+    shares = dict(zip(fits, (odds / odds.sum()).tolist(), strict=True))
+    kinds = [
+        Posterior(one.model, one.result.values, one.result.covariance, shares[name])
+        for name, one in fits.items()
+    ]
+    return Reference(candidate, given, fitted, DrawnArms(kinds, workplace), usual, shares)
+
+
+def _alternatives(
+    whole: Fitted, alternatives: Sequence[Candidate], data: Measurements, loss: Loss
+) -> dict[str, Fitted]:
+    """Those that can be fitted, their noise found where that of the whole arm was."""
+    kinds = [
+        kind.of_unknown_noise() if kind.found or kind.estimated else kind
+        for kind in whole.model.measurements
+    ]
+    found = {}
+    for one in alternatives:
+        try:
+            model = one.model.with_measurements(kinds)
+            found[one.name] = fit(replace(one, model=model), data, loss=loss)
+        except CalibError:
+            continue
+    return found
 
 
 def _fit(candidate: Candidate, data: Measurements, loss: Loss) -> tuple[Candidate, Fitted]:

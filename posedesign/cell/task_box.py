@@ -258,14 +258,18 @@ WORK_POSTURES = 60
 """Postures that an identified arm is judged at: twice as many change the expected error by some
 three per cent."""
 
+_TRIED = 10
+"""Points drawn for each of them: of the box about joints that turned everywhere most are beyond
+reach."""
+
 
 def workplace(cell: Cell, table: MeasurementTable, box: TaskBox | None) -> Workplace:
     """Postures over the volume that an arm will work in, its tool turned as it was measured.
 
     Points are drawn in the box, or where there is none in the one about all that was measured and a
     little beyond; each is reached with the tool turned as at a measurement, by the posture inside
-    the limits that is nearest to the middle of all. Where most cannot be reached, half-way postures
-    between pairs of measurements take their place.
+    the limits that is nearest to the middle of all. Where hardly any can be reached, half-way
+    postures between pairs of measurements take their place.
     """
     data, robot = table.data, cell.robot
     rng = np.random.default_rng(0)
@@ -276,19 +280,22 @@ def workplace(cell: Cell, table: MeasurementTable, box: TaskBox | None) -> Workp
         beyond = BOX_OF_REACH * robot.chain.reach_m
         box = TaskBox(points.min(axis=0) - beyond, points.max(axis=0) + beyond)
         words = f"all that was measured and {1e3 * beyond:.0f} mm around it"
-    like = rng.integers(data.count, size=WORK_POSTURES)
-    at = rng.uniform(box.lowest_m, box.highest_m, (WORK_POSTURES, 3))
-    R = state.R_base_tip[like]
-    poses = transform(R, at - R @ cell.tool_m)
     middle = np.median(data.postures, axis=0)
     near = data.postures[np.argmin(np.abs(data.postures - middle).max(axis=1))]
-    found = nearest_postures(Checker(robot, (), cell.margin), poses, near)
-    there, q = found.feasible, found.q[found.feasible]
-    if 2 * len(q) < WORK_POSTURES:
-        other = rng.integers(data.count, size=WORK_POSTURES)
+    checker = Checker(robot, (), cell.margin)
+    q, like = np.empty((0, robot.n)), np.empty(0, dtype=np.intp)
+    for _ in range(_TRIED):
+        row = rng.integers(data.count, size=WORK_POSTURES)
+        at = rng.uniform(box.lowest_m, box.highest_m, (WORK_POSTURES, 3))
+        R = state.R_base_tip[row]
+        found = nearest_postures(checker, transform(R, at - R @ cell.tool_m), near)
+        q = np.concatenate([q, found.q[found.feasible]])[:WORK_POSTURES]
+        like = np.concatenate([like, row[found.feasible]])[:WORK_POSTURES]
+        if 2 * len(q) >= WORK_POSTURES:
+            break
+    else:
+        like, other = rng.integers(data.count, size=(2, WORK_POSTURES))
         q = (data.postures[like] + data.postures[other]) / 2.0
-        words, there = "half-way between measurements", np.ones(WORK_POSTURES, dtype=bool)
-    setup = Setup.of(
-        len(q), tool=data.setup.tool[like][there], payload=data.setup.payload[like][there]
-    )
+        words = "half-way between measurements"
+    setup = Setup.of(len(q), tool=data.setup.tool[like], payload=data.setup.payload[like])
     return Workplace(q, setup, words)

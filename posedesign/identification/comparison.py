@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -93,6 +93,8 @@ class Identified:
         Where the errors of the models are expected, in words; empty where they are not.
     held_only : tuple of str
         Models that were not tried, since nothing measured sees the scale of their links.
+    probabilities : dict of str to float
+        Of errors that the arm may have, as models with priors: what the others were judged by.
     """
 
     comparison: Comparison
@@ -102,6 +104,7 @@ class Identified:
     contradictions: tuple[Contradiction, ...] = ()
     workplace: str = ""
     held_only: tuple[str, ...] = ()
+    probabilities: dict[str, float] = field(default_factory=dict)
 
     @property
     def nominal_rms_m(self) -> float:
@@ -231,7 +234,9 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     if all(map(is_of_the_model, findings)):  # otherwise that is what the residuals show
         said += noise_found(judge)
     words = judge.arms.workplace.words
-    found = Identified(comparison, table, tuple(said), findings, (), words, held)
+    found = Identified(
+        comparison, table, tuple(said), findings, (), words, held, judge.probabilities
+    )
     return replace(found, contradictions=tuple(contradictions(judge, found)))
 
 
@@ -299,7 +304,8 @@ def _reference(cell: Cell, table: MeasurementTable) -> Reference | None:
     try:
         at = workplace(cell, table, box)
         loss = cell.config.parameters.loss_given
-        return fit_reference(reference(cell, table), table.data, at, loss=loss)
+        everything, others = reference(cell, table)
+        return fit_reference(everything, table.data, at, others, loss=loss)
     except CalibError:
         return None
 

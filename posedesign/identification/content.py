@@ -36,6 +36,7 @@ def results_as_dict(cell: Cell, identified: Identified) -> dict[str, Any]:
         "criterion": comparison.criterion,
         "reference": comparison.reference,
         "workplace": identified.workplace,
+        "probabilities": identified.probabilities,
         "not_tried": list(identified.held_only),
         "contradictions": [each.said for each in identified.contradictions],
         "warnings": list(identified.warnings),

@@ -55,6 +55,11 @@ EVERYTHING = "everything with priors"
 _EVERYTHING = ("geometry", "compliance", "bearings", "lost_motion", "harmonics", PRIORS)
 """What may be off on any arm."""
 
+_GIVES, _RUNS = ("compliance", "bearings"), ("lost_motion", "harmonics")
+_ABSENT = (("bearings",), _GIVES, _RUNS, ("bearings", *_RUNS), (*_GIVES, *_RUNS))
+"""What an arm may be without: bearings give way less than reducers, and what runs unevenly, sticks,
+too."""
+
 SIZES = 0.05, 2.0
 """Bounds of the standard deviation of a kind of errors that is found from the measurements, over
 the one that the cell gives: touch-ups do not see the scale of an arm, and without an upper bound
@@ -204,17 +209,25 @@ def candidates(
     return sorted(found, key=lambda candidate: candidate.model.p)
 
 
-def reference(cell: Cell, table: MeasurementTable) -> Candidate:
+def reference(cell: Cell, table: MeasurementTable) -> tuple[Candidate, list[Candidate]]:
     """Everything that may be off on an arm, or that the cell asks for, held by priors.
 
-    Nothing is left out of it: priors hold what the measurements do not tell.
+    Nothing is left out of it: priors hold what the measurements do not tell. And its alternatives:
+    arms that have not all of it.
     """
     asked = {word for words in cell.config.parameters.models for word in words}
-    words = tuple(dict.fromkeys([*_EVERYTHING, *sorted(asked - {"zero_offsets"})]))
+    every = tuple(dict.fromkeys([*_EVERYTHING, *sorted(asked - {"zero_offsets"})]))
     if not _has_weight(cell):
-        words = tuple(word for word in words if word not in _WEIGH)
-    model = _model(cell, table, words, kinds_of(cell, table.kinds))
-    return Candidate(EVERYTHING, model, (), size_groups(model))
+        every = tuple(word for word in every if word not in _WEIGH)
+    kinds = kinds_of(cell, table.kinds)
+
+    def without(absent: Sequence[str]) -> Candidate:
+        words = tuple(word for word in every if word not in absent)
+        model = _model(cell, table, words, kinds)
+        return Candidate(name_of(words) if absent else EVERYTHING, model, (), size_groups(model))
+
+    absences = dict.fromkeys(tuple(w for w in absent if w in every) for absent in _ABSENT)
+    return without(()), [without(absent) for absent in absences if absent]
 
 
 def size_groups(model: CalibrationModel) -> tuple[PriorGroup, ...]:

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
+from scipy.stats import t as student
 
 from calib import CalibrationModel, Robot, identify
 from calib.errors import InputError, NotIdentifiableError
 from calib.identification.evidence import PriorGroup, TunedPriors, tune_priors
+from calib.identification.losses import STUDENT_FREEDOM, log_weights
 from calib.identification.marginal import linear_evidence
 from calib.identification.robust import WEIGHTS, distances2
 from calib.model.context import Setup
@@ -354,3 +356,36 @@ def test_uncertain_sizes_widen_what_rests_on_them():
         np.trace(expected[arm][:, arm]), rel=0.5
     )
     assert (np.diag(found.covariance) >= 0.0).all()
+
+
+def test_the_likelihood_over_all_sizes_is_its_integral() -> None:
+    """Laplace's approximation against the sum over a grid: sizes usual and not, and noise."""
+    groups = [replace(GROUPS[0], usual=8e-4), GROUPS[1]]
+    model, data = model_of(Point(None)), draw(8)
+    found = tune_priors(model, data, groups)
+    members = [np.array([model.names.index(n) for n in g.parameters]) for g in groups]
+    problem = linear_evidence(model, data, found.x, members, found.weights)
+    scale = found.model.measurement.sigma[0] / model.measurement.sigma[0]
+    best = np.log([*found.sigma, scale])
+    step = 0.1
+    grid = [m + step * np.arange(-16, 17) for m in best[:2]]
+    grid.append(best[2] + 0.5 * step * np.arange(-12, 13))
+    points = np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 3)
+    logs = np.array([problem.log_evidence(theta)[0] for theta in points])
+    off = (points[:, 0] - np.log(8e-4)) / np.log(3.0)
+    logs -= 0.5 * off**2 + np.log(np.log(3.0) * np.sqrt(2.0 * np.pi))
+    logs -= np.log(np.log(1e-2 / 1e-5)) + np.log(np.log(1e3 / 1e-2))  # uniform between bounds
+    integral = np.log(np.exp(logs - logs.max()).sum() * step**2 * 0.5 * step) + logs.max()
+    assert found.log_marginal == pytest.approx(integral, abs=0.3)
+
+
+def test_likeliest_weights_make_squares_students() -> None:
+    """But for a constant, whatever the residual."""
+    nu = STUDENT_FREEDOM
+    r = np.array([0.0, 0.5, 2.0, 7.0])
+    w = WEIGHTS["student-t"](r**2, np.ones(4, dtype=int))
+    parts = [
+        -0.5 * wi * ri**2 + 0.5 * np.log(wi) + log_weights(np.array([wi]))
+        for wi, ri in zip(w, r, strict=True)
+    ]
+    np.testing.assert_allclose(np.diff(parts), np.diff(student(nu).logpdf(r)), atol=1e-12)

@@ -10,14 +10,16 @@ from scipy.stats import multivariate_t
 from calib import CalibrationModel, Robot
 from calib.identification import Candidate, PriorGroup, Workplace, fit_reference
 from calib.identification.candidate import fit
-from calib.identification.expected import DrawnArms
+from calib.identification.expected import DrawnArms, Posterior
 from calib.identification.losses import STUDENT_FREEDOM, gain_of_student
 from calib.model.context import Setup
-from calib.model.measurements import Measurements, TouchUp
+from calib.model.measurements import Measurements, Point, TouchUp
 from calib.model.measurements.simulate import simulate
 from calib.model.parameters import (
     JointCompliance,
+    JointHarmonics,
     LinkGeometry,
+    TargetFrame,
     TargetPoints,
     ToolPoint,
     ZeroOffsets,
@@ -116,7 +118,7 @@ def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm):
     x, C = fitted.result.values, fitted.result.covariance
     other = fitted.model.nominal.copy()
     other[truth.nuisance] = x[truth.nuisance]
-    arms = DrawnArms(fitted.model, x, C, at)
+    arms = DrawnArms([Posterior(fitted.model, x, C)], at)
     draws = rng.multivariate_normal(x, C, size=600, method="eigh")
     for values in (x, other):
         points = fitted.model.view(q, values).tool_points
@@ -132,7 +134,7 @@ def test_the_expected_error_is_the_mean_over_arms_drawn_from_what_is_known(arm):
 def test_where_the_base_stands_does_not_count(arm):
     truth, x, data = measured(arm, 4)
     at = Workplace(data.postures, Setup.of(data.count), "there")
-    arms = DrawnArms(truth, x, np.zeros((truth.p, truth.p)), at)
+    arms = DrawnArms([Posterior(truth, x, np.zeros((truth.p, truth.p)))], at)
     turned = x.copy()
     turned[truth.names.index(f"zero_offset.{arm.joint_names[0]}")] += 1e-5
     assert arms.error_of(truth, turned).rms_m < 1e-9
@@ -249,3 +251,51 @@ def test_the_gain_of_students_noise_is_that_of_the_densities(heavy):
     gauss = float(np.sum(-0.5 * (white / sigma) ** 2 - np.log(sigma) - 0.5 * np.log(2 * np.pi)))
     assert found == pytest.approx(student - gauss, abs=0.05)
     assert (found > 3.0) == heavy
+
+
+def test_arms_of_several_kinds_are_drawn_as_they_are_probable(arm: Robot) -> None:
+    truth, x, data = measured(arm, 4)
+    at = Workplace(data.postures, Setup.of(data.count), "there")
+    none = np.zeros((truth.p, truth.p))
+    elbow = x.copy()
+    elbow[truth.names.index(f"zero_offset.{arm.joint_names[2]}")] += 1e-4
+    kinds = [Posterior(truth, x, none, 0.75), Posterior(truth, elbow, none, 0.25)]
+    off = DrawnArms([Posterior(truth, elbow, none)], at).error_of(truth, x).rms_m
+    assert off > 1e-6
+    found = DrawnArms(kinds, at).error_of(truth, x)
+    assert found.rms_m == pytest.approx(0.5 * off, rel=1e-6)
+    assert (found.low_m, found.high_m) == pytest.approx((0.0, off), rel=1e-6, abs=1e-12)
+
+
+def waves(arm: Robot) -> JointHarmonics:
+    return JointHarmonics(arm, arm.joint_names, [1.0, 2.0], np.deg2rad(0.01))
+
+
+def test_errors_that_the_arm_has_not_are_improbable(arm: Robot) -> None:
+    """Arms that run evenly, and arms that do not: each is told from the other by its tracker."""
+    right = []
+    for seed in range(8):
+        uneven = bool(seed % 2)
+        rng = np.random.default_rng(300 + seed)
+        blocks = [
+            ZeroOffsets(arm, arm.joint_names, np.deg2rad(0.2)),
+            LinkGeometry(arm, None, 2e-4, np.deg2rad(0.02)),
+            ToolPoint([0.1, -0.05, 0.2]),
+            TargetFrame(np.eye(4)),
+        ]
+        plain = CalibrationModel(arm, blocks, Point(2e-5))
+        whole = CalibrationModel(arm, [waves(arm), *blocks], Point(2e-5))
+        true = whole if uneven else plain
+        q = rng.uniform(-1.5, 1.5, (42, 6))
+        data = simulate(true, drawn(true, rng), q, rng)
+        at = Workplace(data.postures, Setup.of(42), "there")
+        found = fit_reference(
+            Candidate("all", whole, (), groups_of(whole)),
+            data,
+            at,
+            [Candidate("even", plain, (), groups_of(plain))],
+        )
+        assert sum(found.probabilities.values()) == pytest.approx(1.0)
+        right.append(found.probabilities["all" if uneven else "even"])
+    # the mean logarithm of what was given to the truth, of a coin -.69
+    assert np.mean(np.log(right)) > -0.2

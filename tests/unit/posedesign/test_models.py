@@ -125,7 +125,7 @@ def test_what_needs_masses_is_left_out_without_them(tmp_path, lab, make_cell):
     assert [c.name for c in candidates(light, table)] == [FRAMES_ONLY, "offsets"]
     assert left_out(light) == ["compliance: the masses of the links are not known"]
     heavy = replace(light, config=make_cell(tool={"mass_kg": 50.0}).config)
-    assert not any(w in reference(heavy, table).model.names for w in ("compliance.joint_2",))
+    assert not any(w in reference(heavy, table)[0].model.names for w in ("compliance.joint_2",))
 
 
 def test_links_are_not_free_where_nothing_sees_the_scale(tmp_path, lab, make_cell):
@@ -149,13 +149,13 @@ def test_links_are_not_free_where_nothing_sees_the_scale(tmp_path, lab, make_cel
 def test_the_reference_holds_everything_by_priors(tmp_path, lab, make_cell):
     cell = make_cell(parameters={"models": [["zero_offsets"], ["scale"]]})
     _, table = table_of(tmp_path, lab, ["touch-up"])
-    model = reference(cell, table).model
+    model = reference(cell, table)[0].model
     assert np.isfinite(model.prior[~model.nuisance]).all()
     stems = {name.partition(".")[0] for name in np.array(model.names)[~model.nuisance]}
     assert stems == {
         *("zero_offset", "link", "compliance", "bearing", "lost_motion", "harmonic", "scale")
     }
-    grouped = [name for group in reference(cell, table).groups for name in group.parameters]
+    grouped = [name for group in reference(cell, table)[0].groups for name in group.parameters]
     assert sorted(grouped) == sorted(np.array(model.names)[~model.nuisance])
 
 

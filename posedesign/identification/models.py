@@ -56,9 +56,12 @@ _EVERYTHING = ("geometry", "compliance", "bearings", "lost_motion", "harmonics",
 """What may be off on any arm."""
 
 _GIVES, _RUNS = ("compliance", "bearings"), ("lost_motion", "harmonics")
-_ABSENT = (("bearings",), _GIVES, _RUNS, ("bearings", *_RUNS), (*_GIVES, *_RUNS))
-"""What an arm may be without: bearings give way less than reducers, and what runs unevenly, sticks,
-too."""
+_ABSENT = (
+    *(("bearings",), _GIVES, _RUNS, ("bearings", *_RUNS), (*_GIVES, *_RUNS)),
+    *(("geometry", "bearings", *_RUNS), ("geometry", *_GIVES, *_RUNS)),
+)
+"""What an arm may be without: bearings give way less than reducers, what runs unevenly sticks, too,
+and links may be as described: the least size of their errors is not nothing."""
 
 SIZES = 0.05, 2.0
 """Bounds of the standard deviation of a kind of errors that is found from the measurements, over
@@ -223,6 +226,8 @@ def reference(cell: Cell, table: MeasurementTable) -> tuple[Candidate, list[Cand
 
     def without(absent: Sequence[str]) -> Candidate:
         words = tuple(word for word in every if word not in absent)
+        if "geometry" in absent:
+            words = ("zero_offsets", *words)
         model = _model(cell, table, words, kinds)
         return Candidate(name_of(words) if absent else EVERYTHING, model, (), size_groups(model))
 

@@ -400,7 +400,10 @@ def test_a_picture_that_never_becomes_one(reference_cell, tmp_path):
     path.write_bytes(whole[:-5])
     with pytest.raises(FileFormatError) as caught:
         robot.grab()
-    assert caught.value.message == f"{path}: could not be used in 0.03 s: is cut off"
+    assert (
+        caught.value.message
+        == f"{path}: could not be used in 0.03 s: cannot be decoded: broken PNG file (chunk b'IEN')"
+    )
     path.write_bytes(whole)
     robot.grab()
 

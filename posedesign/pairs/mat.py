@@ -13,7 +13,7 @@ from calib.se3 import FloatArray
 from posedesign.files.csv_tables import LONGEST_SHOWN
 from posedesign.pairs.checks import Place, transforms_from_matrices
 from posedesign.pairs.forms import METRES, Poses
-from posedesign.pairs.mat_reading import NUMBERS, WHOLE_NUMBERS, Variable, real_array, variables_of
+from posedesign.pairs.mat_reading import WHOLE_NUMBERS, Variable, variables_of
 from posedesign.pairs.units import check_lengths, refuse_endless_lengths
 
 
@@ -64,10 +64,9 @@ class MatFile:
                 value=name,
             )
         variable = self.variables[name]
-        if not _is_stack(variable):
+        if variable.array is None or not _is_stack(variable):
             raise _no_stack(self.path, name, variable)
-        found = real_array(self.path, variable)
-        return np.ascontiguousarray(np.moveaxis(found, -1, 0))
+        return np.moveaxis(variable.array, -1, 0).copy()
 
 
 def open_mat(path: Path) -> MatFile:
@@ -133,19 +132,14 @@ def _no_stack(path: Path, name: str, variable: Variable) -> FileFormatError:
     """What keeps a variable from being transforms, and what to do."""
     said = f"is {variable.described}, not 4x4xN double"
     hint = "stack the transforms along the third dimension: cat(3, T{:})"
-    if _is_stacked(variable) and variable.kind in WHOLE_NUMBERS:
+    if variable.is_stacked and variable.kind in WHOLE_NUMBERS:
         said = f"is {variable.described}: whole numbers, which rotations are not made of"
         hint = "save what it was made from, in double; double() does not bring its decimals back"
-    elif _is_stacked(variable) and variable.is_complex:
+    elif variable.is_stacked and variable.is_complex:
         said = f"is {variable.described}, and transforms are real"
         hint = "if its imaginary part is mere rounding, save real() of it"
     return FileFormatError(said, path=path, key=name, hint=hint, value=variable.described)
 
 
 def _is_stack(variable: Variable) -> bool:
-    return _is_stacked(variable) and variable.kind in NUMBERS and not variable.is_complex
-
-
-def _is_stacked(variable: Variable) -> bool:
-    shape = variable.shape
-    return len(shape) == 3 and shape[:2] == (4, 4) and shape[2] > 0
+    return variable.may_be_transforms and not variable.is_complex

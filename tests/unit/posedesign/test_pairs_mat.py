@@ -2,7 +2,6 @@
 
 import io
 import struct
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -259,15 +258,21 @@ def test_file_that_is_not_there(tmp_path):
     refused(tmp_path / "no.mat", "cannot be read: No such file")
 
 
-def test_few_bytes_that_unfold_to_many(tmp_path, monkeypatch):
+def test_few_bytes_that_unfold_to_many(save, monkeypatch):
     monkeypatch.setattr(pairs_mat_reading, "LARGEST_MAT_BYTES", 1_000_000)
-    packed = zlib.compress(struct.pack("<II", 14, 20_000_000) + bytes(20_000_000))
-    assert len(packed) < 30_000
-    path = tmp_path / "bomb.mat"
-    path.write_bytes(HEADER + struct.pack("<II", 15, len(packed)) + packed)
+    path = save(A=np.zeros((4, 4, 100_000)))
+    assert path.stat().st_size < 30_000
     refused(path, "unfolds to more than 1 MB")
     path.write_bytes(HEADER + bytes(1_000_000))
     refused(path, "is larger than 1 MB")
+
+
+def test_what_crashes_the_reader_is_damaged(save, monkeypatch):
+    """In its own process: a crash, and what takes more memory than it has."""
+    A = as_matlab(some_pairs().A, "m")
+    path = save(A=A, B=A)
+    monkeypatch.setattr(pairs_mat_reading, "_MEMORY_BYTES", 20_000_000)
+    refused(path, "damaged or cut off")
 
 
 def test_lengths_inside_that_are_not_true(save):
@@ -282,7 +287,7 @@ def test_lengths_inside_that_are_not_true(save):
         refused(path)
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     places=st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 255)), min_size=1, max_size=8),
     keep=st.floats(0.05, 1.0),

@@ -1,0 +1,71 @@
+"""A function in a process of its own, with limits: what it reads may crash it, or never end.
+
+The process begins with Python's own paths alone, without environment, and can take no more memory
+and time than it is given, write no file and start no process. On Windows, which has no limits of
+this kind, only its time is limited.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+from importlib import import_module
+
+_START = (
+    "import sys; sys.path[:] = {path!r};"
+    "from calib.limited import serve; serve({module!r}, {memory_bytes!r}, {seconds!r})"
+)
+
+
+def run_limited(module: str, data: bytes, *, memory_bytes: int, seconds: float) -> bytes:
+    """Call ``run(data)`` of a module in a process of its own, and give what it returns.
+
+    Raises
+    ------
+    OSError
+        The process cannot be started, or broke off.
+    TimeoutError
+        It was not done in time.
+    """
+    # "" is the folder one happens to be in
+    start = _START.format(
+        path=[entry for entry in sys.path if entry],
+        module=module,
+        memory_bytes=memory_bytes,
+        seconds=seconds,
+    )
+    try:
+        done = subprocess.run(  # noqa: S603 - no shell, and no word of it is from the data
+            [sys.executable, "-I", "-B", "-X", "utf8", "-c", start],
+            input=data,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=None if sys.platform == "win32" else {"OPENBLAS_NUM_THREADS": "1"},
+            timeout=seconds,
+            check=True,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise TimeoutError(f"not done in {seconds:g} s") from error
+    except subprocess.CalledProcessError as error:
+        raise OSError("the process broke off") from error
+    return done.stdout
+
+
+def serve(module: str, memory_bytes: int, seconds: float) -> None:
+    """Answer for :func:`run_limited`, inside of the process."""
+    with contextlib.suppress(ImportError):  # on Windows
+        import resource
+
+        for limit, most in (
+            (resource.RLIMIT_AS, memory_bytes),
+            (resource.RLIMIT_CPU, max(1, int(seconds))),
+            (resource.RLIMIT_FSIZE, 0),
+            (resource.RLIMIT_CORE, 0),
+            (resource.RLIMIT_NPROC, 0),
+        ):
+            with contextlib.suppress(ValueError, OSError):  # one that the system does not know
+                resource.setrlimit(limit, (most, most))
+    out, sys.stdout = sys.stdout.buffer, sys.stderr
+    out.write(import_module(module).run(sys.stdin.buffer.read()))
+    out.flush()

@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -129,9 +130,10 @@ def run(data: bytes) -> bytes:
     """
     from scipy.io import loadmat, whosmat
 
+    file: Any = io.BytesIO(data)  # the stubs of scipy know names of files only
     listed = [
         (str(name), [int(size) for size in shape], str(kind))
-        for name, shape, kind in whosmat(io.BytesIO(data), chars_as_strings=False)
+        for name, shape, kind in whosmat(file, chars_as_strings=False)
         if name != "__function_workspace__"  # what objects of MATLAB refer to
     ]
     variables = {name: Variable(kind, tuple(shape)) for name, shape, kind in listed}
@@ -141,7 +143,7 @@ def run(data: bytes) -> bytes:
     out.write(json.dumps(listed).encode() + b"\n")
     if _bytes_of(variables) <= LARGEST_MAT_BYTES:
         wanted = [name for name, variable in variables.items() if variable.may_be_transforms]
-        arrays = loadmat(io.BytesIO(data), variable_names=wanted) if wanted else {}
+        arrays = loadmat(file, variable_names=wanted) if wanted else {}
         for name in wanted:
             if arrays[name].shape != variables[name].shape:
                 raise ValueError("an array that is not as announced")

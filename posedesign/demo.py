@@ -16,7 +16,7 @@ from posedesign.pairs.results import SolverOutcome
 from posedesign.planning.pose_plan import PosePlan
 from posedesign.planning.tables import read_poses
 from posedesign.pose_programs.from_plan import WrittenProgram, program_options, write_program
-from posedesign.programs.registry import find_dialect
+from posedesign.programs import find_dialect
 from posedesign.simulation.accuracy_study import AccuracyStudy, accuracy_study, effective_truth
 from posedesign.workflow import (
     IDENTIFICATION,

@@ -28,7 +28,7 @@ from calib.se3 import FloatArray, IntArray, rotation_exp, transform
 from posedesign.cell import Cell
 from posedesign.cell.schema import parse_config
 from posedesign.cell.template import cell_template
-from posedesign.constraints.postures import nearest_postures
+from posedesign.constraints import nearest_postures
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification.models import robot_blocks
 

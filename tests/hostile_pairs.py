@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from calib import se3
 from calib.errors import CalibError
-from calib.robot_world import PairNoise, add_noise, random_problems, solve
+from calib.robot_world import PairNoise, Problems, add_noise, random_problems, solve
 from calib.robot_world.noise import difference
-from calib.robot_world.simulation import Problems
 from calib.se3 import FloatArray
 
 

@@ -30,8 +30,8 @@ from calib.vision.camera import (
     MeasurementNoise,
     Observer,
     circle_image,
+    ellipse_axes,
 )
-from calib.vision.camera.conic import ellipse_axes
 from calib.vision.touch_up.set_up import SetUp
 from calib.vision.touch_up.sighting import LEAST_SIZE_PX
 from calib.vision.touch_up.simulated import LostMotion, TrueCell

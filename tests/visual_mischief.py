@@ -6,9 +6,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
-from calib.vision.camera import CircleTarget, Glare, Imaging, Occluder, circle_image
-from calib.vision.camera.conic import ellipse_axes
-from calib.vision.camera.rendering import GreyImage, render
+from calib.vision.camera import (
+    CircleTarget,
+    Glare,
+    Imaging,
+    Occluder,
+    circle_image,
+    ellipse_axes,
+    render,
+)
+from calib.vision.camera.rendering import GreyImage
 from calib.vision.touch_up.adapter import RobotAdapter
 from calib.vision.touch_up.set_up import SetUp
 from calib.vision.touch_up.simulated import LostMotion, SimulatedArms

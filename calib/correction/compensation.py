@@ -18,8 +18,7 @@ from calib.correction.corrected_robot import check_values
 from calib.errors import InputError, JointLimitError
 from calib.model import CalibrationModel
 from calib.model.context import ArmView, Setup
-from calib.robots.inverse import InverseSolutions
-from calib.robots.robot import Robot
+from calib.robots import InverseSolutions, Robot
 from calib.se3 import BoolArray, FloatArray, check_transforms, inverse, rotation_log, transform
 
 CLOSED = 1e-9

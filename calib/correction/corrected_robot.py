@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.model import CalibrationModel
 from calib.model.context import ArmErrors, Setup
-from calib.model.parameters.base import ParameterBlock
+from calib.model.parameters import ParameterBlock
+from calib.robots import Robot
 from calib.robots.replaced import with_placements
-from calib.robots.robot import Robot
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.errors import InputError, near_names
 from calib.geometry.enclosure import check_body, outer_points
-from calib.robots.chain import SerialChain
+from calib.robots import SerialChain
 from calib.robots.shapes import Body, HalfSpace
 from calib.se3 import FloatArray, IntArray
 

@@ -18,7 +18,7 @@ from calib.geometry.rays import contains
 from calib.geometry.results import Clearance, Extent, Sight, Ways
 from calib.geometry.sight import LinesOfSight
 from calib.geometry.ways import TOUCH_M, check_ways, nearest
-from calib.robots.chain import ChainState, SerialChain
+from calib.robots import ChainState, SerialChain
 from calib.robots.shapes import Body
 from calib.se3 import BoolArray, FloatArray, IntArray
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.geometry.engine import Bounds, Engine
 from calib.geometry.results import Ways
-from calib.robots.chain import SerialChain
+from calib.robots import SerialChain
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 WAY_TOLERANCE_M = 1e-3

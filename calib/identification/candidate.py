@@ -11,7 +11,7 @@ from calib.identification.result import IdentificationResult
 from calib.identification.robust import Loss
 from calib.identification.solver import Method, identify
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
 
 HELD = 1e-3

@@ -32,7 +32,7 @@ from calib.errors import InputError
 from calib.identification.prediction import tool_motion
 from calib.model import CalibrationModel
 from calib.model.context import Setup
-from calib.model.parameters.base import Unit
+from calib.model.parameters import Unit
 from calib.se3 import BoolArray, FloatArray, project_to_rotation, skew
 
 ALIKE = 0.01

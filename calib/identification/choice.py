@@ -22,7 +22,7 @@ from calib.identification.least_squares import equal_sigma
 from calib.identification.left_out import FEWEST_TARGETS, free_points, with_noise_of
 from calib.identification.result import IdentificationResult
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 CHANCE = 0.025

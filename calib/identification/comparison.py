@@ -22,7 +22,7 @@ from calib.identification.reference import Reference
 from calib.identification.result import IdentificationResult
 from calib.identification.robust import Loss
 from calib.identification.solver import Method
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
 
 

@@ -23,7 +23,7 @@ from calib.identification.noise import costs_of
 from calib.identification.robust import WEIGHTS, Loss, distances2
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, IntArray
 
 LOSSES: tuple[Loss, ...] = ("least-squares", "student-t")

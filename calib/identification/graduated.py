@@ -16,7 +16,7 @@ from calib.errors import InputError
 from calib.identification.least_squares import minimise
 from calib.identification.noise import OUTLIER_CHANCE, distances2, limits, rows_of, spread
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 DISAGREEMENT = 30.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.errors import NotIdentifiableError
 from calib.identification.result import DISPLAY
-from calib.model.parameters.base import Unit
+from calib.model.parameters import Unit
 from calib.se3 import BoolArray, FloatArray
 
 RANK_TOLERANCE = 1e-9

@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.model import CalibrationModel
 from calib.model.linearisation import Linearisation
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray
 
 ITERATIONS = 60

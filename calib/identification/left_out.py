@@ -7,7 +7,7 @@ import numpy as np
 from calib.identification.least_squares import equal_sigma, minimise, white_rows
 from calib.identification.result import IdentificationResult
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.model.parameters.frames import Frames
 from calib.se3 import BoolArray, FloatArray, IntArray
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 

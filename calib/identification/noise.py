@@ -13,7 +13,7 @@ from calib.errors import InputError
 from calib.identification.losses import Loss, consistency, variance_factor
 from calib.model import CalibrationModel
 from calib.model.linearisation import Linearisation
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 OUTLIER_CHANCE = 1e-4

@@ -12,9 +12,8 @@ from calib.identification.identifiability import sort_out
 from calib.identification.robust import fit_robustly
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
-from calib.model.parameters.base import ParameterBlock, Unit
-from calib.model.parameters.links import LinkGeometry
+from calib.model.measurements import Measurements
+from calib.model.parameters import LinkGeometry, ParameterBlock, Unit
 from calib.model.parameters.part import Part
 from calib.se3 import FloatArray
 

@@ -23,7 +23,7 @@ from calib.identification.expected import DrawnArms, Posterior, Workplace
 from calib.identification.losses import HEAVY_TAILS, Loss, gain_of_student
 from calib.identification.noise import redundancy, rows_of
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 
 LEAST_NOISE_SCALE = 0.1
 """Residuals over noise below which they are of rounding, and their tails say nothing."""

@@ -17,7 +17,7 @@ from calib.identification.result import IdentificationResult, KindNoise
 from calib.identification.robust import Solved
 from calib.model import CalibrationModel
 from calib.model.linearisation import Linearisation
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 ANOTHER_ROBOT_M = 0.05

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from scipy.stats import norm, t
 
-from calib.model.parameters.base import Unit
+from calib.model.parameters import Unit
 from calib.se3 import BoolArray, FloatArray
 
 DISPLAY: dict[Unit, tuple[str, float]] = {

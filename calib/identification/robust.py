@@ -32,7 +32,7 @@ from calib.identification.noise import (
     suspects,
 )
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray
 
 __all__ = [

@@ -30,8 +30,8 @@ from calib.identification.robust import Loss, Solved, fit_robustly, not_converge
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel
 from calib.model.context import Setup
-from calib.model.measurements.data import Measurements
-from calib.model.parameters.base import Unit
+from calib.model.measurements import Measurements
+from calib.model.parameters import Unit
 from calib.se3 import FloatArray
 
 Method = Literal["gauss-newton", "newton-raphson"]

@@ -17,10 +17,10 @@ from calib.batch_last import product, turn
 from calib.errors import InputError, check_type, near_names
 from calib.model.context import NO_TURN, ArmErrors, ArmView, Feature, Setup
 from calib.model.linearisation import Linearisation
-from calib.model.measurements.base import Measurement
-from calib.model.parameters.base import ParameterBlock, Unit
+from calib.model.measurements import Measurement
+from calib.model.parameters import ParameterBlock, Unit
 from calib.model.priors import KnownDistance, known_rows
-from calib.robots.robot import Robot
+from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, numbers
 
 

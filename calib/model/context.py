@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from calib.batch_last import along, columns_of, cross, product, turn, turn_back
 from calib.errors import InputError
+from calib.robots import Robot
 from calib.robots.chain import Displacement, Walk
-from calib.robots.robot import Robot
 from calib.se3 import (
     BoolArray,
     FloatArray,

@@ -17,7 +17,8 @@ import numpy as np
 
 from calib.errors import CalibError, InputError, OutputError
 from calib.se3 import FloatArray, wpr_from_rotation
-from calib.vision.camera.observers import Kind, Observer
+from calib.vision.camera import Observer
+from calib.vision.camera.observers import Kind
 from calib.vision.touch_up.adapter import RobotAdapter
 from calib.vision.touch_up.arms import Arms, OneArm
 from posedesign.autonomous.folder_robot import FolderRobot

@@ -9,9 +9,7 @@ from zlib import crc32
 import numpy as np
 
 from calib.se3 import FloatArray
-from calib.vision.camera.lens import Camera
-from calib.vision.camera.observers import Views
-from calib.vision.camera.target import CircleTarget
+from calib.vision.camera import Camera, CircleTarget, Views
 from calib.vision.touch_up.drive import Drive
 from calib.vision.touch_up.jacobian import ImageJacobian, MeasuredJacobian
 from calib.vision.touch_up.relation import Relation

@@ -9,7 +9,9 @@ import numpy as np
 from calib.errors import InputError, UnreachableError
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
-from posedesign.candidates import Pool, cone_pool, joint_pool, wpr_pool
+from posedesign.candidates.joint_space import joint_pool
+from posedesign.candidates.pool import Pool
+from posedesign.candidates.touching import cone_pool, wpr_pool
 from posedesign.cell import Cell
 from posedesign.cell.task_box import BOX_OF_REACH, TaskBox, box_functions
 

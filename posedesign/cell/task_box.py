@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError, UnreachableError
-from calib.identification.expected import Workplace
+from calib.identification import Workplace
 from calib.identification.prediction import predict_accuracy, reference_frame, tool_motion
 from calib.model import CalibrationModel
 from calib.model.context import Setup
 from calib.se3 import BoolArray, FloatArray, transform
 from posedesign.cell.cell import Cell
-from posedesign.constraints.checker import Checker
-from posedesign.constraints.postures import Postures, nearest_postures
+from posedesign.constraints import Checker, Postures, nearest_postures
 from posedesign.files.measurements import MeasurementTable
 
 MOST_POINTS = 20_000

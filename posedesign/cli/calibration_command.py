@@ -11,7 +11,7 @@ from posedesign.cli.output import DONE, NOT_REACHED, note, print_json, print_tab
 from posedesign.cli.plan_commands import LARGEST_SEED, AsJson, CellFile, Overwrite
 
 if TYPE_CHECKING:
-    from posedesign.autonomous.by_sight import SightResult
+    from posedesign.autonomous import SightResult
 
 
 def register(app: typer.Typer) -> None:
@@ -62,7 +62,7 @@ def calibrate(
     From the base pose with the target in view, without knowing where camera and target are. Stop it
     at any time; the same command goes on where it was.
     """
-    from posedesign.autonomous.by_sight import run_by_sight
+    from posedesign.autonomous import run_by_sight
 
     with progress("calibrating") as advance:
         done = run_by_sight(

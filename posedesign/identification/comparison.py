@@ -10,8 +10,15 @@ from typing import Any, Literal
 import numpy as np
 
 from calib.errors import CalibError, NotIdentifiableError
-from calib.identification import IdentificationResult, Reference, check_enough, fit_reference
-from calib.identification.comparison import Comparison, Trial, compare
+from calib.identification import (
+    Comparison,
+    IdentificationResult,
+    Reference,
+    check_enough,
+    compare,
+    fit_reference,
+)
+from calib.identification.comparison import Trial
 from calib.identification.diagnosis import Finding
 from calib.identification.losses import WEIGHED_DOWN
 from calib.identification.report import ANOTHER_ROBOT_M

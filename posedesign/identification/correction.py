@@ -24,9 +24,9 @@ from calib.correction.compensation import Compensated, compensate
 from calib.correction.corrected_robot import CorrectedRobot, corrected_robot
 from calib.correction.urdf_write import corrected_urdf
 from calib.errors import FileFormatError, InputError, near_names
+from calib.identification import check_enough, covariance_of
 from calib.identification.carried import Carried, part_of
-from calib.identification.checks import check_enough, check_identifiable_at
-from calib.identification.covariance import covariance_of
+from calib.identification.checks import check_identifiable_at
 from calib.model import CalibrationModel
 from calib.model.context import Setup
 from calib.model.measurements import Measurements, touch_ups

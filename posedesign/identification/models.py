@@ -12,7 +12,7 @@ from calib.errors import InputError, near_names
 from calib.identification import Candidate, PriorGroup, reduce
 from calib.identification.report import UNSEEN_SCALE, unseen_scale
 from calib.identification.start import first_guess
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, KnownDistance
 from calib.model.measurements import KINDS, Measurement
 from calib.model.parameters import (
     BearingCompliance,
@@ -30,7 +30,6 @@ from calib.model.parameters import (
 )
 from calib.model.parameters.links import AXES
 from calib.model.parameters.part import Part
-from calib.model.priors import KnownDistance
 from calib.robots import Robot
 from calib.se3 import transform
 from posedesign.cell import Cell

@@ -10,7 +10,7 @@ from hashlib import sha256
 import numpy as np
 
 from calib.model import CalibrationModel
-from calib.model.parameters.base import Unit
+from calib.model.parameters import Unit
 from calib.se3 import FloatArray
 from posedesign.files.csv_tables import DECIMALS
 from posedesign.motion.route import Route

@@ -33,9 +33,16 @@ from posedesign.pose_programs.plausibility import (
     rounding_words,
     tool_moved_m,
 )
-from posedesign.programs import DIALECTS, Dialect, RecordedPosition, RecordedProgram, postures_of
+from posedesign.programs import (
+    DIALECTS,
+    Dialect,
+    RecordedPosition,
+    RecordedProgram,
+    find_dialect,
+    postures_of,
+)
 from posedesign.programs.reading import MOST_BYTES
-from posedesign.programs.registry import dialect_of, find_dialect
+from posedesign.programs.registry import dialect_of
 from posedesign.programs.sets import set_mark
 
 UNMOVED_DEG = 2e-3

@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
-from posedesign.selection.criteria.base import Objective
+from posedesign.selection.criteria import Objective
 from posedesign.selection.information_state import Ledger
 
 NO_GAIN = 1e-9

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError
 from posedesign.selection.candidates import Candidates
-from posedesign.selection.criteria.base import Criterion
-from posedesign.selection.criteria.registry import criterion_by_name
+from posedesign.selection.criteria import Criterion, criterion_by_name
 from posedesign.selection.select import STARTS, select
 from posedesign.selection.selection import Fewest, Selection
 from posedesign.selection.small import ENUMERATED

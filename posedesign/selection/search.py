@@ -11,8 +11,8 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.selection import exchange as steps
 from posedesign.selection import small
 from posedesign.selection.candidates import Candidates
-from posedesign.selection.criteria.base import Criterion, Objective
-from posedesign.selection.relaxation.relaxation import Relaxation
+from posedesign.selection.criteria import Criterion, Objective
+from posedesign.selection.relaxation import Relaxation
 
 METHODS = {
     "exchange": "each pose exchanged for the best of the pool, until none helps; several starts",

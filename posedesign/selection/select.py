@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError, check_type, near_names, one_line
 from calib.se3 import IntArray
 from posedesign.selection.candidates import Candidates
-from posedesign.selection.criteria.base import Criterion, covariance_of_root
-from posedesign.selection.criteria.registry import criterion_by_name
-from posedesign.selection.relaxation.relaxation import Relaxation
+from posedesign.selection.criteria import Criterion, criterion_by_name
+from posedesign.selection.criteria.base import covariance_of_root
+from posedesign.selection.relaxation import Relaxation
 from posedesign.selection.search import METHODS, Found, Search
 from posedesign.selection.selection import Selection
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.se3 import FloatArray, IntArray
-from posedesign.selection.criteria.base import Criterion
-from posedesign.selection.relaxation.relaxation import Relaxation
+from posedesign.selection.criteria import Criterion
+from posedesign.selection.relaxation import Relaxation
 
 PROVEN = 0.9995
 """Efficiency from which a choice is called the best there is."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.se3 import IntArray
 from posedesign.selection.candidates import Candidates
-from posedesign.selection.criteria.base import Objective
+from posedesign.selection.criteria import Objective
 
 ENUMERATED = 5_000
 """Choices up to which all are tried: that takes less time than a search."""

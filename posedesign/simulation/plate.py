@@ -13,7 +13,7 @@ from calib.model.measurements import Setup
 from calib.model.measurements.simulate import simulate
 from calib.model.parameters import TargetPoints
 from calib.se3 import FloatArray
-from calib.vision.camera.observers import Observer
+from calib.vision.camera import Observer
 from calib.vision.touch_up.drive import Drive
 from calib.vision.touch_up.jacobian import ImageJacobian
 from calib.vision.touch_up.servo import Loop, touch_up

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from calib import CalibrationModel, IdentificationResult, Robot, identify
-from calib.identification.evidence import PriorGroup, tune_priors
+from calib.identification import PriorGroup, tune_priors
 from calib.model.measurements import TouchUp, touch_ups
 from calib.model.parameters import (
     BearingCompliance,

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from calib import CalibrationModel, Robot
+from calib.identification import reduce
 from calib.identification.prediction import tool_motion
-from calib.identification.reduction import reduce
 from calib.model.measurements import Measurements, Point, Setup
 from calib.model.parameters import (
     JointCompliance,

@@ -10,8 +10,7 @@ import numpy as np
 from irb_bench import Bench
 
 from calib.se3 import BoolArray, FloatArray, IntArray
-from posedesign.selection import largest_deviation, mean_deviation, select
-from posedesign.selection.selection import Selection
+from posedesign.selection import Selection, largest_deviation, mean_deviation, select
 from studies.choices import by_lot, spread
 
 D_OF_ARM = "D of the arm"

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from calib.identification.prediction import tool_motion
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, KnownDistance
 from calib.model.measurements import Measurement, TouchUp, ViewLine
 from calib.model.parameters import JointCompliance, ToolPoint, ZeroOffsets
-from calib.model.priors import KnownDistance
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool, cone_pool, offset_targets, wpr_pool
 from posedesign.cell import Cell

@@ -11,7 +11,7 @@ from scipy.stats import rankdata
 from calib.identification import covariance_of, identify_batch
 from calib.identification.prediction import tool_motion
 from calib.model.context import Setup
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.model.measurements.simulate import simulate
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool, cone_pool

@@ -13,8 +13,8 @@ import numpy as np
 from calib.errors import ConvergenceError
 from calib.robots import Robot
 from calib.se3 import FloatArray
-from calib.vision.camera import MeasurementNoise, Observer
-from calib.vision.camera.observers import FastObserver, Kind
+from calib.vision.camera import FastObserver, MeasurementNoise, Observer
+from calib.vision.camera.observers import Kind
 from calib.vision.touch_up.drive import Drive
 from calib.vision.touch_up.facing import TiltBias
 from calib.vision.touch_up.jacobian import ImageJacobian

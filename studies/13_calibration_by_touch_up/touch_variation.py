@@ -11,8 +11,7 @@ from touch_bench import Bench, DataSets, PoseSet
 
 from calib.identification import covariance_of, identify_batch
 from calib.model import CalibrationModel
-from calib.model.measurements import Measurement, TouchUp, ViewLine
-from calib.model.measurements.data import touch_ups
+from calib.model.measurements import Measurement, TouchUp, ViewLine, touch_ups
 from calib.se3 import FloatArray
 from calib.vision.camera.observers import Kind
 from posedesign.simulation.accuracy_study import effective_truth, spread_interval

@@ -37,7 +37,7 @@ from posedesign.candidates.of_cell import away_from_singularities, box_of_cell
 from posedesign.cell import Cell
 from posedesign.cell.orientations import touching_poses
 from posedesign.cell.template import cell_template
-from posedesign.constraints.postures import nearest_postures
+from posedesign.constraints import nearest_postures
 from posedesign.files.measurements import TOOL, MeasurementTable
 
 SETTINGS: dict[str, Any] = tomllib.loads(

@@ -20,7 +20,7 @@ from recommended_peers import (
 
 from calib.errors import CalibError
 from calib.identification import IdentificationResult, identify
-from calib.identification.diagnosis.finding import MODEL
+from calib.identification.diagnosis import MODEL
 from calib.model import CalibrationModel
 from calib.model.context import Setup
 from calib.model.measurements.simulate import simulate as measure

@@ -9,7 +9,7 @@ import pytest
 
 from calib.geometry import Body, Box, Capsule, HalfSpace
 from calib.geometry.scene import Scene
-from calib.robots.chain import SerialChain
+from calib.robots import SerialChain
 from calib.se3 import FloatArray, rotation_exp, transform
 
 

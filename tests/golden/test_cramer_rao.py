@@ -23,6 +23,7 @@ from calib.model.parameters import (
     JointScale,
     LengthOffsets,
     LinkGeometry,
+    ParameterBlock,
     Payload,
     TargetFrame,
     TargetPlane,
@@ -32,7 +33,6 @@ from calib.model.parameters import (
     ToolPoints,
     ZeroOffsets,
 )
-from calib.model.parameters.base import ParameterBlock
 from calib.se3 import apply, rotation_exp, transform
 from tests.marks import rest_in_full
 

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.robot_world import PairNoise, design, random_problems
-from calib.robot_world.noise import PairCovariances, difference, perturb
+from calib.robot_world import PairCovariances, PairNoise, add_noise, design, random_problems
+from calib.robot_world.noise import difference, perturb
 from calib.robot_world.results import residuals
-from calib.robot_world.simulation import add_noise
 from posedesign.cell import Cell
 from posedesign.cell.schema import parse_config
 from posedesign.cell.template import cell_template

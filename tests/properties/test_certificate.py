@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib import se3
+from calib.robot_world import PairNoise, add_noise, random_problems
 from calib.robot_world.certificate import certify
-from calib.robot_world.noise import PairNoise
-from calib.robot_world.simulation import add_noise, random_problems
 
 seeds = st.integers(0, 2**32 - 1)
 pair_counts = st.integers(5, 12)

@@ -18,7 +18,7 @@ from calib.geometry.rays import crosses
 from calib.geometry.scene import Scene
 from calib.geometry.segments import box_box_bound, segment_segment
 from calib.geometry.ways import WAY_TOLERANCE_M
-from calib.robots.chain import SerialChain
+from calib.robots import SerialChain
 
 COAL_M = 2e-6
 """What the iterations of coal leave open: its tolerance is 1e-6, of a distance above a metre."""

@@ -21,7 +21,7 @@ import numpy as np
 from calib.identification.diagnosis.finding import Finding
 from calib.model import CalibrationModel
 from calib.model.linearisation import Linearisation
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
 
 _RANK = 1e-10

@@ -18,7 +18,7 @@ from calib.identification.diagnosis.held import Held, held_at
 from calib.identification.least_squares import minimise
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, IntArray, inverse, rotation_exp, rotation_log, transform
 
 _RIGHT_ANGLES = {"+90": np.pi / 2, "-90": -np.pi / 2, "180": np.pi}

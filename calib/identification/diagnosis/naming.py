@@ -21,7 +21,7 @@ from calib.identification.diagnosis.patterns import incomplete, scales
 from calib.identification.diagnosis.sequence import changes
 from calib.identification.diagnosis.tuning import Tuned, log_odds, tuned
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.model.parameters import ZeroOffsets
 
 CHANCE = 2e-3

@@ -17,7 +17,7 @@ from calib.identification.diagnosis.held import Effect, Held, held_at, lasting
 from calib.identification.evidence import PriorGroup, tune_priors
 from calib.identification.marginal import LinearEvidence, linear_evidence, noise_classes
 from calib.model import CalibrationModel
-from calib.model.measurements.data import Measurements
+from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
 
 _SMALLER = 50.0

@@ -18,7 +18,7 @@ import numpy as np
 
 from calib.errors import InputError, near_names
 from calib.model.context import ArmErrors, ArmView, Setup
-from calib.robots.robot import Robot
+from calib.robots import Robot
 from calib.se3 import FloatArray
 
 Unit = Literal["rad", "m", "rad/Nm", "rad/rad"]

@@ -10,7 +10,7 @@ from calib.batch_last import along, turn
 from calib.model.context import ArmErrors, ArmView, Setup
 from calib.model.parameters.base import ParameterBlock, joint_indices, prior_of
 from calib.model.parameters.gravity import GravityLoad, Payload
-from calib.robots.robot import Robot
+from calib.robots import Robot
 from calib.se3 import FloatArray
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from calib.batch_last import along, cross, turn
 from calib.errors import InputError
 from calib.model.context import Setup
+from calib.robots import Robot
 from calib.robots.chain import Walk
-from calib.robots.robot import Robot
 from calib.se3 import FloatArray
 
 

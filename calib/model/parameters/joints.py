@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.model.context import ArmErrors, ArmView, Setup
 from calib.model.parameters.base import ParameterBlock, Unit, joint_indices, prior_of
-from calib.robots.robot import Robot
+from calib.robots import Robot
 from calib.se3 import FloatArray
 
 

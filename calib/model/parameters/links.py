@@ -10,7 +10,7 @@ from calib.batch_last import cross, product
 from calib.errors import InputError
 from calib.model.context import ArmErrors, ArmView, Setup
 from calib.model.parameters.base import ParameterBlock, joint_indices, prior_of
-from calib.robots.robot import Robot
+from calib.robots import Robot
 from calib.se3 import FloatArray
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")

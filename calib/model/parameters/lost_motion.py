@@ -12,7 +12,7 @@ from calib.model.context import Setup
 from calib.model.parameters.base import joint_indices
 from calib.model.parameters.gravity import GravityLoad, Payload
 from calib.model.parameters.joints import JointErrors
-from calib.robots.robot import Robot
+from calib.robots import Robot
 from calib.se3 import FloatArray
 
 

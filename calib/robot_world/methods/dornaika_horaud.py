@@ -24,8 +24,7 @@ from calib.robot_world.algebra import (
     right_matrix,
     triangle,
 )
-from calib.robot_world.certificate.local import minimise
-from calib.robot_world.certificate.polynomial import Weights
+from calib.robot_world.certificate import Weights, minimise
 from calib.robot_world.closed_form import assemble
 from calib.robot_world.methods.relative_motions import centred
 from calib.robot_world.pairs import PairSets

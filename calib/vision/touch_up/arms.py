@@ -8,8 +8,8 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray
-from calib.vision.camera.ellipse import EllipseMeasurement, measure_ellipse
-from calib.vision.camera.observers import SMALLEST_PX, Views
+from calib.vision.camera import EllipseMeasurement, Views, measure_ellipse
+from calib.vision.camera.observers import SMALLEST_PX
 from calib.vision.camera.rendering import GreyImage
 from calib.vision.touch_up.adapter import RobotAdapter
 

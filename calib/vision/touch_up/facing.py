@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 
 from calib.robots import Robot
 from calib.se3 import FloatArray, transform
-from calib.vision.camera.conic import circle_image, ellipse_vhs
-from calib.vision.camera.lens import Camera
+from calib.vision.camera import Camera, circle_image
+from calib.vision.camera.conic import ellipse_vhs
 from calib.vision.touch_up.jacobian import ImageJacobian
 
 LARGEST_RMS_PX = 0.2

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.se3 import FloatArray
-from calib.vision.camera.lens import Camera
-from calib.vision.camera.observers import Views
-from calib.vision.camera.pattern_pose import pose_from_image
-from calib.vision.camera.target import CircleTarget
+from calib.vision.camera import Camera, CircleTarget, Views, pose_from_image
 from calib.vision.touch_up.drive import Drive
 from calib.vision.touch_up.jacobian import ImageJacobian, MeasuredJacobian, measure_jacobian
 from calib.vision.touch_up.relation import Relation

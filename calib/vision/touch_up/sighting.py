@@ -13,7 +13,7 @@ import numpy as np
 from calib.robots import Robot
 from calib.robots.inverse import NEAR_SINGULAR
 from calib.se3 import FloatArray
-from calib.vision.camera.conic import ellipse_axes
+from calib.vision.camera import ellipse_axes
 from calib.vision.touch_up.following import follow, shifted
 from calib.vision.touch_up.found import Refused
 from calib.vision.touch_up.jacobian import ImageJacobian, MeasuredJacobian

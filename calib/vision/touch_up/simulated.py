@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.model import CalibrationModel
 from calib.model.context import Setup
-from calib.model.parameters.gravity import GravityLoad, Payload
+from calib.model.parameters import Payload
+from calib.model.parameters.gravity import GravityLoad
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, inverse, transform
-from calib.vision.camera.observers import ImageObserver, Observer, Views
+from calib.vision.camera import ImageObserver, Observer, Views
 from calib.vision.camera.rendering import GreyImage
 
 _LEAST_TORQUE_NM = 1e-6

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.identification.result import IdentificationResult
+from calib.identification import IdentificationResult
 from calib.se3 import FloatArray
 from posedesign.motion.route import Route
 from posedesign.planning.optimal.objective import Goal

@@ -9,7 +9,7 @@ import numpy as np
 from calib.errors import InputError, near_names
 from calib.model import CalibrationModel
 from calib.model.linearisation import Linearisation
-from calib.model.parameters.base import Unit
+from calib.model.parameters import Unit
 from calib.se3 import FloatArray
 from posedesign.planning.loop import regressor
 from posedesign.planning.optimal.request import Wish

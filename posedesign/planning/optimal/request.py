@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.errors import InputError, near_names
 from posedesign.files.numbers import LARGEST_NUMBER, LEAST_POSITIVE, usable
-from posedesign.selection.search import METHODS
+from posedesign.selection import METHODS
 
 MOST_POSES = 1000
 """More than a thousand touch-ups is a slip of the keyboard."""

@@ -14,13 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from calib.errors import CalibError, ConvergenceError, InputError, NotIdentifiableError
-from calib.identification import identify
-from calib.identification.result import IdentificationResult
+from calib.identification import IdentificationResult, identify
 from calib.model import CalibrationModel
 from calib.model.linearisation import Linearisation
 from calib.model.measurements import Measurements
-from calib.model.parameters import TargetPoints
-from calib.model.parameters.base import Unit
+from calib.model.parameters import TargetPoints, Unit
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool
 from posedesign.candidates.of_cell import (

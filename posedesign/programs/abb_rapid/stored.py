@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.se3 import FloatArray, rotation_from_quaternion, transform
-from posedesign.programs.configurations.abb import AbbConfiguration
+from posedesign.programs.configurations import AbbConfiguration
 from posedesign.programs.reading import at_rest, joint_deg, millimetres, number, refuse
 from posedesign.programs.recorded import RecordedPosition
 

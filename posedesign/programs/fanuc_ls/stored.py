@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.se3 import rotation_from_wpr, transform
-from posedesign.programs.configurations.fanuc import FanucConfiguration
+from posedesign.programs.configurations import FanucConfiguration
 from posedesign.programs.reading import at_rest, joint_deg, millimetres, refuse
 from posedesign.programs.recorded import RecordedPosition
 

@@ -23,7 +23,7 @@ from posedesign.selection.candidates import RANK_TOLERANCE, Candidates
 from posedesign.selection.information_state import Ledger
 
 if TYPE_CHECKING:
-    from posedesign.selection.relaxation.relaxation import Relaxation
+    from posedesign.selection.relaxation import Relaxation
 
 FIRST_BATCH, LARGEST_BATCH = 32, 1024
 """Candidates whose costs are computed at once where those that cannot be best are left out."""

@@ -19,8 +19,8 @@ from posedesign.selection.criteria.spectrum import Spectrum
 from posedesign.selection.indices import condition_2, condition_inf, o2, o4
 from posedesign.selection.information import SEEN, Informations
 from posedesign.selection.information_state import Ledger
+from posedesign.selection.relaxation import Relaxation
 from posedesign.selection.relaxation.cone import relax_condition
-from posedesign.selection.relaxation.relaxation import Relaxation
 
 Kind = Literal["C_G", "cond_2", "O2", "O4"]
 

@@ -19,10 +19,10 @@ from posedesign.selection.criteria.base import Criterion, Objective, covariance_
 from posedesign.selection.information import Informations
 from posedesign.selection.information_state import Ledger
 from posedesign.selection.products import products_by_pairs
+from posedesign.selection.relaxation import MeanCertificate, Relaxation
 from posedesign.selection.relaxation.barrier import relax_by, relax_smooth
-from posedesign.selection.relaxation.certificate import MeanCertificate
 from posedesign.selection.relaxation.minimax import Errors, minimise_largest
-from posedesign.selection.relaxation.relaxation import Relaxation, Smooth
+from posedesign.selection.relaxation.relaxation import Smooth
 
 SHARPNESS = (2.0, 8.0, 32.0)
 """Powers of the errors whose mean stands in for the largest, one exchange after the other: the

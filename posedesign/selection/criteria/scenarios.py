@@ -17,7 +17,7 @@ from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective
 from posedesign.selection.information_state import Ledger
-from posedesign.selection.relaxation.relaxation import Relaxation
+from posedesign.selection.relaxation import Relaxation
 
 Over = Callable[[FloatArray], FloatArray]
 

@@ -16,10 +16,10 @@ from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.base import Criterion, Objective, covariance_of_root
 from posedesign.selection.information import Informations
 from posedesign.selection.information_state import Ledger
+from posedesign.selection.relaxation import MeanCertificate, Relaxation
 from posedesign.selection.relaxation.barrier import relax_smooth
-from posedesign.selection.relaxation.certificate import MeanCertificate
 from posedesign.selection.relaxation.cone import relax_smallest
-from posedesign.selection.relaxation.relaxation import Relaxation, Smooth
+from posedesign.selection.relaxation.relaxation import Smooth
 
 SHARPNESS = (2.0, 8.0, 32.0)
 """Orders of the means that stand in for the largest, one exchange after the other."""

@@ -10,9 +10,9 @@ from posedesign.selection.criteria.base import Criterion, Objective, covariance_
 from posedesign.selection.information import Informations
 from posedesign.selection.information_state import Ledger, log_det_of_root
 from posedesign.selection.products import products_by_pairs, root_of
+from posedesign.selection.relaxation import MeanCertificate, Relaxation
 from posedesign.selection.relaxation.barrier import relax_smooth
-from posedesign.selection.relaxation.certificate import MeanCertificate
-from posedesign.selection.relaxation.relaxation import Relaxation, Smooth
+from posedesign.selection.relaxation.relaxation import Smooth
 
 
 class Volume(Criterion):

@@ -9,8 +9,9 @@ from scipy.stats import t
 
 from calib import CalibrationModel, Robot, identify
 from calib.errors import NotIdentifiableError
+from calib.identification import Comparison, compare
 from calib.identification.choice import CHANCE
-from calib.identification.comparison import Candidate, Comparison, compare
+from calib.identification.comparison import Candidate
 from calib.identification.least_squares import minimise
 from calib.identification.left_out import targets_left_out
 from calib.model.measurements import (

@@ -7,8 +7,7 @@ import pytest
 
 from calib import se3
 from calib.errors import InputError, RobotModelError
-from calib.robots import POSITIVE_AXES, Robot, preset_names
-from calib.robots.chain import SerialChain
+from calib.robots import POSITIVE_AXES, Robot, SerialChain, preset_names
 from calib.robots.controller import controller_of
 
 

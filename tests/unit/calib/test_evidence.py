@@ -9,10 +9,11 @@ from scipy.stats import t as student
 
 from calib import CalibrationModel, Robot, identify
 from calib.errors import InputError, NotIdentifiableError
-from calib.identification.evidence import PriorGroup, TunedPriors, tune_priors
+from calib.identification import PriorGroup, TunedPriors, tune_priors
 from calib.identification.losses import STUDENT_FREEDOM, log_weights
 from calib.identification.marginal import linear_evidence
 from calib.identification.robust import WEIGHTS, distances2
+from calib.model import KnownDistance
 from calib.model.context import Setup
 from calib.model.measurements import Measurement, Measurements, Point, Pose
 from calib.model.measurements.simulate import simulate
@@ -24,7 +25,6 @@ from calib.model.parameters import (
     ToolPoint,
     ZeroOffsets,
 )
-from calib.model.priors import KnownDistance
 
 ROBOT = Robot.preset("ur5e")
 LENGTHS = tuple(f"link.{joint}.{axis}" for joint in ROBOT.joint_names for axis in "xyz")

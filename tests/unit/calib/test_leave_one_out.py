@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib import CalibrationModel, identify
-from calib.identification.comparison import Candidate, compare
+from calib.identification import compare
+from calib.identification.comparison import Candidate
 from calib.identification.least_squares import minimise
 from calib.identification.left_out import free_points, targets_left_out
 from calib.model import KnownDistance

@@ -8,7 +8,8 @@ from calib.batch_last import columns_of, matrices_of
 from calib.errors import InputError
 from calib.model.measurements import Point
 from calib.model.parameters import LinkGeometry, TargetPoints, ToolPoint
-from calib.robots.chain import Displacement, SerialChain
+from calib.robots import SerialChain
+from calib.robots.chain import Displacement
 from calib.se3 import rotation_exp, transform
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")

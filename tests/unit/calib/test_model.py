@@ -5,9 +5,9 @@ import pytest
 
 from calib import CalibrationModel
 from calib.errors import InputError
+from calib.model import KnownDistance
 from calib.model.measurements import Distance, Point, Pose, Setup, TouchUp, ViewLine
 from calib.model.parameters import TargetFrame, TargetPoints, ToolFrame, ToolPoint, ZeroOffsets
-from calib.model.priors import KnownDistance
 from calib.se3 import rotation_exp, transform
 
 MEASUREMENTS = {"touch-up": TouchUp([1e-5, 2e-5, 8e-5]), "view line": ViewLine([1e-5, 2e-5])}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib import Robot, se3
-from calib.robots.chain import SerialChain
+from calib.robots import SerialChain
 from calib.robots.ideal import idealised
 from calib.robots.inverse.closed_form import ClosedForm
 

@@ -6,6 +6,7 @@ import pytest
 from calib import CalibrationModel, Robot, identify, se3
 from calib.identification.report import unseen_scale
 from calib.identification.result import STRONG_CORRELATION
+from calib.model import KnownDistance
 from calib.model.measurements import Distance, Measurement, Point, Pose, Setup, TouchUp, touch_ups
 from calib.model.measurements.simulate import simulate
 from calib.model.parameters import (
@@ -17,7 +18,6 @@ from calib.model.parameters import (
     ToolPoint,
     ZeroOffsets,
 )
-from calib.model.priors import KnownDistance
 from calib.se3 import rotation_exp, transform
 
 TRIALS = 80

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from calib.vision.touch_up.simulated import SimulatedArms
-from posedesign.autonomous.by_sight import calibrate_robot
-from posedesign.autonomous.folder_robot import FolderRobot
+from posedesign.autonomous import FolderRobot, calibrate_robot
 from posedesign.cell import Cell
 from posedesign.simulation.rehearsal import true_cell, true_observer
 

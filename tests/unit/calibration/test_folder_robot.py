@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from calib.errors import FileFormatError, InputError, JointLimitError
 from calib.se3 import FloatArray
-from posedesign.autonomous.folder_robot import FolderRobot
+from posedesign.autonomous import FolderRobot
 from posedesign.cell import Cell
 from posedesign.cell.template import cell_template
 from posedesign.programs import DIALECTS, Arm, read, validate

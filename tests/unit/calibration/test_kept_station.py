@@ -8,7 +8,7 @@ import pytest
 
 from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, IntArray
-from calib.vision.camera.observers import Views
+from calib.vision.camera import Views
 from calib.vision.touch_up.drive import Drive
 from calib.vision.touch_up.jacobian import ImageJacobian
 from calib.vision.touch_up.relation import Relation

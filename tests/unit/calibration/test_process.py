@@ -16,11 +16,10 @@ from calib.vision.camera import MeasurementNoise
 from calib.vision.camera.rendering import GreyImage
 from calib.vision.touch_up.adapter import RobotAdapter
 from calib.vision.touch_up.simulated import SimulatedArms
-from posedesign.autonomous import calibrate_robot
-from posedesign.autonomous.by_sight import SightResult
+from posedesign.autonomous import Calibration, SightResult, calibrate_robot
 from posedesign.autonomous.journal import Journal
 from posedesign.autonomous.moving import drive_of, refusals_of
-from posedesign.autonomous.process import LEAST_SIGMA_M, Calibration, calibrate
+from posedesign.autonomous.process import LEAST_SIGMA_M, calibrate
 from posedesign.autonomous.recorded_session import KeptStation
 from posedesign.cell import Cell
 from posedesign.cell.template import cell_template

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.geometry import Body, Solid
-from calib.robots.chain import SerialChain
+from calib.robots import SerialChain
 from calib.se3 import transform
 
 

@@ -12,7 +12,7 @@ from calib.geometry import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Sphere
 from calib.geometry import scene as scene_module
 from calib.geometry.pairs import motion_radii
 from calib.geometry.scene import Scene
-from calib.robots.chain import SerialChain
+from calib.robots import SerialChain
 from calib.se3 import rotation_exp, transform
 
 BALL = Sphere(0.1)

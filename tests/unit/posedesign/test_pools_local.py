@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.robots.limits import CoupledLimit
+from calib.robots import CoupledLimit
 from calib.se3 import FloatArray, rotation_angle, rotation_exp
 from posedesign.candidates import Pool, cone_pool, feasible, local_poses
 from posedesign.cell import Cell

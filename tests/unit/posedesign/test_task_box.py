@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError, UnreachableError
-from calib.identification.covariance import covariance_of
+from calib.identification import covariance_of
 from calib.identification.prediction import predict_accuracy
 from posedesign.cell.task_box import COLUMNS, BoxAccuracy, TaskBox, predict_box
 from posedesign.planning.loop import plan

@@ -12,10 +12,9 @@ import pytest
 from calib.errors import FileFormatError
 from calib.robots import Robot
 from calib.se3 import transform
-from posedesign.programs import PoseProgram, ProgramOptions, ProgramPose, RecordedProgram, read
+from posedesign.programs import Arm, PoseProgram, ProgramOptions, ProgramPose, RecordedProgram, read
 from posedesign.programs.abb_rapid import AbbRapid
 from posedesign.programs.abb_rapid.writer import render_abb_rapid
-from posedesign.programs.arm import Arm
 
 # In the manner of a controller and of people: header, attributes, statements divided among lines,
 # arrays, positions in motions, data of other types.

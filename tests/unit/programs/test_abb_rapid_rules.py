@@ -10,11 +10,18 @@ import pytest
 
 from calib.robots import Robot
 from calib.se3 import transform
-from posedesign.programs import PoseProgram, Problem, ProgramOptions, ProgramPose, validate
+from posedesign.programs import (
+    Arm,
+    Load,
+    PoseProgram,
+    Problem,
+    ProgramOptions,
+    ProgramPose,
+    validate,
+)
 from posedesign.programs.abb_rapid import AbbRapid, rules
 from posedesign.programs.abb_rapid.rules import MOST_PROBLEMS
 from posedesign.programs.abb_rapid.writer import render_abb_rapid
-from posedesign.programs.arm import Arm, Load
 
 POSES = tuple(ProgramPose(f"T{i}", np.radians([i, 10, 20, 4, 30, 6]), via=i == 1) for i in range(3))
 ARM = Arm.of(

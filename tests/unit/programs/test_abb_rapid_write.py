@@ -16,6 +16,8 @@ from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import transform
 from posedesign.programs import (
+    Arm,
+    Load,
     PoseProgram,
     ProgramOptions,
     ProgramPose,
@@ -26,7 +28,6 @@ from posedesign.programs import (
 )
 from posedesign.programs.abb_rapid import AbbRapid
 from posedesign.programs.abb_rapid.writer import render_abb_rapid
-from posedesign.programs.arm import Arm, Load
 
 IRB120 = Robot.preset("irb120")
 AT_FULL_REACH = 5e-5

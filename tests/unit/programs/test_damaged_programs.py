@@ -11,8 +11,14 @@ import pytest
 
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.robots import Robot
-from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramOptions, ProgramPose
-from posedesign.programs.recorded import RecordedProgram
+from posedesign.programs import (
+    DIALECTS,
+    Arm,
+    PoseProgram,
+    ProgramOptions,
+    ProgramPose,
+    RecordedProgram,
+)
 
 PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)
 ARMS = {

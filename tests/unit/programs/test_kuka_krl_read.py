@@ -12,11 +12,17 @@ import pytest
 from calib.errors import FileFormatError
 from calib.robots import Robot
 from calib.se3 import transform
-from posedesign.programs import PoseProgram, ProgramOptions, ProgramPose, RecordedProgram, read
-from posedesign.programs.arm import Arm
+from posedesign.programs import (
+    Arm,
+    PoseProgram,
+    ProgramOptions,
+    ProgramPose,
+    RecordedPosition,
+    RecordedProgram,
+    read,
+)
 from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.kuka_krl.writer import render_kuka_krl
-from posedesign.programs.recorded import RecordedPosition
 
 # In the manner of a controller: headers, folds, data of inline forms, a home, a track at rest.
 EXPORT = """\

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posedesign.programs import PoseProgram, Problem, ProgramOptions, ProgramPose, validate
-from posedesign.programs.arm import Arm
+from posedesign.programs import Arm, PoseProgram, Problem, ProgramOptions, ProgramPose, validate
 from posedesign.programs.kuka_krl import KukaKrl, rules
 from posedesign.programs.kuka_krl.rules import MOST_PROBLEMS
 from posedesign.programs.kuka_krl.writer import render_kuka_krl

@@ -21,6 +21,7 @@ from calib.se3 import transform
 from posedesign.cell import Cell
 from posedesign.pose_programs.touch_ups import import_touch_ups
 from posedesign.programs import (
+    Arm,
     PoseProgram,
     ProgramOptions,
     ProgramPose,
@@ -29,7 +30,6 @@ from posedesign.programs import (
     validate,
     write,
 )
-from posedesign.programs.arm import Arm
 from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.kuka_krl.writer import render_kuka_krl
 

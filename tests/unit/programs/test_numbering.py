@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import FileFormatError
+from posedesign.programs import PlanMark
 from posedesign.programs.numbering import Numbering
-from posedesign.programs.recorded import PlanMark
 
 PATH = Path("X.dat")
 

@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 from calib.errors import FileFormatError
-from posedesign.programs import DIALECTS, PoseProgram, ProgramOptions, ProgramPose
-from posedesign.programs.recorded import RecordedProgram
+from posedesign.programs import DIALECTS, PoseProgram, ProgramOptions, ProgramPose, RecordedProgram
 from posedesign.programs.ros.yaml_lines import json_items
 
 TRAJECTORY = DIALECTS["ros-trajectory"]

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import transform
-from posedesign.programs import Arm, PoseProgram, ProgramOptions, ProgramPose, postures_of
-from posedesign.programs.arm import Load
+from posedesign.programs import Arm, Load, PoseProgram, ProgramOptions, ProgramPose, postures_of
 from posedesign.programs.ur_script import UrScript
 
 ARM = Arm.of(Robot.preset("ur5e"))

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calib.robot_world import PairNoise, add_noise, random_problems
+from calib.robot_world.certificate import cost_weights, minimise
 from calib.robot_world.certificate.barrier import minimise_first
 from calib.robot_world.certificate.constraints import rotation_constraints
 from calib.robot_world.certificate.dual import (
@@ -11,12 +13,9 @@ from calib.robot_world.certificate.dual import (
     lower_bound,
     relaxed_minimum,
 )
-from calib.robot_world.certificate.local import minimise
 from calib.robot_world.certificate.multipliers import balanced_multipliers, best_multipliers
-from calib.robot_world.certificate.polynomial import cost_weights, quadratic_form
+from calib.robot_world.certificate.polynomial import quadratic_form
 from calib.robot_world.certificate.sdp import solve_relaxation
-from calib.robot_world.noise import PairNoise
-from calib.robot_world.simulation import add_noise, random_problems
 
 
 def rotations(rng, *shape):

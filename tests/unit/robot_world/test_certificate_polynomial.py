@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 
 from calib import se3
 from calib.errors import InputError
-from calib.robot_world.certificate.local import derivatives, minimise
-from calib.robot_world.certificate.polynomial import Weights, cost_weights, quadratic_form
-from calib.robot_world.noise import PairNoise
-from calib.robot_world.simulation import add_noise, random_problems
+from calib.robot_world import PairNoise, add_noise, random_problems
+from calib.robot_world.certificate import Weights, cost_weights, minimise
+from calib.robot_world.certificate.local import derivatives
+from calib.robot_world.certificate.polynomial import quadratic_form
 
 NOISE = PairNoise(np.radians(0.5), 1e-3, "B")
 WEIGHTS = cost_weights(NOISE)

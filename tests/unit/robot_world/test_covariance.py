@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve, solve_batch
+from calib.robot_world import (
+    METHODS,
+    PairNoise,
+    PairSets,
+    add_noise,
+    random_problems,
+    solve,
+    solve_batch,
+)
 from calib.robot_world.noise import difference
-from calib.robot_world.pairs import PairSets
 from calib.robot_world.propagation import propagate
 from tests.hostile_pairs import viewing_pairs
 

@@ -7,8 +7,16 @@ import pytest
 
 from calib import se3
 from calib.errors import InputError
-from calib.robot_world import PairNoise, PairSets, add_noise, random_problems, solve, solve_batch
-from calib.robot_world.noise import PairCovariances, difference
+from calib.robot_world import (
+    PairCovariances,
+    PairNoise,
+    PairSets,
+    add_noise,
+    random_problems,
+    solve,
+    solve_batch,
+)
+from calib.robot_world.noise import difference
 
 SPREAD = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) ** 2 * 1e-8
 

@@ -8,7 +8,7 @@ import pytest
 
 from posedesign.selection import criterion_by_name, largest_deviation
 from posedesign.selection.candidates import Candidates
-from posedesign.selection.relaxation.certificate import ConditionCertificate, MeanCertificate
+from posedesign.selection.relaxation import ConditionCertificate, MeanCertificate
 
 N, COUNT, P = 18, 5, 4
 SHARP = 1e-7

@@ -7,7 +7,7 @@ import pytest
 
 from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray, rotation_exp
-from calib.vision.camera.observers import Views
+from calib.vision.camera import Views
 from calib.vision.touch_up.adapter import RobotAdapter
 from calib.vision.touch_up.arms import OneArm
 from calib.vision.touch_up.drive import Drive

@@ -11,10 +11,10 @@ from calib.vision.camera import (
     Imaging,
     Occluder,
     circle_image,
+    ellipse_axes,
     measure_ellipse,
     render,
 )
-from calib.vision.camera.conic import ellipse_axes
 
 CAMERA = Camera(320, 240, 600.0)
 

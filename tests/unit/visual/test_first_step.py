@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calib.se3 import FloatArray, rotation_exp, transform
-from calib.vision.camera.observers import Views
+from calib.vision.camera import Views
 from calib.vision.touch_up.drive import Drive
 from calib.vision.touch_up.servo import Loop
 from calib.vision.touch_up.session import Station

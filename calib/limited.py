@@ -1,6 +1,6 @@
 """A function in a process of its own, with limits: what it reads may crash it, or never end.
 
-The process begins with Python's own paths alone, without environment, and can take no more memory
+The process begins with the paths of its parent and without environment, and can take no more memory
 and time than it is given, write no file and start no process. On Windows, which has no limits of
 this kind, only its time is limited.
 """
@@ -8,6 +8,7 @@ this kind, only its time is limited.
 from __future__ import annotations
 
 import contextlib
+import os
 import subprocess
 import sys
 from importlib import import_module
@@ -41,7 +42,6 @@ def run_limited(module: str, data: bytes, *, memory_bytes: int, seconds: float) 
             input=data,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env=None if sys.platform == "win32" else {"OPENBLAS_NUM_THREADS": "1"},
             timeout=seconds,
             check=True,
         )
@@ -54,6 +54,8 @@ def run_limited(module: str, data: bytes, *, memory_bytes: int, seconds: float) 
 
 def serve(module: str, memory_bytes: int, seconds: float) -> None:
     """Answer for :func:`run_limited`, inside of the process."""
+    os.environ.clear()
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # its threads take memory, and may not be started
     with contextlib.suppress(ImportError):  # on Windows
         import resource
 

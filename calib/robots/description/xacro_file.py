@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -12,17 +10,13 @@ from pathlib import Path
 from types import MappingProxyType
 
 from calib.errors import RobotModelError
+from calib.limited import run_limited
 
 MEMORY_BYTES = 2_000_000_000
 """A large cell takes a tenth of it, Python itself included."""
 
 SECONDS = 20.0
 """A large cell is expanded in about one second; a macro that doubles itself never ends."""
-
-_START = (
-    "import json, sys; job = json.load(sys.stdin); sys.path[:] = job['path'];"
-    "from calib.robots.description.xacro_process import run; run(job)"
-)
 
 
 @dataclass(frozen=True)
@@ -74,28 +68,24 @@ def expand_xacro(
             name=str(path),
         )
     job = {
-        "path": [entry for entry in sys.path if entry],  # "" is the folder one happens to be in
         "file": str(path.resolve()),
         "search": [str(folder) for folder in search],
         "arguments": dict(arguments),
         "most_bytes": most_bytes,
-        "memory_bytes": MEMORY_BYTES,
-        "seconds": SECONDS,
     }
     try:
-        done = subprocess.run(  # noqa: S603 - no shell, and no word of it is from the file
-            [sys.executable, "-I", "-B", "-X", "utf8", "-c", _START],
-            input=json.dumps(job).encode(),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            timeout=SECONDS,
-            check=False,
+        outcome = json.loads(
+            run_limited(
+                "calib.robots.description.xacro_process",
+                json.dumps(job).encode(),
+                memory_bytes=MEMORY_BYTES,
+                seconds=SECONDS,
+            )
         )
-        outcome = json.loads(done.stdout)
+    except TimeoutError as error:
+        raise _failed(path, str(error)) from error
     except (OSError, ValueError) as error:
         raise _failed(path, "the process that expands it broke off") from error
-    except subprocess.TimeoutExpired as error:
-        raise _failed(path, f"not done in {SECONDS:g} s") from error
     if "error" in outcome:
         raise _failed(path, outcome["error"])
     return Expanded(outcome["urdf"], tuple(Path(f) for f in outcome["folders"]))

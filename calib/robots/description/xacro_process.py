@@ -1,20 +1,24 @@
 """The process that expands a xacro file: it may do nothing but read the files of its packages.
 
-Four fences, one inside the other, because a xacro file is a program from somebody else:
+A xacro file is a program from somebody else, and people expand what they found on the net. It must
+not read files beside its packages (their text would stand in the cell), write, start a process,
+reach the net or the environment, or take the machine's memory and time. Four fences, one inside the
+other; the second alone would do for deeds, and the third keeps it from being walked around, since
+Python with its built-in functions taken away still leads back to all of them:
 
-* the process is limited in memory and time, and can neither write a file nor start a process;
+* the process is limited in memory and time, has no environment, and can neither write a file nor
+  start a process (:mod:`calib.limited`);
 * an audit hook, which nothing can take off again, ends it at any other deed: an import, a socket,
   code run by ``eval``, a file opened elsewhere (Python documentation, "Audit events table");
 * the functions of the xacro package that open, evaluate and substitute are replaced by ones that
   keep to :mod:`calib.robots.description.packages` and :mod:`calib.robots.description.expression`;
 * XML entities and document types are refused in every file.
 
-Runs by :func:`calib.robots.description.xacro_file.expand_xacro` only.
+Run by :func:`calib.robots.description.xacro_file.expand_xacro` only.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import sys
@@ -38,18 +42,16 @@ class Refusal(Exception):
     """Something that a description may not do."""
 
 
-def run(job: dict[str, Any]) -> None:
-    """Expand one file and write the outcome to the standard output, as JSON.
+def run(data: bytes) -> bytes:
+    """Expand one file and give the outcome, as JSON; in a process of :mod:`calib.limited`.
 
     Parameters
     ----------
-    job : dict
-        ``file``: the xacro file; ``search``: folders to search for packages; ``arguments``: of the
-        file, by name; ``most_bytes``, ``memory_bytes``, ``seconds``: the limits.
+    data : bytes
+        As JSON ``file``: the xacro file; ``search``: folders to search for packages;
+        ``arguments``: of the file, by name; ``most_bytes``: of a file read and of the outcome.
     """
-    _limit(job["memory_bytes"], job["seconds"])
-    os.environ.clear()
-    out, sys.stdout = sys.stdout, sys.stderr
+    job = json.loads(data)
     expansion: _Expansion | None = None
     try:
         expansion = _Expansion(job)
@@ -62,24 +64,7 @@ def run(job: dict[str, Any]) -> None:
         if expansion is None:
             raise
         outcome = {"error": expansion.told(error)}
-    out.write(json.dumps(outcome))
-    out.flush()
-
-
-def _limit(memory_bytes: int, seconds: float) -> None:
-    try:
-        import resource
-    except ImportError:  # Windows has no limits of this kind; the time limit is outside
-        return
-    for what, most in (
-        (resource.RLIMIT_AS, memory_bytes),
-        (resource.RLIMIT_CPU, max(1, int(seconds))),
-        (resource.RLIMIT_FSIZE, 0),
-        (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_NPROC, 0),
-    ):
-        with contextlib.suppress(ValueError, OSError):  # a limit that the system does not know
-            resource.setrlimit(what, (most, most))
+    return json.dumps(outcome).encode()
 
 
 class _Expansion:

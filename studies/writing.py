@@ -116,7 +116,6 @@ def part_of(advance: Advance, k: int, count: int, name: str) -> Advance:
 def save(figure: Figure, out: Path, name: str) -> list[Path]:
     """Save a figure as PNG and SVG, the same bytes for the same figure."""
     import matplotlib
-    import matplotlib.pyplot as plt
 
     make_folder(out)
     paths = [out / f"{name}.png", out / f"{name}.svg"]
@@ -124,7 +123,6 @@ def save(figure: Figure, out: Path, name: str) -> list[Path]:
         figure.savefig(paths[0], dpi=150, metadata={"Software": None})
         figure.set_layout_engine("none")  # laid out once: it takes longer than the drawing
         figure.savefig(paths[1], metadata={"Date": None, "Creator": None})
-    plt.close(figure)
     return paths
 
 

@@ -122,35 +122,38 @@ def run(
 
     Stop it at any time: the same command goes on where it was.
     """
-    from posedesign.study.folder import PICTURES, own_folder
+    from posedesign.study.folder import PICTURES
     from posedesign.study.library import Options, find_study
     from posedesign.study.runner import Workers
 
     found = find_study(name)
     folder = out or results_of(found.name)
-    with own_folder(folder, found.name), progress(found.name, with_time_left=True) as advance:
+    with found.writing_to(folder), progress(found.name, with_time_left=True) as advance:
         workers = Workers(jobs, scheduler)
         options = Options(folder, trials, workers, restart=restart, advance=advance)
         figures = found.run(options)
-    with own_folder(folder, found.name, PICTURES):
+    with found.writing_to(folder, PICTURES):
         drawn = found.plot(folder)
     if as_json:
         print_json(figures)
     else:
         for path in (*sorted(folder.glob("*.csv")), *drawn):
             say(f"wrote {path}")
+        # a short form cannot tell all that the README's tables have
+        if trials is None and (tables := found.markdown(figures)):
+            say(tables)
         say(f"how to read them, and what its own numbers gave: {found.folder / 'README.md'}")
     return DONE
 
 
 def plot(name: StudyName, out: StudyOut = None) -> int:
     """Draw the figures of a study again, from the tables of a run."""
-    from posedesign.study.folder import PICTURES, own_folder
+    from posedesign.study.folder import PICTURES
     from posedesign.study.library import find_study
 
     found = find_study(name)
     folder = out or results_of(found.name)
-    with own_folder(folder, found.name, PICTURES):
+    with found.writing_to(folder, PICTURES):
         drawn = found.plot(folder)
     for path in drawn:
         say(f"wrote {path}")

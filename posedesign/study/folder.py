@@ -21,11 +21,11 @@ ABOUT = "about.json"
 
 PICTURES = (".png", ".svg")
 TABLES = (".csv", ".parquet", ".json")
-_ENDINGS = (*TABLES, *PICTURES)
+ENDINGS = (*TABLES, *PICTURES)
 
 
 @contextmanager
-def own_folder(folder: Path, study: str, endings: Sequence[str] = _ENDINGS) -> Iterator[None]:
+def own_folder(folder: Path, study: str, endings: Sequence[str] = ENDINGS) -> Iterator[None]:
     """Run a study, or draw it, in a folder; what it leaves there is noted, also where it fails.
 
     Parameters
@@ -51,11 +51,11 @@ def own_folder(folder: Path, study: str, endings: Sequence[str] = _ENDINGS) -> I
         raise OutputError(
             f"{path} {why}: it is not replaced", hint="name another output folder", name=str(path)
         )
-    before = {path.name: _digest(path) for path in _files(folder, _ENDINGS)}
+    before = {path.name: _digest(path) for path in _files(folder, ENDINGS)}
     try:
         yield
     finally:
-        after = {path.name: _digest(path) for path in _files(folder, _ENDINGS)}
+        after = {path.name: _digest(path) for path in _files(folder, ENDINGS)}
         new = {name: digest for name, digest in after.items() if before.get(name) != digest}
         if new:
             write_json_atomic(folder / WRITTEN, {"study": study, "files": listed | new})

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,11 +15,16 @@ from types import ModuleType
 from typing import Any
 
 from calib.errors import CalibError, FileFormatError, InputError, near_names
-from posedesign.study.folder import strange_table
+from posedesign.study.folder import ENDINGS, own_folder, strange_table
 from posedesign.study.runner import Workers
 
 Advance = Callable[[str, float], None]
 
+NAMED_BY = "POSEDESIGN_STUDIES"
+"""Variable of the environment that names the folder of the studies."""
+
+_PACKAGE = "studies"
+_FOLDERS = "[0-9]*_*/run.py"
 _NUMBER = "0123456789_"
 
 _OF_DAMAGED_TABLES = (
@@ -60,7 +67,9 @@ class Study:
     """A folder ``NN_name`` with ``README.md``, ``study.toml``, ``run.py`` and ``expected.json``.
 
     ``run.py`` has ``study(options) -> key figures``, which writes the tables and ``figures.json``,
-    and ``plot(folder) -> paths``, which draws what the tables of a folder say.
+    ``plot(folder) -> paths``, which draws what the tables of a folder say, and it may have
+    ``markdown(key figures) -> text``, the tables as its README has them. With the modules beside it
+    it is a package of ``studies``: they are imported with a dot before their names.
     """
 
     folder: Path
@@ -99,9 +108,17 @@ class Study:
         ------
         InputError
             Workers for a study that runs in one process: only one whose ``run.py`` says
-            ``WORKERS = True`` shares its tasks.
+            ``WORKERS = True`` shares its tasks. Or a short form that would replace the study's own
+            results.
         """
         function = self._function("study")
+        if options.trials is not None and self._owns(options.out):
+            raise InputError(
+                f"{options.out} has the results of the study's own number of trials",
+                hint="name another folder with --out",
+                name="trials",
+                value=options.trials,
+            )
         if options.workers != Workers() and not getattr(self.load(), "WORKERS", False):
             raise InputError(
                 f"{self.name} runs in one process",
@@ -143,6 +160,29 @@ class Study:
                 hint=f"run it again: posedesign study run {self.name} --restart",
             ) from error
 
+    def markdown(self, figures: Any) -> str:
+        """The tables of key figures as the README has them; empty where it has none of them."""
+        function = getattr(self.load(), "markdown", None)
+        return str(function(figures)) if function else ""
+
+    @contextmanager
+    def writing_to(self, out: Path, endings: Sequence[str] = ENDINGS) -> Iterator[None]:
+        """Run it, or draw it, in a folder that has no other results; see :func:`own_folder`.
+
+        In the study's own folder key figures are what the tests hold it to.
+        """
+        if not self._owns(out):
+            with own_folder(out, self.name, endings):
+                yield
+            return
+        yield
+        figures = self.folder / "figures.json"
+        if figures.exists():
+            figures.replace(self.folder / "expected.json")
+
+    def _owns(self, out: Path) -> bool:
+        return out.resolve() == self.folder.resolve()
+
     def _not_run(self, folder: Path, error: FileNotFoundError) -> InputError:
         return InputError(
             f"{folder} has no results of this study: {error.filename} is not there",
@@ -158,44 +198,57 @@ class Study:
         return function
 
     def load(self) -> ModuleType:
-        """The module of its ``run.py``, loaded once."""
-        name = f"study_{self.folder.name}"
-        if name in sys.modules:
-            return sys.modules[name]
-        spec = importlib.util.spec_from_file_location(name, self.folder / "run.py")
-        if spec is None or spec.loader is None or not (self.folder / "run.py").exists():
-            raise InputError(f"{self.folder} has no run.py", name=self.name)
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        try:
-            spec.loader.exec_module(module)
-        except BaseException:
-            del sys.modules[name]
-            raise
-        return module
+        """The module of its ``run.py``, loaded once: a package of ``studies`` with the modules
+        beside it in it.
+        """
+        name = f"{_PACKAGE}.{self.folder.name}"
+        if _PACKAGE not in sys.modules:
+            _load(_PACKAGE, self.folder.parent / "__init__.py")
+        return sys.modules.get(name) or _load(name, self.folder / "run.py")
+
+
+def _load(name: str, path: Path) -> ModuleType:
+    """Import a package from its first module, wherever it is."""
+    spec = importlib.util.spec_from_file_location(
+        name, path, submodule_search_locations=[str(path.parent)]
+    )
+    if spec is None or spec.loader is None or not path.exists():
+        raise InputError(f"{path.parent} has no {path.name}", name=name)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
 
 
 def studies_folder() -> Path:
-    """Where the studies are that were installed with this package.
+    """The folder ``studies``: that of the environment's :data:`NAMED_BY`, of the checkout that this
+    package is run from, or of the current folder or one above it.
 
     Raises
     ------
     InputError
-        There are none.
+        There is none: studies are no part of the installed package.
     """
-    spec = importlib.util.find_spec("studies")
-    if spec is None or not spec.submodule_search_locations:
-        raise InputError(
-            "the studies are not installed",
-            hint="they are in the folder studies of the project",
-            name="studies",
-        )
-    return Path(next(iter(spec.submodule_search_locations)))
+    named = os.environ.get(NAMED_BY)
+    here = Path.cwd()
+    places = [Path(__file__).parents[2], here, *here.parents]
+    for folder in [Path(named)] if named else [place / _PACKAGE for place in places]:
+        if any(folder.glob(_FOLDERS)):
+            return folder
+    raise InputError(
+        f"there are no studies in {named}" if named else "studies are no part of the package",
+        hint=f"run this in a checkout of the project, or name its folder studies with {NAMED_BY}",
+        name=NAMED_BY,
+    )
 
 
 def list_studies() -> list[Study]:
     """All studies, by their numbers."""
-    folders = sorted(path.parent for path in studies_folder().glob("[0-9]*_*/run.py"))
+    folders = sorted(path.parent for path in studies_folder().glob(_FOLDERS))
     return [Study(folder) for folder in folders]
 
 

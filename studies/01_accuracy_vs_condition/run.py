@@ -1,26 +1,347 @@
-"""Run the study: posedesign study run accuracy_vs_condition [--trials N] [--jobs N] [--out DIR]."""
+"""Run the study: ``posedesign study run accuracy_vs_condition``."""
 
 from __future__ import annotations
 
-import sys
 import tomllib
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+from scipy.stats import linregress, spearmanr
+from scipy.stats import norm as normal
+from scipy.stats import t as student
+
+from calib.identification import covariance_of, identify_batch
+from calib.robot_world import solve_batch
+from calib.se3 import FloatArray, inverse, rotation_angle
+from posedesign.cell import Cell
+from posedesign.cell.template import cell_template
+from posedesign.planning.loop import plan
+from posedesign.planning.pose_plan import Round
+from posedesign.simulation import SimulatedRobot
+from posedesign.simulation.accuracy_study import (
+    effective_truth,
+    improving_rounds,
+    spread_interval,
+    to_the_widest,
+)
+from posedesign.study.grid import Grid, Task
+from posedesign.study.library import Options, call
+from posedesign.study.runner import run_grid
+from posedesign.study.store import Store, read_table
+from posedesign.workflow import camera_noise
+from studies.writing import save, trials_of, write_figures, write_rows
+
+OFFSET = "offset_deg"
+TOOL = "tool_mm"
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """The loop of one arm, run to the widest angles: what it would return for any threshold."""
+
+    cell: Cell
+    rounds: list[tuple[Round, FloatArray]]
+
+    def thresholds(self, count: int) -> list[float]:
+        """In equal ratios, from just above the first C_G to just above the least."""
+        first, least = self.rounds[0][0].c_g, self.rounds[-1][0].c_g
+        return (1.001 * np.geomspace(first, least, count)).tolist()
+
+    def returned(self, threshold: float) -> tuple[Round, FloatArray]:
+        """The first round below a threshold, and its postures ``(N, n)`` [rad]."""
+        return next(found for found in self.rounds if found[0].c_g < threshold)
+
+
+@lru_cache(maxsize=16)
+def loop_of(preset: str, start_deg: float, step_deg: float, largest_deg: float) -> Loop:
+    """The loop of a preset with joint limits as its only constraints, on a rigid arm."""
+    text = cell_template(preset, surroundings=False)
+    for key, value in (
+        ("start_deg", start_deg),
+        ("step_deg", step_deg),
+        ("largest_deg", largest_deg),
+    ):
+        before, _, after = text.partition(f"{key} = [")
+        text = f"{before}{key} = [{value}, {value}, {value}]{after[after.index(']') + 1 :]}"
+    cell = Cell.from_text(text.replace("deflection = true", "deflection = false"))
+    return Loop(cell, improving_rounds(plan(to_the_widest(cell))))
+
+
+def _loop(given: Mapping[str, Any], preset: str) -> Loop:
+    return loop_of(preset, given["start_deg"], given["step_deg"], given["largest_deg"])
+
+
+def conditions(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """One for each preset and threshold."""
+    found = []
+    for preset in settings["presets"]:
+        loop = _loop(settings, preset)
+        for threshold in loop.thresholds(settings["thresholds"]):
+            found.append({**settings, "preset": preset, "threshold": threshold})
+    return found
+
+
+def simulate(task: Task) -> dict[str, Any]:
+    """Errors of the trials of a task, a column for each estimator and quantity."""
+    given, rng = task.condition, task.rng()
+    loop = _loop(given, given["preset"])
+    turn, postures = loop.returned(given["threshold"])
+    cell, model = loop.cell, loop.cell.model()
+    robot = SimulatedRobot.of(cell)
+    touched = robot.touch_up(postures, rng, trials=task.trials)
+    values = identify_batch(model, touched)
+    truth = effective_truth(robot, model)
+    sigma = np.sqrt(np.diag(covariance_of(model, postures)))
+    good = np.isfinite(values).all(axis=1)  # those that have converged
+    q = _elsewhere(cell, given)
+    off = np.full((task.trials, len(q), 3), np.nan)
+    off[good] = model.view(q, values[good]).tool_points - model.view(q, truth).tool_points
+    columns: dict[str, Any] = {
+        "preset": [given["preset"]] * task.trials,
+        "threshold": np.full(task.trials, given["threshold"]),
+        "c_g": np.full(task.trials, turn.c_g),
+        "d_deg": np.full(task.trials, turn.variation_deg[0]),
+        "poses": np.full(task.trials, len(postures)),
+        "trial": np.arange(task.first, task.first + task.trials),
+        f"predicted_{OFFSET}": np.full(task.trials, np.rad2deg(sigma[0])),
+        OFFSET: np.rad2deg(values[:, 0] - truth[0]),
+        TOOL: 1e3 * np.sqrt((off**2).sum(axis=-1).mean(axis=-1)),
+    }
+    _, B = robot.camera_poses(touched.postures, rng)
+    identified = model.view(touched.postures[good], values[good]).T_base_tip
+    true = {
+        "x": robot.T_shown_tip @ robot.T_tip_camera,
+        "z": robot.T_shown_base @ robot.T_base_target,
+    }
+    for solver in given["solvers"]:
+        noise = camera_noise(cell) if solver == "ml" else None
+        found = solve_batch(identified, B[good], solver, noise)
+        for letter, estimate in (("x", found.X), ("z", found.Z)):
+            error = np.full((task.trials, 4, 4), np.nan)
+            answered = np.flatnonzero(good)[found.ok]
+            error[answered] = inverse(true[letter]) @ estimate[found.ok]
+            columns[f"{letter}_deg {solver}"] = _angle_deg(error)
+            columns[f"{letter}_mm {solver}"] = 1e3 * np.linalg.norm(error[:, :3, 3], axis=-1)
+    return columns
+
+
+def _angle_deg(T: FloatArray) -> FloatArray:
+    """Angles of transforms ``(T, 4, 4)`` [deg]; NaN where there is none."""
+    angle = np.full(len(T), np.nan)
+    good = np.isfinite(T).all(axis=(1, 2))
+    angle[good] = np.rad2deg(rotation_angle(T[good, :3, :3]))
+    return angle
+
+
+def _elsewhere(cell: Cell, given: Mapping[str, Any]) -> FloatArray:
+    """Postures ``(V, n)`` [rad] that were not measured, the same for every pose set of an arm."""
+    rng = np.random.default_rng([given["seed"], 7])
+    turn = np.deg2rad(given["within_deg"])
+    q = cell.base_posture + rng.uniform(-turn, turn, (given["elsewhere"], cell.robot.n))
+    return np.clip(q, cell.robot.lower, cell.robot.upper)
+
+
+QUANTITIES = ("x_deg", "x_mm", "z_deg", "z_mm")
+"""Rotation and translation of X, the camera on the flange, and of Z, the target in the base."""
+
+_MOST_REFUSED = 0.5
+"""Part of the answers that may be missing for a median to be one of the rest."""
+
+
+def summary(trials: pd.DataFrame, solvers: Sequence[str]) -> list[dict[str, Any]]:
+    """A row for each pose set: spread of the offset, medians and 5 to 95 % of errors."""
+    rows = []
+    for (preset, threshold), part in trials.groupby(["preset", "threshold"], sort=False):
+        first = part.iloc[0]
+        row: dict[str, Any] = {"preset": preset, "threshold": threshold}
+        row |= {key: first[key].item() for key in ("c_g", "d_deg", "poses")}
+        row |= {"trials": len(part), "predicted_deg": first[f"predicted_{OFFSET}"].item()}
+        offset = part[OFFSET].to_numpy()
+        spread = float(np.nanstd(offset, ddof=1))
+        low, high = spread_interval(spread, int(np.isfinite(offset).sum()))
+        row |= {"spread_deg": spread, "spread_low_deg": low, "spread_high_deg": high}
+        row |= _quantiles(TOOL, part[TOOL].to_numpy())
+        for solver in solvers:
+            refused = float(np.isnan(part[f"x_deg {solver}"]).mean())
+            row[f"refused {solver}"] = refused
+            for quantity in QUANTITIES:
+                name = f"{quantity} {solver}"
+                row |= _quantiles(name, part[name].to_numpy(), refused)
+        rows.append(row)
+    return rows
+
+
+def _quantiles(name: str, values: FloatArray, refused: float = 0.0) -> dict[str, float | None]:
+    good = values[np.isfinite(values)]
+    if refused > _MOST_REFUSED or not len(good):
+        return {name: None, f"{name} p5": None, f"{name} p95": None}
+    low, middle, high = np.quantile(good, [0.05, 0.5, 0.95])
+    return {name: float(middle), f"{name} p5": float(low), f"{name} p95": float(high)}
+
+
+def relations(rows: pd.DataFrame, solvers: Sequence[str]) -> list[dict[str, Any]]:
+    """How each error follows C_G on each arm: slope of the logarithms and rank correlation.
+
+    Both with 95 % intervals over the pose sets: by Student's t for the slope, by Fisher's z with
+    the variance of [BonettWright2000]_ for the rank correlation.
+
+    References
+    ----------
+    .. [BonettWright2000] D. G. Bonett, T. A. Wright, Sample size requirements for estimating
+       Pearson, Kendall and Spearman correlations, Psychometrika 65.
+    """
+    found = []
+    for preset, part in rows.groupby("preset", sort=False):
+        for estimator, quantity, column in _columns(solvers):
+            c_g, error = part["c_g"].to_numpy(), part[column].to_numpy(dtype=float)
+            good = np.isfinite(error)
+            if good.sum() < 4:
+                continue
+            line = linregress(np.log10(c_g[good]), np.log10(error[good]))
+            half = float(student.ppf(0.975, good.sum() - 2) * line.stderr)
+            rank = float(spearmanr(c_g[good], error[good]).statistic)
+            low, high = _rank_interval(rank, int(good.sum()))
+            found.append(
+                {
+                    "preset": preset,
+                    "estimator": estimator,
+                    "quantity": quantity,
+                    "sets": int(good.sum()),
+                    "slope": float(line.slope),
+                    "slope_low": float(line.slope) - half,
+                    "slope_high": float(line.slope) + half,
+                    "rank": rank,
+                    "rank_low": low,
+                    "rank_high": high,
+                    "first": float(error[good][0]),
+                    "last": float(error[good][-1]),
+                }
+            )
+    return found
+
+
+def _columns(solvers: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    yield "identification", "spread of the offset [deg]", "spread_deg"
+    yield "identification", "tool point elsewhere [mm]", TOOL
+    for solver in solvers:
+        yield solver, "X rotation [deg]", f"x_deg {solver}"
+        yield solver, "X translation [mm]", f"x_mm {solver}"
+
+
+def _rank_interval(rank: float, count: int) -> tuple[float, float]:
+    if abs(rank) >= 1.0 or count < 4:
+        return rank, rank  # Fisher's z has no interval there
+    half = normal.ppf(0.975) * np.sqrt((1.0 + rank**2 / 2.0) / (count - 3))
+    low, high = np.tanh(np.arctanh(rank) + np.array([-half, half]))
+    return float(low), float(high)
+
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#000000")
+"""Okabe and Ito's palette: told apart by people who do not see red and green alike."""
+
+_X_LABEL = "condition number C_G; better poses to the right"
+
+MARKERS = ("o", "s", "^", "D", "v", "x")
+
+
+def draw_identification(rows: pd.DataFrame) -> Figure:
+    """Spread of the offset and error of the tool point against C_G, a colour for each arm."""
+    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for (preset, part), colour, marker in zip(
+        rows.groupby("preset", sort=False), COLOURS, MARKERS, strict=False
+    ):
+        c_g = part["c_g"]
+        left.plot(c_g, part["predicted_deg"], "-", color=colour, lw=1)
+        interval = [
+            part["spread_deg"] - part["spread_low_deg"],
+            part["spread_high_deg"] - part["spread_deg"],
+        ]
+        left.errorbar(
+            c_g,
+            part["spread_deg"],
+            yerr=interval,
+            fmt=marker,
+            color=colour,
+            ms=4,
+            capsize=2,
+            label=preset,
+        )
+        right.fill_between(
+            c_g, part[f"{TOOL} p5"], part[f"{TOOL} p95"], color=colour, alpha=0.15, lw=0
+        )
+        right.plot(c_g, part[TOOL], marker=marker, color=colour, ms=4, lw=1, label=preset)
+    left.set_ylabel("standard deviation of the J2 offset [deg]")
+    left.set_title("Spread with its 95 % interval; lines: predicted", fontsize=10)
+    right.set_ylabel("rms error of the tool point elsewhere [mm]")
+    right.set_title("Median and 5 to 95 % of the trials", fontsize=10)
+    for panel in (left, right):
+        _logarithmic(panel)
+        panel.invert_xaxis()
+        panel.set_xlabel(_X_LABEL)
+        panel.legend(fontsize=8)
+    return figure
+
+
+def draw_solvers(rows: pd.DataFrame, solvers: Sequence[str]) -> Figure:
+    """Error of X against C_G, a panel for each arm, a colour for each solver."""
+    presets = list(dict.fromkeys(rows["preset"]))
+    figure = Figure(figsize=(3.1 * len(presets), 6.2), layout="constrained")
+    axes = figure.subplots(2, len(presets), sharex="col", squeeze=False)
+    for column, preset in enumerate(presets):
+        part = rows[rows["preset"] == preset]
+        for panel, quantity, unit in (
+            (axes[0, column], "x_mm", "mm"),
+            (axes[1, column], "x_deg", "deg"),
+        ):
+            for solver, colour, marker in zip(solvers, COLOURS, MARKERS, strict=False):
+                name = f"{quantity} {solver}"
+                values = part[name].to_numpy(dtype=float)
+                if solver == "ml":
+                    band = (part[f"{name} p5"].to_numpy(float), part[f"{name} p95"].to_numpy(float))
+                    panel.fill_between(part["c_g"], *band, color=colour, alpha=0.15, lw=0)
+                size = 7 if solver == "dornaika-horaud" else 4
+                face = "none" if solver == "dornaika-horaud" else colour  # seen under Hirsh's
+                panel.plot(
+                    part["c_g"],
+                    values,
+                    marker=marker,
+                    ms=size,
+                    mfc=face,
+                    color=colour,
+                    lw=1,
+                    label=solver,
+                )
+            if column == 0:
+                what = "translation" if unit == "mm" else "rotation"
+                panel.set_ylabel(f"error of X, {what} [{unit}]")
+        axes[0, column].set_title(preset, fontsize=10)
+    for panel in axes.flat:
+        _logarithmic(panel)
+        panel.set_xlim(*sorted(panel.get_xlim(), reverse=True))
+    figure.supxlabel(_X_LABEL, fontsize=10)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=6, fontsize=8)
+    return figure
+
+
+def _logarithmic(panel: Axes) -> None:
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    for axis in (panel.xaxis, panel.yaxis):
+        axis.set_minor_formatter(NullFormatter())  # none is shown, and all would be laid out
+    panel.grid(True, which="major", alpha=0.3)
+
+
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
-
-from condition_figures import draw_identification, draw_solvers  # noqa: E402
-from condition_summary import relations, summary  # noqa: E402
-from condition_trials import conditions, simulate  # noqa: E402, F401 -- called by its name
-
-from posedesign.study.grid import Grid  # noqa: E402
-from posedesign.study.library import Options, call  # noqa: E402
-from posedesign.study.runner import run_grid  # noqa: E402
-from posedesign.study.store import Store, read_table  # noqa: E402
-from studies.writing import save, script, trials_of, write_figures, write_rows  # noqa: E402
-
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
 WORKERS = True
 """Its tasks may be shared."""
@@ -66,7 +387,3 @@ def plot(folder: Path) -> list[Path]:
 
 def _rounded(row: dict[str, Any]) -> dict[str, Any]:
     return {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in row.items()}
-
-
-if __name__ == "__main__":
-    script(study, plot, HERE)

@@ -1,4 +1,4 @@
-"""Run the study: ``posedesign study run panda_touch_ups``, or this file as a script.
+"""Run the study: ``posedesign study run panda_touch_ups``.
 
 It needs measurements that the project does not contain, see :mod:`studies.real_data`.
 """
@@ -205,7 +205,7 @@ def run(
     return rows
 
 
-def table(found: Mapping[str, Any]) -> str:
+def markdown(found: Mapping[str, Any]) -> str:
     """The table of the README."""
     first, *others = SITES
     head = ["model", "p", "rms [mm]", f"held out [mm]: {first}", *others]
@@ -216,12 +216,3 @@ def table(found: Mapping[str, Any]) -> str:
         cells += [f"{row[f'held_out_{site}_mm']:.3f}" for site in SITES]
         lines.append(cells + [f"{row[f'sockets_{site}_mm']:.2f}" for site in SITES])
     return writing.table_of(head, lines)
-
-
-def main() -> None:
-    """Run, draw and print."""
-    writing.script(study, plot, HERE, table)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,30 +1,254 @@
-"""Run the study: ``posedesign study run irb120_measuring_arm``, or this file as a script.
+"""Run the study: ``posedesign study run irb120_measuring_arm``.
 
 It needs measurements that the project does not contain, see :mod:`studies.real_data`.
 """
 
 from __future__ import annotations
 
-import sys
+import json
+import re
+import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calib import CalibrationModel, IdentificationResult, identify
+from calib.identification.least_squares import minimise
+from calib.model.measurements import Measurements, Point, Setup
+from calib.model.parameters import TargetFrame, ToolBody, ToolPoints, ZeroOffsets
+from calib.model.parameters.frames import Frames
+from calib.se3 import FloatArray, apply, inverse, transform
+from posedesign.cell import Cell
+from posedesign.files import make_folder
+from posedesign.files.csv_tables import write_table
+from posedesign.files.measurements import read_measurements
+from posedesign.identification.comparison import Identified, identify_models
+from posedesign.study.library import Advance, Options
+from studies import drawing, writing
+from studies.real_data import data_with, folder_for_recordings
+
+SETTINGS: dict[str, Any] = tomllib.loads(
+    (Path(__file__).parent / "study.toml").read_text(encoding="utf-8")
+)
+POINTS: list[str] = SETTINGS["points"]
+ARM = "arm"
+RECORDINGS = "identification/abb_irb120"
+
+CELL = """# The cell of the IRB 120, as far as an identification needs one.
+[robot]
+urdf = {urdf}
+tip = {tip}
+[tool]
+point_mm = [0.0, 0.0, 0.0] # the points measured are found by every fit
+[base_pose]
+posture_deg = [0.0, 0.0, 0.0, 0.0, 30.0, 0.0]
+[parameters]
+models = {models}
+"""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What was measured, in the frame of the measuring arm.
+
+    Postures (36, 6) [rad]; points (36, 3, 3) and at the zero posture (3, 3) [m]; check points
+    (37, K, 3) [m], the zero posture last; the base of the robot as measured by itself (4, 4).
+    """
+
+    q: FloatArray
+    points: FloatArray
+    zero: FloatArray
+    check: FloatArray
+    T_base_arm: FloatArray
+
+    @property
+    def q_with_zero(self) -> FloatArray:
+        return np.vstack([self.q, np.zeros(self.q.shape[1])])
+
+
+def load(data: Path) -> Recorded:
+    folder = data / RECORDINGS
+    q = np.deg2rad(np.loadtxt(folder / "CaliJointAngles.csv", delimiter=","))
+    points = np.loadtxt(folder / "CaliPosition.csv", delimiter=",").reshape(len(q), -1, 3) / 1e3
+    rows = np.loadtxt(folder / "CaliFullPose.csv", delimiter=",").reshape(len(q) + 1, -1, 6)
+    meta = (folder / "META.yaml").read_text(encoding="utf-8")
+    check = rows[:, np.array(SETTINGS["check_rows"]) - 1, :3] / 1e3
+    zero = np.array(_given(meta, "calibration_points_at_zero_config_meas_frame_mm")) / 1e3
+    circle = np.loadtxt(folder / "BaseCirclePoints.csv", delimiter=",") / 1e3
+    return Recorded(q, points, zero, check, _measured_base(meta, circle))
+
+
+def _given(meta: str, name: str) -> Any:
+    """A list of numbers by its name."""
+    found = re.search(name + r":\s*(\[[-\d.,\s\[\]]*\])", meta)
+    if found is None:
+        raise ValueError(f"META.yaml lacks {name}")
+    return json.loads(found[1])
+
+
+def _measured_base(meta: str, circle: FloatArray) -> FloatArray:
+    """T_base_arm as the data's own protocol has it: axes and a plane, and the circle of axis 1."""
+    z, x = (np.array(_given(meta, name)) for name in ("BaseDirZ", "BaseDirX"))
+    z = z / np.linalg.norm(z)
+    y = np.cross(z, x)
+    y = y / np.linalg.norm(y)
+    R = np.column_stack([np.cross(y, z), y, z])
+    flat = np.linalg.svd(circle - circle.mean(axis=0))[2][:2]
+    within = (circle - circle.mean(axis=0)) @ flat.T
+    # |u|² = 2 u·c + const for every point u of a circle about c
+    A = np.column_stack([2.0 * within, np.ones(len(within))])
+    centre = np.linalg.lstsq(A, np.sum(within**2, axis=1), rcond=None)[0][:2]
+    C = circle.mean(axis=0) + centre @ flat
+    origin = C + z * (z @ (np.array(_given(meta, "BasePZ_mm")) / 1e3 - C))
+    return inverse(transform(R, origin))
+
+
+def write_tables(data: Path, out: Path) -> tuple[Path, Path]:
+    """Write ``cell.toml`` and ``measurements.csv``: what ``posedesign identify`` takes."""
+    recorded = load(data)
+    joints = [f"j{k + 1}_deg" for k in range(recorded.q.shape[1])]
+    rows: list[dict[str, object]] = []
+    for i, (q, points) in enumerate(zip(recorded.q, recorded.points, strict=True)):
+        for label, place in zip(POINTS, points, strict=True):
+            row: dict[str, object] = {"pose": f"C{i + 1:02d}", "kind": "point", "target": ARM}
+            row |= {"tool": label} | dict(zip(joints, np.rad2deg(q), strict=True))
+            rows.append(row | dict(zip(("x_mm", "y_mm", "z_mm"), 1e3 * place, strict=True)))
+    make_folder(out)
+    text = CELL.format(
+        urdf=json.dumps(str((data / SETTINGS["urdf"]).resolve())),
+        tip=json.dumps(SETTINGS["tip"]),
+        models=json.dumps(SETTINGS["models"]),
+    )
+    (out / "cell.toml").write_text(text, encoding="utf-8")
+    return out / "cell.toml", write_table(out / "measurements.csv", list(rows[0]), rows)
+
+
+GEOMETRY, WITH_COMPLIANCE = "geometry", "geometry + compliance"
+
+
+def other_models(
+    identified: Identified, recorded: Recorded
+) -> dict[str, tuple[CalibrationModel, Measurements]]:
+    """Models in which something is held as measured at the zero posture, each with its data."""
+    data = identified.table.data
+    geometry = next(t for t in identified.comparison.trials if t.name == GEOMETRY).candidate.model
+    robot = geometry.robot
+    at_zero = apply(inverse(robot.fk(np.zeros(robot.n))) @ recorded.T_base_arm, recorded.zero)
+    held = [ToolPoints(at_zero, POINTS, free=""), TargetFrame(recorded.T_base_arm, ARM, free=())]
+    offsets = ZeroOffsets(robot, robot.joint_names)
+    middle = at_zero.mean(axis=0)
+    body = ToolBody(at_zero - middle, POINTS, transform(np.eye(3), middle))
+    pinned = Point(SETTINGS["zero_sigma_mm"] / 1e3)
+
+    def model(*blocks: Any) -> CalibrationModel:
+        return CalibrationModel(robot, blocks, Point(None))
+
+    return {
+        "nothing fitted": (model(*held), data),
+        "base, points held": (model(held[0], TargetFrame(recorded.T_base_arm, ARM)), data),
+        "offsets, base and points held": (model(offsets, *held), data),
+        "geometry, points pinned": (
+            geometry.with_measurements([Point(None), pinned]),
+            _with_zero(data, recorded),
+        ),
+        "geometry, shape of the points held": (
+            model(*(block for block in geometry.parameters if not block.tools), body),
+            data,
+        ),
+    }
+
+
+def _with_zero(data: Measurements, recorded: Recorded) -> Measurements:
+    """The zero posture as a 37th configuration, of the second kind: nearly without noise."""
+    setup = Setup.of(
+        data.count + len(POINTS),
+        kind=np.append(data.setup.kind, np.ones(len(POINTS), dtype=int)),
+        tool=np.append(data.setup.tool, np.arange(len(POINTS))),
+    )
+    q = np.vstack([data.postures, np.zeros((len(POINTS), data.postures.shape[1]))])
+    read = np.vstack([data.observed, recorded.zero])
+    names = (*data.names, *("zero" for _ in POINTS))
+    return replace(data, postures=q, setup=setup, observed=read, names=names)
+
+
+def without_each(
+    model: CalibrationModel, data: Measurements, result: IdentificationResult | None, count: int
+) -> FloatArray:
+    """Parameters ``(count, p)`` from refits without each of the first so many configurations."""
+    if result is None:
+        return np.zeros((count, 0))
+    kinds = [
+        kind.with_noise(noise.sigma / kind.sigma)
+        for kind, noise in zip(model.measurements, result.noise, strict=True)
+    ]
+    weights = (data.pose != np.arange(count)[:, None]).astype(float)
+    start = np.tile(result.values, (count, 1))
+    noisy = model.with_measurements(kinds)
+    fit = minimise(noisy, data.repeated(count), start, weights=weights)
+    if not fit.converged.all():
+        raise RuntimeError("a fit without one configuration has not converged")
+    return fit.x
+
+
+def off_at_check_points(
+    model: CalibrationModel, x: FloatArray, recorded: Recorded
+) -> tuple[FloatArray, FloatArray]:
+    """How far check points are off ``(36, K)`` [m] in configurations that took no part in a fit.
+
+    Their places on the tip are taken from the zero posture alone, or from all configurations but
+    the one predicted.
+    """
+    count = len(recorded.q)
+    frame = next(b for b in model.parameters if isinstance(b, Frames) and b.targets)
+    part = model.slices[model.parameters.index(frame)]
+    T_base_arm = np.stack([frame.poses(values[part])[0] for values in x])
+    T_base_tip = model.view(recorded.q_with_zero, x).T_base_tip
+    T_arm_tip = inverse(T_base_arm)[:, None] @ T_base_tip  # (36, 37, 4, 4)
+    on_tip = apply(inverse(T_arm_tip)[:, :, None], recorded.check[None])
+    left = np.arange(count)
+    others = np.stack([np.delete(on_tip[i, :count], i, axis=0).mean(axis=0) for i in left])
+    zero, rest = (
+        np.linalg.norm(apply(T_arm_tip[left, left][:, None], p) - recorded.check[:count], axis=-1)
+        for p in (on_tip[:, count], others)
+    )
+    return zero, rest
+
+
+def row_of(
+    name: str, model: CalibrationModel, data: Measurements, recorded: Recorded
+) -> tuple[dict[str, Any], FloatArray]:
+    """The figures of a model [mm], and its squares at the check points of each posture [mm²]."""
+    count = len(recorded.q)
+    rows = count * len(POINTS)
+    result = identify(model, data, name=name) if model.p else None
+    x = without_each(model, data, result, count)
+    whole = np.zeros(0) if result is None else result.values
+    fitted = model.linearise(data.postures, whole, data.setup, data.observed).rows[:rows]
+    seen = model.linearise(data.postures, x, data.setup, data.observed).rows
+    refitted = np.stack([seen[i, np.flatnonzero(data.pose == i)] for i in range(count)])
+    zero, others = off_at_check_points(model, x, recorded)
+    out = fitted if result is None else result.leave_one_out[:rows]
+    figures = {
+        "model": name,
+        "parameters": model.p,
+        "rms_mm": rms_mm(np.linalg.norm(fitted, axis=-1)),
+        "max_mm": float(1e3 * np.linalg.norm(fitted, axis=-1).max()),
+        "leave_one_out_mm": rms_mm(np.linalg.norm(out, axis=-1)),
+        "refitted_mm": rms_mm(np.linalg.norm(refitted, axis=-1)),
+        "check_mm": rms_mm(others),
+        "check_from_zero_mm": rms_mm(zero),
+    }
+    return figures, 1e6 * np.mean(others**2, axis=1)
+
+
+def rms_mm(far: FloatArray) -> float:
+    return float(1e3 * np.sqrt(np.mean(far**2)))
+
+
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
-
-from arm_models import GEOMETRY, WITH_COMPLIANCE, other_models, rms_mm, row_of  # noqa: E402
-from arm_recordings import POINTS, RECORDINGS, load, write_tables  # noqa: E402
-from arm_recordings import SETTINGS as SETTINGS  # noqa: E402
-
-from posedesign.cell import Cell  # noqa: E402
-from posedesign.files.measurements import read_measurements  # noqa: E402
-from posedesign.identification.comparison import identify_models  # noqa: E402
-from posedesign.study.library import Advance, Options  # noqa: E402
-from studies import drawing, writing  # noqa: E402
-from studies.real_data import data_with, folder_for_recordings  # noqa: E402
 
 TOLERANCE_MM = 0.002
 """Of the figures on another machine: fits end within a thousandth of what they are worth."""
@@ -104,7 +328,7 @@ def run(data: Path, tables: Path, advance: Advance = lambda what, part: None) ->
     }
 
 
-def table(found: Mapping[str, Any]) -> str:
+def markdown(found: Mapping[str, Any]) -> str:
     """The table of the README."""
     head = ["model", "p", "rms [mm]", "max", "leave-one-out", "check points"]
     lines = []
@@ -113,12 +337,3 @@ def table(found: Mapping[str, Any]) -> str:
         cells = [row["model"], str(row["parameters"])]
         lines.append(cells + [f"{row[name]:.{digits}f}" for name in SHOWN])
     return writing.table_of([*head, "from the zero posture"], lines)
-
-
-def main() -> None:
-    """Run, draw and print."""
-    writing.script(study, plot, HERE, table)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""Run the study: ``posedesign study run ur10_motion_capture``, or this file as a script.
+"""Run the study: ``posedesign study run ur10_motion_capture``.
 
 It needs measurements that the project does not contain, see :mod:`studies.real_data`.
 """
@@ -227,7 +227,7 @@ def run(data: Path, tables: Path, advance: Advance = lambda what, part: None) ->
     return found
 
 
-def table(found: Mapping[str, Any]) -> str:
+def markdown(found: Mapping[str, Any]) -> str:
     """The table of the README: in each cell with noise from the residuals, and with noise given."""
     head = ["model", "p", "rms [mm]", "leave-one-out", "rms [mrad]", "leave-one-out"]
     lines = []
@@ -241,12 +241,3 @@ def table(found: Mapping[str, Any]) -> str:
             cells.append(" / ".join(dict.fromkeys(shown)))
         lines.append(cells)
     return writing.table_of(head, lines)
-
-
-def main() -> None:
-    """Run, draw and print."""
-    writing.script(study, plot, HERE, table)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,41 +1,201 @@
-"""Run the study: ``posedesign study run real_pairs``, or this file as a script.
+"""Run the study: ``posedesign study run real_pairs``.
 
 It needs measurements that the project does not contain, see :mod:`studies.real_data`.
 """
 
 from __future__ import annotations
 
-import sys
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+
+from calib.robot_world import PairNoise, solve
+from calib.robot_world.results import residuals
+from posedesign.study.library import Advance, Options
+from studies import writing
+from studies.drawing import GREY, log_ticks, rows_of_marks
+from studies.real_data import data_with
+from studies.real_pairs import MM, TABB, TAGS, UR3E, Sides, from_the_images, real_pairs
+from studies.writing import table_of
+
+from .real_rows import ON_B, against_images, compared, proof, row_names, row_of, solved
+
+LABELS = {
+    "deg": "rms rotation left of the pairs held out, in that of ml",
+    "mm": "rms distance left of the pairs held out, in that of ml",
+}
+TICKS = (1, 2, 5, 10, 20)
+
+
+def draw(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Ratios of every method to ml, in rotation and in translation, one mark a data set."""
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    sets = list(dict.fromkeys(row["data"] for row in rows))
+    figure = Figure(figsize=(11.0, 6.4), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for panel, unit in zip(panels, LABELS, strict=True):
+        of = {(row["data"], row["method"]): row for row in rows}
+        ratios = {
+            name: [of[name, method][f"half_rms_{unit}_ratio"] for method in methods]
+            for name in sets
+        }
+        panel.axvline(1.0, color=GREY, lw=1.0)
+        rows_of_marks(panel, methods, ratios, apart=0.16)
+        log_ticks(panel, TICKS)
+        panel.set_xlabel(f"{LABELS[unit]} [-]")
+        by_ml = ", ".join(f"{of[name, 'ml'][f'half_rms_{unit}']:.3g}" for name in sets)
+        panel.set_title(f"by ml, median of the splits: {by_ml} {unit}", fontsize=9.5)
+    panels[0].set_ylim(-0.6, len(methods) - 0.4)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return figure
+
+
+Found = Mapping[str, Any]
+
+
+def _pair(row: Found, name: str) -> str:
+    return f"{row[f'{name}_deg']:.3f} / {row[f'{name}_mm']:.4g}"
+
+
+def _sigma(row: Found, letter: str) -> str:
+    deg, mm = (row[f"sigma_{letter}_{unit}"] for unit in ("deg", "mm"))
+    return "-" if deg is None else f"{deg:.2g} / {mm:.3g}"
+
+
+def _table_of_data_set(rows: Iterable[Found]) -> str:
+    """Every method on one data set."""
+    head = [
+        "method",
+        "rms [deg / mm]",
+        "left-out rms",
+        "median",
+        "left-out median",
+        "σ of X [deg / mm]",
+        "σ of Z",
+        "pairs left out",
+        "status",
+    ]
+    cells = [
+        [
+            row["method"],
+            *(_pair(row, name) for name in ("rms", "out_rms", "median", "out_median")),
+            *(_sigma(row, letter) for letter in "XZ"),
+            str(row["left_out"]),
+            row["status"],
+        ]
+        for row in rows
+    ]
+    return table_of(head, cells)
+
+
+def against_reference(found: Found) -> str:
+    """The other program's maximum likelihood, and this one's."""
+    head = [
+        "data",
+        "pairs",
+        "reference",
+        "here",
+        "left-out rms",
+        "noise on B estimated",
+        "left-out",
+    ]
+    cells = []
+    for name, of in found["data"].items():
+        first, second = of["rows"][:2]
+        cells.append(
+            [
+                name,
+                str(first["pairs"]),
+                " / ".join(of["reference"]),
+                _pair(first, "rms"),
+                _pair(first, "out_rms"),
+                _pair(second, "rms"),
+                _pair(second, "out_rms"),
+            ]
+        )
+    return table_of(head, cells)
+
+
+def prediction(found: Found) -> str:
+    """Prediction by halves: the method's error over that of ml, and in how many splits it loses."""
+    names = list(found["data"])
+    head = ["method", *(f"{name}: rms [deg], [mm]" for name in names), "worse in mm [%]"]
+    methods = found["data"][names[0]]["splits"]["methods"]
+    cells = []
+    for method in methods:
+        of = [found["data"][name]["splits"]["methods"][method] for name in names]
+        worse = [row["rms_mm_worse"] for row in of]
+        cells.append(
+            [
+                method,
+                *(f"{row['rms_deg_ratio']:.3f}, {row['rms_mm_ratio']:.3f}" for row in of),
+                "-" if worse[0] is None else ", ".join(f"{100 * share:.0f}" for share in worse),
+            ]
+        )
+    return table_of(head, cells)
+
+
+def certificates(found: Found) -> str:
+    """What is proven of each solution of ml."""
+    head = ["data", "noise on B [deg / mm]", "χ²", "relative gap", "status", "only one"]
+    cells = []
+    for name, of in found["data"].items():
+        proof, row = of["certificate"], of["rows"][1]
+        cells.append(
+            [
+                name,
+                f"{row['noise_deg']:.3f} / {row['noise_mm']:.3g}",
+                f"{proof['chi2']:.1f}",
+                f"{proof['relative_gap']:.0e}",
+                proof["status"],
+                "yes" if proof["unique"] else "no",
+            ]
+        )
+    return table_of(head, cells)
+
+
+def _table_of_images(found: Found) -> str:
+    """Tabb's reference from images: differences ± sigma by the side that the noise is put on."""
+    sides = found["images"]["noise_on"]
+    head = ["to the reference", *(f"noise on {side}" for side in sides)]
+    cells = []
+    for letter, frame in (("X", "target"), ("Z", "camera")):
+        for what, unit in (("turn", "deg"), ("shift", "mm")):
+            digits = 2 if unit == "deg" else 0
+            row = [f"{what} of {letter}, x y z of the {frame} [{unit}]"]
+            for of in sides.values():
+                parts = [of["components"][f"{letter} {what} {axis}"] for axis in "xyz"]
+                row.append(
+                    ", ".join(
+                        f"{p['difference']:.{digits}f} ± {p['sigma']:.{digits}f}" for p in parts
+                    )
+                )
+            cells.append(row)
+    cells.append(["χ² of 12", *(f"{of['chi2']:.0f}" for of in sides.values())])
+    return table_of(head, cells)
+
+
+def all_tables(found: Found) -> dict[str, str]:
+    """Every table that the README has."""
+    every = {
+        "reference": against_reference(found),
+        "prediction": prediction(found),
+        "certificates": certificates(found),
+        "images": _table_of_images(found),
+    }
+    return every | {name: _table_of_data_set(of["rows"]) for name, of in found["data"].items()}
+
+
+def markdown(found: Found) -> str:
+    """All of them, each with its name."""
+    return "\n\n".join(f"{name}\n{table}" for name, table in all_tables(found).items())
+
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
-
-from real_figure import draw  # noqa: E402
-from real_rows import ON_B, against_images, proof, row_names, row_of, solved  # noqa: E402
-from real_splits import compared  # noqa: E402
-from real_tables import said  # noqa: E402
-
-from calib.robot_world import PairNoise, solve  # noqa: E402
-from calib.robot_world.results import residuals  # noqa: E402
-from posedesign.study.library import Advance, Options  # noqa: E402
-from studies import writing  # noqa: E402
-from studies.real_data import data_with  # noqa: E402
-from studies.real_pairs import (  # noqa: E402
-    MM,
-    TABB,
-    TAGS,
-    UR3E,
-    Sides,
-    from_the_images,
-    real_pairs,
-)
-
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
 TOLERANCE = 2e-3
 """Of the figures on another machine, relative: the noise that is estimated settles to less."""
@@ -137,12 +297,3 @@ def flat(found: dict[str, Any]) -> list[dict[str, Any]]:
             halves = of["splits"]["methods"][row["method"]]
             rows.append({"data": name, **row} | {f"half_{key}": v for key, v in halves.items()})
     return rows
-
-
-def main() -> None:
-    """Run, draw and print."""
-    writing.script(study, plot, HERE, said)
-
-
-if __name__ == "__main__":
-    main()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,9 +24,10 @@ from calib.model.parameters import (
 )
 from calib.model.parameters.frames import Frames
 from calib.se3 import BoolArray, FloatArray, apply, inverse
+from posedesign.study.library import find_study
 from studies.choices import Pool
 
-measuring_arm = importlib.import_module("studies.03_irb120_measuring_arm.run")
+measuring_arm = find_study("irb120_measuring_arm").load()
 """Study 03, which reads the recordings."""
 
 STEPS, STILL = 20, 1e-6

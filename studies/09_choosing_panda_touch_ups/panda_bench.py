@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,9 +21,10 @@ from calib.model.parameters import (
     ZeroOffsets,
 )
 from calib.se3 import BoolArray, FloatArray, IntArray, apply
+from posedesign.study.library import find_study
 from studies.choices import Pool
 
-touched = importlib.import_module("studies.02_panda_touch_ups.run")
+touched = find_study("panda_touch_ups").load()
 """Study 02, which reads the recordings."""
 
 SITES: list[str] = touched.SITES

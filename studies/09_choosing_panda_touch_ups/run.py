@@ -1,30 +1,158 @@
-"""Run the study: ``posedesign study run choosing_panda_touch_ups``, or this file as a script.
+"""Run the study: ``posedesign study run choosing_panda_touch_ups``.
 
 It needs measurements that the project does not contain, see :mod:`studies.real_data`.
 """
 
 from __future__ import annotations
 
-import sys
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+
+from calib.se3 import BoolArray, FloatArray, IntArray
+from posedesign.selection import (
+    Criterion,
+    criterion_by_name,
+    largest_deviation,
+    mean_deviation,
+    select,
+)
+from posedesign.selection.candidates import Candidates
+from posedesign.study.library import Advance, Options
+from studies import writing
+from studies.choices import by_lot, draw_legend, draw_row, range_text, spread
+from studies.real_data import data_with
+
+from .panda_bench import SITES, Bench, bench_of, touched
+
+WITHOUT_BOUND = ("C_G", "cond_2")
+"""Criteria whose relaxation takes minutes with so many parameters: no efficiency is proven."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Touch-ups chosen ``(K,)``, and the part of information that they are proven to have."""
+
+    rows: IntArray
+    efficiency: float
+
+
+def criterion_of(bench: Bench, name: str, count: int) -> Criterion:
+    """A criterion by the name that the study has for it."""
+    if name == "I at the site":
+        return mean_deviation(bench.at_the_site)
+    if name == "G at the site":
+        return largest_deviation(bench.at_the_site)
+    if name == "I at the sockets":
+        return mean_deviation(bench.at_the_sockets)
+    own = name.removesuffix(" of the arm")
+    interest = bench.arm if own != name or name in ("A", "E") else None
+    return criterion_by_name(own, bench.model.p, count, interest)
+
+
+def choose(bench: Bench, name: str, each: int, starts: int, rounds: int) -> Choice:
+    """So many touch-ups at each socket, from nominal blocks alone.
+
+    One socket after the other is chosen for anew, with what is chosen at the others known, until
+    nothing changes. The relaxation that knows no socket is a bound for all such choices.
+    """
+    count = each * len(bench.groups)
+    criterion = criterion_of(bench, name, count)
+    p = bench.model.p
+    # spread over the recording, whatever it is sorted by
+    chosen = [group[np.linspace(0, len(group) - 1, each).astype(int)] for group in bench.groups]
+    before: FloatArray | None = None
+    for _ in range(rounds):
+        for k, group in enumerate(bench.groups):
+            others = np.concatenate([own for i, own in enumerate(chosen) if i != k])
+            known = np.vstack([bench.known, bench.blocks[others].reshape(-1, p)])
+            found = select(
+                bench.blocks[group], each, criterion, known=known, starts=starts, bound=False
+            )
+            chosen[k] = group[found.indices]
+        now = np.concatenate(chosen)
+        if before is not None and np.array_equal(now, before):
+            break
+        before = now
+    rows = np.sort(np.concatenate(chosen))
+    efficiency = np.nan
+    if name not in WITHOUT_BOUND:
+        known_rows = bench.known if len(bench.known) else None
+        relaxed = select(bench.blocks, count, criterion, "rounding", known=known_rows).relaxation
+        cost = criterion.on(Candidates(bench.blocks, known_rows)).cost(rows)
+        efficiency = min(1.0, relaxed.bound / cost) if relaxed is not None else np.nan
+    return Choice(rows, float(efficiency))
+
+
+def by_lot_at_each(bench: Bench, each: int, draws: int, rng: np.random.Generator) -> BoolArray:
+    """Choices ``(draws, N)`` of so many touch-ups at each socket."""
+    out = np.zeros((draws, bench.data.count), dtype=bool)
+    for group in bench.groups:
+        out[:, group] = by_lot(len(group), each, draws, rng)
+    return out
+
+
+def compare(
+    bench: Bench, criteria: Sequence[str], settings: dict[str, Any], rng: np.random.Generator
+) -> dict[str, Any]:
+    """All touch-ups, choices by lot and by each criterion, with one site held out."""
+    choices = [
+        choose(bench, name, settings["each"], settings["starts"], settings["rounds"])
+        for name in criteria
+    ]
+    chosen = np.zeros((len(criteria), bench.data.count), dtype=bool)
+    for mask, choice in zip(chosen, choices, strict=True):
+        mask[choice.rows] = True
+    lot = by_lot_at_each(bench, settings["each"], settings["draws"], rng)
+    every = np.ones((1, bench.data.count), dtype=bool)
+    far = bench.held_out_mm(np.concatenate([every, lot, chosen]))
+    whole, drawn = float(far[0]), far[1 : 1 + len(lot)]
+    return {
+        "all_mm": whole,
+        "by_lot_mm": spread(drawn),
+        "drawn_mm": [float(value) for value in drawn],
+        "chosen": [
+            {
+                "criterion": name,
+                "error_mm": float(error),
+                "over_all": float(error) / whole,
+                "better_than": float(np.mean(drawn > error)),
+                "efficiency": choice.efficiency,
+            }
+            for name, error, choice in zip(criteria, far[1 + len(lot) :], choices, strict=True)
+        ],
+    }
+
+
+def draw(rows: Sequence[dict[str, Any]], places: Sequence[str]) -> Figure:
+    """A panel for each model of the arm, a row for each site."""
+    shown = [row for row in rows if len(row["sites"][places[0]]["chosen"]) > 1]
+    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    panels = figure.subplots(1, len(shown), sharey=True, sharex=True, squeeze=False)[0]
+    height = np.arange(len(places))[::-1]
+    names = set()
+    for panel, row in zip(panels, shown, strict=True):
+        panel.axvline(1.0, color="#777777", lw=1.0)
+        panel.axvline(1.1, color="#777777", lw=1.0, ls=":")
+        for y, place in zip(height, places, strict=True):
+            of = row["sites"][place]
+            chosen = [(c["criterion"], c["over_all"]) for c in of["chosen"]]
+            names |= {name for name, _ in chosen}
+            draw_row(panel, y, np.array(of["by_lot_mm"]["quantiles"]) / of["all_mm"], chosen)
+        panel.set_title(f"{row['model']} ({row['parameters']})")
+        panel.set_xlabel("error at the site, 10 a socket over all 30")
+        panel.grid(visible=True, axis="x", alpha=0.3)
+    panels[0].set_yticks(height, list(places))
+    draw_legend(figure, panels[0], sorted(names))
+    return figure
+
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
-
-from panda_bench import SITES, bench_of, touched  # noqa: E402
-from panda_choice import compare  # noqa: E402
-from panda_figure import draw  # noqa: E402
-
-from posedesign.study.library import Advance, Options  # noqa: E402
-from studies import writing  # noqa: E402
-from studies.choices import range_text, spread  # noqa: E402
-from studies.real_data import data_with  # noqa: E402
-
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
 RECOMMENDED = "I at the sockets"
 """Criterion that is held to the bars: it asks for nothing of the site that is to come."""
@@ -161,12 +289,3 @@ def flat(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 def markdown(found: Mapping[str, Any]) -> str:
     """What the README has of the key figures."""
     return table(found["models"])
-
-
-def main() -> None:
-    """Run, draw and print."""
-    writing.script(study, plot, HERE, markdown)
-
-
-if __name__ == "__main__":
-    main()

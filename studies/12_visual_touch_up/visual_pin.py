@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from visual_bench import Bench, exact
 
 from calib.se3 import FloatArray, inverse
 from calib.vision.camera import Camera, circle_center, circle_center_bias, circle_image
@@ -16,6 +15,8 @@ from calib.vision.touch_up.facing import TiltBias
 from calib.vision.touch_up.jacobian import ImageJacobian
 from calib.vision.touch_up.relation import Relation
 from calib.vision.touch_up.servo import Loop, touch_up
+
+from .visual_bench import Bench, exact
 
 PIN = 5
 """Stream of random numbers, apart from those of the other tables."""

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import f as f_distribution
 from scipy.stats import rankdata
-from touch_bench import PoseSet
-from touch_plate import OF_MANY_ARMS, share
-from touch_variation import ACROSS, LINE, PAPER, WEIGHTED, Identified
 
 from calib.se3 import FloatArray
+
+from .touch_bench import PoseSet
+from .touch_plate import ACROSS, LINE, OF_MANY_ARMS, PAPER, WEIGHTED, Identified, share
 
 Found = Sequence[tuple[PoseSet, list[Identified]]]
 

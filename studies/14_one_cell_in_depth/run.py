@@ -1,4 +1,4 @@
-"""Run the study: posedesign study run one_cell_in_depth [--trials N] [--out DIR]."""
+"""Run the study: ``posedesign study run one_cell_in_depth``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from posedesign.simulation.accuracy_study import (
     pick,
 )
 from posedesign.study.library import Advance, Options
-from studies.writing import save, script, write_figures, write_rows
+from studies.writing import save, write_figures, write_rows
 
 HERE = Path(__file__).parent
 SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
@@ -82,7 +82,3 @@ def plot(folder: Path) -> list[Path]:
     rows = pd.read_csv(folder / TABLE).to_dict("records")
     findings = [Finding(**{str(k): v for k, v in row.items()}) for row in rows]
     return save(accuracy_figure(findings, SETTINGS["robot"]), folder, "one_cell_in_depth")
-
-
-if __name__ == "__main__":
-    script(study, plot, HERE)

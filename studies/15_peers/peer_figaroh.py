@@ -13,15 +13,18 @@ import warnings
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
-from peer_touch_ups import TouchUps
 
 from calib import Robot
 from calib.robots.urdf_anew import urdf_of
 from calib.se3 import FloatArray
+
+if TYPE_CHECKING:
+    from .peer_fits import TouchUps
+
 
 BASE = ("base_px", "base_py", "base_pz")
 TIP = ("pEEx_1", "pEEy_1", "pEEz_1")

@@ -1,4 +1,11 @@
-"""A X = Z B: this project, OpenCV and a refinement with scipy on the same pairs."""
+"""A X = Z B: this project, OpenCV and a refinement with scipy on the same pairs.
+
+OpenCV's closed forms are given what their documentation asks for: A is ``T_base_flange``, B
+``T_target_camera``; X is ``T_flange_camera``, Z ``T_base_target``. An engineer would refine them
+with scipy, as least squares on rotation vectors started at OpenCV's Shah: the residuals are those
+of the likelihood, R_B = exp([w]) R and p_B = p + v with w and v divided by their noise; the
+Jacobian is by two-point differences.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +14,82 @@ from typing import Any
 
 import cv2
 import numpy as np
-from peer_clock import in_turns, once, ratio
-from peer_engineer import refined
-from peer_opencv import HAND_EYE, ROBOT_WORLD, Answer, caller
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
+from calib import se3
 from calib.errors import CalibError
 from calib.robot_world import PairNoise, add_noise, random_problems, solve
 from calib.se3 import FloatArray
+
+from .peer_clock import in_turns, once, ratio
+
+ROBOT_WORLD = {"SHAH": "shah", "LI": "li-kronecker"}
+HAND_EYE = {
+    "TSAI": "tsai-lenz",
+    "PARK": "park-martin",
+    "HORAUD": "horaud-dornaika",
+    "ANDREFF": "andreff",
+    "DANIILIDIS": "daniilidis",
+}
+"""OpenCV's methods, with the names that the same ones have here."""
+
+Answer = tuple[FloatArray, FloatArray | None]
+
+
+def caller(name: str, A: FloatArray, B: FloatArray) -> Callable[[], Answer]:
+    """What solves pairs ``(N, 4, 4)``, its lists made beforehand: X, and Z or None ``(4, 4)``."""
+    flange, seen = _lists(A), _lists(se3.inverse(B))
+    if name in HAND_EYE:
+        number = getattr(cv2, f"CALIB_HAND_EYE_{name}")
+        return lambda: (_joined(*cv2.calibrateHandEye(*flange, *seen, method=number)), None)
+    number = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name}")
+    to_flange = _lists(se3.inverse(A))
+
+    def robot_world() -> Answer:
+        found = cv2.calibrateRobotWorldHandEye(*seen, *to_flange, method=number)
+        T_target_base, T_camera_flange = _joined(*found[:2]), _joined(*found[2:])
+        return np.linalg.inv(T_camera_flange), np.linalg.inv(T_target_base)
+
+    return robot_world
+
+
+def _lists(T: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
+    return list(T[:, :3, :3]), list(T[:, :3, 3])
+
+
+def _joined(R: FloatArray, p: FloatArray) -> FloatArray:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, p.ravel()
+    return T
+
+
+def refined(
+    A: FloatArray,
+    B: FloatArray,
+    start: tuple[FloatArray, FloatArray],
+    rotation_rad: float,
+    translation_m: float,
+) -> tuple[FloatArray, FloatArray, OptimizeResult]:
+    """X and Z ``(4, 4)`` of pairs ``(N, 4, 4)`` with noise on B, and what scipy says."""
+    R_A, p_A, R_B, p_B = A[:, :3, :3], A[:, :3, 3], B[:, :3, :3], B[:, :3, 3]
+
+    def rows(v: FloatArray) -> FloatArray:
+        R_X, R_Z = Rotation.from_rotvec(v[:6].reshape(2, 3)).as_matrix()
+        R = R_Z.T @ R_A @ R_X
+        p = (R_A @ v[6:9] + p_A - v[9:]) @ R_Z
+        turn = Rotation.from_matrix(R_B @ R.transpose(0, 2, 1)).as_rotvec()
+        return np.concatenate([turn / rotation_rad, (p_B - p) / translation_m]).ravel()
+
+    turns = Rotation.from_matrix([T[:3, :3] for T in start]).as_rotvec()
+    first = np.concatenate([turns.ravel(), *(T[:3, 3] for T in start)])
+    found = least_squares(rows, first, method="lm", x_scale="jac")
+    X, Z = np.eye(4), np.eye(4)
+    X[:3, :3], Z[:3, :3] = Rotation.from_rotvec(found.x[:6].reshape(2, 3)).as_matrix()
+    X[:3, 3], Z[:3, 3] = found.x[6:9], found.x[9:]
+    return X, Z, found
+
 
 OPENCV = (*ROBOT_WORLD, *HAND_EYE)
 SCIPY = "scipy from OpenCV's SHAH"

@@ -8,8 +8,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import peer_figaroh
-from peer_clock import Call, in_turns, ratio
 
 from calib import CalibrationModel, Robot
 from calib.identification.identifiability import sort_out
@@ -17,6 +15,9 @@ from calib.model.measurements import Pose
 from calib.model.parameters import LinkGeometry, TargetFrame, ToolFrame
 from calib.se3 import FloatArray, rotation_exp, transform
 from posedesign.selection import select
+
+from . import peer_figaroh as peer_figaroh
+from .peer_clock import Call, in_turns, ratio
 
 KEPT = 1e-5
 """Weight above which figaroh keeps a pose."""

@@ -3,12 +3,12 @@
 import json
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from posedesign.study import library, runner
 from posedesign.study.library import find_study, list_studies
-from studies import writing
 
 STUDIES = Path(__file__).parents[2] / "studies"
 
@@ -69,7 +69,8 @@ def small_study(tmp_path, monkeypatch) -> str:
     folder.mkdir(parents=True)
     (folder / "run.py").write_text(RUN)
     monkeypatch.setattr(library, "studies_folder", lambda: tmp_path / "studies")
-    monkeypatch.delitem(sys.modules, "study_07_small", raising=False)
+    monkeypatch.setitem(sys.modules, "studies", ModuleType("studies"))
+    monkeypatch.delitem(sys.modules, "studies.07_small", raising=False)
     monkeypatch.chdir(tmp_path)
     find_study("small").load()
     return "small"
@@ -166,26 +167,33 @@ def test_the_note_of_another_study_opens_nothing(refuse, small_study, tmp_path):
     refuse(*words).says("here/small.csv", "is not of the study small")
 
 
-def test_a_study_as_a_script_replaces_its_own_only(small_study, tmp_path, monkeypatch, capsys):
-    module = find_study(small_study).load()
+def test_the_own_folder_has_the_figures_that_tests_hold_it_to(
+    cli, refuse, small_study: str, tmp_path: Path
+) -> None:
+    own = tmp_path / "studies" / "07_small"
+    refuse("study", "run", small_study, "--out", own, "--trials", "4").says("7_small", "--out")
+    (own / "figures.json").write_text("{}")
+    (own / "any.png").write_text("mine")
+    assert cli("study", "run", small_study, "--out", own).code == 0
+    assert (own / "expected.json").read_text() == "{}"
+    assert not (own / "figures.json").exists()
 
-    def script(*words: str) -> None:
-        monkeypatch.setattr(sys, "argv", ["run.py", *words])
-        writing.script(module.study, module.plot, tmp_path / "studies" / "07_small")
 
-    script("--out", "here", "--trials", "4")
-    script("--out", "here")
-    assert (tmp_path / "here" / "small.txt").read_text() == "3 rows"
-    assert not (tmp_path / "studies" / "07_small" / "expected.json").exists()
-    (tmp_path / "here" / "small.csv").write_text("mine")
-    with pytest.raises(SystemExit, match=r"small.csv was changed"):
-        script("--out", "here")
-    assert (tmp_path / "here" / "small.csv").read_text() == "mine"
-    with pytest.raises(SystemExit, match="2"):
-        script("--trials", "4")
-    assert "--out" in capsys.readouterr().err
-    script()
-    assert json.loads((tmp_path / "studies" / "07_small" / "expected.json").read_text())
+def test_studies_are_found_in_a_checkout_alone(
+    cli, refuse, small_study: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()
+    monkeypatch.setattr(library, "__file__", str(tmp_path / "site" / "posedesign" / "study" / "l"))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    monkeypatch.delenv(library.NAMED_BY, raising=False)
+    assert [s.name for s in list_studies()] == ["small"]  # in a folder above
+    monkeypatch.chdir(Path(tmp_path.anchor))
+    refuse("study", "list").says("no part of the package", "checkout", library.NAMED_BY)
+    monkeypatch.setenv(library.NAMED_BY, str(tmp_path / "studies"))
+    assert "small" in cli("study", "list").out
+    monkeypatch.setenv(library.NAMED_BY, str(tmp_path))
+    refuse("study", "run", "small").says("no studies in", str(tmp_path))
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Calibration by visual touch-up, Figures 9 to 11 of the paper: a short form of the study."""
 
 import json
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -121,8 +122,7 @@ class TestVariation:
             assert 0.85 < ratio < 1.15  # 500 degrees of freedom: 3 %, and what the raster does
 
     def test_ranks_are_those_of_scipy(self, study):
-        import touch_claims
-
+        touch_claims = import_module(f"studies.{FOLDER.name}.touch_claims")
         rng = np.random.default_rng(4)
         x, y = rng.standard_normal(9), rng.integers(6, size=(5, 9)).astype(float)  # with ties
         brute = [spearmanr(x, row).statistic for row in y]
@@ -139,8 +139,7 @@ class TestVariation:
 class TestPlate:
     def test_before_calibration_it_is_as_with_a_pin_that_touches_exactly(self, bench, expected):
         """Another simulation of the touch, without a camera."""
-        import touch_plate
-
+        touch_plate = import_module(f"studies.{FOLDER.name}.touch_plate")
         rng = np.random.default_rng(5)
         model = bench.cell.model()
         exact = PlateTest.measure(bench.robot, rng, 40).worst_error(model, model.nominal)
@@ -152,8 +151,7 @@ class TestPlate:
         np.testing.assert_allclose(1e3 * before, said, atol=4e-3)
 
     def test_a_short_run_has_the_figures_that_are_written(self, study, bench, found, expected):
-        import touch_plate
-
+        touch_plate = import_module(f"studies.{FOLDER.name}.touch_plate")
         rng = np.random.default_rng(6)
         touched = touch_plate.Plate.of(bench).touched(SHORT, rng)
         written = {

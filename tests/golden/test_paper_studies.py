@@ -2,6 +2,7 @@
 
 import json
 import re
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -25,6 +26,11 @@ DEVIATIONS = 4.0
 
 def load(folder: Path) -> ModuleType:
     return find_study(folder.name).load()
+
+
+def module(folder: Path, name: str) -> ModuleType:
+    """A module beside a study's own."""
+    return import_module(f"{load(folder).__name__}.{name}")
 
 
 def written(folder: Path) -> dict[str, Any]:
@@ -93,12 +99,10 @@ class TestLi:
 
     def test_what_the_kronecker_form_minimises_is_the_papers_own_measure(self, li):
         """E of Table 1 is least for it by construction, as long as no matrix is made a rotation."""
-        import li_cases
-        import li_table
-
+        li_cases = module(LI, "li_cases")
         data = li_cases.draw(np.random.default_rng(3), 50, 7, "both", 0.0, li.SETTINGS)
-        E = li_table.table_row(data)
-        least = E.pop(li_table.UNPROJECTED)
+        E = li.table_row(data)
+        least = E.pop(li.UNPROJECTED)
         assert all((least < other).all() for other in E.values())
         X, Z = li_cases.linear_minimum(data.millimetres)
         literal = METHODS["li-kronecker-literal"].estimate(data.millimetres)
@@ -111,8 +115,7 @@ class TestLi:
 
     def test_the_problems_are_what_the_paper_describes(self, li):
         """Only the noisy side has errors, of .5 deg an Euler angle and 1 mm a coordinate."""
-        import li_cases
-
+        li_cases = module(LI, "li_cases")
         rng = np.random.default_rng(4)
         for noisy, sides in (("A", (1.0, 0.0)), ("B", (0.0, 1.0)), ("both", (1.0, 1.0))):
             data = li_cases.draw(rng, 400, 4, noisy, 0.0, li.SETTINGS)

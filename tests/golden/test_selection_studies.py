@@ -1,6 +1,7 @@
 """What buys accuracy, and which index predicts it: short forms of both studies."""
 
 import json
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -123,14 +124,13 @@ class TestWhatBuys:
     def test_tables_and_advice_that_people_read_are_the_result(self, buys):
         text = (BUYS / "README.md").read_text(encoding="utf-8")
         for part in written(BUYS)["arms"].values():
-            for line in buys.markdown(part["rows"]).splitlines():
+            for line in buys.table(part["rows"]).splitlines():
                 assert line in text
 
 
 class TestWhichIndex:
     def test_ranks_are_those_of_scipy(self, index):
-        import index_ranks
-
+        index_ranks = import_module(f"studies.{INDEX.name}.index_ranks")
         a, b = np.random.default_rng(3).integers(9, size=(2, 4, 30)).astype(float)  # with ties
         found = index_ranks._spearman(a, b)
         expected = [spearmanr(x, y).statistic for x, y in zip(a, b, strict=True)]

@@ -1,6 +1,7 @@
 """Tables 1 to 3 of Watanabe et al. 2006: a short form of the study against what its folder says."""
 
 import json
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -107,28 +108,26 @@ class TestRepeatability:
 
 class TestParts:
     def test_a_line_without_noise_is_found_and_met(self, study):
-        import visual_lines
-
+        lines = import_module(f"studies.{FOLDER.name}.visual_tables")
         rng = np.random.default_rng(3)
         line, m = np.array([0.02, -0.05, 0.03, -0.01]), np.array([1.2, 0.1, 0.4])
         along = rng.uniform(0.25, 0.45, (2, 9))
         on_line = np.stack([line[0] + line[2] * along, line[1] + line[3] * along, along], axis=-1)
         R = rotation_exp(rng.uniform(-0.4, 0.4, (2, 9, 3)))
         T = transform(R, m - (R @ on_line[..., None])[..., 0])
-        found = visual_lines.identify_line(T, np.zeros(4))
+        found = lines.identify_line(T, np.zeros(4))
         np.testing.assert_allclose(found, [line, line], atol=1e-9)
-        np.testing.assert_allclose(visual_lines.meet(T, found), [m, m], atol=1e-9)
+        np.testing.assert_allclose(lines.meet(T, found), [m, m], atol=1e-9)
 
     def test_the_gain_of_stereo_is_that_of_lines_that_scatter(self, study):
-        import visual_lines
-
+        lines = import_module(f"studies.{FOLDER.name}.visual_tables")
         rng = np.random.default_rng(4)
         turns = np.deg2rad([-15.0, 0.0, 15.0])
         R = rotation_exp(turns[:, None] * [1.0, 0.0, 0.0])
         T = np.tile(transform(R, -R[..., 2] * 0.35), (20000, 1, 1, 1))
         across = rng.standard_normal((20000, 3, 2)) * 1e-5
         T[..., :3, 3] += (R[..., :2] @ across[..., None])[..., 0]
-        met = visual_lines.meet(T, np.zeros((20000, 4)))
+        met = lines.meet(T, np.zeros((20000, 4)))
         gain = study.tables.depth_of_stereo([-15.0, 0.0, 15.0])
         np.testing.assert_allclose(met.std(axis=0) / 1e-5, gain, rtol=0.03)
 
@@ -161,8 +160,7 @@ class TestParts:
         assert (np.abs(0.5 * np.log(found[:, 0])) < alone).mean() < 0.7
 
     def test_eq_2_as_printed_is_the_same_data_once_scaled(self, study):
-        import visual_bench
-
+        visual_bench = import_module(f"studies.{FOLDER.name}.visual_bench")
         views = np.array([[330.0, 236.0, 40.0, 0.3, 39.0], [310.0, 250.0, 52.0, 0.0, 50.0]])
         relation = (320.0, 240.0), 91.4
         error = Relation(*relation).error(views)

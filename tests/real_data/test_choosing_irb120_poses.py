@@ -1,7 +1,6 @@
 """Choosing poses of the IRB 120: what a choice must be worth, and that it has seen no reading."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -95,7 +94,7 @@ def test_no_reading_is_seen_by_a_choice(study, measured):
     own = bench(study, measured, SHORT[0])
     noise = np.random.default_rng(1).normal(size=own.data.observed.shape)
     other = replace(own, data=replace(own.data, observed=noise))
-    chosen_by = sys.modules["irb_choice"].chosen_by
+    chosen_by = study.chosen_by
     first, second = (chosen_by(of, 9, study.RECOMMENDED).indices for of in (own, other))
     np.testing.assert_array_equal(first, second)
 
@@ -118,7 +117,7 @@ def test_fits_are_those_of_identify(study, measured):
 def test_all_36_are_as_in_study_03(study, measured):
     """Its 35 parameters, from nominal Jacobians alone, and what it has for a pose left out."""
     own = bench(study, measured, "no priors")
-    all36 = sys.modules["irb_choice"].everything(own)
+    all36 = study.everything(own)
     assert own.model.p == 35
     assert 1e3 * np.sqrt(all36.left_out.mean()) == pytest.approx(0.1831, abs=1e-4)
     assert 1e3 * np.sqrt(all36.in_sample.mean()) == pytest.approx(0.1476, abs=1e-4)

@@ -1,7 +1,6 @@
 """Choosing touch-ups of the Panda: ten a socket against all thirty, at sites that were held out."""
 
 import json
-import sys
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -97,7 +96,7 @@ def test_what_is_written_meets_the_bars(study, written):
 
 def test_as_many_at_each_socket_and_none_from_the_site_held_out(study, measured):
     own = bench(study, measured, QUICK[0], site=1)
-    choice = sys.modules["panda_choice"].choose(own, study.RECOMMENDED, 10, 1, 8)
+    choice = study.choose(own, study.RECOMMENDED, 10, 1, 8)
     np.testing.assert_array_equal(np.bincount(own.data.target[choice.rows]), [10] * 4)
     assert not any(target.startswith("right") for target in own.model.targets)
     assert 0.9 < choice.efficiency <= 1.0
@@ -110,12 +109,11 @@ def test_the_choice_is_the_best_of_all_where_these_can_be_tried(study, measured)
     data = touch_ups(own.data.postures[kept], own.data.target[kept], own.model.targets)
     # the fourth socket is not measured, and so has to be known
     few = replace(own, data=data)
-    modules = sys.modules["panda_choice"]
     blocks, p = few.blocks, few.model.p
     known = np.eye(p)
     object.__setattr__(few, "known", known)
     object.__setattr__(few, "groups", few.groups[:3])
-    choice = modules.choose(few, "D", 2, 1, 8)
+    choice = study.choose(few, "D", 2, 1, 8)
     M = np.swapaxes(blocks, 1, 2) @ blocks
     pairs = [[M[list(pair)].sum(0) for pair in combinations(g, 2)] for g in few.groups]
     every = [np.array(of) for of in pairs]

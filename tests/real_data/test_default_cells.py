@@ -7,7 +7,6 @@ Minimal_Robot_Calibration_Using_Position, IEEE T-ASE 12(2), 2015), a UR10 under 
 marked as such, with the figure measured, and fails once it is.
 """
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,28 +106,27 @@ def panda(sockets, tmp_path_factory) -> Callable[..., Done]:
 
 
 @pytest.fixture(scope="module")
-def arm_recordings(load_study) -> ModuleType:
+def irb120_study(load_study) -> ModuleType:
     """How study 03 reads the IRB 120, and predicts points that no fit uses."""
-    load_study(STUDIES / "03_irb120_measuring_arm")
-    return sys.modules["arm_recordings"]
+    return load_study(STUDIES / "03_irb120_measuring_arm")
 
 
 @pytest.fixture(scope="module")
-def irb120(data_folder, arm_recordings, tmp_path_factory) -> Done:
-    if not (data_folder / arm_recordings.RECORDINGS).is_dir():
-        pytest.skip(f"{data_folder / arm_recordings.RECORDINGS} does not exist")
+def irb120(data_folder, irb120_study, tmp_path_factory) -> Done:
+    if not (data_folder / irb120_study.RECORDINGS).is_dir():
+        pytest.skip(f"{data_folder / irb120_study.RECORDINGS} does not exist")
     out = tmp_path_factory.mktemp("irb120")
-    _, measured = arm_recordings.write_tables(data_folder, out)
+    _, measured = irb120_study.write_tables(data_folder, out)
     return identified(cell_template("irb120"), measured, out)
 
 
 @pytest.fixture(scope="module")
-def irb120_row(irb120, data_folder, arm_recordings) -> dict[str, float]:
+def irb120_row(irb120, data_folder, irb120_study) -> dict[str, float]:
     """Figures of the recommended model, refitted without each configuration."""
     trial, _ = irb120.identified.shown
-    recorded = arm_recordings.load(data_folder)
+    recorded = irb120_study.load(data_folder)
     data = irb120.identified.table.data
-    row, _ = sys.modules["arm_models"].row_of(trial.name, trial.candidate.model, data, recorded)
+    row, _ = irb120_study.row_of(trial.name, trial.candidate.model, data, recorded)
     return row
 
 

@@ -140,4 +140,4 @@ def test_the_command_line_gives_the_same(found, rows, tables, capsys):
 
 def test_the_table_that_people_read_is_the_result(study, written):
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
-    assert study.table(written) in text
+    assert study.markdown(written) in text

@@ -56,7 +56,7 @@ def pairs(study, data_folder, pairs_folder) -> Row:
 
 def module(name: str) -> ModuleType:
     """A module of the study's folder, once the study is loaded."""
-    return importlib.import_module(name)
+    return importlib.import_module(f"studies.07_real_pairs.{name}")
 
 
 def rows(found: Row, name: str) -> dict[str, Row]:
@@ -133,7 +133,7 @@ def test_rotations_first_predict_worse_where_poses_hardly_turn(found):
 def test_estimated_noise_goes_with_the_residuals_of_every_half(study, pairs, name):
     """Of every half of the runs: residuals in units of the noise estimated are as they must be."""
     A, B = pairs[name]
-    for learn in module("real_splits").halves(len(A), study.SETTINGS["splits"]["runs"])[::5]:
+    for learn in module("real_rows").halves(len(A), study.SETTINGS["splits"]["runs"])[::5]:
         if solve_batch(A[None, learn], B[None, learn], "shah").degenerate[0]:
             continue
         result = solve(A[learn], B[learn], "ml", "B")
@@ -148,7 +148,7 @@ def test_estimated_noise_goes_with_the_residuals_of_every_half(study, pairs, nam
 def test_halves_agree_better_by_the_noise_that_shows(study, pairs):
     """X and Z of two halves that share no pair are nearer, and as near as they say."""
     A, B = pairs["UR3e"]
-    learn = module("real_splits").halves(len(A), study.SETTINGS["splits"]["runs"])
+    learn = module("real_rows").halves(len(A), study.SETTINGS["splits"]["runs"])
     apart: dict[str | None, list[Any]] = {"B": [], None: []}
     inside: dict[str | None, list[Any]] = {"B": [], None: []}
     for half in learn[: len(learn) // 2]:
@@ -192,5 +192,5 @@ def test_the_study_is_as_written(found, written, name):
 
 def test_the_tables_that_people_read_are_the_result(study, written):
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
-    for name, table in module("real_tables").all_tables(written).items():
+    for name, table in study.all_tables(written).items():
         assert table in text, name

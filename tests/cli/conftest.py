@@ -162,6 +162,18 @@ def with_keys(text: str, changes: Mapping[str, str]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def offsets_only(cell: Path, *, judged: bool = False) -> Path:
+    """The same cell with offsets alone to identify, which is quick.
+
+    Unless it is to be judged: then an arm with everything that may be off is fitted as well.
+    """
+    start, _, rest = cell.read_text().partition("models = [\n")
+    rest = rest.partition(",\n]\n")[2]
+    text = f'{start}models = [["zero_offsets"]]\n{rest}'
+    cell.write_text(text if judged else with_keys(text, {"measurement.weighted": "false"}))
+    return cell
+
+
 @pytest.fixture
 def change_cell(work) -> Callable[[Mapping[str, str]], Path]:
     """Change keys of the cell in the working folder."""

@@ -2,7 +2,6 @@
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,7 @@ import pytest
 from posedesign.cell import Cell
 from posedesign.planning.tables import read_poses
 from posedesign.programs import read
-from tests.cli.conftest import with_camera
-
-Cli = Callable[..., Any]
+from tests.cli.conftest import Cli, offsets_only, with_camera
 
 RIGID = {
     "truth.deflection": "false",
@@ -41,7 +38,7 @@ def chain(cli: Cli, cell: Path, out: Path) -> dict[str, Any]:
 
 
 def test_identified_offsets_are_the_true_ones(cli, change_cell, work):
-    cell = change_cell(RIGID)
+    cell = offsets_only(change_cell(RIGID), judged=True)
     answer = chain(cli, cell, work / "out")
     truth = Cell.load(cell).config.truth
     model = next(m for m in answer["models"] if m["name"] == "offsets")
@@ -65,7 +62,7 @@ def test_true_camera_and_target_are_found(cli, change_cell, work, seed):
         "truth.zero_offsets_deg": "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]",
         "truth.seed": str(seed),
     }
-    cell = change_cell(keys)
+    cell = offsets_only(change_cell(keys))
     answer = chain(cli, cell, work / "out")
     offsets = answer["models"][1]["parameters"][:4]
     assert all(abs(p["value"]) < 5.0 * p["sigma"] for p in offsets)
@@ -85,7 +82,9 @@ def test_true_camera_and_target_are_found(cli, change_cell, work, seed):
 
 
 def test_program_holds_the_planned_poses(cli, work):
-    chain(cli, work / "cell.toml", work / "out")
+    cell, out = work / "cell.toml", work / "out"
+    assert cli("plan", cell, "--out", out).code == 0
+    assert cli("program", out / "poses.csv", "--cell", cell, "--out", out).code == 0
     planned = read_poses(work / "out" / "poses.csv", 6)
     recorded = read(work / "out" / "CALIB01.LS")
     np.testing.assert_allclose(recorded.postures(), planned.postures, atol=np.deg2rad(1e-3))
@@ -100,7 +99,7 @@ def test_the_same_files_twice(cli, work):
 
 def test_view_line_touch_ups(cli, change_cell, work):
     keys = {**RIGID, "measurement.kind": '"view-line"', "parameters.tool_axes": '"xy"'}
-    answer = chain(cli, change_cell(keys), work / "out")
+    answer = chain(cli, offsets_only(change_cell(keys)), work / "out")
     names = [p["name"] for p in answer["models"][1]["parameters"]]
     assert "tool.z" not in names
     truth = (0.08, -0.06, 0.05, 0.10)
@@ -110,11 +109,12 @@ def test_view_line_touch_ups(cli, change_cell, work):
 
 def test_spreadsheet_round_trip_changes_nothing(cli, work):
     """Excel writes a byte order mark and CRLF; people add comment lines."""
-    assert cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work / "a").code == 0
+    cell = offsets_only(work / "cell.toml")
+    assert cli("identify", cell, work / "touchups.csv", "--out", work / "a").code == 0
     plain = (work / "touchups.csv").read_text()
     touched = "# measured on Monday\n" + plain.replace("\n", "\n\n", 3)
     (work / "excel.csv").write_bytes(("\ufeff" + touched).replace("\n", "\r\n").encode())
-    assert cli("identify", work / "cell.toml", work / "excel.csv", "--out", work / "b").code == 0
+    assert cli("identify", cell, work / "excel.csv", "--out", work / "b").code == 0
     one, two = (json.loads((work / d / "identification.json").read_text()) for d in "ab")
     for answer in (one, two):
         del answer["origin"], answer["data"]
@@ -123,7 +123,7 @@ def test_spreadsheet_round_trip_changes_nothing(cli, work):
 
 @pytest.mark.parametrize("name", ["#1", "=T1", "-1", "Zapfen 3, links", 'the "old" one', "'x"])
 def test_any_target_name_survives_the_files(cli, change_cell, work, name):
-    cell = change_cell({"target.name": json.dumps(name)})
+    cell = offsets_only(change_cell({"target.name": json.dumps(name)}))
     answer = chain(cli, cell, work / "out")
     assert answer["targets"] == [name]
     assert answer["measurements"] == 27
@@ -134,7 +134,9 @@ def test_several_targets(cli, work):
     lines = (work / "touchups.csv").read_text().splitlines()
     named = [lines[0], *(f"S{i % 2}" + row[2:] for i, row in enumerate(lines[1:]))]
     (work / "two.csv").write_text("\n".join(named) + "\n")
-    assert cli("identify", work / "cell.toml", work / "two.csv", "--out", work).code == 0
+    assert (
+        cli("identify", offsets_only(work / "cell.toml"), work / "two.csv", "--out", work).code == 0
+    )
     answer = json.loads((work / "identification.json").read_text())
     assert answer["targets"] == ["S0", "S1"]
     names = [p["name"] for p in answer["models"][1]["parameters"]]

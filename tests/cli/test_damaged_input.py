@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from posedesign.cli.main import run
+from tests.cli.conftest import arm_urdf
 
 CASES = 8
 """Of each kind of file: seconds in all. The same with some thousands is run by hand."""
@@ -61,13 +62,6 @@ OPTIONS = (
     ("study", "plot"),
 )
 
-ARM = """<robot name="arm"><link name="l0"/>{}</robot>"""
-JOINT = (
-    '<link name="l{0}"/><joint name="j{0}" type="revolute"><parent link="l{1}"/>'
-    '<child link="l{0}"/><origin xyz="0 {2} 0.3"/><axis xyz="{3}"/>'
-    '<limit lower="-2" upper="2" velocity="2"/></joint>'
-)
-AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
 FACET = (
     "facet normal 0 0 1\nouter loop\nvertex {} 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
 )
@@ -89,8 +83,7 @@ def damaged(_work, tmp_path_factory) -> Path:
     (folder / "mesh.toml").write_text(text + mesh)
     facets = "".join(map(FACET.format, range(3)))
     (folder / "part.stl").write_text(f"solid a\n{facets}endsolid a\n")
-    joints = "".join(JOINT.format(k, k - 1, 0.1 * (k % 2), a) for k, a in enumerate(AXES, start=1))
-    (folder / "arm.urdf").write_text(ARM.format(joints))
+    (folder / "arm.urdf").write_text(arm_urdf())
     cell, out = str(folder / "cell.toml"), str(folder)
     for form in ("fanuc-ls", "ros-trajectory"):
         words = ("program", folder / "poses.csv", "--cell", cell, "--format", form, "--out", out)

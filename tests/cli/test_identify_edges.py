@@ -17,6 +17,7 @@ from posedesign.cell import Cell
 from posedesign.cli.identification_output import print_identification
 from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.identification.comparison import identify_models
+from tests.cli.conftest import offsets_only
 
 PLACES, TURNS = ("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg")
 
@@ -80,18 +81,9 @@ def test_units_that_are_mixed_up(refuse, work, kind, columns, factor, words):
     line.says(f"error: {path}", "--trust-units", *words)
 
 
-def with_models(cell: Path, models: str) -> Path:
-    """The cell with other models than all of them, as TOML writes them."""
-    start, _, rest = cell.read_text().partition("models = [\n")
-    rest = rest.partition(",\n]\n")[2]
-    cell.write_text(f"{start}models = [{models}]\n{rest}")
-    return cell
-
-
 def test_units_are_trusted_when_asked(cli, work):
     path = in_other_units(tracked(work, "point"), PLACES, 1e-3)
-    with_models(work / "cell.toml", '["zero_offsets"]')
-    said = cli("identify", work / "cell.toml", path, "--out", work, "--trust-units")
+    said = cli("identify", offsets_only(work / "cell.toml"), path, "--out", work, "--trust-units")
     assert "multiply" not in said.err
     assert said.code != 0  # a tracker in which the arm shrinks by a thousand is believed by no fit
 
@@ -99,7 +91,7 @@ def test_units_are_trusted_when_asked(cli, work):
 @pytest.mark.parametrize("kind", ["point", "pose", "camera-pose", "distance"])
 def test_readings_in_order_are_identified(cli, work, kind):
     path = tracked(work, kind, 40)
-    said = cli("identify", work / "cell.toml", path, "--out", work)
+    said = cli("identify", offsets_only(work / "cell.toml"), path, "--out", work)
     assert said.code == 0, said.err
     assert f"noise of {kind}, from the residuals: " in said.out
     assert (" mrad" in said.out) == kind.endswith("pose")
@@ -161,14 +153,15 @@ def test_one_line_says_what_is_wrong_and_where(refuse, work, case):
 
 def test_readings_without_the_word_for_them(cli, work):
     """Without the column kind they would be touch-ups whose readings are thrown away."""
+    cell = offsets_only(work / "cell.toml")
     path = tracked(work, "point")
     rows = [{k: v for k, v in row.items() if k != "kind"} for row in table(path)]
-    said = cli("identify", work / "cell.toml", save(path, rows), "--out", work)
+    said = cli("identify", cell, save(path, rows), "--out", work)
     assert said.code != 0
     rows[0]["target"] = rows[0]["target"]
     touched = table(work / "touchups.csv")
     path = save(work / "both.csv", [row | dict.fromkeys(PLACES, "1") for row in touched])
-    said = cli("identify", work / "cell.toml", path, "--out", work)
+    said = cli("identify", cell, path, "--out", work)
     assert said.code == 0
     assert (
         "x_mm, y_mm, z_mm of 27 rows are not read, because a touch-up has no readings" in said.err
@@ -184,17 +177,18 @@ def test_a_known_distance_to_a_target_that_is_not_there(refuse, work):
 
 
 def test_rows_that_are_there_twice(cli, work):
+    cell = offsets_only(work / "cell.toml")
     lines = (work / "touchups.csv").read_text().splitlines()
     path = work / "twice.csv"
     path.write_text("\n".join([*lines, lines[4]]) + "\n")
-    said = cli("identify", work / "cell.toml", path, "--out", work / "one", "--json")
+    said = cli("identify", cell, path, "--out", work / "one", "--json")
     assert said.err == (
         f"warning: {path}: rows that repeat another number by number are left out: line 29 as "
         "line 5\n"
     )
     assert json.loads(said.out)["measurements"] == 27
     path.write_text("\n".join([*lines, *lines[1:]]) + "\n")
-    said = cli("identify", work / "cell.toml", path, "--out", work / "two", "--json")
+    said = cli("identify", cell, path, "--out", work / "two", "--json")
     assert said.err.count("\n") == 1
     assert "line 33 as line 6 and 22 more rows" in said.err
 
@@ -203,7 +197,7 @@ def test_poses_that_are_missing(cli, work):
     rows = table(work / "touchups.csv")
     kept = [row for row in rows if row["pose"] not in ("P03", "P11")]
     path = save(work / "few.csv", kept)
-    said = cli("identify", work / "cell.toml", path, "--out", work)
+    said = cli("identify", offsets_only(work / "cell.toml"), path, "--out", work)
     assert said.code == 0
     assert "of the poses up to P27 there are no measurements of P03, P11" in said.err
 
@@ -211,14 +205,18 @@ def test_poses_that_are_missing(cli, work):
 def test_a_target_that_is_seen_once(cli, work):
     rows = table(work / "touchups.csv")
     rows[6]["target"] = "S9"
-    said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
+    said = cli(
+        "identify", offsets_only(work / "cell.toml"), save(work / "m.csv", rows), "--out", work
+    )
     assert said.code == 0
     assert "measured once, which says nothing but where they are: S9" in said.err
 
 
 def test_many_rows_outside_the_limits(cli, work):
     rows = [row | {"j4_deg": "380"} for row in table(work / "touchups.csv")]
-    said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
+    said = cli(
+        "identify", offsets_only(work / "cell.toml"), save(work / "m.csv", rows), "--out", work
+    )
     lines = [line for line in said.err.splitlines() if "joint limits" in line or "is above" in line]
     assert len(lines) == 6
     assert "line 2: joint_4 380.0 deg is above" in lines[0]
@@ -285,17 +283,20 @@ def test_gross_errors_are_left_out_by_name(cli, change_cell, work):
 
 
 def test_planned_poses_are_no_measurements(cli, refuse, work):
-    line = refuse("identify", work / "cell.toml", work / "poses.csv", "--out", work / "out")
+    cell = offsets_only(work / "cell.toml")
+    line = refuse("identify", cell, work / "poses.csv", "--out", work / "out")
     line.says("poses.csv, line 1: holds planned poses, not measurements", "posedesign simulate")
     rows = [{"target": "T1"} | row for row in table(work / "poses.csv")]
-    said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
+    said = cli("identify", cell, save(work / "m.csv", rows), "--out", work)
     assert "these postures were planned, not measured" in said.err
 
 
 def test_one_row_in_radians(cli, work):
     rows = table(work / "touchups.csv")
     rows[3] |= {f"j{k}_deg": str(np.deg2rad(float(rows[3][f"j{k}_deg"]))) for k in range(1, 7)}
-    said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
+    said = cli(
+        "identify", offsets_only(work / "cell.toml"), save(work / "m.csv", rows), "--out", work
+    )
     assert said.code != 0
     assert "m.csv: line 5: the tool point as described is " in said.err
 
@@ -317,7 +318,7 @@ def test_good_touch_ups_are_not_suspected(cli, work):
 
 def test_more_wrong_than_right(refuse, change_cell, work):
     path, _ = knocked(work, 0.7, 1.0)
-    cell = with_models(change_cell({"parameters.loss": '"graduated"'}), '["zero_offsets"]')
+    cell = offsets_only(change_cell({"parameters.loss": '"graduated"'}), judged=True)
     refuse("identify", cell, path, "--out", work / "out").says("contradict", "measurements")
 
 
@@ -332,7 +333,7 @@ def other_arm(work: Path, preset: str) -> Path:
     return write_measurements(work / "other.csv", touch_ups(q))
 
 
-@pytest.mark.parametrize("preset", ["lrmate200id", "hp3"])
+@pytest.mark.parametrize("preset", ["lrmate200id", pytest.param("hp3", marks=pytest.mark.slow)])
 def test_touch_ups_of_another_arm(cli, work, preset):
     """Links freed to be a metre off would explain them; nobody should believe that."""
     path = other_arm(work, preset)
@@ -409,7 +410,7 @@ def test_numbers_have_the_decimals_that_they_deserve(cli, work):
 
 
 def test_parameters_that_are_not_told_are_listed(capsys, work):
-    cell = Cell.load(with_models(work / "cell.toml", '["zero_offsets"]'))
+    cell = Cell.load(offsets_only(work / "cell.toml"))
     found = identify_models(cell, read_measurements(work / "touchups.csv", 6))
     notes = tuple(f"harmonic.joint_{k}.sin1 is absorbed by the targets" for k in range(1, 8))
     comparison = found.comparison

@@ -72,7 +72,7 @@ def test_a_scale_that_no_arm_is_off_by(size, gross):
 def test_another_arm_is_said_to_be_one(table, make_cell, capsys):
     """Also where a gap of the model is named: that is no reason why it is another arm."""
     cell = make_cell(parameters={"models": [["zero_offsets"]]})
-    q = table.data.postures + np.random.default_rng(3).normal(0.0, 0.1, (45, 6))
+    q = table.data.postures + np.random.default_rng(3).normal(0.0, 0.05, (45, 6))
     found = identify_models(cell, replace(table, data=replace(table.data, postures=q)))
     gap = Finding("harmonic", ("joint_2", "1"), "joint", (), 1e-3, "rad", 0.1, 0.05, 20.0)
     for findings in ((), (gap,)):

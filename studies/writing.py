@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calib.errors import CalibError, InputError
-from posedesign.files import make_folder, write_json_atomic
+from posedesign.files import json_text, make_folder, write_text_atomic
 from posedesign.files.csv_tables import AsItIs, write_table
 from posedesign.files.csv_tables import read_rows as read_cells
 from posedesign.study.folder import own_folder
@@ -26,9 +26,29 @@ FIGURES = "figures.json"
 
 
 def write_figures(out: Path, figures: Mapping[str, Any] | Sequence[Any]) -> Path:
-    """Write the key figures of a run."""
+    """Write the key figures of a run, as JSON with a line for each row of a table."""
     make_folder(out)
-    return write_json_atomic(out / FIGURES, figures)
+    return write_text_atomic(out / FIGURES, _lines(json.loads(json_text(figures))) + "\n")
+
+
+def _lines(value: Any, indent: str = "\n") -> str:
+    """JSON in which only what holds rows is broken into lines."""
+    items = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    if not any(_has_rows(item) for item in items):
+        return json.dumps(value)
+    inner = indent + " "
+    parts = [_lines(item, inner) for item in items]
+    if isinstance(value, dict):
+        parts = [f"{json.dumps(key)}: {part}" for key, part in zip(value, parts, strict=True)]
+    first, last = "{}" if isinstance(value, dict) else "[]"
+    return f"{first}{inner}{f',{inner}'.join(parts)}{indent}{last}"
+
+
+def _has_rows(value: Any) -> bool:
+    """A row with a name of its own, or a list of rows."""
+    if isinstance(value, dict):
+        return bool(value)
+    return isinstance(value, list) and any(isinstance(item, dict | list) for item in value)
 
 
 def read_figures(out: Path) -> Any:

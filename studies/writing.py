@@ -1,22 +1,18 @@
-"""What all studies share: tables and key figures on disk, figures in two forms, and the script."""
+"""What all studies share: tables and key figures on disk, and figures in two forms."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calib.errors import CalibError, InputError
+from calib.errors import InputError
 from posedesign.files import json_text, make_folder, write_text_atomic
 from posedesign.files.csv_tables import AsItIs, write_table
 from posedesign.files.csv_tables import read_rows as read_cells
-from posedesign.study.folder import own_folder
-from posedesign.study.library import Advance, Options, Study
-from posedesign.study.runner import Workers
+from posedesign.study.library import Advance, Options
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -144,38 +140,3 @@ def save(figure: Figure, out: Path, name: str) -> list[Path]:
         figure.set_layout_engine("none")  # laid out once: it takes longer than the drawing
         figure.savefig(paths[1], metadata={"Date": None, "Creator": None})
     return paths
-
-
-def script(
-    study: Callable[[Options], Mapping[str, Any] | Sequence[Any]],
-    plot: Callable[[Path], list[Path]],
-    here: Path,
-    tables: Callable[[Any], str] | None = None,
-) -> None:
-    """Run a study as a script: ``python studies/NN_name/run.py [--trials N] [--jobs N] [--out]``.
-
-    Without ``--out`` and ``--trials`` the results are those of the study's own folder, key figures
-    included; any other folder is one of results, which a study replaces its own in only. Tables of
-    the key figures are printed as the README has them.
-    """
-    parser = argparse.ArgumentParser(description=study.__doc__)
-    parser.add_argument("--trials", type=int, help="in place of the study's own number")
-    parser.add_argument("--jobs", type=int, default=1, help="processes, where it uses several")
-    parser.add_argument("--out", type=Path, help="folder for the results")
-    given = parser.parse_args()
-    if given.trials is not None and given.out is None:
-        parser.error("--trials is a short form of the study: name a folder for it with --out")
-    out = here if given.out is None else given.out
-    try:
-        with nullcontext() if given.out is None else own_folder(out, Study(here).name):
-            figures = study(Options(out, given.trials, Workers(given.jobs)))
-            if given.out is None:
-                write_json_atomic(here / "expected.json", figures)
-                (here / FIGURES).unlink(missing_ok=True)
-            drawn = plot(out)
-    except CalibError as error:
-        raise SystemExit(str(error)) from None
-    if tables is not None:
-        print(tables(figures))
-    for path in drawn:
-        print(f"drew {path}")

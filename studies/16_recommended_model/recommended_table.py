@@ -7,15 +7,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from recommended_peers import PULLED, REDUCED
-from recommended_trials import KNOWN, NOMINAL
 
 from posedesign.identification.models import OFFSETS
 from studies.intervals import wilson
 from studies.writing import table_of
 
+from .recommended_trials import KNOWN, NOMINAL, PULLED, REDUCED
+
 if TYPE_CHECKING:
     import pandas as pd
+
 
 EVERY = "all"
 WORSE = 1e-6

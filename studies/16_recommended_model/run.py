@@ -1,28 +1,57 @@
-"""Run the study: posedesign study run recommended_model [--trials N] [--jobs N] [--out DIR]."""
+"""Run the study: ``posedesign study run recommended_model``."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.figure import Figure
+
+from posedesign.study.grid import Grid
+from posedesign.study.library import Options, call
+from posedesign.study.runner import run_grid
+from posedesign.study.store import Store, read_table
+from studies import writing
+from studies.drawing import BLUE, GREY, VERMILION
+
+from .recommended_arms import SETTINGS
+from .recommended_table import Outcome, models_taken, outcomes, summary, worst
+from .recommended_table import markdown as markdown
+
+
+def draw(found: Sequence[Outcome]) -> Figure:
+    """A panel for each way to measure, a point for each arm; harm is marked."""
+    ways = list(dict.fromkeys(one.way for one in found))
+    figure = Figure(figsize=(4.2 * len(ways), 4.6), layout="constrained")
+    panels = figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=False)[0]
+    told = [one for one in found if one.best > 0]
+    span = [min(one.best for one in told) / 1.3, 1.3 * max(one.recommended for one in told)]
+    for panel, way in zip(panels, ways, strict=True):
+        own = [one for one in told if one.way == way]
+        panel.plot(span, span, color=GREY, lw=1.0)
+        for harms, colour, mark, label in (
+            (False, BLUE, "o", "better than the nominal arm"),
+            (True, VERMILION, "X", "worse than the nominal arm"),
+        ):
+            some = np.array([(o.best, o.recommended) for o in own if o.harms == harms])
+            x, y = some.reshape(-1, 2).T
+            panel.plot(x, y, mark, color=colour, ms=4.0, alpha=0.6, lw=0, label=label)
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_title(way)
+        panel.set_xlabel("error of the best model [mm]")
+        panel.grid(visible=True, alpha=0.3)
+    panels[0].set_ylabel("error of the recommended model [mm]")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
+    return figure
+
+
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # the modules of this folder, however it is loaded
-
-from recommended_arms import SETTINGS  # noqa: E402
-from recommended_figure import draw  # noqa: E402
-from recommended_table import Outcome, markdown, models_taken, outcomes, summary, worst  # noqa: E402
-from recommended_trials import simulate  # noqa: E402, F401 -- called by its name
-
-from posedesign.study.grid import Grid  # noqa: E402
-from posedesign.study.library import Options, call  # noqa: E402
-from posedesign.study.runner import run_grid  # noqa: E402
-from posedesign.study.store import Store, read_table  # noqa: E402
-from studies import writing  # noqa: E402
-
 WORKERS = True
 """Its tasks may be shared."""
 
@@ -80,12 +109,3 @@ def _outcome(row: Mapping[str, Any]) -> Outcome:
             value = int(value)
         given[field.name] = value
     return Outcome(**given)
-
-
-def main() -> None:
-    """Run, draw and print."""
-    writing.script(study, plot, HERE, markdown)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,7 +1,7 @@
 """Is the recommended model the one to take: a short form, and what its figures stand on."""
 
 import json
-import sys
+from importlib import import_module
 from types import ModuleType
 from typing import Any
 
@@ -25,17 +25,17 @@ def run() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def arms(run) -> ModuleType:
-    return sys.modules["recommended_arms"]
+    return import_module("studies.16_recommended_model.recommended_arms")
 
 
 @pytest.fixture(scope="module")
 def trials(run) -> ModuleType:
-    return sys.modules["recommended_trials"]
+    return import_module("studies.16_recommended_model.recommended_trials")
 
 
 @pytest.fixture(scope="module")
 def peers(run) -> ModuleType:
-    return sys.modules["recommended_peers"]
+    return import_module("studies.16_recommended_model.recommended_trials")
 
 
 def test_the_interval_of_wilson_is_the_published_one():

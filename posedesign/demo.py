@@ -8,16 +8,15 @@ from pathlib import Path
 
 from calib.identification import IdentificationResult
 from calib.se3 import FloatArray
-from posedesign.cell import Cell
-from posedesign.cell.template import cell_template
+from posedesign.cell import Cell, cell_template
 from posedesign.files import Results, write_text_atomic
-from posedesign.identification.comparison import Identified
-from posedesign.pairs.results import SolverOutcome
-from posedesign.planning.pose_plan import PosePlan
+from posedesign.identification import Identified
+from posedesign.pairs import SolverOutcome
+from posedesign.planning import PosePlan
 from posedesign.planning.tables import read_poses
-from posedesign.pose_programs.from_plan import WrittenProgram, program_options, write_program
+from posedesign.pose_programs import WrittenProgram, program_options, write_program
 from posedesign.programs import find_dialect
-from posedesign.simulation.accuracy_study import AccuracyStudy, accuracy_study, effective_truth
+from posedesign.simulation import AccuracyStudy, accuracy_study, effective_truth
 from posedesign.workflow import (
     IDENTIFICATION,
     PAIRS,

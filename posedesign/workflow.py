@@ -12,40 +12,38 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.robot_world import PAPER_METHODS, PairNoise
-from calib.robot_world.noise import Noise, NoiseShown
+from calib.robot_world import PAPER_METHODS, Noise, NoiseShown, PairNoise
 from posedesign.cell import Cell
-from posedesign.files import MEASURED, Claim, Results, write_json_atomic
+from posedesign.files import MEASURED, Claim, Results, head_of, origin_of, write_json_atomic
 from posedesign.files.csv_tables import write_table
 from posedesign.files.measurements import read_measurements
-from posedesign.files.origin import checksum, head_of, origin_of
-from posedesign.identification.comparison import (
-    Identified,
-    identify_models,
-    summed_up,
-    without_repeats,
-)
-from posedesign.identification.content import results_as_dict
+from posedesign.files.origin import checksum
+from posedesign.identification import Identified, identify_models, results_as_dict, summed_up
+from posedesign.identification.comparison import without_repeats
 from posedesign.identification.measurement_set_up import far_rows
 from posedesign.identification.reading_checks import check_readings
 from posedesign.motion.route import Route
-from posedesign.pairs.file import Pairs, read_pairs, write_pairs
-from posedesign.pairs.results import SolverOutcome, solve_pairs
+from posedesign.pairs import Pairs, SolverOutcome, read_pairs, solve_pairs, write_pairs
 from posedesign.pairs.tables import write_outcomes
-from posedesign.planning.checks import outside_limits, refuse_unfit
-from posedesign.planning.loop import Progress, plan
-from posedesign.planning.optimal import OptimalPlan, Wish, plan_optimal
+from posedesign.planning import (
+    Margins,
+    PosePlan,
+    displayed,
+    outside_limits,
+    plan,
+    refuse_unfit,
+    write_touch_ups,
+)
+from posedesign.planning.loop import Progress
+from posedesign.planning.optimal import NextPoses, OptimalPlan, Wish, plan_next, plan_optimal
 from posedesign.planning.optimal.choose import Advance
-from posedesign.planning.optimal.next_poses import NextPoses
-from posedesign.planning.optimal.sequential import plan_next, refuse_cell
-from posedesign.planning.pose_margins import Margins
-from posedesign.planning.pose_plan import PosePlan, PoseSet, displayed
-from posedesign.planning.tables import PoseList, write_poses, write_touch_ups
+from posedesign.planning.optimal.sequential import refuse_cell
+from posedesign.planning.pose_plan import PoseSet
+from posedesign.planning.tables import PoseList, write_poses
 from posedesign.programs import DIALECTS
 from posedesign.programs.reading import MOST_BYTES
-from posedesign.selection.indices import Indices
-from posedesign.simulation import SimulatedRobot
-from posedesign.simulation.accuracy_study import AccuracyStudy
+from posedesign.selection import Indices
+from posedesign.simulation import AccuracyStudy, SimulatedRobot
 
 POSES = ("poses.csv", "measuring poses")
 NEXT_POSES = ("poses.csv", "next measuring poses")

@@ -9,10 +9,8 @@ import numpy as np
 
 from calib.se3 import BoolArray, FloatArray, wpr_from_rotation
 from posedesign.candidates import Pool
-from posedesign.cell import Cell
-from posedesign.cell.orientations import touching_poses, wpr_rotations
-from posedesign.cell.task_box import TaskBox, reached_points
-from posedesign.cell.template import cell_template
+from posedesign.cell import Cell, TaskBox, cell_template, touching_poses, wpr_rotations
+from posedesign.cell.task_box import reached_points
 from posedesign.constraints import nearest_postures
 
 

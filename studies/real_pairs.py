@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.se3 import FloatArray, transform
-from posedesign.pairs.source import PairSource
+from posedesign.pairs import PairSource
 
 MM = 1e-3
 QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz", "x_m", "y_m", "z_m")

@@ -15,12 +15,9 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.identification import covariance_of, identify_batch
-from calib.identification.prediction import Against, predict_accuracy
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.identification import Against, covariance_of, identify_batch, predict_accuracy
+from calib.model import CalibrationModel, Setup, simulate
 from calib.model.measurements import Measurement
-from calib.model.measurements.simulate import simulate
 from calib.model.parameters import (
     JointCompliance,
     LinkGeometry,

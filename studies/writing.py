@@ -12,7 +12,7 @@ from calib.errors import InputError
 from posedesign.files import json_text, make_folder, write_text_atomic
 from posedesign.files.csv_tables import AsItIs, write_table
 from posedesign.files.csv_tables import read_rows as read_cells
-from posedesign.study.library import Advance, Options
+from posedesign.study import Advance, Options
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

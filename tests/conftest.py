@@ -15,9 +15,8 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from posedesign.cell import Cell
+from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
-from posedesign.cell.template import cell_template
 
 settings.register_profile("repeatable", database=None, deadline=None, derandomize=True)
 settings.load_profile("repeatable")

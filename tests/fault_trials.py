@@ -13,10 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from calib.identification.diagnosis.held import Held
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.model import CalibrationModel, Setup, simulate
 from calib.model.measurements import KINDS, Measurements
-from calib.model.measurements.simulate import simulate
 from calib.model.parameters import (
     ParameterBlock,
     TargetFrame,
@@ -25,9 +23,8 @@ from calib.model.parameters import (
     ToolPoints,
 )
 from calib.se3 import FloatArray, IntArray, rotation_exp, transform
-from posedesign.cell import Cell
+from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
-from posedesign.cell.template import cell_template
 from posedesign.constraints import nearest_postures
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification.models import robot_blocks

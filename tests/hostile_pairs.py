@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from calib import se3
 from calib.errors import CalibError
-from calib.robot_world import PairNoise, Problems, add_noise, random_problems, solve
-from calib.robot_world.noise import difference
+from calib.robot_world import PairNoise, Problems, add_noise, difference, random_problems, solve
 from calib.se3 import FloatArray
 
 

@@ -5,10 +5,10 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.model import CalibrationModel, Setup
 from calib.model.measurements import TouchUp
 from calib.model.parameters import (
+    GravityLoad,
     JointCompliance,
     LinkGeometry,
     Payload,
@@ -16,7 +16,6 @@ from calib.model.parameters import (
     ToolPoint,
     ZeroOffsets,
 )
-from calib.model.parameters.gravity import GravityLoad
 from calib.robots import Robot
 from calib.robots.inverse import NEAR_SINGULAR
 from calib.robots.presets import load_preset
@@ -32,9 +31,10 @@ from calib.vision.camera import (
     circle_image,
     ellipse_axes,
 )
+from calib.vision.touch_up import TrueCell
 from calib.vision.touch_up.set_up import SetUp
 from calib.vision.touch_up.sighting import LEAST_SIZE_PX
-from calib.vision.touch_up.simulated import LostMotion, TrueCell
+from calib.vision.touch_up.simulated import LostMotion
 
 PRESETS = (
     "m20ia",

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from calib.correction.corrected_robot import check_values
 from calib.errors import InputError, JointLimitError
-from calib.model import CalibrationModel
-from calib.model.context import ArmView, Setup
+from calib.model import CalibrationModel, Setup
+from calib.model.context import ArmView
 from calib.robots import InverseSolutions, Robot
 from calib.se3 import BoolArray, FloatArray, check_transforms, inverse, rotation_log, transform
 

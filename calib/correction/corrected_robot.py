@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.model import CalibrationModel
-from calib.model.context import ArmErrors, Setup
+from calib.model import CalibrationModel, Setup
+from calib.model.context import ArmErrors
 from calib.model.parameters import ParameterBlock
 from calib.robots import Robot
 from calib.robots.replaced import with_placements

@@ -5,6 +5,7 @@ The solids are those that robots are made of. What is computed with them is in
 :mod:`calib.robots.description.mesh_file`.
 """
 
+from calib.geometry.scene import Scene
 from calib.robots.shapes import (
     Body,
     Box,
@@ -25,6 +26,7 @@ __all__ = [
     "HalfSpace",
     "LinkShape",
     "Mesh",
+    "Scene",
     "Solid",
     "Sphere",
 ]

@@ -1,15 +1,34 @@
 """Identification: what the data can tell, the fit, and its result."""
 
 from calib.identification.candidate import Candidate
+from calib.identification.carried import Carried, part_of
 from calib.identification.checks import check_enough
-from calib.identification.comparison import Comparison, compare
+from calib.identification.comparison import (
+    Comparison,
+    Trial,
+    compare,
+)
 from calib.identification.covariance import covariance_of
-from calib.identification.evidence import PriorGroup, TunedPriors, tune_priors
+from calib.identification.evidence import (
+    PriorGroup,
+    TunedPriors,
+    tune_priors,
+)
 from calib.identification.expected import ExpectedError, Workplace
 from calib.identification.identifiability import check_identifiable, is_identifiable
+from calib.identification.least_squares import minimise
+from calib.identification.prediction import (
+    Against,
+    predict_accuracy,
+    tool_motion,
+)
 from calib.identification.reduction import Reduction, reduce
 from calib.identification.reference import Reference, fit_reference
-from calib.identification.result import IdentificationResult
+from calib.identification.result import (
+    DISPLAY,
+    IdentificationResult,
+    KindNoise,
+)
 from calib.identification.solver import (
     finite_difference_jacobian,
     identify,
@@ -17,13 +36,18 @@ from calib.identification.solver import (
 )
 
 __all__ = [
+    "DISPLAY",
+    "Against",
     "Candidate",
+    "Carried",
     "Comparison",
     "ExpectedError",
     "IdentificationResult",
+    "KindNoise",
     "PriorGroup",
     "Reduction",
     "Reference",
+    "Trial",
     "TunedPriors",
     "Workplace",
     "check_enough",
@@ -35,6 +59,10 @@ __all__ = [
     "identify",
     "identify_batch",
     "is_identifiable",
+    "minimise",
+    "part_of",
+    "predict_accuracy",
     "reduce",
+    "tool_motion",
     "tune_priors",
 ]

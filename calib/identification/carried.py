@@ -30,8 +30,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.identification.prediction import tool_motion
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.model import CalibrationModel, Setup
 from calib.model.parameters import Unit
 from calib.se3 import BoolArray, FloatArray, project_to_rotation, skew
 

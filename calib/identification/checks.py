@@ -7,9 +7,8 @@ import numpy as np
 from calib.errors import InputError
 from calib.identification.covariance import information_root, triangle
 from calib.identification.identifiability import check_believable, check_identifiable
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, touch
 from calib.model.measurements import Measurements
-from calib.model.measurements.touch import touch
 from calib.se3 import FloatArray
 
 

@@ -7,9 +7,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.identification.identifiability import is_identifiable
 from calib.identification.least_squares import equal_sigma, white_rows
-from calib.model import CalibrationModel
-from calib.model.context import Setup
-from calib.model.linearisation import Linearisation
+from calib.model import CalibrationModel, Linearisation, Setup
 from calib.se3 import FloatArray, IntArray
 
 _NOTHING_LEFT = 1e-9

@@ -19,8 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.identification.carried import Expectation
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.model import CalibrationModel, Setup
 from calib.se3 import FloatArray
 
 DRAWS = 1000

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.model import CalibrationModel
-from calib.model.linearisation import Linearisation
+from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray
 

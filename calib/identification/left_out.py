@@ -8,7 +8,7 @@ from calib.identification.least_squares import equal_sigma, minimise, white_rows
 from calib.identification.result import IdentificationResult
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
-from calib.model.parameters.frames import Frames
+from calib.model.parameters import Frames
 from calib.se3 import BoolArray, FloatArray, IntArray
 
 FEWEST_TARGETS = 3

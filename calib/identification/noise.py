@@ -11,8 +11,7 @@ from scipy.stats import chi2
 
 from calib.errors import InputError
 from calib.identification.losses import Loss, consistency, variance_factor
-from calib.model import CalibrationModel
-from calib.model.linearisation import Linearisation
+from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 

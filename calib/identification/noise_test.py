@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from calib.identification.covariance import column_lengths, information_root
-from calib.model.linearisation import Linearisation
+from calib.model import Linearisation
 from calib.se3 import FloatArray
 
 MODEL_DOUBT = 0.01

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.model import CalibrationModel, Setup
 from calib.se3 import BoolArray, FloatArray
 
 TURNED_BASE = (

@@ -13,8 +13,7 @@ from calib.identification.robust import fit_robustly
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
-from calib.model.parameters import LinkGeometry, ParameterBlock, Unit
-from calib.model.parameters.part import Part
+from calib.model.parameters import LinkGeometry, ParameterBlock, Part, Unit
 from calib.se3 import FloatArray
 
 WORTH_HAVING: dict[Unit, float] = {"m": 5e-3, "rad": 1e-2, "rad/Nm": 1e-4, "rad/rad": 1e-2}

@@ -15,8 +15,7 @@ from calib.identification.covariance import (
 from calib.identification.noise_test import HARDLY, NoiseTest, noise_test
 from calib.identification.result import IdentificationResult, KindNoise
 from calib.identification.robust import Solved
-from calib.model import CalibrationModel
-from calib.model.linearisation import Linearisation
+from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
 

@@ -28,8 +28,7 @@ from calib.identification.report import make_result
 from calib.identification.result import IdentificationResult
 from calib.identification.robust import Loss, Solved, fit_robustly, not_converged
 from calib.identification.start import first_guess
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray

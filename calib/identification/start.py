@@ -11,8 +11,7 @@ import numpy as np
 from calib.identification.least_squares import white_rows
 from calib.model import CalibrationModel
 from calib.model.measurements import CameraPose, Distance, Measurements, Point, Pose
-from calib.model.parameters import ParameterBlock
-from calib.model.parameters.frames import Frames
+from calib.model.parameters import Frames, ParameterBlock
 from calib.robot_world import PairSets
 from calib.robot_world.identifiability import examine
 from calib.robot_world.methods import li_kronecker

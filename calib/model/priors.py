@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.errors import InputError
-from calib.model.parameters.frames import Frames
+from calib.model.parameters import Frames
 from calib.se3 import FloatArray
 
 if TYPE_CHECKING:

@@ -6,13 +6,31 @@ One file for each method, one result type for all; :data:`METHODS` lists them.
 from calib.robot_world import design
 from calib.robot_world.certificate import Certificate, certify
 from calib.robot_world.components import shown_noise
-from calib.robot_world.methods import METHODS, PAPER_METHODS, Method
-from calib.robot_world.noise import PairCovariances, PairNoise
+from calib.robot_world.methods import (
+    METHODS,
+    PAPER_METHODS,
+    Method,
+)
+from calib.robot_world.noise import (
+    Noise,
+    NoiseShown,
+    PairCovariances,
+    PairNoise,
+    difference,
+)
 from calib.robot_world.opencv import pairs_from_opencv, result_to_opencv
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import RobotWorldBatch, RobotWorldResult
+from calib.robot_world.results import (
+    RobotWorldBatch,
+    RobotWorldResult,
+    residuals,
+)
 from calib.robot_world.scale import Scale
-from calib.robot_world.simulation import Problems, add_noise, random_problems
+from calib.robot_world.simulation import (
+    Problems,
+    add_noise,
+    random_problems,
+)
 from calib.robot_world.solver import solve, solve_batch
 
 __all__ = [
@@ -20,6 +38,8 @@ __all__ = [
     "PAPER_METHODS",
     "Certificate",
     "Method",
+    "Noise",
+    "NoiseShown",
     "PairCovariances",
     "PairNoise",
     "PairSets",
@@ -30,8 +50,10 @@ __all__ = [
     "add_noise",
     "certify",
     "design",
+    "difference",
     "pairs_from_opencv",
     "random_problems",
+    "residuals",
     "result_to_opencv",
     "shown_noise",
     "solve",

@@ -19,8 +19,8 @@ from calib.errors import CalibError, InputError, OutputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from calib.vision.camera import Observer
 from calib.vision.camera.observers import Kind
-from calib.vision.touch_up.adapter import RobotAdapter
-from calib.vision.touch_up.arms import Arms, OneArm
+from calib.vision.touch_up import Arms, RobotAdapter
+from calib.vision.touch_up.arms import OneArm
 from posedesign.autonomous.folder_robot import FolderRobot
 from posedesign.autonomous.journal import Journal
 from posedesign.autonomous.moving import drive_of
@@ -35,11 +35,9 @@ from posedesign.autonomous.process import (
 )
 from posedesign.autonomous.recorded_session import KeptStation
 from posedesign.cell import Cell
-from posedesign.files import Results, identity_of, json_text, make_folder
-from posedesign.files.locking import held
-from posedesign.files.origin import origin_of
-from posedesign.simulation.plate import PLATE_PITCH_M, PlateTest
-from posedesign.simulation.rehearsal import simulated_arms, true_cell, true_observer
+from posedesign.files import Results, held, identity_of, json_text, make_folder, origin_of
+from posedesign.simulation import PLATE_PITCH_M, PlateTest, true_cell, true_observer
+from posedesign.simulation.rehearsal import simulated_arms
 from posedesign.workflow import PAIRS, TOUCH_UPS
 
 JOURNAL = "journal.jsonl"

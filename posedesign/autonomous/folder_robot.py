@@ -27,7 +27,7 @@ import numpy as np
 
 from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray
-from calib.vision.touch_up.adapter import RobotAdapter
+from calib.vision.touch_up import RobotAdapter
 from calib.vision.touch_up.shown_joints import check_shown
 from posedesign.autonomous.exchange_folder import ExchangeFolder, number_of
 from posedesign.autonomous.moving import shown_within_rad
@@ -35,8 +35,8 @@ from posedesign.autonomous.picture_file import ENDINGS, read_picture
 from posedesign.cell import Cell
 from posedesign.files import write_text_atomic
 from posedesign.planning.tables import PoseList, read_robot_poses, write_pose_list
+from posedesign.pose_programs import chosen_dialect, program_options
 from posedesign.pose_programs.frames import arm_of, check_recorded_frames
-from posedesign.pose_programs.from_plan import chosen_dialect, program_options
 from posedesign.programs import PoseProgram, ProgramPose, find_dialect, postures_of
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ import numpy as np
 
 from calib.se3 import FloatArray, wpr_from_rotation
 from calib.vision.touch_up.set_up import SetUp
-from posedesign.cell import Cell
-from posedesign.cell.schema import CameraSection
+from posedesign.cell import CameraSection, Cell
 
 _NEAREST, _FARTHEST = 0.5, 2.0
 """Distances of the target, in parts of the designated one, that a cell without a camera section is

@@ -19,8 +19,7 @@ import numpy as np
 
 from calib.errors import FileFormatError, InputError, OutputError
 from calib.se3 import FloatArray
-from posedesign.files import identity_of, json_text, read_bytes_bounded
-from posedesign.files.numbers import load_json
+from posedesign.files import identity_of, json_text, load_json, read_bytes_bounded
 
 MOST_BYTES = 50_000_000
 """A touch-up takes half a kilobyte: a hundred thousand of them are no calibration of a robot."""

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from calib.se3 import FloatArray
-from calib.vision.touch_up.arms import Arms
-from calib.vision.touch_up.drive import LARGEST_CORRECTION_RAD, Drive, Refuses
+from calib.vision.touch_up import Arms, Drive
+from calib.vision.touch_up.drive import LARGEST_CORRECTION_RAD, Refuses
 from posedesign.cell import Cell
 from posedesign.constraints import Checker
-from posedesign.motion.route import Router
+from posedesign.motion import Router
 
 _SAFETY = 0.5
 """Part of the safety distance that a loop keeps: poses are planned with all of it, and the loop

@@ -16,24 +16,20 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import ConvergenceError, UnreachableError
-from calib.model.context import Setup
+from calib.model import Setup
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, transform
-from calib.vision.touch_up.facing import TiltBias
-from calib.vision.touch_up.following import follow
-from calib.vision.touch_up.servo import Loop
-from calib.vision.touch_up.session import Station
-from calib.vision.touch_up.set_up import NoSetUp, SetUp, find_set_up
+from calib.vision.touch_up import Loop, Station, TiltBias, find_set_up, follow
+from calib.vision.touch_up.set_up import NoSetUp, SetUp
 from posedesign.autonomous.found_cell import found_cell
 from posedesign.autonomous.target_poses import TargetPoses
 from posedesign.cell import Cell
 from posedesign.cell.file import cell_text
 from posedesign.files import Claim, Results, identity_of, make_folder, write_text_atomic
 from posedesign.files.origin import Kind
-from posedesign.identification.comparison import Identified
-from posedesign.planning.pose_list import PoseList
-from posedesign.planning.pose_plan import PosePlan
-from posedesign.planning.tables import Pairs, write_pairs, write_touch_ups
+from posedesign.identification import Identified
+from posedesign.planning import PoseList, PosePlan, write_touch_ups
+from posedesign.planning.tables import Pairs, write_pairs
 from posedesign.workflow import (
     IDENTIFICATION,
     PAIRS,

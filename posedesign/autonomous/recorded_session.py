@@ -10,11 +10,9 @@ import numpy as np
 
 from calib.se3 import FloatArray
 from calib.vision.camera import Camera, CircleTarget, Views
-from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.jacobian import ImageJacobian, MeasuredJacobian
-from calib.vision.touch_up.relation import Relation
-from calib.vision.touch_up.servo import Bias, Loop, Status, TouchUps
-from calib.vision.touch_up.session import Station
+from calib.vision.touch_up import Drive, ImageJacobian, Loop, Relation, Station, TouchUps
+from calib.vision.touch_up.jacobian import MeasuredJacobian
+from calib.vision.touch_up.servo import Bias, Status
 from posedesign.autonomous.journal import Journal
 
 _STATUS: tuple[Status, ...] = get_args(Status)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
+from calib.vision.touch_up import Station
 from calib.vision.touch_up.facing import camera_of
-from calib.vision.touch_up.session import Station
 from calib.vision.touch_up.set_up import SetUp
 from posedesign.cell import Cell
-from posedesign.simulation.rehearsal import circle_target
+from posedesign.simulation import circle_target
 
 _ROLL_STEP = np.deg2rad(5.0)
 """Turns of the pattern about its normal that are tried: its edges are found from that far off."""

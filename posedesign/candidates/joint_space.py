@@ -14,8 +14,7 @@ from posedesign.candidates.draws import check_count, even_points, once
 from posedesign.candidates.pool import Pool
 from posedesign.candidates.reasons import no_pose, no_posture
 from posedesign.candidates.views import COORDINATES, viewing_poses
-from posedesign.cell import Cell
-from posedesign.cell.schema import CameraSection
+from posedesign.cell import CameraSection, Cell
 
 LARGEST_TURN_RAD = np.pi
 """Of a joint from the base posture: beyond it the arm is where it has been, a full turn apart."""

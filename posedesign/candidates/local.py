@@ -13,8 +13,7 @@ from calib.robots.bounds import LIMIT_TOLERANCE, Bounds
 from calib.robots.inverse import CLOSURE_TOLERANCE, pose_error
 from calib.robots.inverse.iterative import close_in
 from calib.se3 import BoolArray, FloatArray, rotation_exp
-from posedesign.cell import Cell
-from posedesign.cell.orientations import touching_poses
+from posedesign.cell import Cell, touching_poses
 
 _STEP_RAD = 0.05
 """Largest turn of the tool that is followed at once. Newton's steps then stay on the branch of the

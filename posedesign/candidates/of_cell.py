@@ -12,8 +12,8 @@ from calib.se3 import FloatArray
 from posedesign.candidates.joint_space import joint_pool
 from posedesign.candidates.pool import Pool
 from posedesign.candidates.touching import cone_pool, wpr_pool
-from posedesign.cell import Cell
-from posedesign.cell.task_box import BOX_OF_REACH, TaskBox, box_functions
+from posedesign.cell import Cell, TaskBox
+from posedesign.cell.task_box import BOX_OF_REACH, box_functions
 
 
 def pool_of(cell: Cell) -> Pool:

@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, near_names
-from calib.model import CalibrationModel
-from calib.model.context import Setup
-from calib.model.linearisation import Linearisation
+from calib.model import CalibrationModel, Linearisation, Setup
 from calib.model.parameters import TargetPoints
 from calib.se3 import FloatArray, IntArray
 

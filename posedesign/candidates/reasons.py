@@ -10,8 +10,7 @@ from calib.errors import UnreachableError
 from calib.robots import InverseSolutions
 from calib.robots.inverse import first_per_group
 from calib.se3 import BoolArray, FloatArray, IntArray
-from posedesign.constraints import Checker, Verdicts
-from posedesign.constraints.constraint import ROUNDING
+from posedesign.constraints import ROUNDING, Checker, Verdicts
 
 _LOOKED_AT = 200
 """Poses that the reason is sought at."""

@@ -19,8 +19,7 @@ from posedesign.candidates.draws import check_count, even_points, once
 from posedesign.candidates.pool import Pool
 from posedesign.candidates.reasons import no_pose
 from posedesign.candidates.targets import checkers_of, targets_of
-from posedesign.cell import Cell
-from posedesign.cell.orientations import cone_rotations_at, touching_poses, wpr_rotations
+from posedesign.cell import Cell, cone_rotations_at, touching_poses, wpr_rotations
 
 LEVELS = 16
 """Grids of W, P and R, from the first to the widest angles: 417 poses."""

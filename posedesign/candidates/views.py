@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
-from posedesign.cell import Cell
-from posedesign.cell.orientations import cone_rotations_at
-from posedesign.cell.schema import CameraSection
+from posedesign.cell import CameraSection, Cell, cone_rotations_at
 
 COORDINATES = 6
 """Of a view: the place in the image (2), the distance, and what :func:`cone_rotations_at` takes."""

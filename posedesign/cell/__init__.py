@@ -1,5 +1,23 @@
 """The cell: a robot with its tool, its target and its measurement, ready to be planned for."""
 
 from posedesign.cell.cell import Cell, usual_offsets
+from posedesign.cell.orientations import (
+    cone_rotations_at,
+    touching_poses,
+    wpr_rotations,
+)
+from posedesign.cell.schema import CameraSection, CellConfig
+from posedesign.cell.task_box import TaskBox
+from posedesign.cell.template import cell_template
 
-__all__ = ["Cell", "usual_offsets"]
+__all__ = [
+    "CameraSection",
+    "Cell",
+    "CellConfig",
+    "TaskBox",
+    "cell_template",
+    "cone_rotations_at",
+    "touching_poses",
+    "usual_offsets",
+    "wpr_rotations",
+]

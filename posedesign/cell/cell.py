@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import FileFormatError, InputError, JointLimitError
-from calib.geometry import Body
-from calib.geometry.scene import Scene
+from calib.geometry import Body, Scene
 from calib.model import CalibrationModel
 from calib.model.measurements import CameraPose, Measurement, ViewLine
 from calib.model.parameters import (
@@ -43,10 +42,7 @@ from posedesign.cell.surroundings import (
     what_is_not_checked,
     what_is_odd,
 )
-from posedesign.constraints import Checker
-from posedesign.constraints.motions import WayChecker
-from posedesign.constraints.retreat import Retreat
-from posedesign.constraints.space import Collision
+from posedesign.constraints import Checker, Collision, Retreat, WayChecker
 
 _FACING = np.diag([1.0, -1.0, -1.0])
 """The target's z points at the camera: turned by 180 deg about x against the tool."""

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from posedesign.files.numbers import LARGEST_NUMBER, LEAST_POSITIVE
+from posedesign.files import LARGEST_NUMBER, LEAST_POSITIVE
 
 
 def _is_not_tiny(value: float) -> float:

@@ -10,26 +10,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.errors import RobotModelError
-from calib.geometry import Body, Box, Cylinder, HalfSpace, Mesh, Solid, Sphere
-from calib.geometry.scene import Scene
+from calib.geometry import Body, Box, Cylinder, HalfSpace, Mesh, Scene, Solid, Sphere
 from calib.geometry.ways import WAY_TOLERANCE_M
 from calib.robots import Robot
 from calib.robots.arm_shapes import has_bare_base, presets_like, unshaped_links
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from calib.vision.camera import PinholeCamera
 from posedesign.cell.schema import SolidSection
-from posedesign.constraints import Checker, Constraint
-from posedesign.constraints.joints import Singularity
-from posedesign.constraints.motions import WayChecker
-from posedesign.constraints.retreat import BackingOff, Retreat
-from posedesign.constraints.space import (
-    POINT_M,
+from posedesign.constraints import (
+    Checker,
     Collision,
+    Constraint,
+    Distance,
+    InImage,
+    Retreat,
     SelfCollision,
-    Workspace,
-    workspace_scene,
+    Tilt,
+    WayChecker,
 )
-from posedesign.constraints.visibility import Distance, InImage, LineOfSight, TargetView, Tilt
+from posedesign.constraints.joints import Singularity
+from posedesign.constraints.retreat import BackingOff
+from posedesign.constraints.space import POINT_M, Workspace, workspace_scene
+from posedesign.constraints.visibility import LineOfSight, TargetView
 
 if TYPE_CHECKING:
     from posedesign.cell.cell import Cell

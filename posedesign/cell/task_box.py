@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError, UnreachableError
-from calib.identification import Workplace
-from calib.identification.prediction import predict_accuracy, reference_frame, tool_motion
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.identification import Workplace, predict_accuracy, tool_motion
+from calib.identification.prediction import reference_frame
+from calib.model import CalibrationModel, Setup
 from calib.se3 import BoolArray, FloatArray, transform
 from posedesign.cell.cell import Cell
 from posedesign.constraints import Checker, Postures, nearest_postures

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 from posedesign.cli.output import note, print_table, say
 
 if TYPE_CHECKING:
-    from calib.identification import IdentificationResult
-    from calib.identification.comparison import Trial
-    from calib.identification.result import KindNoise
-    from posedesign.identification.comparison import Identified
+    from calib.identification import IdentificationResult, KindNoise, Trial
+    from posedesign.identification import Identified
 
 _MOST_LISTED = 5
 _DECIMALS = 4
@@ -124,7 +122,7 @@ def print_parameters(result: IdentificationResult) -> None:
 
 def _parameter_rows(result: IdentificationResult) -> list[dict[str, object]]:
     """Parameters with as many decimals as their standard deviations have two digits."""
-    from calib.identification.result import DISPLAY
+    from calib.identification import DISPLAY
 
     rows: list[dict[str, object]] = []
     bounds = zip(*result.interval, strict=True)

@@ -9,13 +9,12 @@ from posedesign.cli.output import explain_frames, note, print_json, print_table,
 
 if TYPE_CHECKING:
     from posedesign.cell import Cell
-    from posedesign.planning.optimal import OptimalPlan
-    from posedesign.planning.optimal.next_poses import NextPoses
+    from posedesign.planning.optimal import NextPoses, OptimalPlan
 
 
 def print_optimal(cell: Cell, result: OptimalPlan, out: Path, *, as_json: bool) -> None:
     """Print what accuracy to expect, what is proven, and what one pose more or fewer changes."""
-    from posedesign.planning.loop import scaling_of
+    from posedesign.planning import scaling_of
 
     files = [str(out / "poses.csv")] if result.route is not None else []
     if result.validation is not None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from calib.model import CalibrationModel
     from posedesign.cell import Cell
     from posedesign.files import Results
-    from posedesign.planning.pose_list import PoseList
+    from posedesign.planning import PoseList
 
 PIPE_WIDTH = 200
 """Columns of a table that goes into a pipe: wide enough not to be cut."""
@@ -112,7 +112,7 @@ def results_in(
 
 def say_rehearsed(*inputs: Path | None, as_json: bool) -> None:
     """Say before any result that one of the files read is of a simulated robot."""
-    from posedesign.files.origin import rehearsed
+    from posedesign.files import rehearsed
 
     said = rehearsed(inputs)
     if said:

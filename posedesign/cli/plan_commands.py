@@ -27,9 +27,9 @@ from posedesign.cli.output import (
 if TYPE_CHECKING:
     from posedesign.cell import Cell
     from posedesign.files import Results
+    from posedesign.planning import PosePlan
     from posedesign.planning.optimal.outlook import Outlook
     from posedesign.planning.pose_check import PoseVerdict
-    from posedesign.planning.pose_plan import PosePlan
 
 LARGEST_SEED = 2**63 - 1
 """As in a cell."""
@@ -98,8 +98,7 @@ def new(
 ) -> int:
     """Print a commented cell.toml to start from."""
     from calib.errors import RobotModelError
-    from posedesign.cell import Cell
-    from posedesign.cell.template import cell_template
+    from posedesign.cell import Cell, cell_template
 
     text = cell_template(robot, packages=packages or (), xacro_args=xacro_arg or ())
     made = Cell.from_text(text)
@@ -272,7 +271,7 @@ def _plan_by_grid(loaded: Cell, out: Results, *, as_json: bool) -> int:
 
 def print_plan(cell: Cell, result: PosePlan, out: Path, *, as_json: bool) -> None:
     """Print the rounds, the outcome and what accuracy to expect."""
-    from posedesign.planning.loop import scaling_of
+    from posedesign.planning import scaling_of
     from posedesign.planning.optimal.outlook import outlook_of
     from posedesign.workflow import round_rows
 
@@ -353,7 +352,8 @@ def check(
     Limits, singularities, collisions, the view of the target, and the straight ways in between.
     """
     from posedesign.cell import Cell
-    from posedesign.planning.checks import ON_TARGET_M, off_target
+    from posedesign.planning import off_target
+    from posedesign.planning.checks import ON_TARGET_M
     from posedesign.planning.pose_check import check_poses
     from posedesign.planning.tables import read_poses
 
@@ -425,7 +425,7 @@ def score(
     Condition numbers, indices, and the accuracy to expect.
     """
     from posedesign.cell import Cell
-    from posedesign.planning.loop import scaling_of
+    from posedesign.planning import scaling_of
     from posedesign.planning.scoring import score_poses
     from posedesign.planning.tables import read_poses
 

@@ -22,7 +22,7 @@ from posedesign.cli.output import (
 from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite, TrustUnits
 
 if TYPE_CHECKING:
-    from posedesign.pose_programs.from_plan import WrittenProgram
+    from posedesign.pose_programs import WrittenProgram
     from posedesign.pose_programs.touch_ups import Imported
 
 USUAL_NAME = "CALIB01"
@@ -70,15 +70,11 @@ def program(
 ) -> int:
     """Write the robot program that visits the poses."""
     from posedesign.cell import Cell
-    from posedesign.planning.checks import refuse_unfit
+    from posedesign.planning import refuse_unfit
     from posedesign.planning.pose_check import refuse_blocked
     from posedesign.planning.tables import read_poses
-    from posedesign.pose_programs.from_plan import (
-        chosen_dialect,
-        program_options,
-        with_approaches,
-        write_program,
-    )
+    from posedesign.pose_programs import chosen_dialect, program_options, write_program
+    from posedesign.pose_programs.from_plan import with_approaches
 
     loaded = Cell.load(cell) if cell is not None else None
     listed = read_poses(
@@ -188,8 +184,9 @@ def import_positions(
 ) -> int:
     """Read touched-up positions back from the controller; write touchups.csv."""
     from posedesign.cell import Cell
-    from posedesign.planning.tables import read_poses, write_touch_ups
-    from posedesign.pose_programs.touch_ups import import_touch_ups
+    from posedesign.planning import write_touch_ups
+    from posedesign.planning.tables import read_poses
+    from posedesign.pose_programs import import_touch_ups
     from posedesign.workflow import TOUCH_UPS
 
     loaded = Cell.load(cell)

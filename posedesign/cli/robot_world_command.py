@@ -49,10 +49,10 @@ from posedesign.cli.robot_world_options import (
 from posedesign.cli.robot_world_output import print_solvers
 
 if TYPE_CHECKING:
-    from calib.robot_world.noise import Noise, NoiseShown
+    from calib.robot_world import Noise, NoiseShown
     from posedesign.files import Results
-    from posedesign.pairs.file import Pairs
-    from posedesign.pairs.results import NoiseOn, SolverOutcome
+    from posedesign.pairs import Pairs, SolverOutcome
+    from posedesign.pairs.results import NoiseOn
 
 
 def register(app: typer.Typer) -> None:
@@ -86,9 +86,9 @@ def robot_world(
     By one method or by many, with standard deviations, what is left over pair by pair, and what
     each pair has left over when it is left out.
     """
+    from posedesign.pairs import PairSource
     from posedesign.pairs.certificate import refuse_uncertifiable
     from posedesign.pairs.results import methods_of, reached
-    from posedesign.pairs.source import PairSource
     from posedesign.pairs.tables import outcome_as_dict
 
     refuse_fixed_opencv(camera, convention)
@@ -192,7 +192,7 @@ def _print_answers(
     inverted: bool,
 ) -> None:
     """Tables, and where the rest was written."""
-    from posedesign.pairs.frames import FRAMES
+    from posedesign.pairs import FRAMES
     from posedesign.pairs.tables import opencv_rows
 
     print_solvers(outcomes, camera)

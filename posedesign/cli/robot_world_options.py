@@ -111,7 +111,7 @@ def refuse_unfit_noise(
     """Both sizes of the noise, none below zero, or nothing of it."""
     from calib.errors import InputError
     from calib.robot_world import METHODS
-    from posedesign.files.numbers import LEAST_POSITIVE, usable
+    from posedesign.files import LEAST_POSITIVE, usable
 
     weighing = [name for name in methods if METHODS[name].likelihood]
     for option, value, unit in (("--noise-deg", noise_deg, "deg"), ("--noise-mm", noise_mm, "mm")):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from posedesign.cli.output import print_table, say
 
 if TYPE_CHECKING:
+    from posedesign.pairs import SolverOutcome
     from posedesign.pairs.frames import Camera
-    from posedesign.pairs.results import SolverOutcome
 
 _LEFT_OVER = {
     "method": "method",
@@ -27,7 +27,7 @@ _LEFT_OVER = {
 
 def print_solvers(outcomes: Sequence[SolverOutcome], camera: Camera = "on-flange") -> None:
     """Print X and Z of every solver, with what is left over, and what the letters mean."""
-    from posedesign.pairs.frames import FRAMES
+    from posedesign.pairs import FRAMES
     from posedesign.pairs.results import noise_judged, remarks_of
     from posedesign.pairs.tables import solver_row
 

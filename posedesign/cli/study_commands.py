@@ -24,7 +24,7 @@ MOST_TRIALS = 10_000_000
 
 if TYPE_CHECKING:
     from posedesign.demo import DemoResults
-    from posedesign.simulation.accuracy_study import AccuracyStudy
+    from posedesign.simulation import AccuracyStudy
 
 Draws = Annotated[
     int, typer.Option(min=10, max=100_000, help="Noise draws for each pose set, at least 10.")
@@ -54,9 +54,8 @@ def accuracy(
     overwrite: Overwrite = False,
 ) -> int:
     """Accuracy against condition number: what better poses buy."""
-    from posedesign.cell import Cell
-    from posedesign.cell.template import cell_template
-    from posedesign.simulation.accuracy_study import accuracy_study
+    from posedesign.cell import Cell, cell_template
+    from posedesign.simulation import accuracy_study
     from posedesign.workflow import STUDY, write_study
 
     loaded = Cell.load(cell) if cell is not None else Cell.from_text(cell_template())
@@ -122,9 +121,9 @@ def run(
 
     Stop it at any time: the same command goes on where it was.
     """
+    from posedesign.study import Options, Workers
     from posedesign.study.folder import PICTURES
-    from posedesign.study.library import Options, find_study
-    from posedesign.study.runner import Workers
+    from posedesign.study.library import find_study
 
     found = find_study(name)
     folder = out or results_of(found.name)
@@ -231,7 +230,7 @@ def demo(
 
 def truth_rows(results: DemoResults) -> list[dict[str, object]]:
     """Identified parameters beside what the simulation used."""
-    from posedesign.planning.pose_plan import displayed
+    from posedesign.planning import displayed
 
     shown = zip(
         results.offsets.displayed(), displayed(results.plan.model, results.truth), strict=True

@@ -55,8 +55,7 @@ def convert(
     Configuration and margins are written anew; columns that are not known are kept.
     """
     from posedesign.cell import Cell
-    from posedesign.planning.checks import outside_limits
-    from posedesign.planning.pose_margins import Margins
+    from posedesign.planning import Margins, outside_limits
     from posedesign.planning.tables import JointForm, read_robot_poses, write_pose_list
 
     loaded = Cell.load(cell)

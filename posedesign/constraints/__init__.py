@@ -1,8 +1,31 @@
 """Poses that the robot can really take: every constraint, one verdict, its reason."""
 
 from posedesign.constraints.checker import Checker, Verdicts
-from posedesign.constraints.constraint import Constraint
+from posedesign.constraints.constraint import ROUNDING, Constraint
+from posedesign.constraints.motions import WayChecker
 from posedesign.constraints.postures import Postures, nearest_postures
+from posedesign.constraints.retreat import Retreat
 from posedesign.constraints.situation import Situation
+from posedesign.constraints.space import Collision, SelfCollision
+from posedesign.constraints.visibility import (
+    Distance,
+    InImage,
+    Tilt,
+)
 
-__all__ = ["Checker", "Constraint", "Postures", "Situation", "Verdicts", "nearest_postures"]
+__all__ = [
+    "ROUNDING",
+    "Checker",
+    "Collision",
+    "Constraint",
+    "Distance",
+    "InImage",
+    "Postures",
+    "Retreat",
+    "SelfCollision",
+    "Situation",
+    "Tilt",
+    "Verdicts",
+    "WayChecker",
+    "nearest_postures",
+]

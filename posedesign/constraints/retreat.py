@@ -15,7 +15,7 @@ import numpy as np
 from calib.errors import UnreachableError
 from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_angle
-from calib.vision.touch_up.following import follow
+from calib.vision.touch_up import follow
 from posedesign.constraints.checker import Checker
 from posedesign.constraints.constraint import Constraint
 from posedesign.constraints.motions import WayChecker, WayVerdicts

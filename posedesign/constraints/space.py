@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.geometry import Body, HalfSpace, Sphere
-from calib.geometry.scene import CAP_M, Scene
+from calib.geometry import Body, HalfSpace, Scene, Sphere
+from calib.geometry.scene import CAP_M
 from calib.geometry.ways import TOUCH_M
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, transform

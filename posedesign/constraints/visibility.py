@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.geometry.scene import Scene
+from calib.geometry import Scene
 from calib.se3 import FloatArray, IntArray
 from calib.vision.camera import PinholeCamera
 from posedesign.constraints.constraint import ROUNDING, Constraint

@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import FileFormatError, InputError, near_names
-from calib.model.context import Setup
+from calib.model import Setup
 from calib.model.measurements import KINDS, Measurement, Measurements
 from calib.robots import Controller
 from calib.se3 import (

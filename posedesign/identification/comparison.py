@@ -11,21 +11,21 @@ import numpy as np
 
 from calib.errors import CalibError, NotIdentifiableError
 from calib.identification import (
+    DISPLAY,
     Comparison,
     IdentificationResult,
     Reference,
+    Trial,
     check_enough,
     compare,
     fit_reference,
 )
-from calib.identification.comparison import Trial
 from calib.identification.diagnosis import Finding
 from calib.identification.losses import WEIGHED_DOWN
 from calib.identification.report import ANOTHER_ROBOT_M
-from calib.identification.result import DISPLAY
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray
-from posedesign.candidates.of_cell import box_of_cell
+from posedesign.candidates import box_of_cell
 from posedesign.cell import Cell
 from posedesign.cell.task_box import workplace
 from posedesign.files.measurements import MeasurementTable

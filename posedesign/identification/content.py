@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.identification import IdentificationResult
-from calib.identification.comparison import Trial
-from calib.identification.result import DISPLAY, KindNoise
+from calib.identification import DISPLAY, IdentificationResult, KindNoise, Trial
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.identification.comparison import Identified, why_another

@@ -20,23 +20,24 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.correction.compensation import Compensated, compensate
-from calib.correction.corrected_robot import CorrectedRobot, corrected_robot
-from calib.correction.urdf_write import corrected_urdf
+from calib.correction import (
+    Compensated,
+    CorrectedRobot,
+    compensate,
+    corrected_robot,
+    corrected_urdf,
+)
 from calib.errors import FileFormatError, InputError, near_names
-from calib.identification import check_enough, covariance_of
-from calib.identification.carried import Carried, part_of
+from calib.identification import Carried, check_enough, covariance_of, part_of
 from calib.identification.checks import check_identifiable_at
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements, touch_ups
 from calib.se3 import FloatArray, wpr_from_rotation
-from posedesign.cell import Cell
-from posedesign.cell.task_box import COLUMNS, BoxAccuracy, TaskBox, predict_box
-from posedesign.files import Results, write_bytes_atomic
+from posedesign.cell import Cell, TaskBox
+from posedesign.cell.task_box import COLUMNS, BoxAccuracy, predict_box
+from posedesign.files import Results, rehearsed, write_bytes_atomic
 from posedesign.files.csv_tables import read_rows, write_table
 from posedesign.files.measurements import MeasurementTable
-from posedesign.files.origin import rehearsed
 from posedesign.files.postures import joint_columns, pendant_columns
 from posedesign.identification.correction_routes import (
     AS_IT_IS,
@@ -50,7 +51,7 @@ from posedesign.identification.correction_routes import (
 from posedesign.identification.file import IdentifiedModel, read_identification
 from posedesign.identification.mastering import Mastering, mastering
 from posedesign.identification.models import candidates, model_of
-from posedesign.planning.checks import refuse_hand_eye
+from posedesign.planning import refuse_hand_eye
 from posedesign.planning.pose_plan import PoseStatus
 from posedesign.planning.tables import POSE_AXES, PoseList, read_poses
 

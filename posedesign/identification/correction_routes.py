@@ -13,15 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError, UnreachableError, near_names
-from calib.identification.carried import Carried, ErrorToExpect, Expectation, part_of
-from calib.model import CalibrationModel
-from calib.model.context import Setup
-from calib.model.parameters import ToolPoints
-from calib.model.parameters.links import AXES
+from calib.identification import Carried, part_of
+from calib.identification.carried import ErrorToExpect, Expectation
+from calib.model import CalibrationModel, Setup
+from calib.model.parameters import AXES, ToolPoints
 from calib.se3 import BoolArray, FloatArray, rotation_exp, transform
-from posedesign.candidates.of_cell import box_of_cell
-from posedesign.cell import Cell
-from posedesign.cell.task_box import TaskBox
+from posedesign.candidates import box_of_cell
+from posedesign.cell import Cell, TaskBox
 from posedesign.files.measurements import TOOL
 from posedesign.identification.file import IdentifiedModel
 from posedesign.identification.models import model_of

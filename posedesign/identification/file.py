@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from calib.errors import FileFormatError, InputError, near_names
-from calib.identification.result import DISPLAY
+from calib.identification import DISPLAY
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
-from posedesign.files import read_bytes_bounded
-from posedesign.files.numbers import LARGEST_NUMBER, load_json, usable
+from posedesign.files import LARGEST_NUMBER, load_json, read_bytes_bounded, usable
 from posedesign.identification.models import arm_as_dict, model_of
 
 LARGEST_JSON_BYTES = 20_000_000

@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.model.measurements import Measurements
 from calib.model.parameters import (
+    Frames,
     ParameterBlock,
     TargetFrame,
     TargetPlane,
@@ -19,7 +20,6 @@ from calib.model.parameters import (
     ToolFrame,
     ToolPoints,
 )
-from calib.model.parameters.frames import Frames
 from calib.se3 import FloatArray, transform
 from posedesign.cell import Cell
 from posedesign.files.measurements import TOOL, MeasurementTable

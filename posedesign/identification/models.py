@@ -15,6 +15,7 @@ from calib.identification.start import first_guess
 from calib.model import CalibrationModel, KnownDistance
 from calib.model.measurements import KINDS, Measurement
 from calib.model.parameters import (
+    AXES,
     BearingCompliance,
     JointCompliance,
     JointHarmonics,
@@ -23,13 +24,12 @@ from calib.model.parameters import (
     LinkGeometry,
     LostMotion,
     ParameterBlock,
+    Part,
     Payload,
     TargetFrame,
     ToolFrame,
     ZeroOffsets,
 )
-from calib.model.parameters.links import AXES
-from calib.model.parameters.part import Part
 from calib.robots import Robot
 from calib.se3 import transform
 from posedesign.cell import Cell

@@ -13,8 +13,7 @@ import numpy as np
 
 from calib.robots import Robot
 from calib.se3 import FloatArray
-from posedesign.constraints import Checker, nearest_postures
-from posedesign.constraints.motions import WayChecker
+from posedesign.constraints import Checker, WayChecker, nearest_postures
 from posedesign.motion.order import ACCELERATION_S, moving_time_s
 
 RETREATS_M = (0.1, 0.2, 0.4)

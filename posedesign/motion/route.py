@@ -16,9 +16,7 @@ import numpy as np
 from calib.errors import UnreachableError
 from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray
-from posedesign.constraints import Checker
-from posedesign.constraints.motions import WayChecker
-from posedesign.constraints.retreat import Retreat
+from posedesign.constraints import Checker, Retreat, WayChecker
 from posedesign.motion.approach import find_approaches
 from posedesign.motion.known_motions import Leg, Passages
 from posedesign.motion.order import (

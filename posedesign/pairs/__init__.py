@@ -1,1 +1,20 @@
 """Files of pose pairs, and of the answers to AX = ZB."""
+
+from posedesign.pairs.file import (
+    Pairs,
+    read_pairs,
+    write_pairs,
+)
+from posedesign.pairs.frames import FRAMES
+from posedesign.pairs.results import SolverOutcome, solve_pairs
+from posedesign.pairs.source import PairSource
+
+__all__ = [
+    "FRAMES",
+    "PairSource",
+    "Pairs",
+    "SolverOutcome",
+    "read_pairs",
+    "solve_pairs",
+    "write_pairs",
+]

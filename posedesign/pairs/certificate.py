@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError
-from calib.robot_world import METHODS, Certificate, PairNoise, RobotWorldResult, certify
-from calib.robot_world.noise import difference
+from calib.robot_world import METHODS, Certificate, PairNoise, RobotWorldResult, certify, difference
 from calib.se3 import FloatArray
 from posedesign.pairs.frames import Camera
 

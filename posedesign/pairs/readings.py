@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib import se3
-from calib.robot_world import solve_batch
-from calib.robot_world.results import residuals
+from calib.robot_world import residuals, solve_batch
 from calib.se3 import FloatArray, IntArray
 from posedesign.pairs.forms import Poses
 

@@ -1,1 +1,46 @@
 """Measuring poses: the paper's loop, checks of what was planned, and the best poses of a cell."""
+
+from posedesign.planning.checks import (
+    NEAR_TARGET_M,
+    off_target,
+    outside_limits,
+    refuse_hand_eye,
+    refuse_unfit,
+)
+from posedesign.planning.loop import plan, scaling_of
+from posedesign.planning.pose_list import PoseList
+from posedesign.planning.pose_margins import Margins
+from posedesign.planning.pose_plan import (
+    PosePlan,
+    Round,
+    displayed,
+    fingerprint,
+)
+from posedesign.planning.poses_file import (
+    POSE_AXES,
+    read_poses,
+    read_robot_poses,
+    write_pose_list,
+)
+from posedesign.planning.tables import write_touch_ups
+
+__all__ = [
+    "NEAR_TARGET_M",
+    "POSE_AXES",
+    "Margins",
+    "PoseList",
+    "PosePlan",
+    "Round",
+    "displayed",
+    "fingerprint",
+    "off_target",
+    "outside_limits",
+    "plan",
+    "read_poses",
+    "read_robot_poses",
+    "refuse_hand_eye",
+    "refuse_unfit",
+    "scaling_of",
+    "write_pose_list",
+    "write_touch_ups",
+]

@@ -11,22 +11,16 @@ import numpy as np
 
 from calib.errors import InputError, UnreachableError, check_type
 from calib.identification import check_identifiable, covariance_of
-from calib.model import CalibrationModel
-from calib.model.linearisation import Linearisation
+from calib.model import CalibrationModel, Linearisation
 from calib.se3 import FloatArray, wpr_from_rotation
-from posedesign.cell import Cell
-from posedesign.cell.orientations import touching_poses, wpr_rotations
+from posedesign.cell import Cell, touching_poses, wpr_rotations
 from posedesign.constraints import Checker, nearest_postures
-from posedesign.motion.route import Route, Router
+from posedesign.motion import Router
+from posedesign.motion.route import Route
 from posedesign.planning.pose_plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
 from posedesign.planning.repair import RepairPool, repair
-from posedesign.selection.indices import (
-    SCALING,
-    SCALING_OF_POSES,
-    condition_2,
-    condition_inf,
-    evaluate,
-)
+from posedesign.selection import condition_inf, evaluate
+from posedesign.selection.indices import SCALING, SCALING_OF_POSES, condition_2
 
 IMPROVEMENT = 0.99
 """A round counts as better when it brings C_G below this part of the best so far."""

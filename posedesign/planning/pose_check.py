@@ -9,9 +9,8 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import BoolArray, IntArray
 from posedesign.cell import Cell
-from posedesign.constraints import Verdicts
+from posedesign.constraints import Collision, Verdicts
 from posedesign.constraints.motions import WayVerdicts
-from posedesign.constraints.space import Collision
 from posedesign.planning.tables import PoseList
 
 

@@ -13,10 +13,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calib.se3 import BoolArray, FloatArray
-from posedesign.constraints import Checker, Constraint
+from posedesign.constraints import (
+    Checker,
+    Collision,
+    Constraint,
+    Distance,
+    InImage,
+    SelfCollision,
+    Tilt,
+)
 from posedesign.constraints.joints import CoupledLimits, JointLimits
-from posedesign.constraints.space import Collision, SelfCollision
-from posedesign.constraints.visibility import Distance, InImage, Tilt
 from posedesign.motion.route import Route
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from calib.model.parameters import Unit
 from calib.se3 import FloatArray
 from posedesign.files.csv_tables import DECIMALS
 from posedesign.motion.route import Route
-from posedesign.selection.indices import Indices
+from posedesign.selection import Indices
 
 
 class PoseStatus(StrEnum):
@@ -295,7 +295,7 @@ def not_checked_words(not_checked: Sequence[str]) -> str:
 
 def displayed(model: CalibrationModel, values: FloatArray) -> list[tuple[str, str, float]]:
     """Name, unit and value in deg or mm of parameters or deviations ``(p,)`` [SI]."""
-    from calib.identification.result import DISPLAY
+    from calib.identification import DISPLAY
 
     units: tuple[Unit, ...] = model.units
     return [

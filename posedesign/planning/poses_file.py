@@ -45,7 +45,7 @@ from posedesign.planning.pose_list import (
 )
 from posedesign.planning.pose_margins import MARGIN_COLUMNS, Margins
 from posedesign.planning.pose_plan import PoseSet, PoseStatus
-from posedesign.selection.indices import Indices
+from posedesign.selection import Indices
 
 POSE_AXES = (*PLACE, *TURN)
 

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from calib.se3 import FloatArray, rotation_angle, rotation_exp
-from posedesign.cell import Cell
-from posedesign.cell.orientations import cone_rotations, touching_poses
-from posedesign.constraints.constraint import ROUNDING
+from posedesign.cell import Cell, touching_poses
+from posedesign.cell.orientations import cone_rotations
+from posedesign.constraints import ROUNDING
 from posedesign.planning.pose_plan import PoseSet, PoseStatus
 
 POOL_ORIENTATIONS = 400

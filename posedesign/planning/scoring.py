@@ -15,7 +15,7 @@ from posedesign.planning.checks import ON_TARGET_M, off_target
 from posedesign.planning.loop import regressor
 from posedesign.planning.pose_plan import displayed
 from posedesign.planning.tables import PoseList
-from posedesign.selection.indices import Indices, evaluate
+from posedesign.selection import Indices, evaluate
 
 
 @dataclass(frozen=True)

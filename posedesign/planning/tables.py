@@ -84,7 +84,8 @@ from calib.robots import Controller
 from posedesign.files import StrPath
 from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.files.postures import JointForm
-from posedesign.pairs.file import Pairs, pair_columns, read_pairs, write_pairs
+from posedesign.pairs import Pairs, read_pairs, write_pairs
+from posedesign.pairs.file import pair_columns
 from posedesign.planning.pose_list import DroppedPose, PoseList
 from posedesign.planning.poses_file import (
     POSE_AXES,

@@ -1,1 +1,17 @@
 """From a plan to the controller's program, and from the touched-up program back to touch-ups."""
+
+from posedesign.pose_programs.from_plan import (
+    WrittenProgram,
+    chosen_dialect,
+    program_options,
+    write_program,
+)
+from posedesign.pose_programs.touch_ups import import_touch_ups
+
+__all__ = [
+    "WrittenProgram",
+    "chosen_dialect",
+    "import_touch_ups",
+    "program_options",
+    "write_program",
+]

@@ -16,12 +16,11 @@ from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.files import Results
 from posedesign.files.origin import described, is_simulated
-from posedesign.motion.approach import find_approaches
-from posedesign.motion.known_motions import Passages
+from posedesign.motion import Passages, find_approaches
 from posedesign.motion.waypoints import Passing
+from posedesign.planning import fingerprint
 from posedesign.planning.loop import regressor
 from posedesign.planning.pose_list import STOPS_SHORT
-from posedesign.planning.pose_plan import fingerprint
 from posedesign.planning.tables import PoseList
 from posedesign.pose_programs.frames import arm_of, check_frames, tool_note
 from posedesign.programs import (
@@ -34,7 +33,7 @@ from posedesign.programs import (
     postures_of,
 )
 from posedesign.programs.program import form_of, in_range
-from posedesign.selection.indices import evaluate
+from posedesign.selection import evaluate
 
 MOST_CHANGE = 0.01
 """Part by which rounding may change C_G before it is worth a warning."""

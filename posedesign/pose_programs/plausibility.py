@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
-from posedesign.planning.checks import NEAR_TARGET_M
+from posedesign.planning import NEAR_TARGET_M
 from posedesign.planning.tables import PoseList
 
 WORTH_A_WORD = 0.3

@@ -15,15 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
-from calib.model.context import Setup
+from calib.model import Setup
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray
 from posedesign.cell import Cell
-from posedesign.files import read_bytes_bounded
-from posedesign.files.origin import head_of
-from posedesign.identification.comparison import summed_up
-from posedesign.planning.checks import NEAR_TARGET_M, off_target, outside_limits
-from posedesign.planning.pose_plan import fingerprint
+from posedesign.files import head_of, read_bytes_bounded
+from posedesign.identification import summed_up
+from posedesign.planning import NEAR_TARGET_M, fingerprint, off_target, outside_limits
 from posedesign.planning.tables import PoseList, read_poses
 from posedesign.pose_programs.frames import arm_of, check_recorded_frames
 from posedesign.pose_programs.from_plan import refuse_doubles, stopping_short

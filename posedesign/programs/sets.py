@@ -17,8 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import OutputError
-from posedesign.files import Results, kept_aside, make_folder, write_bytes_atomic
-from posedesign.files.origin import head_of
+from posedesign.files import Results, head_of, kept_aside, make_folder, write_bytes_atomic
 from posedesign.programs.reading import MOST_BYTES
 
 _MARK = re.compile(

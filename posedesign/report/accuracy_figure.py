@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.robot_world import PAPER_METHODS
 from posedesign.files import StrPath, write_bytes_atomic
-from posedesign.simulation.accuracy_study import IDENTIFIED_ARM, AccuracyStudy, Finding, pick
+from posedesign.simulation import IDENTIFIED_ARM, AccuracyStudy, Finding, pick
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

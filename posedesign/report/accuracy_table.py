@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from calib.identification.result import DISPLAY
+from calib.identification import DISPLAY
 from calib.robot_world import PAPER_METHODS
-from posedesign.simulation.accuracy_study import AccuracyStudy, Finding, pick
+from posedesign.simulation import AccuracyStudy, Finding, pick
 
 LEGEND = (
     "sd: standard deviation over the draws; plate: worst distance error on a 5 x 5 plate, median, "

@@ -1,5 +1,6 @@
 """Choosing poses out of a pool, from their blocks alone: arrays ``(N, m, p)``, no robot."""
 
+from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria import CRITERIA, Criterion
 from posedesign.selection.criteria.registry import (
     criterion_by_name,
@@ -8,6 +9,12 @@ from posedesign.selection.criteria.registry import (
     wanted_deviations,
 )
 from posedesign.selection.fewest import select_fewest
+from posedesign.selection.indices import (
+    PER_MRAD_AND_MM,
+    Indices,
+    condition_inf,
+    evaluate,
+)
 from posedesign.selection.search import METHODS
 from posedesign.selection.select import select
 from posedesign.selection.selection import Fewest, Selection
@@ -15,10 +22,15 @@ from posedesign.selection.selection import Fewest, Selection
 __all__ = [
     "CRITERIA",
     "METHODS",
+    "PER_MRAD_AND_MM",
+    "Candidates",
     "Criterion",
     "Fewest",
+    "Indices",
     "Selection",
+    "condition_inf",
     "criterion_by_name",
+    "evaluate",
     "largest_deviation",
     "mean_deviation",
     "select",

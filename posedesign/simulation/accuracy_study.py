@@ -16,16 +16,13 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
 from calib.errors import CalibError, InputError
-from calib.identification import covariance_of, identify_batch
-from calib.identification.result import DISPLAY
+from calib.identification import DISPLAY, covariance_of, identify_batch
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurement, TouchUp, ViewLine
 from calib.robot_world import PAPER_METHODS, solve_batch
 from calib.se3 import FloatArray, apply, inverse, rotation_angle
 from posedesign.cell import Cell
-from posedesign.planning.checks import refuse_hand_eye
-from posedesign.planning.loop import plan
-from posedesign.planning.pose_plan import PosePlan, Round
+from posedesign.planning import PosePlan, Round, plan, refuse_hand_eye
 from posedesign.simulation.plate import PlateTest, try_plate
 from posedesign.simulation.robot import SimulatedRobot
 

@@ -8,19 +8,13 @@ from itertools import combinations
 import numpy as np
 
 from calib.errors import CalibError, ConvergenceError, UnreachableError
-from calib.model import CalibrationModel
-from calib.model.measurements import Setup
-from calib.model.measurements.simulate import simulate
+from calib.model import CalibrationModel, Setup, simulate
 from calib.model.parameters import TargetPoints
 from calib.se3 import FloatArray
 from calib.vision.camera import Observer
-from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.jacobian import ImageJacobian
-from calib.vision.touch_up.servo import Loop, touch_up
-from calib.vision.touch_up.simulated import SimulatedArms, TrueCell
-from posedesign.cell import Cell
+from calib.vision.touch_up import Drive, ImageJacobian, Loop, SimulatedArms, TrueCell, touch_up
+from posedesign.cell import Cell, touching_poses
 from posedesign.cell.measurement import make_touch_up
-from posedesign.cell.orientations import touching_poses
 from posedesign.constraints import Checker, nearest_postures
 from posedesign.simulation.robot import SimulatedRobot
 

@@ -15,7 +15,8 @@ from calib.vision.camera import (
     noise_from_images,
 )
 from calib.vision.camera.observers import Kind
-from calib.vision.touch_up.simulated import LostMotion, SimulatedArms, TrueCell
+from calib.vision.touch_up import SimulatedArms, TrueCell
+from calib.vision.touch_up.simulated import LostMotion
 from posedesign.cell import Cell
 from posedesign.simulation.robot import SimulatedRobot
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.model import CalibrationModel
+from calib.model import CalibrationModel, simulate
 from calib.model.measurements import Measurement, Measurements
-from calib.model.measurements.simulate import simulate
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
 from posedesign.cell import Cell
 

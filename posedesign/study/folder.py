@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from calib.errors import OutputError
-from posedesign.files import check_writable, write_json_atomic
-from posedesign.files.origin import MOST_BYTES, head_of
+from posedesign.files import check_writable, head_of, write_json_atomic
+from posedesign.files.origin import MOST_BYTES
 
 WRITTEN = "written.json"
 """What a run has written, by name, with the first 16 digits of the SHA-256: it says whose a folder

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 from calib.errors import FileFormatError, OutputError
 from posedesign.files import (
+    held,
     json_text,
+    load_json,
     make_folder,
     read_bytes_bounded,
     write_bytes_atomic,
     write_text_atomic,
 )
-from posedesign.files.locking import held
-from posedesign.files.numbers import load_json
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,21 +21,11 @@ from scipy.stats import t as student
 from calib.identification import covariance_of, identify_batch
 from calib.robot_world import solve_batch
 from calib.se3 import FloatArray, inverse, rotation_angle
-from posedesign.cell import Cell
-from posedesign.cell.template import cell_template
-from posedesign.planning.loop import plan
-from posedesign.planning.pose_plan import Round
-from posedesign.simulation import SimulatedRobot
-from posedesign.simulation.accuracy_study import (
-    effective_truth,
-    improving_rounds,
-    spread_interval,
-    to_the_widest,
-)
-from posedesign.study.grid import Grid, Task
-from posedesign.study.library import Options, call
-from posedesign.study.runner import run_grid
-from posedesign.study.store import Store, read_table
+from posedesign.cell import Cell, cell_template
+from posedesign.planning import Round, plan
+from posedesign.simulation import SimulatedRobot, effective_truth, spread_interval
+from posedesign.simulation.accuracy_study import improving_rounds, to_the_widest
+from posedesign.study import Grid, Options, Store, Task, call, read_table, run_grid
 from posedesign.workflow import camera_noise
 from studies.writing import save, trials_of, write_figures, write_rows
 

@@ -28,7 +28,7 @@ from calib.model.parameters import (
     ZeroOffsets,
 )
 from calib.se3 import FloatArray, IntArray, apply
-from posedesign.study.library import Advance, Options
+from posedesign.study import Advance, Options
 from studies import drawing, writing
 from studies.real_data import data_with
 

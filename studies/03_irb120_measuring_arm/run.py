@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 
 from calib import CalibrationModel, IdentificationResult, identify
-from calib.identification.least_squares import minimise
-from calib.model.measurements import Measurements, Point, Setup
-from calib.model.parameters import TargetFrame, ToolBody, ToolPoints, ZeroOffsets
-from calib.model.parameters.frames import Frames
+from calib.identification import minimise
+from calib.model import Setup
+from calib.model.measurements import Measurements, Point
+from calib.model.parameters import Frames, TargetFrame, ToolBody, ToolPoints, ZeroOffsets
 from calib.se3 import FloatArray, apply, inverse, transform
 from posedesign.cell import Cell
 from posedesign.files import make_folder
 from posedesign.files.csv_tables import write_table
 from posedesign.files.measurements import read_measurements
-from posedesign.identification.comparison import Identified, identify_models
-from posedesign.study.library import Advance, Options
+from posedesign.identification import Identified, identify_models
+from posedesign.study import Advance, Options
 from studies import drawing, writing
 from studies.real_data import data_with, folder_for_recordings
 

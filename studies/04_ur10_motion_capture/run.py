@@ -15,16 +15,15 @@ from typing import Any
 import numpy as np
 
 from calib import IdentificationResult
-from calib.identification.comparison import Trial
-from calib.identification.least_squares import minimise
+from calib.identification import Trial, minimise
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, rotation_exp, rotation_from_wpr, rotation_log, wpr_from_rotation
 from posedesign.cell import Cell
 from posedesign.files import make_folder
 from posedesign.files.csv_tables import write_table
 from posedesign.files.measurements import read_measurements
-from posedesign.identification.comparison import identify_models
-from posedesign.study.library import Advance, Options
+from posedesign.identification import identify_models
+from posedesign.study import Advance, Options
 from studies import drawing, writing
 from studies.real_data import data_with, folder_for_recordings
 

@@ -16,10 +16,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from calib.robot_world import METHODS, PairSets, solve_batch
-from calib.robot_world.results import residuals
+from calib.robot_world import METHODS, PairSets, residuals, solve_batch
 from calib.se3 import FloatArray
-from posedesign.study.library import Advance, Options
+from posedesign.study import Advance, Options
 from studies import writing
 from studies.drawing import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION, log_ticks
 from studies.intervals import median_interval

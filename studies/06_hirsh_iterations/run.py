@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from calib.robot_world.methods import hirsh
 from calib.se3 import FloatArray, IntArray
-from posedesign.study.library import Advance, Options
+from posedesign.study import Advance, Options
 from studies import writing
 from studies.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
 

@@ -13,9 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from calib.robot_world import METHODS, PairNoise, RobotWorldResult, certify, solve, solve_batch
-from calib.robot_world.noise import difference
-from calib.robot_world.results import residuals
+from calib.robot_world import (
+    METHODS,
+    PairNoise,
+    RobotWorldResult,
+    certify,
+    difference,
+    residuals,
+    solve,
+    solve_batch,
+)
 from calib.se3 import BoolArray, FloatArray
 from studies.real_pairs import MM, Sides
 

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from calib.robot_world import PairNoise, solve
-from calib.robot_world.results import residuals
-from posedesign.study.library import Advance, Options
+from calib.robot_world import PairNoise, residuals, solve
+from posedesign.study import Advance, Options
 from studies import writing
 from studies.drawing import GREY, log_ticks, rows_of_marks
 from studies.real_data import data_with

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from calib import CalibrationModel, Robot
-from calib.identification import reduce
-from calib.identification.prediction import tool_motion
-from calib.model.measurements import Measurements, Point, Setup
+from calib.identification import reduce, tool_motion
+from calib.model import Setup
+from calib.model.measurements import Measurements, Point
 from calib.model.parameters import (
+    Frames,
     JointCompliance,
     LinkGeometry,
     ParameterBlock,
@@ -22,7 +23,6 @@ from calib.model.parameters import (
     ToolPoints,
     ZeroOffsets,
 )
-from calib.model.parameters.frames import Frames
 from calib.se3 import BoolArray, FloatArray, apply, inverse
 from posedesign.study.library import find_study
 from studies.choices import Pool

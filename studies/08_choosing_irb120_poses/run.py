@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.selection import Selection, largest_deviation, mean_deviation, select
-from posedesign.study.library import Advance, Options
+from posedesign.study import Advance, Options
 from studies import writing
 from studies.choices import by_lot, draw_legend, draw_row, range_text, spread
 from studies.drawing import BLUE, log_ticks

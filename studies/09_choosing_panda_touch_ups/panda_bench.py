@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from calib import CalibrationModel, Robot
-from calib.identification.least_squares import minimise
-from calib.identification.prediction import tool_motion
+from calib.identification import minimise, tool_motion
 from calib.model.measurements import TouchUp, touch_ups
 from calib.model.parameters import (
     JointHarmonics,

@@ -16,14 +16,14 @@ from matplotlib.figure import Figure
 
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.selection import (
+    Candidates,
     Criterion,
     criterion_by_name,
     largest_deviation,
     mean_deviation,
     select,
 )
-from posedesign.selection.candidates import Candidates
-from posedesign.study.library import Advance, Options
+from posedesign.study import Advance, Options
 from studies import writing
 from studies.choices import by_lot, draw_legend, draw_row, range_text, spread
 from studies.real_data import data_with

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.identification.prediction import tool_motion
+from calib.identification import tool_motion
 from calib.model import CalibrationModel, KnownDistance
 from calib.model.measurements import Measurement, TouchUp, ViewLine
 from calib.model.parameters import JointCompliance, ToolPoint, ZeroOffsets
@@ -17,8 +17,8 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool, cone_pool, offset_targets, wpr_pool
 from posedesign.cell import Cell
 from posedesign.cell.orientations import GRID
-from posedesign.motion.route import Router
-from posedesign.planning.loop import plan
+from posedesign.motion import Router
+from posedesign.planning import plan
 from posedesign.selection import mean_deviation, select
 from studies.box_cells import box_postures, grid_pool, pool_at_target, study_cell
 from studies.tool_errors import Experiment, ToolErrors, simulate_errors, simulated_arm, tool_errors

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from posedesign.study.library import Advance, Options
+from posedesign.study import Advance, Options
 from studies import writing
 from studies.drawing import BLACK, BLUE, VERMILION
 from studies.tool_errors import ToolErrors

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import rankdata
 
-from calib.identification import covariance_of, identify_batch
-from calib.identification.prediction import tool_motion
-from calib.model.context import Setup
+from calib.identification import covariance_of, identify_batch, tool_motion
+from calib.model import Setup, simulate
 from calib.model.measurements import Measurements
-from calib.model.measurements.simulate import simulate
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool, cone_pool
-from posedesign.selection.indices import condition_inf, evaluate
+from posedesign.selection import condition_inf, evaluate
 from studies.box_cells import box_postures, study_cell
 from studies.tool_errors import RESAMPLES, RESAMPLING_SEED, interval, simulated_arm, tool_errors
 

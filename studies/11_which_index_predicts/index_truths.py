@@ -6,16 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.identification.prediction import Against, tool_motion
+from calib.identification import Against, tool_motion
 from calib.model import CalibrationModel
 from calib.model.measurements import TouchUp
-from calib.model.parameters import JointCompliance, ParameterBlock, ToolPoint, ZeroOffsets
-from calib.model.parameters.links import AXES
+from calib.model.parameters import AXES, JointCompliance, ParameterBlock, ToolPoint, ZeroOffsets
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool, cone_pool
 from posedesign.cell import Cell
-from posedesign.selection import largest_deviation, mean_deviation, select
-from posedesign.selection.indices import PER_MRAD_AND_MM
+from posedesign.selection import PER_MRAD_AND_MM, largest_deviation, mean_deviation, select
 from studies.box_cells import box_postures, grid_pool, study_cell
 from studies.tool_errors import Experiment, ToolErrors, interval, simulate_errors, simulated_arm
 

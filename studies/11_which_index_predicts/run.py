@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from posedesign.study.library import Options
+from posedesign.study import Options
 from studies import writing
 from studies.drawing import BLUE, GREEN, VERMILION
 

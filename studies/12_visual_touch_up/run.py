@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from calib.se3 import FloatArray
-from posedesign.study.library import Advance, Options
+from posedesign.study import Advance, Options
 from studies import writing
 from studies.drawing import BLACK, BLUE, GREEN, PURPLE, VERMILION
 

@@ -21,16 +21,22 @@ from calib.vision.camera import (
     make_observer,
     noise_from_images,
 )
-from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.following import follow, shifted
-from calib.vision.touch_up.jacobian import ImageJacobian, measure_jacobian
-from calib.vision.touch_up.relation import Relation
-from calib.vision.touch_up.servo import Loop, TouchUps, touch_up
-from calib.vision.touch_up.simulated import SimulatedArms, TrueCell
-from posedesign.cell import Cell
-from posedesign.cell.schema import CellConfig
-from posedesign.cell.template import cell_template
-from posedesign.simulation.rehearsal import circle_target, imaging_of, true_camera, true_cell
+from calib.vision.touch_up import (
+    Drive,
+    ImageJacobian,
+    Loop,
+    Relation,
+    SimulatedArms,
+    TouchUps,
+    TrueCell,
+    follow,
+    touch_up,
+)
+from calib.vision.touch_up.following import shifted
+from calib.vision.touch_up.jacobian import measure_jacobian
+from posedesign.cell import Cell, CellConfig, cell_template
+from posedesign.simulation import circle_target, true_cell
+from posedesign.simulation.rehearsal import imaging_of, true_camera
 
 OF_AN_AXIS = 3.616
 """ISO 9283 repeatability of positions over their standard deviation along an axis, where that is

@@ -11,10 +11,7 @@ from numpy.typing import ArrayLike
 
 from calib.se3 import FloatArray, inverse
 from calib.vision.camera import Camera, circle_center, circle_center_bias, circle_image
-from calib.vision.touch_up.facing import TiltBias
-from calib.vision.touch_up.jacobian import ImageJacobian
-from calib.vision.touch_up.relation import Relation
-from calib.vision.touch_up.servo import Loop, touch_up
+from calib.vision.touch_up import ImageJacobian, Loop, Relation, TiltBias, touch_up
 
 from .visual_bench import Bench, exact
 

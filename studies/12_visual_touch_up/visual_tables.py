@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import t as t_distribution
 
 from calib.se3 import FloatArray
-from calib.vision.touch_up.servo import touch_up
+from calib.vision.touch_up import touch_up
 
 from .visual_bench import Bench
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from posedesign.study.library import Options
+from posedesign.study import Options
 from studies import writing
 from studies.drawing import BLUE, GREEN, GREY, PURPLE, VERMILION
 from studies.writing import table_line

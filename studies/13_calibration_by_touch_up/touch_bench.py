@@ -15,19 +15,22 @@ from calib.robots import Robot
 from calib.se3 import FloatArray
 from calib.vision.camera import FastObserver, MeasurementNoise, Observer
 from calib.vision.camera.observers import Kind
-from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.facing import TiltBias
-from calib.vision.touch_up.jacobian import ImageJacobian
-from calib.vision.touch_up.servo import Loop, touch_up
-from calib.vision.touch_up.session import Station
-from calib.vision.touch_up.set_up import NoSetUp, find_set_up
-from calib.vision.touch_up.simulated import SimulatedArms, TrueCell
-from posedesign.cell import Cell
+from calib.vision.touch_up import (
+    Drive,
+    ImageJacobian,
+    Loop,
+    SimulatedArms,
+    Station,
+    TiltBias,
+    TrueCell,
+    find_set_up,
+    touch_up,
+)
+from calib.vision.touch_up.set_up import NoSetUp
+from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import TruthSection
-from posedesign.cell.template import cell_template
-from posedesign.planning.loop import plan
-from posedesign.simulation import SimulatedRobot
-from posedesign.simulation.rehearsal import true_cell, true_observer
+from posedesign.planning import plan
+from posedesign.simulation import SimulatedRobot, true_cell, true_observer
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from calib.correction.compensation import compensate
+from calib.correction import compensate
 from calib.errors import UnreachableError
 from calib.identification import covariance_of, identify_batch
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurement, TouchUp, ViewLine, touch_ups
 from calib.se3 import FloatArray, transform
 from calib.vision.camera.observers import Kind
-from posedesign.cell.orientations import touching_poses
+from posedesign.cell import touching_poses
 from posedesign.constraints import Checker, nearest_postures
-from posedesign.simulation.accuracy_study import effective_truth, spread_interval
-from posedesign.simulation.plate import PLATE_PITCH_M, PLATE_POINTS, PlateTest, plate_points
+from posedesign.simulation import PLATE_PITCH_M, PlateTest, effective_truth, spread_interval
+from posedesign.simulation.plate import PLATE_POINTS, plate_points
 
 from .touch_bench import Bench, DataSets, PoseSet
 

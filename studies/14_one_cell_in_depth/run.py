@@ -6,17 +6,16 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from posedesign.cell import Cell
-from posedesign.cell.template import cell_template
+from posedesign.cell import Cell, cell_template
 from posedesign.report.accuracy_figure import accuracy_figure
-from posedesign.simulation.accuracy_study import (
+from posedesign.simulation import (
     IDENTIFIED_ARM,
     AccuracyStudy,
     Finding,
     accuracy_study,
     pick,
 )
-from posedesign.study.library import Advance, Options
+from posedesign.study import Advance, Options
 from studies.writing import save, write_figures, write_rows
 
 HERE = Path(__file__).parent

@@ -14,8 +14,8 @@ from scipy.optimize import least_squares
 from calib import CalibrationModel, Robot, identify
 from calib.errors import CalibError
 from calib.identification import identify_batch
+from calib.model import simulate
 from calib.model.measurements import Measurements, TouchUp
-from calib.model.measurements.simulate import simulate
 from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 from calib.se3 import FloatArray, apply, rotation_exp, transform
 from studies.intervals import median_interval, share

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from calib.errors import ConvergenceError
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.model import CalibrationModel, Setup, simulate
 from calib.model.measurements import Measurement, Point
-from calib.model.measurements.simulate import simulate
 from calib.model.parameters import (
+    AXES,
+    GravityLoad,
     JointCompliance,
     JointHarmonics,
     LinkGeometry,
@@ -28,15 +28,10 @@ from calib.model.parameters import (
     ToolPoints,
     ZeroOffsets,
 )
-from calib.model.parameters.gravity import GravityLoad
-from calib.model.parameters.links import AXES
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, rotation_exp, transform
-from posedesign.candidates import Pool, cone_pool, joint_pool
-from posedesign.candidates.of_cell import away_from_singularities, box_of_cell
-from posedesign.cell import Cell
-from posedesign.cell.orientations import touching_poses
-from posedesign.cell.template import cell_template
+from posedesign.candidates import Pool, away_from_singularities, box_of_cell, cone_pool, joint_pool
+from posedesign.cell import Cell, cell_template, touching_poses
 from posedesign.constraints import nearest_postures
 from posedesign.files.measurements import TOOL, MeasurementTable
 

@@ -21,16 +21,13 @@ from scipy.optimize import least_squares
 from calib.errors import CalibError
 from calib.identification import IdentificationResult, identify
 from calib.identification.diagnosis import MODEL
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.model import CalibrationModel, Setup
+from calib.model import simulate as measure
 from calib.model.measurements import Measurements
-from calib.model.measurements.simulate import simulate as measure
-from calib.model.parameters import LinkGeometry, ParameterBlock
-from calib.model.parameters.part import Part
+from calib.model.parameters import LinkGeometry, ParameterBlock, Part
 from calib.se3 import FloatArray
-from posedesign.identification.comparison import Identified, identify_models
-from posedesign.identification.content import results_as_dict
-from posedesign.study.grid import Task
+from posedesign.identification import Identified, identify_models, results_as_dict
+from posedesign.study import Task
 
 from .recommended_arms import Arm, Bench, aligned_rms_m, bench_of
 

@@ -11,10 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posedesign.study.grid import Grid
-from posedesign.study.library import Options, call
-from posedesign.study.runner import run_grid
-from posedesign.study.store import Store, read_table
+from posedesign.study import Grid, Options, Store, call, read_table, run_grid
 from studies import writing
 from studies.drawing import BLUE, GREY, VERMILION
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from posedesign.cell import Cell
-from posedesign.constraints import Checker
-from posedesign.constraints.space import Collision
-from posedesign.planning.loop import grid_poses, plan
+from posedesign.constraints import Checker, Collision
+from posedesign.planning import plan
+from posedesign.planning.loop import grid_poses
 
 
 def postures(cell: Cell, count: int) -> np.ndarray:

@@ -7,8 +7,7 @@ boxes around: what a large cell has.
 import numpy as np
 import pytest
 
-from calib.geometry import Body, Box, Capsule, HalfSpace
-from calib.geometry.scene import Scene
+from calib.geometry import Body, Box, Capsule, HalfSpace, Scene
 from calib.robots import SerialChain
 from calib.se3 import FloatArray, rotation_exp, transform
 

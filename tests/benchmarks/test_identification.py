@@ -14,9 +14,8 @@ from scipy.optimize import least_squares
 from calib import CalibrationModel, Robot, identify
 from calib.identification import identify_batch
 from calib.identification.identifiability import sort_out
-from calib.model.linearisation import Linearisation
+from calib.model import Linearisation, simulate
 from calib.model.measurements import Measurements, Pose, TouchUp
-from calib.model.measurements.simulate import simulate
 from calib.model.parameters import (
     LinkGeometry,
     TargetFrame,

@@ -15,7 +15,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve, solve_batch
 from calib.se3 import FloatArray
-from posedesign.planning.loop import plan
+from posedesign.planning import plan
 from posedesign.simulation import SimulatedRobot
 
 NOISE = PairNoise(5e-3, 2e-3)

@@ -10,8 +10,13 @@ import numpy as np
 import pytest
 
 from calib.se3 import FloatArray
-from posedesign.selection import criterion_by_name, select, select_fewest, wanted_deviations
-from posedesign.selection.candidates import Candidates
+from posedesign.selection import (
+    Candidates,
+    criterion_by_name,
+    select,
+    select_fewest,
+    wanted_deviations,
+)
 from posedesign.selection.exchange import exchange
 
 LINEAR = 6.0

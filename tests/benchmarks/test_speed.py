@@ -13,19 +13,22 @@ from calib.identification import identify, identify_batch
 from calib.se3 import FloatArray, transform
 from calib.vision.camera import MeasurementNoise
 from calib.vision.camera.observers import Kind
-from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.following import follow
-from calib.vision.touch_up.jacobian import ImageJacobian, measure_jacobian
-from calib.vision.touch_up.relation import Relation
-from calib.vision.touch_up.servo import Loop, touch_up
-from calib.vision.touch_up.simulated import SimulatedArms
+from calib.vision.touch_up import (
+    Drive,
+    ImageJacobian,
+    Loop,
+    Relation,
+    SimulatedArms,
+    follow,
+    touch_up,
+)
+from calib.vision.touch_up.jacobian import measure_jacobian
 from posedesign.autonomous import run_by_sight
-from posedesign.cell import Cell
-from posedesign.cell.template import cell_template
-from posedesign.planning.loop import grid_poses, plan
-from posedesign.selection.indices import condition_inf
-from posedesign.simulation import SimulatedRobot
-from posedesign.simulation.rehearsal import true_cell, true_observer
+from posedesign.cell import Cell, cell_template
+from posedesign.planning import plan
+from posedesign.planning.loop import grid_poses
+from posedesign.selection import condition_inf
+from posedesign.simulation import SimulatedRobot, true_cell, true_observer
 
 
 def test_one_round_of_the_loop(benchmark, reference_cell):

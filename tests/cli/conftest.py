@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from posedesign.cell.template import cell_template
+from posedesign.cell import cell_template
 from posedesign.cli.main import run
 
 WORK_FILES = ("cell.toml", "poses.csv", "touchups.csv", "pairs.csv")

@@ -13,9 +13,9 @@ import pytest
 
 from calib.errors import OutputError
 from posedesign.autonomous import run_by_sight
-from posedesign.cell.template import cell_template
+from posedesign.cell import cell_template
 from posedesign.cli.main import run
-from posedesign.files.locking import held
+from posedesign.files import held
 
 
 def small(text: str) -> str:

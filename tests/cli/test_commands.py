@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 
 from calib.robots import preset_names
-from posedesign.cell import Cell
+from posedesign.cell import Cell, CellConfig
 from posedesign.cell.file import cell_text
-from posedesign.cell.schema import CellConfig
 from posedesign.cli import output
 from posedesign.programs import read, validate
 

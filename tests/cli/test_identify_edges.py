@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.model.measurements import Measurements, Setup, touch_ups
+from calib.model import Setup
+from calib.model.measurements import Measurements, touch_ups
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, rotation_log, transform
 from posedesign.cell import Cell
 from posedesign.cli.identification_output import print_identification
 from posedesign.files.measurements import read_measurements, write_measurements
-from posedesign.identification.comparison import identify_models
+from posedesign.identification import identify_models
 from tests.cli.conftest import offsets_only
 
 PLACES, TURNS = ("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg")
@@ -324,8 +325,8 @@ def test_more_wrong_than_right(refuse, change_cell, work):
 
 def other_arm(work: Path, preset: str) -> Path:
     """Touch-ups of another arm than the cell's."""
-    from posedesign.cell.template import cell_template
-    from posedesign.planning.loop import plan
+    from posedesign.cell import cell_template
+    from posedesign.planning import plan
 
     cell = Cell.from_text(cell_template(preset, surroundings=False))
     q = plan(cell).poses.postures

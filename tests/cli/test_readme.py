@@ -8,7 +8,7 @@ from typing import Any
 
 from posedesign.cell import Cell
 from posedesign.planning.tables import read_poses
-from posedesign.pose_programs.from_plan import program_options
+from posedesign.pose_programs import program_options
 from posedesign.programs import PoseProgram, ProgramPose, write
 from posedesign.simulation import SimulatedRobot
 

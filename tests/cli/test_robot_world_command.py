@@ -22,10 +22,9 @@ from calib.robot_world import (
     solve,
 )
 from calib.se3 import FloatArray, inverse
+from posedesign.pairs import Pairs, solve_pairs, write_pairs
 from posedesign.pairs import results as pairs_results
-from posedesign.pairs.file import Pairs, write_pairs
 from posedesign.pairs.forms import PoseForm
-from posedesign.pairs.results import solve_pairs
 
 NOISE = PairNoise(rotation_rad=5e-4, translation_m=2e-4, on="B")
 TYPED = ("--noise-deg", "0.02", "--noise-mm", "0.2")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from posedesign.cell.template import cell_template
+from posedesign.cell import cell_template
 
 COMMAND = (sys.executable, "-c", "from posedesign.cli.main import main; main()")
 SCRIPT = Path(sys.executable).with_name("posedesign")

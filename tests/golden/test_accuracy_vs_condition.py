@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 from scipy.stats import f as f_distribution
 
-from posedesign.study.library import Options, find_study
-from posedesign.study.store import read_table
+from posedesign.study import Options, read_table
+from posedesign.study.library import find_study
 
 STUDY = find_study("accuracy_vs_condition")
 SHORT, CHANCE = 60, 1e-4

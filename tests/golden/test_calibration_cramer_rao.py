@@ -5,22 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from calib.identification.least_squares import minimise
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.identification import minimise
+from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
-from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.servo import touch_up
-from calib.vision.touch_up.session import Station
-from calib.vision.touch_up.set_up import SetUp, find_set_up
-from calib.vision.touch_up.simulated import SimulatedArms
+from calib.vision.touch_up import Drive, SimulatedArms, Station, find_set_up, touch_up
+from calib.vision.touch_up.set_up import SetUp
 from posedesign.autonomous.found_cell import found_cell
 from posedesign.autonomous.process import loop_of, tilt_bias
-from posedesign.cell import Cell
-from posedesign.cell.template import cell_template
-from posedesign.planning.loop import plan
-from posedesign.simulation.rehearsal import true_cell, true_observer
+from posedesign.cell import Cell, cell_template
+from posedesign.planning import plan
+from posedesign.simulation import true_cell, true_observer
 
 REPEATS = 1000
 """Touch-ups of each pose that its noise is measured by: standard deviations to 2.2 %."""

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import f as f_distribution
 from scipy.stats import spearmanr
 
-from posedesign.simulation.plate import PlateTest
+from posedesign.simulation import PlateTest
 from posedesign.study.library import find_study
 
 FOLDER = Path(__file__).parents[2] / "studies" / "13_calibration_by_touch_up"

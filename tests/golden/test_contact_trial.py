@@ -12,8 +12,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 
-from calib.geometry import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
-from calib.geometry.scene import Scene
+from calib.geometry import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Scene, Solid, Sphere
 from calib.geometry.ways import TOUCH_M
 from calib.robots import Robot, preset_names
 from calib.se3 import rotation_exp, transform

@@ -14,9 +14,8 @@ from scipy.stats import chi2
 from calib import CalibrationModel, Robot
 from calib.identification import covariance_of, identify_batch
 from calib.identification.identifiability import sort_out
-from calib.model.measurements import Distance, PlaneContact, Point, Pose, Setup, TouchUp
-from calib.model.measurements.simulate import simulate
-from calib.model.measurements.touch import touch
+from calib.model import Setup, simulate, touch
+from calib.model.measurements import Distance, PlaneContact, Point, Pose, TouchUp
 from calib.model.parameters import (
     JointCompliance,
     JointHarmonics,

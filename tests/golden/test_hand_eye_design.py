@@ -7,12 +7,18 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.robot_world import PairCovariances, PairNoise, add_noise, design, random_problems
-from calib.robot_world.noise import difference, perturb
-from calib.robot_world.results import residuals
-from posedesign.cell import Cell
+from calib.robot_world import (
+    PairCovariances,
+    PairNoise,
+    add_noise,
+    design,
+    difference,
+    random_problems,
+    residuals,
+)
+from calib.robot_world.noise import perturb
+from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
-from posedesign.cell.template import cell_template
 from posedesign.planning.optimal import plan_fewest
 from posedesign.simulation import SimulatedRobot
 

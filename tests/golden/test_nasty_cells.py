@@ -12,13 +12,9 @@ import numpy as np
 import pytest
 
 from calib.se3 import rotation_exp, transform
+from calib.vision.touch_up import Drive, Loop, SimulatedArms, Station, find_set_up, follow
 from calib.vision.touch_up.arms import OneArm
-from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.following import follow
-from calib.vision.touch_up.servo import Loop
-from calib.vision.touch_up.session import Station
-from calib.vision.touch_up.set_up import NoSetUp, SetUp, find_set_up
-from calib.vision.touch_up.simulated import SimulatedArms
+from calib.vision.touch_up.set_up import NoSetUp, SetUp
 from tests.marks import rest_in_full
 from tests.visual_cells import Sight, is_right, random_sight
 from tests.visual_mischief import TrickyRobot, nasty_cell

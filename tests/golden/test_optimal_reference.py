@@ -9,14 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from calib.model import CalibrationModel
-from calib.model.linearisation import Linearisation
+from calib.model import CalibrationModel, Linearisation
 from posedesign.candidates import Pool, cone_pool
 from posedesign.cell import Cell
-from posedesign.planning.checks import off_target
+from posedesign.planning import off_target
 from posedesign.planning.loop import regressor
-from posedesign.selection import Selection, select
-from posedesign.selection.indices import condition_inf
+from posedesign.selection import Selection, condition_inf, select
 
 POSES, ORIENTATIONS, TILT = 27, 3000, np.deg2rad(45.0)
 CONFIGURATIONS = {"front": 1.45e4, "all": 20.0}

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.robot_world import METHODS, PairSets
+from calib.robot_world import METHODS, PairSets, residuals
 from calib.robot_world.methods import hirsh
-from calib.robot_world.results import residuals
 from posedesign.study.library import find_study
 
 STUDIES = Path(__file__).parents[2] / "studies"

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posedesign.study.library import Options, find_study
+from posedesign.study import Options
+from posedesign.study.library import find_study
 
 FOLDER = Path(__file__).parents[2] / "studies" / "15_peers"
 FEW = 8

@@ -13,10 +13,9 @@ import pytest
 
 from calib.geometry import Body, Box, Capsule, HalfSpace
 from calib.robots import preset_names
-from posedesign.cell import Cell
-from posedesign.cell.template import REFERENCE, cell_template
-from posedesign.planning.loop import plan
-from posedesign.planning.pose_plan import PosePlan
+from posedesign.cell import Cell, cell_template
+from posedesign.cell.template import REFERENCE
+from posedesign.planning import PosePlan, plan
 
 SAMPLES_A_WAY = 60
 ON_THE_WAY_M = 2e-3

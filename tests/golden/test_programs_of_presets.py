@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 
 from calib.robots import Robot, preset_names
-from posedesign.cell import Cell
-from posedesign.cell.template import cell_template
-from posedesign.planning.loop import plan
+from posedesign.cell import Cell, cell_template
+from posedesign.planning import plan
 from posedesign.planning.tables import PoseList
+from posedesign.pose_programs import import_touch_ups, program_options, write_program
 from posedesign.pose_programs.frames import arm_of
-from posedesign.pose_programs.from_plan import program_options, write_program
-from posedesign.pose_programs.touch_ups import import_touch_ups
 from posedesign.programs import DIALECTS, PoseProgram, ProgramPose
 from posedesign.simulation import SimulatedRobot
 

@@ -10,7 +10,8 @@ import pytest
 
 from calib.se3 import rotation_exp
 from posedesign.identification.models import candidates
-from posedesign.study.library import Options, find_study
+from posedesign.study import Options
+from posedesign.study.library import find_study
 from studies.intervals import wilson
 
 STUDY = find_study("recommended_model")

@@ -11,10 +11,12 @@ from calib.errors import NotIdentifiableError
 from calib.identification import check_identifiable, covariance_of
 from calib.model.measurements import TouchUp, ViewLine
 from posedesign.cell import Cell
-from posedesign.planning.loop import grid_poses, plan
+from posedesign.planning import plan
+from posedesign.planning.loop import grid_poses
 from posedesign.planning.pose_plan import PoseStatus, StopReason
 from posedesign.planning.repair import RepairPool, repair
-from posedesign.selection.indices import condition_2, condition_inf
+from posedesign.selection import condition_inf
+from posedesign.selection.indices import condition_2
 
 # D [deg], C_G, cond_2 of G with unit columns, sigma(dtheta2) [deg]: weighted, unweighted
 TABLE = [

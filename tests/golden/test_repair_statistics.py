@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibError
-from posedesign.cell import Cell
-from posedesign.cell.orientations import cone_rotations, touching_poses
+from posedesign.cell import Cell, cell_template, touching_poses
+from posedesign.cell.orientations import cone_rotations
 from posedesign.cell.schema import parse_config
-from posedesign.cell.template import cell_template
 from posedesign.planning.loop import grid_poses
 from posedesign.planning.pose_plan import PoseStatus
 from posedesign.planning.repair import RepairPool, repair

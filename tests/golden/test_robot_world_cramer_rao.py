@@ -11,11 +11,12 @@ from calib import se3
 from calib.robot_world import (
     PairNoise,
     add_noise,
+    difference,
     random_problems,
     solve,
     solve_batch,
 )
-from calib.robot_world.noise import difference, perturb
+from calib.robot_world.noise import perturb
 
 BLOCKS = {
     "X rotation": slice(0, 3),

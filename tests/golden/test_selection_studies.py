@@ -11,8 +11,8 @@ import pytest
 from scipy.stats import chi2, spearmanr
 
 from calib.identification import identify_batch
-from calib.model.measurements.simulate import simulate
-from posedesign.selection.indices import condition_inf
+from calib.model import simulate
+from posedesign.selection import condition_inf
 from posedesign.study.library import find_study
 from studies.tool_errors import Experiment, ToolErrors, simulated_arm, tool_errors
 

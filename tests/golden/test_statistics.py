@@ -10,9 +10,8 @@ from calib.model.measurements import touch_ups
 from calib.robot_world import METHODS, solve
 from calib.se3 import inverse, rotation_angle
 from posedesign.cell import Cell
-from posedesign.planning.loop import plan
-from posedesign.simulation import SimulatedRobot
-from posedesign.simulation.accuracy_study import effective_truth
+from posedesign.planning import plan
+from posedesign.simulation import SimulatedRobot, effective_truth
 
 DRAWS = 1000
 LITERAL = ("hirsh-literal", "li-kronecker-literal", "andreff")
@@ -150,7 +149,7 @@ def test_touch_up_hides_a_scale_from_the_printed_kronecker_form(make_cell):
 @pytest.mark.slow
 def test_wider_variation_brings_the_scatter_down_as_predicted(rigid_cell):
     """The first finding of Watanabe et al. 2006, Fig. 9: the scatter falls with C_G."""
-    from posedesign.simulation.accuracy_study import accuracy_study, pick
+    from posedesign.simulation import accuracy_study, pick
 
     study = accuracy_study(rigid_cell, draws=60, seed=5)
     found = pick(study.findings, "rigid", "touch-up weighted", "zero_offset.joint_2")

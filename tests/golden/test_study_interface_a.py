@@ -11,7 +11,8 @@ import pytest
 from matplotlib import image
 
 from calib.errors import InputError
-from posedesign.study.library import Options, Study, find_study
+from posedesign.study import Options
+from posedesign.study.library import Study, find_study
 from studies.real_data import data_folder
 
 RECORDINGS = {

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from calib.errors import InputError
-from posedesign.study.library import Options, Study, find_study
+from posedesign.study import Options
+from posedesign.study.library import Study, find_study
 from studies.real_data import data_with
 
 TABLES = {

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import t as t_distribution
 
 from calib.se3 import rotation_exp, transform
-from calib.vision.touch_up.relation import Relation
+from calib.vision.touch_up import Relation
 from posedesign.study.library import find_study
 
 FOLDER = Path(__file__).parents[2] / "studies" / "12_visual_touch_up"

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from calib.errors import NotIdentifiableError
 from posedesign.selection import (
     CRITERIA,
+    Candidates,
     criterion_by_name,
     largest_deviation,
     mean_deviation,
@@ -17,7 +18,6 @@ from posedesign.selection import (
     select_fewest,
     wanted_deviations,
 )
-from posedesign.selection.candidates import Candidates
 from posedesign.selection.relaxation import ConditionCertificate, MeanCertificate
 from posedesign.selection.small import ENUMERATED
 

@@ -11,7 +11,7 @@ import pytest
 
 from calib import identify
 from calib.errors import InputError
-from posedesign.study.library import Options
+from posedesign.study import Options
 from studies.writing import rounded
 
 pytestmark = pytest.mark.real_data

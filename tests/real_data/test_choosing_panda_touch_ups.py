@@ -12,7 +12,7 @@ import pytest
 
 from calib.errors import InputError
 from calib.model.measurements import touch_ups
-from posedesign.study.library import Options
+from posedesign.study import Options
 from studies.writing import read_figures, rounded
 
 pytestmark = pytest.mark.real_data

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot
-from calib.correction.corrected_robot import corrected_robot
-from calib.correction.urdf_write import corrected_urdf
+from calib.correction import corrected_robot, corrected_urdf
 from calib.model.measurements import TouchUp
 from calib.model.parameters import (
     LinkGeometry,

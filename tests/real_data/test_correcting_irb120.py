@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from calib.identification.carried import Expectation
-from calib.model.context import Setup
+from calib.model import Setup
 from calib.se3 import FloatArray
-from posedesign.cell import Cell
-from posedesign.cell.task_box import TaskBox
-from posedesign.files.numbers import load_json
+from posedesign.cell import Cell, TaskBox
+from posedesign.files import load_json
 from posedesign.identification.correction_routes import (
     AS_IT_IS,
     DESCRIPTION,

@@ -17,11 +17,9 @@ import numpy as np
 import pytest
 
 from calib.se3 import FloatArray
-from posedesign.cell import Cell
-from posedesign.cell.template import cell_template
+from posedesign.cell import Cell, cell_template
 from posedesign.files.csv_tables import write_table
-from posedesign.identification.comparison import Identified
-from posedesign.identification.content import results_as_dict
+from posedesign.identification import Identified, results_as_dict
 from posedesign.identification.models import FRAMES_ONLY
 from posedesign.workflow import identify_file
 

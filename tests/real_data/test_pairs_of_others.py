@@ -8,9 +8,8 @@ import pytest
 
 from calib.se3 import FloatArray, rotation_angle
 from posedesign.cli.main import run
-from posedesign.pairs.file import Pairs, write_pairs
+from posedesign.pairs import Pairs, PairSource, write_pairs
 from posedesign.pairs.forms import PoseForm
-from posedesign.pairs.source import PairSource
 
 pytestmark = pytest.mark.real_data
 

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.robot_world import PairNoise, solve, solve_batch
-from calib.robot_world.noise import difference
-from calib.robot_world.results import residuals
-from posedesign.pairs.source import PairSource
+from calib.robot_world import PairNoise, difference, residuals, solve, solve_batch
+from posedesign.pairs import PairSource
 
 pytestmark = pytest.mark.real_data
 

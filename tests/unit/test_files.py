@@ -13,6 +13,7 @@ from calib import reading
 from calib.errors import FileFormatError, InputError, OutputError
 from posedesign.files import (
     Results,
+    held,
     locking,
     numbers,
     read_bytes_bounded,
@@ -20,8 +21,8 @@ from posedesign.files import (
     write_text_atomic,
 )
 from posedesign.files import safe as files
-from posedesign.files.locking import LOCK, held
-from posedesign.study.folder import own_folder
+from posedesign.files.locking import LOCK
+from posedesign.study import own_folder
 
 
 def test_text_is_written_with_the_asked_line_ends(tmp_path):

@@ -9,9 +9,16 @@ import pytest
 from PIL import Image
 
 from calib.errors import OutputError
-from posedesign.files import Claim, Results, write_bytes_atomic, write_json_atomic
+from posedesign.files import (
+    Claim,
+    Results,
+    origin_of,
+    rehearsed,
+    write_bytes_atomic,
+    write_json_atomic,
+)
 from posedesign.files.csv_tables import read_table, write_table
-from posedesign.files.origin import Origin, is_simulated, origin_of, read_whole, rehearsed
+from posedesign.files.origin import Origin, is_simulated, read_whole
 
 POSES = ("poses.csv", "poses")
 

@@ -19,8 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.identification.diagnosis.finding import Finding
-from calib.model import CalibrationModel
-from calib.model.linearisation import Linearisation
+from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
 

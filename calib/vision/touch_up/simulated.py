@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.model import CalibrationModel
-from calib.model.context import Setup
-from calib.model.parameters import Payload
-from calib.model.parameters.gravity import GravityLoad
+from calib.model import CalibrationModel, Setup
+from calib.model.parameters import GravityLoad, Payload
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, inverse, transform
 from calib.vision.camera import ImageObserver, Observer, Views

@@ -1,8 +1,18 @@
 """The best poses that a cell allows: chosen out of a pool, with a proof of how good they are."""
 
 from posedesign.planning.optimal.choose import plan_fewest, plan_optimal
+from posedesign.planning.optimal.next_poses import NextPoses
 from posedesign.planning.optimal.objective import GOALS
 from posedesign.planning.optimal.request import Wish
 from posedesign.planning.optimal.result import OptimalPlan
+from posedesign.planning.optimal.sequential import plan_next
 
-__all__ = ["GOALS", "OptimalPlan", "Wish", "plan_fewest", "plan_optimal"]
+__all__ = [
+    "GOALS",
+    "NextPoses",
+    "OptimalPlan",
+    "Wish",
+    "plan_fewest",
+    "plan_next",
+    "plan_optimal",
+]

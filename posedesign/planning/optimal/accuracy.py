@@ -8,8 +8,7 @@ import numpy as np
 
 from calib.errors import NotIdentifiableError
 from calib.identification import check_identifiable
-from calib.model import CalibrationModel
-from calib.model.linearisation import Linearisation
+from calib.model import CalibrationModel, Linearisation
 from calib.se3 import FloatArray
 from posedesign.planning.optimal.objective import Goal
 

@@ -10,15 +10,11 @@ import numpy as np
 from calib.errors import InputError
 from calib.identification import check_identifiable
 from calib.se3 import FloatArray
-from posedesign.candidates import Pool
-from posedesign.candidates.of_cell import (
-    away_from_singularities,
-    functions_over_box,
-    pool_of,
-    with_kept,
-)
+from posedesign.candidates import Pool, away_from_singularities, functions_over_box, pool_of
+from posedesign.candidates.of_cell import with_kept
 from posedesign.cell import Cell
-from posedesign.motion.route import Route, Router
+from posedesign.motion import Router
+from posedesign.motion.route import Route
 from posedesign.planning.loop import check_base_pose, regressor
 from posedesign.planning.optimal.accuracy import Accuracy, accuracy_of
 from posedesign.planning.optimal.objective import goal_of
@@ -40,9 +36,8 @@ from posedesign.planning.optimal.robust import (
 )
 from posedesign.planning.optimal.validation import choose_validation
 from posedesign.planning.pose_plan import PoseSet
-from posedesign.selection import Criterion, Fewest, Selection, select, select_fewest
+from posedesign.selection import Criterion, Fewest, Selection, evaluate, select, select_fewest
 from posedesign.selection.criteria.scenarios import OverScenarios
-from posedesign.selection.indices import evaluate
 
 Advance = Callable[[str, float], None]
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import InputError, near_names
-from calib.model import CalibrationModel
-from calib.model.linearisation import Linearisation
+from calib.model import CalibrationModel, Linearisation
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray
 from posedesign.planning.loop import regressor
@@ -16,14 +15,14 @@ from posedesign.planning.optimal.request import Wish
 from posedesign.planning.pose_plan import displayed
 from posedesign.selection import (
     CRITERIA,
+    PER_MRAD_AND_MM,
+    Candidates,
     Criterion,
     criterion_by_name,
     largest_deviation,
     mean_deviation,
     wanted_deviations,
 )
-from posedesign.selection.candidates import Candidates
-from posedesign.selection.indices import PER_MRAD_AND_MM
 
 TCP, TCP_WORST, SIGMA = "tcp", "tcp-worst", "sigma"
 

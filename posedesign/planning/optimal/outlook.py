@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from calib.errors import CalibError
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
-from posedesign.candidates.of_cell import away_from_singularities, functions_over_box, pool_of
+from posedesign.candidates import away_from_singularities, functions_over_box, pool_of
 from posedesign.cell import Cell
 from posedesign.planning.optimal.accuracy import accuracy_of
 from posedesign.planning.optimal.objective import IN_MM, goal_of

@@ -10,7 +10,8 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool
-from posedesign.motion.route import Route, Router
+from posedesign.motion import Router
+from posedesign.motion.route import Route
 
 ATTEMPTS = 6
 """How often poses are chosen while no clear way leads to some of them."""

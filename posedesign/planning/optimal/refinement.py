@@ -16,7 +16,7 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool, feasible, local_poses
 from posedesign.cell import Cell
 from posedesign.planning.optimal.objective import Goal
-from posedesign.selection.candidates import Candidates
+from posedesign.selection import Candidates
 from posedesign.selection.information_state import Ledger
 
 DOWN_RAD = (0.2, 0.1, 0.05, 0.02, 0.01, 0.003)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError, near_names
-from posedesign.files.numbers import LARGEST_NUMBER, LEAST_POSITIVE, usable
+from posedesign.files import LARGEST_NUMBER, LEAST_POSITIVE, usable
 from posedesign.selection import METHODS
 
 MOST_POSES = 1000

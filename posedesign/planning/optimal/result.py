@@ -20,8 +20,7 @@ from posedesign.planning.pose_plan import (
     named_stops,
     not_checked_words,
 )
-from posedesign.selection import Fewest, Selection
-from posedesign.selection.indices import Indices
+from posedesign.selection import Fewest, Indices, Selection
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.model import CalibrationModel
-from calib.model.measurements.touch import touch
+from calib.model import CalibrationModel, touch
 from calib.se3 import FloatArray
 from posedesign.candidates import Pool
 from posedesign.cell import Cell

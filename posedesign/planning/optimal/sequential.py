@@ -15,19 +15,19 @@ import numpy as np
 
 from calib.errors import CalibError, ConvergenceError, InputError, NotIdentifiableError
 from calib.identification import IdentificationResult, identify
-from calib.model import CalibrationModel
-from calib.model.linearisation import Linearisation
+from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.model.parameters import TargetPoints, Unit
 from calib.se3 import FloatArray, IntArray
-from posedesign.candidates import Pool
-from posedesign.candidates.of_cell import (
+from posedesign.candidates import (
+    Pool,
     away_from_singularities,
     functions_over_box,
     pool_of,
 )
 from posedesign.cell import Cell
-from posedesign.motion.route import Route, Router
+from posedesign.motion import Router
+from posedesign.motion.route import Route
 from posedesign.planning.optimal.choose import as_pose_set
 from posedesign.planning.optimal.next_poses import NextPoses
 from posedesign.planning.optimal.objective import Goal, goal_of

@@ -6,7 +6,8 @@ import pytest
 from calib import CalibrationModel, identify
 from calib.errors import CalibError, InputError
 from calib.identification import check_enough, identify_batch
-from calib.model.measurements import Distance, Measurements, Point, Pose, Setup, TouchUp, touch_ups
+from calib.model import Setup
+from calib.model.measurements import Distance, Measurements, Point, Pose, TouchUp, touch_ups
 from calib.model.parameters import JointCompliance, Payload, TargetFrame, ToolFrame, ZeroOffsets
 
 JOINTS = ["joint_2", "joint_3", "joint_4", "joint_5"]

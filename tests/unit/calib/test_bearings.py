@@ -6,7 +6,7 @@ import pytest
 
 from calib import CalibrationModel, Robot, se3
 from calib.errors import InputError
-from calib.model.context import Setup
+from calib.model import Setup
 from calib.model.measurements import Pose
 from calib.model.parameters import (
     BearingCompliance,

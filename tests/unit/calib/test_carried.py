@@ -6,14 +6,8 @@ from scipy.optimize import minimize
 
 from calib import CalibrationModel, Robot
 from calib.errors import InputError
-from calib.identification.carried import (
-    ALIKE,
-    NATURAL,
-    Carried,
-    Expectation,
-    part_of,
-    rigid_motions,
-)
+from calib.identification import Carried, part_of
+from calib.identification.carried import ALIKE, NATURAL, Expectation, rigid_motions
 from calib.model.measurements import TouchUp
 from calib.model.parameters import (
     JointCompliance,

@@ -9,21 +9,12 @@ from scipy.stats import t
 
 from calib import CalibrationModel, Robot, identify
 from calib.errors import NotIdentifiableError
-from calib.identification import Comparison, compare
+from calib.identification import Comparison, compare, minimise
 from calib.identification.choice import CHANCE
 from calib.identification.comparison import Candidate
-from calib.identification.least_squares import minimise
 from calib.identification.left_out import targets_left_out
-from calib.model.measurements import (
-    Measurement,
-    Measurements,
-    Point,
-    Pose,
-    Setup,
-    TouchUp,
-    touch_ups,
-)
-from calib.model.measurements.simulate import simulate
+from calib.model import Setup, simulate
+from calib.model.measurements import Measurement, Measurements, Point, Pose, TouchUp, touch_ups
 from calib.model.parameters import (
     JointHarmonics,
     JointScale,

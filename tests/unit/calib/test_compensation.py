@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot, se3
-from calib.correction.compensation import CLOSED, compensate
-from calib.correction.corrected_robot import corrected_robot
+from calib.correction import compensate, corrected_robot
+from calib.correction.compensation import CLOSED
 from calib.errors import InputError
-from calib.model.context import Setup
+from calib.model import Setup
 from calib.model.measurements import TouchUp
 from calib.model.parameters import (
     BearingCompliance,

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib import CalibrationModel, Robot
-from calib.correction.corrected_robot import corrected_robot
-from calib.correction.urdf_write import corrected_urdf
+from calib.correction import corrected_robot, corrected_urdf
 from calib.errors import InputError, RobotModelError
 from calib.model.measurements import TouchUp
 from calib.model.parameters import (
@@ -23,12 +22,12 @@ from calib.model.parameters import (
     LinkGeometry,
     LostMotion,
     ParameterBlock,
+    Part,
     TargetPoints,
     ToolPoint,
     ZeroOffsets,
     gravity_torque,
 )
-from calib.model.parameters.part import Part
 from calib.robots import Controller, preset_names
 from calib.robots.replaced import with_placements
 from calib.robots.urdf_anew import rpy_of

@@ -13,10 +13,8 @@ from calib.identification import PriorGroup, TunedPriors, tune_priors
 from calib.identification.losses import STUDENT_FREEDOM, log_weights
 from calib.identification.marginal import linear_evidence
 from calib.identification.robust import WEIGHTS, distances2
-from calib.model import KnownDistance
-from calib.model.context import Setup
+from calib.model import KnownDistance, Setup, simulate
 from calib.model.measurements import Measurement, Measurements, Point, Pose
-from calib.model.measurements.simulate import simulate
 from calib.model.parameters import (
     LinkGeometry,
     ParameterBlock,

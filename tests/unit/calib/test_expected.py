@@ -12,9 +12,8 @@ from calib.identification import Candidate, PriorGroup, Workplace, fit_reference
 from calib.identification.candidate import fit
 from calib.identification.expected import DrawnArms, Posterior
 from calib.identification.losses import STUDENT_FREEDOM, gain_of_student
-from calib.model.context import Setup
+from calib.model import Setup, simulate
 from calib.model.measurements import Measurements, Point, TouchUp
-from calib.model.measurements.simulate import simulate
 from calib.model.parameters import (
     JointCompliance,
     JointHarmonics,

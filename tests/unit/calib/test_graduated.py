@@ -7,8 +7,8 @@ import pytest
 
 from calib import CalibrationModel, Robot, identify
 from calib.identification.noise import distances2
-from calib.model.measurements import Distance, Point, Pose, Setup, TouchUp
-from calib.model.measurements.simulate import simulate
+from calib.model import Setup, simulate
+from calib.model.measurements import Distance, Point, Pose, TouchUp
 from calib.model.parameters import LinkGeometry, TargetFrame, ToolPoints, ZeroOffsets
 
 PLACES_M = np.array([[0.1, 0.0, 0.1], [0.0, 0.12, 0.1]])

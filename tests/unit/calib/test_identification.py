@@ -12,8 +12,8 @@ from calib.identification import (
     identify_batch,
 )
 from calib.identification.identifiability import check_believable
-from calib.model.measurements import Measurements, Setup, TouchUp, ViewLine, touch_ups
-from calib.model.measurements.simulate import simulate
+from calib.model import Setup, simulate
+from calib.model.measurements import Measurements, TouchUp, ViewLine, touch_ups
 from calib.model.parameters import JointCompliance, Payload, TargetPoints, ToolPoint, ZeroOffsets
 
 OFFSETS = np.deg2rad([0.2, -0.3, 0.15, -0.25])

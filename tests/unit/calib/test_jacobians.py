@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, Robot
-from calib.model.measurements import KINDS, Setup
+from calib.model import Setup
+from calib.model.measurements import KINDS
 from calib.model.parameters import (
     JointCompliance,
     JointHarmonics,

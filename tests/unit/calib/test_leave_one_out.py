@@ -9,14 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib import CalibrationModel, identify
-from calib.identification import compare
+from calib.identification import compare, minimise
 from calib.identification.comparison import Candidate
-from calib.identification.least_squares import minimise
 from calib.identification.left_out import free_points, targets_left_out
-from calib.model import KnownDistance
-from calib.model.measurements import Distance, Measurements, Point, Pose, Setup, TouchUp
+from calib.model import KnownDistance, Setup, simulate
+from calib.model.measurements import Distance, Measurements, Point, Pose, TouchUp
 from calib.model.measurements.repeats import SAME_POSTURE_RAD, repeated_together, same_posture
-from calib.model.measurements.simulate import simulate
 from calib.model.parameters import TargetFrame, TargetPoints, ToolFrame, ToolPoints, ZeroOffsets
 from calib.se3 import rotation_exp, transform
 

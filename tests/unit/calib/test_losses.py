@@ -10,8 +10,8 @@ from calib.identification import robust
 from calib.identification.covariance import covariance_at
 from calib.identification.losses import WEIGHTS, consistency, variance_factor
 from calib.identification.robust import Solved, fit_robustly
-from calib.model.measurements import Distance, Measurements, Setup, TouchUp
-from calib.model.measurements.simulate import simulate
+from calib.model import Setup, simulate
+from calib.model.measurements import Distance, Measurements, TouchUp
 from calib.se3 import FloatArray
 from tests.marks import rest_in_full
 

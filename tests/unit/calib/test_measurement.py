@@ -5,19 +5,17 @@ import pytest
 
 from calib import CalibrationModel, Robot
 from calib.errors import ConvergenceError, InputError
+from calib.model import Setup, simulate, touch
 from calib.model.measurements import (
     KINDS,
     Distance,
     Measurements,
     PlaneContact,
     Pose,
-    Setup,
     TouchUp,
     ViewLine,
     touch_ups,
 )
-from calib.model.measurements.simulate import simulate
-from calib.model.measurements.touch import touch
 from calib.model.parameters import (
     Payload,
     TargetFrame,

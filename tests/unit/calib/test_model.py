@@ -5,8 +5,8 @@ import pytest
 
 from calib import CalibrationModel
 from calib.errors import InputError
-from calib.model import KnownDistance
-from calib.model.measurements import Distance, Point, Pose, Setup, TouchUp, ViewLine
+from calib.model import KnownDistance, Setup
+from calib.model.measurements import Distance, Point, Pose, TouchUp, ViewLine
 from calib.model.parameters import TargetFrame, TargetPoints, ToolFrame, ToolPoint, ZeroOffsets
 from calib.se3 import rotation_exp, transform
 

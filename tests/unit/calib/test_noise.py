@@ -6,8 +6,8 @@ import pytest
 from calib import CalibrationModel, identify
 from calib.errors import InputError, NotIdentifiableError
 from calib.identification.noise import LEAST_NOISE
-from calib.model.measurements import Distance, Point, Pose, Setup, TouchUp
-from calib.model.measurements.simulate import simulate
+from calib.model import Setup, simulate
+from calib.model.measurements import Distance, Point, Pose, TouchUp
 from calib.model.parameters import (
     LengthOffsets,
     TargetFrame,

@@ -6,8 +6,8 @@ import pytest
 
 from calib import CalibrationModel, Robot, identify
 from calib.errors import InputError
-from calib.model.measurements import Measurements, Point, Pose, Setup, TouchUp
-from calib.model.measurements.simulate import simulate
+from calib.model import Setup, simulate
+from calib.model.measurements import Measurements, Point, Pose, TouchUp
 from calib.model.parameters import (
     JointCompliance,
     Payload,

@@ -5,16 +5,10 @@ import pytest
 
 from calib import CalibrationModel
 from calib.errors import InputError
-from calib.identification import covariance_of, identify_batch
-from calib.identification.prediction import (
-    KNOWN_BASE,
-    TURNED_BASE,
-    predict_accuracy,
-    reference_frame,
-)
-from calib.model.context import Setup
+from calib.identification import covariance_of, identify_batch, predict_accuracy
+from calib.identification.prediction import KNOWN_BASE, TURNED_BASE, reference_frame
+from calib.model import Setup, simulate
 from calib.model.measurements import TouchUp, ViewLine
-from calib.model.measurements.simulate import simulate
 from calib.model.parameters import JointCompliance, Payload, TargetPoints, ToolPoint, ZeroOffsets
 
 TRIALS = 1000

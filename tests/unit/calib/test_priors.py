@@ -6,9 +6,8 @@ import pytest
 from calib import CalibrationModel, identify
 from calib.errors import InputError
 from calib.identification import covariance_of
-from calib.model import KnownDistance
-from calib.model.measurements import Measurements, Point, Pose, Setup, TouchUp
-from calib.model.measurements.simulate import simulate
+from calib.model import KnownDistance, Setup, simulate
+from calib.model.measurements import Measurements, Point, Pose, TouchUp
 from calib.model.parameters import (
     LinkGeometry,
     TargetFrame,

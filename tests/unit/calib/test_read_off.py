@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel, se3
-from calib.model.measurements import CameraPose, Distance, Point, Pose, Setup
+from calib.model import Setup, simulate
+from calib.model.measurements import CameraPose, Distance, Point, Pose
 from calib.model.measurements.base import Contact
-from calib.model.measurements.simulate import simulate
 from calib.model.parameters import (
     LengthOffsets,
     TargetFrame,

@@ -6,9 +6,8 @@ import pytest
 from calib import CalibrationModel, Robot, identify, se3
 from calib.identification.report import unseen_scale
 from calib.identification.result import STRONG_CORRELATION
-from calib.model import KnownDistance
-from calib.model.measurements import Distance, Measurement, Point, Pose, Setup, TouchUp, touch_ups
-from calib.model.measurements.simulate import simulate
+from calib.model import KnownDistance, Setup, simulate
+from calib.model.measurements import Distance, Measurement, Point, Pose, TouchUp, touch_ups
 from calib.model.parameters import (
     JointCompliance,
     LinkGeometry,

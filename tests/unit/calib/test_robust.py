@@ -8,8 +8,8 @@ import pytest
 from calib import CalibrationModel, identify
 from calib.errors import CalibError, InputError
 from calib.identification.robust import OUTLIER_CHANCE
-from calib.model.measurements import Measurements, Pose, Setup, TouchUp
-from calib.model.measurements.simulate import simulate
+from calib.model import Setup, simulate
+from calib.model.measurements import Measurements, Pose, TouchUp
 from calib.model.parameters import TargetFrame, ToolFrame, ZeroOffsets
 from calib.se3 import rotation_exp, transform
 

@@ -5,9 +5,8 @@ import pytest
 
 from calib import CalibrationModel, identify
 from calib.errors import NotIdentifiableError
-from calib.model.measurements import CameraPose, Distance, PlaneContact, Point, Pose, Setup, TouchUp
-from calib.model.measurements.simulate import simulate
-from calib.model.measurements.touch import touch
+from calib.model import Setup, simulate, touch
+from calib.model.measurements import CameraPose, Distance, PlaneContact, Point, Pose, TouchUp
 from calib.model.parameters import (
     LengthOffsets,
     TargetFrame,

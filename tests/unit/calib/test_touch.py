@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from calib import CalibrationModel
-from calib.model.measurements import Setup, TouchUp
-from calib.model.measurements.touch import TOUCH_TOLERANCE_M, touch
+from calib.model import Setup, touch
+from calib.model.measurements import TouchUp
 from calib.model.parameters import JointCompliance, TargetPoints, ToolPoint, ZeroOffsets
+from calib.model.touching import TOUCH_TOLERANCE_M
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.vision.touch_up.simulated import SimulatedArms
+from calib.vision.touch_up import SimulatedArms
 from posedesign.autonomous import FolderRobot, calibrate_robot
 from posedesign.cell import Cell
-from posedesign.simulation.rehearsal import true_cell, true_observer
+from posedesign.simulation import true_cell, true_observer
 
 ONLY = np.zeros(1, dtype=np.intp)
 

@@ -9,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.robots import preset_names
-from posedesign.cell import Cell
+from posedesign.cell import Cell, CellConfig, cell_template
 from posedesign.cell.file import cell_text
-from posedesign.cell.schema import CellConfig, parse_config, parse_text
-from posedesign.cell.template import cell_template
+from posedesign.cell.schema import parse_config, parse_text
 
 WHERE = Path("cell.toml")
 

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from calib.errors import FileFormatError, InputError, JointLimitError
 from calib.se3 import FloatArray
 from posedesign.autonomous import FolderRobot
-from posedesign.cell import Cell
-from posedesign.cell.template import cell_template
+from posedesign.cell import Cell, cell_template
 from posedesign.programs import DIALECTS, Arm, read, validate
 
 POLL_S = 0.002

@@ -9,10 +9,7 @@ import pytest
 from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, IntArray
 from calib.vision.camera import Views
-from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.jacobian import ImageJacobian
-from calib.vision.touch_up.relation import Relation
-from calib.vision.touch_up.servo import Loop
+from calib.vision.touch_up import Drive, ImageJacobian, Loop, Relation
 from posedesign.autonomous.journal import Journal
 from posedesign.autonomous.recorded_session import KeptStation
 

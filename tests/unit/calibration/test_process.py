@@ -14,17 +14,15 @@ from calib.errors import ConvergenceError, FileFormatError, InputError, Unreacha
 from calib.se3 import FloatArray, IntArray, inverse
 from calib.vision.camera import MeasurementNoise
 from calib.vision.camera.rendering import GreyImage
-from calib.vision.touch_up.adapter import RobotAdapter
-from calib.vision.touch_up.simulated import SimulatedArms
+from calib.vision.touch_up import RobotAdapter, SimulatedArms
 from posedesign.autonomous import Calibration, SightResult, calibrate_robot
 from posedesign.autonomous.journal import Journal
 from posedesign.autonomous.moving import drive_of, refusals_of
 from posedesign.autonomous.process import LEAST_SIGMA_M, calibrate
 from posedesign.autonomous.recorded_session import KeptStation
-from posedesign.cell import Cell
-from posedesign.cell.template import cell_template
+from posedesign.cell import Cell, cell_template
 from posedesign.files.measurements import read_measurements
-from posedesign.simulation.rehearsal import true_cell, true_observer
+from posedesign.simulation import true_cell, true_observer
 
 Whole = tuple[Calibration, Path, int]
 """What was found, where, and how many moves it took."""

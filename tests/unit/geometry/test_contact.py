@@ -5,14 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from calib.geometry import Body, Box, Mesh, Solid, Sphere
+from calib.geometry import Body, Box, Mesh, Scene, Solid, Sphere
 from calib.geometry import engine as engine_module
-from calib.geometry.scene import Scene
 from calib.geometry.ways import TOUCH_M
 from calib.se3 import rotation_exp, transform
-from posedesign.constraints import Checker
-from posedesign.constraints.motions import WayChecker
-from posedesign.constraints.space import Collision, SelfCollision
+from posedesign.constraints import Checker, Collision, SelfCollision, WayChecker
 
 ZERO = np.zeros((1, 4))
 FACES = [(0, 1, 3), (0, 3, 2), (4, 7, 5), (4, 6, 7), (0, 5, 1), (0, 4, 5)]

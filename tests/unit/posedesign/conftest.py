@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from calib.model import CalibrationModel
-from calib.model.context import Setup
+from calib.model import CalibrationModel, Setup, simulate
 from calib.model.measurements import KINDS, Measurements
-from calib.model.measurements.simulate import simulate
 from calib.model.parameters import (
     ParameterBlock,
     TargetFrame,

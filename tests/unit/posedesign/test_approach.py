@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from posedesign.constraints.motions import WayChecker, WayVerdicts
-from posedesign.motion.route import Passing, Route, RouteOptions, Router
-from posedesign.planning.loop import plan
+from posedesign.constraints import WayChecker
+from posedesign.constraints.motions import WayVerdicts
+from posedesign.motion import Router
+from posedesign.motion.route import Passing, Route, RouteOptions
+from posedesign.planning import plan
 
 FREE = WayChecker((), np.inf)
 ANGLE = np.deg2rad(1.0)

@@ -9,23 +9,21 @@ import numpy as np
 import pytest
 
 from calib.errors import ConvergenceError, NotIdentifiableError
-from calib.identification.result import DISPLAY
-from calib.model.measurements.simulate import simulate
+from calib.identification import DISPLAY
+from calib.model import simulate
 from calib.model.parameters import LinkGeometry
 from posedesign.files import json_text
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
+from posedesign.identification import identify_models, results_as_dict, summed_up
 from posedesign.identification.comparison import (
     BELIEVABLE,
     beyond_belief,
-    identify_models,
     is_believable,
     listed,
     missing_poses,
-    summed_up,
     why_another,
     without_repeats,
 )
-from posedesign.identification.content import results_as_dict
 
 OFFSETS = {"parameters": {"models": [["zero_offsets"]]}}
 

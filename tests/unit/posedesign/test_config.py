@@ -12,10 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calib.errors import CalibError, FileFormatError
-from posedesign.cell import Cell
+from posedesign.cell import Cell, CellConfig, cell_template
 from posedesign.cell import schema as config
-from posedesign.cell.schema import CellConfig, _section_in, parse_config, parse_text, read_config
-from posedesign.cell.template import cell_template
+from posedesign.cell.schema import _section_in, parse_config, parse_text, read_config
 
 WHERE = Path("some/cell.toml")
 EXAMPLE = tomllib.loads(cell_template())

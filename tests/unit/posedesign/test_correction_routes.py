@@ -8,13 +8,11 @@ import pytest
 
 from calib import CalibrationModel, Robot, identify
 from calib.errors import InputError, UnreachableError
-from calib.model.context import Setup
+from calib.model import Setup, simulate
 from calib.model.measurements import Measurements
-from calib.model.measurements.simulate import simulate
 from calib.se3 import FloatArray
-from posedesign.candidates.of_cell import box_of_cell
-from posedesign.cell import Cell
-from posedesign.cell.task_box import TaskBox
+from posedesign.candidates import box_of_cell
+from posedesign.cell import Cell, TaskBox
 from posedesign.files.csv_tables import read_rows, write_table
 from posedesign.files.measurements import MeasurementTable
 from posedesign.identification.correction import correct

@@ -9,12 +9,19 @@ from calib.errors import FileFormatError
 from calib.robots import CoupledLimit, Robot
 from calib.se3 import rotation_exp
 from posedesign.candidates.reasons import no_pose
-from posedesign.cell import Cell
-from posedesign.cell.orientations import touching_poses
-from posedesign.constraints import Checker, Constraint, Situation, nearest_postures
+from posedesign.cell import Cell, touching_poses
+from posedesign.constraints import (
+    Checker,
+    Collision,
+    Constraint,
+    Distance,
+    InImage,
+    Situation,
+    Tilt,
+    nearest_postures,
+)
 from posedesign.constraints.joints import CoupledLimits, JointLimits, Singularity
-from posedesign.constraints.space import Collision
-from posedesign.constraints.visibility import Distance, InImage, LineOfSight, Tilt
+from posedesign.constraints.visibility import LineOfSight
 
 
 def situation(cell: Cell, *postures_deg: list[float]) -> Situation:

@@ -13,8 +13,8 @@ from calib.identification.diagnosis.finding import Cause
 from posedesign.cli.identification_output import print_identification
 from posedesign.files import json_text
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
-from posedesign.identification.comparison import identify_models, why_another
-from posedesign.identification.content import results_as_dict
+from posedesign.identification import identify_models, results_as_dict
+from posedesign.identification.comparison import why_another
 from posedesign.identification.findings import as_dict, in_words, is_gross
 
 THINGS: dict[str, tuple[str, ...]] = {

@@ -14,7 +14,7 @@ from calib.model.measurements import KINDS
 from posedesign.cell import Cell
 from posedesign.cell.schema_identification import Word
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
-from posedesign.identification.comparison import identify_models
+from posedesign.identification import identify_models
 from posedesign.identification.models import (
     FRAMES_ONLY,
     candidates,

@@ -8,11 +8,11 @@ from scipy.stats import chi2
 
 from calib.errors import InputError
 from calib.identification import covariance_of, identify
+from calib.model import simulate
 from calib.model.measurements import touch_ups
-from calib.model.measurements.simulate import simulate
-from posedesign.candidates.of_cell import functions_over_box, pool_of
-from posedesign.motion.route import Router
-from posedesign.planning.optimal.sequential import plan_next
+from posedesign.candidates import functions_over_box, pool_of
+from posedesign.motion import Router
+from posedesign.planning.optimal import plan_next
 
 POOL = {"candidates": 80}
 

@@ -9,20 +9,17 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError, UnreachableError
-from calib.identification import covariance_of, identify_batch
-from calib.identification.prediction import predict_accuracy
-from calib.model.measurements.simulate import simulate
-from calib.model.measurements.touch import touch
+from calib.identification import covariance_of, identify_batch, predict_accuracy
+from calib.model import simulate, touch
 from calib.se3 import rotation_angle
-from posedesign.candidates import cone_pool
-from posedesign.candidates.of_cell import box_of_cell, functions_over_box, pool_of
-from posedesign.cell import Cell
+from posedesign.candidates import box_of_cell, cone_pool, functions_over_box, pool_of
+from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
 from posedesign.cell.task_box import predict_box, reached_points
-from posedesign.cell.template import cell_template
-from posedesign.constraints.motions import WayChecker, WayVerdicts
-from posedesign.motion.route import Router
-from posedesign.planning.checks import off_target
+from posedesign.constraints import WayChecker
+from posedesign.constraints.motions import WayVerdicts
+from posedesign.motion import Router
+from posedesign.planning import off_target
 from posedesign.planning.loop import check_base_pose
 from posedesign.planning.optimal import Wish, plan_fewest, plan_optimal
 from posedesign.planning.optimal import choose as planning
@@ -32,7 +29,7 @@ from posedesign.planning.optimal.outlook import outlook_of
 from posedesign.planning.optimal.reachable import without_alike
 from posedesign.planning.optimal.robust import TRIALS, blocks_of_robots, draw_parameters, robustness
 from posedesign.planning.tables import read_poses
-from posedesign.selection.candidates import Candidates
+from posedesign.selection import Candidates
 from posedesign.selection.exchange import exchange
 from posedesign.workflow import plan_optimal_poses
 

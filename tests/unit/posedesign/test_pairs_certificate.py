@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.robot_world import PairNoise, add_noise, certify, random_problems, solve
+from calib.robot_world import PairNoise, add_noise, certify, random_problems, residuals, solve
 from calib.robot_world.noise import perturb
-from calib.robot_world.results import residuals
 from calib.se3 import FloatArray
 from posedesign.pairs.certificate import AT_THE_OPTIMUM, Proof, prove
 

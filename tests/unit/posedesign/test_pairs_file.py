@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.se3 import FloatArray, inverse, rotation_exp, rotation_log, transform
-from posedesign.pairs.file import Pairs, expanded, pair_columns, read_pairs, read_side, write_pairs
+from posedesign.pairs import Pairs, PairSource, read_pairs, write_pairs
+from posedesign.pairs.file import expanded, pair_columns, read_side
 from posedesign.pairs.forms import METRES, TURNS, PoseForm
-from posedesign.pairs.source import PairSource
 
 FILES_BETWEEN_EXAMPLES = settings(
     max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture]

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.stats import kstest
 
 from calib.errors import CalibError, InputError, UnreachableError
-from calib.model.context import Setup
+from calib.model import Setup
 from calib.se3 import FloatArray
 from posedesign.candidates import (
     CONFIGURATIONS,
@@ -22,9 +22,8 @@ from posedesign.candidates import (
 )
 from posedesign.candidates.branches import evenly
 from posedesign.candidates.draws import even_points, once
-from posedesign.cell import Cell
-from posedesign.cell.orientations import cone_rotations, cone_rotations_at, touching_poses
-from posedesign.cell.template import cell_template
+from posedesign.cell import Cell, cell_template, cone_rotations_at, touching_poses
+from posedesign.cell.orientations import cone_rotations
 from posedesign.constraints import nearest_postures
 
 TILT = np.deg2rad(45.0)

@@ -11,8 +11,7 @@ from calib.se3 import FloatArray
 from posedesign.candidates import joint_pool
 from posedesign.candidates.draws import even_points
 from posedesign.candidates.views import viewing_poses
-from posedesign.cell import Cell
-from posedesign.cell.template import cell_template
+from posedesign.cell import Cell, cell_template
 
 
 def rng(seed: int = 7) -> np.random.Generator:

@@ -9,9 +9,7 @@ from calib.errors import InputError
 from calib.robots import CoupledLimit
 from calib.se3 import FloatArray, rotation_angle, rotation_exp
 from posedesign.candidates import Pool, cone_pool, feasible, local_poses
-from posedesign.cell import Cell
-from posedesign.cell.orientations import touching_poses
-from posedesign.cell.template import cell_template
+from posedesign.cell import Cell, cell_template, touching_poses
 
 
 def pool_of(cell: Cell, count: int = 300) -> Pool:

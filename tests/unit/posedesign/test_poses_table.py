@@ -16,9 +16,8 @@ from calib.se3 import rotation_from_wpr
 from posedesign.files.csv_tables import read_rows, read_table, write_table
 from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.files.postures import columns_of
-from posedesign.planning.loop import plan
-from posedesign.planning.pose_margins import MARGIN_COLUMNS, Margins
-from posedesign.planning.pose_plan import PosePlan
+from posedesign.planning import Margins, PosePlan, plan
+from posedesign.planning.pose_margins import MARGIN_COLUMNS
 from posedesign.planning.tables import (
     DroppedPose,
     JointForm,

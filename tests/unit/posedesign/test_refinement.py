@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from calib.se3 import rotation_exp
-from posedesign.candidates import cone_pool, joint_pool
-from posedesign.candidates.of_cell import functions_over_box
-from posedesign.cell.orientations import touching_poses
+from posedesign.candidates import cone_pool, functions_over_box, joint_pool
+from posedesign.cell import touching_poses
 from posedesign.planning.optimal import Wish, refinement
 from posedesign.planning.optimal.objective import goal_of
 from posedesign.planning.optimal.refinement import _Refinement, refine

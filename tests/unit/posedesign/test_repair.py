@@ -7,8 +7,10 @@ from hypothesis import strategies as st
 
 from calib.se3 import rotation_angle
 from posedesign.cell import Cell
-from posedesign.constraints.motions import WayChecker, WayVerdicts
-from posedesign.planning.loop import grid_poses, plan
+from posedesign.constraints import WayChecker
+from posedesign.constraints.motions import WayVerdicts
+from posedesign.planning import plan
+from posedesign.planning.loop import grid_poses
 from posedesign.planning.pose_plan import PoseStatus, StopReason
 from posedesign.planning.repair import (
     ENOUGH,

@@ -17,22 +17,19 @@ import pytest
 from calib.errors import FileFormatError, InputError, UnreachableError
 from calib.geometry.ways import WAY_TOLERANCE_M
 from calib.se3 import FloatArray, rotation_angle
-from calib.vision.touch_up.following import follow
-from posedesign.candidates.of_cell import pool_of
-from posedesign.cell import Cell
+from calib.vision.touch_up import follow
+from posedesign.candidates import pool_of
+from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
 from posedesign.cell.surroundings import NOT_TOUCHING_M
-from posedesign.cell.template import cell_template
 from posedesign.motion.order import ACCELERATION_S, moving_time_s
 from posedesign.motion.route import Passing, Route
-from posedesign.planning.loop import plan
+from posedesign.planning import PoseList, PosePlan, plan
 from posedesign.planning.optimal import Wish, plan_optimal
 from posedesign.planning.pose_check import check_poses
-from posedesign.planning.pose_list import PoseList
-from posedesign.planning.pose_plan import PosePlan
 from posedesign.planning.tables import read_poses
-from posedesign.pose_programs.from_plan import program_options, with_approaches, write_program
-from posedesign.pose_programs.touch_ups import import_touch_ups
+from posedesign.pose_programs import import_touch_ups, program_options, write_program
+from posedesign.pose_programs.from_plan import with_approaches
 from posedesign.workflow import plan_poses
 
 MakeCell = Callable[..., Cell]

@@ -8,8 +8,10 @@ import pytest
 
 from calib.robots import Robot
 from posedesign.cell import Cell
-from posedesign.constraints.motions import WayChecker, WayVerdicts
-from posedesign.motion.route import Passing, Route, RouteOptions, Router
+from posedesign.constraints import WayChecker
+from posedesign.constraints.motions import WayVerdicts
+from posedesign.motion import Router
+from posedesign.motion.route import Passing, Route, RouteOptions
 
 FREE = WayChecker((), np.inf)
 

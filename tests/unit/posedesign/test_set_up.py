@@ -13,7 +13,7 @@ from calib.model.parameters import TargetFrame, TargetPlane, TargetPoints, ToolF
 from calib.se3 import rotation_angle
 from posedesign.cell import Cell
 from posedesign.files.measurements import read_measurements, write_measurements
-from posedesign.identification.comparison import Identified, identify_models
+from posedesign.identification import Identified, identify_models
 from posedesign.identification.measurement_set_up import (
     far_rows,
     frames_of,

@@ -16,7 +16,7 @@ from posedesign.files import csv_tables
 from posedesign.files import safe as files
 from posedesign.files.csv_tables import check_columns, read_rows, write_table
 from posedesign.motion.route import Route, Stop
-from posedesign.planning.loop import plan
+from posedesign.planning import plan, write_touch_ups
 from posedesign.planning.pose_plan import PoseSet, PoseStatus
 from posedesign.planning.tables import (
     Pairs,
@@ -25,7 +25,6 @@ from posedesign.planning.tables import (
     read_touch_ups,
     write_pairs,
     write_poses,
-    write_touch_ups,
 )
 
 FILES_BETWEEN_EXAMPLES = settings(

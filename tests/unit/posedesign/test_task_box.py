@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError, UnreachableError
-from calib.identification import covariance_of
-from calib.identification.prediction import predict_accuracy
-from posedesign.cell.task_box import COLUMNS, BoxAccuracy, TaskBox, predict_box
-from posedesign.planning.loop import plan
+from calib.identification import covariance_of, predict_accuracy
+from posedesign.cell import TaskBox
+from posedesign.cell.task_box import COLUMNS, BoxAccuracy, predict_box
+from posedesign.planning import plan
 
 BOX = TaskBox(np.array([1.4, -0.4, 0.5]), np.array([2.0, 0.4, 1.1]), (2, 3, 2))
 

@@ -8,8 +8,8 @@ import pytest
 
 from calib.errors import CalibError, RobotModelError
 from calib.robots import Robot, preset_names
-from posedesign.cell import Cell
-from posedesign.cell.template import REFERENCE, cell_template
+from posedesign.cell import Cell, cell_template
+from posedesign.cell.template import REFERENCE
 from posedesign.planning.loop import check_base_pose
 
 ARM = """<robot name="arm">

@@ -7,18 +7,17 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError, InputError
-from posedesign.cell import Cell
-from posedesign.cell.template import cell_template
-from posedesign.planning.loop import plan
-from posedesign.planning.tables import PoseList, write_pose_list, write_touch_ups
-from posedesign.pose_programs.frames import arm_of
-from posedesign.pose_programs.from_plan import (
+from posedesign.cell import Cell, cell_template
+from posedesign.planning import plan, write_touch_ups
+from posedesign.planning.tables import PoseList, write_pose_list
+from posedesign.pose_programs import (
     chosen_dialect,
+    import_touch_ups,
     program_options,
-    with_approaches,
     write_program,
 )
-from posedesign.pose_programs.touch_ups import import_touch_ups
+from posedesign.pose_programs.frames import arm_of
+from posedesign.pose_programs.from_plan import with_approaches
 from posedesign.programs import PoseProgram, ProgramPose, write
 from posedesign.simulation import SimulatedRobot
 

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 from calib.errors import InputError, OutputError
 from posedesign.cell import Cell
-from posedesign.planning.loop import plan
+from posedesign.planning import plan
 from posedesign.programs import (
     DIALECTS,
     Arm,

@@ -19,7 +19,7 @@ from calib.errors import InputError
 from calib.robots import Robot
 from calib.se3 import transform
 from posedesign.cell import Cell
-from posedesign.pose_programs.touch_ups import import_touch_ups
+from posedesign.pose_programs import import_touch_ups
 from posedesign.programs import (
     Arm,
     PoseProgram,

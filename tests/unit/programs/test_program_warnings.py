@@ -14,7 +14,7 @@ from posedesign.files import Results, write_text_atomic
 from posedesign.files.origin import checksum
 from posedesign.planning.pose_list import ALL_CHECKED
 from posedesign.planning.tables import PoseList, read_poses
-from posedesign.pose_programs.from_plan import program_options, write_program
+from posedesign.pose_programs import program_options, write_program
 from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.program import MOST_WARNINGS
 

@@ -13,7 +13,7 @@ import pytest
 from calib.errors import InputError, OutputError
 from posedesign.cell import Cell
 from posedesign.files import Results
-from posedesign.pose_programs.touch_ups import import_touch_ups
+from posedesign.pose_programs import import_touch_ups
 from posedesign.programs import DIALECTS, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.sets import SetMark, set_mark
 

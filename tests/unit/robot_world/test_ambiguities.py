@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from calib import se3
-from calib.robot_world import METHODS, PairNoise, add_noise, solve, solve_batch
-from calib.robot_world.results import residuals
+from calib.robot_world import METHODS, PairNoise, add_noise, residuals, solve, solve_batch
 
 X = se3.transform(se3.rotation_exp([0.3, -1.2, 0.4]), [0.1, 0.2, 0.3])
 Z = se3.transform(se3.rotation_exp([1.0, 0.5, -2.0]), [1.0, 0.2, -0.3])

@@ -9,11 +9,11 @@ from calib.robot_world import (
     PairNoise,
     PairSets,
     add_noise,
+    difference,
     random_problems,
     solve,
     solve_batch,
 )
-from calib.robot_world.noise import difference
 from calib.robot_world.propagation import propagate
 from tests.hostile_pairs import viewing_pairs
 

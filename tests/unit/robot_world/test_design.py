@@ -7,9 +7,16 @@ from calib import CalibrationModel, Robot, se3
 from calib.errors import InputError, NotIdentifiableError
 from calib.model.measurements import CameraPose, Pose
 from calib.model.parameters import TargetFrame, ToolFrame
-from calib.robot_world import PairCovariances, PairNoise, design, random_problems, solve
-from calib.robot_world.noise import difference, perturb
-from calib.robot_world.results import residuals
+from calib.robot_world import (
+    PairCovariances,
+    PairNoise,
+    design,
+    difference,
+    random_problems,
+    residuals,
+    solve,
+)
+from calib.robot_world.noise import perturb
 
 STEP = 1e-6
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve
-from calib.robot_world.results import residuals
+from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, residuals, solve
 
 SMALL = {"rotation_rad": 1e-5, "translation_m": 1e-5}
 USUAL = {"rotation_rad": np.radians(0.3), "translation_m": 1e-3}

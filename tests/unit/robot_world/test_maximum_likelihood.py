@@ -13,12 +13,13 @@ from calib.robot_world import (
     PairNoise,
     PairSets,
     add_noise,
+    difference,
     random_problems,
     solve,
     solve_batch,
 )
 from calib.robot_world.methods import maximum_likelihood
-from calib.robot_world.noise import difference, perturb
+from calib.robot_world.noise import perturb
 
 NOISE = {"rotation_rad": np.radians(0.5), "translation_m": 1e-3}
 

@@ -10,6 +10,7 @@ from calib.robot_world import (
     PairNoise,
     PairSets,
     add_noise,
+    difference,
     pairs_from_opencv,
     random_problems,
     solve_batch,
@@ -24,7 +25,7 @@ from calib.robot_world.algebra import (
 )
 from calib.robot_world.closed_form import assemble
 from calib.robot_world.methods import dornaika_horaud, hirsh, li_kronecker
-from calib.robot_world.noise import difference, perturb
+from calib.robot_world.noise import perturb
 from calib.robot_world.results import Estimate
 
 NOISE = PairNoise(np.radians(0.5), 1e-3, "both")

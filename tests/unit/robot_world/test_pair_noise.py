@@ -12,11 +12,11 @@ from calib.robot_world import (
     PairNoise,
     PairSets,
     add_noise,
+    difference,
     random_problems,
     solve,
     solve_batch,
 )
-from calib.robot_world.noise import difference
 
 SPREAD = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) ** 2 * 1e-8
 

@@ -5,8 +5,7 @@ import pytest
 from scipy.stats import binom
 
 from calib.errors import InputError, NotIdentifiableError
-from calib.robot_world import PairNoise, add_noise, random_problems, solve, solve_batch
-from calib.robot_world.noise import difference
+from calib.robot_world import PairNoise, add_noise, difference, random_problems, solve, solve_batch
 
 NOISE = PairNoise(np.radians(0.2), 5e-4, "B")
 BLOCKS = (slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12))

@@ -7,8 +7,7 @@ import pytest
 
 from calib import se3
 from calib.errors import NotIdentifiableError
-from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, solve
-from calib.robot_world.noise import difference
+from calib.robot_world import METHODS, PairNoise, add_noise, difference, random_problems, solve
 from tests.hostile_pairs import viewing_pairs
 
 NOISE = PairNoise(np.radians(0.1), 1e-3)

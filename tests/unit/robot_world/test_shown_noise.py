@@ -10,12 +10,13 @@ from calib.robot_world import (
     PairCovariances,
     PairNoise,
     certify,
+    difference,
     random_problems,
     shown_noise,
     solve,
     solve_batch,
 )
-from calib.robot_world.noise import difference, perturb
+from calib.robot_world.noise import perturb
 from tests.hostile_pairs import viewing_pairs
 
 SIGMA = np.repeat([2e-3, 1e-3], 3)

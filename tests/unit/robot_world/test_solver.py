@@ -9,6 +9,7 @@ from calib.robot_world import (
     METHODS,
     PairNoise,
     add_noise,
+    difference,
     pairs_from_opencv,
     random_problems,
     result_to_opencv,
@@ -16,7 +17,7 @@ from calib.robot_world import (
     solve_batch,
 )
 from calib.robot_world.methods import hirsh
-from calib.robot_world.noise import difference, perturb
+from calib.robot_world.noise import perturb
 
 
 @pytest.fixture

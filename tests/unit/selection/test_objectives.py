@@ -5,6 +5,7 @@ import pytest
 
 from posedesign.selection import (
     CRITERIA,
+    Candidates,
     criterion_by_name,
     indices,
     largest_deviation,
@@ -12,7 +13,6 @@ from posedesign.selection import (
     select,
     wanted_deviations,
 )
-from posedesign.selection.candidates import Candidates
 from posedesign.selection.criteria.spectrum import SpectrumObjective
 from posedesign.selection.information_state import Ledger
 

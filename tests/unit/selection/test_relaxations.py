@@ -6,8 +6,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from posedesign.selection import criterion_by_name, largest_deviation
-from posedesign.selection.candidates import Candidates
+from posedesign.selection import Candidates, criterion_by_name, largest_deviation
 from posedesign.selection.relaxation import ConditionCertificate, MeanCertificate
 
 N, COUNT, P = 18, 5, 4

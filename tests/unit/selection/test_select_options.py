@@ -7,12 +7,12 @@ from calib.errors import InputError, NotIdentifiableError
 from posedesign.selection import (
     CRITERIA,
     METHODS,
+    Candidates,
     Criterion,
     criterion_by_name,
     select,
     select_fewest,
 )
-from posedesign.selection.candidates import Candidates
 from posedesign.selection.exchange import exchange, excursions
 
 ALL = tuple(CRITERIA)

@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from posedesign.study.grid import Grid, Task
-from posedesign.study.runner import Workers, run_grid
-from posedesign.study.store import Store
+from posedesign.study import Grid, Store, Task, Workers, run_grid
 
 CONDITIONS = [{"scale": 1.0}, {"scale": 10.0}, {"scale": 100.0}]
 TRIALS, BATCH, SEED = 40, 5, 3

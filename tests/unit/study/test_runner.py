@@ -20,11 +20,8 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibError, ConvergenceError, FileFormatError, InputError, OutputError
-from posedesign.study import runner
+from posedesign.study import Grid, Store, Workers, read_table, run_grid, runner
 from posedesign.study import store as store_module
-from posedesign.study.grid import Grid
-from posedesign.study.runner import Workers, run_grid
-from posedesign.study.store import Store, read_table
 
 SCRIPT = Path(__file__).with_name("repeated.py")
 

@@ -8,10 +8,8 @@ import pytest
 from calib.errors import InputError
 from calib.se3 import FloatArray, IntArray, rotation_exp
 from calib.vision.camera import Views
-from calib.vision.touch_up.adapter import RobotAdapter
+from calib.vision.touch_up import Drive, Loop, RobotAdapter, touch_up
 from calib.vision.touch_up.arms import OneArm
-from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.servo import Loop, touch_up
 from tests.visual_cells import preset, usual_posture
 
 ONE = np.zeros(1, dtype=np.intp)

@@ -5,8 +5,9 @@ import pytest
 
 from calib.se3 import inverse, rotation_exp
 from calib.vision.camera import circle_image
+from calib.vision.touch_up import ImageJacobian
 from calib.vision.touch_up.following import shifted
-from calib.vision.touch_up.jacobian import ImageJacobian, measure_jacobian
+from calib.vision.touch_up.jacobian import measure_jacobian
 
 
 def by_differences(bench) -> np.ndarray:

@@ -6,12 +6,9 @@ import pytest
 from calib.errors import InputError
 from calib.se3 import inverse
 from calib.vision.camera import Imaging, render
-from calib.vision.touch_up.adapter import RobotAdapter
+from calib.vision.touch_up import Drive, Loop, RobotAdapter, Station, touch_up
 from calib.vision.touch_up.arms import OneArm
-from calib.vision.touch_up.drive import Drive
 from calib.vision.touch_up.jacobian import measure_jacobian
-from calib.vision.touch_up.servo import Loop, touch_up
-from calib.vision.touch_up.session import Station
 
 ONE = np.zeros(1, dtype=np.intp)
 

@@ -6,7 +6,7 @@ import pytest
 from calib.errors import InputError
 from calib.se3 import transform
 from calib.vision.camera import Camera, circle_image
-from calib.vision.touch_up.relation import Relation
+from calib.vision.touch_up import Relation
 
 FACING = np.diag([1.0, -1.0, -1.0])
 

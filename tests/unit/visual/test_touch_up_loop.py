@@ -8,10 +8,9 @@ import pytest
 from calib.errors import InputError
 from calib.se3 import inverse
 from calib.vision.camera import MeasurementNoise
-from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.following import follow, shifted
-from calib.vision.touch_up.jacobian import ImageJacobian, measure_jacobian
-from calib.vision.touch_up.servo import Loop, touch_up
+from calib.vision.touch_up import Drive, ImageJacobian, Loop, follow, touch_up
+from calib.vision.touch_up.following import shifted
+from calib.vision.touch_up.jacobian import measure_jacobian
 
 ONE = np.zeros(1, dtype=np.intp)
 

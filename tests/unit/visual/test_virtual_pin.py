@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib.se3 import FloatArray, rotation_exp, transform
-from calib.vision.touch_up.following import follow
+from calib.vision.touch_up import follow
 from calib.vision.touch_up.pin import solve_pin
 from tests.visual_cells import preset, usual_posture
 

@@ -7,9 +7,9 @@ import numpy as np
 from calib.errors import ConvergenceError
 from calib.model.calibration_model import CalibrationModel
 from calib.model.context import ArmView, Setup
+from calib.model.measurements import Measurements
 from calib.model.measurements.base import Contact
-from calib.model.measurements.data import Measurements
-from calib.model.measurements.touch import TOUCH_TOLERANCE_M, touch
+from calib.model.touching import TOUCH_TOLERANCE_M, touch
 from calib.se3 import FloatArray
 
 

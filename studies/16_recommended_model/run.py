@@ -18,6 +18,7 @@ from studies.drawing import BLUE, GREY, VERMILION
 from .recommended_arms import SETTINGS
 from .recommended_table import Outcome, models_taken, outcomes, summary, worst
 from .recommended_table import markdown as markdown
+from .recommended_trials import simulate as simulate  # called by its name
 
 
 def draw(found: Sequence[Outcome]) -> Figure:

@@ -18,7 +18,12 @@ from scipy.optimize import minimize
 from calib.errors import ConvergenceError, InputError, near_names
 from calib.identification.checks import check_enough, check_identifiable_at
 from calib.identification.losses import log_weights
-from calib.identification.marginal import LinearEvidence, linear_evidence, noise_classes
+from calib.identification.marginal import (
+    LinearEvidence,
+    linear_evidence,
+    noise_classes,
+    proportions,
+)
 from calib.identification.noise import costs_of
 from calib.identification.robust import WEIGHTS, Loss, distances2
 from calib.identification.start import first_guess
@@ -51,7 +56,7 @@ _AT_BOUND = 1e-3
 
 @dataclass(frozen=True)
 class PriorGroup:
-    """Parameters that are taken to be of one size.
+    """Parameters that are taken to be of one size, or of sizes in the proportions of their priors.
 
     Attributes
     ----------
@@ -60,9 +65,10 @@ class PriorGroup:
     parameters : tuple of str
         Names, as the model has them; of one unit.
     lower, upper : float
-        Bounds of the standard deviation [SI]. They say what is possible for the arm, and have to
-        be given: touch-ups do not see the scale of all lengths, and without bounds the likeliest
-        arm may be one that shrinks until its residuals are small.
+        Bounds of the standard deviation [SI], the root mean square where sizes differ. They say
+        what is possible for the arm, and have to be given: touch-ups do not see the scale of all
+        lengths, and without bounds the likeliest arm may be one that shrinks until its residuals
+        are small.
     usual : float, optional
         What the standard deviation is for such arms, within a factor of three [SI]: a few
         parameters do not tell it well. Without it every size within the bounds is as likely.
@@ -243,7 +249,7 @@ def _applied(
     """The model with the priors and the noise that the logarithms ``(G + C,)`` say."""
     prior = model.prior.copy()
     for columns, log_sigma in zip(members, theta, strict=False):
-        prior[columns] = np.exp(log_sigma)
+        prior[columns] = np.exp(log_sigma) * proportions(model.prior[columns])
     scales = np.ones((data.count, model.rows))
     for own, log_scale in zip(noise_classes(model, data), theta[len(members) :], strict=True):
         scales[own] = np.exp(log_scale)

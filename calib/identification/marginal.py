@@ -29,6 +29,8 @@ class LinearEvidence:
     Attributes
     ----------
     nominal, unit : array (p,)
+    pull : array (p,)
+        ``unit`` over the standard deviation of each parameter, in units of that of its group.
     grams : array (C + 1, p + 1, p + 1)
         ``[B y]ᵀ[B y]`` of each class.
     counts : array (C,)
@@ -41,6 +43,7 @@ class LinearEvidence:
 
     nominal: FloatArray
     unit: FloatArray
+    pull: FloatArray
     grams: FloatArray
     counts: FloatArray
     members: tuple[IntArray, ...]
@@ -51,7 +54,7 @@ class LinearEvidence:
         gram = np.einsum("c,cij->ij", self._precisions(theta), self.grams)
         H = gram[:-1, :-1].copy()
         for columns, log_sigma in zip(self.members, theta, strict=False):
-            H[columns, columns] += self.unit[columns] ** 2 * np.exp(-2.0 * log_sigma)
+            H[columns, columns] += self.pull[columns] ** 2 * np.exp(-2.0 * log_sigma)
         factor = cho_factor(H, lower=True)
         covariance = cho_solve(factor, np.eye(len(H)))
         half_log = float(np.log(np.diag(factor[0])).sum())
@@ -73,7 +76,7 @@ class LinearEvidence:
         columns_of = []
         for g, columns in enumerate(self.members):
             pull = np.zeros(len(z))
-            pull[columns] = 2.0 * (self.unit[columns] * np.exp(-theta[g])) ** 2 * z[columns]
+            pull[columns] = 2.0 * (self.pull[columns] * np.exp(-theta[g])) ** 2 * z[columns]
             columns_of.append(pull)
         ends = np.append(z, -1.0)
         for gram, precision in zip(self.grams[:-1], self._precisions(theta), strict=False):
@@ -97,7 +100,7 @@ class LinearEvidence:
         value = self.constant - 0.5 * squares @ precisions - half_log
         gradient = np.empty_like(theta)
         for g, columns in enumerate(self.members):
-            share = (self.unit[columns] * np.exp(-theta[g])) ** 2
+            share = (self.pull[columns] * np.exp(-theta[g])) ** 2
             value -= 0.5 * share @ z[columns] ** 2 + len(columns) * theta[g]
             spread = z[columns] ** 2 + covariance[columns, columns]
             gradient[g] = share @ spread - len(columns)
@@ -114,10 +117,14 @@ def linear_evidence(
     members: Sequence[IntArray],
     weights: FloatArray,
 ) -> LinearEvidence:
-    """Linearise at parameters ``(p,)``, with weights ``(N,)`` of the squares of measurements."""
-    tied = np.zeros(model.p, dtype=bool)
+    """Linearise at parameters ``(p,)``, with weights ``(N,)`` of the squares of measurements.
+
+    Priors of the members of a group are in the proportions that the model has them in.
+    """
+    tied, shares = np.zeros(model.p, dtype=bool), np.ones(model.p)
     for columns in members:
         tied[columns] = True
+        shares[columns] = proportions(model.prior[columns])
     fixed = model.with_prior(np.where(tied, np.inf, model.prior))
     linear = model.linearise(data.postures, x, data.setup, data.observed)
     root = np.sqrt(weights)[:, None]
@@ -142,12 +149,20 @@ def linear_evidence(
         sigma[data.setup.kind == k, : kind.rows] = kind.sigma
     given = fixed.prior[np.isfinite(fixed.prior)]
     constant = float(np.log(root / sigma)[there].sum() + np.log(unit).sum() - np.log(given).sum())
+    constant -= float(np.log(shares).sum())
     constant -= sum(np.log(known.sigma_m) for known in model.distances)
     left = int(there.sum()) + known.shape[1] + int(tied.sum()) - model.p
     constant -= 0.5 * left * np.log(2.0 * np.pi)
     return LinearEvidence(
-        model.nominal, unit, grams, np.array(counts), tuple(members), float(constant)
+        model.nominal, unit, unit / shares, grams, np.array(counts), tuple(members), constant
     )
+
+
+def proportions(prior: FloatArray) -> FloatArray:
+    """Standard deviations of a group over their root mean square; equal where it has none."""
+    if not np.isfinite(prior).all():
+        return np.ones_like(prior)
+    return np.asarray(prior / np.sqrt(np.mean(prior**2)))
 
 
 def _gram(rows: FloatArray, J: FloatArray, moved: FloatArray, unit: FloatArray) -> FloatArray:

@@ -72,7 +72,7 @@ def _groups(model: CalibrationModel) -> list[PriorGroup]:
                 if of == unit and np.isfinite(sigma)
             }
             if own:
-                usual = float(np.median(list(own.values())))
+                usual = float(np.sqrt(np.mean(np.square(list(own.values())))))
                 groups.append(PriorGroup(next(iter(own)), tuple(own), usual / _SMALLER, usual))
     return groups
 
@@ -118,6 +118,7 @@ def _with(plain: LinearEvidence, held: Held, effect: Effect) -> LinearEvidence:
     return LinearEvidence(
         np.append(plain.nominal, np.zeros(k)),
         np.append(plain.unit, np.ones(k)),
+        np.append(plain.pull, np.ones(k)),
         grams,
         plain.counts,
         plain.members,

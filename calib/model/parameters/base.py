@@ -109,8 +109,8 @@ def joint_indices(robot: Robot, joints: Sequence[str]) -> list[int]:
     return [robot.joint_names.index(joint) for joint in joints]
 
 
-def prior_of(sigma: float | None, size: int) -> FloatArray:
-    """Standard deviations ``(size,)`` of a prior; infinite without one.
+def prior_of(sigma: float | FloatArray | None, size: int) -> FloatArray:
+    """Standard deviations ``(size,)`` of a prior, of all or of each; infinite without one.
 
     Raises
     ------
@@ -119,12 +119,13 @@ def prior_of(sigma: float | None, size: int) -> FloatArray:
     """
     if sigma is None:
         return np.full(size, np.inf)
-    if not sigma > 0:
+    each = np.full(size, sigma, dtype=float)
+    if not (each > 0).all():
         raise InputError(
-            f"a prior of {sigma:g} cannot be used: it must be above zero",
+            f"a prior of {each.min():g} cannot be used: it must be above zero",
             hint="leave the parameter out to hold it",
             name="prior",
-            value=sigma,
+            value=float(each.min()),
             bound=0.0,
         )
-    return np.full(size, float(sigma))
+    return each

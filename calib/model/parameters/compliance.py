@@ -33,8 +33,8 @@ class JointCompliance(JointErrors):
         (``Setup.payload``).
     nominal : array, optional
         Compliances of the nominal robot [rad/Nm], zero by default: a controller knows of none.
-    prior : float, optional
-        Standard deviation known before measuring [rad/Nm].
+    prior : float or array, optional
+        Standard deviation known before measuring [rad/Nm], of all joints or of each.
     """
 
     beyond_chain = "compliance of joints"
@@ -45,7 +45,7 @@ class JointCompliance(JointErrors):
         joints: Sequence[str],
         payload: Payload | Sequence[Payload] | None = None,
         nominal: ArrayLike | None = None,
-        prior: float | None = None,
+        prior: float | FloatArray | None = None,
     ) -> None:
         self._load = GravityLoad(robot, payload)
         names = [f"compliance.{joint}" for joint in joints]

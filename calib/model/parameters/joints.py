@@ -29,8 +29,8 @@ class JointErrors(ParameterBlock):
         Index of the joint that each parameter turns.
     names : sequence of str
     unit : str
-    prior : float, optional
-        Standard deviation known before measuring, about the nominal value [SI].
+    prior : float or array, optional
+        Standard deviation known before measuring, about the nominal value [SI]; of all or of each.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class JointErrors(ParameterBlock):
         joints: Sequence[int],
         names: Sequence[str],
         unit: Unit,
-        prior: float | None = None,
+        prior: float | FloatArray | None = None,
     ) -> None:
         self._joints = list(joints)
         self.names = tuple(names)

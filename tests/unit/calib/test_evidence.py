@@ -387,3 +387,35 @@ def test_likeliest_weights_make_squares_students() -> None:
         for wi, ri in zip(w, r, strict=True)
     ]
     np.testing.assert_allclose(np.diff(parts), np.diff(student(nu).logpdf(r)), atol=1e-12)
+
+
+def test_sizes_in_proportion_are_those_of_scaled_parameters() -> None:
+    """A group whose priors differ is one of equal priors in other units: the density the same."""
+    model, data = model_of(Point(None)), draw(9)
+    columns = [model.names.index(name) for name in LENGTHS]
+    rng = np.random.default_rng(9)
+    shares = rng.uniform(0.2, 3.0, len(columns))
+    prior = model.prior.copy()
+    prior[columns] = 1e-3 * shares
+    found = tune_priors(model.with_prior(prior), data, GROUPS)
+    proportions = found.model.prior[columns] / shares
+    np.testing.assert_allclose(proportions, proportions[0], rtol=1e-12)
+    assert np.sqrt(np.mean(found.model.prior[columns] ** 2)) == pytest.approx(found.sigma[0])
+    # what identification finds with these priors is what was found with them
+    result = identify(found.model, data)
+    np.testing.assert_allclose((result.values - found.x) / result.sigma, 0.0, atol=0.02)
+    # density of the rows, by a Gaussian of the whole covariance
+    held = model_of(Point(NOISE_M), free=False)
+    p = held.prior.copy()
+    own = [held.names.index(name) for name in LENGTHS]
+    p[own] = 1e-3 * shares
+    theta = np.log([5e-4, 1e-3])
+    value = problem_of(held.with_prior(p), data).log_evidence(theta)[0]
+    linear = held.linearise(data.postures, held.nominal, data.setup, data.observed)
+    sizes = np.empty(held.p)
+    sizes[own] = 5e-4 * shares / np.sqrt(np.mean(shares**2))
+    sizes[[held.names.index(name) for name in ANGLES]] = 1e-3
+    J = linear.jacobian.reshape(-1, held.p) * sizes
+    covariance = J @ J.T + NOISE_M**2 * np.eye(len(J))
+    density = multivariate_normal(np.zeros(len(J)), covariance).logpdf(linear.rows.ravel())
+    assert value == pytest.approx(density, abs=1e-5)

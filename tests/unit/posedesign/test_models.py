@@ -11,11 +11,9 @@ from calib.errors import InputError
 from calib.identification import identify
 from calib.model import CalibrationModel
 from calib.model.measurements import KINDS
-from calib.model.parameters import JointCompliance
-from calib.model.parameters.gravity import gravity_torque
-from posedesign.cell import Cell
+from calib.model.parameters import JointCompliance, gravity_torque
+from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema_identification import Word
-from posedesign.cell.template import cell_template
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements
 from posedesign.identification import identify_models
 from posedesign.identification.models import (

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import binom
 
 from calib import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray
+from studies import writing
 from studies.drawing import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from studies.intervals import median_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-CONFIDENCE = 0.95
 LOT = "#BBBBBB"
 STYLES = {
     "I": (VERMILION, "o"),
@@ -36,6 +37,24 @@ STYLES = {
     "cond_2": ("#F0E442", "*"),
 }
 """Okabe and Ito's palette with a shape for each criterion."""
+
+
+TOLERANCE = 5e-3
+"""Of the figures on another machine, relative."""
+
+DIGITS = 6
+"""Significant digits of what is written."""
+
+
+def write(
+    rows: list[dict[str, Any]], recommended: str, table: Path, flat: Callable[[Any], Any]
+) -> dict[str, Any]:
+    """Write a table and the key figures of all models, and return these."""
+    content = {"tolerance": TOLERANCE, "recommended": recommended, "models": rows}
+    figures: dict[str, Any] = writing.rounded(content, DIGITS)
+    writing.write_rows(table.parent, table.name, flat(figures["models"]), DIGITS)
+    writing.write_figures(table.parent, figures)
+    return figures
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +91,9 @@ def by_lot(count: int, n: int, draws: int, rng: np.random.Generator) -> BoolArra
 
 def spread(values: FloatArray) -> dict[str, list[float]]:
     """Quantiles of choices by lot ``(draws,)``, and the interval of the median."""
-    ordered = np.sort(values)
-    low, high = binom.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], len(ordered), 0.5)
-    # of very few draws not even the outer two are so far apart
-    ends = ordered[max(int(low) - 1, 0)], ordered[min(int(high), len(ordered) - 1)]
     return {
         "quantiles": [float(q) for q in np.quantile(values, QUANTILES)],
-        "median_interval": [float(end) for end in ends],
+        "median_interval": list(median_interval(values)),
     }
 
 

@@ -1,9 +1,9 @@
-"""Intervals of shares and of medians, which assume nothing of how values are distributed."""
+"""Shares, medians and rank correlations: nothing is assumed of how values are distributed."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import beta, binom, norm
+from scipy.stats import beta, binom, norm, rankdata
 
 from calib.se3 import BoolArray, FloatArray
 
@@ -40,3 +40,11 @@ def median_interval(values: FloatArray, level: float = LEVEL) -> tuple[float, fl
     rank = int(binom.ppf((1.0 - level) / 2.0, count, 0.5))
     ordered = np.sort(values)
     return float(ordered[max(rank - 1, 0)]), float(ordered[min(count - rank, count - 1)])
+
+
+def rank_correlation(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Spearman's, of rows ``(..., S)``."""
+    a, b = (rankdata(values, axis=-1) for values in (x, y))
+    a, b = (ranks - ranks.mean(axis=-1, keepdims=True) for ranks in (a, b))
+    size = np.sqrt((a * a).sum(axis=-1) * (b * b).sum(axis=-1))
+    return np.asarray((a * b).sum(axis=-1) / size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,11 @@ if TYPE_CHECKING:
 
 FIGURES = "figures.json"
 """Key figures of a run, beside its tables: what ``expected.json`` has of the full one."""
+
+
+def settings_of(module: str) -> dict[str, Any]:
+    """Numbers of the study that a file is of: ``study.toml`` beside it."""
+    return tomllib.loads(Path(module).with_name("study.toml").read_text(encoding="utf-8"))
 
 
 def write_figures(out: Path, figures: Mapping[str, Any] | Sequence[Any]) -> Path:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -27,6 +26,7 @@ from posedesign.simulation import SimulatedRobot, effective_truth, spread_interv
 from posedesign.simulation.accuracy_study import improving_rounds, to_the_widest
 from posedesign.study import Grid, Options, Store, Task, call, read_table, run_grid
 from posedesign.workflow import camera_noise
+from studies import writing
 from studies.writing import save, trials_of, write_figures, write_rows
 
 OFFSET = "offset_deg"
@@ -332,7 +332,7 @@ def _logarithmic(panel: Axes) -> None:
 
 
 HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 WORKERS = True
 """Its tasks may be shared."""
 

@@ -5,7 +5,6 @@ It needs measurements that the project does not contain, see :mod:`studies.real_
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,8 +31,7 @@ from posedesign.study import Advance, Options
 from studies import drawing, writing
 from studies.real_data import data_with
 
-HERE = Path(__file__).parent
-SETTINGS = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 SITES: list[str] = SETTINGS["sites"]
 LABELS = [f"{site}_{socket}" for site in SITES for socket in SETTINGS["sockets"]]
 TOLERANCE_MM = 0.005

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,9 +29,7 @@ from posedesign.study import Advance, Options
 from studies import drawing, writing
 from studies.real_data import data_with, folder_for_recordings
 
-SETTINGS: dict[str, Any] = tomllib.loads(
-    (Path(__file__).parent / "study.toml").read_text(encoding="utf-8")
-)
+SETTINGS = writing.settings_of(__file__)
 POINTS: list[str] = SETTINGS["points"]
 ARM = "arm"
 RECORDINGS = "identification/abb_irb120"

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ from studies import drawing, writing
 from studies.real_data import data_with, folder_for_recordings
 
 HERE = Path(__file__).parent
-SETTINGS = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 NOMINAL, FRAMES_ONLY, GEOMETRY = "nothing fitted", "frames only", "geometry with priors"
 TOLERANCE_MM = 0.005
 """Of the figures on another machine, in mm and mrad: fits end within a thousandth of what they

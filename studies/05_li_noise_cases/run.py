@@ -6,7 +6,6 @@ The part on real pairs needs measurements that the project does not contain, see
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -234,8 +233,7 @@ def _legend(figure: Figure, panels: np.ndarray, columns: int) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
 
 
-HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 DIGITS = 5
 """Significant digits of what is written: more than the sampling leaves."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -158,8 +157,7 @@ def _outcomes(panel: Axes, said: Mapping[str, Any]) -> None:
     )
 
 
-HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 DIGITS = 5
 """Significant digits of what is written: more than the sampling leaves."""
 

@@ -5,7 +5,6 @@ It needs measurements that the project does not contain, see :mod:`studies.real_
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -194,8 +193,7 @@ def markdown(found: Found) -> str:
     return "\n\n".join(f"{name}\n{table}" for name, table in all_tables(found).items())
 
 
-HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 TOLERANCE = 2e-3
 """Of the figures on another machine, relative: the noise that is estimated settles to less."""
 

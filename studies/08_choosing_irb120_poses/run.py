@@ -5,7 +5,6 @@ It needs measurements that the project does not contain, see :mod:`studies.real_
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.selection import Selection, largest_deviation, mean_deviation, select
 from posedesign.study import Advance, Options
 from studies import writing
-from studies.choices import by_lot, draw_legend, draw_row, range_text, spread
+from studies.choices import by_lot, draw_legend, draw_row, range_text, spread, write
 from studies.drawing import BLUE, log_ticks
 from studies.real_data import data_with
 
@@ -183,16 +182,9 @@ def draw(rows: Sequence[dict[str, Any]]) -> Figure:
     return figure
 
 
-HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 RECOMMENDED = "I"
 """Criterion that is held to the bars: least error of the tool, in the mean over the pool."""
-
-TOLERANCE = 5e-3
-"""Of the figures on another machine, relative."""
-
-DIGITS = 6
-"""Significant digits of what is written."""
 
 RECORDINGS = "identification/abb_irb120"
 TABLE, FIGURE = "choosing_irb120_poses.csv", "choosing_irb120_poses"
@@ -205,21 +197,12 @@ def study(options: Options) -> dict[str, Any]:
     """
     draws = writing.trials_of(options, SETTINGS["draws"])
     rows = run(data_with(RECORDINGS), draws=draws, advance=options.advance)
-    return write(rows, options.out)
+    return write(rows, RECOMMENDED, options.out / TABLE, flat)
 
 
 def plot(folder: Path) -> list[Path]:
     """What choices by lot and by each criterion leave at the poses not chosen."""
     return writing.save(draw(writing.read_figures(folder)["models"]), folder, FIGURE)
-
-
-def write(rows: list[dict[str, Any]], out: Path) -> dict[str, Any]:
-    """Write table and key figures, and return these."""
-    content = {"tolerance": TOLERANCE, "recommended": RECOMMENDED, "models": rows}
-    figures: dict[str, Any] = writing.rounded(content, DIGITS)
-    writing.write_rows(out, TABLE, flat(figures["models"]), DIGITS)
-    writing.write_figures(out, figures)
-    return figures
 
 
 def run(

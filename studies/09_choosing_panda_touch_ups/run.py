@@ -5,7 +5,6 @@ It needs measurements that the project does not contain, see :mod:`studies.real_
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,7 @@ from posedesign.selection import (
 )
 from posedesign.study import Advance, Options
 from studies import writing
-from studies.choices import by_lot, draw_legend, draw_row, range_text, spread
+from studies.choices import by_lot, draw_legend, draw_row, range_text, spread, write
 from studies.real_data import data_with
 
 from .panda_bench import SITES, Bench, bench_of, touched
@@ -152,18 +151,11 @@ def draw(rows: Sequence[dict[str, Any]], places: Sequence[str]) -> Figure:
     return figure
 
 
-HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 RECOMMENDED = "I at the sockets"
 """Criterion that is held to the bars: it asks for nothing of the site that is to come."""
 
 EVERY = "all sites"
-TOLERANCE = 5e-3
-"""Of the figures on another machine, relative."""
-
-DIGITS = 6
-"""Significant digits of what is written."""
-
 TABLE, FIGURE = "choosing_panda_touch_ups.csv", "choosing_panda_touch_ups"
 
 
@@ -174,22 +166,14 @@ def study(options: Options) -> dict[str, Any]:
     """
     draws = writing.trials_of(options, SETTINGS["draws"])
     folder = data_with(touched.RECORDINGS) / touched.RECORDINGS
-    return write(run(folder, draws=draws, advance=options.advance), options.out)
+    rows = run(folder, draws=draws, advance=options.advance)
+    return write(rows, RECOMMENDED, options.out / TABLE, flat)
 
 
 def plot(folder: Path) -> list[Path]:
     """Error at the site held out over that of all touch-ups, by lot and by criterion."""
     rows = writing.read_figures(folder)["models"]
     return writing.save(draw(rows, [*SITES, EVERY]), folder, FIGURE)
-
-
-def write(rows: list[dict[str, Any]], out: Path) -> dict[str, Any]:
-    """Write table and key figures, and return these."""
-    content = {"tolerance": TOLERANCE, "recommended": RECOMMENDED, "models": rows}
-    figures: dict[str, Any] = writing.rounded(content, DIGITS)
-    writing.write_rows(out, TABLE, flat(figures["models"]), DIGITS)
-    writing.write_figures(out, figures)
-    return figures
 
 
 def run(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -80,8 +79,7 @@ def _intervals(
     panel.plot(columns[f"{name}_mm"], places, mark, color=colour, ms=3.5)
 
 
-HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 VARIANTS = [Variant(**given) for given in SETTINGS["variant"]]
 BASELINE = VARIANTS[0].key
 DIGITS = 5

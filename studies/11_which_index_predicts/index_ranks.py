@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import rankdata
 
 from calib.identification import covariance_of, identify_batch, tool_motion
 from calib.model import Setup, simulate
@@ -15,6 +14,7 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool, cone_pool
 from posedesign.selection import condition_inf, evaluate
 from studies.box_cells import box_postures, study_cell
+from studies.intervals import rank_correlation
 from studies.tool_errors import RESAMPLES, RESAMPLING_SEED, interval, simulated_arm, tool_errors
 
 SMALLER_IS_BETTER = {
@@ -163,14 +163,7 @@ def correlations(sets: Sets) -> list[dict[str, Any]]:
     for name, (index, error) in columns.items():
         if np.ptp(index) == 0.0:
             continue
-        low, high = interval(_spearman(index[resampled], error[resampled]))
-        both = _spearman(index[None], error[None])
-        rows.append({"index": name, "rho": float(both[0]), "low": low, "high": high})
+        low, high = interval(rank_correlation(index[resampled], error[resampled]))
+        both = rank_correlation(index, error)
+        rows.append({"index": name, "rho": float(both), "low": low, "high": high})
     return rows
-
-
-def _spearman(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Rank correlation ``(B,)`` of rows ``(B, S)``."""
-    ranks = [rankdata(values, axis=1) for values in (a, b)]
-    x, y = (r - r.mean(axis=1, keepdims=True) for r in ranks)
-    return np.asarray((x * y).sum(axis=1) / np.sqrt((x**2).sum(axis=1) * (y**2).sum(axis=1)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -71,8 +70,7 @@ def _lines(
     panel.grid(True, axis="x", alpha=0.3)
 
 
-HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 KINDS = ("same", "mixed")
 DIGITS = 5
 """Significant digits of what is written: more than the sampling leaves."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -140,8 +139,7 @@ def _against(
     panel.set_title("45 deg: touch-up less real pin (Table 3)", fontsize=11)
 
 
-HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 LINE_ONLY = "afresh"
 """Condition that touch-ups know nothing of."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -313,8 +312,7 @@ def _distances(panel: Axes, plate: Mapping[str, Any], estimator: str) -> None:
     panel.plot([], [], color=GREY, ls="--", lw=1.1, label="before")
 
 
-HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 SHOWN = next(iter(SETTINGS["arms"]))
 """The arm whose variation is drawn."""
 

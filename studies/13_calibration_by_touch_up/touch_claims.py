@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 from scipy.stats import f as f_distribution
-from scipy.stats import rankdata
 
 from calib.se3 import FloatArray
+from studies.intervals import rank_correlation, share
 
 from .touch_bench import PoseSet
-from .touch_plate import ACROSS, LINE, OF_MANY_ARMS, PAPER, WEIGHTED, Identified, share
+from .touch_plate import ACROSS, LINE, OF_MANY_ARMS, PAPER, WEIGHTED, Identified
 
 Found = Sequence[tuple[PoseSet, list[Identified]]]
 
@@ -23,14 +23,6 @@ _CHOICES = 4000
 """Random choices of four pose sets: shares to 0.8 %."""
 
 HALF = 0.5
-
-
-def ranks(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Spearman's rank correlation of ``(S,)`` with each row of ``(K, S)``; ``(K,)``."""
-    a, b = rankdata(x), rankdata(y, axis=-1)
-    a = a - a.mean()
-    b = b - b.mean(axis=-1, keepdims=True)
-    return np.asarray(b @ a / np.sqrt((a @ a) * (b * b).sum(axis=-1)))
 
 
 def deviations(found: Found, name: str, size: int) -> FloatArray:
@@ -48,7 +40,7 @@ def falls(found: Found, name: str, size: int, rng: np.random.Generator) -> dict[
     """
     c_g = np.array([poses.c_g for poses, _ in found])
     std = deviations(found, name, size)
-    rho = ranks(c_g, std)
+    rho = rank_correlation(c_g, std)
     low, middle, high = np.quantile(rho, [0.025, 0.5, 0.975])
     order = np.argsort(-c_g)
     four = np.sort(rng.permuted(np.tile(order.argsort(), (_CHOICES, 1)), axis=1)[:, :PAPERS_SETS])
@@ -105,7 +97,7 @@ def plate(table: Mapping[str, Any]) -> dict[str, Any]:
         c_g, error = (np.array([row[key] for row in rows]) for key in ("c_g", "worst_mm"))
         best, last = int(error.argmin()), int(c_g.argmin())
         said[name] = {
-            "rho": float(ranks(c_g, error[None])[0]),
+            "rho": float(rank_correlation(c_g, error[None])[0]),
             "ratio_at_smallest_c_g": float(rows[last]["ratio"]),
             "ratio_at_largest_c_g": float(rows[int(c_g.argmax())]["ratio"]),
             "best_ratio": float(rows[best]["ratio"]),
@@ -123,7 +115,7 @@ def many_arms(ratios: FloatArray, sets: Sequence[PoseSet]) -> dict[str, Any]:
     said: dict[str, Any] = {"count": len(ratios)}
     for e, estimator in enumerate(OF_MANY_ARMS):
         own = ratios[..., e]
-        rho = ranks(c_g, own)
+        rho = rank_correlation(c_g, own)
         rows = []
         for k, poses in enumerate(sets):
             low, middle, high = np.quantile(own[:, k], [0.1, 0.5, 0.9])

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
 
 from calib.correction import compensate
 from calib.errors import UnreachableError
@@ -334,9 +333,3 @@ def drawn_ratios(bench: Bench, sets: Sequence[PoseSet], count: int) -> FloatArra
     stiffness = bench.cell.robot.stiffness
     arms = (bench.with_arm(drawn_arm(bench.settings, k, stiffness)) for k in range(1, count + 1))
     return np.array([ratio_of_arm(arm, sets) for arm in arms])
-
-
-def share(of: FloatArray) -> dict[str, float]:
-    """Share of the true, with its 95 % interval (Clopper and Pearson 1934)."""
-    ends = binomtest(int(of.sum()), len(of)).proportion_ci(method="exact")
-    return {"share": float(of.mean()), "low": float(ends.low), "high": float(ends.high)}

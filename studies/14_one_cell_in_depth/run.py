@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
-from typing import Any
 
 from posedesign.cell import Cell, cell_template
 from posedesign.report.accuracy_figure import accuracy_figure
@@ -16,10 +14,10 @@ from posedesign.simulation import (
     pick,
 )
 from posedesign.study import Advance, Options
+from studies import writing
 from studies.writing import save, write_figures, write_rows
 
-HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 TABLE = "one_cell_in_depth.csv"
 OFFSET = "zero_offset.joint_2"
 PLATE = "plate distance worst"

@@ -16,12 +16,12 @@ import cv2
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import binom
 
 from calib import se3
 from calib.errors import CalibError
 from calib.robot_world import PairNoise, add_noise, random_problems, solve
 from calib.se3 import FloatArray
+from studies.intervals import median_interval
 
 from .peer_clock import in_turns, once, ratio
 
@@ -204,12 +204,9 @@ def _summary(
 
 
 def _median(name: str, values: FloatArray) -> dict[str, float]:
-    """Median and the 95 % interval that order statistics give."""
-    order = np.sort(values)
-    low = int(binom.ppf(0.025, len(order), 0.5))
-    ends = order[[max(low - 1, 0), min(len(order) - low, len(order) - 1)]]
-    median = float(np.median(order))
-    return {name: median, f"{name}_low": float(ends[0]), f"{name}_high": float(ends[1])}
+    """Median and its 95 % interval."""
+    low, high = median_interval(values)
+    return {name: float(np.median(values)), f"{name}_low": low, f"{name}_high": high}
 
 
 def optimum(settings: Mapping[str, Any], trials: int) -> dict[str, Any]:

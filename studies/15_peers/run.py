@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.metadata
 import importlib.util
 import sys
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -338,8 +337,7 @@ def _wide(values: Sequence[float]) -> str:
     return f"{min(values):.2g} to {max(values):,.0f}"
 
 
-HERE = Path(__file__).parent
-SETTINGS: dict[str, Any] = tomllib.loads((HERE / "study.toml").read_text(encoding="utf-8"))
+SETTINGS = writing.settings_of(__file__)
 DIGITS = 5
 """Significant digits of what is written: more than the sampling leaves."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -34,10 +33,9 @@ from posedesign.candidates import Pool, away_from_singularities, box_of_cell, co
 from posedesign.cell import Cell, cell_template, touching_poses
 from posedesign.constraints import nearest_postures
 from posedesign.files.measurements import TOOL, MeasurementTable
+from studies import writing
 
-SETTINGS: dict[str, Any] = tomllib.loads(
-    Path(__file__).with_name("study.toml").read_text(encoding="utf-8")
-)
+SETTINGS = writing.settings_of(__file__)
 
 KINDS = {"touch-up": "touch-up", "camera": "camera-pose", "tracker": "point"}
 """Kind of measurement of each way to measure."""

@@ -13,6 +13,7 @@ from scipy.stats import spearmanr
 
 from posedesign.simulation import PlateTest
 from posedesign.study.library import find_study
+from studies.intervals import rank_correlation
 
 FOLDER = Path(__file__).parents[2] / "studies" / "13_calibration_by_touch_up"
 SHORT = 50
@@ -122,11 +123,10 @@ class TestVariation:
             assert 0.85 < ratio < 1.15  # 500 degrees of freedom: 3 %, and what the raster does
 
     def test_ranks_are_those_of_scipy(self, study):
-        touch_claims = import_module(f"studies.{FOLDER.name}.touch_claims")
         rng = np.random.default_rng(4)
         x, y = rng.standard_normal(9), rng.integers(6, size=(5, 9)).astype(float)  # with ties
         brute = [spearmanr(x, row).statistic for row in y]
-        np.testing.assert_allclose(touch_claims.ranks(x, y), brute, atol=1e-12)
+        np.testing.assert_allclose(rank_correlation(x, y), brute, atol=1e-12)
 
     def test_the_causes_of_an_error_are_told_apart(self, expected):
         """Without backlash a poor set is as wrong by view line as by touch-up; not with it."""

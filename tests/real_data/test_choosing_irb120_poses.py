@@ -12,6 +12,7 @@ import pytest
 from calib import identify
 from calib.errors import InputError
 from posedesign.study import Options
+from studies import choices
 from studies.writing import rounded
 
 pytestmark = pytest.mark.real_data
@@ -43,7 +44,7 @@ def measured(data_folder) -> Path:
 def short(study, measured) -> Row:
     """The model that is recommended, by the criterion that is, at all three counts."""
     rows = study.run(measured, SHORT, [study.RECOMMENDED])
-    return rounded(rows, study.DIGITS)[0]
+    return rounded(rows, choices.DIGITS)[0]
 
 
 def bench(study: ModuleType, data: Path, name: str) -> Any:

@@ -13,6 +13,7 @@ import pytest
 from calib.errors import InputError
 from calib.model.measurements import touch_ups
 from posedesign.study import Options
+from studies import choices
 from studies.writing import read_figures, rounded
 
 pytestmark = pytest.mark.real_data
@@ -68,7 +69,7 @@ def check_same(found: Row, then: Row, rel: float) -> None:
 
 
 def test_offsets_in_the_short_form(study, measured, written):
-    (row,) = rounded(study.run(measured, QUICK, [study.RECOMMENDED]), study.DIGITS)
+    (row,) = rounded(study.run(measured, QUICK, [study.RECOMMENDED]), choices.DIGITS)
     check_bars(study, row)
     then = next(r for r in written["models"] if r["model"] == QUICK[0])
     check_same(row, then, written["tolerance"])
@@ -79,7 +80,7 @@ def test_offsets_in_the_short_form(study, measured, written):
 
 @pytest.mark.slow
 def test_the_model_recommended(study, measured, written):
-    (row,) = rounded(study.run(measured, [BEST], [study.RECOMMENDED]), study.DIGITS)
+    (row,) = rounded(study.run(measured, [BEST], [study.RECOMMENDED]), choices.DIGITS)
     check_bars(study, row)
     then = next(r for r in written["models"] if r["model"] == BEST)
     check_same(row, then, written["tolerance"])
@@ -150,6 +151,9 @@ def test_without_data_it_says_where_it_looked(study, monkeypatch, tmp_path):
 
 def test_what_is_written_is_read_again(study, written, tmp_path):
     """The table that stands in the folder is that of its key figures."""
-    assert study.write(written["models"], tmp_path) == written
+    assert (
+        choices.write(written["models"], study.RECOMMENDED, tmp_path / study.TABLE, study.flat)
+        == written
+    )
     assert read_figures(tmp_path) == written
     assert (tmp_path / study.TABLE).read_text() == (FOLDER / study.TABLE).read_text()

@@ -18,7 +18,7 @@ from calib.model import CalibrationModel, Setup
 from calib.model.context import ArmErrors
 from calib.model.parameters import ParameterBlock
 from calib.robots import Robot
-from calib.robots.replaced import with_placements
+from calib.robots.robot import with_placements
 from calib.se3 import FloatArray, inverse, rotation_exp, transform
 
 

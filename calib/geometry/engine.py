@@ -16,8 +16,7 @@ import coal
 import numpy as np
 
 from calib.geometry.enclosure import enclose, hull_vertices, reach
-from calib.geometry.rays import contains
-from calib.geometry.segments import box_box_bound, segment_segment
+from calib.geometry.rays import box_box_bound, contains, segment_segment
 from calib.robots import ChainState
 from calib.robots.shapes import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Solid, Sphere
 from calib.se3 import BoolArray, FloatArray, IntArray

@@ -8,8 +8,7 @@ import numpy as np
 
 from calib.geometry.enclosure import enclose
 from calib.geometry.engine import MeshSurface, Placed
-from calib.geometry.rays import crosses
-from calib.geometry.segments import segment_segment
+from calib.geometry.rays import crosses, segment_segment
 from calib.robots.shapes import Body, HalfSpace, Mesh
 from calib.se3 import BoolArray, FloatArray, IntArray
 

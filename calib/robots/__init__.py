@@ -9,10 +9,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from calib.robots.bounds import CoupledLimit
     from calib.robots.chain import ChainState, SerialChain
     from calib.robots.controller import POSITIVE_AXES, Controller
     from calib.robots.inverse import InverseSolutions
-    from calib.robots.limits import CoupledLimit
     from calib.robots.presets import find_preset, preset_info, preset_names
     from calib.robots.robot import Robot
 
@@ -32,7 +32,7 @@ __all__ = [
 _WHERE = {
     "ChainState": "calib.robots.chain",
     "Controller": "calib.robots.controller",
-    "CoupledLimit": "calib.robots.limits",
+    "CoupledLimit": "calib.robots.bounds",
     "InverseSolutions": "calib.robots.inverse",
     "POSITIVE_AXES": "calib.robots.controller",
     "Robot": "calib.robots.robot",

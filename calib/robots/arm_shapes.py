@@ -17,8 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from calib.errors import RobotModelError
-from calib.robots.chain import SerialChain
-from calib.robots.ideal import SLIGHT_M
+from calib.robots.chain import SLIGHT_M, SerialChain
 from calib.robots.presets import preset_names
 from calib.robots.robot import Robot
 from calib.robots.shapes import Body, capsule_between

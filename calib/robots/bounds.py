@@ -1,4 +1,4 @@
-"""What a posture must keep to, and which full turns of its joints do."""
+"""Coupled limits, what a posture must keep to, and which full turns of its joints do."""
 
 from __future__ import annotations
 
@@ -8,8 +8,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import InputError
-from calib.robots.limits import CoupledLimit
 from calib.se3 import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledLimit:
+    """A bound on a sum of joint values: ``lower <= coefficients @ q <= upper``.
+
+    Attributes
+    ----------
+    name : str
+        As reasons say it, e.g. ``J3 to the horizontal``.
+    coefficients : array (n,)
+    lower, upper : float
+        [rad]; infinite where there is none.
+    """
+
+    name: str
+    coefficients: FloatArray
+    lower: float
+    upper: float
+
+    def room(self, q: FloatArray) -> FloatArray:
+        """Distance [rad] of postures ``(..., n)`` from the nearer bound; negative outside."""
+        value = q @ self.coefficients
+        return np.asarray(np.minimum(value - self.lower, self.upper - value))
+
 
 LIMIT_TOLERANCE = 1e-9
 """Excess over a joint limit [rad] that is rounding: a posture on its limit is inside."""

@@ -11,7 +11,7 @@ three. All of it goes element by element, so that a posture gives the same bits 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import NamedTuple
@@ -335,3 +335,38 @@ def _product(columns: FloatArray, R: FloatArray) -> FloatArray:
 
 
 _IDENTITY = np.eye(3).tolist()
+
+
+SLIGHT_TURN = 0.02
+"""Element of a rotation or of an axis that a description is taken to mean as none, 1.1 deg:
+rounding of angles to 1.571 and 3.142 is off by 4e-4, and the frames of a calibrated arm have its
+zero offsets in them, of some tenths of a degree."""
+
+SLIGHT_M = 5e-3
+"""The same of an offset [m]: arms are built off by some tenths of a millimetre, rarely by a few."""
+
+
+def idealised(chain: SerialChain) -> SerialChain:
+    """The chain with right angles for almost right ones, and without its slight offsets.
+
+    Axes that are almost parallel become parallel, those that almost meet meet: a chain with a
+    closed form, whose answers are good starts for closing in on the poses with the chain itself.
+    """
+    placements = chain.placements.copy()
+    for T in placements:
+        T[:3, :3] = _squared(T[:3, :3])
+    p = placements[:, :3, 3]
+    placements[:, :3, 3] = np.where(np.abs(p) < SLIGHT_M, 0.0, p)
+    axes = np.array([_straightened(axis) for axis in chain.axes])
+    return replace(chain, placements=placements, axes=axes)
+
+
+def _squared(R: FloatArray) -> FloatArray:
+    right = np.round(R)
+    near = np.abs(R - right).max() < SLIGHT_TURN
+    return right if near and np.array_equal(right @ right.T, np.eye(3)) else R
+
+
+def _straightened(axis: FloatArray) -> FloatArray:
+    straight = np.round(axis)
+    return straight if np.abs(axis - straight).max() < SLIGHT_TURN else axis

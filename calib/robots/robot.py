@@ -19,13 +19,12 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, JointLimitError, RobotModelError, check_type
-from calib.robots.bounds import LIMIT_TOLERANCE, Bounds
+from calib.robots.bounds import LIMIT_TOLERANCE, Bounds, CoupledLimit
 from calib.robots.chain import ChainState, SerialChain
 from calib.robots.controller import Controller, controller_of
 from calib.robots.description.urdf import load_urdf
 from calib.robots.inverse import InverseKinematics, InverseSolutions
 from calib.robots.inverse.solvers import solver_for
-from calib.robots.limits import CoupledLimit
 from calib.robots.model_chain import (
     body_of,
     chain_of,
@@ -392,3 +391,36 @@ class Robot:
                 raise JointLimitError(
                     limit.name, *np.rad2deg([value, limit.lower, limit.upper]).tolist()
                 )
+
+
+def with_placements(robot: Robot, placements: FloatArray) -> Robot:
+    """A robot whose joint frames sit elsewhere in the links before them.
+
+    Limits, speeds, masses, solids and controller are kept: those of a link go with its joint.
+
+    Parameters
+    ----------
+    robot : Robot
+    placements : array (n, 4, 4)
+        Frame of each joint at zero, in the frame of the link before it (the first: in the base)
+        [m].
+
+    Raises
+    ------
+    InputError
+        Not one rigid transform for each joint.
+    """
+    placed = check_transforms(placements, "placements")
+    if placed.shape != (robot.n, 4, 4):
+        raise InputError(
+            f"{robot.name} has {robot.n} joints, the placements have shape {placed.shape}",
+            name="placements",
+        )
+    model = robot.model
+    if model is not None:
+        model = pin.Model(model)
+        T_root_base = model.frames[frame_id(model, robot.base_frame)].placement
+        for j, name in enumerate(robot.joint_names):
+            T = pin.SE3(placed[j, :3, :3], placed[j, :3, 3])
+            model.jointPlacements[model.getJointId(name)] = T_root_base * T if j == 0 else T
+    return replace(robot, chain=replace(robot.chain, placements=placed), model=model)

@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from calib.vision.touch_up.adapter import RobotAdapter
+    from calib.vision.touch_up.arms import RobotAdapter
     from posedesign.autonomous.by_sight import SightResult, calibrate_robot, run_by_sight
     from posedesign.autonomous.folder_robot import FolderRobot
     from posedesign.autonomous.process import Calibration
@@ -28,7 +28,7 @@ __all__ = [
 _WHERE = {
     "Calibration": "posedesign.autonomous.process",
     "FolderRobot": "posedesign.autonomous.folder_robot",
-    "RobotAdapter": "calib.vision.touch_up.adapter",
+    "RobotAdapter": "calib.vision.touch_up.arms",
     "SightResult": "posedesign.autonomous.by_sight",
     "calibrate_robot": "posedesign.autonomous.by_sight",
     "run_by_sight": "posedesign.autonomous.by_sight",

@@ -32,7 +32,7 @@ from calib.vision.touch_up import (
     follow,
     touch_up,
 )
-from calib.vision.touch_up.following import shifted
+from calib.vision.touch_up.drive import shifted
 from calib.vision.touch_up.jacobian import measure_jacobian
 from posedesign.cell import Cell, CellConfig, cell_template
 from posedesign.simulation import circle_target, true_cell

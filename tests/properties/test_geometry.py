@@ -14,8 +14,7 @@ from calib.geometry import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Scene,
 from calib.geometry.enclosure import enclose, outer_points, reach
 from calib.geometry.engine import CONTACT_M, MeshSurface, coal_solid
 from calib.geometry.pairs import motion_radii
-from calib.geometry.rays import crosses
-from calib.geometry.segments import box_box_bound, segment_segment
+from calib.geometry.rays import box_box_bound, crosses, segment_segment
 from calib.geometry.ways import WAY_TOLERANCE_M
 from calib.robots import SerialChain
 

@@ -14,8 +14,7 @@ import eaik.pybindings.EAIK as eaik
 import numpy as np
 
 from calib.robots.bounds import TURN, Bounds, first_per_group, nearest_turns
-from calib.robots.chain import SerialChain
-from calib.robots.ideal import idealised
+from calib.robots.chain import SerialChain, idealised
 from calib.robots.inverse.closed_form import (
     SAME_POSTURE_RAD,
     compare,

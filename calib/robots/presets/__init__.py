@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from calib.errors import RobotModelError, near_names
-from calib.robots.limits import CoupledLimit
+from calib.robots.bounds import CoupledLimit
 from calib.robots.shapes import Box, LinkShape, capsule_between
 from calib.se3 import rotation_from_wpr
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from calib.vision.camera.circle_pose import circle_center, circle_center_bias, circle_poses
     from calib.vision.camera.conic import circle_image, ellipse_axes
     from calib.vision.camera.ellipse import EllipseMeasurement, measure_ellipse
-    from calib.vision.camera.lens import Camera
+    from calib.vision.camera.lens import Camera, PinholeCamera
     from calib.vision.camera.observers import (
         FastObserver,
         ImageObserver,
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
         noise_from_images,
     )
     from calib.vision.camera.pattern_pose import pose_from_image
-    from calib.vision.camera.pinhole import PinholeCamera
     from calib.vision.camera.pnp import TargetPose, pose_from_points
     from calib.vision.camera.rendering import Glare, Imaging, Occluder, render
     from calib.vision.camera.target import CircleTarget
@@ -70,7 +69,7 @@ _WHERE = {
     "MeasurementNoise": "calib.vision.camera.observers",
     "Observer": "calib.vision.camera.observers",
     "Occluder": "calib.vision.camera.rendering",
-    "PinholeCamera": "calib.vision.camera.pinhole",
+    "PinholeCamera": "calib.vision.camera.lens",
     "TargetPose": "calib.vision.camera.pnp",
     "Views": "calib.vision.camera.observers",
     "circle_center": "calib.vision.camera.circle_pose",

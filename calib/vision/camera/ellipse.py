@@ -12,11 +12,10 @@ from typing import Literal
 import numpy as np
 
 from calib.se3 import FloatArray
-from calib.vision.camera.conic import ellipse_axes, ellipse_points, is_sound
+from calib.vision.camera.conic import ellipse_axes, ellipse_points, fit_robust, is_sound
 from calib.vision.camera.contours import find_candidates
 from calib.vision.camera.edges import find_edges
 from calib.vision.camera.rendering import GreyImage
-from calib.vision.camera.robust import fit_robust
 
 Status = Literal["ok", "no target", "touches the edge", "poor fit", "several"]
 

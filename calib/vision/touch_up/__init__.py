@@ -1,13 +1,9 @@
 """Visual touch-up: a robot brings the camera on its flange to a target by what the camera sees."""
 
-from calib.vision.touch_up.adapter import RobotAdapter
-from calib.vision.touch_up.arms import Arms
-from calib.vision.touch_up.drive import Drive
+from calib.vision.touch_up.arms import Arms, RobotAdapter
+from calib.vision.touch_up.drive import Drive, follow
 from calib.vision.touch_up.facing import TiltBias
-from calib.vision.touch_up.following import follow
-from calib.vision.touch_up.found import NoSetUp, SetUp
-from calib.vision.touch_up.jacobian import ImageJacobian
-from calib.vision.touch_up.relation import Relation
+from calib.vision.touch_up.jacobian import ImageJacobian, Relation
 from calib.vision.touch_up.servo import (
     Loop,
     TouchUps,
@@ -15,6 +11,7 @@ from calib.vision.touch_up.servo import (
 )
 from calib.vision.touch_up.session import Station
 from calib.vision.touch_up.set_up import find_set_up
+from calib.vision.touch_up.sighting import NoSetUp, SetUp
 from calib.vision.touch_up.simulated import SimulatedArms, TrueCell
 
 __all__ = [

@@ -10,8 +10,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.se3 import BoolArray, FloatArray, IntArray
-from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.following import shifted
+from calib.vision.touch_up.drive import Drive, shifted
 from calib.vision.touch_up.jacobian import ImageJacobian
 
 Status = Literal["touched", "lost", "no posture", "too far", "not converged"]

@@ -7,8 +7,12 @@ import numpy as np
 from calib.se3 import FloatArray
 from calib.vision.camera import Camera, CircleTarget, Views, pose_from_image
 from calib.vision.touch_up.drive import Drive
-from calib.vision.touch_up.jacobian import ImageJacobian, MeasuredJacobian, measure_jacobian
-from calib.vision.touch_up.relation import Relation
+from calib.vision.touch_up.jacobian import (
+    ImageJacobian,
+    MeasuredJacobian,
+    Relation,
+    measure_jacobian,
+)
 from calib.vision.touch_up.servo import Bias, Loop, TouchUps, touch_up
 
 _ONLY = np.zeros(1, dtype=np.intp)

@@ -29,7 +29,7 @@ from calib.model.parameters import (
     gravity_torque,
 )
 from calib.robots import Controller, preset_names
-from calib.robots.replaced import with_placements
+from calib.robots.robot import with_placements
 from calib.robots.urdf_anew import rpy_of
 from calib.se3 import rotation_exp, rotation_from_wpr
 

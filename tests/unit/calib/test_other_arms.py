@@ -7,7 +7,7 @@ import pytest
 
 from calib import Robot, se3
 from calib.robots import SerialChain
-from calib.robots.ideal import idealised
+from calib.robots.chain import idealised
 from calib.robots.inverse.closed_form import ClosedForm
 
 CLOSURE = 1e-9

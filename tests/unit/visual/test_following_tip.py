@@ -5,7 +5,7 @@ import pytest
 
 from calib.se3 import rotation_exp, transform
 from calib.vision.touch_up import follow
-from calib.vision.touch_up.following import shifted
+from calib.vision.touch_up.drive import shifted
 from tests.visual_cells import PRESETS, preset, usual_posture
 
 SIX_AXES = [name for name in PRESETS if preset(name).n == 6]

@@ -6,7 +6,7 @@ import pytest
 from calib.se3 import inverse, rotation_exp
 from calib.vision.camera import circle_image
 from calib.vision.touch_up import ImageJacobian
-from calib.vision.touch_up.following import shifted
+from calib.vision.touch_up.drive import shifted
 from calib.vision.touch_up.jacobian import measure_jacobian
 
 

@@ -9,7 +9,7 @@ from calib.errors import InputError
 from calib.se3 import inverse
 from calib.vision.camera import MeasurementNoise
 from calib.vision.touch_up import Drive, ImageJacobian, Loop, follow, touch_up
-from calib.vision.touch_up.following import shifted
+from calib.vision.touch_up.drive import shifted
 from calib.vision.touch_up.jacobian import measure_jacobian
 
 ONE = np.zeros(1, dtype=np.intp)

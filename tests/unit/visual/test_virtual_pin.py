@@ -4,7 +4,7 @@ import numpy as np
 
 from calib.se3 import FloatArray, rotation_exp, transform
 from calib.vision.touch_up import follow
-from calib.vision.touch_up.pin import solve_pin
+from calib.vision.touch_up.set_up import solve_pin
 from tests.visual_cells import preset, usual_posture
 
 TOOL = np.array([0.06, -0.1, 0.4])

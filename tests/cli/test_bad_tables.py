@@ -46,14 +46,6 @@ def test_cell_that_is_no_number(refuse, change_csv, work, value, file, column, c
     line.says(f"{path}, line 6, column {column}: {shown}", "finite number", "correct")
 
 
-@pytest.mark.parametrize("command", ["simulate", "program", "score"])
-def test_nan_in_poses(refuse, change_csv, work, command):
-    poses = change_csv("poses.csv", 1, "j1_deg", "nan")
-    words = [command, *([] if command == "program" else [work / "cell.toml"]), poses]
-    line = refuse(*words, *([] if command == "score" else ["--out", work / "out"]))
-    line.says(f"{poses}, line 2, column j1_deg")
-
-
 def identify(refuse: Refuse, work: Path, data: bytes | str) -> Any:
     """What identify says of other touch-ups."""
     path = work / "touchups.csv"

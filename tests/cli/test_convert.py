@@ -1,13 +1,10 @@
 """``posedesign convert``, and what the tables of a plan say before their header."""
 
-import json
-
 import numpy as np
 import pandas as pd
-import pytest
 
 from posedesign.cell import Cell
-from posedesign.planning.tables import read_poses, read_robot_poses
+from posedesign.planning.tables import read_poses
 
 
 def test_there_and_back(cli, work):
@@ -35,39 +32,6 @@ def test_there_and_back(cli, work):
     named = [f"{name}_rad" for name in robot.joint_names]
     np.testing.assert_allclose(ros[named], wanted.postures, rtol=0, atol=1e-11)
     assert pd.read_csv(work / "robodk.csv").columns[:6].tolist() == [f"J{i}" for i in range(1, 7)]
-
-
-def test_plan_and_header_agree(cli, work):
-    out = work / "out"
-    told = json.loads(cli("plan", work / "cell.toml", "--out", out, "--json").out)
-    found = read_poses(out / "poses.csv", 6)
-    assert found.fingerprint_written == found.fingerprint
-    for name, value in told["indices"].items():
-        written = found.header["poses measured" if name == "poses" else name]
-        assert float(written) == pytest.approx(value, rel=1e-9), name
-    table = pd.read_csv(out / "poses.csv", comment="#")
-    assert table["order"].tolist() == list(range(1, 29))
-    assert table["limit_margin_deg"].min() > 0.0
-    assert table["configuration"].notna().all()  # the reference robot is a FANUC
-
-
-def test_changed_poses_are_told(cli, work):
-    out, cell = work / "out", work / "cell.toml"
-    cli("plan", cell, "--out", out)
-    text = (out / "poses.csv").read_text()
-    first = read_poses(out / "poses.csv", 6)
-    changed = pd.read_csv(out / "poses.csv", comment="#", dtype=str)
-    changed = changed.drop(columns=[c for c in changed if c.startswith("pendant")])
-    changed.loc[0, "j4_deg"] = str(float(changed.loc[0, "j4_deg"]) + 0.01)
-    comments = [line for line in text.splitlines(keepends=True) if line.startswith("#")]
-    path = work / "changed.csv"
-    path.write_text("".join(comments) + changed.to_csv(index=False))
-    said = cli("convert", path, "--cell", cell, "--to", "ros", "--out", work / "ros.csv", "--json")
-    assert "the postures are others than those that were planned" in said.err
-    told = json.loads(said.out)
-    assert told["fingerprint_written"] == first.fingerprint != told["fingerprint"]
-    again = read_robot_poses(work / "ros.csv", Cell.load(cell).robot)
-    assert again.fingerprint_written == first.fingerprint
 
 
 def test_what_cannot_be_converted(refuse, work):

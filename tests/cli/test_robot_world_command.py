@@ -2,7 +2,6 @@
 
 import csv
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -384,17 +383,6 @@ def test_bad_rows_are_refused_by_line(refuse, tmp_path, measured):
         text = "\n".join([header, *lines[:4], ",".join(changed), *lines[5:]])
         path.write_text(text + "\n")
         refuse("robot-world", path, "--out", tmp_path / "out").says(words)
-
-
-def test_help_waits_for_no_library():
-    import subprocess
-
-    code = (
-        "import sys; from posedesign.cli.main import run; run(['robot-world', '--help']);"
-        "print([m for m in ('numpy', 'scipy', 'calib') if m in sys.modules])"
-    )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert said.stdout.splitlines()[-1] == "[]"
 
 
 def test_certificate_of_the_likeliest(cli, tmp_path, measured):

@@ -154,6 +154,7 @@ def test_a_study_on_an_arm_without_room_for_the_plate(cli, change_cell, work):
         ("check", "{cell}", "{poses}"),
         ("score", "{cell}", "{poses}"),
         ("program", "{poses}", "--cell", "{cell}"),
+        ("convert", "{poses}", "--cell", "{cell}", "--to", "ros"),
         ("simulate", "{cell}", "{poses}"),
         ("predict", "{cell}", "{poses}", "--box", "1500,-300,300,2100,300,900"),
     ],

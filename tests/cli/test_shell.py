@@ -41,6 +41,7 @@ def modules_after(statement: str) -> set[str]:
         "import calib",
         "from posedesign.cli.main import run\nrun(['--help'])",
         "from posedesign.cli.main import run\nrun(['plan', '--help'])",
+        "from posedesign.cli.main import run\nrun(['robot-world', '--help'])",
         "from posedesign.cli.main import run\nrun(['plan'])",
     ],
 )

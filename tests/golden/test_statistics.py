@@ -8,7 +8,7 @@ from calib.identification import covariance_of, identify, identify_batch
 from calib.identification.noise_test import MODEL_DOUBT
 from calib.model.measurements import touch_ups
 from calib.robot_world import METHODS, solve
-from calib.se3 import inverse, rotation_angle
+from calib.se3 import FloatArray, inverse, rotation_angle
 from posedesign.cell import Cell
 from posedesign.planning import plan
 from posedesign.simulation import SimulatedRobot, effective_truth
@@ -105,26 +105,19 @@ def test_an_unweighted_fit_of_the_right_model_is_no_misfit(make_cell):
     assert abs(mean - freedom) < 4 * np.sqrt(2 * freedom / len(results))
 
 
-def test_noise_free_identification_is_exact(rigid_cell):
-    q = plan(rigid_cell).postures
-    robot = SimulatedRobot.of(rigid_cell)
-    model = rigid_cell.model()
-    true = np.array([robot.value(name) for name in model.names])
-    touched = robot.touch_up(q, None)
-    for weighted in (True, False):
-        for method in ("gauss-newton", "newton-raphson"):
-            found = identify(model, touched, weighted=weighted, method=method)
-            assert np.abs(found.values - true).max() < 1e-9
+@pytest.fixture(scope="module")
+def planned_pairs(make_cell) -> tuple[SimulatedRobot, FloatArray, FloatArray]:
+    """What a camera sees without noise from the poses planned, and the robot that carries it."""
+    cell = make_cell(truth={"deflection": False, "zero_offsets_deg": [0.0] * 6})
+    robot = SimulatedRobot.of(cell)
+    return robot, *robot.camera_poses(robot.touch_up(plan(cell).postures, None).postures, None)
 
 
 # the literal forms of Li and Hirsh, and Andreff's, are known to fail here: see the next test, and
 # their own tests
 @pytest.mark.parametrize("method", [m for m in METHODS if m not in LITERAL])
-def test_noise_free_robot_world_from_the_planned_poses_is_exact(make_cell, method):
-    cell = make_cell(truth={"deflection": False, "zero_offsets_deg": [0.0] * 6})
-    robot = SimulatedRobot.of(cell)
-    touched = robot.touch_up(plan(cell).postures, None)
-    A, B = robot.camera_poses(touched.postures, None)
+def test_noise_free_robot_world_from_the_planned_poses_is_exact(planned_pairs, method):
+    robot, A, B = planned_pairs
     found = solve(A, B, method)
     for estimate, true in ((found.X, robot.T_tip_camera), (found.Z, robot.T_base_target)):
         error = inverse(true) @ estimate
@@ -132,15 +125,13 @@ def test_noise_free_robot_world_from_the_planned_poses_is_exact(make_cell, metho
         assert np.abs(error[:3, 3]).max() < 1e-9
 
 
-def test_touch_up_hides_a_scale_from_the_printed_kronecker_form(make_cell):
+def test_touch_up_hides_a_scale_from_the_printed_kronecker_form(planned_pairs):
     """Eq. 19 of Li et al. 2010 and touch-up: the answer is wrong, and the status says so.
 
     Touch-up keeps the target in one place c of the camera, so ``p_B = -R_B c`` and the terms of
     R_Z and p_X in the translation rows are the same up to the scale of R_Z, which no row fixes.
     """
-    cell = make_cell(truth={"deflection": False, "zero_offsets_deg": [0.0] * 6})
-    robot = SimulatedRobot.of(cell)
-    A, B = robot.camera_poses(robot.touch_up(plan(cell).postures, None).postures, None)
+    robot, A, B = planned_pairs
     found = solve(A, B, "li-kronecker-literal")
     assert np.abs(found.X[:3, 3] - robot.T_tip_camera[:3, 3]).max() > 0.1
     assert found.status == "misfit"

@@ -137,13 +137,3 @@ def test_signs_of_the_quaternions_change_nothing(method, seed, pairs, data):
         patch.setattr(se3, "quaternion_from_rotation", with_other_signs)
         found = solve_batch(A, B, method)
     assert_same(found, (reference.X, reference.Z), reference.ok)
-
-
-@pytest.mark.parametrize("method", SOUND)
-@quick
-@given(seed=seeds, pairs=st.integers(3, 30), cone_deg=st.sampled_from([None, 40.0, 15.0]))
-def test_exact_without_noise(method, seed, pairs, cone_deg):
-    problems = random_problems(np.random.default_rng(seed), 5, pairs, cone_deg)
-    found = solve_batch(problems.A, problems.B, method)
-    np.testing.assert_allclose(found.X[found.ok], problems.X[found.ok], atol=1e-8)
-    np.testing.assert_allclose(found.Z[found.ok], problems.Z[found.ok], atol=1e-8)

@@ -84,6 +84,7 @@ def test_no_choice_is_better_than_the_bound(kind, pool):
         cost = objective.cost(found.indices)
         assert criterion.cost_of(found.value) == pytest.approx(cost, rel=1e-6)
         bound = criterion.cost_of(found.bound)
+        assert 0.0 <= found.efficiency <= 1.0 or not np.isfinite(found.efficiency)
         if found.status != "no bound":
             assert bound <= min(costs) * (1 + few_digits) or np.isinf(min(costs))
         if method == "exchange" and np.isfinite(min(costs)):
@@ -117,6 +118,7 @@ def test_the_order_of_candidates_does_not_matter(kind, seed):
     criterion = criterion_of(kind, 3, 5)
     plain, moved = select(J, 5, criterion), select(J[order], 5, criterion)
     assert moved.value == pytest.approx(plain.value, rel=1e-9)
+    np.testing.assert_allclose(moved.bound, plain.bound, rtol=2e-3)
     np.testing.assert_array_equal(np.sort(order[moved.indices]), plain.indices)
 
 
@@ -149,44 +151,6 @@ def test_what_is_called_too_few_is_too_few(kind, seed, share):
 
 
 seeds = st.integers(0, 2**31)
-INVARIANT = ("D", "C_G", "cond_2")
-
-
-def pool(rng: np.random.Generator, size: int = 9) -> np.ndarray:
-    """Blocks with parameters of unlike units, and now and then poses that tell little."""
-    p, m = int(rng.integers(2, 5)), int(rng.integers(1, 4))
-    strength = 10.0 ** rng.uniform(-2, 1, (size, 1, 1))
-    return rng.normal(size=(size, m, p)) * strength * 10.0 ** rng.uniform(-4, 4, p)
-
-
-def least_cost(objective, size: int, count: int, keep=()) -> float:
-    return min(
-        objective.cost(np.array(rows))
-        for rows in combinations(range(size), count)
-        if set(keep) <= set(rows)
-    )
-
-
-@given(seeds, st.sampled_from(["D", "A", "E", "O5", "C_G", "cond_2", "O2", "O4", "G"]))
-def test_no_choice_beats_the_bound(seed, kind):
-    rng = np.random.default_rng(seed)
-    J = pool(rng)
-    p, count = J.shape[2], int(rng.integers(4, 8))
-    criterion = (
-        largest_deviation(rng.normal(size=(3, 2, p)) / np.abs(J).max(axis=(0, 1)))
-        if kind == "G"
-        else criterion_by_name(kind, p, count)
-    )
-    keep = rng.choice(9, int(rng.integers(0, 3)), replace=False).tolist()
-    known = rng.normal(size=(2, p)) * np.abs(J).max(axis=(0, 1)) if rng.random() < 0.5 else None
-    try:
-        found = select(J, count, criterion, keep=keep, known=known, starts=2)
-    except NotIdentifiableError:
-        return
-    best = least_cost(criterion.on(Candidates(J, known)), 9, count, keep)
-    assert criterion.cost_of(found.bound) <= best * (1 + 1e-9)
-    assert set(keep) <= set(found.indices.tolist())
-    assert 0.0 <= found.efficiency <= 1.0 or not np.isfinite(found.efficiency)
 
 
 @given(seeds, st.sampled_from([0.0, 0.5, 1.0, np.inf]))
@@ -221,28 +185,6 @@ def test_any_two_matrices_prove_something_true_of_the_condition(seed):
         M = candidates.information(np.array(rows))
         values = np.linalg.eigvalsh(M / np.sqrt(E[:, :, None] * E[:, None, :]))
         assert bound <= (values[:, -1] / values[:, 0]).min() * (1 + 1e-9)
-
-
-@settings(max_examples=8)
-@given(seeds, st.sampled_from(INVARIANT))
-def test_units_of_the_parameters_do_not_matter(seed, kind):
-    rng = np.random.default_rng(seed)
-    J = rng.normal(size=(12, 2, 3))
-    scale = 10.0 ** rng.integers(-3, 4, 3)
-    first, second = select(J, 5, kind, starts=3), select(J * scale, 5, kind, starts=3)
-    factor = np.prod(scale.astype(float)) ** (2 / 3) if kind == "D" else 1.0
-    assert second.value == pytest.approx(first.value * factor, rel=1e-6)
-    assert second.efficiency == pytest.approx(first.efficiency, abs=2e-3)
-
-
-@settings(max_examples=8)
-@given(seeds)
-def test_order_of_the_candidates_does_not_matter(seed):
-    rng = np.random.default_rng(seed)
-    J, order = rng.normal(size=(15, 2, 3)), rng.permutation(15)
-    first, second = select(J, 6, "D", starts=8), select(J[order], 6, "D", starts=8)
-    assert second.value == pytest.approx(first.value, rel=1e-3)
-    assert second.bound == pytest.approx(first.bound, rel=2e-3)
 
 
 @given(seeds)

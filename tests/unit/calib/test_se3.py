@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 from calib import se3
 from calib.errors import InputError
 from calib.model.parameters import TargetFrame, ToolFrame
-from calib.robot_world import solve, solve_batch
-from calib.robots import Robot
 from calib.se3 import FloatArray
 from posedesign.planning.tables import Pairs, write_pairs
 
@@ -305,10 +303,6 @@ def _pairs(T: FloatArray) -> FloatArray:
 ENTRANCES: dict[str, Take] = {
     "ToolFrame": lambda T, _: ToolFrame(T),
     "TargetFrame": lambda T, _: TargetFrame(T),
-    "solve, A": lambda T, _: solve(_pairs(T), _pairs(np.eye(4))),
-    "solve, B": lambda T, _: solve(_pairs(np.eye(4)), _pairs(T)),
-    "solve_batch": lambda T, _: solve_batch(_pairs(T)[None], _pairs(np.eye(4))[None]),
-    "inverse kinematics": lambda T, _: Robot.preset("r2000ic165f").inverse(T[None]),
     "pairs.csv": lambda T, folder: write_pairs(
         folder / "pairs.csv", Pairs(("a", "b", "c"), _pairs(np.eye(4)), _pairs(T))
     ),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,236 +29,157 @@ GIVES = 0.1
 """Part of the error of the nominal arm from which a compliance does something."""
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """One trial: errors in mm, NaN where there is no such model.
+def outcomes(table: pd.DataFrame) -> pd.DataFrame:
+    """A row for each trial: errors in mm, NaN where there is no such model.
 
-    Attributes
-    ----------
-    preset, way : str
-    trial : int
-    compliant, wavy : bool
-    refused : bool
-        Nothing could be identified.
-    model : str
-        The recommended one; the nominal one where none is.
-    recommended, best, nominal, offsets, reference, reduced, pulled, known : float
-    box, box_best, box_nominal : float
-        Of the recommended, the best and the nominal one over the usual task box.
-    expected, expected_low, expected_high : float
-        What the result says of its recommended model's error, with its interval; NaN without.
-    incomplete : bool
-        Whether the result says that the model leaves something of the arm out.
-    blames : bool
-        Whether it names a mistake in measuring, of which there is none.
-    covered, parameters : int
-    give : float
-        What compliance as recommended moves the tool point by.
-    seconds : float
+    ``model`` is the recommended one, the nominal one where none is; ``refused``, nothing could be
+    identified. ``recommended`` to ``known`` are errors of models, ``box`` those over the usual task
+    box, of the recommended, the best and the nominal one. ``expected`` is what the result says of
+    its recommended model's error, with its interval. ``incomplete``: the result says that the model
+    leaves something of the arm out; ``blames``: it names a mistake in measuring, of which there is
+    none. ``give`` is what compliance as recommended moves the tool point by.
     """
+    import pandas as pd
 
-    preset: str
-    way: str
-    trial: int
-    compliant: bool
-    wavy: bool
-    refused: bool
-    model: str
-    recommended: float
-    best: float
-    nominal: float
-    offsets: float
-    reference: float
-    reduced: float
-    pulled: float
-    known: float
-    box: float
-    box_best: float
-    box_nominal: float
-    expected: float
-    expected_low: float
-    expected_high: float
-    incomplete: bool
-    blames: bool
-    covered: int
-    parameters: int
-    give: float
-    seconds: float
-
-    @property
-    def over_best(self) -> float:
-        """Error of the recommended model over the least of all models."""
-        return self.recommended / self.best
-
-    @property
-    def harms(self) -> bool:
-        """Whether it is worse than the nominal arm."""
-        return self.recommended > (1.0 + WORSE) * self.nominal
-
-    @property
-    def harms_beyond(self) -> bool:
-        """Whether it is, by more than its interval says that it may be off."""
-        reach = self.expected_high - self.expected
-        return self.harms and not self.recommended <= self.nominal + reach
-
-    @property
-    def is_expected(self) -> bool:
-        """Whether its error is in the interval that the result gives."""
-        return self.expected_low <= self.recommended <= self.expected_high
-
-    @property
-    def gives(self) -> bool:
-        """Whether compliance as recommended moves the tool by more than a little."""
-        return self.give > GIVES * self.nominal
-
-    @property
-    def worse_than_offsets(self) -> bool:
-        """By a tenth."""
-        return self.recommended > (1.0 + OFFSETS_WORSE) * self.offsets
+    trials = table.groupby(["preset", "way", "trial"], sort=False)
+    return pd.DataFrame([_outcome(rows) for _, rows in trials])
 
 
-def outcomes(table: pd.DataFrame) -> list[Outcome]:
-    """One of each trial."""
-    found = []
-    for _, rows in table.groupby(["preset", "way", "trial"], sort=False):
-        models = rows[rows["role"] == "model"].set_index("model")
-        peers = rows[rows["role"].isin(["peer", "bound"])].set_index("model")["error_mm"]
-        head = rows.iloc[0]
-        chosen = models[models["recommended"].astype(bool)] if len(models) else models
-        nominal = _of(models, NOMINAL)
-        taken = chosen.iloc[0] if len(chosen) else None
-        own = models[models["reference"].astype(bool)] if len(models) else models
-        found.append(
-            Outcome(
-                preset=str(head["preset"]),
-                way=str(head["way"]),
-                trial=int(head["trial"]),
-                compliant=bool(head["compliant"]),
-                wavy=bool(head["wavy"]),
-                refused=head["role"] == "refused",
-                model=NOMINAL if taken is None else str(taken.name),
-                recommended=nominal if taken is None else float(taken["error_mm"]),
-                best=float(models["error_mm"].min()) if len(models) else np.nan,
-                nominal=nominal,
-                offsets=_of(models, OFFSETS),
-                reference=float(own["error_mm"].iloc[0]) if len(own) else np.nan,
-                reduced=float(peers.get(REDUCED, np.nan)),
-                pulled=float(peers.get(PULLED, np.nan)),
-                known=float(peers.get(KNOWN, np.nan)),
-                box=_of(models, NOMINAL if taken is None else str(taken.name), "box_mm"),
-                box_best=float(models["box_mm"].min()) if len(models) else np.nan,
-                box_nominal=_of(models, NOMINAL, "box_mm"),
-                expected=_said(taken, "expected_mm"),
-                expected_low=_said(taken, "expected_low_mm"),
-                expected_high=_said(taken, "expected_high_mm"),
-                incomplete=taken is not None and bool(taken["incomplete"]),
-                blames=bool(head["blames"]),
-                covered=0 if taken is None else int(taken["covered"]),
-                parameters=0 if taken is None else int(taken["parameters"]),
-                give=0.0 if taken is None else float(np.nan_to_num(taken["give_mm"])),
-                seconds=float(head["seconds"]),
-            )
-        )
-    return found
+def _outcome(rows: pd.DataFrame) -> dict[str, Any]:
+    head = rows.iloc[0]
+    models = rows[rows["role"] == "model"].set_index("model")
+    peers = rows[rows["role"].isin(["peer", "bound"])].set_index("model")["error_mm"]
+    chosen, own = (models[models[which].astype(bool)] for which in ("recommended", "reference"))
+    taken = chosen.iloc[0] if len(chosen) else None
+
+    def of(name: str, column: str = "error_mm") -> float:
+        return float(models[column].get(name, np.nan))
+
+    def said(column: str) -> float:
+        return np.nan if taken is None else float(taken[column])
+
+    model = NOMINAL if taken is None else str(taken.name)
+    return {
+        "preset": str(head["preset"]),
+        "way": str(head["way"]),
+        "trial": int(head["trial"]),
+        "compliant": bool(head["compliant"]),
+        "wavy": bool(head["wavy"]),
+        "refused": head["role"] == "refused",
+        "model": model,
+        "recommended": of(model) if taken is None else float(taken["error_mm"]),
+        "best": float(models["error_mm"].min()),
+        "nominal": of(NOMINAL),
+        "offsets": of(OFFSETS),
+        "reference": float(own["error_mm"].iloc[0]) if len(own) else np.nan,
+        "reduced": float(peers.get(REDUCED, np.nan)),
+        "pulled": float(peers.get(PULLED, np.nan)),
+        "known": float(peers.get(KNOWN, np.nan)),
+        "box": of(model, "box_mm"),
+        "box_best": float(models["box_mm"].min()),
+        "box_nominal": of(NOMINAL, "box_mm"),
+        "expected": said("expected_mm"),
+        "expected_low": said("expected_low_mm"),
+        "expected_high": said("expected_high_mm"),
+        "incomplete": taken is not None and bool(taken["incomplete"]),
+        "blames": bool(head["blames"]),
+        "covered": 0 if taken is None else int(taken["covered"]),
+        "parameters": 0 if taken is None else int(taken["parameters"]),
+        "give": 0.0 if taken is None else float(np.nan_to_num(taken["give_mm"])),
+        "seconds": float(head["seconds"]),
+    }
 
 
-def _said(taken: pd.Series[Any] | None, column: str) -> float:
-    return float("nan") if taken is None else float(taken[column])
+def judged(found: pd.DataFrame) -> pd.DataFrame:
+    """Trials in which something was identified, with what is made of them.
+
+    ``harms`` is worse than the nominal arm, ``harms_beyond`` by more than its interval says that it
+    may be off; ``is_expected`` is an error within that interval; ``gives``, compliance moves the
+    tool by more than a little.
+    """
+    told = found[np.isfinite(found["best"])]
+    harms = told["recommended"] > (1.0 + WORSE) * told["nominal"]
+    within = told["recommended"] <= told["nominal"] + (told["expected_high"] - told["expected"])
+    return told.assign(
+        over_best=told["recommended"] / told["best"],
+        harms=harms,
+        harms_beyond=harms & ~within,
+        is_expected=told["recommended"].between(told["expected_low"], told["expected_high"]),
+        gives=told["give"] > GIVES * told["nominal"],
+        worse_than_offsets=told["recommended"] > (1.0 + OFFSETS_WORSE) * told["offsets"],
+    )
 
 
-def _of(models: pd.DataFrame, name: str, column: str = "error_mm") -> float:
-    return float(models[column].get(name, np.nan)) if len(models) else float("nan")
-
-
-def summary(found: Sequence[Outcome], near: float) -> list[dict[str, Any]]:
+def summary(found: pd.DataFrame, near: float) -> list[dict[str, Any]]:
     """A row for each way to measure, then one for each preset with it."""
-    ways = dict.fromkeys(one.way for one in found)
-    presets = dict.fromkeys(one.preset for one in found)
-    rows = [_row(way, EVERY, [o for o in found if o.way == way], near) for way in ways]
+    ways, presets = found["way"].unique(), found["preset"].unique()
+    rows = [_row(way, EVERY, found[found["way"] == way], near) for way in ways]
     for way in ways:
         for preset in presets:
-            own = [o for o in found if (o.way, o.preset) == (way, preset)]
+            own = found[(found["way"] == way) & (found["preset"] == preset)]
             rows.append(_row(way, preset, own, near))
     return rows
 
 
-def _row(way: str, preset: str, found: Sequence[Outcome], near: float) -> dict[str, Any]:
-    told = [one for one in found if np.isfinite(one.best)]
-    rigid = [one for one in told if not one.compliant]
-    wavy = [one for one in told if one.wavy]
-    ratio = np.array([one.over_best for one in told])
+def _row(way: str, preset: str, found: pd.DataFrame, near: float) -> dict[str, Any]:
+    told = judged(found)
+    wavy, ratio = told[told["wavy"]], told["over_best"]
     row: dict[str, Any] = {"way": way, "preset": preset, "arms": len(found)}
-    row["refused"] = sum(one.refused for one in found)
+    row["refused"] = int(found["refused"].sum())
     row |= _share("best", ratio <= 1.0 + WORSE)
     row |= _share("near", ratio <= 1.0 + near)
-    row |= _share("known_near", _flags(one.known <= (1.0 + near) * one.best for one in told))
+    row |= _share("known_near", told["known"] <= (1.0 + near) * told["best"])
     row["over_best_median"] = _median(ratio)
     row["over_best_worst"] = float(ratio.max()) if len(ratio) else None
-    row |= _share("harms", _flags(one.harms for one in told))
-    row |= _share("harms_beyond", _flags(one.harms_beyond for one in told))
-    row |= _share("worse_than_offsets", _flags(one.worse_than_offsets for one in told))
-    row |= _share("compliance_of_rigid", _flags(one.gives for one in rigid))
-    row["box_near"] = sum(one.box <= (1.0 + near) * one.box_best for one in told)
-    row["box_harms"] = sum(one.box > (1.0 + WORSE) * one.box_nominal for one in told)
+    for name in ("harms", "harms_beyond", "worse_than_offsets"):
+        row |= _share(name, told[name])
+    row |= _share("compliance_of_rigid", told["gives"][~told["compliant"]])
+    row["box_near"] = int((told["box"] <= (1.0 + near) * told["box_best"]).sum())
+    row["box_harms"] = int((told["box"] > (1.0 + WORSE) * told["box_nominal"]).sum())
     names = ("nominal", "offsets", "recommended", "best", "reference", "reduced", "pulled", "known")
     for name in (*names, "box", "box_best", "box_nominal"):
-        row[f"{name}_mm"] = _median([getattr(one, name) for one in told])
+        row[f"{name}_mm"] = _median(told[name])
     row |= _coverage("covered", told)
-    row |= _coverage("covered_smooth", [one for one in told if not one.wavy])
+    row |= _coverage("covered_smooth", told[~told["wavy"]])
     row |= _coverage("covered_wavy", wavy)
-    row |= _coverage("covered_wavy_silent", [one for one in wavy if not one.incomplete])
-    expects = [one for one in told if np.isfinite(one.expected)]
-    row |= _share("expected", _flags(one.is_expected for one in expects))
-    row["found_over_expected"] = _median([one.recommended / one.expected for one in expects])
-    row |= _share("incomplete_wavy", _flags(one.incomplete for one in wavy))
-    row |= _share("blames", _flags(one.blames for one in told))
-    row["seconds"] = _median([one.seconds for one in told])
+    row |= _coverage("covered_wavy_silent", wavy[~wavy["incomplete"]])
+    expects = told[np.isfinite(told["expected"])]
+    row |= _share("expected", expects["is_expected"])
+    row["found_over_expected"] = _median(expects["recommended"] / expects["expected"])
+    row |= _share("incomplete_wavy", wavy["incomplete"])
+    row |= _share("blames", told["blames"])
+    row["seconds"] = _median(told["seconds"])
     return row
 
 
-def _flags(of: Iterable[bool]) -> np.ndarray:
-    return np.array(list(of), dtype=bool)
+def _share(name: str, of: pd.Series[bool] | np.ndarray) -> dict[str, Any]:
+    found = wilson(np.asarray(of, dtype=bool))
+    ends = {f"{name}_{end}": found[end] for end in ("low", "high")}
+    return {name: int(of.sum()), f"{name}_of": len(of)} | ends
 
 
-def _share(name: str, of: np.ndarray) -> dict[str, Any]:
-    found = wilson(of)
-    return {
-        name: int(of.sum()),
-        f"{name}_of": len(of),
-        f"{name}_low": found["low"],
-        f"{name}_high": found["high"],
-    }
-
-
-def _coverage(name: str, found: Sequence[Outcome]) -> dict[str, Any]:
+def _coverage(name: str, found: pd.DataFrame) -> dict[str, Any]:
     """Pooled over arms; their interval takes the parameters of an arm for independent."""
-    covered, parameters = (sum(getattr(one, k) for one in found) for k in ("covered", "parameters"))
-    of = np.arange(parameters) < covered
-    return _share(name, of)
+    return _share(name, np.arange(found["parameters"].sum()) < found["covered"].sum())
 
 
-def _median(values: Iterable[float]) -> float | None:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else None
+def _median(values: pd.Series[float]) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.median()) if len(known) else None
 
 
-def models_taken(found: Sequence[Outcome]) -> dict[str, dict[str, int]]:
+def models_taken(found: pd.DataFrame) -> dict[str, dict[str, int]]:
     """How often each model is recommended, by way to measure."""
-    taken: dict[str, dict[str, int]] = {}
-    for one in found:
-        own = taken.setdefault(one.way, {})
-        own[one.model] = own.get(one.model, 0) + 1
-    return {way: dict(sorted(own.items(), key=lambda pair: -pair[1])) for way, own in taken.items()}
+    ways = found.groupby("way", sort=False)["model"]
+    return {way: dict(Counter(models).most_common()) for way, models in ways}
 
 
-def worst(found: Sequence[Outcome], count: int = 10) -> list[dict[str, Any]]:
+def worst(found: pd.DataFrame, count: int = 10) -> list[dict[str, Any]]:
     """Trials in which the recommended model is farthest from the best."""
-    told = sorted((o for o in found if np.isfinite(o.best)), key=lambda one: -one.over_best)
-    return [
-        {"way": one.way, "preset": one.preset, "trial": one.trial, "model": one.model}
-        | {f"{k}_mm": getattr(one, k) for k in ("recommended", "best", "nominal", "offsets")}
-        for one in told[:count]
-    ]
+    told = judged(found).sort_values("over_best", ascending=False, kind="stable").head(count)
+    errors = ["recommended", "best", "nominal", "offsets"]
+    shown = told[["way", "preset", "trial", "model", *errors]]
+    return shown.rename(columns={name: f"{name}_mm" for name in errors}).to_dict("records")
 
 
 def markdown(said: Mapping[str, Any]) -> str:

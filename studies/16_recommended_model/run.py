@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from posedesign.study import Grid, Options, Store, call, read_table, run_grid
@@ -16,28 +14,29 @@ from studies import writing
 from studies.drawing import BLUE, GREY, VERMILION
 
 from .recommended_arms import SETTINGS
-from .recommended_table import Outcome, models_taken, outcomes, summary, worst
+from .recommended_table import judged, models_taken, outcomes, summary, worst
 from .recommended_table import markdown as markdown
 from .recommended_trials import simulate as simulate  # called by its name
 
 
-def draw(found: Sequence[Outcome]) -> Figure:
+def draw(found: pd.DataFrame) -> Figure:
     """A panel for each way to measure, a point for each arm; harm is marked."""
-    ways = list(dict.fromkeys(one.way for one in found))
+    ways = found["way"].unique()
     figure = Figure(figsize=(4.2 * len(ways), 4.6), layout="constrained")
     panels = figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=False)[0]
-    told = [one for one in found if one.best > 0]
-    span = [min(one.best for one in told) / 1.3, 1.3 * max(one.recommended for one in told)]
+    told = judged(found[found["best"] > 0])
+    span = [told["best"].min() / 1.3, 1.3 * told["recommended"].max()]
     for panel, way in zip(panels, ways, strict=True):
-        own = [one for one in told if one.way == way]
         panel.plot(span, span, color=GREY, lw=1.0)
         for harms, colour, mark, label in (
             (False, BLUE, "o", "better than the nominal arm"),
             (True, VERMILION, "X", "worse than the nominal arm"),
         ):
-            some = np.array([(o.best, o.recommended) for o in own if o.harms == harms])
-            x, y = some.reshape(-1, 2).T
-            panel.plot(x, y, mark, color=colour, ms=4.0, alpha=0.6, lw=0, label=label)
+            some = told[(told["way"] == way) & (told["harms"] == harms)]
+            panel.plot(
+                some["best"], some["recommended"], mark, color=colour, ms=4.0, alpha=0.6, lw=0,
+                label=label,
+            )  # fmt: skip
         panel.set_xscale("log")
         panel.set_yscale("log")
         panel.set_title(way)
@@ -71,7 +70,7 @@ def study(options: Options) -> dict[str, Any]:
         advance=lambda done, total: options.advance(f"{done} of {total} tasks", done / total),
     )
     found = outcomes(read_table(table))
-    writing.write_rows(options.out, ARMS, [asdict(one) for one in found], DIGITS)
+    writing.write_rows(options.out, ARMS, found.to_dict("records"), DIGITS)
     said = writing.rounded(key_figures(found) | {"trials": trials}, DIGITS)
     writing.write_figures(options.out, said)
     return dict(said)
@@ -82,7 +81,7 @@ def conditions() -> list[dict[str, str]]:
     return [{"preset": p, "way": w} for w in SETTINGS["ways"] for p in SETTINGS["presets"]]
 
 
-def key_figures(found: list[Outcome]) -> dict[str, Any]:
+def key_figures(found: pd.DataFrame) -> dict[str, Any]:
     """What the README has, and where to look."""
     rows = summary(found, SETTINGS["near"])
     return {"rows": rows, "taken": models_taken(found), "worst": worst(found)}
@@ -90,20 +89,4 @@ def key_figures(found: list[Outcome]) -> dict[str, Any]:
 
 def plot(folder: Path) -> list[Path]:
     """Draw the arms of a table."""
-    rows = writing.read_rows(folder, ARMS)
-    return writing.save(draw([_outcome(row) for row in rows]), folder, FIGURE)
-
-
-def _outcome(row: Mapping[str, Any]) -> Outcome:
-    """An arm of the table, whose numbers are all read as such and its flags as words."""
-    given: dict[str, Any] = {}
-    for field in fields(Outcome):
-        value = row[field.name]
-        if field.type == "bool":
-            value = str(value).lower() in ("true", "1", "1.0")
-        elif field.type == "float":
-            value = float(value) if value != "" else float("nan")
-        elif field.type == "int":
-            value = int(value)
-        given[field.name] = value
-    return Outcome(**given)
+    return writing.save(draw(pd.read_csv(folder / ARMS)), folder, FIGURE)

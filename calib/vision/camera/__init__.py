@@ -59,30 +59,27 @@ __all__ = [
 ]
 
 _WHERE = {
-    "Camera": "calib.vision.camera.lens",
-    "CircleTarget": "calib.vision.camera.target",
-    "EllipseMeasurement": "calib.vision.camera.ellipse",
-    "FastObserver": "calib.vision.camera.observers",
-    "Glare": "calib.vision.camera.rendering",
-    "ImageObserver": "calib.vision.camera.observers",
-    "Imaging": "calib.vision.camera.rendering",
-    "MeasurementNoise": "calib.vision.camera.observers",
-    "Observer": "calib.vision.camera.observers",
-    "Occluder": "calib.vision.camera.rendering",
-    "PinholeCamera": "calib.vision.camera.lens",
-    "TargetPose": "calib.vision.camera.pnp",
-    "Views": "calib.vision.camera.observers",
-    "circle_center": "calib.vision.camera.circle_pose",
-    "circle_center_bias": "calib.vision.camera.circle_pose",
-    "circle_image": "calib.vision.camera.conic",
-    "circle_poses": "calib.vision.camera.circle_pose",
-    "ellipse_axes": "calib.vision.camera.conic",
-    "make_observer": "calib.vision.camera.observers",
-    "measure_ellipse": "calib.vision.camera.ellipse",
-    "noise_from_images": "calib.vision.camera.observers",
-    "pose_from_image": "calib.vision.camera.pattern_pose",
-    "pose_from_points": "calib.vision.camera.pnp",
-    "render": "calib.vision.camera.rendering",
+    name: f"{__name__}.{module}"
+    for module, names in {
+        "circle_pose": ("circle_center", "circle_center_bias", "circle_poses"),
+        "conic": ("circle_image", "ellipse_axes"),
+        "ellipse": ("EllipseMeasurement", "measure_ellipse"),
+        "lens": ("Camera", "PinholeCamera"),
+        "observers": (
+            "FastObserver",
+            "ImageObserver",
+            "MeasurementNoise",
+            "Observer",
+            "Views",
+            "make_observer",
+            "noise_from_images",
+        ),
+        "pattern_pose": ("pose_from_image",),
+        "pnp": ("TargetPose", "pose_from_points"),
+        "rendering": ("Glare", "Imaging", "Occluder", "render"),
+        "target": ("CircleTarget",),
+    }.items()
+    for name in names
 }
 
 

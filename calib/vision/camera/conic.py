@@ -237,10 +237,6 @@ def fit_robust(points: FloatArray, start: FloatArray, floor_px: float) -> Robust
     start : ndarray (5,)
     floor_px : float
         Least scale: points nearer than that are never outliers.
-
-    Returns
-    -------
-    RobustFit
     """
     ellipse = start
     distance, jacobian = ellipse_distance(ellipse, points)

@@ -79,10 +79,6 @@ def find_edges(image: GreyImage, ellipse: FloatArray, *, dark: bool) -> Edges:
         [px].
     dark : bool
         Whether the inside is the darker side.
-
-    Returns
-    -------
-    Edges
     """
     long, short, _ = (float(v) for v in ellipse_axes(ellipse))
     count = int(np.clip(np.pi * (long + short) / 2 / _SPACING_PX, _FEWEST, _MOST))
@@ -116,10 +112,6 @@ def steps_along(
     ring : bool
         Whether neighbouring points follow each other about a closed edge, so that their plateaus
         may be averaged.
-
-    Returns
-    -------
-    Edges
     """
     samples = 2 * max(round(reach / _STEP_PX), 3)
     step = 2 * reach / samples

@@ -321,10 +321,6 @@ def noise_from_images(
         Images. The standard deviations are good to ``1 / sqrt(2 trials)`` of themselves.
     rng : numpy.random.Generator
 
-    Returns
-    -------
-    MeasurementNoise
-
     Raises
     ------
     InputError

@@ -18,11 +18,8 @@ PoseStatus = Literal["ok", "ambiguous", "no pose"]
 _FEWEST = 4
 """Points in a plane that fix a pose up to the two ways of seeing it."""
 
-_STEPS = 15
-"""Gauss-Newton steps from OpenCV's start, which is within a degree: three or four are needed."""
-
-_SETTLED = 1e-12
-"""Step [rad, m] at which the pose stands: far below its standard deviation, above rounding."""
+_UNTIL_SETTLED = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-15)
+"""Until steps are rounding: from OpenCV's start, within a degree, three or four are needed."""
 
 _FLAT_M = 1e-9
 """Largest z of points that count as a plane for IPPE."""
@@ -72,8 +69,8 @@ def pose_from_points(
 ) -> TargetPose:
     """Pose of greatest likelihood from points of a plane target and their pixels.
 
-    IPPE (OpenCV) gives the two poses that a plane can be seen in; both are refined by Gauss-Newton
-    on the pixels, and the better is returned.
+    IPPE (OpenCV) gives the two poses that a plane can be seen in; both are refined by least
+    squares on the pixels, and the better is returned.
 
     Parameters
     ----------
@@ -158,15 +155,17 @@ def _starts(camera: Camera, points: FloatArray, seen: FloatArray) -> list[FloatA
 def _refined(
     camera: Camera, points: FloatArray, seen: FloatArray, T: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Gauss-Newton on the pixels; the pose and its sum of squares [px²], infinite if it fails."""
-    for _ in range(_STEPS):
-        residual, jacobian = _residuals(camera, points, seen, T)
-        if not np.isfinite(residual).all():
-            return T, float("inf")
-        step, *_ = np.linalg.lstsq(jacobian, residual, rcond=None)
-        T = se3.transform(se3.rotation_exp(step[:3]) @ T[:3, :3], T[:3, 3] + step[3:])
-        if np.abs(step).max() < _SETTLED:
-            break
+    """Least squares on the pixels; the pose and its sum of squares [px²], infinite if it fails."""
+    turn, place = cv2.solvePnPRefineLM(
+        points,
+        seen,
+        np.block([[np.diag(camera.focal_xy_px), camera.center_px[:, None]], [0.0, 0.0, 1.0]]),
+        np.array(camera.distortion),
+        se3.rotation_log(T[:3, :3])[:, None],
+        T[:3, 3:].copy(),
+        _UNTIL_SETTLED,
+    )
+    T = se3.transform(se3.rotation_exp(turn[:, 0]), place[:, 0])
     residual, _ = _residuals(camera, points, seen, T)
     cost = float(residual @ residual)
     return T, cost if np.isfinite(cost) else float("inf")

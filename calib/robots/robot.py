@@ -24,7 +24,9 @@ from calib.robots.chain import ChainState, SerialChain
 from calib.robots.controller import Controller, controller_of
 from calib.robots.description.urdf import load_urdf
 from calib.robots.inverse import InverseKinematics, InverseSolutions
-from calib.robots.inverse.solvers import solver_for
+from calib.robots.inverse.closed_form import ClosedForm
+from calib.robots.inverse.iterative import DampedIteration
+from calib.robots.inverse.redundant import RedundantArm
 from calib.robots.model_chain import (
     body_of,
     chain_of,
@@ -350,7 +352,9 @@ class Robot:
 
     @cached_property
     def _inverse(self) -> InverseKinematics:
-        return solver_for(self.chain)
+        """The solver that gives most of the postures of the chain."""
+        chain = self.chain
+        return ClosedForm.of(chain) or RedundantArm.of(chain) or DampedIteration(chain)
 
     def check_posture(self, q: ArrayLike) -> FloatArray:
         """Return q as a float array after checking that it has n finite values a posture."""

@@ -345,7 +345,7 @@ def camera_noise(cell: Cell) -> PairNoise:
 
 def write_study(study: AccuracyStudy, out: Path | Results) -> tuple[Path, Path]:
     """Write ``accuracy_vs_condition.csv`` and its figure."""
-    from posedesign.report.accuracy_figure import draw_accuracy
+    from posedesign.report.accuracy import draw_accuracy
 
     file, figure = Results.of(out, "study accuracy").claim("simulated", *STUDY)
     rows = [finding.__dict__ for finding in study.findings]

@@ -1,4 +1,4 @@
-"""Errors of the tool point over a task box, as predicted and as simulated: studies 10 and 11.
+"""Cells, task boxes and errors of the tool point over them: studies 10 and 11.
 
 A simulated arm is touched up many times, each set of touch-ups is identified, and the tool point of
 the arm so identified is held against the true one at the points of the box, by the kinematics of
@@ -9,9 +9,10 @@ turned by the zero offset of joint 1 that they take up.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -25,10 +26,61 @@ from calib.model.parameters import (
     ToolPoint,
     ZeroOffsets,
 )
-from calib.se3 import FloatArray, IntArray, apply
+from calib.se3 import BoolArray, FloatArray, IntArray, apply, wpr_from_rotation
 from posedesign.candidates import Pool
-from posedesign.cell import Cell, usual_offsets
+from posedesign.cell import (
+    Cell,
+    TaskBox,
+    cell_template,
+    touching_poses,
+    usual_offsets,
+    wpr_rotations,
+)
+from posedesign.cell.task_box import reached_points
+from posedesign.constraints import nearest_postures
 from posedesign.simulation import SimulatedRobot
+
+
+def study_cell(name: str, smallest_singular_value: float) -> Cell:
+    """The cell of a preset, bounded by joint limits and a distance from singular postures."""
+    cell = Cell.from_text(cell_template(name, surroundings=False))
+    constraints = cell.config.constraints.model_copy(
+        update={"smallest_singular_value": smallest_singular_value}
+    )
+    config = cell.config.model_copy(update={"constraints": constraints})
+    return Cell.from_config(config, Path("cell.toml"))
+
+
+def box_postures(cell: Cell, box: Mapping[str, Sequence[float]]) -> FloatArray:
+    """Postures ``(K, n)`` [rad] at the points of a box ``lowest_mm`` to ``highest_mm``."""
+    lowest, highest = (np.array(box[key]) / 1e3 for key in ("lowest_mm", "highest_mm"))
+    found = reached_points(cell, TaskBox(lowest, highest))
+    return found.q[found.feasible]
+
+
+def grid_pool(cell: Cell, width_deg: float, part: BoolArray | None = None) -> Pool:
+    """Poses of the W P R grid that can be taken, or of a part ``(27,)`` of it."""
+    wpr = wpr_from_rotation(cell.robot.fk(cell.base_posture)[:3, :3])
+    rotations = wpr_rotations(wpr, np.deg2rad([width_deg] * 3))
+    poses = touching_poses(
+        rotations if part is None else rotations[part], cell.tool_m, cell.target_m
+    )
+    found = nearest_postures(cell.checker, poses, cell.base_posture)
+    return pool_at_target(cell, found.q[found.feasible])
+
+
+def pool_at_target(cell: Cell, postures: FloatArray) -> Pool:
+    """Postures ``(N, n)`` [rad] at the one target of a cell, as a pool."""
+    return Pool(
+        postures,
+        cell.robot.fk(postures)[:, :3, :3],
+        np.zeros(len(postures), dtype=np.intp),
+        cell.target_m[None],
+        (cell.config.target.name,),
+        len(postures),
+        "given postures",
+    )
+
 
 CONFIDENCE = 0.95
 RESAMPLES = 1000

@@ -166,7 +166,7 @@ def results_of(name: str) -> Path:
 
 def print_study(study: AccuracyStudy) -> None:
     """Print the key figures of every pose set."""
-    from posedesign.report.accuracy_table import LEGEND, accuracy_rows
+    from posedesign.report.accuracy import LEGEND, accuracy_rows
 
     for text in study.notes:
         note(f"note: {text}")

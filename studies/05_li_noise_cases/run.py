@@ -21,8 +21,7 @@ from posedesign.study import Advance, Options
 from studies import writing
 from studies.drawing import BLACK, BLUE, GREEN, GREY, PURPLE, VERMILION, log_ticks
 from studies.intervals import median_interval
-from studies.real_data import data_folder
-from studies.real_pairs import Sides, real_pairs
+from studies.real_data import Sides, data_folder, real_pairs
 
 from .li_cases import (
     DUAL,

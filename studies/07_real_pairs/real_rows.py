@@ -24,7 +24,7 @@ from calib.robot_world import (
     solve_batch,
 )
 from calib.se3 import BoolArray, FloatArray
-from studies.real_pairs import MM, Sides
+from studies.real_data import MM, Sides
 
 RATIO, ON_B = "ml, ratio", "ml, on B"
 """``ml`` with the ratio of the noises given, and with noise of B alone, the same in all directions;

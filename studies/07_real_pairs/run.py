@@ -16,8 +16,7 @@ from calib.robot_world import PairNoise, residuals, solve
 from posedesign.study import Advance, Options
 from studies import writing
 from studies.drawing import GREY, log_ticks, rows_of_marks
-from studies.real_data import data_with
-from studies.real_pairs import MM, TABB, TAGS, UR3E, Sides, from_the_images, real_pairs
+from studies.real_data import MM, TABB, TAGS, UR3E, Sides, data_with, from_the_images, real_pairs
 from studies.writing import table_of
 
 from .real_rows import ON_B, against_images, compared, proof, row_names, row_of, solved

@@ -20,8 +20,17 @@ from posedesign.cell.orientations import GRID
 from posedesign.motion import Router
 from posedesign.planning import plan
 from posedesign.selection import mean_deviation, select
-from studies.box_cells import box_postures, grid_pool, pool_at_target, study_cell
-from studies.tool_errors import Experiment, ToolErrors, simulate_errors, simulated_arm, tool_errors
+from studies.tool_errors import (
+    Experiment,
+    ToolErrors,
+    box_postures,
+    grid_pool,
+    pool_at_target,
+    simulate_errors,
+    simulated_arm,
+    study_cell,
+    tool_errors,
+)
 
 HALF = (GRID != 0).sum(axis=1) % 2 == 0
 """Thirteen of the 27 poses of the grid that lie evenly in it: the middle and that of each edge."""

@@ -13,9 +13,16 @@ from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool, cone_pool
 from posedesign.selection import condition_inf, evaluate
-from studies.box_cells import box_postures, study_cell
 from studies.intervals import rank_correlation
-from studies.tool_errors import RESAMPLES, RESAMPLING_SEED, interval, simulated_arm, tool_errors
+from studies.tool_errors import (
+    RESAMPLES,
+    RESAMPLING_SEED,
+    box_postures,
+    interval,
+    simulated_arm,
+    study_cell,
+    tool_errors,
+)
 
 SMALLER_IS_BETTER = {
     "I: predicted error, mean over the box": True,

@@ -14,8 +14,16 @@ from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool, cone_pool
 from posedesign.cell import Cell
 from posedesign.selection import PER_MRAD_AND_MM, largest_deviation, mean_deviation, select
-from studies.box_cells import box_postures, grid_pool, study_cell
-from studies.tool_errors import Experiment, ToolErrors, interval, simulate_errors, simulated_arm
+from studies.tool_errors import (
+    Experiment,
+    ToolErrors,
+    box_postures,
+    grid_pool,
+    interval,
+    simulate_errors,
+    simulated_arm,
+    study_cell,
+)
 
 CRITERIA = ("I", "G", "A", "D", "E", "C_G", "cond_2", "O1", "O2", "O3", "O4", "O5")
 OF_THE_REGRESSOR = ("C_G", "cond_2")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from posedesign.cell import Cell, cell_template
-from posedesign.report.accuracy_figure import accuracy_figure
+from posedesign.report.accuracy import accuracy_figure
 from posedesign.simulation import (
     IDENTIFIED_ARM,
     AccuracyStudy,

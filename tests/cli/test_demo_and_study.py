@@ -142,7 +142,7 @@ def test_study_command(cli, work):
 
 
 def test_study_depends_on_the_seed_alone(cli, work, monkeypatch):
-    drawn = "posedesign.report.accuracy_figure.draw_accuracy"
+    drawn = "posedesign.report.accuracy.draw_accuracy"
     monkeypatch.setattr(drawn, lambda study, path: path)  # longer than the studies
     text = (work / "cell.toml").read_text()
     quick = text.replace("largest_deg = [60.0, 60.0, 60.0]", "largest_deg = [5.0, 5.0, 5.0]")

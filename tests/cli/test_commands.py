@@ -76,7 +76,7 @@ def test_robots(cli):
 
 
 A_FEW = ("r2000ic165f", "panda", "ur5e")
-"""Presets that are planned for at once: a FANUC, seven joints, joints of whole turns."""
+"""A FANUC, seven joints, joints of whole turns; all presets are planned in golden tests."""
 
 
 @pytest.mark.parametrize("preset", [None, *preset_names()])
@@ -91,13 +91,7 @@ def test_new_prints_a_cell(cli, preset):
     assert list(written) == [name for name in CellConfig.model_fields if name not in commented]
 
 
-@pytest.mark.parametrize(
-    "preset",
-    [
-        name if name in A_FEW else pytest.param(name, marks=pytest.mark.slow)
-        for name in preset_names()
-    ],
-)
+@pytest.mark.parametrize("preset", A_FEW)
 def test_the_cell_that_new_prints_can_be_planned(cli, tmp_path, preset):
     (tmp_path / "cell.toml").write_text(cli("new", "--robot", preset).out)
     planned = cli("plan", tmp_path / "cell.toml", "--out", tmp_path, "--json")

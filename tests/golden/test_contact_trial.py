@@ -17,6 +17,7 @@ from calib.geometry.ways import TOUCH_M
 from calib.robots import Robot, preset_names
 from calib.se3 import rotation_exp, transform
 
+KINDS = ("both", "meshes", "solids")
 QUICK = {("lrmate200id", "both"), ("ur5e", "meshes"), ("panda", "both")}
 FEW, MANY = 20, 100
 SAMPLES_A_MOTION = 150
@@ -169,12 +170,19 @@ def trial(name: str, kind: str, seed: int, count: int) -> dict[str, int]:
     }
 
 
+def marks_of(arm: int, name: str, of: int, kind: str) -> tuple[pytest.MarkDecorator, ...]:
+    """Each arm in one of the kinds in turn among the slow ones; all of them with all there is."""
+    if (name, kind) in QUICK:
+        return ()
+    return (pytest.mark.slow, pytest.mark.full)[: 1 if (arm + of) % len(KINDS) == 0 else 2]
+
+
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        pytest.param(n, k, marks=() if (n, k) in QUICK else pytest.mark.slow)
-        for n in preset_names()
-        for k in ("both", "meshes", "solids")
+        pytest.param(name, kind, marks=marks_of(arm, name, of, kind))
+        for arm, name in enumerate(preset_names())
+        for of, kind in enumerate(KINDS)
     ],
 )
 def test_no_contact_is_called_clear(name, kind):

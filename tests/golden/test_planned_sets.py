@@ -84,6 +84,7 @@ class BruteForce:
 
 
 def check_plan(cell: Cell, result: PosePlan) -> None:
+    assert result.reached
     assert len(result.postures) >= 20
     brute = BruteForce(cell)
     for name, q in zip(result.names, result.postures, strict=True):

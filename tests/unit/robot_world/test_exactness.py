@@ -45,7 +45,7 @@ def assert_exact(found, X, Z):
 
 
 @pytest.mark.parametrize("cone_deg", [None, 40.0])
-@pytest.mark.parametrize("pairs", [3, 4, 5, 12, 27, 50])
+@pytest.mark.parametrize("pairs", [3, 4, 5, 12, 50])
 @pytest.mark.parametrize("method", SOUND)
 def test_exact_without_noise(method, pairs, cone_deg):
     problems = random_problems(np.random.default_rng(pairs), 40, pairs, cone_deg)

@@ -1,6 +1,7 @@
 """The command line as a person types it, in this process, with small files to type it on."""
 
 import csv
+import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -72,6 +73,21 @@ def refuse(cli, tmp_path) -> Refuse:
         return Refusal(line)
 
     return refused
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """Rows of a table below its comments."""
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(line for line in stream if not line.startswith("#")))
+
+
+def strict_json(text: str) -> Any:
+    """JSON as other programs read it: without NaN and Infinity."""
+
+    def refused(constant: str) -> None:
+        raise AssertionError(f"{constant} is no JSON")
+
+    return json.loads(text, parse_constant=refused)
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:

@@ -1,7 +1,6 @@
 """``posedesign calibrate``: rehearsed, stopped, gone on with, refused."""
 
 import contextlib
-import csv
 import io
 import json
 import shutil
@@ -16,6 +15,7 @@ from posedesign.autonomous import run_by_sight
 from posedesign.cell import cell_template
 from posedesign.cli.main import run
 from posedesign.files import held
+from tests.cli.conftest import rows_of
 
 
 def small(text: str) -> str:
@@ -110,8 +110,7 @@ def test_plate_is_better_after_than_before(rehearsed):
 
 
 def test_touch_ups_are_those_of_the_journal(rehearsed):
-    with (rehearsed.out / "touchups.csv").open() as stream:
-        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+    rows = rows_of(rehearsed.out / "touchups.csv")
     entries = [json.loads(line) for line in rehearsed.lines[1:]]
     answers = {entry["name"]: entry["answer"] for entry in entries}
     assert len(rows) == 27

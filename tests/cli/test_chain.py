@@ -1,6 +1,5 @@
 """Files from step to step: what one command writes, the next one reads."""
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import pytest
 from posedesign.cell import Cell
 from posedesign.planning.tables import read_poses
 from posedesign.programs import read
-from tests.cli.conftest import Cli, offsets_only, with_camera
+from tests.cli.conftest import Cli, offsets_only, rows_of, with_camera
 
 RIGID = {
     "truth.deflection": "false",
@@ -66,8 +65,7 @@ def test_true_camera_and_target_are_found(cli, change_cell, work, seed):
     answer = chain(cli, cell, work / "out")
     offsets = answer["models"][1]["parameters"][:4]
     assert all(abs(p["value"]) < 5.0 * p["sigma"] for p in offsets)
-    with (work / "out" / "robot_world.csv").open() as stream:
-        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+    rows = rows_of(work / "out" / "robot_world.csv")
     loaded = Cell.load(cell)
     tool = 1e3 * loaded.tool_m + loaded.config.truth.tool_error_mm
     camera = tool - [0.0, 0.0, loaded.config.tool.camera_stand_off_mm]

@@ -1,6 +1,5 @@
 """Every command as a person types it: what it says, what it writes, its exit code."""
 
-import csv
 import json
 import re
 import tomllib
@@ -14,6 +13,7 @@ from posedesign.cell import Cell, CellConfig
 from posedesign.cell.file import cell_text
 from posedesign.cli import output
 from posedesign.programs import read, validate
+from tests.cli.conftest import rows_of
 
 COMMANDS = (
     "robots",
@@ -28,11 +28,6 @@ COMMANDS = (
     "study",
     "demo",
 )
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as stream:
-        return list(csv.DictReader(line for line in stream if not line.startswith("#")))
 
 
 def assert_table_shows(table: str, rows: list[dict[str, Any]], keys: tuple[str, ...]) -> None:

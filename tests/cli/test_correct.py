@@ -1,6 +1,5 @@
 """correct and predict as a person types them."""
 
-import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ from posedesign.cli.main import run
 from posedesign.identification.models import model_of
 from posedesign.planning.tables import read_poses
 from posedesign.simulation import SimulatedRobot
+from tests.cli.conftest import rows_of
 
 WAYS = ["corrected poses", "description", "mastering", "as it is"]
 TEXTS = ("meaning", "joint", "pendant_joint", "name", "status", "reason", "configuration")
@@ -53,10 +53,9 @@ def changed(identified) -> Callable[[Callable[[dict[str, Any]], object]], Path]:
 
 
 def table(path: Path) -> list[dict[str, Any]]:
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     return [
-        {k: v if k in TEXTS else (float(v) if v else None) for k, v in row.items()} for row in rows
+        {k: v if k in TEXTS else (float(v) if v else None) for k, v in row.items()}
+        for row in rows_of(path)
     ]
 
 

@@ -1,6 +1,5 @@
 """The two long commands, once each with ten draws."""
 
-import csv
 import json
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
@@ -14,6 +13,7 @@ from posedesign.cell import Cell
 from posedesign.cli.main import run
 from posedesign.planning.tables import read_pairs, read_poses, read_touch_ups
 from posedesign.programs import validate
+from tests.cli.conftest import rows_of
 
 FILES = {
     "cell.toml",
@@ -40,11 +40,6 @@ def demo(tmp_path_factory) -> tuple[Path, str]:
     return out, said.getvalue()
 
 
-def study_rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / "accuracy_vs_condition.csv").open() as stream:
-        return list(csv.DictReader(line for line in stream if not line.startswith("#")))
-
-
 def test_demo_leaves_its_files(demo):
     out, said = demo
     names = {path.name for path in out.iterdir()}
@@ -68,11 +63,8 @@ def test_demo_files_can_be_read_back(demo):
     assert [m["name"] for m in answer["models"]][:2] == ["frames only", "offsets"]
     assert answer["recommended"] == "offsets + compliance"
     assert set(answer["models"][1]["parameters"][0]) >= {"name", "value", "unit", "sigma"}
-    with (out / "robot_world.csv").open() as stream:
-        assert [
-            row["method"]
-            for row in csv.DictReader(line for line in stream if not line.startswith("#"))
-        ] == ["ml", "ml-robust", *PAPER_METHODS]
+    methods = [row["method"] for row in rows_of(out / "robot_world.csv")]
+    assert methods == ["ml", "ml-robust", *PAPER_METHODS]
     assert (out / "accuracy_vs_condition.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
@@ -82,7 +74,7 @@ def test_demo_files_feed_the_single_commands(demo, cli):
 
 
 def test_study_covers_every_estimator_and_quantity(demo):
-    rows = study_rows(demo[0])
+    rows = rows_of(demo[0] / "accuracy_vs_condition.csv")
     sets = {row["d_w_deg"] for row in rows}
     assert len(sets) >= 9  # 5 deg, 10 deg, ... until wider angles no longer help
     assert {float(d) for d in sets} <= {5.0 * (i + 1) for i in range(12)}
@@ -102,7 +94,7 @@ def test_study_covers_every_estimator_and_quantity(demo):
 def test_study_says_that_lower_condition_means_smaller_errors(demo):
     rows = [
         row
-        for row in study_rows(demo[0])
+        for row in rows_of(demo[0] / "accuracy_vs_condition.csv")
         if (row["estimator"], row["quantity"], row["truth"])
         == ("touch-up weighted", "zero_offset.joint_2", "deflecting")
     ]
@@ -124,7 +116,7 @@ def test_study_command(cli, work):
     said = cli("study", "accuracy", work / "cell.toml", "--draws", 10, "--out", out, "--json")
     assert (said.code, said.err) == (0, "")
     findings = json.loads(said.out)
-    rows = study_rows(out)
+    rows = rows_of(out / "accuracy_vs_condition.csv")
     assert len(findings) == len(rows)
     for finding, row in zip(findings, rows, strict=True):
         assert finding["quantity"] == row["quantity"]

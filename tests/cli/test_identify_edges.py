@@ -18,15 +18,9 @@ from posedesign.cell import Cell
 from posedesign.cli.identification_output import print_identification
 from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.identification import identify_models
-from tests.cli.conftest import offsets_only
+from tests.cli.conftest import offsets_only, rows_of, strict_json
 
 PLACES, TURNS = ("x_mm", "y_mm", "z_mm"), ("w_deg", "p_deg", "r_deg")
-
-
-def table(path: Path) -> list[dict[str, str]]:
-    """Rows of a CSV file."""
-    with path.open(newline="") as stream:
-        return list(csv.DictReader(line for line in stream if not line.startswith("#")))
 
 
 def save(path: Path, rows: list[dict[str, Any]]) -> Path:
@@ -60,7 +54,7 @@ def tracked(work: Path, kind: str, count: int = 30) -> Path:
 
 def in_other_units(path: Path, columns: tuple[str, ...], factor: float) -> Path:
     """The same file with some columns times a factor."""
-    rows = table(path)
+    rows = rows_of(path)
     return save(path, [row | {c: str(float(row[c]) * factor) for c in columns} for row in rows])
 
 
@@ -146,7 +140,7 @@ WRONG: dict[str, tuple[str, Callable[[list[dict[str, Any]]], object], tuple[str,
 def test_one_line_says_what_is_wrong_and_where(refuse, work, case):
     kind, change, words = WRONG[case]
     path = tracked(work, kind)
-    rows = table(path)
+    rows = rows_of(path)
     change(rows)
     save(path, rows)
     refuse("identify", work / "cell.toml", path, "--out", work / "out").says(f"{path}, ", *words)
@@ -156,11 +150,11 @@ def test_readings_without_the_word_for_them(cli, work):
     """Without the column kind they would be touch-ups whose readings are thrown away."""
     cell = offsets_only(work / "cell.toml")
     path = tracked(work, "point")
-    rows = [{k: v for k, v in row.items() if k != "kind"} for row in table(path)]
+    rows = [{k: v for k, v in row.items() if k != "kind"} for row in rows_of(path)]
     said = cli("identify", cell, save(path, rows), "--out", work)
     assert said.code != 0
     rows[0]["target"] = rows[0]["target"]
-    touched = table(work / "touchups.csv")
+    touched = rows_of(work / "touchups.csv")
     path = save(work / "both.csv", [row | dict.fromkeys(PLACES, "1") for row in touched])
     said = cli("identify", cell, path, "--out", work)
     assert said.code == 0
@@ -195,7 +189,7 @@ def test_rows_that_are_there_twice(cli, work):
 
 
 def test_poses_that_are_missing(cli, work):
-    rows = table(work / "touchups.csv")
+    rows = rows_of(work / "touchups.csv")
     kept = [row for row in rows if row["pose"] not in ("P03", "P11")]
     path = save(work / "few.csv", kept)
     said = cli("identify", offsets_only(work / "cell.toml"), path, "--out", work)
@@ -204,7 +198,7 @@ def test_poses_that_are_missing(cli, work):
 
 
 def test_a_target_that_is_seen_once(cli, work):
-    rows = table(work / "touchups.csv")
+    rows = rows_of(work / "touchups.csv")
     rows[6]["target"] = "S9"
     said = cli(
         "identify", offsets_only(work / "cell.toml"), save(work / "m.csv", rows), "--out", work
@@ -214,7 +208,7 @@ def test_a_target_that_is_seen_once(cli, work):
 
 
 def test_many_rows_outside_the_limits(cli, work):
-    rows = [row | {"j4_deg": "380"} for row in table(work / "touchups.csv")]
+    rows = [row | {"j4_deg": "380"} for row in rows_of(work / "touchups.csv")]
     said = cli(
         "identify", offsets_only(work / "cell.toml"), save(work / "m.csv", rows), "--out", work
     )
@@ -238,7 +232,7 @@ def test_joints_that_nothing_shows(refuse, change_cell, work):
 def knocked(work: Path, share: float, size_deg: float = 0.5) -> tuple[Path, list[str]]:
     """Touch-ups of which a share is wrong, and the names of these poses."""
     rng = np.random.default_rng(8)
-    rows = table(work / "touchups.csv")
+    rows = rows_of(work / "touchups.csv")
     wrong = rng.choice(len(rows), round(share * len(rows)), replace=False).tolist()
     for i in wrong:
         for j in (2, 3, 5):
@@ -287,13 +281,13 @@ def test_planned_poses_are_no_measurements(cli, refuse, work):
     cell = offsets_only(work / "cell.toml")
     line = refuse("identify", cell, work / "poses.csv", "--out", work / "out")
     line.says("poses.csv, line 1: holds planned poses, not measurements", "posedesign simulate")
-    rows = [{"target": "T1"} | row for row in table(work / "poses.csv")]
+    rows = [{"target": "T1"} | row for row in rows_of(work / "poses.csv")]
     said = cli("identify", cell, save(work / "m.csv", rows), "--out", work)
     assert "these postures were planned, not measured" in said.err
 
 
 def test_one_row_in_radians(cli, work):
-    rows = table(work / "touchups.csv")
+    rows = rows_of(work / "touchups.csv")
     rows[3] |= {f"j{k}_deg": str(np.deg2rad(float(rows[3][f"j{k}_deg"]))) for k in range(1, 7)}
     said = cli(
         "identify", offsets_only(work / "cell.toml"), save(work / "m.csv", rows), "--out", work
@@ -304,9 +298,9 @@ def test_one_row_in_radians(cli, work):
 
 def test_eight_touch_ups_are_enough_to_choose_by(cli, work):
     """Priors hold what so few do not tell: every model can be judged."""
-    rows = table(work / "touchups.csv")[:8]
+    rows = rows_of(work / "touchups.csv")[:8]
     words = ("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work, "--json")
-    content = strict(cli(*words).out)
+    content = strict_json(cli(*words).out)
     (best,) = (m for m in content["models"] if m["name"] == content["recommended"])
     low, high = best["expected_box_interval_mm"]
     assert 0.0 < low < best["expected_box_mm"] < high
@@ -350,7 +344,7 @@ def test_touch_ups_of_another_arm(cli, work, preset):
 
 def test_residuals_of_decimetres(cli, work):
     rng = np.random.default_rng(1)
-    rows = table(work / "touchups.csv")
+    rows = rows_of(work / "touchups.csv")
     for row in rows:
         for j in range(1, 7):
             row[f"j{j}_deg"] = str(float(row[f"j{j}_deg"]) + rng.normal(0.0, 4.0))
@@ -360,32 +354,23 @@ def test_residuals_of_decimetres(cli, work):
     assert "Identified" not in said.out
 
 
-def strict(text: str) -> Any:
-    """JSON as the standard has it: without NaN."""
-
-    def refused(constant: str) -> None:
-        raise AssertionError(f"{constant} is no JSON")
-
-    return json.loads(text, parse_constant=refused)
-
-
 def test_four_touch_ups(cli, work):
     """As many as are needed, and hardly more: said, and no NaN in the file."""
-    rows = table(work / "touchups.csv")[:4]
+    rows = rows_of(work / "touchups.csv")[:4]
     said = cli("identify", work / "cell.toml", save(work / "m.csv", rows), "--out", work)
     assert said.code == 0
     assert re.search(r"only \d equations are left over to test the model by", said.err)
     assert re.search(r"Identified: (frames only|offsets)", said.out)
     assert "nan" not in said.out
     said = cli("identify", work / "cell.toml", work / "m.csv", "--out", work, "--json")
-    content = strict(said.out)
+    content = strict_json(said.out)
     assert content["recommended"] in (None, "frames only", "offsets")
     assert content["models"][0]["name"] == "frames only"
 
 
 def test_json_is_all_that_is_printed(cli, work):
     said = cli("identify", work / "cell.toml", work / "touchups.csv", "--out", work, "--json")
-    content = strict(said.out)
+    content = strict_json(said.out)
     assert content["recommended"] == "offsets + compliance"
     for model in content["models"]:
         for parameter in model["parameters"]:

@@ -1,6 +1,5 @@
 """``posedesign plan`` for a camera on the tool, and for an accuracy that is wanted."""
 
-import csv
 import json
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from calib.robot_world import PairNoise, design
 from calib.se3 import inverse
 from posedesign.cell import Cell
 from posedesign.planning.tables import read_pairs, read_poses
+from tests.cli.conftest import rows_of
 
 CAMERA = {"measurement.kind": '"camera-pose"'}
 ONE_AXIS = {"variations.start_deg": "[0.0, 0.0, 5.0]", "variations.largest_deg": "[0.0, 0.0, 60.0]"}
@@ -84,8 +84,7 @@ def test_the_fewest_poses_for_an_accuracy(cli, cell, tmp_path):
     part = [r["predicted sigma"] / r["wanted"] for r in told["predicted"]]
     assert told["decides"] == told["predicted"][part.index(max(part))]["parameter"]
     assert f"({told['decides']} decides)" in told["message"]
-    with (tmp_path / "few" / "poses.csv").open(newline="") as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    rows = rows_of(tmp_path / "few" / "poses.csv")
     assert sum(row["status"] != "via" for row in rows) == told["poses"]
     scored = json.loads(cli("score", cell, tmp_path / "few" / "poses.csv", "--json").out)
     assert scored["off_target"] == []

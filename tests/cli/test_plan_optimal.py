@@ -1,15 +1,14 @@
 """``posedesign plan --method exchange`` and ``posedesign next`` as people type them."""
 
 import csv
-import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from posedesign.cli import output
 from posedesign.planning.optimal.choose import _Planning
 from posedesign.planning.tables import read_poses
+from tests.cli.conftest import strict_json
 
 SMALL = {"pool.candidates": "60"}
 EXCHANGE = ("--method", "exchange")
@@ -19,15 +18,6 @@ EXCHANGE = ("--method", "exchange")
 def cell(change_cell) -> Path:
     """The reference cell with a small pool."""
     return change_cell(SMALL)
-
-
-def strict_json(text: str) -> Any:
-    """JSON as other programs read it: without NaN and Infinity."""
-
-    def refuse(constant: str) -> None:
-        raise AssertionError(f"{constant} is no JSON")
-
-    return json.loads(text, parse_constant=refuse)
 
 
 def test_a_plan_out_of_a_pool(cli, cell, tmp_path):

@@ -1,6 +1,5 @@
 """``posedesign robot-world`` as a person types it, on pairs in every form."""
 
-import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +23,7 @@ from calib.se3 import FloatArray, inverse
 from posedesign.pairs import Pairs, solve_pairs, write_pairs
 from posedesign.pairs import results as pairs_results
 from posedesign.pairs.forms import PoseForm
+from tests.cli.conftest import rows_of
 
 NOISE = PairNoise(rotation_rad=5e-4, translation_m=2e-4, on="B")
 TYPED = ("--noise-deg", "0.02", "--noise-mm", "0.2")
@@ -39,11 +39,6 @@ def measured() -> tuple[Pairs, FloatArray, FloatArray]:
     A, B = add_noise(rng, problem.A[0], problem.B[0], NOISE)
     names = tuple(f"P{i + 1:02d}" for i in range(COUNT))
     return Pairs(names, A, B), problem.X[0], problem.Z[0]
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as stream:
-        return list(csv.DictReader(line for line in stream if not line.startswith("#")))
 
 
 def matlab(path: Path, **sides: FloatArray) -> Path:

@@ -8,13 +8,11 @@ import numpy as np
 
 from calib.errors import InputError, UnreachableError
 from calib.robots import InverseSolutions
-from calib.se3 import BoolArray, FloatArray
+from calib.se3 import BoolArray, FloatArray, inverse, rotation_exp, transform
 from posedesign.candidates.branches import MOST_PER_POSE, evenly
-from posedesign.candidates.draws import check_count, even_points, once
+from posedesign.candidates.draws import check_count, even_points, no_pose, no_posture, once
 from posedesign.candidates.pool import Pool
-from posedesign.candidates.reasons import no_pose, no_posture
-from posedesign.candidates.views import COORDINATES, viewing_poses
-from posedesign.cell import CameraSection, Cell
+from posedesign.cell import CameraSection, Cell, cone_rotations_at
 
 LARGEST_TURN_RAD = np.pi
 """Of a joint from the base posture: beyond it the arm is where it has been, a full turn apart."""
@@ -178,3 +176,43 @@ class _ViewDraws(_Draws):
     def _within(self, solutions: InverseSolutions) -> BoolArray:
         q = solutions.postures
         return np.asarray(((q >= self._lower) & (q <= self._upper)).all(axis=1))
+
+
+COORDINATES = 6
+"""Of a view: the place in the image (2), the distance, and what :func:`cone_rotations_at` takes."""
+
+
+def viewing_poses(cell: Cell, camera: CameraSection, points: FloatArray) -> FloatArray:
+    """Tip poses ``(N, 4, 4)`` that see the target, at points ``(N, 6)`` of the unit cube.
+
+    All that a cell allows its camera: the middle of the target anywhere in the image less its
+    border, at any distance, the face of the target tilted any way, and the camera rolled freely
+    about the line of sight.
+    """
+    u, v, distance = points[:, :3].T
+    room_px = np.array(camera.image_px) / 2.0 - camera.border_px
+    across = (2.0 * np.stack([u, v], axis=-1) - 1.0) * room_px / camera.focal_px
+    nearest_m, farthest_m = camera.nearest_mm / 1e3, camera.farthest_mm / 1e3
+    away_m = nearest_m + (farthest_m - nearest_m) * distance
+    # a frame whose z is the line of sight: tilted against the normal, and in the camera's own frame
+    tilt = float(np.deg2rad(camera.largest_tilt_deg))
+    R_base_sight = cone_rotations_at(_with_z(-cell.target_normal), tilt, points[:, 3:])
+    R_camera_sight = _towards(across)
+    R_base_camera = R_base_sight @ np.swapaxes(R_camera_sight, -1, -2)
+    lens = cell.target_m - away_m[:, None] * R_base_sight[:, :, 2]
+    return np.asarray(transform(R_base_camera, lens) @ inverse(cell.T_tip_camera))
+
+
+def _towards(across: FloatArray) -> FloatArray:
+    """Rotations ``(N, 3, 3)`` that turn z to the rays through points ``(N, 2)`` at depth one."""
+    slope = np.linalg.norm(across, axis=1)
+    angle = np.arctan(slope) / np.maximum(slope, np.finfo(float).tiny)
+    axis = np.stack([-across[:, 1], across[:, 0], np.zeros(len(across))], axis=-1)
+    return np.asarray(rotation_exp(axis * angle[:, None]))
+
+
+def _with_z(z: FloatArray) -> FloatArray:
+    """A rotation ``(3, 3)`` with this third column, a unit vector."""
+    x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])

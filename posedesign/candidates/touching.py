@@ -15,9 +15,8 @@ from posedesign.candidates.branches import (
     check_configurations,
     feasible_postures,
 )
-from posedesign.candidates.draws import check_count, even_points, once
+from posedesign.candidates.draws import check_count, even_points, no_pose, once
 from posedesign.candidates.pool import Pool
-from posedesign.candidates.reasons import no_pose
 from posedesign.candidates.targets import checkers_of, targets_of
 from posedesign.cell import Cell, cone_rotations_at, touching_poses, wpr_rotations
 

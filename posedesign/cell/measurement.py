@@ -7,7 +7,7 @@ import numpy as np
 from calib.model.measurements import KINDS, CameraPose, Measurement, TouchUp, ViewLine
 from calib.se3 import FloatArray
 from posedesign.cell.schema import CellConfig
-from posedesign.cell.schema_identification import NoiseSection
+from posedesign.cell.schema_sections import NoiseSection
 
 
 def make_measurement(config: CellConfig, R_tip_camera: FloatArray) -> Measurement:

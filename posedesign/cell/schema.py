@@ -13,20 +13,19 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BeforeValidator, Field, StrictBool, ValidationError, model_validator
 
 from calib.errors import FileFormatError, near_names
-from posedesign.cell.schema_identification import (
-    KnownDistanceSection,
-    NoiseSection,
-    ParameterSection,
-    PayloadSection,
-)
-from posedesign.cell.schema_types import (
+from posedesign.cell.schema_sections import (
     BoxSteps,
     Finite,
+    ImagingSection,
+    KnownDistanceSection,
     Line,
     Name,
     Noise,
+    NoiseSection,
     NoiseVector,
     NotNegative,
+    ParameterSection,
+    PayloadSection,
     PerJoint,
     Pixels,
     Positive,
@@ -34,10 +33,11 @@ from posedesign.cell.schema_types import (
     Seed,
     Size,
     Step,
+    TargetSection,
+    TouchUpSection,
     VariationVector,
     Vector,
 )
-from posedesign.cell.schema_visual import ImagingSection, TargetSection, TouchUpSection
 from posedesign.files import read_bytes_bounded
 
 LARGEST_CELL_BYTES = 1_000_000

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from posedesign.cell import Cell
     from posedesign.files import Results
     from posedesign.planning import PosePlan
+    from posedesign.planning.checks import PoseVerdict
     from posedesign.planning.optimal.outlook import Outlook
-    from posedesign.planning.pose_check import PoseVerdict
 
 LARGEST_SEED = 2**63 - 1
 """As in a cell."""
@@ -353,8 +353,7 @@ def check(
     """
     from posedesign.cell import Cell
     from posedesign.planning import off_target
-    from posedesign.planning.checks import ON_TARGET_M
-    from posedesign.planning.pose_check import check_poses
+    from posedesign.planning.checks import ON_TARGET_M, check_poses
     from posedesign.planning.tables import read_poses
 
     loaded = Cell.load(cell)
@@ -426,7 +425,7 @@ def score(
     """
     from posedesign.cell import Cell
     from posedesign.planning import scaling_of
-    from posedesign.planning.scoring import score_poses
+    from posedesign.planning.checks import score_poses
     from posedesign.planning.tables import read_poses
 
     loaded = Cell.load(cell)

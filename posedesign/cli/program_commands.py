@@ -71,7 +71,7 @@ def program(
     """Write the robot program that visits the poses."""
     from posedesign.cell import Cell
     from posedesign.planning import refuse_unfit
-    from posedesign.planning.pose_check import refuse_blocked
+    from posedesign.planning.checks import refuse_blocked
     from posedesign.planning.tables import read_poses
     from posedesign.pose_programs import chosen_dialect, program_options, write_program
     from posedesign.pose_programs.from_plan import with_approaches

@@ -9,7 +9,7 @@ from posedesign.cli.output import print_table, say
 
 if TYPE_CHECKING:
     from posedesign.pairs import SolverOutcome
-    from posedesign.pairs.frames import Camera
+    from posedesign.pairs.certificate import Camera
 
 _LEFT_OVER = {
     "method": "method",

@@ -1,11 +1,9 @@
 """Poses that the robot can really take: every constraint, one verdict, its reason."""
 
 from posedesign.constraints.checker import Checker, Verdicts
-from posedesign.constraints.constraint import ROUNDING, Constraint
-from posedesign.constraints.motions import WayChecker
+from posedesign.constraints.constraint import ROUNDING, Constraint, Situation
 from posedesign.constraints.postures import Postures, nearest_postures
-from posedesign.constraints.retreat import Retreat
-from posedesign.constraints.situation import Situation
+from posedesign.constraints.retreat import Retreat, WayChecker
 from posedesign.constraints.space import Collision, SelfCollision
 from posedesign.constraints.visibility import (
     Distance,

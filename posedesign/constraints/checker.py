@@ -9,9 +9,8 @@ import numpy as np
 
 from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, IntArray
-from posedesign.constraints.constraint import ROUNDING, Constraint
+from posedesign.constraints.constraint import ROUNDING, Constraint, Situation
 from posedesign.constraints.joints import CoupledLimits, JointLimits
-from posedesign.constraints.situation import Situation
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,7 @@ import numpy as np
 from calib.errors import limit_reason
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray
-from posedesign.constraints.constraint import ROUNDING, Constraint
-from posedesign.constraints.situation import Situation
+from posedesign.constraints.constraint import ROUNDING, Constraint, Situation
 
 _DEG = float(np.rad2deg(1.0))
 

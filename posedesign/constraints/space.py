@@ -11,8 +11,7 @@ from calib.geometry.scene import CAP_M
 from calib.geometry.ways import TOUCH_M
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, transform
-from posedesign.constraints.constraint import Constraint
-from posedesign.constraints.situation import Situation
+from posedesign.constraints.constraint import Constraint, Situation
 
 POINT_M = 1e-6
 """Radius of the balls that stand for points."""

@@ -1,11 +1,11 @@
 """Files of pose pairs, and of the answers to AX = ZB."""
 
+from posedesign.pairs.certificate import FRAMES
 from posedesign.pairs.file import (
     Pairs,
     read_pairs,
     write_pairs,
 )
-from posedesign.pairs.frames import FRAMES
 from posedesign.pairs.results import SolverOutcome, solve_pairs
 from posedesign.pairs.source import PairSource
 

@@ -24,9 +24,8 @@ from calib.robot_world.accuracy import NOISE_DOUBT
 from calib.robot_world.methods import find_method
 from calib.robot_world.methods.relative_motions import TOO_MANY
 from calib.se3 import FloatArray
-from posedesign.pairs.certificate import Proof, prove
+from posedesign.pairs.certificate import Camera, Proof, prove
 from posedesign.pairs.file import Pairs
-from posedesign.pairs.frames import Camera
 
 ALL, PAPERS = "all", "papers"
 

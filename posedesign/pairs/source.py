@@ -1,20 +1,185 @@
-"""Where pose pairs come from, and which way round they are: files, names, inversion, convention."""
+"""Where pose pairs come from, and which way round they are: files, names, inversion, convention.
+
+Quaternions of one order read in the other, angles about moving axes read as about fixed ones: such
+numbers are rotations all the same, and nothing in one pose shows the mistake. Over the pairs it
+shows, because no X and Z fit. So the readings that a form is often confused with are tried too,
+and one side the other way round. The rotations alone do not tell these two: four numbers in another
+order are a reflection, and turn as the inverse does. The translations do.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
+import numpy as np
+
+from calib import se3
 from calib.errors import InputError, near_names
-from calib.robot_world import pairs_from_opencv
-from calib.se3 import FloatArray, inverse
+from calib.robot_world import pairs_from_opencv, residuals, solve_batch
+from calib.se3 import FloatArray, IntArray, inverse
 from posedesign.pairs.checks import repeats
 from posedesign.pairs.file import Pairs, joined, read_side, read_sides
 from posedesign.pairs.forms import METRES, Poses
 from posedesign.pairs.mat import open_mat, pick_one, pick_two
-from posedesign.pairs.readings import misfit_of
+
+FEWEST_PAIRS = 5
+"""Pairs from which a fit says something: three fit many a wrong reading."""
+
+DOUBTFUL_RAD = 0.01
+"""Median residual [rad] from which another reading is looked for: cameras are better."""
+
+CLEARLY_BETTER = 0.25
+"""Part of the residuals that is left over where another reading is the right one."""
+
+LARGEST_MISS_RAD = 0.15
+"""Median difference between the turns of A and of B [rad] that no noise makes: real pairs of a
+poor camera scatter by 0.05."""
+
+_METHOD = "zhuang"
+"""Rotations in closed form, then translations: as good as any to tell fair from bad."""
+
+_REFERENCES = 5
+"""Pairs, spread over the set, that the others are compared with: one alone may be the wrong one."""
+
+Reading = Callable[[FloatArray], FloatArray]
+"""Rotations ``(N, 3, 3)`` from the numbers of a form, angles in rad."""
+
+Arrange = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+
+
+def _scalar_last(q: FloatArray) -> FloatArray:
+    return se3.rotation_from_quaternion(np.roll(q, 1, axis=-1))
+
+
+def _scalar_first(q: FloatArray) -> FloatArray:
+    return se3.rotation_from_quaternion(np.roll(q, -1, axis=-1))
+
+
+def _moving_axes(angles: FloatArray) -> FloatArray:
+    """``Rx(W) Ry(P) Rz(R)``, the inverse of what the angles mean the other way round."""
+    return np.swapaxes(se3.rotation_from_wpr(-angles), -1, -2)
+
+
+def _by_columns(numbers: FloatArray) -> FloatArray:
+    return np.swapaxes(numbers.reshape(-1, 3, 3), -1, -2)
+
+
+_OTHER_READINGS: Mapping[str, tuple[tuple[str, Reading], ...]] = {
+    "quaternion": (
+        ("the four numbers called qw qx qy qz are x y z w", _scalar_last),
+        ("the four numbers called qx qy qz qw are w x y z", _scalar_first),
+    ),
+    "wpr": (
+        ("the three angles turn about moving axes x, y, z", _moving_axes),
+        ("the three angles are a rotation vector: call them rx, ry, rz", se3.rotation_exp),
+    ),
+    "vector": (("the rotation vector is W, P, R: call it w, p, r", se3.rotation_from_wpr),),
+    "matrix": (("the rotation stands column by column: call r12 r21, and so on", _by_columns),),
+}
+"""Mistakes that a form invites, and what the rotations would be without them."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Sides that no X and Z fit as they were read.
+
+    Attributes
+    ----------
+    text : str
+        In a sentence.
+    explained : bool
+        Whether another reading fits, which the text names.
+    """
+
+    text: str
+    explained: bool
+
+
+def misfit_of(a: Poses, b: Poses, arrange: Arrange) -> Misfit | None:
+    """What to say of two sides of N poses each that no X and Z fit; nothing where some do.
+
+    Parameters
+    ----------
+    a, b : Poses
+        As read.
+    arrange : callable
+        Makes A and B of A X = Z B from transforms ``(..., N, 4, 4)`` as the files have them.
+    """
+    if len(a.T) < FEWEST_PAIRS:
+        return None
+    others = [(f"if in A {what}", T, b.T) for what, T in _read_otherwise(a)]
+    others += [(f"if in B {what}", a.T, T) for what, T in _read_otherwise(b)]
+    A, B = arrange(
+        np.stack([a.T, *(T for _, T, _ in others)]), np.stack([b.T, *(T for _, _, T in others)])
+    )
+    # which side it is cannot be told: with the other one, X and Z change places
+    said = [what for what, _, _ in others] + ["with one side the other way round: see --invert"]
+    A, B = np.concatenate([A, A[:1]]), np.concatenate([B, se3.inverse(B[:1])])
+    turn, shift = _median_residuals(A, B)
+    if not turn[0] > DOUBTFUL_RAD:
+        return None
+    # the translations, too: a quaternion in the wrong order fits the turns of the inverse
+    fair = (turn < CLEARLY_BETTER * turn[0]) & (shift < CLEARLY_BETTER * shift[0])
+    if fair.any():
+        best = int(np.argmin(np.where(fair, shift, np.inf)))
+        text = (
+            f"no X and Z fit A and B as they were read: {math.degrees(turn[0]):.3g} deg are left "
+            f"over (median), and {math.degrees(turn[best]):.2g} deg {said[best - 1]}"
+        )
+        return Misfit(text, explained=True)
+    miss = turn_miss(A[0, :, :3, :3], B[0, :, :3, :3])
+    if miss < LARGEST_MISS_RAD:
+        return None
+    text = (
+        f"between its poses A turns otherwise than B, by {math.degrees(miss):.3g} deg (median), "
+        "where A X = Z B makes their turns equal: are the orientations in the form that the names "
+        "of the columns say, and the rows of A and B in step?"
+    )
+    return Misfit(text, explained=False)
+
+
+def turn_miss(R_A: FloatArray, R_B: FloatArray) -> float:
+    """Median difference [rad] between the turns of rotations ``(N, 3, 3)``, N pairs.
+
+    The angle of ``A_iᵀ A_j`` is that of ``B_iᵀ B_j`` whatever X and Z are, and whichever side is
+    inverted.
+    """
+    return min(
+        float(np.median(np.abs(_turns(R_A, k) - _turns(R_B, k)))) for k in _references(len(R_A))
+    )
+
+
+def _median_residuals(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Median angle [rad] and distance [m] left over ``(K,)``; NaN where the poses say too little.
+
+    Medians, as some pairs may be wrong without the reading being so.
+    """
+    found = solve_batch(A, B, _METHOD)
+    turn, shift = np.full((2, len(A)), np.nan)
+    solved = ~found.rank_deficient
+    error = residuals(A[solved], B[solved], found.X[solved], found.Z[solved])
+    turn[solved] = np.median(np.linalg.norm(error[..., :3], axis=-1), axis=-1)
+    shift[solved] = np.median(np.linalg.norm(error[..., 3:], axis=-1), axis=-1)
+    return turn, shift
+
+
+def _read_otherwise(poses: Poses) -> list[tuple[str, FloatArray]]:
+    others = _OTHER_READINGS.get(poses.turn.partition("-")[0], ())
+    p = poses.T[:, :3, 3]
+    return [(what, se3.transform(read(poses.numbers), p)) for what, read in others]
+
+
+def _references(count: int) -> IntArray:
+    return np.unique(np.linspace(0, count - 1, _REFERENCES).astype(np.intp))
+
+
+def _turns(R: FloatArray, k: int) -> FloatArray:
+    return se3.rotation_angle(R[k].T @ R)
+
 
 Invert = Literal["none", "a", "b", "both"]
 Convention = Literal["axzb", "opencv"]

@@ -11,9 +11,8 @@ from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.files import StrPath
 from posedesign.files.csv_tables import write_table
 from posedesign.files.measurements import PLACE, TURN
-from posedesign.pairs.certificate import Proof
+from posedesign.pairs.certificate import FRAMES, Camera, Proof
 from posedesign.pairs.file import Pairs
-from posedesign.pairs.frames import FRAMES, Camera
 from posedesign.pairs.results import SolverOutcome, places_of
 
 _SIGMA_AXES = ("rx_deg", "ry_deg", "rz_deg", *PLACE)

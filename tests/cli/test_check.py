@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posedesign.cell import Cell
-from posedesign.planning.pose_check import check_poses
+from posedesign.planning.checks import check_poses
 from posedesign.planning.tables import read_poses
 
 

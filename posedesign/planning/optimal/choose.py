@@ -1,4 +1,9 @@
-"""From a wish to poses: pool, choice, refinement, way, and what they promise."""
+"""From a wish to poses: pool, choice, refinement, way, and what they promise.
+
+Poses of validation are kept out of the fit, to test what comes out of it. They are chosen like the
+others, from what is left of the pool, by how much they would tell of the tool point over the task
+box on top of a little of what the plan tells: what goes wrong there shows in them.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +14,15 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.identification import check_identifiable
-from calib.se3 import FloatArray
+from calib.model import CalibrationModel
+from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool, away_from_singularities, functions_over_box, pool_of
 from posedesign.candidates.of_cell import with_kept
 from posedesign.cell import Cell
 from posedesign.motion import Router
 from posedesign.motion.route import Route
 from posedesign.planning.loop import check_base_pose, regressor
-from posedesign.planning.optimal.accuracy import Accuracy, accuracy_of
-from posedesign.planning.optimal.objective import goal_of
+from posedesign.planning.optimal.objective import Accuracy, accuracy_of, goal_of
 from posedesign.planning.optimal.reachable import (
     ATTEMPTS,
     no_clear_way,
@@ -34,9 +39,16 @@ from posedesign.planning.optimal.robust import (
     draw_parameters,
     robustness,
 )
-from posedesign.planning.optimal.validation import choose_validation
 from posedesign.planning.pose_plan import PoseSet
-from posedesign.selection import Criterion, Fewest, Selection, evaluate, select, select_fewest
+from posedesign.selection import (
+    Criterion,
+    Fewest,
+    Selection,
+    evaluate,
+    mean_deviation,
+    select,
+    select_fewest,
+)
 from posedesign.selection.criteria.scenarios import OverScenarios
 
 Advance = Callable[[str, float], None]
@@ -356,3 +368,46 @@ class _Planning:
 def as_pose_set(pool: Pool) -> PoseSet:
     """The postures of a pool as poses of a plan."""
     return PoseSet.of_chosen(pool.postures, pool.orientations)
+
+
+PART_OF_PLAN = 0.01
+"""Part of the plan's information that is taken for known. Without any, fewer validation poses than
+parameters could not be judged; with all, nothing that they tell would count."""
+
+
+def choose_validation(
+    model: CalibrationModel, left: Pool, plan: FloatArray, box: FloatArray, count: int
+) -> IntArray:
+    """Choose poses for validation out of what a plan left.
+
+    Parameters
+    ----------
+    model : CalibrationModel
+    left : Pool
+        Candidates that are not in the plan.
+    plan : ndarray (N, m, p)
+        Whitened Jacobians of the plan.
+    box : ndarray (K, 3, p)
+        How the tool point moves with the parameters over the task box.
+    count : int
+
+    Returns
+    -------
+    ndarray of int (count,)
+        Rows of what is left.
+
+    Raises
+    ------
+    InputError
+        Too few poses are left.
+    """
+    if count > len(left):
+        raise InputError(
+            f"{count} poses for validation, and {len(left)} are left in the pool",
+            hint="ask for fewer, or raise pool.candidates",
+            name="validation",
+        )
+    known = np.sqrt(PART_OF_PLAN) * plan.reshape(-1, model.p)
+    white = left.white(model)
+    found = select(white, count, mean_deviation(box), known=known, starts=1, bound=False)
+    return found.indices

@@ -1,4 +1,4 @@
-"""From the name of a criterion to what is minimised, on the blocks that it is defined for."""
+"""From the name of a criterion to what is minimised, and what a number of poses promises."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.errors import InputError, near_names
+from calib.errors import InputError, NotIdentifiableError, near_names
+from calib.identification import check_identifiable
 from calib.model import CalibrationModel, Linearisation
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray
@@ -188,3 +189,59 @@ def _wanted(model: CalibrationModel, sigma_m: float | None, sigma_rad: float | N
 def _named(criterion: Criterion, name: str, title: str) -> Criterion:
     criterion.name, criterion.title = name, title
     return criterion
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """What a number of poses promises.
+
+    Attributes
+    ----------
+    poses : int
+    value : float
+        Of the criterion, as it is shown.
+    sigma : ndarray (p,)
+        Standard deviations of the parameters [SI].
+    tcp_m, tcp_worst_m : float
+        Root mean square error of the tool point over the task box, in the mean and where it is
+        largest [m].
+    """
+
+    poses: int
+    value: float
+    sigma: FloatArray
+    tcp_m: float
+    tcp_worst_m: float
+
+
+def accuracy_of(
+    model: CalibrationModel, goal: Goal, box: FloatArray, linear: Linearisation
+) -> Accuracy:
+    """What postures promise: parameters, criterion, tool point over the box ``(K, 3, p)``."""
+    count = len(linear.white_jacobian)
+    covariance = _covariance(linear.white_jacobian, model)
+    if covariance is None:
+        unknown = np.full(model.p, np.inf)
+        return Accuracy(count, goal.criterion.shown(np.inf), unknown, np.inf, np.inf)
+    squares = np.einsum("krp,pq,krq->k", box, covariance, box, optimize=True)
+    return Accuracy(
+        count,
+        goal.value_of(linear),
+        np.sqrt(np.diag(covariance)),
+        float(np.sqrt(squares.mean())),
+        float(np.sqrt(squares.max())),
+    )
+
+
+def _covariance(white: FloatArray, model: CalibrationModel) -> FloatArray | None:
+    """Covariance ``(p, p)`` of blocks; None where they do not identify everything."""
+    rows = white.reshape(-1, model.p)
+    if len(rows) < model.p:
+        return None
+    try:
+        check_identifiable(rows, model.names, model.nuisance)
+    except NotIdentifiableError:
+        return None
+    length = np.linalg.norm(rows, axis=0)
+    R = np.linalg.inv(np.linalg.qr(rows / length, mode="r")) / length[:, None]
+    return np.asarray(R @ R.T)

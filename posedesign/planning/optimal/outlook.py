@@ -9,8 +9,7 @@ from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.candidates import away_from_singularities, functions_over_box, pool_of
 from posedesign.cell import Cell
-from posedesign.planning.optimal.accuracy import accuracy_of
-from posedesign.planning.optimal.objective import IN_MM, goal_of
+from posedesign.planning.optimal.objective import IN_MM, accuracy_of, goal_of
 from posedesign.planning.optimal.request import Wish
 from posedesign.selection import select
 

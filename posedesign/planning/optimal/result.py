@@ -9,8 +9,7 @@ import numpy as np
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.motion.route import Route
-from posedesign.planning.optimal.accuracy import Accuracy
-from posedesign.planning.optimal.objective import TCP, TCP_WORST, Goal
+from posedesign.planning.optimal.objective import TCP, TCP_WORST, Accuracy, Goal
 from posedesign.planning.optimal.request import Wish
 from posedesign.planning.optimal.robust import SCENARIOS, Robustness
 from posedesign.planning.pose_plan import (

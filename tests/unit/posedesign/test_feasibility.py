@@ -8,7 +8,7 @@ import pytest
 from calib.errors import FileFormatError
 from calib.robots import CoupledLimit, Robot
 from calib.se3 import rotation_exp
-from posedesign.candidates.reasons import no_pose
+from posedesign.candidates.draws import no_pose
 from posedesign.cell import Cell, touching_poses
 from posedesign.constraints import (
     Checker,

@@ -17,14 +17,13 @@ from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
 from posedesign.cell.task_box import predict_box, reached_points
 from posedesign.constraints import WayChecker
-from posedesign.constraints.motions import WayVerdicts
+from posedesign.constraints.retreat import WayVerdicts
 from posedesign.motion import Router
 from posedesign.planning import off_target
 from posedesign.planning.loop import check_base_pose
 from posedesign.planning.optimal import Wish, plan_fewest, plan_optimal
 from posedesign.planning.optimal import choose as planning
-from posedesign.planning.optimal.accuracy import accuracy_of
-from posedesign.planning.optimal.objective import goal_of
+from posedesign.planning.optimal.objective import accuracy_of, goal_of
 from posedesign.planning.optimal.outlook import outlook_of
 from posedesign.planning.optimal.reachable import without_alike
 from posedesign.planning.optimal.robust import TRIALS, blocks_of_robots, draw_parameters, robustness

@@ -10,7 +10,7 @@ from calib.errors import InputError, UnreachableError
 from calib.se3 import FloatArray
 from posedesign.candidates import joint_pool
 from posedesign.candidates.draws import even_points
-from posedesign.candidates.views import viewing_poses
+from posedesign.candidates.joint_space import viewing_poses
 from posedesign.cell import Cell, cell_template
 
 

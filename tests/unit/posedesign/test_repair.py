@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from calib.se3 import rotation_angle
 from posedesign.cell import Cell
 from posedesign.constraints import WayChecker
-from posedesign.constraints.motions import WayVerdicts
+from posedesign.constraints.retreat import WayVerdicts
 from posedesign.planning import plan
 from posedesign.planning.loop import grid_poses
 from posedesign.planning.pose_plan import PoseStatus, StopReason

@@ -25,8 +25,8 @@ from posedesign.cell.surroundings import NOT_TOUCHING_M
 from posedesign.motion.order import ACCELERATION_S, moving_time_s
 from posedesign.motion.route import Passing, Route
 from posedesign.planning import PoseList, PosePlan, plan
+from posedesign.planning.checks import check_poses
 from posedesign.planning.optimal import Wish, plan_optimal
-from posedesign.planning.pose_check import check_poses
 from posedesign.planning.tables import read_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
 from posedesign.pose_programs.from_plan import with_approaches

@@ -1,0 +1,207 @@
+"""Types of the values of a ``cell.toml``, and its sections about identification and touch-up."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, model_validator
+
+from calib.identification.losses import Loss
+from posedesign.files import LARGEST_NUMBER, LEAST_POSITIVE
+
+
+def _is_not_tiny(value: float) -> float:
+    if value < LEAST_POSITIVE:
+        raise ValueError(f"should be at least {LEAST_POSITIVE:g}")
+    return value
+
+
+_NOT_TINY = AfterValidator(_is_not_tiny)
+
+Finite = Annotated[
+    float, Field(strict=True, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER, allow_inf_nan=False)
+]
+Positive = Annotated[
+    float,
+    Field(strict=True, gt=0, le=LARGEST_NUMBER, allow_inf_nan=False),
+    _NOT_TINY,
+]
+Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
+NotNegative = Annotated[float, Field(strict=True, ge=0, le=1e6, allow_inf_nan=False)]
+Length = Annotated[float, Field(strict=True, ge=-1e6, le=1e6, allow_inf_nan=False)]
+"""[mm]; a kilometre is no robot cell."""
+Vector = tuple[Length, Length, Length]
+Variation = Annotated[float, Field(strict=True, ge=0, lt=180, allow_inf_nan=False)]
+"""[deg]; zero holds an angle."""
+Step = Annotated[float, Field(strict=True, ge=0.1, lt=180, allow_inf_nan=False)]
+"""[deg]; finer steps would be rounds without end."""
+VariationVector = tuple[Variation, Variation, Variation]
+Noise = Annotated[float, Field(strict=True, gt=0, le=1e3, allow_inf_nan=False), _NOT_TINY]
+"""[mm, deg]"""
+NoiseVector = tuple[Noise, Noise, Noise]
+PerJoint = NotNegative | tuple[NotNegative, ...]
+"""One number for all joints, or one for each."""
+Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*$")]
+"""Text that stays on one line and does not steer a terminal."""
+
+Name = Annotated[Line, Field(min_length=1, max_length=40)]
+Size = Annotated[float, Field(strict=True, gt=0, le=1e6, allow_inf_nan=False), _NOT_TINY]
+"""[mm]"""
+Pixels = Annotated[int, Field(strict=True, gt=0, le=100_000)]
+
+BoxSteps = Annotated[int, Field(strict=True, ge=1, le=25)]
+"""Points along an axis of a box: 25 along each are fifteen thousand postures to find."""
+
+
+class Section(BaseModel):
+    """A table of the file; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
+
+
+Word = Literal[
+    "zero_offsets",
+    "geometry",
+    "compliance",
+    "bearings",
+    "lost_motion",
+    "scale",
+    "harmonics",
+    "priors",
+]
+"""What a model may free of the arm; ``priors`` holds all of it to what is known beforehand."""
+
+
+class ParameterSection(Section):
+    """What is identified besides the set-up, and how: each list of ``models`` is one to try."""
+
+    zero_offsets: tuple[str, ...] | None = None
+    tool_axes: Annotated[str, Field(pattern=r"^x?y?z?$")] | None = None
+    models: Annotated[tuple[tuple[Word, ...], ...], Field(min_length=1, max_length=20)] = (
+        ("zero_offsets",),
+        ("zero_offsets", "compliance"),
+        ("geometry",),
+        ("geometry", "compliance"),
+        ("geometry", "priors"),
+        ("geometry", "compliance", "priors"),
+    )
+    tune_priors: bool = True
+    harmonics: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0)
+    lost_motion_nm: Positive = 10.0
+    prior_offset_deg: Positive = 1.0
+    prior_length_mm: Positive = 0.5
+    prior_angle_deg: Positive = 0.1
+    prior_harmonic_deg: Positive = 0.02
+    prior_compliance_urad_nm: Positive = 50.0
+    method: Literal["gauss-newton", "newton-raphson"] = "gauss-newton"
+    loss: Literal["auto", "least-squares", "huber", "cauchy", "student-t", "graduated"] = "auto"
+
+    @property
+    def loss_given(self) -> Loss | None:
+        """The loss; None where it is to be found which suits the residuals."""
+        return None if self.loss == "auto" else self.loss
+
+    @model_validator(mode="after")
+    def _models_differ(self) -> ParameterSection:
+        sets = [frozenset(model) for model in self.models]
+        for model in self.models:
+            if not set(model) - {"priors"} or len(set(model)) != len(model):
+                raise ValueError("each of models lists what it frees, once")
+        if len(set(sets)) != len(sets):
+            raise ValueError("two of models free the same")
+        return self
+
+
+class NoiseSection(Section):
+    """Noise of a further kind of measurement, in the axes of its instrument."""
+
+    kind: Literal["touch-up", "view-line", "plane", "point", "pose", "camera-pose", "distance"]
+    three_sigma_mm: Noise | NoiseVector
+    three_sigma_deg: Noise | NoiseVector | None = None
+
+    @model_validator(mode="after")
+    def _has_angles(self) -> NoiseSection:
+        if (self.three_sigma_deg is not None) != self.kind.endswith("pose"):
+            verb = "needs" if self.kind.endswith("pose") else "has no"
+            raise ValueError(f"a {self.kind} {verb} three_sigma_deg")
+        return self
+
+
+class PayloadSection(Section):
+    """Something else that the flange carries in some of the measurements."""
+
+    name: Name
+    mass_kg: NotNegative
+    com_mm: Vector
+
+
+class KnownDistanceSection(Section):
+    """A distance between two targets that is known from elsewhere."""
+
+    targets: tuple[Name, Name]
+    length_mm: Size
+    three_sigma_mm: Noise = 0.03
+
+
+Count = Annotated[int, Field(strict=True, ge=1, le=100)]
+ShareOfLight = Annotated[float, Field(strict=True, ge=-1, le=1)]
+
+
+class TouchUpSection(Section):
+    """The loop of visual touch-up.
+
+    ``approach_deg``: the last movement of every stop, more than the lost motion of a reducer (one
+    arc minute is 0.017 deg); 0 for none. ``shown_within_deg``: how far joints may be shown off what
+    was commanded, by rounding, width of fine positions, and lost motion where encoders see it.
+    ``correct_tilt``: take off what the tilt of the target does to its ellipse. ``repeats``:
+    touch-ups that the noise is measured by; 0 to take that of the file. ``inch_deg``: how far the
+    arm turns about the target to find camera and target.
+    """
+
+    center_px: Annotated[float, Field(strict=True, ge=1e-3, le=50)] = 0.1
+    size_px: Annotated[float, Field(strict=True, ge=1e-3, le=50)] = 0.05
+    iterations: Count = 10
+    farthest_mm: Annotated[float, Field(strict=True, ge=1, le=1000)] = 100.0
+    looks: Count = 1
+    approach_deg: Annotated[float, Field(strict=True, ge=0, le=5)] = 0.2
+    shown_within_deg: Annotated[float, Field(strict=True, ge=1e-3, le=2)] = 0.1
+    correct_tilt: StrictBool = True
+    repeats: Annotated[int, Field(strict=True, ge=0, le=100)] = 10
+    inch_deg: Annotated[float, Field(strict=True, ge=2, le=40)] = 15.0
+
+
+class TargetSection(Section):
+    """The point that is touched; where the tool point stands at the base pose by default.
+
+    Radius, plate and cross are those of the round target that a camera sees; the cross is length
+    and width of its bars.
+    """
+
+    name: Name = "T1"
+    position_mm: Vector | None = None
+    normal: Vector | None = None
+    radius_mm: NotNegative = 0.0
+    plate_mm: tuple[Size, Size] | None = None
+    cross_mm: tuple[Size, Size] | None = None
+    dark: StrictBool = True
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> TargetSection:
+        if self.normal is not None and max(map(abs, self.normal)) < 1e-6:
+            raise ValueError("normal has no direction")
+        return self
+
+
+class ImagingSection(Section):
+    """How the simulated camera takes pictures: grey levels of 255, pixels, shares of the light.
+
+    ``gradient`` is the change of the light across and down the picture, ``vignetting`` its loss in
+    the corners, ``distortion`` OpenCV's k1, k2, p1, p2, k3.
+    """
+
+    noise_grey: NotNegative = 2.0
+    blur_px: NotNegative = 1.0
+    gradient: tuple[ShareOfLight, ShareOfLight] = (0.0, 0.0)
+    vignetting: ShareOfLight = 0.0
+    distortion: tuple[Finite, Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    vibration_mm: NotNegative = 0.002

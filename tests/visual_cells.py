@@ -166,7 +166,7 @@ def taught_posture(name: str, rng: np.random.Generator) -> FloatArray:
     while True:
         q = usual_posture(name) + np.deg2rad(rng.uniform(-20.0, 20.0, robot.n))
         q = np.clip(q, robot.lower + ROOM, robot.upper - ROOM)
-        coupled = all(limit.room(q[None])[0] > ROOM for limit in robot.coupled_limits)
+        coupled = all(limit.margin(q[None])[0] > ROOM for limit in robot.coupled_limits)
         if coupled and _steadiness(robot, q) > 5.0 * NEAR_SINGULAR:
             return q
 

@@ -29,7 +29,7 @@ class CoupledLimit:
     lower: float
     upper: float
 
-    def room(self, q: FloatArray) -> FloatArray:
+    def margin(self, q: FloatArray) -> FloatArray:
         """Distance [rad] of postures ``(..., n)`` from the nearer bound; negative outside."""
         value = q @ self.coefficients
         return np.asarray(np.minimum(value - self.lower, self.upper - value))
@@ -80,14 +80,14 @@ class Bounds:
         Negative inside. One column for each joint, then one for each coupled limit.
         """
         single = np.maximum(self.lower - q, q - self.upper)
-        together = [self.margin - limit.room(q) for limit in self.coupled]
+        together = [self.margin - limit.margin(q) for limit in self.coupled]
         return np.column_stack([single, *together])
 
     def coupled_fit(self, q: FloatArray) -> BoolArray:
         """Whether postures ``(S, n)`` keep the limits that joints have together, ``(S,)``."""
         fits = np.ones(len(q), dtype=bool)
         for limit in self.coupled:
-            fits &= limit.room(q) >= self.margin - LIMIT_TOLERANCE
+            fits &= limit.margin(q) >= self.margin - LIMIT_TOLERANCE
         return fits
 
 

@@ -390,7 +390,7 @@ class Robot:
                     *np.rad2deg([posture[j], self.lower[j], self.upper[j]]).tolist(),
                 )
         for limit in self.coupled_limits:
-            if limit.room(posture) < -LIMIT_TOLERANCE:
+            if limit.margin(posture) < -LIMIT_TOLERANCE:
                 value = float(posture @ limit.coefficients)
                 raise JointLimitError(
                     limit.name, *np.rad2deg([value, limit.lower, limit.upper]).tolist()

@@ -54,7 +54,7 @@ class CoupledLimits(Constraint):
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """See :meth:`Constraint.room`; which: the limit."""
-        room = np.stack([limit.room(arm.q) for limit in self._limits], axis=1) - self._margin
+        room = np.stack([limit.margin(arm.q) for limit in self._limits], axis=1) - self._margin
         which = np.argmin(room, axis=1)
         return room[np.arange(len(room)), which], which
 

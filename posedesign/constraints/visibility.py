@@ -144,7 +144,7 @@ class InImage(Constraint):
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """See :meth:`Constraint.room`; of what is behind the lens, by the angle off the axis."""
         points = self._view.in_camera(arm, self._view.rim())
-        room = self._view.camera.room_px(points).min(axis=1)
+        room = self._view.camera.margin_px(points).min(axis=1)
         behind = self._view.camera.focal_px * self._off_axis(arm)
         room = np.where(np.isinf(room), -behind, room) - self._border_px
         return room, np.zeros(len(room), dtype=np.intp)

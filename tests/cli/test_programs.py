@@ -169,7 +169,7 @@ def test_a_pose_that_breaks_a_coupled_limit_is_named(cli: Cli, work: Path) -> No
     q = np.deg2rad([0.0, -55.0, 178.0, 0.0, -50.0, 0.0])
     assert (robot.lower <= q).all()
     assert (q <= robot.upper).all()
-    assert coupled.room(q) < 0
+    assert coupled.margin(q) < 0
     row = next(i for i, line in enumerate(lines) if not line.startswith("#")) + 1
     cells = lines[row].split(",")
     first = lines[row - 1].split(",").index("j1_deg")

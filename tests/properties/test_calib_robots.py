@@ -27,7 +27,7 @@ def postures(n: int) -> st.SearchStrategy[np.ndarray]:
 
 
 def allowed(robot: Robot, q: np.ndarray) -> bool:
-    return all(limit.room(q) >= 0 for limit in robot.coupled_limits)
+    return all(limit.margin(q) >= 0 for limit in robot.coupled_limits)
 
 
 def smallest_singular_value(robot: Robot, q: np.ndarray) -> float:
@@ -45,7 +45,7 @@ def assert_answers_hold(robot: Robot, poses: np.ndarray, answers: InverseSolutio
     assert (inside >= robot.lower - 1e-9).all()
     assert (inside <= robot.upper + 1e-9).all()
     for limit in robot.coupled_limits:
-        assert (limit.room(inside) >= -1e-9).all()
+        assert (limit.margin(inside) >= -1e-9).all()
     np.testing.assert_array_equal(answers.gap_m[answers.pose], 0.0)
 
 
@@ -84,7 +84,7 @@ def test_every_turn_is_all_there_are(robot, part, margin):
         fits = turned >= robot.lower[:, None] + margin - 1e-9
         fits &= turned <= robot.upper[:, None] - margin + 1e-9
         for choice in itertools.product(*[turned[j][fits[j]] for j in range(6)]):
-            if all(lim.room(np.array(choice)) >= margin - 1e-9 for lim in robot.coupled_limits):
+            if all(lim.margin(np.array(choice)) >= margin - 1e-9 for lim in robot.coupled_limits):
                 wanted.append(choice)
     found = every.of(0)
     assert len(found) == len(wanted)

@@ -66,9 +66,9 @@ def move_near(
         J = state.jacobian(state.p_base_tip)
         turn = rotation_log(T[:, :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2))
         error = np.concatenate([T[:, :3, 3] - state.p_base_tip, turn], axis=1)
-        room = lower - here, upper - here
+        margins = lower - here, upper - here
         memory = moved[active], pull[active]
-        step, moved[active], pull[active] = _step(J, error, near - here, room, memory)
+        step, moved[active], pull[active] = _step(J, error, near - here, margins, memory)
         q[active] = here + step
         rest = np.abs(step).max(axis=1) < _AT_REST_RAD
         active = active[~(rest & (np.abs(error).max(axis=1) < CLOSURE_TOLERANCE))]
@@ -79,12 +79,12 @@ def _step(
     J: FloatArray,
     error: FloatArray,
     wish: FloatArray,
-    room: tuple[FloatArray, FloatArray],
+    margins: tuple[FloatArray, FloatArray],
     memory: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """One step (S, n): all of it, its part along the self-motion, and the pull that made that.
 
-    ``room`` are the distances to the limits, ``memory`` what the step before returned.
+    ``margins`` are the distances to the limits, ``memory`` what the step before returned.
     """
     free = np.ones(wish.shape, dtype=bool)
     held = np.zeros_like(wish)
@@ -101,10 +101,10 @@ def _step(
         moved *= _cap(moved, _LARGEST_PULL_RAD)
         step = held + closing + moved
         step *= _cap(step, _LARGEST_STEP_RAD)
-        out = free & ((step < room[0]) | (step > room[1]))
+        out = free & ((step < margins[0]) | (step > margins[1]))
         if not out.any():
             break
-        held = np.where(out, np.clip(step, *room), held)
+        held = np.where(out, np.clip(step, *margins), held)
         free &= ~out
     return step, moved, pull
 

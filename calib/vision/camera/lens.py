@@ -52,15 +52,15 @@ class PinholeCamera:
         across = (np.asarray(pixels, dtype=float) - self.center_px) / self.focal_px
         return np.concatenate([across, np.ones((*across.shape[:-1], 1))], axis=-1)
 
-    def room_px(self, points: FloatArray) -> FloatArray:
+    def margin_px(self, points: FloatArray) -> FloatArray:
         """Distance [px] of points ``(..., 3)`` [m] from the edge of the image; negative outside.
 
         Minus infinity for points that are not in front of the lens.
         """
         pixels = self.project(points)
         size = np.array([self.width_px, self.height_px], dtype=float)
-        room = np.minimum(pixels, size - pixels).min(axis=-1)
-        return np.asarray(np.where(np.isnan(room), -np.inf, room))
+        margin = np.minimum(pixels, size - pixels).min(axis=-1)
+        return np.asarray(np.where(np.isnan(margin), -np.inf, margin))
 
 
 _UNDISTORTED = 1e-12

@@ -232,23 +232,23 @@ class FastObserver:
         """See :meth:`Observer.views`."""
         true = circle_image(self.camera, self.target.diameter_m, T_camera_target)
         _, short, _ = ellipse_axes(true)
-        room = self._room(true)
+        margin = self._margin(true)
         large = short >= SMALLEST_PX
-        inside = large & (room >= 0.0)
+        inside = large & (margin >= 0.0)
         reasons = [""] * len(true)
         for k in np.flatnonzero(~inside).tolist():
             if not large[k]:
                 reasons[k] = (
                     f"no target: the circle is not seen, or smaller than {SMALLEST_PX:g} px"
                 )
-            elif -room[k] < short[k]:
+            elif -margin[k] < short[k]:
                 reasons[k] = "touches the edge: the circle is cut by the edge"
             else:
                 reasons[k] = "no target: the circle is outside the image"
         noisy = self._noisy(true, rng)
         return Views(np.where(inside[:, None], noisy, np.nan), tuple(reasons))
 
-    def _room(self, ellipse: FloatArray) -> FloatArray:
+    def _margin(self, ellipse: FloatArray) -> FloatArray:
         """Distance ``(...)`` [px] of ellipses from the edge of the image, negative outside."""
         size = np.array([self.camera.width_px, self.camera.height_px])
         # half sides of the box about an ellipse: lengths of the rows of S

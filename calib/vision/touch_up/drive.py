@@ -41,7 +41,7 @@ def follow(robot: Robot, q: FloatArray, T_wanted: FloatArray) -> tuple[FloatArra
     error = np.abs(pose_error(robot.chain, out, T_wanted)).max(axis=-1)
     found = error < CLOSURE_TOLERANCE
     for limit in robot.coupled_limits:
-        found &= limit.room(out) >= 0.0
+        found &= limit.margin(out) >= 0.0
     return out, np.asarray(found)
 
 
@@ -245,7 +245,7 @@ class Drive:
         """Which limit each of postures ``(K, n)`` [rad] breaks; nothing where it keeps all."""
         inside = np.minimum(q - self.robot.lower, self.robot.upper - q).min(axis=1, initial=np.inf)
         for limit in self.robot.coupled_limits:
-            inside = np.minimum(inside, limit.room(q))
+            inside = np.minimum(inside, limit.margin(q))
         reasons = [""] * len(q)
         for k in np.flatnonzero(~(inside >= -LIMIT_TOLERANCE)).tolist():
             try:

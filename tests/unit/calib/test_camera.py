@@ -31,11 +31,11 @@ def test_against_opencv():
 )
 def test_room_is_the_distance_from_the_nearest_edge(pixel, room):
     x, y = (np.array(pixel) - [320.0, 240.0]) / 800.0
-    assert CAMERA.room_px(np.array([x, y, 1.0])) == pytest.approx(room)
+    assert CAMERA.margin_px(np.array([x, y, 1.0])) == pytest.approx(room)
 
 
 @pytest.mark.parametrize("depth", [0.0, -0.5])
 def test_nothing_behind_the_lens_is_seen(depth):
     point = np.array([0.01, 0.0, depth])
     assert np.isnan(CAMERA.project(point)).all()
-    assert CAMERA.room_px(point) == -np.inf
+    assert CAMERA.margin_px(point) == -np.inf

@@ -60,7 +60,7 @@ def clear_postures(robot: Robot, count: int, seed: int = 0) -> np.ndarray:
     while len(found) < count:
         q = rng.uniform(robot.lower + 0.09, robot.upper - 0.09)
         far = robot.chain.smallest_singular_values(robot.state(q[None]))[0] > 0.06
-        if far and all(limit.room(q) > 0.09 for limit in robot.coupled_limits):
+        if far and all(limit.margin(q) > 0.09 for limit in robot.coupled_limits):
             found.append(q)
     return np.array(found)
 

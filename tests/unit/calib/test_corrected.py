@@ -150,7 +150,7 @@ def test_corrected_robot_does_what_robots_do():
     corrected = corrected_robot(model, random_values(model, np.random.default_rng(3))).robot
     q = postures_of(corrected, 20)
     q[:, 4] = np.copysign(np.maximum(np.abs(q[:, 4]), 0.2), q[:, 4])
-    q = q[[not any(limit.room(row) < 0 for limit in robot.coupled_limits) for row in q]]
+    q = q[[not any(limit.margin(row) < 0 for limit in robot.coupled_limits) for row in q]]
     answers = corrected.inverse(corrected.fk(q))
     assert set(answers.pose[answers.inside]) == set(range(len(q)))
     closed = corrected.fk(answers.postures) - corrected.fk(q)[answers.pose]

@@ -36,7 +36,7 @@ def inside_all(robot: Robot, rng: np.random.Generator, count: int) -> np.ndarray
     """Random postures inside the limits, the coupled ones included."""
     q = rng.uniform(robot.lower, robot.upper, (40 * count, robot.n))
     for limit in robot.coupled_limits:
-        q = q[limit.room(q) >= 0]
+        q = q[limit.margin(q) >= 0]
     return q[:count]
 
 
@@ -75,7 +75,7 @@ def test_outside_means_that_no_full_turn_helps(robot):
         turned = posture[:, None] + TURN * np.arange(-3, 4)
         fits = (turned >= robot.lower[:, None]) & (turned <= robot.upper[:, None])
         for choice in itertools.product(*[turned[j][fits[j]] for j in range(6)]):
-            assert any(limit.room(np.array(choice)) < 0 for limit in robot.coupled_limits)
+            assert any(limit.margin(np.array(choice)) < 0 for limit in robot.coupled_limits)
 
 
 def test_nearest_is_the_nearest_of_all_branches_and_all_turns(robot):
@@ -93,7 +93,7 @@ def test_nearest_is_the_nearest_of_all_branches_and_all_turns(robot):
                 keep = (turned >= robot.lower[j] - 1e-9) & (turned <= robot.upper[j] + 1e-9)
                 choices.append(turned[keep])
             for posture in map(np.array, itertools.product(*choices)):
-                if all(limit.room(posture) >= -1e-9 for limit in robot.coupled_limits):
+                if all(limit.margin(posture) >= -1e-9 for limit in robot.coupled_limits):
                     shortest = min(shortest, np.linalg.norm(posture - reference))
         assert np.linalg.norm(best[0] - reference) == pytest.approx(shortest, abs=1e-9)
 

@@ -196,7 +196,7 @@ def test_base_posture_points_the_tool_down_inside_all_limits(name):
     q = np.deg2rad(preset.base_posture_deg)
     room = np.minimum(q - robot.lower, robot.upper - q)
     assert (room > np.deg2rad(20.0)).all()
-    assert all(limit.room(q) > np.deg2rad(20.0) for limit in robot.coupled_limits)
+    assert all(limit.margin(q) > np.deg2rad(20.0) for limit in robot.coupled_limits)
     T = robot.fk(q)
     assert T[2, 2] < -np.cos(np.deg2rad(1.0))
     reach = np.linalg.norm(np.diff(robot.state(q).origins, axis=0), axis=1).sum()

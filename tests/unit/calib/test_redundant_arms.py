@@ -207,7 +207,7 @@ def test_coupled_limits_hold_for_redundant_arms(seven_axis_robot):
     q = np.array([0.1, 0.4, -0.2, -1.8, 0.3, 1.9, 0.5])
     answers = robot.inverse(robot.fk(q), margin=0.01)
     assert answers.inside.any()
-    assert (limit.room(answers.postures[answers.inside]) >= 0.01 - 1e-9).all()
+    assert (limit.margin(answers.postures[answers.inside]) >= 0.01 - 1e-9).all()
     free = seven_axis_robot.inverse(robot.fk(q), margin=0.01)
     assert answers.inside.sum() < free.inside.sum()
 

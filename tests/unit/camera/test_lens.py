@@ -69,7 +69,7 @@ def test_camera_of_the_paper():
 def test_without_distortion_it_is_the_ideal_camera():
     ideal, camera = PinholeCamera(640, 480, 800.0), Camera(640, 480, 800.0)
     np.testing.assert_allclose(camera.project(points()), ideal.project(points()))
-    np.testing.assert_allclose(camera.room_px(points()), ideal.room_px(points()))
+    np.testing.assert_allclose(camera.margin_px(points()), ideal.margin_px(points()))
     pixels = ideal.project(points())
     np.testing.assert_allclose(camera.rays(pixels), ideal.rays(pixels))
     np.testing.assert_allclose(ideal.rays(pixels) * points()[:, 2:], points(), atol=1e-12)
@@ -85,7 +85,7 @@ def test_points_far_outside_do_not_fold_back_into_the_image():
     )
     assert abs(there[0, 0, 0]) < 320.0
     assert np.isnan(camera.project(beyond)).all()
-    assert camera.room_px(beyond) == -np.inf
+    assert camera.margin_px(beyond) == -np.inf
     # no point is seen beyond the image of that radius: 400 * r (1 - 0.3 r²) = 281 px
     assert np.isnan(camera.rays([320.0 + 300.0, 240.0])[:2]).all()
     assert np.isfinite(camera.rays([320.0 + 275.0, 240.0])).all()

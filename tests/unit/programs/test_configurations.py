@@ -60,7 +60,7 @@ def random_postures(robot: Robot, count: int) -> FloatArray:
     rng = np.random.default_rng(2026)
     q = rng.uniform(robot.lower, robot.upper, (4 * count, robot.n))
     for limit in robot.coupled_limits:
-        q = q[limit.room(q) >= 0]
+        q = q[limit.margin(q) >= 0]
     q = q[~at_a_boundary(robot, q)][:count]
     assert len(q) == count
     return q

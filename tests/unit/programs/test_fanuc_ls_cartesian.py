@@ -38,7 +38,9 @@ def random_postures(robot: Robot, count: int, seed: int) -> np.ndarray:
     """Inside the limits, and far enough from singularities and the ends of turns to be told."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(robot.lower, robot.upper, (4 * count, robot.n))
-    q = q[[not robot.coupled_limits or all(c.room(p) > 0 for c in robot.coupled_limits) for p in q]]
+    q = q[
+        [not robot.coupled_limits or all(c.margin(p) > 0 for c in robot.coupled_limits) for p in q]
+    ]
     clear = np.abs(np.sin(q[:, 4])) > 0.1
     ends = np.abs((np.rad2deg(q) + 180.0) % 360.0)
     clear &= (np.minimum(ends, 360 - ends)[:, [0, 3, 5]] > 0.01).all(axis=1)
@@ -149,7 +151,7 @@ def test_a_thousand_random_plans_come_back(plans: list[list[float]], form: str) 
     off = inverse(arm.tool_poses(q)) @ poses_back
     assert np.abs(off[:, :3, 3]).max() <= 0.9e-6
     assert np.rad2deg(rotation_angle(off[:, :3, :3])).max() <= 1.6e-3
-    inside = np.array([all(c.room(p) > 0.01 for c in R2000.coupled_limits) for p in q])
+    inside = np.array([all(c.margin(p) > 0.01 for c in R2000.coupled_limits) for p in q])
     solutions = R2000.inverse(R2000.fk(q))
     singular = np.zeros(len(q), dtype=bool)
     np.logical_or.at(singular, solutions.pose, solutions.singular)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -113,6 +113,11 @@ def table_line(cells: Sequence[str]) -> str:
 def table_of(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table in Markdown."""
     return "\n".join([table_line(head), "|---" * len(head) + "|", *map(table_line, rows)])
+
+
+def table_by(rows: Iterable[Any], columns: Mapping[str, Callable[[Any], str]]) -> str:
+    """A table in Markdown, its cells by the heads of their columns."""
+    return table_of(list(columns), [[cell(row) for cell in columns.values()] for row in rows])
 
 
 def trials_of(options: Options, own: int, least: int = 2) -> int:

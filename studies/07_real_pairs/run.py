@@ -17,7 +17,7 @@ from posedesign.study import Advance, Options
 from studies import writing
 from studies.drawing import GREY, log_ticks, rows_of_marks
 from studies.real_data import MM, TABB, TAGS, UR3E, Sides, data_with, from_the_images, real_pairs
-from studies.writing import table_of
+from studies.writing import table_by, table_of
 
 from .real_rows import ON_B, against_images, compared, proof, row_names, row_of, solved
 
@@ -65,94 +65,62 @@ def _sigma(row: Found, letter: str) -> str:
 
 def _table_of_data_set(rows: Iterable[Found]) -> str:
     """Every method on one data set."""
-    head = [
-        "method",
-        "rms [deg / mm]",
-        "left-out rms",
-        "median",
-        "left-out median",
-        "σ of X [deg / mm]",
-        "σ of Z",
-        "pairs left out",
-        "status",
-    ]
-    cells = [
-        [
-            row["method"],
-            *(_pair(row, name) for name in ("rms", "out_rms", "median", "out_median")),
-            *(_sigma(row, letter) for letter in "XZ"),
-            str(row["left_out"]),
-            row["status"],
-        ]
-        for row in rows
-    ]
-    return table_of(head, cells)
+    columns = {
+        "method": lambda row: row["method"],
+        "rms [deg / mm]": lambda row: _pair(row, "rms"),
+        "left-out rms": lambda row: _pair(row, "out_rms"),
+        "median": lambda row: _pair(row, "median"),
+        "left-out median": lambda row: _pair(row, "out_median"),
+        "σ of X [deg / mm]": lambda row: _sigma(row, "X"),
+        "σ of Z": lambda row: _sigma(row, "Z"),
+        "pairs left out": lambda row: str(row["left_out"]),
+        "status": lambda row: row["status"],
+    }
+    return table_by(rows, columns)
 
 
 def against_reference(found: Found) -> str:
-    """The other program's maximum likelihood, and this one's."""
-    head = [
-        "data",
-        "pairs",
-        "reference",
-        "here",
-        "left-out rms",
-        "noise on B estimated",
-        "left-out",
-    ]
-    cells = []
-    for name, of in found["data"].items():
-        first, second = of["rows"][:2]
-        cells.append(
-            [
-                name,
-                str(first["pairs"]),
-                " / ".join(of["reference"]),
-                _pair(first, "rms"),
-                _pair(first, "out_rms"),
-                _pair(second, "rms"),
-                _pair(second, "out_rms"),
-            ]
-        )
-    return table_of(head, cells)
+    """The other program's maximum likelihood, and this one's with its ratio and without."""
+    columns = {
+        "data": lambda item: item[0],
+        "pairs": lambda item: str(item[1]["rows"][0]["pairs"]),
+        "reference": lambda item: " / ".join(item[1]["reference"]),
+        "here": lambda item: _pair(item[1]["rows"][0], "rms"),
+        "left-out rms": lambda item: _pair(item[1]["rows"][0], "out_rms"),
+        "noise on B estimated": lambda item: _pair(item[1]["rows"][1], "rms"),
+        "left-out": lambda item: _pair(item[1]["rows"][1], "out_rms"),
+    }
+    return table_by(found["data"].items(), columns)
 
 
 def prediction(found: Found) -> str:
     """Prediction by halves: the method's error over that of ml, and in how many splits it loses."""
     names = list(found["data"])
     head = ["method", *(f"{name}: rms [deg], [mm]" for name in names), "worse in mm [%]"]
-    methods = found["data"][names[0]]["splits"]["methods"]
     cells = []
-    for method in methods:
+    for method in found["data"][names[0]]["splits"]["methods"]:
         of = [found["data"][name]["splits"]["methods"][method] for name in names]
         worse = [row["rms_mm_worse"] for row in of]
-        cells.append(
-            [
-                method,
-                *(f"{row['rms_deg_ratio']:.3f}, {row['rms_mm_ratio']:.3f}" for row in of),
-                "-" if worse[0] is None else ", ".join(f"{100 * share:.0f}" for share in worse),
-            ]
-        )
+        ratios = [f"{row['rms_deg_ratio']:.3f}, {row['rms_mm_ratio']:.3f}" for row in of]
+        shares = "-" if worse[0] is None else ", ".join(f"{100 * share:.0f}" for share in worse)
+        cells.append([method, *ratios, shares])
     return table_of(head, cells)
 
 
 def certificates(found: Found) -> str:
     """What is proven of each solution of ml."""
-    head = ["data", "noise on B [deg / mm]", "χ²", "relative gap", "status", "only one"]
-    cells = []
-    for name, of in found["data"].items():
-        proof, row = of["certificate"], of["rows"][1]
-        cells.append(
-            [
-                name,
-                f"{row['noise_deg']:.3f} / {row['noise_mm']:.3g}",
-                f"{proof['chi2']:.1f}",
-                f"{proof['relative_gap']:.0e}",
-                proof["status"],
-                "yes" if proof["unique"] else "no",
-            ]
-        )
-    return table_of(head, cells)
+    rows = [
+        {"data": name} | of["rows"][1] | of["certificate"] for name, of in found["data"].items()
+    ]
+    columns = {
+        "data": lambda row: row["data"],
+        "noise on B [deg / mm]": lambda row: f"{row['noise_deg']:.3f} / {row['noise_mm']:.3g}",
+        "χ²": lambda row: f"{row['chi2']:.1f}",
+        "relative gap": lambda row: f"{row['relative_gap']:.0e}",
+        "status": lambda row: row["status"],
+        "only one": lambda row: "yes" if row["unique"] else "no",
+    }
+    return table_by(rows, columns)
 
 
 def _table_of_images(found: Found) -> str:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from posedesign.study import Options
 from studies import writing
 from studies.drawing import BLACK, GREY, MARKS, log_ticks
-from studies.writing import table_of
+from studies.writing import table_by, table_of
 
 from . import peer_fits as fits
 from . import peer_pairs as pairs
@@ -157,12 +157,14 @@ def times_of_pairs(said: Said) -> str:
 
 def times_of_the_rest(said: Said) -> str:
     """Ten parameters and the choice of poses."""
-    rows = [row for row in said["times"] if row["job"] != "A X = Z B"]
-    lines = [
-        [row["job"], row["peer"], row["ours"], _ratio(row), _number(row["theirs_ms"])]
-        for row in rows
-    ]
-    return table_of(["job", "by", "ours", "their time over ours", "theirs [ms]"], lines)
+    columns = {
+        "job": lambda row: row["job"],
+        "by": lambda row: row["peer"],
+        "ours": lambda row: row["ours"],
+        "their time over ours": _ratio,
+        "theirs [ms]": lambda row: _number(row["theirs_ms"]),
+    }
+    return table_by((row for row in said["times"] if row["job"] != "A X = Z B"), columns)
 
 
 def accuracy_of_pairs(said: Said) -> str:
@@ -196,18 +198,18 @@ def accuracy_of_touch_ups(said: Said) -> str:
 
 def choice(said: Said) -> str:
     """Share of the proven bound that every choice has."""
-    lines = [
-        [
-            row["by"],
-            str(row["poses"]),
-            str(row["different"]),
-            "" if row["of_the_bound"] is None else f"{row['of_the_bound']:.4f}",
-            row["says_of_its_distance"],
-        ]
-        for row in said["selection"]
-    ]
-    head = ["by", "poses", "different", "of the bound", "says how far from the best"]
-    return table_of(head, lines)
+
+    def share(row: Said) -> str:
+        return "" if row["of_the_bound"] is None else f"{row['of_the_bound']:.4f}"
+
+    columns = {
+        "by": lambda row: row["by"],
+        "poses": lambda row: str(row["poses"]),
+        "different": lambda row: str(row["different"]),
+        "of the bound": share,
+        "says how far from the best": lambda row: row["says_of_its_distance"],
+    }
+    return table_by(said["selection"], columns)
 
 
 def _table_of_refusals(said: Said) -> str:

@@ -7,9 +7,11 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import json
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -17,6 +19,7 @@ from hypothesis import settings
 
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
+from posedesign.study.library import find_study
 
 settings.register_profile("repeatable", database=None, deadline=None, derandomize=True)
 settings.load_profile("repeatable")
@@ -53,3 +56,15 @@ def make_cell() -> Callable[..., Cell]:
 def make_demo_cell() -> Callable[..., Cell]:
     """The same from the cell with gun, camera, fixture and floor."""
     return lambda **sections: cell_of(tomllib.loads(cell_template()), sections)
+
+
+@pytest.fixture(scope="module")
+def study(request) -> ModuleType:
+    """The ``run.py`` of the study whose folder a module of tests names."""
+    return find_study(request.module.FOLDER.name).load()
+
+
+@pytest.fixture(scope="module")
+def written(request) -> Any:
+    """The key figures that stand in that folder."""
+    return json.loads((request.module.FOLDER / "expected.json").read_text(encoding="utf-8"))

@@ -1,16 +1,13 @@
 """The study of peers: a short form of it against what its folder says."""
 
 import importlib.util
-import json
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
 from posedesign.study import Options
-from posedesign.study.library import find_study
 
 FOLDER = Path(__file__).parents[2] / "studies" / "15_peers"
 FEW = 8
@@ -29,16 +26,6 @@ needs_figaroh = pytest.mark.skipif(
 needs_pybotics = pytest.mark.skipif(
     importlib.util.find_spec("pybotics") is None, reason="needs pybotics, see the study's README"
 )
-
-
-@pytest.fixture(scope="module")
-def study() -> ModuleType:
-    return find_study(FOLDER.name).load()
-
-
-@pytest.fixture(scope="module")
-def written() -> dict[str, Any]:
-    return json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
 
 
 def by(rows: list[dict[str, Any]], *keys: str) -> dict[tuple[Any, ...], dict[str, Any]]:

@@ -1,9 +1,7 @@
 """Tables 1 to 3 of Watanabe et al. 2006: a short form of the study against what its folder says."""
 
-import json
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,6 @@ from scipy.stats import t as t_distribution
 
 from calib.se3 import rotation_exp, transform
 from calib.vision.touch_up import Relation
-from posedesign.study.library import find_study
 
 FOLDER = Path(__file__).parents[2] / "studies" / "12_visual_touch_up"
 SHORT, PICTURES = 400, 40
@@ -21,16 +18,6 @@ DEVIATIONS = 4.0
 """How far two samples may be apart, in standard deviations of their difference."""
 
 TOUCH, STEREO = ("V", "H", "D"), ("X", "Y", "Z")
-
-
-@pytest.fixture(scope="module")
-def study() -> ModuleType:
-    return find_study(FOLDER.name).load()
-
-
-@pytest.fixture(scope="module")
-def written() -> dict[str, Any]:
-    return json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")

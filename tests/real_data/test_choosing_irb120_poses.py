@@ -1,6 +1,5 @@
 """Choosing poses of the IRB 120: what a choice must be worth, and that it has seen no reading."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -20,16 +19,6 @@ pytestmark = pytest.mark.real_data
 FOLDER = Path(__file__).parents[2] / "studies" / "08_choosing_irb120_poses"
 SHORT = ["priors, common error"]
 Row = dict[str, Any]
-
-
-@pytest.fixture(scope="module")
-def study(load_study) -> ModuleType:
-    return load_study(FOLDER)
-
-
-@pytest.fixture(scope="module")
-def written() -> Row:
-    return json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """Choosing touch-ups of the Panda: ten a socket against all thirty, at sites that were held out."""
 
-import json
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -22,16 +21,6 @@ FOLDER = Path(__file__).parents[2] / "studies" / "09_choosing_panda_touch_ups"
 QUICK = ["zero offsets 2 to 6"]
 BEST = "geometry and harmonics"
 Row = dict[str, Any]
-
-
-@pytest.fixture(scope="module")
-def study(load_study) -> ModuleType:
-    return load_study(FOLDER)
-
-
-@pytest.fixture(scope="module")
-def written() -> Row:
-    return json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ Figures to compare with are those of an independent plain least-squares fit.
 
 import json
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -26,16 +25,6 @@ FROM_COMMAND_LINE = (
 )
 
 Row = dict[str, Any]
-
-
-@pytest.fixture(scope="module")
-def study(load_study) -> ModuleType:
-    return load_study(FOLDER)
-
-
-@pytest.fixture(scope="module")
-def written() -> Row:
-    return json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ independent plain least-squares fit, its priors weighed against a noise of 0.15 
 
 import json
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -27,11 +26,6 @@ QUICK = [
 BEST = "+ lost motion"
 
 Row = dict[str, Any]
-
-
-@pytest.fixture(scope="module")
-def study(load_study) -> ModuleType:
-    return load_study(FOLDER)
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """Pairs of real robots: residuals against another program's, predictions, proofs, the images."""
 
 import importlib
-import json
 from itertools import product
 from pathlib import Path
 from types import ModuleType
@@ -25,21 +24,11 @@ Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def study(load_study) -> ModuleType:
-    return load_study(FOLDER)
-
-
-@pytest.fixture(scope="module")
 def pairs_folder(data_folder) -> Path:
     folder = data_folder / "robot_world"
     if not folder.is_dir():
         pytest.skip(f"{folder} does not exist")
     return folder
-
-
-@pytest.fixture(scope="module")
-def written() -> Row:
-    return json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")

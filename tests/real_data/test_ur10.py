@@ -6,7 +6,6 @@ independent plain least-squares fit, refitted without each pose.
 
 import json
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -26,16 +25,6 @@ FOLDER = Path(__file__).parents[2] / "studies" / "04_ur10_motion_capture"
 NOISES = {"estimated": "cell.toml", "given": "cell_given_noise.toml"}
 
 Row = dict[str, Any]
-
-
-@pytest.fixture(scope="module")
-def study(load_study) -> ModuleType:
-    return load_study(FOLDER)
-
-
-@pytest.fixture(scope="module")
-def written() -> Row:
-    return json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")

@@ -195,7 +195,8 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     judge = _reference(cell, table) if judged else None
     kinds = None if judge is None else judge.fitted.model.measurements
     robust = judge is not None and judge.loss in WEIGHED_DOWN
-    tried = candidates(cell, table, kinds, own_noise=robust)
+    held = tuple(held_only(cell, table))
+    tried = candidates(cell, table, kinds, without=held, own_noise=robust)
     # before the baseline, which has fewer parameters and would be refused for another reason
     for candidate in reversed(tried):
         if not candidate.notes:  # a reduced one has as many as there are equations for
@@ -234,7 +235,6 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
             f"measured once, which says nothing but where they are: {listed(once, 'targets')}"
         )
     said += left_out(cell)
-    held = tuple(held_only(cell, table))
     findings = diagnose_table(cell, table)
     if judge is None:
         return Identified(comparison, table, tuple(said), findings, held_only=held)

@@ -198,14 +198,14 @@ def candidates(
     table: MeasurementTable,
     kinds: Sequence[Measurement] | None = None,
     *,
+    without: Sequence[str] = (),
     own_noise: bool = False,
     before_measuring: bool = False,
 ) -> list[Candidate]:
     """The baseline and every model that the cell asks for, smallest first.
 
     Models that free what these measurements cannot tell are reduced, and say so; zero offsets
-    that the cell lists by name are not left out in silence: their model is refused. Links are not
-    free without priors where nothing sees the scale of the arm.
+    that the cell lists by name are not left out in silence: their model is refused.
 
     Parameters
     ----------
@@ -213,6 +213,8 @@ def candidates(
     table : MeasurementTable
     kinds : sequence of Measurement, optional
         With their noise; by default that of the cell.
+    without : sequence of str
+        Names of models that are not to be tried, such as those of :func:`held_only`.
     own_noise : bool
         Where the noise was found, estimate that of models without priors anew, each its own: a
         robust loss would weigh down most of what a model that leaves much of the arm out misses.
@@ -227,11 +229,11 @@ def candidates(
     sized = cell.config.parameters.tune_priors and not before_measuring
     for words in asked_for(cell):
         name = name_of(words)
+        if name in without:
+            continue
         whole = _model(cell, table, words, kinds if PRIORS in words else alone)
         if words == ("zero_offsets",):
             found.append(Candidate(name, whole))
-            continue
-        if not before_measuring and _frees_scale(words, whole, table):
             continue
         reduced = reduce(whole, table.data)
         if reduced.model.p > baseline.p:  # something of the arm is left

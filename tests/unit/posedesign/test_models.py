@@ -146,10 +146,11 @@ def test_links_are_not_free_where_nothing_sees_the_scale(tmp_path, lab, make_cel
     ):
         cell = make_cell(**models, **more)
         _, table = table_of(tmp_path, lab, [kind], 60, targets_each=each)
-        names = [candidate.name for candidate in candidates(cell, table)]
+        held = held_only(cell, table)
+        assert held == ([] if free else ["geometry"]), (kind, each)
+        names = [candidate.name for candidate in candidates(cell, table, without=held)]
         assert ("geometry" in names) == free, (kind, each)
         assert "geometry with priors" in names
-        assert held_only(cell, table) == ([] if free else ["geometry"])
 
 
 def test_the_reference_holds_everything_by_priors(tmp_path, lab, make_cell):
@@ -245,7 +246,7 @@ def test_models_from_names(tmp_path, lab, make_cell, kinds):
     _, table = table_of(tmp_path, lab, kinds, 60, tools=("tool", "ball"), targets_each=2)
     rng = np.random.default_rng(5)
     pairs = rebuilt(cell, table)
-    assert len(pairs) == 1 + len(words) - (kinds == ["touch-up"])  # geometry without priors
+    assert len(pairs) == 1 + len(words)
     q = table.data.postures[:7]
     for model, again in pairs:
         assert sorted(again.names) == sorted(model.names)

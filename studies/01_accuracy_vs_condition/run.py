@@ -27,6 +27,7 @@ from posedesign.simulation.accuracy_study import improving_rounds, to_the_widest
 from posedesign.study import Grid, Options, Store, Task, call, read_table, run_grid
 from posedesign.workflow import camera_noise
 from studies import writing
+from studies.drawing import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from studies.writing import save, trials_of, write_figures, write_rows
 
 OFFSET = "offset_deg"
@@ -234,9 +235,7 @@ def _rank_interval(rank: float, count: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#000000")
-"""Okabe and Ito's palette: told apart by people who do not see red and green alike."""
-
+COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, BLACK)
 _X_LABEL = "condition number C_G; better poses to the right"
 
 MARKERS = ("o", "s", "^", "D", "v", "x")
@@ -336,6 +335,9 @@ SETTINGS = writing.settings_of(__file__)
 WORKERS = True
 """Its tasks may be shared."""
 
+DIGITS = 5
+"""Significant digits of key figures: more than the sampling leaves."""
+
 SETS, RELATIONS = "accuracy_vs_condition.csv", "relations.csv"
 
 
@@ -355,25 +357,17 @@ def study(options: Options) -> dict[str, Any]:
     )
     rows = summary(read_table(table), settings["solvers"])
     write_rows(options.out, SETS, rows)
-    import pandas as pd
-
     related = relations(pd.DataFrame(rows), settings["solvers"])
     write_rows(options.out, RELATIONS, related)
-    figures = {"trials": settings["trials"], "relations": [_rounded(row) for row in related]}
+    figures = {"trials": settings["trials"], "relations": writing.rounded(related, DIGITS)}
     write_figures(options.out, figures)
     return figures
 
 
 def plot(folder: Path) -> list[Path]:
     """Draw what the tables of a folder say."""
-    import pandas as pd
-
     rows = pd.read_csv(folder / SETS)
     return [
         *save(draw_identification(rows), folder, "accuracy_vs_condition"),
         *save(draw_solvers(rows, SETTINGS["solvers"]), folder, "solvers_vs_condition"),
     ]
-
-
-def _rounded(row: dict[str, Any]) -> dict[str, Any]:
-    return {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in row.items()}

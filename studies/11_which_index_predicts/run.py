@@ -12,13 +12,10 @@ from matplotlib.figure import Figure
 
 from posedesign.study import Options
 from studies import writing
-from studies.drawing import BLUE, GREEN, VERMILION
+from studies.drawing import MARKS
 
 from .index_ranks import Bank, correlations
 from .index_truths import chosen, held
-
-STYLES = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"))
-"""Colour and mark of each problem."""
 
 TITLES = {"same": "random sets of 27 poses", "mixed": "random sets of 8 to 60 poses, 15 to 60 deg"}
 
@@ -59,7 +56,7 @@ def _lines(
     place = {name: len(names) - 1 - k for k, name in enumerate(names)}
     for k in range(len(names)):
         panel.axhspan(k - 0.5, k + 0.5, color="#eeeeee" if k % 2 else "#ffffff", lw=0)
-    for p, (problem, (colour, mark)) in enumerate(zip(problems, STYLES, strict=False)):
+    for p, (problem, (colour, mark)) in enumerate(zip(problems, MARKS, strict=False)):
         own = [row for row in rows if row["problem"] == problem]
         heights = [place[row[key]] + 0.22 * (1 - p) for row in own]
         middle, low, high = ([row[c] for row in own] for c in columns)

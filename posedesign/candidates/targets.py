@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.cell import Cell
-from posedesign.cell.surroundings import build_checker
 from posedesign.constraints import Checker
 
 APART_M = 1e-6
@@ -69,7 +68,7 @@ def checkers_of(cell: Cell, targets_m: FloatArray) -> list[Checker]:
     return [
         cell.checker
         if np.array_equal(target, cell.target_m)
-        else build_checker(replace(cell, target_m=target))
+        else replace(cell, target_m=target).checker
         for target in targets_m
     ]
 

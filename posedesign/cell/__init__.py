@@ -1,6 +1,7 @@
 """The cell: a robot with its tool, its target and its measurement, ready to be planned for."""
 
-from posedesign.cell.cell import Cell, usual_offsets
+from posedesign.cell.cell import Cell
+from posedesign.cell.data import usual_offsets
 from posedesign.cell.orientations import (
     cone_rotations_at,
     touching_poses,

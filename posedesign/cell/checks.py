@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calib.errors import CalibError, FileFormatError, InputError
+from calib.geometry import Scene
+from posedesign.cell.data import CellData
 from posedesign.cell.surroundings import meeting_pairs, nearest_body
-
-if TYPE_CHECKING:
-    from posedesign.cell.cell import Cell
 
 TOUCHING_M = 0.02
 """A tool that is to touch its target ends within this of the tool point, what it touches within
@@ -37,8 +36,8 @@ class naming:
             ) from error
 
 
-def check_cell(cell: Cell, path: Path) -> None:
-    """Refuse what does not go together in a cell.
+def check_cell(cell: CellData, scene: Callable[[], Scene], path: Path) -> None:
+    """Refuse what does not go together in a cell, among it bodies that its scene cannot be of.
 
     Raises
     ------
@@ -47,10 +46,10 @@ def check_cell(cell: Cell, path: Path) -> None:
     """
     _check_truth(cell, path)
     _check_margins(cell, path)
-    _check_surroundings(cell, path)
+    _check_surroundings(cell, scene, path)
 
 
-def _check_truth(cell: Cell, path: Path) -> None:
+def _check_truth(cell: CellData, path: Path) -> None:
     truth, n = cell.config.truth, cell.robot.n
     for key, values in (
         ("zero_offsets_deg", truth.zero_offsets_deg),
@@ -72,9 +71,9 @@ def _check_truth(cell: Cell, path: Path) -> None:
         )
 
 
-def _check_surroundings(cell: Cell, path: Path) -> None:
+def _check_surroundings(cell: CellData, scene: Callable[[], Scene], path: Path) -> None:
     try:
-        inside = int(cell.scene.inside(cell.target_m[None])[0])
+        inside = int(scene().inside(cell.target_m[None])[0])
     except InputError as error:
         ignored = [name for pair in cell.config.constraints.ignore for name in pair]
         key = "constraints.ignore" if error.name in ignored else "tool.body, obstacle"
@@ -108,7 +107,7 @@ def _check_surroundings(cell: Cell, path: Path) -> None:
         )
 
 
-def _check_contact(cell: Cell, path: Path) -> None:
+def _check_contact(cell: CellData, path: Path) -> None:
     """Refuse a tool that would not touch what it is described to touch.
 
     Bodies of tool and surroundings that ``constraints.ignore`` lets come together meet at the
@@ -139,7 +138,7 @@ def _check_contact(cell: Cell, path: Path) -> None:
             )
 
 
-def _check_margins(cell: Cell, path: Path) -> None:
+def _check_margins(cell: CellData, path: Path) -> None:
     plan = cell.config.plan
     narrowest = int(np.argmin(cell.robot.joint_range))
     room = float(np.rad2deg(cell.robot.joint_range[narrowest])) / 2.0

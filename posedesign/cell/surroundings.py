@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from calib.robots import Robot
 from calib.robots.arm_shapes import has_bare_base, presets_like, unshaped_links
 from calib.se3 import FloatArray, inverse, rotation_from_wpr, transform
 from calib.vision.camera import PinholeCamera
+from posedesign.cell.data import CellData
 from posedesign.cell.schema import SolidSection
 from posedesign.constraints import (
     Checker,
@@ -32,10 +32,6 @@ from posedesign.constraints.joints import Singularity
 from posedesign.constraints.retreat import BackingOff
 from posedesign.constraints.space import POINT_M, Workspace, workspace_scene
 from posedesign.constraints.visibility import LineOfSight, TargetView
-
-if TYPE_CHECKING:
-    from posedesign.cell.cell import Cell
-
 
 NOT_TOUCHING_M = 2.0 * WAY_TOLERANCE_M
 """Distance that bodies which meet at the target keep before: moves are checked to half of it."""
@@ -61,7 +57,7 @@ def obstacles(sections: Sequence[SolidSection], folder: Path) -> list[Body]:
     return [Body(s.name, 0, _placement(s), _solid(s, folder)) for s in sections]
 
 
-def meeting_pairs(cell: Cell) -> tuple[tuple[str, str], ...]:
+def meeting_pairs(cell: CellData) -> tuple[tuple[str, str], ...]:
     """Names of tool bodies and obstacles that may come together where the tool touches its target.
 
     Those of ``constraints.ignore``: nothing that the arm carries is ever unchecked on the motions.
@@ -77,7 +73,7 @@ def meeting_pairs(cell: Cell) -> tuple[tuple[str, str], ...]:
     )
 
 
-def build_scene(cell: Cell, ignore: Sequence[tuple[str, str]]) -> Scene:
+def build_scene(cell: CellData, ignore: Sequence[tuple[str, str]]) -> Scene:
     """Arm, tool and obstacles of a cell."""
     robot = cell.robot
     return Scene(
@@ -91,7 +87,9 @@ def build_scene(cell: Cell, ignore: Sequence[tuple[str, str]]) -> Scene:
     )
 
 
-def build_checker(cell: Cell) -> Checker:
+def build_checker(
+    cell: CellData, scene: Scene, solid: Sequence[Collision], retreat: Retreat | None
+) -> Checker:
     """All constraints that a measuring posture of a cell must keep, the costly ones last."""
     found: list[Constraint] = []
     camera = cell.config.camera
@@ -111,13 +109,15 @@ def build_checker(cell: Cell) -> Checker:
             Tilt(view, float(np.deg2rad(camera.largest_tilt_deg))),
             InImage(view, camera.border_px),
         ]
-        if cell.scene.bodies:
-            found.append(LineOfSight(view, cell.scene))
-    backing_off = [] if cell.retreat is None else [BackingOff(cell.retreat)]
-    return Checker(cell.robot, [*found, *cell.solid, *backing_off], cell.margin)
+        if scene.bodies:
+            found.append(LineOfSight(view, scene))
+    backing_off = [] if retreat is None else [BackingOff(retreat)]
+    return Checker(cell.robot, [*found, *solid, *backing_off], cell.margin)
 
 
-def build_retreat(cell: Cell) -> Retreat | None:
+def build_retreat(
+    cell: CellData, passing: Checker, solid: tuple[Collision, ...], largest_travel: float
+) -> Retreat | None:
     """The moves along the tool to the poses of a cell; None where it asks for none."""
     plan, ways = cell.config.plan, cell.config.constraints.ways
     if not plan.retreat_mm:
@@ -134,13 +134,13 @@ def build_retreat(cell: Cell) -> Retreat | None:
         length_m=plan.retreat_mm / 1e3,
         contact_m=plan.contact_mm / 1e3,
         short_m=plan.stop_short_mm / 1e3,
-        passing=cell.passing,
-        others=WayChecker(cell.solid if ways else (), cell.ways.largest_travel),
+        passing=passing,
+        others=WayChecker(solid if ways else (), largest_travel),
         meeting=WayChecker((meeting,) if ways and met else (), np.inf),
     )
 
 
-def build_collisions(cell: Cell, scene: Scene) -> tuple[Collision, ...]:
+def build_collisions(cell: CellData, scene: Scene) -> tuple[Collision, ...]:
     """Constraints of a cell on what arm and tool come near to, as the pairs of a scene have it."""
     section = cell.config.constraints
     low, high = section.workspace_lowest_mm, section.workspace_highest_mm
@@ -239,7 +239,7 @@ class Whereabouts:
         }
 
 
-def refuse_unshaped(cell: Cell) -> None:
+def refuse_unshaped(cell: CellData) -> None:
     """Refuse to look for collisions of an arm with links that nothing is known of.
 
     Raises
@@ -261,7 +261,7 @@ def refuse_unshaped(cell: Cell) -> None:
     )
 
 
-def what_is_odd(cell: Cell) -> list[str]:
+def what_is_odd(cell: CellData) -> list[str]:
     """What a person should know of a cell, in words."""
     said = []
     if cell.target_offset_m > NOTEWORTHY_M:
@@ -290,10 +290,13 @@ def what_is_odd(cell: Cell) -> list[str]:
     return said
 
 
-def what_is_not_checked(cell: Cell) -> tuple[str, ...]:
-    """What planning and checking of a cell do not look at, in words."""
+def what_is_not_checked(cell: CellData, excluded: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """What planning and checking of a cell do not look at, in words.
+
+    ``excluded`` are the pairs of bodies that its scene leaves out.
+    """
     section = cell.config.constraints
-    said = _unseen_collisions(cell) if section.collisions else _without_collisions(cell)
+    said = _unseen_collisions(cell, excluded) if section.collisions else _without_collisions(cell)
     if not section.ways:
         said.append("the ways between poses: constraints.ways is false")
     if cell.config.camera is None:
@@ -301,7 +304,7 @@ def what_is_not_checked(cell: Cell) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _without_collisions(cell: Cell) -> list[str]:
+def _without_collisions(cell: CellData) -> list[str]:
     said = ["collisions: constraints.collisions is false"]
     unshaped = ", ".join(unshaped_links(cell.robot))
     if unshaped and (cell.config.camera or cell.config.constraints.workspace_lowest_mm):
@@ -309,7 +312,7 @@ def _without_collisions(cell: Cell) -> list[str]:
     return said
 
 
-def _unseen_collisions(cell: Cell) -> list[str]:
+def _unseen_collisions(cell: CellData, excluded: Sequence[tuple[str, str]]) -> list[str]:
     robot = cell.robot
     said = []
     if robot.fitted_links:
@@ -326,7 +329,7 @@ def _unseen_collisions(cell: Cell) -> list[str]:
     meeting = meeting_pairs(cell)
     for pairs, why in (
         (
-            cell.scene.excluded,
+            excluded,
             "they touch in the zero posture (tool and wrist: at every angle of the last joint)",
         ),
         (meeting, "in constraints.ignore, at the poses and right before them"),

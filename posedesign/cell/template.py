@@ -539,7 +539,7 @@ def _fill(
     decide: str = "",
     shapes: str = _SHAPES,
 ) -> str:
-    from posedesign.cell.cell import usual_offsets
+    from posedesign.cell.data import usual_offsets
 
     point = robot.state(np.deg2rad(posture)).point(np.array(setup.point_mm) / 1e3)
     offsets = ", ".join(_quoted(joint) for joint in robot.joint_names[1:-1])

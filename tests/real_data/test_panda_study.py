@@ -127,4 +127,4 @@ def test_what_is_written_reaches_the_bars(written):
 def test_the_table_that_people_read_is_the_result(study):
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     found = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
-    assert study.table(found) in text
+    assert study.markdown(found) in text

@@ -124,4 +124,4 @@ def test_the_command_line_gives_the_same(found, tables, noise, tmp_path, capsys)
 
 
 def test_the_table_that_people_read_is_the_result(study, written):
-    assert study.table(written) in (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert study.markdown(written) in (FOLDER / "README.md").read_text(encoding="utf-8")

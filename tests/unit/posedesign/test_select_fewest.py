@@ -19,13 +19,6 @@ def fewest_of(blocks, wanted):
     )
 
 
-def value_of(blocks, wanted) -> float:
-    rows = blocks.reshape(-1, blocks.shape[-1])
-    if np.linalg.matrix_rank(rows) < rows.shape[1]:
-        return np.inf
-    return float((sigma_of(blocks) / wanted).max())
-
-
 def sigma_of(blocks) -> np.ndarray:
     rows = blocks.reshape(-1, blocks.shape[-1])
     return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))

@@ -34,7 +34,6 @@ EXACT = 1e-11
 """[rad, m]: nine decimals of a degree are 1.7e-11 rad, half of which is rounding."""
 
 angles = st.floats(-math.pi, math.pi, width=64)
-lengths = st.floats(-10.0, 10.0, width=64)
 names = st.text(
     st.characters(codec="utf-8", exclude_categories=["Cc", "Cs", "Zs", "Zl", "Zp"]),
     min_size=1,

@@ -159,7 +159,7 @@ def joined(a: Poses, b: Poses) -> Pairs:
     """
     if len(a.T) != len(b.T):
         raise FileFormatError(
-            f"has {len(b.T)} poses, {_called(a)} has {len(a.T)}",
+            f"has {len(b.T)} poses, {a.place.variable or a.place.path} has {len(a.T)}",
             path=b.place.path,
             key=b.place.variable or None,
             hint="give one B for each A, in the same order",
@@ -245,10 +245,6 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _called(poses: Poses) -> str:
-    return poses.place.variable or str(poses.place.path)
 
 
 def _no_columns(letter: str) -> InputError:

@@ -79,7 +79,7 @@ def methods_of(names: str) -> tuple[str, ...]:
         No name beside a comma, or an unknown one; the hint has the near ones.
     """
     chosen: list[str] = []
-    for name in _split(names):
+    for name in map(str.strip, names.split(",")):
         if not name:
             raise InputError(
                 f"--method {names!r} lacks a name",
@@ -91,10 +91,6 @@ def methods_of(names: str) -> tuple[str, ...]:
         several = {ALL: tuple(METHODS), PAPERS: PAPER_METHODS}
         chosen += several[name] if name in several else [find_method(name).name]
     return tuple(dict.fromkeys(chosen))
-
-
-def _split(names: str) -> list[str]:
-    return [part.strip() for part in names.split(",")]
 
 
 def noise_of(

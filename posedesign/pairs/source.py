@@ -20,7 +20,7 @@ import numpy as np
 from calib import se3
 from calib.errors import InputError, near_names
 from calib.robot_world import pairs_from_opencv, residuals, solve_batch
-from calib.se3 import FloatArray, IntArray, inverse
+from calib.se3 import FloatArray, inverse
 from posedesign.pairs.checks import repeats
 from posedesign.pairs.file import Pairs, joined, read_side, read_sides
 from posedesign.pairs.forms import METRES, Poses
@@ -148,9 +148,8 @@ def turn_miss(R_A: FloatArray, R_B: FloatArray) -> float:
     The angle of ``A_iᵀ A_j`` is that of ``B_iᵀ B_j`` whatever X and Z are, and whichever side is
     inverted.
     """
-    return min(
-        float(np.median(np.abs(_turns(R_A, k) - _turns(R_B, k)))) for k in _references(len(R_A))
-    )
+    references = np.unique(np.linspace(0, len(R_A) - 1, _REFERENCES).astype(np.intp))
+    return min(float(np.median(np.abs(_turns(R_A, k) - _turns(R_B, k)))) for k in references)
 
 
 def _median_residuals(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -171,10 +170,6 @@ def _read_otherwise(poses: Poses) -> list[tuple[str, FloatArray]]:
     others = _OTHER_READINGS.get(poses.turn.partition("-")[0], ())
     p = poses.T[:, :3, 3]
     return [(what, se3.transform(read(poses.numbers), p)) for what, read in others]
-
-
-def _references(count: int) -> IntArray:
-    return np.unique(np.linspace(0, count - 1, _REFERENCES).astype(np.intp))
 
 
 def _turns(R: FloatArray, k: int) -> FloatArray:

@@ -39,7 +39,7 @@ def solver_row(outcome: SolverOutcome) -> dict[str, object]:
         **_scale_numbers(result),
     }
     for letter in "xz":
-        values = _pose_numbers(result, letter) if result else [None] * 6
+        values = _numbers(result.X if letter == "x" else result.Z) if result else [None] * 6
         sigma = _sigma_numbers(result, letter)
         for axis, value in zip((*PLACE, *TURN), values, strict=True):
             row[f"{letter}_{axis}"] = value
@@ -216,10 +216,6 @@ def largest_sigma(outcome: SolverOutcome, letter: str) -> tuple[float | None, fl
     turn = [value for value in sigma[:3] if value is not None]
     place = [value for value in sigma[3:] if value is not None]
     return max(place, default=None), max(turn, default=None)
-
-
-def _pose_numbers(result: RobotWorldResult, letter: str) -> list[float]:
-    return _numbers(result.X if letter == "x" else result.Z)
 
 
 def _numbers(T: FloatArray) -> list[float]:

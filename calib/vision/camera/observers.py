@@ -245,7 +245,7 @@ class FastObserver:
                 reasons[k] = "touches the edge: the circle is cut by the edge"
             else:
                 reasons[k] = "no target: the circle is outside the image"
-        noisy = self._noisy(true, rng)
+        noisy = self.noise.draw(true.shape[:-1], rng) + true
         return Views(np.where(inside[:, None], noisy, np.nan), tuple(reasons))
 
     def _margin(self, ellipse: FloatArray) -> FloatArray:
@@ -255,9 +255,6 @@ class FastObserver:
         half = np.hypot(ellipse[..., [2, 3]], ellipse[..., [3, 4]])
         center = ellipse[..., :2]
         return np.asarray(np.minimum(center - half, size - center - half).min(axis=-1))
-
-    def _noisy(self, true: FloatArray, rng: np.random.Generator) -> FloatArray:
-        return self.noise.draw(true.shape[:-1], rng) + true
 
 
 def make_observer(

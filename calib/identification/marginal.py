@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from calib.errors import ConvergenceError
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.se3 import BoolArray, FloatArray, IntArray
@@ -55,7 +56,14 @@ class LinearEvidence:
         H = gram[:-1, :-1].copy()
         for columns, log_sigma in zip(self.members, theta, strict=False):
             H[columns, columns] += self.pull[columns] ** 2 * np.exp(-2.0 * log_sigma)
-        factor = cho_factor(H, lower=True)
+        try:
+            factor = cho_factor(H, lower=True)
+        except np.linalg.LinAlgError:
+            raise ConvergenceError(
+                "sizes of priors cannot be found: at some of them rounding hides what the "
+                "measurements tell",
+                hint="give the noise of the measurements, or free fewer parameters",
+            ) from None
         covariance = cho_solve(factor, np.eye(len(H)))
         half_log = float(np.log(np.diag(factor[0])).sum())
         return np.asarray(covariance @ gram[:-1, -1]), np.asarray(covariance), half_log

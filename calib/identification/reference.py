@@ -106,13 +106,15 @@ def _alternatives(
     whole: Fitted, alternatives: Sequence[Candidate], data: Measurements, loss: Loss
 ) -> dict[str, Fitted]:
     """Those that can be fitted, their noise found where that of the whole arm was."""
-    kinds = [
-        kind.of_unknown_noise() if kind.found or kind.estimated else kind
-        for kind in whole.model.measurements
-    ]
+    unknown = [kind.found or kind.estimated for kind in whole.model.measurements]
     found = {}
     for one in alternatives:
         try:
+            # from the noise given: its bounds are about where it starts
+            kinds = [
+                kind.of_unknown_noise() if open_ else kind
+                for kind, open_ in zip(one.model.measurements, unknown, strict=True)
+            ]
             model = one.model.with_measurements(kinds)
             found[one.name] = fit(replace(one, model=model), data, loss=loss)
         except CalibError:

@@ -140,7 +140,8 @@ def run(
             say(f"wrote {path}")
         # a short form cannot tell all that the README's tables have
         if trials is None and (tables := found.markdown(figures)):
-            say(tables)
+            for line in tables.splitlines():
+                say(line)
         say(f"how to read them, and what its own numbers gave: {found.folder / 'README.md'}")
     return DONE
 

@@ -8,7 +8,7 @@ from scipy.stats import chi2, multivariate_normal
 from scipy.stats import t as student
 
 from calib import CalibrationModel, Robot, identify
-from calib.errors import InputError, NotIdentifiableError
+from calib.errors import ConvergenceError, InputError, NotIdentifiableError
 from calib.identification import PriorGroup, TunedPriors, tune_priors
 from calib.identification.losses import STUDENT_FREEDOM, log_weights
 from calib.identification.marginal import linear_evidence
@@ -419,3 +419,14 @@ def test_sizes_in_proportion_are_those_of_scaled_parameters() -> None:
     covariance = J @ J.T + NOISE_M**2 * np.eye(len(J))
     density = multivariate_normal(np.zeros(len(J)), covariance).logpdf(linear.rows.ravel())
     assert value == pytest.approx(density, abs=1e-5)
+
+
+def test_what_rounding_hides_is_refused() -> None:
+    """Two columns that are one, held by nothing: no error of linear algebra comes through."""
+    model, data = model_of(Point(None)), draw(3)
+    problem = problem_of(model, data)
+    grams = problem.grams.copy()
+    grams[:, 1], grams[:, :, 1] = -grams[:, 0], -grams[:, :, 0]
+    hidden = replace(problem, grams=grams, members=(), counts=problem.counts)
+    with pytest.raises(ConvergenceError, match="rounding hides"):
+        hidden.log_evidence(np.zeros(1))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from posedesign import programs, selection
     from posedesign.cell import Cell
     from posedesign.planning.loop import plan
-    from posedesign.planning.optimal import OptimalPlan, Wish, plan_fewest, plan_optimal
+    from posedesign.planning.optimal import OptimalPlan, Request, plan_fewest, plan_optimal
     from posedesign.planning.pose_plan import PosePlan
     from posedesign.selection import indices, select
 
@@ -21,7 +21,7 @@ __all__ = [
     "Cell",
     "OptimalPlan",
     "PosePlan",
-    "Wish",
+    "Request",
     "indices",
     "plan",
     "plan_fewest",
@@ -36,7 +36,7 @@ _WHERE = {
     "PosePlan": "posedesign.planning.pose_plan",
     "plan": "posedesign.planning.loop",
     "OptimalPlan": "posedesign.planning.optimal",
-    "Wish": "posedesign.planning.optimal",
+    "Request": "posedesign.planning.optimal",
     "plan_fewest": "posedesign.planning.optimal",
     "plan_optimal": "posedesign.planning.optimal",
     "select": "posedesign.selection",

@@ -35,7 +35,7 @@ from posedesign.planning import (
     write_touch_ups,
 )
 from posedesign.planning.loop import Progress
-from posedesign.planning.optimal import NextPoses, OptimalPlan, Wish, plan_next, plan_optimal
+from posedesign.planning.optimal import NextPoses, OptimalPlan, Request, plan_next, plan_optimal
 from posedesign.planning.optimal.choose import Advance
 from posedesign.planning.optimal.sequential import refuse_cell
 from posedesign.planning.pose_plan import PoseSet
@@ -114,7 +114,7 @@ def plan_poses(cell: Cell, out: Path | Results, progress: Progress | None = None
 def plan_optimal_poses(
     cell: Cell,
     out: Path | Results,
-    wish: Wish,
+    request: Request,
     advance: Advance = lambda what, part: None,
     keep: PoseList | None = None,
 ) -> OptimalPlan:
@@ -124,20 +124,20 @@ def plan_optimal_poses(
     ----------
     cell : Cell
     out : Path or Results
-    wish : Wish
+    request : Request
     advance : callable, optional
         Called with what is being done and the part of all work that is done.
     keep : PoseList, optional
         Poses that are to be among the chosen, as they are.
     """
-    wanted = (POSES, VALIDATION) if wish.validation else (POSES,)
+    wanted = (POSES, VALIDATION) if request.validation else (POSES,)
     results = Results.of(out, "plan")
     claims = claim_plan(results, *wanted)
     kept = None
     if keep is not None:
         refuse_unfit(cell, keep)
         kept = keep.measured.postures
-    result = plan_optimal(cell, wish, advance, keep=kept)
+    result = plan_optimal(cell, request, advance, keep=kept)
     for path, poses, route, indices in zip(
         claims,
         (result.poses, result.validation),

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from calib.correction.corrected_robot import check_values
 from calib.errors import InputError, JointLimitError
 from calib.model import CalibrationModel, Setup
-from calib.model.context import ArmView
+from calib.model.context import MeasurementContext
 from calib.robots import InverseSolutions, Robot
 from calib.se3 import BoolArray, FloatArray, check_transforms, inverse, rotation_log, transform
 
@@ -188,7 +188,7 @@ def _listed_poses(poses: ArrayLike | None) -> FloatArray:
     return wanted
 
 
-def _taken(view: ArmView, point: Point) -> FloatArray:
+def _taken(view: MeasurementContext, point: Point) -> FloatArray:
     """Poses ``(N, 4, 4)`` that tool or tip take."""
     if point == "tip":
         return view.T_base_tip
@@ -244,7 +244,7 @@ def _newton(
     return best, left
 
 
-def _jacobian(view: ArmView, points: FloatArray) -> FloatArray:
+def _jacobian(view: MeasurementContext, points: FloatArray) -> FloatArray:
     """Geometric Jacobian ``(N, 6, n)`` of points ``(N, 3)`` of the arm with its errors."""
     axes = np.stack([view.axis(j).T for j in range(view.robot.n)], axis=1)  # (N, n, 3)
     origins = view.walk.origins.transpose(2, 0, 1)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from calib.batch_last import product, turn
 from calib.errors import InputError, check_type, near_names
-from calib.model.context import NO_TURN, ArmErrors, ArmView, Feature, Setup
+from calib.model.context import NO_TURN, ArmErrors, Feature, MeasurementContext, Setup
 from calib.model.linearisation import Linearisation
 from calib.model.measurements import Measurement
 from calib.model.parameters import ParameterBlock, Unit
@@ -174,13 +174,15 @@ class CalibrationModel:
         other.measurements = tuple(measurements)
         return other
 
-    def view(self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None) -> ArmView:
+    def view(
+        self, q: ArrayLike, x: ArrayLike | None = None, setup: Setup | None = None
+    ) -> MeasurementContext:
         """Arm and set-up at postures ``(..., N, n)`` [rad] with parameters ``(..., p)``."""
         return self._view(q, x, setup)[0]
 
     def _view(
         self, q: ArrayLike, x: ArrayLike | None, setup: Setup | None
-    ) -> tuple[ArmView, FloatArray]:
+    ) -> tuple[MeasurementContext, FloatArray]:
         """The view, and the parameters as ``(p, S)`` or ``(p, 1)``."""
         posture = self.robot.check_posture(q)
         if posture.ndim < 2:
@@ -202,7 +204,7 @@ class CalibrationModel:
 
     def _arm(
         self, q: FloatArray, values: FloatArray, batch: tuple[int, ...], setup: Setup
-    ) -> ArmView:
+    ) -> MeasurementContext:
         errors = ArmErrors(np.zeros((len(q), 1)))
         for block, part in zip(self.parameters, self.slices, strict=True):
             block.displace(values[part], errors, q, setup)
@@ -212,7 +214,7 @@ class CalibrationModel:
         on_tip = _picked(errors.tools, setup.tool, width)
         around = _picked(errors.targets, setup.target, width)
         turned = walk.tip if on_tip.columns is None else product(walk.tip, on_tip.columns)
-        return ArmView(
+        return MeasurementContext(
             robot=self.robot,
             q=q,
             batch=batch,
@@ -271,14 +273,16 @@ class CalibrationModel:
         view = self.view(q, x, setup)
         return view.posture_first(self._predict(view))
 
-    def _predict(self, view: ArmView) -> FloatArray:
+    def _predict(self, view: MeasurementContext) -> FloatArray:
         """Readings ``(m, S)``."""
         out = np.zeros((self.rows, view.q.shape[1]))
         for kind, columns, part in self.by_kind(view):
             out[: kind.rows, columns] = kind.predict(part)
         return out
 
-    def by_kind(self, view: ArmView) -> list[tuple[Measurement, slice | IntArray, ArmView]]:
+    def by_kind(
+        self, view: MeasurementContext
+    ) -> list[tuple[Measurement, slice | IntArray, MeasurementContext]]:
         """Each kind with its columns among the S, and the view of these alone."""
         if len(self.measurements) == 1:
             return [(self.measurements[0], slice(None), view)]
@@ -370,7 +374,7 @@ class CalibrationModel:
         last = np.ascontiguousarray(rows.reshape(-1, *rows.shape[-2:]).T)
         return view.posture_first(self.whiten_last(last, view))
 
-    def whiten_last(self, rows: FloatArray, view: ArmView) -> FloatArray:
+    def whiten_last(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """Rows ``(..., m, S)`` divided by the noise of their kinds, posture last."""
         if len(self.measurements) == 1:
             return self.measurement.whiten(rows, view)
@@ -379,7 +383,7 @@ class CalibrationModel:
             out[..., : kind.rows, columns] = kind.whiten(rows[..., : kind.rows, columns], part)
         return out
 
-    def gap(self, vector: FloatArray, view: ArmView) -> FloatArray:
+    def gap(self, vector: FloatArray, view: MeasurementContext) -> FloatArray:
         """What of vectors ``(..., 3, S)`` the arm has to close: see :meth:`Measurement.gap`."""
         if len(self.measurements) == 1:
             return self.measurement.gap(vector, view)
@@ -394,7 +398,10 @@ class CalibrationModel:
 
 
 def _difference(
-    kind: Measurement, view: ArmView, readings: FloatArray | None, columns: slice | IntArray
+    kind: Measurement,
+    view: MeasurementContext,
+    readings: FloatArray | None,
+    columns: slice | IntArray,
 ) -> FloatArray:
     """Residuals ``(m, S)`` of one kind, of readings ``(M, S)`` of all; predictions without them."""
     predicted = kind.predict(view)
@@ -426,7 +433,7 @@ def _picked(features: Sequence[Feature], index: IntArray, width: int) -> Feature
     return Feature(np.ascontiguousarray(position[which, :, posture].T), columns)
 
 
-def _last(array: FloatArray, view: ArmView) -> FloatArray:
+def _last(array: FloatArray, view: MeasurementContext) -> FloatArray:
     """Readings ``(..., N, m)`` as ``(m, S)``."""
     whole = np.broadcast_to(array, (*view.batch, *array.shape[-2:]))
     # a copy even of a single reading: one that is spread over trials cannot be written to, and

@@ -148,7 +148,7 @@ class ArmErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class ArmView:
+class MeasurementContext:
     """Arm and set-up in given postures, with their errors: all that a block or a kind may need.
 
     Attributes
@@ -208,7 +208,7 @@ class ArmView:
         """Vectors ``(..., 3, S)`` in the axes of the target in those of the base."""
         return vector if self.target is NO_TURN else turn(self.target, vector)
 
-    def part(self, columns: IntArray, own: IntArray) -> ArmView:
+    def part(self, columns: IntArray, own: IntArray) -> MeasurementContext:
         """The view of some of the S postures: those of the measurements ``own``."""
 
         def cut(array: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.model.context import ArmView
+from calib.model.context import MeasurementContext
 from calib.se3 import FloatArray
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ class Linearisation:
     Attributes
     ----------
     model : CalibrationModel
-    view : ArmView
+    view : MeasurementContext
     rows_last : array (m, S)
         Prediction less reading [m, rad], posture last.
     jacobian_last : array (p, m, S)
@@ -33,7 +33,7 @@ class Linearisation:
     """
 
     model: CalibrationModel
-    view: ArmView
+    view: MeasurementContext
     rows_last: FloatArray
     jacobian_last: FloatArray
     motion: FloatArray

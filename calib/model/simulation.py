@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.errors import ConvergenceError
 from calib.model.calibration_model import CalibrationModel
-from calib.model.context import ArmView, Setup
+from calib.model.context import MeasurementContext, Setup
 from calib.model.measurements import Measurements
 from calib.model.measurements.base import Contact
 from calib.model.touching import TOUCH_TOLERANCE_M, touch
@@ -103,7 +103,7 @@ def _read(
 
 
 def _noise(
-    truth: CalibrationModel, view: ArmView, rng: np.random.Generator, *, lift: bool
+    truth: CalibrationModel, view: MeasurementContext, rng: np.random.Generator, *, lift: bool
 ) -> FloatArray:
     """Noise of the kinds that touch as displacements ``(3, S)``, or of the others as rows (m, S).
 

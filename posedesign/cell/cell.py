@@ -32,7 +32,7 @@ from posedesign.cell.surroundings import (
     what_is_not_checked,
     what_is_odd,
 )
-from posedesign.constraints import Checker, Collision, Retreat, WayChecker
+from posedesign.constraints import Checker, Collision, MotionChecker, Retreat
 
 MOST_RADIANS = np.pi
 """A base posture whose values all lie within this, most of them with a fraction, was written in
@@ -151,11 +151,11 @@ class Cell(CellData):
         return build_retreat(self, self.passing, self.solid, self.ways.largest_travel)
 
     @cached_property
-    def ways(self) -> WayChecker:
+    def ways(self) -> MotionChecker:
         """What the ways between postures must keep."""
         section = self.config.constraints
         travel = section.largest_travel_deg
-        return WayChecker(
+        return MotionChecker(
             self.solid_passing if section.ways else (),
             np.inf if travel is None else float(np.deg2rad(travel)),
         )

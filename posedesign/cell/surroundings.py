@@ -23,10 +23,10 @@ from posedesign.constraints import (
     Constraint,
     Distance,
     InImage,
+    MotionChecker,
     Retreat,
     SelfCollision,
     Tilt,
-    WayChecker,
 )
 from posedesign.constraints.joints import Singularity
 from posedesign.constraints.retreat import BackingOff
@@ -135,8 +135,8 @@ def build_retreat(
         contact_m=plan.contact_mm / 1e3,
         short_m=plan.stop_short_mm / 1e3,
         passing=passing,
-        others=WayChecker(solid if ways else (), largest_travel),
-        meeting=WayChecker((meeting,) if ways and met else (), np.inf),
+        others=MotionChecker(solid if ways else (), largest_travel),
+        meeting=MotionChecker((meeting,) if ways and met else (), np.inf),
     )
 
 

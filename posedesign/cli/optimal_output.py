@@ -49,8 +49,8 @@ def _as_dict(result: OptimalPlan) -> dict[str, object]:
         "remarks": result.remarks,
         "not_checked": result.not_checked,
         "fingerprint": result.fingerprint,
-        "method": result.wish.method,
-        "robust": result.wish.robust,
+        "method": result.request.method,
+        "robust": result.request.robust,
         "refined": result.is_refined,
         "criterion": {
             "name": goal.criterion.name,

@@ -172,10 +172,10 @@ def plan(
     exchange, the best poses are chosen out of a pool, and it is proven how good they are.
     """
     from posedesign.cell import Cell
-    from posedesign.planning.optimal.request import wish_of_words
+    from posedesign.planning.optimal.request import request_of_words
 
     loaded = Cell.load(cell)
-    wish = wish_of_words(
+    request = request_of_words(
         method,
         poses,
         criterion,
@@ -190,7 +190,7 @@ def plan(
     )
     results = results_in(out, "plan", cell, keep, overwrite=overwrite)
     say_what_to_know(loaded)  # before anything is planned for it
-    if wish is None:
+    if request is None:
         return _plan_by_grid(loaded, results, as_json=as_json)
     from posedesign.cli.optimal_output import print_optimal
     from posedesign.planning.tables import read_poses
@@ -201,7 +201,7 @@ def plan(
         own = read_poses(keep, loaded.robot.n, controller=loaded.robot.controller)
         note_misfit(keep, own)
     with progress("planning") as advance:
-        result = plan_optimal_poses(loaded, results, wish, advance, own)
+        result = plan_optimal_poses(loaded, results, request, advance, own)
     print_optimal(loaded, result, out, as_json=as_json)
     return DONE if result.reached else NOT_REACHED
 

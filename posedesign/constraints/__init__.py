@@ -3,7 +3,7 @@
 from posedesign.constraints.checker import Checker, Verdicts
 from posedesign.constraints.constraint import ROUNDING, Constraint, Situation
 from posedesign.constraints.postures import Postures, nearest_postures
-from posedesign.constraints.retreat import Retreat, WayChecker
+from posedesign.constraints.retreat import MotionChecker, Retreat
 from posedesign.constraints.space import Collision, SelfCollision
 from posedesign.constraints.visibility import (
     Distance,
@@ -18,12 +18,12 @@ __all__ = [
     "Constraint",
     "Distance",
     "InImage",
+    "MotionChecker",
     "Postures",
     "Retreat",
     "SelfCollision",
     "Situation",
     "Tilt",
     "Verdicts",
-    "WayChecker",
     "nearest_postures",
 ]

@@ -43,7 +43,7 @@ class WayVerdicts:
 
 
 @dataclass(frozen=True, eq=False)
-class WayChecker:
+class MotionChecker:
     """Bounds on ways: distances that are kept all along, and how far a joint may travel.
 
     Attributes
@@ -118,9 +118,9 @@ class Retreat:
         before the pose a program stops.
     passing : Checker
         What a posture that is backed off must keep: all distances.
-    others : WayChecker
+    others : MotionChecker
         What is kept all along the move: all distances but those of bodies that meet at the target.
-    meeting : WayChecker
+    meeting : MotionChecker
         Those not touching, until the last part of the move.
     """
 
@@ -131,8 +131,8 @@ class Retreat:
     contact_m: float
     short_m: float
     passing: Checker
-    others: WayChecker
-    meeting: WayChecker
+    others: MotionChecker
+    meeting: MotionChecker
 
     def back_off(self, q: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
         """Postures ``(N, n)`` [rad] with the tool backed off from others, and what is in the way.

@@ -18,7 +18,7 @@ import numpy as np
 
 from calib.se3 import FloatArray
 from posedesign.constraints import Checker
-from posedesign.motion.known_motions import Passages
+from posedesign.motion.known_motions import KnownMotions
 
 MOST_DIRECTIONS = 16
 """Combinations of directions whose ways are checked: postures that keep a distance with so short a
@@ -45,7 +45,7 @@ class Approaches:
 
 
 def find_approaches(
-    postures: FloatArray, angle_rad: float, passing: Checker, passages: Passages
+    postures: FloatArray, angle_rad: float, passing: Checker, passages: KnownMotions
 ) -> Approaches:
     """Stop short of postures ``(N, n)`` [rad] by an angle in every joint.
 
@@ -60,7 +60,7 @@ def find_approaches(
         Of the last movement of every joint.
     passing : Checker
         What a posture that the arm only passes through must keep.
-    passages : Passages
+    passages : KnownMotions
         The ways from the passed postures must be clear.
     """
     best: Approaches | None = None
@@ -97,7 +97,7 @@ def _directions(
 
 
 def _lost(
-    postures: FloatArray, short: FloatArray, passing: Checker, passages: Passages
+    postures: FloatArray, short: FloatArray, passing: Checker, passages: KnownMotions
 ) -> dict[int, str]:
     """Postures that a passed posture or the way from it keeps from being approached, and why."""
     verdicts = passing.check(short)

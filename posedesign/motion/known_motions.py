@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.robots import Robot
 from calib.se3 import FloatArray
-from posedesign.constraints import Checker, WayChecker, nearest_postures
+from posedesign.constraints import Checker, MotionChecker, nearest_postures
 from posedesign.motion.order import ACCELERATION_S, moving_time_s
 
 RETREATS_M = (0.1, 0.2, 0.4)
@@ -23,13 +23,13 @@ Leg = tuple[FloatArray, FloatArray]
 """From a posture ``(n,)`` to a posture ``(n,)`` [rad]."""
 
 
-class Passages:
+class KnownMotions:
     """Remembers what was found out of ways; each is checked once.
 
     Parameters
     ----------
     robot : Robot
-    ways : WayChecker
+    ways : MotionChecker
     passing : Checker
         What a posture that the arm only passes through must keep.
     base : array (n,)
@@ -41,7 +41,7 @@ class Passages:
     def __init__(
         self,
         robot: Robot,
-        ways: WayChecker,
+        ways: MotionChecker,
         passing: Checker,
         base: FloatArray,
         speeds: FloatArray,

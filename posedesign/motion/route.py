@@ -16,9 +16,9 @@ import numpy as np
 from calib.errors import UnreachableError
 from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray
-from posedesign.constraints import Checker, Retreat, WayChecker
+from posedesign.constraints import Checker, MotionChecker, Retreat
 from posedesign.motion.approach import find_approaches
-from posedesign.motion.known_motions import Leg, Passages
+from posedesign.motion.known_motions import KnownMotions, Leg
 from posedesign.motion.order import (
     ACCELERATION_S,
     legs_of,
@@ -48,7 +48,7 @@ class Router:
     Parameters
     ----------
     robot : Robot
-    ways : WayChecker
+    ways : MotionChecker
     passing : Checker
         What a posture that the arm only passes through must keep.
     start : array (n,)
@@ -61,7 +61,7 @@ class Router:
     def __init__(
         self,
         robot: Robot,
-        ways: WayChecker,
+        ways: MotionChecker,
         passing: Checker,
         start: FloatArray,
         options: RouteOptions | None = None,
@@ -79,7 +79,7 @@ class Router:
         usual = np.median(robot.speed[known]) if self._timed else 1.0
         self._speeds = self.options.speed_share * np.where(known, robot.speed, usual)
         home = start if retreat is None else retreat.back_off(start[None])[0][0]
-        self._passages = Passages(robot, ways, passing, home, self._speeds)
+        self._passages = KnownMotions(robot, ways, passing, home, self._speeds)
 
     @classmethod
     def of_cell(cls, cell: Cell) -> Router:
@@ -209,7 +209,7 @@ class Router:
     def _through(
         self, places: _Places, rows: Sequence[int], leg: tuple[int, int]
     ) -> list[FloatArray] | None:
-        """Postures to pass from one node to another; see :meth:`Passages.through`."""
+        """Postures to pass from one node to another; see :meth:`KnownMotions.through`."""
         others = [places.leave[row] for row in rows]
         if places.enter is not places.leave:
             others += [places.enter[row] for row in rows if row != 0]

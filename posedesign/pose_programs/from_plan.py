@@ -16,7 +16,7 @@ from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.files import Results
 from posedesign.files.origin import described, is_simulated
-from posedesign.motion import Passages, find_approaches
+from posedesign.motion import KnownMotions, find_approaches
 from posedesign.motion.waypoints import Passing
 from posedesign.planning import fingerprint
 from posedesign.planning.loop import regressor
@@ -199,7 +199,9 @@ def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | No
             name="approach",
         )
     # only whether the short ways are clear is asked, so speeds do not matter
-    ways = Passages(cell.robot, cell.ways, cell.passing, cell.base_posture, np.ones(cell.robot.n))
+    ways = KnownMotions(
+        cell.robot, cell.ways, cell.passing, cell.base_posture, np.ones(cell.robot.n)
+    )
     angle = float(np.deg2rad(approach_deg))
     found = find_approaches(poses.measured.postures, angle, cell.passing, ways)
     if found.lost:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.model.context import ArmView
+from calib.model.context import MeasurementContext
 from calib.se3 import FloatArray
 
 UNKNOWN_SIGMA = 1e-4
@@ -91,7 +91,7 @@ class Measurement(ABC):
         return other
 
     @abstractmethod
-    def predict(self, view: ArmView) -> FloatArray:
+    def predict(self, view: MeasurementContext) -> FloatArray:
         """What is read ``(m, S)``."""
 
     def difference(self, predicted: FloatArray, observed: FloatArray) -> FloatArray:
@@ -99,19 +99,21 @@ class Measurement(ABC):
         return np.asarray(predicted - observed)
 
     @abstractmethod
-    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
         """Rows ``(p, m, S)`` for twists ``(p, 6, S)`` of the tool against its target.
 
         The derivative of :meth:`difference` where that is ``rows`` (m, S). There are only the
         first three rows of a twist for kinds that see no rotation.
         """
 
-    def whiten(self, rows: FloatArray, view: ArmView) -> FloatArray:
+    def whiten(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """Rows ``(..., m, S)`` divided by the noise: unit variance, uncorrelated."""
         return np.asarray(rows / self.sigma[:, None])
 
     def whiten_derivative(
-        self, J: FloatArray, motion: FloatArray, view: ArmView, rows: FloatArray
+        self, J: FloatArray, motion: FloatArray, view: MeasurementContext, rows: FloatArray
     ) -> FloatArray:
         """Derivative ``(p, m, S)`` of the whitened ``rows`` (m, S), from that of the rows.
 
@@ -119,7 +121,7 @@ class Measurement(ABC):
         """
         return self.whiten(J, view)
 
-    def colour(self, rows: FloatArray, view: ArmView) -> FloatArray:
+    def colour(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """The inverse of :meth:`whiten`: draws of unit variance as noise of the rows."""
         return np.asarray(rows * self.sigma[:, None])
 
@@ -127,7 +129,7 @@ class Measurement(ABC):
         """Readings ``(m, S)`` off by rows of noise, such that :meth:`difference` gives these."""
         return np.asarray(readings + noise)
 
-    def gap(self, vector: FloatArray, view: ArmView) -> FloatArray:
+    def gap(self, vector: FloatArray, view: MeasurementContext) -> FloatArray:
         """What of vectors ``(..., 3, S)`` in base axes the arm has to bring to nothing.
 
         Nothing, for kinds that are read off.
@@ -140,12 +142,12 @@ class Contact(Measurement):
 
     reads = False
 
-    def gap(self, vector: FloatArray, view: ArmView) -> FloatArray:
+    def gap(self, vector: FloatArray, view: MeasurementContext) -> FloatArray:
         """See :meth:`Measurement.gap`: all of it, where a point is brought to a point."""
         return vector
 
     @abstractmethod
-    def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
+    def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """Displacement ``(3, S)`` [m] of the tool point, in base axes, that shows as these rows."""
 
 

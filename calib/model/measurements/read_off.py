@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calib.batch_last import along, cross, matrices_of, turn_back
-from calib.model.context import ArmView
+from calib.model.context import MeasurementContext
 from calib.model.measurements.base import Measurement
 from calib.se3 import FloatArray, inverse_left_jacobian, rotation_exp, rotation_log
 
@@ -23,11 +23,13 @@ class Point(Measurement):
     name = "point"
     rows = 3
 
-    def predict(self, view: ArmView) -> FloatArray:
+    def predict(self, view: MeasurementContext) -> FloatArray:
         """See :meth:`Measurement.predict`."""
         return view.in_target(view.error)
 
-    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
         """See :meth:`Measurement.differentiate`: velocities are those against the turning frame."""
         return view.in_target(motion[:, :3])
 
@@ -49,7 +51,7 @@ class Pose(Measurement):
     turns = 3
     sees_rotation = True
 
-    def predict(self, view: ArmView) -> FloatArray:
+    def predict(self, view: MeasurementContext) -> FloatArray:
         """See :meth:`Measurement.predict`."""
         vector = rotation_log(matrices_of(view.in_target(view.tool))).T
         return np.concatenate([view.in_target(view.error), vector])
@@ -62,7 +64,9 @@ class Pose(Measurement):
         """See :meth:`Measurement.disturb`."""
         return _pose_disturbed(readings, noise)
 
-    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
         """See :meth:`Measurement.differentiate`."""
         turned = _log_derivative(view.in_target(motion[:, 3:]), rows)
         return np.concatenate([view.in_target(motion[:, :3]), turned], axis=1)
@@ -82,7 +86,7 @@ class CameraPose(Measurement):
     turns = 3
     sees_rotation = True
 
-    def predict(self, view: ArmView) -> FloatArray:
+    def predict(self, view: MeasurementContext) -> FloatArray:
         """See :meth:`Measurement.predict`."""
         target = np.broadcast_to(view.target, view.tool.shape)
         vector = rotation_log(matrices_of(turn_back(view.tool, target))).T
@@ -96,7 +100,9 @@ class CameraPose(Measurement):
         """See :meth:`Measurement.disturb`."""
         return _pose_disturbed(readings, noise)
 
-    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
         """See :meth:`Measurement.differentiate`: the target goes against the tool."""
         place = cross(motion[:, 3:], view.error) - motion[:, :3]
         turned = _log_derivative(turn_back(view.tool, -motion[:, 3:]), rows)
@@ -116,7 +122,7 @@ class Distance(Measurement):
     rows = 1
     is_distance = True
 
-    def predict(self, view: ArmView) -> FloatArray:
+    def predict(self, view: MeasurementContext) -> FloatArray:
         """See :meth:`Measurement.predict`: the distance, and what the instrument shows more."""
         length = view.distance()[0].copy()
         for label, more in view.errors.lengths.items():
@@ -124,7 +130,9 @@ class Distance(Measurement):
             length += more if mask is None else mask * more
         return length[None]
 
-    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
         """See :meth:`Measurement.differentiate`."""
         return along(view.distance()[1], motion[:, :3])[:, None]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.batch_last import along, cross, turn, turn_back
-from calib.model.context import ArmView
+from calib.model.context import MeasurementContext
 from calib.model.measurements.base import Contact
 from calib.se3 import FloatArray, rigid, transform
 
@@ -42,34 +42,36 @@ class TouchUp(Contact):
         if axes is not None:
             self._axes = rigid(transform(axes, np.zeros(3)), "axes")[:3, :3]
 
-    def predict(self, view: ArmView) -> FloatArray:
+    def predict(self, view: MeasurementContext) -> FloatArray:
         """See :meth:`Measurement.predict`: the error itself."""
         return view.in_target(view.error)
 
-    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
         """See :meth:`Measurement.differentiate`."""
         return view.in_target(motion[..., :3, :])
 
-    def whiten(self, rows: FloatArray, view: ArmView) -> FloatArray:
+    def whiten(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """See :meth:`Measurement.whiten`: turned into camera axes, then divided."""
         return turn_back(self._columns(view) / self.sigma[:, None, None], view.out_of_target(rows))
 
     def whiten_derivative(
-        self, J: FloatArray, motion: FloatArray, view: ArmView, rows: FloatArray
+        self, J: FloatArray, motion: FloatArray, view: MeasurementContext, rows: FloatArray
     ) -> FloatArray:
         """See :meth:`Measurement.whiten_derivative`: ``d(Rᵀe) = Rᵀ(de - w x e)``."""
         moved = motion[:, :3] - cross(motion[:, 3:], view.error)
         return turn_back(self._columns(view) / self.sigma[:, None, None], moved)
 
-    def colour(self, rows: FloatArray, view: ArmView) -> FloatArray:
+    def colour(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """See :meth:`Measurement.colour`."""
         return view.in_target(turn(self._columns(view), rows * self.sigma[:, None]))
 
-    def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
+    def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """See :meth:`Contact.lift`."""
         return view.out_of_target(rows)
 
-    def _columns(self, view: ArmView) -> FloatArray:
+    def _columns(self, view: MeasurementContext) -> FloatArray:
         """Columns, then rows, ``(3, 3, S)`` of the axes of the noise in the base."""
         if self._axes is None:
             return view.tool
@@ -92,12 +94,14 @@ class ViewLine(Contact):
     rows = 2
     sees_rotation = True
 
-    def predict(self, view: ArmView) -> FloatArray:
+    def predict(self, view: MeasurementContext) -> FloatArray:
         """See :meth:`Measurement.predict`: the error across the view line."""
         error = view.error
         return np.stack([along(view.tool[k], error) for k in range(2)])
 
-    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
         """See :meth:`Measurement.differentiate`.
 
         The axes turn with the tool: ``d(Rᵀe) = Rᵀ(de - w x e)``.
@@ -105,7 +109,7 @@ class ViewLine(Contact):
         moved = motion[:, :3] - cross(motion[:, 3:], view.error)
         return np.stack([along(view.tool[k], moved) for k in range(2)], axis=1)
 
-    def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
+    def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """See :meth:`Contact.lift`: across the line; the arm is taken to hold its depth."""
         return np.asarray(view.tool[0] * rows[0] + view.tool[1] * rows[1])
 
@@ -122,18 +126,20 @@ class PlaneContact(Contact):
     name = "plane"
     rows = 1
 
-    def predict(self, view: ArmView) -> FloatArray:
+    def predict(self, view: MeasurementContext) -> FloatArray:
         """See :meth:`Measurement.predict`: the height over the plane."""
         return along(view.target[2], view.error)[None]
 
-    def differentiate(self, motion: FloatArray, view: ArmView, rows: FloatArray) -> FloatArray:
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
         """See :meth:`Measurement.differentiate`."""
         return along(view.target[2], motion[:, :3])[:, None]
 
-    def lift(self, rows: FloatArray, view: ArmView) -> FloatArray:
+    def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
         """See :meth:`Contact.lift`: along the normal."""
         return np.asarray(view.target[2] * rows[0])
 
-    def gap(self, vector: FloatArray, view: ArmView) -> FloatArray:
+    def gap(self, vector: FloatArray, view: MeasurementContext) -> FloatArray:
         """See :meth:`Contact.gap`: along the normal."""
         return np.asarray(view.target[2] * along(view.target[2], vector)[..., None, :])

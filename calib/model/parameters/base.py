@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from calib.errors import InputError, near_names
-from calib.model.context import ArmErrors, ArmView, Setup
+from calib.model.context import ArmErrors, MeasurementContext, Setup
 from calib.robots import Robot
 from calib.se3 import FloatArray
 
@@ -72,7 +72,7 @@ class ParameterBlock(ABC):
         """Apply values ``(size, S)`` to arm and set-up; ``q`` (n, S) are the joints as shown."""
 
     @abstractmethod
-    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
         """Write the twist of the tool against the target for each parameter.
 
         ``out`` is ``(size, 6, S)`` and zero. Rows 0 to 2: velocity of the tool point less that of

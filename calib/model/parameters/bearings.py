@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.batch_last import along, turn
-from calib.model.context import ArmErrors, ArmView, Setup
+from calib.model.context import ArmErrors, MeasurementContext, Setup
 from calib.model.parameters.base import ParameterBlock, joint_indices, prior_of
 from calib.model.parameters.gravity import GravityLoad, Payload
 from calib.robots import Robot
@@ -88,7 +88,7 @@ class BearingCompliance(ParameterBlock):
             six[3:] = self._directions[i].T @ tilts[2 * i : 2 * i + 2]
             errors.displace(joint, six)
 
-    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
         """See :meth:`ParameterBlock.move`."""
         torque = self.torques(view.q, view.setup)
         for i, joint in enumerate(self._joints):

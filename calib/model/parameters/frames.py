@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from calib.batch_last import columns_of, cross, product
 from calib.errors import InputError
-from calib.model.context import ArmErrors, ArmView, Feature, Setup
+from calib.model.context import ArmErrors, Feature, MeasurementContext, Setup
 from calib.model.parameters.base import ParameterBlock, prior_of
 from calib.model.parameters.links import AXES
 from calib.se3 import (
@@ -144,7 +144,7 @@ class OnTool(Frames):
         """See :meth:`ParameterBlock.displace`."""
         errors.tools += self.features(values)
 
-    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
         """See :meth:`ParameterBlock.move`."""
         per_frame = out.reshape(len(self.labels), len(self._axes), *out.shape[1:])
         for frame, (label, rows) in enumerate(zip(self.labels, per_frame, strict=True)):
@@ -177,7 +177,7 @@ class AroundArm(Frames):
         """See :meth:`ParameterBlock.displace`."""
         errors.targets += self.features(values)
 
-    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
         """See :meth:`ParameterBlock.move`: the tool against them goes the other way."""
         per_frame = out.reshape(len(self.labels), len(self._axes), *out.shape[1:])
         for frame, (label, rows) in enumerate(zip(self.labels, per_frame, strict=True)):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.model.context import ArmErrors, ArmView, Setup
+from calib.model.context import ArmErrors, MeasurementContext, Setup
 from calib.model.parameters.base import ParameterBlock, Unit, joint_indices, prior_of
 from calib.robots import Robot
 from calib.se3 import FloatArray
@@ -63,7 +63,7 @@ class JointErrors(ParameterBlock):
         for k, joint in enumerate(self._joints):
             errors.joints[joint] += added[k]
 
-    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
         """See :meth:`ParameterBlock.move`."""
         weights = self.functions(view.q, view.setup)
         done: dict[int, int] = {}

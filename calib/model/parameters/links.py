@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.batch_last import cross, product
 from calib.errors import InputError
-from calib.model.context import ArmErrors, ArmView, Setup
+from calib.model.context import ArmErrors, MeasurementContext, Setup
 from calib.model.parameters.base import ParameterBlock, joint_indices, prior_of
 from calib.robots import Robot
 from calib.se3 import FloatArray
@@ -91,7 +91,7 @@ class LinkGeometry(ParameterBlock):
         for joint in self._joints:
             errors.displace(joint, self.displacement(values, joint))
 
-    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
         """See :meth:`ParameterBlock.move`."""
         for joint in self._joints:
             columns = [axis for _, axis in self._rows[joint]]

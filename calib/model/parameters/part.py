@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.errors import InputError, near_names
-from calib.model.context import ArmErrors, ArmView, Setup
+from calib.model.context import ArmErrors, MeasurementContext, Setup
 from calib.model.parameters.base import ParameterBlock
 from calib.se3 import FloatArray
 
@@ -56,7 +56,7 @@ class Part(ParameterBlock):
         """See :meth:`ParameterBlock.displace`."""
         self.whole.displace(self._all(values), errors, q, setup)
 
-    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
         """See :meth:`ParameterBlock.move`."""
         every = np.zeros((self.whole.size, *out.shape[1:]))
         self.whole.move(self._all(values), view, every)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.model.context import ArmErrors, ArmView, Setup
+from calib.model.context import ArmErrors, MeasurementContext, Setup
 from calib.model.parameters.base import ParameterBlock, prior_of
 from calib.model.parameters.frames import AroundArm, points_as_frames
 from calib.model.parameters.links import AXES
@@ -141,7 +141,7 @@ class LengthOffsets(ParameterBlock):
         """See :meth:`ParameterBlock.displace`."""
         errors.lengths |= dict(zip(self.labels, values, strict=True))
 
-    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
         """See :meth:`ParameterBlock.move`: as if the tool point went outwards."""
         _, away = view.distance()
         for label, row in zip(self.labels, out, strict=True):

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from calib.batch_last import columns_of, cross, product, turn
 from calib.errors import InputError
-from calib.model.context import ArmErrors, ArmView, Feature, Setup
+from calib.model.context import ArmErrors, Feature, MeasurementContext, Setup
 from calib.model.parameters.base import ParameterBlock, prior_of
 from calib.model.parameters.frames import points_as_frames
 from calib.model.parameters.links import AXES
@@ -71,7 +71,7 @@ class ToolBody(ParameterBlock):
             Feature(values[:3] + turn(columns, place[:, None]), columns) for place in self._places
         ]
 
-    def move(self, values: FloatArray, view: ArmView, out: FloatArray) -> None:
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
         """See :meth:`ParameterBlock.move`."""
         about = product(view.tool, columns_of(right_jacobian(values[3:].T)))
         for label, place in zip(self.tools, self._places, strict=True):

@@ -3,7 +3,7 @@
 from posedesign.planning.optimal.choose import plan_fewest, plan_optimal
 from posedesign.planning.optimal.next_poses import NextPoses
 from posedesign.planning.optimal.objective import GOALS
-from posedesign.planning.optimal.request import Wish
+from posedesign.planning.optimal.request import Request
 from posedesign.planning.optimal.result import OptimalPlan
 from posedesign.planning.optimal.sequential import plan_next
 
@@ -11,7 +11,7 @@ __all__ = [
     "GOALS",
     "NextPoses",
     "OptimalPlan",
-    "Wish",
+    "Request",
     "plan_fewest",
     "plan_next",
     "plan_optimal",

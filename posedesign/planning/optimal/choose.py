@@ -1,4 +1,4 @@
-"""From a wish to poses: pool, choice, refinement, way, and what they promise.
+"""From a request to poses: pool, choice, refinement, way, and what they promise.
 
 Poses of validation are kept out of the fit, to test what comes out of it. They are chosen like the
 others, from what is left of the pool, by how much they would tell of the tool point over the task
@@ -31,7 +31,7 @@ from posedesign.planning.optimal.reachable import (
     without_unreached,
 )
 from posedesign.planning.optimal.refinement import refine
-from posedesign.planning.optimal.request import Wish
+from posedesign.planning.optimal.request import Request
 from posedesign.planning.optimal.result import OptimalPlan
 from posedesign.planning.optimal.robust import (
     SCENARIOS,
@@ -60,7 +60,7 @@ def _silent(what: str, part: float) -> None:
 
 def plan_optimal(
     cell: Cell,
-    wish: Wish,
+    request: Request,
     advance: Advance = _silent,
     *,
     keep: FloatArray | None = None,
@@ -70,7 +70,7 @@ def plan_optimal(
     Parameters
     ----------
     cell : Cell
-    wish : Wish
+    request : Request
     advance : callable, optional
         Called with what is being done and the part of all work that is done.
     keep : ndarray (k, n), optional
@@ -79,14 +79,14 @@ def plan_optimal(
     Raises
     ------
     InputError
-        A wish that cannot be met by this cell, such as a threshold that no choice reaches.
+        A request that cannot be met by this cell, such as a threshold that no choice reaches.
     UnreachableError
         The base pose itself cannot be taken, or no candidate.
     NotIdentifiableError
         The whole pool cannot identify some of the parameters, which are named.
     """
     kept = np.zeros((0, cell.robot.n)) if keep is None else np.asarray(keep, dtype=float)
-    return _Planning(cell, wish, advance, kept).run()
+    return _Planning(cell, request, advance, kept).run()
 
 
 def plan_fewest(
@@ -116,21 +116,21 @@ def plan_fewest(
             hint="give --wanted-sigma-mm, --wanted-sigma-deg, or both",
             name="wanted",
         )
-    wish = Wish(count=None, criterion="sigma", sigma_m=sigma_m, sigma_rad=sigma_rad)
-    return plan_optimal(cell, wish, advance)
+    request = Request(count=None, criterion="sigma", sigma_m=sigma_m, sigma_rad=sigma_rad)
+    return plan_optimal(cell, request, advance)
 
 
 class _Planning:
     """One planning run."""
 
-    def __init__(self, cell: Cell, wish: Wish, advance: Advance, keep: FloatArray) -> None:
-        self._cell, self._wish, self._advance = cell, wish, advance
+    def __init__(self, cell: Cell, request: Request, advance: Advance, keep: FloatArray) -> None:
+        self._cell, self._request, self._advance = cell, request, advance
         self._kept = keep
         self._why, self._dropped = "", list[str]()
         self._model = cell.model()
         check_base_pose(cell)  # what is wrong with it is wrong with the task box about it, too
         self._box, self._box_words = functions_over_box(cell, self._model)
-        self._goal = goal_of(wish, self._model, self._box)
+        self._goal = goal_of(request, self._model, self._box)
         if self._goal.weighted and not cell.config.measurement.weighted:
             raise InputError(
                 "what an unweighted estimate needs cannot be chosen pose by pose",
@@ -152,7 +152,7 @@ class _Planning:
             if fewest is not None and not fewest.reached:
                 return self._result(pool, selection, fewest, pool.take(selection.indices), None)
             chosen = pool.take(selection.indices)
-            if self._wish.refine:
+            if self._request.refine:
                 self._advance("refining", 0.6)
                 chosen, route = refined_with_way(
                     self._router, chosen, self._refined, in_doubt=attempt > 0
@@ -192,7 +192,7 @@ class _Planning:
         white = pool.white(self._model)
         names, nuisance = self._model.names, self._model.nuisance
         check_identifiable(white.reshape(-1, self._model.p), names, nuisance)
-        count, validation = self._wish.count, self._wish.validation
+        count, validation = self._request.count, self._request.validation
         if count is None:
             return
         if count * white.shape[1] < self._model.p:
@@ -206,9 +206,9 @@ class _Planning:
 
     def _choose(self, pool: Pool, *, first: bool) -> tuple[Selection, Fewest | None]:
         """The best of the pool; what the whole of it cannot give is refused at the first choice."""
-        goal, wish = self._goal, self._wish
+        goal, request = self._goal, self._request
         blocks, criterion = self._blocks_and_criterion(pool)
-        if wish.count is None:
+        if request.count is None:
             limit = 1.0 if goal.limit is None else goal.limit
             fewest = select_fewest(
                 blocks,
@@ -221,9 +221,9 @@ class _Planning:
         try:
             found = select(
                 blocks,
-                wish.count if first else min(wish.count, len(pool)),
+                request.count if first else min(request.count, len(pool)),
                 criterion,
-                wish.method,
+                request.method,
                 names=self._model.names,
                 threshold=goal.limit if first else None,
                 keep=range(len(self._kept)),
@@ -234,10 +234,10 @@ class _Planning:
 
     def _in_own_words(self, error: InputError) -> InputError:
         """A refused threshold of deviations: in what the user gave, and not in parts of it."""
-        if error.name != "threshold" or not self._wish.wants_sigma:
+        if error.name != "threshold" or not self._request.wants_sigma:
             return error
         return InputError(
-            f"no {self._wish.count} poses of this pool reach the deviations wanted: those of the "
+            f"no {self._request.count} poses of this pool reach the deviations wanted: those of the "
             f"best are proven not to be below {error.bound:.4g} times them",
             hint="take more poses (--poses auto: as many as it takes), or a wider pool",
             name="threshold",
@@ -247,7 +247,7 @@ class _Planning:
 
     def _blocks_and_criterion(self, pool: Pool) -> tuple[FloatArray, Criterion]:
         """Of the robot as described, or of several as it may be."""
-        goal, robust = self._goal, self._wish.robust
+        goal, robust = self._goal, self._request.robust
         if robust == "none":
             return goal.blocks(pool.linearise(self._model)), goal.criterion
         rng = np.random.default_rng(SCENARIOS)
@@ -266,7 +266,7 @@ class _Planning:
     ) -> OptimalPlan:
         as_they_were, dropped = pool.take(selection.indices), list(self._dropped)
         if route is not None:
-            missing = (self._wish.count or len(chosen)) - len(chosen)
+            missing = (self._request.count or len(chosen)) - len(chosen)
             dropped += [*route.lost.values(), *[self._why] * missing]
             rows, route = reached_of(self._router, chosen.postures, route)
             chosen, as_they_were = chosen.take(rows), as_they_were.take(rows)
@@ -281,7 +281,7 @@ class _Planning:
             self._refuse_too_few(white)
         self._advance("one pose more or fewer", 0.8)
         plan = OptimalPlan(
-            wish=self._wish,
+            request=self._request,
             goal=self._goal,
             selection=selection,
             fewest=fewest,
@@ -301,7 +301,7 @@ class _Planning:
             else robustness(self._cell, self._model, self._goal, chosen),
             not_checked=self._cell.not_checked,
         )
-        if route is None or not self._wish.validation:
+        if route is None or not self._request.validation:
             return plan
         self._advance("poses for validation", 0.9)
         left = pool.take(np.setdiff1d(np.arange(len(pool)), selection.indices))
@@ -309,7 +309,7 @@ class _Planning:
 
     def _with_validation(self, plan: OptimalPlan, left: Pool, white: FloatArray) -> OptimalPlan:
         """The plan with poses for validation out of what is left, and the way through them."""
-        count, why = self._wish.validation, self._why
+        count, why = self._request.validation, self._why
         for attempt in range(ATTEMPTS):
             if not len(left):
                 nothing = as_pose_set(left).and_dropped([why] * count)
@@ -360,7 +360,7 @@ class _Planning:
                 other = fewest.fewer
             else:
                 keep = range(len(self._kept))
-                other = select(blocks, count, criterion, self._wish.method, starts=1, keep=keep)
+                other = select(blocks, count, criterion, self._request.method, starts=1, keep=keep)
             found.append(self._accuracy(pool.take(other.indices)))
         return tuple(found)
 

@@ -12,7 +12,7 @@ from calib.model import CalibrationModel, Linearisation
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray
 from posedesign.planning.loop import regressor
-from posedesign.planning.optimal.request import Wish
+from posedesign.planning.optimal.request import Request
 from posedesign.planning.pose_plan import displayed
 from posedesign.selection import (
     CRITERIA,
@@ -103,12 +103,12 @@ class Goal:
         return self.criterion.name not in _BY_REGRESSOR
 
 
-def goal_of(wish: Wish, model: CalibrationModel, box: FloatArray) -> Goal:
-    """The goal of a wish.
+def goal_of(request: Request, model: CalibrationModel, box: FloatArray) -> Goal:
+    """The goal of a request.
 
     Parameters
     ----------
-    wish : Wish
+    request : Request
     model : CalibrationModel
     box : ndarray (K, 3, p)
         How the tool point moves with the parameters over the task box.
@@ -116,19 +116,19 @@ def goal_of(wish: Wish, model: CalibrationModel, box: FloatArray) -> Goal:
     Raises
     ------
     InputError
-        No such criterion or parameter, or a wish that does not go with it.
+        No such criterion or parameter, or a request that does not go with it.
     """
-    if wish.wants_sigma:
-        wanted = _wanted(model, wish.sigma_m, wish.sigma_rad)
+    if request.wants_sigma:
+        wanted = _wanted(model, request.sigma_m, request.sigma_rad)
         title = "largest standard deviation over that wanted"
         return Goal(_named(wanted_deviations(wanted, model.p), SIGMA, title), 1.0)
-    if wish.accuracy_m is not None:
-        return Goal(_tcp_worst(box), IN_MM * wish.accuracy_m, "mm")
-    return replace(_by_name(wish, model, box), limit=wish.threshold)
+    if request.accuracy_m is not None:
+        return Goal(_tcp_worst(box), IN_MM * request.accuracy_m, "mm")
+    return replace(_by_name(request, model, box), limit=request.threshold)
 
 
-def _by_name(wish: Wish, model: CalibrationModel, box: FloatArray) -> Goal:
-    name = wish.criterion.strip()
+def _by_name(request: Request, model: CalibrationModel, box: FloatArray) -> Goal:
+    name = request.criterion.strip()
     key = name.lower()
     if key == TCP:
         return Goal(mean_deviation(IN_MM * box, TCP, GOALS[TCP]), None, "mm")
@@ -145,7 +145,7 @@ def _by_name(wish: Wish, model: CalibrationModel, box: FloatArray) -> Goal:
         )
     robot = np.flatnonzero(~model.nuisance)
     interest = robot.tolist() if known[0] in _BY_NUISANCE and 0 < len(robot) < model.p else None
-    return Goal(criterion_by_name(known[0], model.p, wish.count or 1, interest))
+    return Goal(criterion_by_name(known[0], model.p, request.count or 1, interest))
 
 
 def _tcp_worst(box: FloatArray) -> Criterion:

@@ -10,7 +10,7 @@ from calib.se3 import FloatArray
 from posedesign.candidates import away_from_singularities, functions_over_box, pool_of
 from posedesign.cell import Cell
 from posedesign.planning.optimal.objective import IN_MM, accuracy_of, goal_of
-from posedesign.planning.optimal.request import Wish
+from posedesign.planning.optimal.request import Request
 from posedesign.selection import select
 
 CANDIDATES = 300
@@ -60,7 +60,7 @@ def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Out
     """
     box, words = functions_over_box(cell, model)
     count = len(postures)
-    goal = goal_of(Wish(count=count), model, box)
+    goal = goal_of(Request(count=count), model, box)
     own = accuracy_of(model, goal, box, model.linearise(postures))
     if not cell.config.measurement.weighted:  # such an estimate cannot be chosen for pose by pose
         return Outlook(own.tcp_m, own.tcp_worst_m, None, words)

@@ -24,7 +24,7 @@ _IN_M = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
 
 
 @dataclass(frozen=True)
-class Wish:
+class Request:
     """What is wanted.
 
     Attributes
@@ -147,7 +147,7 @@ def parse_length(text: str) -> float:
     return value * _IN_M[(found[2] or "mm").lower()]
 
 
-def wish_of_words(
+def request_of_words(
     method: str | None,
     poses: str | None,
     criterion: str | None,
@@ -160,8 +160,8 @@ def wish_of_words(
     robust: str = "none",
     *,
     keep: bool = False,
-) -> Wish | None:
-    """The wish of a command line; None where the grid of the paper is what is asked for.
+) -> Request | None:
+    """The request of a command line; None where the grid of the paper is what is asked for.
 
     Raises
     ------
@@ -217,7 +217,7 @@ def wish_of_words(
     count = USUAL_POSES if not (limit or threshold is not None) else None
     if poses is not None:
         count = parse_count(poses)
-    return Wish(
+    return Request(
         method="exchange" if method is None else method,
         count=count,
         criterion=criterion or "tcp",

@@ -10,7 +10,7 @@ from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.motion.route import Route
 from posedesign.planning.optimal.objective import TCP, TCP_WORST, Accuracy, Goal
-from posedesign.planning.optimal.request import Wish
+from posedesign.planning.optimal.request import Request
 from posedesign.planning.optimal.robust import SCENARIOS, Robustness
 from posedesign.planning.pose_plan import (
     PoseSet,
@@ -28,7 +28,7 @@ class OptimalPlan:
 
     Attributes
     ----------
-    wish : Wish
+    request : Request
     goal : Goal
     selection : Selection
         Of the postures of the pool.
@@ -67,7 +67,7 @@ class OptimalPlan:
         What is in the way to one of them.
     """
 
-    wish: Wish
+    request: Request
     goal: Goal
     selection: Selection
     fewest: Fewest | None
@@ -169,7 +169,11 @@ class OptimalPlan:
         if not np.isfinite(found.efficiency):
             return "no bound is known"
         side = "below" if found.criterion.smaller_is_better else "above"
-        over = "" if self.wish.robust == "none" else f", in the {self.wish.robust} of the robots,"
+        over = (
+            ""
+            if self.request.robust == "none"
+            else f", in the {self.request.robust} of the robots,"
+        )
         return (
             f"proven: no {found.count} poses of the pool{over} are {side} "
             f"{self.goal.words(found.bound)}"
@@ -184,10 +188,10 @@ class OptimalPlan:
             said = self._fewest_words(self.fewest)
         else:
             said = f"{len(self.poses.kept)} poses, {self.goal.words(self.accuracy.value)}"
-            if self.wish.robust != "none":
+            if self.request.robust != "none":
                 said += (
                     f" as described, {self.goal.words(self.selection.value)} in the "
-                    f"{self.wish.robust} of {SCENARIOS} robots"
+                    f"{self.request.robust} of {SCENARIOS} robots"
                 )
             if self.decides:
                 said += f" ({self.decides} decides)"
@@ -201,7 +205,7 @@ class OptimalPlan:
                 said += f"; {self.bound_words}"
             if not self.reached and self.goal.limit is not None:
                 said = f"not reached: {said}"
-                if not self.wish.wants_sigma:
+                if not self.request.wants_sigma:
                     said += f"; {self.goal.amount(self.goal.limit)} is wanted"
         if self.dropped:
             said += f"; {len(self.dropped)} pose(s) dropped: {self.dropped[0]}"
@@ -211,7 +215,9 @@ class OptimalPlan:
         count = fewest.selection.count
         value = self.goal.words(fewest.selection.value)
         decides = f" ({self.decides} decides)" * bool(self.decides)
-        wanted = "" if self.wish.wants_sigma else f", {self.goal.amount(fewest.wanted)} is wanted"
+        wanted = (
+            "" if self.request.wants_sigma else f", {self.goal.amount(fewest.wanted)} is wanted"
+        )
         if not fewest.reached:
             every = f"all {count} poses of the pool give"
             if not fewest.selection.criterion.falls_with_poses:
@@ -231,14 +237,14 @@ class OptimalPlan:
     @property
     def decides(self) -> str:
         """Name of the parameter whose deviation is the largest part of that wanted; or empty."""
-        if not self.wish.wants_sigma or not np.isfinite(self.accuracy.sigma).all():
+        if not self.request.wants_sigma or not np.isfinite(self.accuracy.sigma).all():
             return ""
         return self.model.names[int(np.argmax(self.accuracy.sigma / self._wanted))]
 
     @property
     def _wanted(self) -> FloatArray:
         """Standard deviations wanted ``(p,)`` [SI]; infinite where any will do."""
-        limits = {"m": self.wish.sigma_m, "rad": self.wish.sigma_rad}
+        limits = {"m": self.request.sigma_m, "rad": self.request.sigma_rad}
         return np.array([limits.get(unit) or np.inf for unit in self.model.units])
 
     def rows(self) -> list[dict[str, object]]:
@@ -248,7 +254,7 @@ class OptimalPlan:
             {"parameter": name, "predicted sigma": _or_none(sigma), "unit": unit}
             for name, unit, sigma in shown
         ]
-        if self.wish.wants_sigma:
+        if self.request.wants_sigma:
             wanted = displayed(self.model, self._wanted)
             for row, (_, _, limit) in zip(rows, wanted, strict=True):
                 row["wanted"] = _or_none(limit)

@@ -37,7 +37,7 @@ from posedesign.planning.optimal.reachable import (
     reached_of,
     without_unreached,
 )
-from posedesign.planning.optimal.request import Wish
+from posedesign.planning.optimal.request import Request
 from posedesign.planning.pose_plan import PoseSet
 from posedesign.selection import select
 
@@ -111,7 +111,7 @@ def plan_next(
     if identified is None:
         before = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
     box, box_words = functions_over_box(cell, model)
-    goal = goal_of(Wish(count=count, criterion=criterion), model, box)
+    goal = goal_of(Request(count=count, criterion=criterion), model, box)
     poses, route, errors = _Choice(cell, model, goal, box, x).make(measured, before, count)
     noise = _noise_scale(identified)
     return NextPoses(

@@ -9,7 +9,7 @@ from calib.geometry import Body, Box, Mesh, Scene, Solid, Sphere
 from calib.geometry import engine as engine_module
 from calib.geometry.ways import TOUCH_M
 from calib.se3 import rotation_exp, transform
-from posedesign.constraints import Checker, Collision, SelfCollision, WayChecker
+from posedesign.constraints import Checker, Collision, MotionChecker, SelfCollision
 
 ZERO = np.zeros((1, 4))
 FACES = [(0, 1, 3), (0, 3, 2), (4, 7, 5), (4, 6, 7), (0, 5, 1), (0, 4, 5)]
@@ -81,7 +81,7 @@ def test_no_safety_distance_is_no_leave_to_touch(straight_arm, body, tool, part)
     verdicts = Checker(Free(), [collision]).check(q)
     np.testing.assert_array_equal(verdicts.feasible, [False, False, True, True])
     assert verdicts.says(0) == "tool and part run 200 mm into each other"
-    through = WayChecker((collision,), np.inf).check(q[2:3], q[3:4])
+    through = MotionChecker((collision,), np.inf).check(q[2:3], q[3:4])
     assert not through.clear[0]
     assert "tool" in through.reasons[0]
 
@@ -96,7 +96,7 @@ def test_a_motion_that_grazes_is_not_clear(straight_arm, body, solid):
         ball = body("part", 0, Sphere(1e-4), (0, 4.0 + corner + 1e-4 + gap_m, 0))
         collision = SelfCollision(Scene(straight_arm, tool=[tool], obstacles=[ball]))
         start, end = np.deg2rad([[80.0, 0, 0, 0]]), np.deg2rad([[97.0, 0, 0, 0]])
-        assert WayChecker((collision,), np.inf).check(start, end).clear[0] == clear
+        assert MotionChecker((collision,), np.inf).check(start, end).clear[0] == clear
 
 
 def test_a_tool_is_checked_against_the_wrist_unless_its_mount_always_touches(straight_arm, body):

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from posedesign.constraints import WayChecker
+from posedesign.constraints import MotionChecker
 from posedesign.constraints.retreat import WayVerdicts
 from posedesign.motion import Router
 from posedesign.motion.route import Passing, Route, RouteOptions
 from posedesign.planning import plan
 
-FREE = WayChecker((), np.inf)
+FREE = MotionChecker((), np.inf)
 ANGLE = np.deg2rad(1.0)
 SAME_SIDE = RouteOptions(approach_rad=ANGLE)
 
@@ -112,7 +112,7 @@ def test_what_cannot_be_approached_like_most_is_lost(reference_cell):
     check_one_side(cell.base_posture, found, ANGLE)
 
 
-class ShutFromBelow(WayChecker):
+class ShutFromBelow(MotionChecker):
     """No short way leads to joint 1 at 20 deg from below, or from either side."""
 
     def __init__(self, *bounds: Any, both: bool = False) -> None:

@@ -16,12 +16,12 @@ from posedesign.candidates import box_of_cell, cone_pool, functions_over_box, po
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
 from posedesign.cell.task_box import predict_box, reached_points
-from posedesign.constraints import WayChecker
+from posedesign.constraints import MotionChecker
 from posedesign.constraints.retreat import WayVerdicts
 from posedesign.motion import Router
 from posedesign.planning import off_target
 from posedesign.planning.loop import check_base_pose
-from posedesign.planning.optimal import Wish, plan_fewest, plan_optimal
+from posedesign.planning.optimal import Request, plan_fewest, plan_optimal
 from posedesign.planning.optimal import choose as planning
 from posedesign.planning.optimal.objective import accuracy_of, goal_of
 from posedesign.planning.optimal.outlook import outlook_of
@@ -43,12 +43,12 @@ def cell(make_cell):
 
 @pytest.fixture(scope="module")
 def planned(cell):
-    return plan_optimal(cell, Wish(count=9, refine=True, validation=4))
+    return plan_optimal(cell, Request(count=9, refine=True, validation=4))
 
 
 @pytest.fixture(scope="module")
 def fewest(cell):
-    return plan_optimal(cell, Wish(count=None, accuracy_m=1.5e-4))
+    return plan_optimal(cell, Request(count=None, accuracy_m=1.5e-4))
 
 
 def box_rms(cell, model, postures):
@@ -67,7 +67,7 @@ def test_what_poses_promise_is_what_prediction_says_of_them(cell, criterion):
     box, _ = functions_over_box(cell, model)
     chosen = pool.take(np.arange(0, len(pool), 11))
     found = accuracy_of(
-        model, goal_of(Wish(criterion=criterion), model, box), box, chosen.linearise(model)
+        model, goal_of(Request(criterion=criterion), model, box), box, chosen.linearise(model)
     )
     C = covariance_of(model, chosen.postures)
     np.testing.assert_allclose(found.sigma, np.sqrt(np.diag(C)), rtol=1e-6)
@@ -92,7 +92,7 @@ def test_the_outlook_of_any_poses_is_their_predicted_error_beside_that_of_chosen
     postures = pool.postures[::11]
     found = outlook_of(cell, model, postures)
     assert found.tcp_m == pytest.approx(mean_rms(box_rms(cell, model, postures)), rel=1e-6)
-    chosen = plan_optimal(cell, Wish(count=len(postures), refine=False))
+    chosen = plan_optimal(cell, Request(count=len(postures), refine=False))
     # out of more candidates than this cell's pool has, and without regard to the way
     assert 0.7 * chosen.accuracy.tcp_m < found.chosen_tcp_m < 1.05 * chosen.accuracy.tcp_m
     assert found.chosen_is_better
@@ -109,7 +109,7 @@ def test_a_proof_of_the_pool_is_not_said_of_poses_turned_off_it(planned):
 def test_a_base_pose_that_cannot_be_taken_is_no_fault_of_the_task_box(make_demo_cell):
     slab = {"name": "slab", "size_mm": [600.0, 600.0, 100.0], "at_mm": [0.0, 0.0, 900.0]}
     with pytest.raises(UnreachableError, match=r"the base pose cannot be taken: .* slab"):
-        plan_optimal(make_demo_cell(obstacle=[slab]), Wish(count=9))
+        plan_optimal(make_demo_cell(obstacle=[slab]), Request(count=9))
 
 
 def test_where_the_base_pose_is_blocked_a_free_one_is_named(make_demo_cell):
@@ -132,7 +132,7 @@ def test_too_few_poses_promise_nothing(cell):
     model, pool = cell.model(), pool_of(cell)
     box, _ = functions_over_box(cell, model)
     found = accuracy_of(
-        model, goal_of(Wish(), model, box), box, pool.take([0, 1, 2]).linearise(model)
+        model, goal_of(Request(), model, box), box, pool.take([0, 1, 2]).linearise(model)
     )
     assert np.isinf([*found.sigma, found.tcp_m, found.tcp_worst_m, found.value]).all()
 
@@ -213,7 +213,7 @@ def test_auto_takes_the_fewest_and_proves_it(cell, fewest):
 
 
 def test_what_is_out_of_reach_says_how_often_all_would_have_to_be_measured(cell):
-    found = plan_optimal(cell, Wish(count=None, accuracy_m=1e-6))
+    found = plan_optimal(cell, Request(count=None, accuracy_m=1e-6))
     assert not found.reached
     assert found.route is None
     every = pool_of(cell)
@@ -224,7 +224,7 @@ def test_what_is_out_of_reach_says_how_often_all_would_have_to_be_measured(cell)
 
 
 def test_the_parameter_that_decides_is_named(cell):
-    found = plan_optimal(cell, Wish(count=12, sigma_m=1.5e-4))
+    found = plan_optimal(cell, Request(count=12, sigma_m=1.5e-4))
     sigma = np.sqrt(np.diag(covariance_of(found.model, found.postures)))
     lengths = [k for k, unit in enumerate(found.model.units) if unit == "m"]
     worst = max(lengths, key=lambda k: sigma[k])
@@ -234,31 +234,31 @@ def test_the_parameter_that_decides_is_named(cell):
 
 
 @pytest.mark.parametrize(
-    ("wish", "words"),
+    ("request", "words"),
     [
-        (Wish(count=27, criterion="C_G", threshold=850.0), "no set of 27 poses .* below 850"),
-        (Wish(count=27, threshold=0.01), "no set of 27 poses .* below 0.01: tcp"),
-        (Wish(count=9, criterion="D", threshold=1e9), r"no set of 9 poses .* above 1e\+09"),
-        (Wish(count=12, sigma_m=1e-5), "no 12 poses .* deviations wanted: .* times them"),
-        (Wish(count=3), "3 poses give 9 equations for 10 parameters .*4 poses or more"),
-        (Wish(count=1, criterion="C_G"), "1 poses give 3 equations"),
-        (Wish(count=9, validation=900), "9 poses and 900 for validation"),
-        (Wish(count=900), "900 poses of"),
-        (Wish(method="guess"), "no method 'guess'"),
+        (Request(count=27, criterion="C_G", threshold=850.0), "no set of 27 poses .* below 850"),
+        (Request(count=27, threshold=0.01), "no set of 27 poses .* below 0.01: tcp"),
+        (Request(count=9, criterion="D", threshold=1e9), r"no set of 9 poses .* above 1e\+09"),
+        (Request(count=12, sigma_m=1e-5), "no 12 poses .* deviations wanted: .* times them"),
+        (Request(count=3), "3 poses give 9 equations for 10 parameters .*4 poses or more"),
+        (Request(count=1, criterion="C_G"), "1 poses give 3 equations"),
+        (Request(count=9, validation=900), "9 poses and 900 for validation"),
+        (Request(count=900), "900 poses of"),
+        (Request(method="guess"), "no method 'guess'"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_what_this_pool_cannot_give_is_refused(cell, monkeypatch, wish, words):
+def test_what_this_pool_cannot_give_is_refused(cell, monkeypatch, request, words):
     monkeypatch.setattr(Router, "route", None)  # before any way is looked for
     with pytest.raises(InputError) as refused:
-        plan_optimal(cell, wish)
+        plan_optimal(cell, request)
     assert "\n" not in str(refused.value)
     refused.match(words)
 
 
 def test_touch_ups_are_not_chosen_where_nothing_is_touched(make_cell):
     with pytest.raises(InputError, match="do not touch the target"):
-        plan_optimal(make_cell(pool=POOL | {"kind": "joints"}), Wish())
+        plan_optimal(make_cell(pool=POOL | {"kind": "joints"}), Request())
 
 
 def test_what_no_way_leads_to_is_left_out(cell, monkeypatch):
@@ -270,7 +270,7 @@ def test_what_no_way_leads_to_is_left_out(cell, monkeypatch):
         return replace(route(self, postures), lost=dict.fromkeys(lost, "a wall"))
 
     monkeypatch.setattr(Router, "route", losing)
-    found = plan_optimal(cell, Wish(count=9))
+    found = plan_optimal(cell, Request(count=9))
     assert (found.postures[:, 3] <= 0.5).all()
     assert cut[0] > 0
     assert cut[-1] == 0
@@ -285,7 +285,7 @@ def test_an_arm_half_of_whose_postures_are_out_of_the_way(make_cell):
     raw = tomllib.loads(cell_template("ur10e"))
     raw["pool"]["candidates"] = 200
     cell = Cell.from_config(parse_config(raw, Path("cell.toml")), Path("cell.toml"))
-    found = plan_optimal(cell, Wish(count=12, refine=False))
+    found = plan_optimal(cell, Request(count=12, refine=False))
     assert found.reached
     assert len(found.postures) == 12
     assert found.left_out > 50
@@ -295,7 +295,7 @@ def test_an_arm_half_of_whose_postures_are_out_of_the_way(make_cell):
     assert cell.ways.check(stops[:-1], stops[1:]).clear.all()
 
 
-class Gate(WayChecker):
+class Gate(MotionChecker):
     """No way leads to postures with joint 4 beyond an angle [rad]."""
 
     highest: float
@@ -313,7 +313,7 @@ def test_as_many_poses_are_chosen_as_can_be_reached(make_cell, tmp_path):
     fourth = np.sort(np.abs(pool_of(cell).postures[:, 3]))
     object.__setattr__(gate, "highest", float(0.5 * (fourth[7] + fourth[8])))
     cell.__dict__["ways"] = gate
-    found = plan_optimal_poses(cell, tmp_path, Wish(count=12, refine=False))
+    found = plan_optimal_poses(cell, tmp_path, Request(count=12, refine=False))
     assert not found.reached
     assert len(found.postures) == 8
     assert (np.abs(found.postures[:, 3]) <= gate.highest).all()
@@ -336,7 +336,7 @@ def test_what_was_to_be_kept_and_is_not_reached_is_dropped(cell, planned, monkey
         return replace(found, lost=dict.fromkeys(lost, "a wall"))
 
     monkeypatch.setattr(Router, "route", losing)
-    found = plan_optimal(cell, Wish(count=9, refine=False), keep=own)
+    found = plan_optimal(cell, Request(count=9, refine=False), keep=own)
     assert not found.reached
     assert found.dropped == ("was to be kept: a wall",)
     assert len(found.postures) == 9
@@ -355,7 +355,7 @@ def test_poses_for_validation_that_are_not_reached_cost_nothing_else(cell, monke
         return replace(found, lost=lost)
 
     monkeypatch.setattr(Router, "route", losing)
-    found = plan_optimal(cell, Wish(count=9, refine=False, validation=3))
+    found = plan_optimal(cell, Request(count=9, refine=False, validation=3))
     assert not found.reached
     assert len(found.postures) == 9
     assert len(found.validation.kept) == 2
@@ -384,7 +384,7 @@ def reference(make_cell):
     model = cell.model()
     pool = cone_pool(cell, TILT, 40, np.random.default_rng(3))
     box, _ = functions_over_box(cell, model)
-    return cell, model, pool, goal_of(Wish(), model, box)
+    return cell, model, pool, goal_of(Request(), model, box)
 
 
 def test_parameters_are_drawn_as_the_cell_says(reference):
@@ -447,7 +447,7 @@ def test_robustness_is_of_the_trials(reference):
 def test_a_robust_plan_says_for_how_many_robots(make_cell):
     cell = make_cell(pool={"candidates": 60})
     for robust in ("average", "worst"):
-        plan = plan_optimal(cell, Wish(count=8, robust=robust))
+        plan = plan_optimal(cell, Request(count=8, robust=robust))
         assert plan.reached
         assert f"{robust} of 6 robots" in plan.message
         assert plan.selection.value >= plan.accuracy.value * 0.9

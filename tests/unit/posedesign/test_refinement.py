@@ -9,7 +9,7 @@ import pytest
 from calib.se3 import rotation_exp
 from posedesign.candidates import cone_pool, functions_over_box, joint_pool
 from posedesign.cell import touching_poses
-from posedesign.planning.optimal import Wish, refinement
+from posedesign.planning.optimal import Request, refinement
 from posedesign.planning.optimal.objective import goal_of
 from posedesign.planning.optimal.refinement import _Refinement, refine
 from posedesign.selection import select
@@ -22,7 +22,7 @@ SMOOTH = ("tcp", "sigma:zero_offset.joint_2", "D", "A")
 def goal_in(cell, criterion):
     model = cell.model()
     box, _ = functions_over_box(cell, model)
-    return model, goal_of(Wish(count=8, criterion=criterion), model, box)
+    return model, goal_of(Request(count=8, criterion=criterion), model, box)
 
 
 def cost_of(model, goal, pool):

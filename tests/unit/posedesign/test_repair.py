@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from calib.se3 import rotation_angle
 from posedesign.cell import Cell
-from posedesign.constraints import WayChecker
+from posedesign.constraints import MotionChecker
 from posedesign.constraints.retreat import WayVerdicts
 from posedesign.planning import plan
 from posedesign.planning.loop import grid_poses
@@ -133,7 +133,7 @@ def test_a_plan_is_the_same_every_time(demo_cell, make_demo_cell):
 # plans whose ways are blocked
 
 
-class Shut(WayChecker):
+class Shut(MotionChecker):
     """No way leads anywhere else than where the arm stands."""
 
     def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> WayVerdicts:
@@ -152,7 +152,7 @@ def test_blocked_ways_are_not_blamed_on_angles(make_demo_cell):
     assert "free fewer" not in result.message
 
 
-class NotBeyond(WayChecker):
+class NotBeyond(MotionChecker):
     """No way leads to postures with joint 4 beyond 50 deg."""
 
     def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> WayVerdicts:

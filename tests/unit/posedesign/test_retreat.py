@@ -26,7 +26,7 @@ from posedesign.motion.order import ACCELERATION_S, moving_time_s
 from posedesign.motion.route import Passing, Route
 from posedesign.planning import PoseList, PosePlan, plan
 from posedesign.planning.checks import check_poses
-from posedesign.planning.optimal import Wish, plan_optimal
+from posedesign.planning.optimal import Request, plan_optimal
 from posedesign.planning.tables import read_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
 from posedesign.pose_programs.from_plan import with_approaches
@@ -154,7 +154,7 @@ def test_a_pin_is_never_planned_through_its_fixture(planned):
 
 def test_chosen_poses_back_off_too(pin_cell):
     cell = pin_cell(pool={"candidates": 150})
-    found = plan_optimal(cell, Wish(count=10, validation=3))
+    found = plan_optimal(cell, Request(count=10, validation=3))
     for route in (found.route, found.validation_route):
         assert route is not None
         check_route(cell, *of_route(cell, route))

@@ -8,15 +8,15 @@ import pytest
 
 from calib.robots import Robot
 from posedesign.cell import Cell
-from posedesign.constraints import WayChecker
+from posedesign.constraints import MotionChecker
 from posedesign.constraints.retreat import WayVerdicts
 from posedesign.motion import Router
 from posedesign.motion.route import Passing, Route, RouteOptions
 
-FREE = WayChecker((), np.inf)
+FREE = MotionChecker((), np.inf)
 
 
-class Walls(WayChecker):
+class Walls(MotionChecker):
     """Ways between given numbers of joint 1 [deg] are blocked, where joint 2 stands at 15 deg."""
 
     def __init__(self, *blocked: tuple[float, float]) -> None:
@@ -46,7 +46,7 @@ def at(*degrees: float) -> np.ndarray:
 
 
 def route(
-    reference_cell: Cell, ways: WayChecker, *degrees: float, options: RouteOptions | None = None
+    reference_cell: Cell, ways: MotionChecker, *degrees: float, options: RouteOptions | None = None
 ) -> Route:
     cell = reference_cell
     return Router(cell.robot, ways, cell.passing, cell.base_posture, options).route(at(*degrees))
@@ -134,7 +134,7 @@ def test_a_detour_where_no_order_is_clear(reference_cell):
     assert apart.min() == pytest.approx(0.1, abs=1e-9)
 
 
-class Prison(WayChecker):
+class Prison(MotionChecker):
     """No way leads to joint 1 at 20 deg, from wherever."""
 
     def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> WayVerdicts:
@@ -153,7 +153,7 @@ def test_a_pose_that_no_way_leads_to_is_lost(reference_cell):
     assert sorted(found.order) == [0, 2]
 
 
-class Maze(WayChecker):
+class Maze(MotionChecker):
     """Only given pairs of numbers of joint 1 [deg] are joined by a clear way."""
 
     def __init__(self, *clear: tuple[float, float]) -> None:
@@ -189,7 +189,7 @@ def test_only_ways_of_the_order_are_checked(reference_cell):
 
 
 def test_travel_of_a_joint_is_bounded():
-    ways = WayChecker((), np.deg2rad(45.0))
+    ways = MotionChecker((), np.deg2rad(45.0))
     verdicts = ways.check(at(0.0, 0.0), at(45.0, 46.0))
     assert verdicts.clear.tolist() == [True, False]
     assert verdicts.reasons == ("", "J1 travels 46 deg, 45 deg allowed")

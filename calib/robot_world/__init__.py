@@ -13,17 +13,14 @@ from calib.robot_world.methods import (
 )
 from calib.robot_world.noise import (
     Noise,
-    NoiseShown,
     PairCovariances,
     PairNoise,
-    difference,
 )
 from calib.robot_world.opencv import pairs_from_opencv, result_to_opencv
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import (
     RobotWorldBatch,
     RobotWorldResult,
-    residuals,
 )
 from calib.robot_world.scale import Scale
 from calib.robot_world.simulation import (
@@ -39,7 +36,6 @@ __all__ = [
     "Certificate",
     "Method",
     "Noise",
-    "NoiseShown",
     "PairCovariances",
     "PairNoise",
     "PairSets",
@@ -50,10 +46,8 @@ __all__ = [
     "add_noise",
     "certify",
     "design",
-    "difference",
     "pairs_from_opencv",
     "random_problems",
-    "residuals",
     "result_to_opencv",
     "shown_noise",
     "solve",

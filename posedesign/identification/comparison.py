@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from calib.errors import CalibError, NotIdentifiableError
+from calib.errors import CalibError, InputError, NotIdentifiableError
 from calib.identification import (
     DISPLAY,
     Comparison,
@@ -187,7 +187,8 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     Raises
     ------
     InputError, NotIdentifiableError, ConvergenceError
-        As :func:`calib.identification.identify`, for the baseline or where all else is refused.
+        As :func:`calib.identification.identify`, for the baseline or where all else is refused;
+        measurements that contradict each other, with no mistake that explains it.
     """
     section = cell.config.parameters
     # otherwise the fit is to be the paper's
@@ -244,7 +245,9 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
     found = Identified(
         comparison, table, tuple(said), findings, (), words, held, judge.probabilities
     )
-    return replace(found, contradictions=tuple(contradictions(judge, found)))
+    found = replace(found, contradictions=tuple(contradictions(judge, found)))
+    _refuse_unexplained(judge, found)
+    return found
 
 
 def noise_found(judge: Reference) -> list[str]:
@@ -253,10 +256,13 @@ def noise_found(judge: Reference) -> list[str]:
     for given, found in zip(judge.given.measurements, judge.fitted.model.measurements, strict=True):
         if found.found and not given.estimated:
             was, now = 1e3 * given.mean_sigma_m, 1e3 * found.mean_sigma_m
+            why = "it is larger, or the arm has errors that no model here describes"
+            if now < was:  # such as with few gross errors, which weigh little
+                why = "most of them agree better than that"
             said.append(
                 f"the residuals of {found.name} show a noise of {now:.3g} mm an axis where "
-                f"{was:.3g} mm was given: it is larger, or the arm has errors that no model here "
-                "describes; models and priors are weighed against the noise found"
+                f"{was:.3g} mm was given: {why}; models and priors are weighed against the noise "
+                "found"
             )
     return said
 
@@ -315,6 +321,26 @@ def _reference(cell: Cell, table: MeasurementTable) -> Reference | None:
         return fit_reference(everything, table.data, at, others, loss=loss)
     except CalibError:
         return None
+
+
+def _refuse_unexplained(judge: Reference, identified: Identified) -> None:
+    """Raise where an arm with everything that may be off leaves what no arm leaves, unnamed."""
+    result = judge.fitted.result
+    larger = [
+        found.mean_sigma_m / given.mean_sigma_m
+        for given, found in zip(
+            judge.given.measurements, judge.fitted.model.measurements, strict=True
+        )
+        if found.found and not given.estimated
+    ]
+    nothing = result.rms_m > FAR_FITTED_M and max(larger, default=1.0) > FAR_FROM_NOISE
+    if nothing and identified.is_of_this_robot and not identified.findings:
+        raise InputError(
+            "the measurements contradict each other: an arm with everything that may be off leaves "
+            f"{1e3 * result.rms_m:.3g} mm, {max(larger):.0f} times the noise that is given",
+            hint="most of them may be wrong: measure again, or look at tool, targets and joints",
+            name="measurements",
+        )
 
 
 def _unexplained(comparison: Comparison) -> Comparison:

@@ -237,8 +237,8 @@ class _Planning:
         if error.name != "threshold" or not self._request.wants_sigma:
             return error
         return InputError(
-            f"no {self._request.count} poses of this pool reach the deviations wanted: those of the "
-            f"best are proven not to be below {error.bound:.4g} times them",
+            f"no {self._request.count} poses of this pool reach the deviations wanted: those of "
+            f"the best are proven not to be below {error.bound:.4g} times them",
             hint="take more poses (--poses auto: as many as it takes), or a wider pool",
             name="threshold",
             value=error.value,

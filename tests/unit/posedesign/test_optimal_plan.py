@@ -234,7 +234,7 @@ def test_the_parameter_that_decides_is_named(cell):
 
 
 @pytest.mark.parametrize(
-    ("request", "words"),
+    ("asked", "words"),
     [
         (Request(count=27, criterion="C_G", threshold=850.0), "no set of 27 poses .* below 850"),
         (Request(count=27, threshold=0.01), "no set of 27 poses .* below 0.01: tcp"),
@@ -248,10 +248,10 @@ def test_the_parameter_that_decides_is_named(cell):
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_what_this_pool_cannot_give_is_refused(cell, monkeypatch, request, words):
+def test_what_this_pool_cannot_give_is_refused(cell, monkeypatch, asked, words):
     monkeypatch.setattr(Router, "route", None)  # before any way is looked for
     with pytest.raises(InputError) as refused:
-        plan_optimal(cell, request)
+        plan_optimal(cell, asked)
     assert "\n" not in str(refused.value)
     refused.match(words)
 

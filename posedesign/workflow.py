@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.robot_world import PAPER_METHODS, Noise, PairNoise
-from calib.robot_world.noise import NoiseShown
+from calib.robot_world import PAPER_METHODS, Noise, NoiseShown, PairNoise
 from posedesign.cell import Cell
 from posedesign.files import MEASURED, Claim, Results, head_of, origin_of, write_json_atomic
 from posedesign.files.csv_tables import write_table

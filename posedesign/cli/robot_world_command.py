@@ -49,8 +49,7 @@ from posedesign.cli.robot_world_options import (
 from posedesign.cli.robot_world_output import print_solvers
 
 if TYPE_CHECKING:
-    from calib.robot_world import Noise
-    from calib.robot_world.noise import NoiseShown
+    from calib.robot_world import Noise, NoiseShown
     from posedesign.files import Results
     from posedesign.pairs import Pairs, SolverOutcome
     from posedesign.pairs.results import NoiseOn

@@ -15,8 +15,7 @@ from typing import Literal
 import numpy as np
 
 from calib.errors import InputError
-from calib.robot_world import METHODS, Certificate, PairNoise, RobotWorldResult, certify
-from calib.robot_world.noise import difference
+from calib.robot_world import METHODS, Certificate, PairNoise, RobotWorldResult, certify, difference
 from calib.se3 import FloatArray
 
 Camera = Literal["on-flange", "fixed"]

@@ -13,15 +13,16 @@ from calib.robot_world import (
     METHODS,
     PAPER_METHODS,
     Noise,
+    NoiseShown,
     PairCovariances,
     PairNoise,
     RobotWorldResult,
+    difference,
     solve,
 )
 from calib.robot_world.accuracy import NOISE_DOUBT
 from calib.robot_world.methods import find_method
 from calib.robot_world.methods.relative_motions import TOO_MANY
-from calib.robot_world.noise import NoiseShown, difference
 from calib.se3 import FloatArray
 from posedesign.pairs.certificate import Camera, Proof, prove
 from posedesign.pairs.file import Pairs

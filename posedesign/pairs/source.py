@@ -19,8 +19,7 @@ import numpy as np
 
 from calib import se3
 from calib.errors import InputError, near_names
-from calib.robot_world import pairs_from_opencv, solve_batch
-from calib.robot_world.results import residuals
+from calib.robot_world import pairs_from_opencv, residuals, solve_batch
 from calib.se3 import FloatArray, inverse
 from posedesign.pairs.checks import repeats
 from posedesign.pairs.file import Pairs, joined, read_side, read_sides

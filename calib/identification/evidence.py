@@ -334,7 +334,7 @@ def _curvature(
     least = 12.0 / np.maximum(bounds[1] - bounds[0], _CURVATURE_STEP) ** 2
     information = -np.asarray(curvature).reshape(len(theta), -1) + np.diag(least)
     values, vectors = np.linalg.eigh((information + information.T) / 2.0)
-    return np.asarray((vectors * np.maximum(values, least.min(initial=1.0))) @ vectors.T)
+    return np.asarray((vectors * np.maximum(values, least.min(initial=np.inf))) @ vectors.T)
 
 
 def _volume(

@@ -213,6 +213,11 @@ def scores(
     return Scores(log_odds, np.array(size)[best, every], np.array(SIZES)[best])
 
 
+def log_mean(log_odds: FloatArray) -> float:
+    """Logarithm of the mean of Bayes factors, for which their level holds as for one."""
+    return float(np.logaddexp.reduce(log_odds) - np.log(len(log_odds)))
+
+
 def lasting(alike: float) -> float:
     """Part of a gain that is left to effects that last, where neighbours are alike by chance."""
     return (1.0 - alike) / (1.0 + alike)

@@ -182,9 +182,12 @@ def _rows(model: CalibrationModel, found: Tuned) -> list[Finding]:
 
 
 def _likeliest(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """The likeliest finding beyond chance, with those that explain as well."""
+    """The likeliest finding, where all together are beyond chance, with those that explain as well.
+
+    A fault that several hypotheses explain about as well is one for each of them and for their sum.
+    """
     order = sorted(findings, key=lambda found: -found.log_odds)
-    if not order or order[0].log_odds < -np.log(CHANCE):
+    if np.logaddexp.reduce([found.log_odds for found in order]) < -np.log(CHANCE):
         return ()
     best = order[0]
     also = tuple(

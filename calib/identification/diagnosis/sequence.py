@@ -13,7 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.identification.diagnosis.finding import Cause, Finding
-from calib.identification.diagnosis.held import Effect, Held, Scores, score_of, scores
+from calib.identification.diagnosis.held import (
+    Effect,
+    Held,
+    Scores,
+    log_mean,
+    score_of,
+    scores,
+)
 from calib.se3 import FloatArray, IntArray
 
 SHIFT_M, TURN_RAD, ZERO_RAD = 1e-3, 1e-3, 3e-3
@@ -125,7 +132,8 @@ def changes(held: Held) -> Iterator[Effect]:
             found, neighbours = _steps(held, thing, starts)
             best = int(np.argmax(found.log_odds))
             after = (np.arange(count) >= starts[best]).astype(float)
-            more = float(tried + np.log(len(starts)))
+            # of all places, the likeliest stands for the mean
+            more = float(tried + found.log_odds[best] - log_mean(found.log_odds))
             rows = (int(starts[best]),)
             yield _effect(held, thing, "step", rows, after, found, best, more, neighbours)
         trends = _trends(thing)

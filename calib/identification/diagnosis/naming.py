@@ -86,9 +86,9 @@ def diagnose(model: CalibrationModel, data: Measurements) -> tuple[Finding, ...]
     effects = _retuned(usual, [*changes(held), *scales(held)])
     every = [*_rows(model, usual), *effects]
     if not is_far:
-        return _likeliest(every) or _likeliest(incomplete(held))
+        return likeliest(every) or likeliest(incomplete(held))
     # of another arm anything makes a little more: with what is named it has to be this one
-    return _likeliest(found for found in every if found.after_m < ALMOST * ROUGH_M)
+    return likeliest(found for found in every if found.after_m < ALMOST * ROUGH_M)
 
 
 def _rough(model: CalibrationModel) -> CalibrationModel:
@@ -181,7 +181,7 @@ def _rows(model: CalibrationModel, found: Tuned) -> list[Finding]:
     return named
 
 
-def _likeliest(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+def likeliest(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """The likeliest finding, where all together are beyond chance, with those that explain as well.
 
     A fault that several hypotheses explain about as well is one for each of them and for their sum.

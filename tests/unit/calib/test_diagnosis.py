@@ -9,7 +9,9 @@ from scipy.linalg import null_space
 from scipy.stats import multivariate_normal
 
 from calib.identification.diagnosis import diagnose
-from calib.identification.diagnosis.held import Effect, Held, score_of
+from calib.identification.diagnosis.finding import Finding
+from calib.identification.diagnosis.held import Effect, Held, log_mean, score_of
+from calib.identification.diagnosis.naming import CHANCE, likeliest
 from calib.identification.diagnosis.sequence import alike, changes, things_of
 from calib.identification.diagnosis.tuning import Tuned, log_odds, tuned
 from calib.model import CalibrationModel
@@ -143,3 +145,21 @@ def test_faults_are_named(arm, model, index):
         if cause == "step":
             assert finding.size == pytest.approx(1.136e-3, rel=0.1)
             assert finding.part == "instrument"
+
+
+def test_hypotheses_that_explain_as_well_count_together():
+    def finding(cause, share):
+        odds = float(np.log(share / CHANCE))
+        return Finding(cause, ("tool",), "tool", (), 1e-4, "m", 1e-4, 5e-5, odds)
+
+    assert likeliest([]) == ()
+    assert likeliest([finding("drift", 0.9)]) == ()
+    assert likeliest([finding("drift", 0.2), finding("step", 0.3)]) == ()
+    (best,) = likeliest([finding("drift", 0.5), finding("warm-up", 0.6)])
+    assert best.cause == "warm-up"
+    assert [other.cause for other in best.also] == ["drift"]
+
+
+def test_a_mean_of_odds_is_that_of_their_exponentials():
+    odds = np.array([1.0, 2.0, 700.0])
+    assert log_mean(odds) == pytest.approx(700.0 - np.log(3.0))

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,10 +18,8 @@ from numpy.typing import ArrayLike
 from calib.batch_last import product, turn
 from calib.errors import InputError, check_type, near_names
 from calib.model.context import NO_TURN, ArmErrors, Feature, MeasurementContext, Setup
-from calib.model.linearisation import Linearisation
 from calib.model.measurements import Measurement
-from calib.model.parameters import ParameterBlock, Unit
-from calib.model.priors import KnownDistance, known_rows
+from calib.model.parameters import Frames, ParameterBlock, Unit
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, numbers
 
@@ -439,3 +439,164 @@ def _last(array: FloatArray, view: MeasurementContext) -> FloatArray:
     # a copy even of a single reading: one that is spread over trials cannot be written to, and
     # scipy's rotations take no such array
     return np.array(whole.reshape(-1, array.shape[-1]).T, order="C")
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """Residuals of measurements and their derivative, at one or many sets of parameters.
+
+    Attributes
+    ----------
+    model : CalibrationModel
+    view : MeasurementContext
+    rows_last : array (m, S)
+        Prediction less reading [m, rad], posture last.
+    jacobian_last : array (p, m, S)
+    motion : array (p, 6, S)
+        Twists of the tool against its target, see :meth:`ParameterBlock.move`.
+    root : array (S,), optional
+        What whitened rows are multiplied by: square roots of the weights of measurements.
+    """
+
+    model: CalibrationModel
+    view: MeasurementContext
+    rows_last: FloatArray
+    jacobian_last: FloatArray
+    motion: FloatArray
+    root: FloatArray | None = None
+
+    @property
+    def rows(self) -> FloatArray:
+        """Residuals ``(..., N, m)`` [m, rad]."""
+        return self.view.posture_first(self.rows_last)
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """Blocks ``(..., N, m, p)``."""
+        return self.view.posture_first(self.jacobian_last)
+
+    @cached_property
+    def white_last(self) -> tuple[FloatArray, FloatArray]:
+        """Residuals ``(m, S)`` and blocks ``(p, m, S)`` over the noise, posture last."""
+        rows, J = self.model.whiten_last(self.rows_last, self.view), self._white_jacobian()
+        if self.root is not None:
+            return rows * self.root, J * self.root
+        return rows, J
+
+    def _white_jacobian(self) -> FloatArray:
+        model, J = self.model, self.jacobian_last
+        out = np.zeros_like(J)
+        for kind, columns, part in model.by_kind(self.view):
+            k, motion = kind.rows, self.motion[:, :, columns]
+            rows = self.rows_last[:k, columns]
+            white = kind.whiten_derivative(J[:, :k, columns], motion, part, rows)
+            if len(model.measurements) == 1:
+                return white
+            out[:, :k, columns] = white
+        return out
+
+    @property
+    def white_rows(self) -> FloatArray:
+        """Residuals ``(..., N, m)`` over the noise: of unit variance where the model is right."""
+        return self.view.posture_first(self.white_last[0])
+
+    @property
+    def white_jacobian(self) -> FloatArray:
+        """Blocks ``(..., N, m, p)`` over the noise."""
+        return self.view.posture_first(self.white_last[1])
+
+    @property
+    def noise_root(self) -> FloatArray:
+        """Square roots ``(..., N, m, m)`` of the covariance of each measurement's rows."""
+        m, width = self.rows_last.shape
+        unit = np.broadcast_to(np.eye(m)[:, :, None], (m, m, width))
+        if len(self.model.measurements) == 1:
+            return self.view.posture_first(self.model.measurement.colour(unit, self.view))
+        out = np.zeros((m, m, width))
+        for kind, columns, part in self.model.by_kind(self.view):
+            k = kind.rows
+            out[:k, :k, columns] = kind.colour(unit[:k, :k, columns], part)
+        return self.view.posture_first(out)
+
+
+@dataclass(frozen=True)
+class KnownDistance:
+    """A distance between two targets that is known from elsewhere.
+
+    Attributes
+    ----------
+    first, second : str
+        Labels of the targets.
+    length_m : float
+    sigma_m : float
+        Standard deviation of the length.
+    """
+
+    first: str
+    second: str
+    length_m: float
+    sigma_m: float = 1e-5
+
+    def __post_init__(self) -> None:
+        if self.first == self.second:
+            raise InputError(
+                f"the target {self.first!r} has no distance from itself", name=self.first
+            )
+        for number, what in ((self.length_m, "length"), (self.sigma_m, "standard deviation")):
+            if not (np.isfinite(number) and number > 0):
+                raise InputError(
+                    f"a distance of targets with a {what} of {number:g} m cannot be known",
+                    hint="give metres above zero",
+                    name=what,
+                    value=number,
+                    bound=0.0,
+                )
+
+
+def known_rows(model: CalibrationModel, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What is known besides the measurements, whitened: priors, then distances.
+
+    Parameters
+    ----------
+    x : array (T, p)
+
+    Returns
+    -------
+    rows : array (T, K)
+    jacobian : array (T, K, p)
+    """
+    held = np.flatnonzero(np.isfinite(model.prior))
+    total = len(held) + len(model.distances)
+    rows, J = np.zeros((len(x), total)), np.zeros((len(x), total, model.p))
+    rows[:, : len(held)] = (x[:, held] - model.nominal[held]) / model.prior[held]
+    J[:, np.arange(len(held)), held] = 1.0 / model.prior[held]
+    for k, known in enumerate(model.distances, start=len(held)):
+        ends, columns = [], []
+        for label in (known.first, known.second):
+            place, own = _target_place(model, label, x)
+            ends.append(place)
+            columns.append(own)
+        apart = ends[1] - ends[0]
+        length = np.linalg.norm(apart, axis=-1, keepdims=True)
+        way = apart / np.maximum(length, np.finfo(float).tiny)
+        rows[:, k] = (length[:, 0] - known.length_m) / known.sigma_m
+        for sign, own in zip((-1.0, 1.0), columns, strict=True):
+            if own is not None:
+                J[:, k, own] += sign * way / known.sigma_m
+    return rows, J
+
+
+def _target_place(
+    model: CalibrationModel, label: str, x: FloatArray
+) -> tuple[FloatArray, slice | None]:
+    """Place ``(T, 3)`` [m] of a target point, and the columns of its x, y and z if free."""
+    for block, part in zip(model.parameters, model.slices, strict=True):
+        if label in block.targets and isinstance(block, Frames):
+            k = block.labels.index(label)
+            if block.size == 0:
+                return np.broadcast_to(block.positions_m[k], (len(x), 3)), None
+            each = block.size // len(block.labels)
+            if each == 3 and set(block.units) == {"m"}:
+                own = slice(part.start + 3 * k, part.start + 3 * k + 3)
+                return x[:, own], own
+    raise InputError(f"the distance to target {label!r} cannot be known: it is no point")

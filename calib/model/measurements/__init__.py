@@ -1,10 +1,17 @@
 """Measurements: what each kind sees, its noise, and its simulation."""
 
 from calib.model.context import Setup
-from calib.model.measurements.base import Measurement
 from calib.model.measurements.data import Measurements, touch_ups
-from calib.model.measurements.read_off import CameraPose, Distance, Point, Pose
-from calib.model.measurements.touch_up import PlaneContact, TouchUp, ViewLine
+from calib.model.measurements.kinds import (
+    CameraPose,
+    Distance,
+    Measurement,
+    PlaneContact,
+    Point,
+    Pose,
+    TouchUp,
+    ViewLine,
+)
 
 KINDS = {
     kind.name: kind for kind in (TouchUp, ViewLine, PlaneContact, Point, Pose, CameraPose, Distance)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.batch_last import columns_of, cross, product
+from calib.batch_last import columns_of, cross, product, turn
 from calib.errors import InputError
 from calib.model.context import ArmErrors, Feature, MeasurementContext, Setup
 from calib.model.parameters.base import ParameterBlock, prior_of
@@ -206,3 +206,155 @@ def points_as_frames(
     if p.shape != (len(labels), 3) or not np.isfinite(p).all():
         raise InputError(message, name=name)
     return transform(np.eye(3), p)
+
+
+class ToolFrame(OnTool):
+    """A frame on the tip: where the tracker's target, the gripper or the camera is.
+
+    Parameters
+    ----------
+    T_tip_tool : array_like (4, 4)
+        Nominal pose in the tip frame [m].
+    label : str
+    free : sequence of str
+        Of x, y, z, rx, ry, rz; all by default.
+    prior_m, prior_rad : float, optional
+    """
+
+    def __init__(
+        self,
+        T_tip_tool: ArrayLike,
+        label: str = "tool",
+        free: Sequence[str] = AXES,
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        super().__init__([label], np.asarray(T_tip_tool)[None], free, prior_m, prior_rad)
+
+
+class ToolPoints(OnTool):
+    """Points on the tip: reflectors, or what a measuring arm probes.
+
+    Parameters
+    ----------
+    positions_m : array_like (K, 3)
+        Nominal places [m] in tip axes.
+    labels : sequence of str
+    free : str
+        Axes of the tip frame along which they are to be identified, a part of ``"xyz"``.
+    prior_m : float, optional
+    """
+
+    def __init__(
+        self,
+        positions_m: ArrayLike,
+        labels: Sequence[str],
+        free: str = "xyz",
+        prior_m: float | None = None,
+    ) -> None:
+        places = points_as_frames(
+            positions_m, labels, "each tool point needs three finite numbers", "tool"
+        )
+        super().__init__(labels, places, _letters(free), prior_m)
+
+
+class ToolPoint(ToolPoints):
+    """The tool point in the tip frame: tip of the (virtual) pin, ball, or point on the view line.
+
+    The p_VT of [Watanabe2006]_.
+
+    Parameters
+    ----------
+    position_m : array_like (3,)
+        Nominal position [m] in tip axes.
+    free : str
+        Axes of the tip frame along which it is to be identified, a part of ``"xyz"``. A view line
+        says nothing of the position along itself: give ``"xy"`` there.
+    prior_m : float, optional
+        Standard deviation known before measuring.
+    """
+
+    def __init__(
+        self, position_m: ArrayLike, free: str = "xyz", prior_m: float | None = None
+    ) -> None:
+        position = np.asarray(position_m, dtype=float)
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise InputError("the tool point needs three finite numbers", name="tool")
+        super().__init__([position], ["tool"], free, prior_m)
+
+    @property
+    def position_m(self) -> FloatArray:
+        """Nominal position ``(3,)`` [m] in tip axes, free or not."""
+        return np.asarray(self.positions_m[0])
+
+
+def _letters(free: str) -> str:
+    if sorted(set(free)) != sorted(free) or not set(free) <= set("xyz"):
+        raise InputError(f"free axes of the tool point {free!r} are no part of xyz", name="tool")
+    return free
+
+
+class ToolBody(ParameterBlock):
+    """Points on the tip that keep their distances: six parameters place them all.
+
+    The body is at (x, y, z) in the tip frame, turned by ``R = R_nominal exp(r)`` with the rotation
+    vector r = (rx, ry, rz) in its own axes, which are those of each point as well.
+
+    Parameters
+    ----------
+    positions_m : array_like (K, 3)
+        Places of the points on the body [m], in its own axes.
+    labels : sequence of str
+        Names of the points.
+    T_tip_body : array_like (4, 4), optional
+        Nominal pose in the tip frame [m].
+    name : str
+        Of the body, in the names of its parameters.
+    prior_m, prior_rad : float, optional
+        Standard deviations of place and rotation known before measuring.
+    """
+
+    nuisance = True
+    beyond_chain = ""
+
+    def __init__(
+        self,
+        positions_m: ArrayLike,
+        labels: Sequence[str],
+        T_tip_body: ArrayLike | None = None,
+        name: str = "body",
+        prior_m: float | None = None,
+        prior_rad: float | None = None,
+    ) -> None:
+        message = "each point of the body needs three finite numbers"
+        self._places = points_as_frames(positions_m, labels, message, "tool")[:, :3, 3]
+        self.tools = tuple(labels)
+        if len(set(self.tools)) != len(self.tools):
+            raise InputError("two tools have the same name", name="tool", hint="rename one")
+        nominal = np.eye(4) if T_tip_body is None else np.asarray(T_tip_body, dtype=float)
+        self.T_nominal = check_transforms(nominal[None], "tool")[0]
+        self.names = tuple(f"tool.{name}.{axis}" for axis in AXES)
+        self.units = ("m",) * 3 + ("rad",) * 3
+        self.prior = np.concatenate([prior_of(prior_m, 3), prior_of(prior_rad, 3)])
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Nominal place [m], and no rotation."""
+        return np.append(self.T_nominal[:3, 3], np.zeros(3))
+
+    def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
+        """See :meth:`ParameterBlock.displace`."""
+        columns = columns_of(self.T_nominal[:3, :3] @ rotation_exp(values[3:].T))
+        errors.tools += [
+            Feature(values[:3] + turn(columns, place[:, None]), columns) for place in self._places
+        ]
+
+    def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
+        """See :meth:`ParameterBlock.move`."""
+        about = product(view.tool, columns_of(right_jacobian(values[3:].T)))
+        for label, place in zip(self.tools, self._places, strict=True):
+            mask = view.tiled(view.setup.tool, view.tools.index(label))
+            share = 1.0 if mask is None else mask
+            out[:3, :3] += share * view.walk.tip
+            out[3:, :3] += share * cross(about, turn(view.tool, place[:, None]))
+            out[3:, 3:] += share * about[:, : out.shape[1] - 3]

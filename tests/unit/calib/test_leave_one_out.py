@@ -14,7 +14,7 @@ from calib.identification.comparison import Candidate
 from calib.identification.left_out import free_points, targets_left_out
 from calib.model import KnownDistance, Setup, simulate
 from calib.model.measurements import Distance, Measurements, Point, Pose, TouchUp
-from calib.model.measurements.repeats import SAME_POSTURE_RAD, repeated_together, same_posture
+from calib.model.measurements.data import SAME_POSTURE_RAD, repeated_together, same_posture
 from calib.model.parameters import TargetFrame, TargetPoints, ToolFrame, ToolPoints, ZeroOffsets
 from calib.se3 import rotation_exp, transform
 

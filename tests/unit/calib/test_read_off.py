@@ -6,7 +6,7 @@ import pytest
 from calib import CalibrationModel, se3
 from calib.model import Setup, simulate
 from calib.model.measurements import CameraPose, Distance, Point, Pose
-from calib.model.measurements.base import Contact
+from calib.model.measurements.kinds import Contact
 from calib.model.parameters import (
     LengthOffsets,
     TargetFrame,

@@ -7,7 +7,7 @@ from calib import CalibrationModel
 from calib.model import Setup, touch
 from calib.model.measurements import TouchUp
 from calib.model.parameters import JointCompliance, TargetPoints, ToolPoint, ZeroOffsets
-from calib.model.touching import TOUCH_TOLERANCE_M
+from calib.model.simulation import TOUCH_TOLERANCE_M
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,468 @@
+"""How a kind of measurement sees the tool and its target, and how well.
+
+Every kind is a function of the pose of the tool against its target: of where the tool point is in
+the target's axes, and for some of how the tool is turned in them. Arrays have the posture last,
+see :mod:`calib.model.context`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from copy import copy
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from calib.batch_last import along, cross, matrices_of, turn, turn_back
+from calib.errors import InputError
+from calib.model.context import MeasurementContext
+from calib.se3 import (
+    FloatArray,
+    inverse_left_jacobian,
+    rigid,
+    rotation_exp,
+    rotation_log,
+    transform,
+)
+
+UNKNOWN_SIGMA = 1e-4
+"""Standard deviation that a kind of unknown noise is given to start with [m, rad]."""
+
+
+class Measurement(ABC):
+    """One way of measuring, with its noise.
+
+    Parameters
+    ----------
+    sigma : float, array_like or None
+        Standard deviation of each row in the axes of the noise [m, rad]; one number means the
+        same for all. None: it is estimated from the residuals.
+
+    Attributes
+    ----------
+    name : str
+        In the field's words, as in files.
+    rows : int
+        Equations m that one measurement gives.
+    turns : int
+        How many of them, at the end, are angles [rad].
+    reads : bool
+        Whether something is read off. Otherwise the arm is moved until the tool meets the
+        target, and what is read is zero.
+    sees_rotation : bool
+        Whether it depends on the orientation of the tool.
+    is_distance : bool
+        Whether what is read is a length, with a zero of its own.
+    sigma : array (m,)
+    estimated : bool
+        Whether the noise is to be estimated.
+    found : bool
+        Whether it was found from residuals, and not given.
+    """
+
+    name: str
+    rows: int
+    turns: int = 0
+    reads: bool = True
+    sees_rotation: bool = False
+    is_distance: bool = False
+    sigma: FloatArray
+    estimated: bool
+    found: bool = False
+
+    def __init__(self, sigma: ArrayLike | None) -> None:
+        self.estimated = sigma is None
+        self.sigma = check_sigma(UNKNOWN_SIGMA if sigma is None else sigma, self.rows)
+
+    @property
+    def mean_sigma_m(self) -> float:
+        """Root mean square of the noise over the rows that are lengths [m]."""
+        lengths = self.sigma[: self.rows - self.turns]
+        return float(np.sqrt(np.mean(lengths**2)))
+
+    def with_noise(self, scale: ArrayLike) -> Measurement:
+        """The same kind with its noise times a factor, one for all or one for each row."""
+        other = copy(self)
+        other.sigma = self.sigma * np.asarray(scale, dtype=float)
+        return other
+
+    def of_unknown_noise(self) -> Measurement:
+        """The same kind with its noise to be estimated, from the one that it has."""
+        other = copy(self)
+        other.estimated = True
+        return other
+
+    def of_found_noise(self) -> Measurement:
+        """The same kind, its noise being that of residuals: estimated once, then as if given."""
+        other = copy(self)
+        other.estimated, other.found = False, True
+        return other
+
+    @abstractmethod
+    def predict(self, view: MeasurementContext) -> FloatArray:
+        """What is read ``(m, S)``."""
+
+    def difference(self, predicted: FloatArray, observed: FloatArray) -> FloatArray:
+        """Rows ``(m, S)`` by which a reading is off another: those of a residual."""
+        return np.asarray(predicted - observed)
+
+    @abstractmethod
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
+        """Rows ``(p, m, S)`` for twists ``(p, 6, S)`` of the tool against its target.
+
+        The derivative of :meth:`difference` where that is ``rows`` (m, S). There are only the
+        first three rows of a twist for kinds that see no rotation.
+        """
+
+    def whiten(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
+        """Rows ``(..., m, S)`` divided by the noise: unit variance, uncorrelated."""
+        return np.asarray(rows / self.sigma[:, None])
+
+    def whiten_derivative(
+        self, J: FloatArray, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
+        """Derivative ``(p, m, S)`` of the whitened ``rows`` (m, S), from that of the rows.
+
+        Where the axes of the noise do not turn with the arm it is whitened as the rows are.
+        """
+        return self.whiten(J, view)
+
+    def colour(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
+        """The inverse of :meth:`whiten`: draws of unit variance as noise of the rows."""
+        return np.asarray(rows * self.sigma[:, None])
+
+    def disturb(self, readings: FloatArray, noise: FloatArray) -> FloatArray:
+        """Readings ``(m, S)`` off by rows of noise, such that :meth:`difference` gives these."""
+        return np.asarray(readings + noise)
+
+    def gap(self, vector: FloatArray, view: MeasurementContext) -> FloatArray:
+        """What of vectors ``(..., 3, S)`` in base axes the arm has to bring to nothing.
+
+        Nothing, for kinds that are read off.
+        """
+        return np.zeros_like(vector)
+
+
+class Contact(Measurement):
+    """A kind that moves the arm until tool and target meet: what is read is zero."""
+
+    reads = False
+
+    def gap(self, vector: FloatArray, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Measurement.gap`: all of it, where a point is brought to a point."""
+        return vector
+
+    @abstractmethod
+    def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
+        """Displacement ``(3, S)`` [m] of the tool point, in base axes, that shows as these rows."""
+
+
+def check_sigma(sigma: ArrayLike, count: int) -> FloatArray:
+    """Standard deviations ``(count,)`` [m], one number meaning the same in every axis.
+
+    Raises
+    ------
+    InputError
+        A number that is not positive and finite, or the wrong count of them.
+    """
+    given = np.asarray(sigma, dtype=float)
+    if given.ndim == 0:
+        given = np.full(count, float(given))
+    if given.shape != (count,):
+        raise InputError(f"the noise needs {count} numbers, {given.size} were given", name="noise")
+    bad = ~(np.isfinite(given) & (given > 0))
+    if bad.any():
+        raise InputError(
+            f"a noise of {given[bad][0] * 1e3:g} mm cannot be used: it must be above zero",
+            hint="give the standard deviation of a single measurement in each axis",
+            name="noise",
+            value=float(given[bad][0]),
+            bound=0.0,
+        )
+    return given
+
+
+class TouchUp(Contact):
+    """All three coordinates of the tool point meet the target (visual or with a pin).
+
+    What is measured is zero: the rows are Eq. 4 of [Watanabe2006]_, ``e_i = p_i - p_M``, in the
+    axes of the target: those of the base for a point. The noise is that of bringing the point
+    there, in the axes of the camera (V, H, D).
+
+    Parameters
+    ----------
+    sigma : float, array_like (3,) or None
+        Standard deviations [m] along x, y, z of the axes of the noise.
+    axes : array_like (3, 3), optional
+        These axes in the tool's: ``R_tool_noise``, of a camera that is not mounted along the axes
+        of the tool. By default the tool's own.
+
+    Raises
+    ------
+    InputError
+        A noise that is not above zero, or axes that are no rotation.
+    """
+
+    name = "touch-up"
+    rows = 3
+    sees_rotation = True
+
+    def __init__(self, sigma: ArrayLike | None, axes: ArrayLike | None = None) -> None:
+        super().__init__(sigma)
+        self._axes: FloatArray | None = None
+        if axes is not None:
+            self._axes = rigid(transform(axes, np.zeros(3)), "axes")[:3, :3]
+
+    def predict(self, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Measurement.predict`: the error itself."""
+        return view.in_target(view.error)
+
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
+        """See :meth:`Measurement.differentiate`."""
+        return view.in_target(motion[..., :3, :])
+
+    def whiten(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Measurement.whiten`: turned into camera axes, then divided."""
+        return turn_back(self._columns(view) / self.sigma[:, None, None], view.out_of_target(rows))
+
+    def whiten_derivative(
+        self, J: FloatArray, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
+        """See :meth:`Measurement.whiten_derivative`: ``d(Rᵀe) = Rᵀ(de - w x e)``."""
+        moved = motion[:, :3] - cross(motion[:, 3:], view.error)
+        return turn_back(self._columns(view) / self.sigma[:, None, None], moved)
+
+    def colour(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Measurement.colour`."""
+        return view.in_target(turn(self._columns(view), rows * self.sigma[:, None]))
+
+    def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Contact.lift`."""
+        return view.out_of_target(rows)
+
+    def _columns(self, view: MeasurementContext) -> FloatArray:
+        """Columns, then rows, ``(3, 3, S)`` of the axes of the noise in the base."""
+        if self._axes is None:
+            return view.tool
+        return np.asarray(np.tensordot(self._axes.T, view.tool, axes=1))
+
+
+class ViewLine(Contact):
+    """Only that the target lies on the view line is measured: two coordinates across it.
+
+    Section 2.1 and Fig. 10 of [Watanabe2006]_. The view line runs along the tool's z through the
+    tool point, so the position of the tool point along z cannot be identified.
+
+    Parameters
+    ----------
+    sigma : float, array_like (2,) or None
+        Standard deviations [m] along the tool's x and y (the camera's V and H).
+    """
+
+    name = "view-line"
+    rows = 2
+    sees_rotation = True
+
+    def predict(self, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Measurement.predict`: the error across the view line."""
+        error = view.error
+        return np.stack([along(view.tool[k], error) for k in range(2)])
+
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
+        """See :meth:`Measurement.differentiate`.
+
+        The axes turn with the tool: ``d(Rᵀe) = Rᵀ(de - w x e)``.
+        """
+        moved = motion[:, :3] - cross(motion[:, 3:], view.error)
+        return np.stack([along(view.tool[k], moved) for k in range(2)], axis=1)
+
+    def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Contact.lift`: across the line; the arm is taken to hold its depth."""
+        return np.asarray(view.tool[0] * rows[0] + view.tool[1] * rows[1])
+
+
+class PlaneContact(Contact):
+    """The tool point is brought into contact with a plane: the target's z = 0.
+
+    Parameters
+    ----------
+    sigma : float or None
+        Standard deviation [m] along the normal.
+    """
+
+    name = "plane"
+    rows = 1
+
+    def predict(self, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Measurement.predict`: the height over the plane."""
+        return along(view.target[2], view.error)[None]
+
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
+        """See :meth:`Measurement.differentiate`."""
+        return along(view.target[2], motion[:, :3])[:, None]
+
+    def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Contact.lift`: along the normal."""
+        return np.asarray(view.target[2] * rows[0])
+
+    def gap(self, vector: FloatArray, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Contact.gap`: along the normal."""
+        return np.asarray(view.target[2] * along(view.target[2], vector)[..., None, :])
+
+
+class Point(Measurement):
+    """Place of a point of the tool in the frame of a tracker or a measuring arm.
+
+    Parameters
+    ----------
+    sigma : float, array_like (3,) or None
+        Standard deviations [m] along the axes of the instrument.
+    """
+
+    name = "point"
+    rows = 3
+
+    def predict(self, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Measurement.predict`."""
+        return view.in_target(view.error)
+
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
+        """See :meth:`Measurement.differentiate`: velocities are those against the turning frame."""
+        return view.in_target(motion[:, :3])
+
+
+class Pose(Measurement):
+    """Pose of the tool in the frame of a tracker: place, then rotation vector.
+
+    Residuals of the rotation are the turn from what was read to what is predicted, in the axes of
+    the instrument.
+
+    Parameters
+    ----------
+    sigma : float, array_like (6,) or None
+        Standard deviations along [m] and about [rad] the axes of the instrument.
+    """
+
+    name = "pose"
+    rows = 6
+    turns = 3
+    sees_rotation = True
+
+    def predict(self, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Measurement.predict`."""
+        vector = rotation_log(matrices_of(view.in_target(view.tool))).T
+        return np.concatenate([view.in_target(view.error), vector])
+
+    def difference(self, predicted: FloatArray, observed: FloatArray) -> FloatArray:
+        """See :meth:`Measurement.difference`: on the manifold."""
+        return _pose_difference(predicted, observed)
+
+    def disturb(self, readings: FloatArray, noise: FloatArray) -> FloatArray:
+        """See :meth:`Measurement.disturb`."""
+        return _pose_disturbed(readings, noise)
+
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
+        """See :meth:`Measurement.differentiate`."""
+        turned = _log_derivative(view.in_target(motion[:, 3:]), rows)
+        return np.concatenate([view.in_target(motion[:, :3]), turned], axis=1)
+
+
+class CameraPose(Measurement):
+    """Pose of the target as a camera on the tool sees it: place, then rotation vector.
+
+    Parameters
+    ----------
+    sigma : float, array_like (6,) or None
+        Standard deviations along [m] and about [rad] the axes of the camera.
+    """
+
+    name = "camera-pose"
+    rows = 6
+    turns = 3
+    sees_rotation = True
+
+    def predict(self, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Measurement.predict`."""
+        target = np.broadcast_to(view.target, view.tool.shape)
+        vector = rotation_log(matrices_of(turn_back(view.tool, target))).T
+        return np.concatenate([turn_back(view.tool, -view.error), vector])
+
+    def difference(self, predicted: FloatArray, observed: FloatArray) -> FloatArray:
+        """See :meth:`Measurement.difference`: on the manifold."""
+        return _pose_difference(predicted, observed)
+
+    def disturb(self, readings: FloatArray, noise: FloatArray) -> FloatArray:
+        """See :meth:`Measurement.disturb`."""
+        return _pose_disturbed(readings, noise)
+
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
+        """See :meth:`Measurement.differentiate`: the target goes against the tool."""
+        place = cross(motion[:, 3:], view.error) - motion[:, :3]
+        turned = _log_derivative(turn_back(view.tool, -motion[:, 3:]), rows)
+        return np.concatenate([turn_back(view.tool, place), turned], axis=1)
+
+
+class Distance(Measurement):
+    """Distance of the tool point from the target: a ball bar, or a wire.
+
+    Parameters
+    ----------
+    sigma : float or None
+        Standard deviation [m].
+    """
+
+    name = "distance"
+    rows = 1
+    is_distance = True
+
+    def predict(self, view: MeasurementContext) -> FloatArray:
+        """See :meth:`Measurement.predict`: the distance, and what the instrument shows more."""
+        length = view.distance()[0].copy()
+        for label, more in view.errors.lengths.items():
+            mask = view.tiled(view.setup.target, view.targets.index(label))
+            length += more if mask is None else mask * more
+        return length[None]
+
+    def differentiate(
+        self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
+    ) -> FloatArray:
+        """See :meth:`Measurement.differentiate`."""
+        return along(view.distance()[1], motion[:, :3])[:, None]
+
+
+def _pose_difference(predicted: FloatArray, observed: FloatArray) -> FloatArray:
+    # by quaternions: a tenth of the time that matrices take
+    shown, read = (Rotation.from_rotvec(rows[3:].T) for rows in (predicted, observed))
+    return np.concatenate([predicted[:3] - observed[:3], (shown * read.inv()).as_rotvec().T])
+
+
+def _pose_disturbed(readings: FloatArray, noise: FloatArray) -> FloatArray:
+    R = rotation_exp(noise[3:].T) @ rotation_exp(readings[3:].T)
+    return np.concatenate([readings[:3] + noise[:3], rotation_log(R).T])
+
+
+def _log_derivative(turning: FloatArray, rows: FloatArray) -> FloatArray:
+    """Change ``(p, 3, S)`` of residual rotation vectors for turns ``(p, 3, S)`` of the prediction.
+
+    Both in the axes of the instrument.
+    """
+    J = inverse_left_jacobian(rows[3:].T).transpose(1, 2, 0)  # rows, columns, S
+    out = np.empty(turning.shape)
+    for k in range(3):
+        out[:, k] = along(J[k], turning)
+    return out

@@ -131,11 +131,12 @@ def changes(held: Held) -> Iterator[Effect]:
         if len(starts):
             found, neighbours = _steps(held, thing, starts)
             best = int(np.argmax(found.log_odds))
-            after = (np.arange(count) >= starts[best]).astype(float)
-            # of all places, the likeliest stands for the mean
-            more = float(tried + found.log_odds[best] - log_mean(found.log_odds))
-            rows = (int(starts[best]),)
-            yield _effect(held, thing, "step", rows, after, found, best, more, neighbours)
+            if np.isfinite(found.log_odds[best]):  # else the parameters take up all of it
+                after = (np.arange(count) >= starts[best]).astype(float)
+                # of all places, the likeliest stands for the mean
+                more = float(tried + found.log_odds[best] - log_mean(found.log_odds))
+                rows = (int(starts[best]),)
+                yield _effect(held, thing, "step", rows, after, found, best, more, neighbours)
         trends = _trends(thing)
         for cause, course in trends:
             found, neighbours = _trend(held, thing, course)

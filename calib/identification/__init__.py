@@ -1,29 +1,33 @@
 """Identification: what the data can tell, the fit, and its result."""
 
-from calib.identification.candidate import Candidate
-from calib.identification.carried import Carried, part_of
-from calib.identification.checks import check_enough
+from calib.identification.candidate import Candidate, Reference, fit_reference
 from calib.identification.comparison import (
     Comparison,
     Trial,
     compare,
 )
-from calib.identification.covariance import covariance_of
 from calib.identification.evidence import (
     PriorGroup,
     TunedPriors,
     tune_priors,
 )
 from calib.identification.expected import ExpectedError, Workplace
-from calib.identification.identifiability import check_identifiable, is_identifiable
+from calib.identification.identifiability import (
+    Reduction,
+    check_enough,
+    check_identifiable,
+    covariance_of,
+    is_identifiable,
+    reduce,
+)
 from calib.identification.least_squares import minimise
 from calib.identification.prediction import (
     Against,
+    Carried,
+    part_of,
     predict_accuracy,
     tool_motion,
 )
-from calib.identification.reduction import Reduction, reduce
-from calib.identification.reference import Reference, fit_reference
 from calib.identification.result import (
     DISPLAY,
     IdentificationResult,

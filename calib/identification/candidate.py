@@ -1,14 +1,29 @@
-"""A model to be tried, and its fit: with the sizes of its priors where these are to be found."""
+"""A model to be tried, and its fit: with the sizes of its priors where these are to be found.
+
+An arm with everything that could be off, held by what arms of its kind are off by.
+
+It is what other models are judged by. How large errors of
+each kind are on this arm is found from the measurements within bounds, and so is noise that does
+not explain the residuals: priors weigh against the noise that there is, not against a wrong one.
+
+Some errors most arms do not have: joints that give way, transmissions that run unevenly. Arms
+without them are alternatives, each as probable as the measurements make it (Bayesian model
+averaging: Hoeting, Madigan, Raftery and Volinsky 1999, Statistical Science 14, 382-417). An arm
+that may have everything is taken to have a little of everything.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.errors import CalibError, ConvergenceError
 from calib.identification.evidence import LOSSES, PriorGroup, tune_priors
+from calib.identification.expected import DrawnArms, Posterior, Workplace
+from calib.identification.noise import HEAVY_TAILS, Loss, gain_of_student, redundancy, rows_of
 from calib.identification.result import IdentificationResult
-from calib.identification.robust import Loss
 from calib.identification.solver import Method, identify
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
@@ -111,3 +126,133 @@ def fit(
         model = model.with_prior(np.where(below, HELD * usual, model.prior))
         start = None if start is None else np.where(below, model.nominal, result.values)
     return Fitted(model, result, log_marginal)
+
+
+LEAST_NOISE_SCALE = 0.1
+"""Residuals over noise below which they are of rounding, and their tails say nothing."""
+
+LEAST_LEFT = 0.1
+"""Redundancy of a measurement from which its residual says something of its error."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The reference of a set of measurements.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    given : CalibrationModel
+        Before sizes and noise were found.
+    fitted : Fitted
+    arms : DrawnArms
+        By which other models are judged.
+    loss : Loss
+        That it was fitted with, and that the others are to be.
+    probabilities : dict of str to float
+        Of the arm with everything, and of each alternative, by their names: after the measurements,
+        before which all are alike.
+    """
+
+    candidate: Candidate
+    given: CalibrationModel
+    fitted: Fitted
+    arms: DrawnArms
+    loss: Loss
+    probabilities: dict[str, float]
+
+
+def fit_reference(
+    candidate: Candidate,
+    data: Measurements,
+    workplace: Workplace,
+    alternatives: Sequence[Candidate] = (),
+    *,
+    loss: Loss | None = None,
+) -> Reference:
+    """Fit with the noise given; where that does not explain the residuals, with the one they show.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Everything that may be off, with the groups of its priors.
+    data : Measurements
+    workplace : Workplace
+    alternatives : sequence of Candidate
+        Arms without some of it. One that cannot be fitted is improbable.
+    loss : Loss, optional
+        By default least squares, or Student's where residuals have heavier tails than noise has.
+
+    Raises
+    ------
+    CalibError
+        As :func:`~calib.identification.candidate.fit`.
+    """
+    usual: Loss = "least-squares" if loss is None else loss
+    given = candidate.model
+    candidate, fitted = _fit(candidate, data, usual)
+    if loss is None and _tails(fitted, data) > HEAVY_TAILS:
+        usual = "student-t"
+        candidate, fitted = _fit(candidate, data, usual)
+    fits = {candidate.name: fitted} | _alternatives(fitted, alternatives, data, usual)
+    logs = np.array([one.log_marginal for one in fits.values()])
+    odds = np.exp(np.nan_to_num(logs - logs.max()))  # without priors to tune there is but one
+    shares = dict(zip(fits, (odds / odds.sum()).tolist(), strict=True))
+    kinds = [
+        Posterior(one.model, one.result.values, one.result.covariance, shares[name])
+        for name, one in fits.items()
+    ]
+    return Reference(candidate, given, fitted, DrawnArms(kinds, workplace), usual, shares)
+
+
+def _alternatives(
+    whole: Fitted, alternatives: Sequence[Candidate], data: Measurements, loss: Loss
+) -> dict[str, Fitted]:
+    """Those that can be fitted, their noise found where that of the whole arm was."""
+    unknown = [kind.found or kind.estimated for kind in whole.model.measurements]
+    found = {}
+    for one in alternatives:
+        try:
+            # from the noise given: its bounds are about where it starts
+            kinds = [
+                kind.of_unknown_noise() if open_ else kind
+                for kind, open_ in zip(one.model.measurements, unknown, strict=True)
+            ]
+            model = one.model.with_measurements(kinds)
+            found[one.name] = fit(replace(one, model=model), data, loss=loss)
+        except CalibError:
+            continue
+    return found
+
+
+def _fit(candidate: Candidate, data: Measurements, loss: Loss) -> tuple[Candidate, Fitted]:
+    """The fit, and the candidate with the kinds of measurement whose noise was found marked so."""
+    kinds = candidate.model.measurements
+    unknown = [kind.of_unknown_noise() for kind in kinds]
+    try:
+        fitted = fit(candidate, data, loss=loss)
+        doubted = {noise.kind for noise in fitted.result.noise if noise.doubted}
+        if not doubted:
+            return candidate, fitted
+        unknown = [u if u.name in doubted else k for u, k in zip(unknown, kinds, strict=True)]
+    except ConvergenceError:  # a noise that is far too small makes valleys too narrow to follow
+        fitted = None
+    again = replace(candidate, model=candidate.model.with_measurements(unknown))
+    try:
+        return again, fit(again, data, loss=loss)
+    except CalibError:  # so few equations that they do not show it
+        if fitted is None:
+            raise
+        return candidate, fitted
+
+
+def _tails(fitted: Fitted, data: Measurements) -> float:
+    """How much likelier heavy tails make the residuals, see :func:`gain_of_student`."""
+    if not fitted.result.noise_scale > LEAST_NOISE_SCALE:
+        return 0.0
+    model, x = fitted.model, fitted.result.values
+    white, free = redundancy(model, data, x, np.ones(data.count))
+    rows = rows_of(model, data)
+    left = free.sum(axis=1) / rows
+    seen = left > LEAST_LEFT
+    return gain_of_student(np.sum(white**2, axis=1)[seen] / left[seen], rows[seen])

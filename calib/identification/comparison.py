@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.errors import CalibError
-from calib.identification.candidate import Candidate, fit
+from calib.identification.candidate import Candidate, Reference, fit
 from calib.identification.choice import Contender, choose, choose_expected
 from calib.identification.expected import ExpectedError
 from calib.identification.left_out import targets_left_out
-from calib.identification.reference import Reference
+from calib.identification.noise import Loss
 from calib.identification.result import IdentificationResult
-from calib.identification.robust import Loss
 from calib.identification.solver import Method
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray

@@ -16,16 +16,14 @@ import numpy as np
 from scipy.optimize import minimize
 
 from calib.errors import ConvergenceError, InputError, near_names
-from calib.identification.checks import check_enough, check_identifiable_at
-from calib.identification.losses import log_weights
+from calib.identification.identifiability import check_enough, check_identifiable_at
 from calib.identification.marginal import (
     LinearEvidence,
     linear_evidence,
     noise_classes,
     proportions,
 )
-from calib.identification.noise import costs_of
-from calib.identification.robust import WEIGHTS, Loss, distances2
+from calib.identification.noise import WEIGHTS, Loss, costs_of, distances2, log_weights
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.identification.carried import Expectation
+from calib.identification.prediction import Expectation
 from calib.model import CalibrationModel, Setup
 from calib.se3 import FloatArray
 

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.errors import NotIdentifiableError
+from calib.errors import CalibError, InputError, NotIdentifiableError
+from calib.identification.least_squares import equal_sigma, white_rows
 from calib.identification.result import DISPLAY
-from calib.model.parameters import Unit
-from calib.se3 import BoolArray, FloatArray
+from calib.identification.robust import fit_robustly
+from calib.identification.start import first_guess
+from calib.model import CalibrationModel, Linearisation, Setup, touch
+from calib.model.measurements import Measurements
+from calib.model.parameters import LinkGeometry, ParameterBlock, Part, Unit
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 RANK_TOLERANCE = 1e-9
 """Smallest singular value, relative to the largest, of columns of unit length that still counts.
@@ -173,3 +178,331 @@ def _absorbed_by(unit: FloatArray, k: int, kept: list[int], names: Sequence[str]
     if len(kinds) == 1 and kinds <= set(_IN_WORDS):
         shown = f"{_IN_WORDS[kinds.pop()]} ({shown})"
     return f"{names[k]} is absorbed by {shown}"
+
+
+_NOTHING_LEFT = 1e-9
+"""Smallest singular value of I - H of a pose left out, below which nothing but it holds some
+parameter."""
+
+
+def covariance_of(
+    model: CalibrationModel,
+    q: FloatArray,
+    x: FloatArray | None = None,
+    setup: Setup | None = None,
+    *,
+    weighted: bool = True,
+) -> FloatArray:
+    """Covariance ``(p, p)`` [SI] that the noise of the measurement gives, before measuring.
+
+    Weighted: ``(JᵀJ)⁻¹`` of the whitened Jacobian with what is known besides: the Cramér-Rao
+    bound. Unweighted: the scatter of the paper's estimate (Eq. 8), ``G⁺ Σ G⁺ᵀ``, under the same
+    noise. Infinite throughout where the postures do not identify all parameters.
+
+    Raises
+    ------
+    InputError
+        Priors or known distances in an unweighted estimate: there is nothing to weigh them by.
+    """
+    values = model.nominal if x is None else x
+    linear = model.linearise(q, values, setup)
+    return covariance_at(linear, values, weighted=weighted)
+
+
+def covariance_at(
+    linear: Linearisation,
+    x: FloatArray,
+    *,
+    weighted: bool = True,
+    noise: FloatArray | None = None,
+) -> FloatArray:
+    """The same from a linearisation that is there already, of one set at parameters ``(p,)``.
+
+    Parameters
+    ----------
+    linear : Linearisation
+    x : array (p,)
+    weighted : bool
+    noise : array (K,), optional
+        What the noise of each kind really is, over the one that the estimate is weighed by.
+    """
+    model = linear.model
+    white = triangle(information_root(linear, x))
+    if not is_identifiable(white):
+        return np.full((model.p, model.p), np.inf)
+    each = np.ones(linear.view.setup.count)
+    if noise is not None:
+        each = noise[linear.view.setup.kind]
+    if weighted:
+        root = np.linalg.inv(white)
+        best = root @ root.T
+        if noise is None:
+            return np.asarray(best)
+        known = model.known(np.atleast_2d(x))[1][0]
+        rows = (linear.white_jacobian * each[:, None, None]).reshape(linear.rows_last.size, model.p)
+        spread = best @ np.concatenate([rows, known]).T
+        return np.asarray(spread @ spread.T)
+    check_unweighted(model)
+    J = linear.jacobian
+    gain = np.linalg.pinv(J.reshape(linear.rows_last.size, model.p)).reshape(model.p, *J.shape[:2])
+    root = linear.noise_root * each[:, None, None]
+    spread = np.einsum("pim,imk->pik", gain, root).reshape(model.p, gain.shape[1] * gain.shape[2])
+    return np.asarray(spread @ spread.T)
+
+
+def check_unweighted(model: CalibrationModel) -> None:
+    """Refuse what an estimate that takes all rows alike cannot use.
+
+    Raises
+    ------
+    InputError
+    """
+    if model.knows_besides:
+        raise InputError(
+            "priors and known distances need rows that are weighted by their noise",
+            hint="weight them, or leave these out",
+            name="weighted",
+        )
+
+
+def information_root(linear: Linearisation, x: FloatArray) -> FloatArray:
+    """Rows ``(M, p)`` over their noise of all that is known: its square is the information."""
+    measured = linear.white_jacobian.reshape(linear.rows_last.size, linear.model.p)
+    _, known = linear.model.known(np.atleast_2d(x))
+    return np.concatenate([measured, known[0]])
+
+
+def triangle(rows: FloatArray) -> FloatArray:
+    """Rows ``(p, p)`` that say the same as ``(M, p)``: fewer where there are more than columns."""
+    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
+
+
+def leave_one_out(
+    linear: Linearisation, x: FloatArray, groups: IntArray, *, weighted: bool = True
+) -> FloatArray:
+    """Rows ``(N, m)`` [m, rad] of each measurement, predicted from the fit to the other groups.
+
+    In closed form from one fit: ``(I - H_gg)⁻¹ r_g`` with H the hat matrix and g all rows of one
+    group. Exact where the model is linear, and calibrations are nearly so at their solution. A
+    group without which the parameters cannot be identified gives NaN.
+
+    Parameters
+    ----------
+    linear : Linearisation
+        Of one set, at its solution.
+    x : array (p,)
+        The solution.
+    groups : array (N,)
+        Index of the group that each measurement belongs to: those of one pose are left out
+        together.
+    weighted : bool
+        As in the fit.
+    """
+    rows_last, J_last = white_rows(linear, weighted)
+    rows, J = linear.view.posture_first(rows_last), linear.view.posture_first(J_last)
+    count, m, p = J.shape
+    known = linear.model.known(np.atleast_2d(x))[1][0] if weighted else np.zeros((0, p))
+    stacked = np.concatenate([J.reshape(count * m, p), known])
+    Q = np.linalg.qr(stacked / column_lengths(stacked))[0] if p else stacked
+    Q = Q[: count * m].reshape(count, m, p)
+    out = np.full((count, m), np.nan)
+    sizes = np.bincount(groups)
+    for size in np.unique(sizes[sizes > 0]):  # groups of one size at a time
+        members = np.argsort(groups, kind="stable")
+        members = members[np.isin(groups[members], np.flatnonzero(sizes == size))].reshape(-1, size)
+        own = Q[members].reshape(len(members), size * m, p)
+        out[members] = _predicted(own, rows[members].reshape(len(members), -1, 1)).reshape(
+            len(members), size, m
+        )
+    if weighted:
+        return np.asarray((linear.noise_root @ out[..., None])[..., 0])
+    return out * equal_sigma(linear.model)
+
+
+def _predicted(own: FloatArray, rows: FloatArray) -> FloatArray:
+    """``(I - Q Qᵀ)⁻¹ r`` of groups ``(G, k, p)`` with rows ``(G, k, 1)``; NaN where singular.
+
+    Of groups with more rows than parameters as ``r + Q (I - Qᵀ Q)⁻¹ Qᵀ r``, whose matrix does not
+    grow with the group: a pose that is measured thousands of times is one.
+    """
+    many = own.shape[1] > own.shape[2]
+    turned = np.swapaxes(own, 1, 2)
+    left = np.eye(min(own.shape[1:])) - (turned @ own if many else own @ turned)
+    alone = np.linalg.svd(left, compute_uv=False).min(axis=-1, initial=1.0) < _NOTHING_LEFT
+    left[alone] = np.eye(left.shape[-1])
+    found = (
+        rows + own @ np.linalg.solve(left, turned @ rows) if many else np.linalg.solve(left, rows)
+    )
+    found[alone] = np.nan
+    return np.asarray(found)
+
+
+def column_lengths(columns: FloatArray) -> FloatArray:
+    """Lengths ``(p,)`` of columns ``(M, p)``, 1 for columns of noughts."""
+    length = np.linalg.norm(columns, axis=0)
+    return np.where(length > 0, length, 1.0)
+
+
+def check_enough(model: CalibrationModel, measurements: Measurements) -> None:
+    """Check that measurements and model speak of the same things, with enough equations.
+
+    Raises
+    ------
+    InputError
+    """
+    for found, known, what in (
+        (measurements.targets, model.targets, "target"),
+        (measurements.tools, model.tools, "tool"),
+    ):
+        if found != known:
+            raise InputError(
+                f"the measurements name the {what}s {', '.join(found)}, "
+                f"the model {', '.join(known)}",
+                name=what,
+            )
+    model.check_setup(measurements.setup, measurements.count)
+    kinds = [model.measurements[k] for k in sorted(set(measurements.setup.kind.tolist()))]
+    read = [kind.name for kind in kinds if kind.reads]
+    if read and measurements.observed is None:
+        raise InputError(f"there are no readings of the kind {read[0]}", name="observed")
+    if measurements.observed is not None and measurements.observed.shape[-1] != model.rows:
+        raise InputError(
+            f"readings have {measurements.observed.shape[-1]} columns, the model {model.rows} rows",
+            name="observed",
+        )
+    met = np.array([not kind.reads for kind in model.measurements])[measurements.setup.kind]
+    if measurements.observed is not None and measurements.observed[..., met, :].any():
+        raise InputError(
+            "a touch-up has a reading: what the arm is moved for is met, not read",
+            hint="leave the readings of touch-ups, view lines and planes zero",
+            name="observed",
+        )
+    equations = model.equations(measurements.setup)
+    known_besides = int(np.isfinite(model.prior).sum()) + len(model.distances)
+    if equations + known_besides < model.p:
+        rows = equations / max(measurements.count, 1)
+        need = int(-(-(model.p - known_besides) // max(rows, 1.0)))
+        raise InputError(
+            f"{measurements.count} measurements give {equations} equations for {model.p} "
+            "parameters",
+            hint=f"measure at least {need} poses, better twice as many",
+            name="measurements",
+            value=equations,
+            bound=model.p,
+        )
+
+
+def check_identifiable_at(
+    model: CalibrationModel, measurements: Measurements, x: FloatArray
+) -> None:
+    """Check what measurements can tell, at parameters ``(p,)``.
+
+    Raises
+    ------
+    NotIdentifiableError
+        Parameters that they cannot tell apart, or whose standard deviation says nothing.
+    """
+    white = triangle(clean_root(model, measurements, x))
+    check_identifiable(white, model.names, model.nuisance)
+    if any(kind.estimated for kind in model.measurements):
+        return  # nobody knows the noise yet: the result is judged by what it turns out to be
+    # what the noise alone leaves unknown would wander off before it could be refused
+    sigma = np.linalg.norm(np.linalg.inv(white), axis=1)
+    check_believable(sigma, model.names, model.units)
+
+
+def clean_root(model: CalibrationModel, measurements: Measurements, x: FloatArray) -> FloatArray:
+    """Rows ``(M, p)`` over their noise of all that is known, with the residuals taken out.
+
+    A residual lends a hidden parameter a false hold: turning the whole arm about its base turns
+    every residual with it, so that the Jacobian is not quite singular, though nothing has been
+    seen. Postures of a touch-up are therefore first moved, by as little as the residuals, onto
+    the target; readings do not enter the Jacobian to begin with.
+    """
+    setup, q = measurements.setup, measurements.postures
+    if not all(kind.reads for kind in model.measurements):
+        q, _ = touch(model, q, x, setup, hold_orientation=False)
+    return information_root(model.linearise(q, x, setup), x)
+
+
+WORTH_HAVING: dict[Unit, float] = {"m": 5e-3, "rad": 1e-2, "rad/Nm": 1e-4, "rad/rad": 1e-2}
+"""Standard deviation, all parameters taken in before being free as well, beyond which a parameter
+is left out: what an arm is built to is well inside, so nothing would be learnt. It is also what
+makes axes parallel that are so but for the rounding of a description: a column that differs by
+1e-5 only shows a parameter with an uncertainty of metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """A model without the parameters that measurements cannot tell.
+
+    Attributes
+    ----------
+    model : CalibrationModel
+    kept : tuple of str
+        Names of all parameters of the model.
+    left_out : tuple of str
+    merged : tuple of str
+        For each left out, in words, what it shows up in.
+    """
+
+    model: CalibrationModel
+    kept: tuple[str, ...]
+    left_out: tuple[str, ...]
+    merged: tuple[str, ...]
+
+
+def reduce(model: CalibrationModel, data: Measurements, x: FloatArray | None = None) -> Reduction:
+    """Leave out robot parameters that these measurements cannot tell from those before them.
+
+    At the nominal arm, where axes that are meant to be parallel are: the set does not hang on
+    noise. The set-up comes first, then the blocks as the model lists them, so that a shift along
+    parallel axes stays with the first of them, and a turn about a joint axis with the zero offset
+    where that is free.
+
+    Parameters
+    ----------
+    model : CalibrationModel
+    data : Measurements
+        One set, postures ``(N, n)``.
+    x : array (p,), optional
+        Where to look; the first guess by default.
+    """
+    guess = first_guess(model, data) if x is None else x
+    found = _reduced(model, data, guess)
+    if not any(kind.estimated for kind in model.measurements):
+        return found
+    # what is worth having hangs on the noise, and a first fit says how large that is
+    try:
+        solved = fit_robustly(found.model, data, first_guess(found.model, data))
+    except CalibError:
+        return found
+    again = _reduced(model.with_measurements(solved.model.measurements), data, guess)
+    return replace(again, model=again.model.with_measurements(model.measurements))
+
+
+def _reduced(model: CalibrationModel, data: Measurements, guess: FloatArray) -> Reduction:
+    root = clean_root(model, data, guess)
+    least = np.array([1.0 / WORTH_HAVING[unit] for unit in model.units])
+    least[model.nuisance] = 0.0  # the set-up has to be free
+    found = sort_out(root, model.names, first=model.nuisance, least=least)
+    out = {model.names[k]: why for k, why in zip(found.left_out, found.why, strict=True)}
+    out = {name: why for name, why in out.items() if not _places_setup(model, name)}
+    if not out:
+        return Reduction(model, model.names, (), ())
+    blocks = [_without(block, set(out)) for block in model.parameters]
+    reduced = model.with_parameters([b for b in blocks if b.size or b.tools or b.targets])
+    return Reduction(reduced, reduced.names, tuple(out), tuple(out.values()))
+
+
+def _places_setup(model: CalibrationModel, name: str) -> bool:
+    return bool(model.nuisance[model.names.index(name)])
+
+
+def _without(block: ParameterBlock, names: set[str]) -> ParameterBlock:
+    kept = [name for name in block.names if name not in names]
+    if len(kept) == block.size:
+        return block
+    if isinstance(block, LinkGeometry):
+        return block.only(kept)
+    return Part(block, kept)

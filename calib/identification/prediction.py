@@ -4,10 +4,34 @@ A plan tells the covariance of what it identifies (:func:`calib.identification.c
 What an arm will do with it somewhere else follows from how its tool point moves with each
 parameter there: ``J C Jᵀ``. It is the accuracy that the noise of the measurement leaves; what the
 model does not describe comes on top.
+
+What of an arm's errors a correction can carry, and what error to expect with it.
+
+Everything that was identified goes into corrected commands; a kinematic description holds joint
+frames alone, and mastering the zeros of joints. What of the errors has no place there is not simply
+left out: within the volume that the arm works in, the values that the correction does have can take
+up a part of it. Compliance, say, turns joints by nearly the same angle all over a small box, which
+zero offsets can hold.
+
+With the mean x and the covariance C of all parameters that were identified, f(q, x) where the tool
+point is and f_R(q, x_R) where a controller with the values x_R takes it to be, the expected square
+of the error at a posture q is, to the first order in what is not known (J = df/dx),
+
+    E² = tr(J C Jᵀ) + |f(q, x) - f_R(q, x_R)|²,
+
+the mean of a squared distance from a fixed point. The values that are best for a correction
+minimise the mean of the second term, computed as it stands and not linearised, over the postures.
+
+The base is placed anew for each correction, as by an operator who teaches the user frame again:
+rigid motions of all points alike count neither as an error nor as a part of it that is carried. It
+is the arm's own accuracy, in the frame that the targets are found in with it: where the base stands
+in the world, and the zero of the first joint, are no part of it
+(:mod:`calib.identification.prediction`).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -15,7 +39,8 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError
 from calib.model import CalibrationModel, Setup
-from calib.se3 import BoolArray, FloatArray
+from calib.model.parameters import Unit
+from calib.se3 import BoolArray, FloatArray, project_to_rotation, skew
 
 TURNED_BASE = (
     "accuracy in the base frame as the targets were found in it: the zero of joint 1, which they "
@@ -117,3 +142,244 @@ def _counts(model: CalibrationModel, against: Against) -> BoolArray:
         for _ in b.names
     ]
     return np.array(counts, dtype=bool)
+
+
+ALIKE = 0.01
+"""Part of the expected square by which values may be worse than the very best ones, where that
+brings them nearer to the values as identified: over a small box different sets of values do nearly
+the same, and some of them lie far off."""
+
+NATURAL: dict[Unit, float] = {"m": 1e-3, "rad": 1e-3, "rad/Nm": 1e-6, "rad/rad": 1e-3}
+"""Changes of parameters that count as equally far: each moves the tool of a large arm by about a
+millimetre."""
+
+_STEPS = 30
+_STILL = 1e-6
+"""Gain of a step, relative to what is lost, at which the iteration ends."""
+
+_UNSEEN = 1e-9
+"""Singular value, relative to the largest, of a combination that moves no point."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorToExpect:
+    """Error of the tool point at each of K postures.
+
+    Attributes
+    ----------
+    unknown_m : array (K,)
+        Standard deviation (of the distance) that the identification leaves [m].
+    lost_m : array (K,)
+        Distance that is known, and that the correction does not carry [m].
+    """
+
+    unknown_m: FloatArray
+    lost_m: FloatArray
+
+    @property
+    def points_m(self) -> FloatArray:
+        """Root of the expected square at each posture ``(K,)`` [m]."""
+        return np.asarray(np.hypot(self.unknown_m, self.lost_m))
+
+    @property
+    def rms_m(self) -> float:
+        """Root of its mean over the postures [m]."""
+        return float(np.sqrt(np.mean(self.points_m**2)))
+
+    @property
+    def worst_m(self) -> float:
+        """The largest over the postures [m]."""
+        return float(self.points_m.max())
+
+    @property
+    def lost_rms_m(self) -> float:
+        """What is not carried, in the root mean square [m]."""
+        return float(np.sqrt(np.mean(self.lost_m**2)))
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """The values of a correction that are best at given postures.
+
+    Attributes
+    ----------
+    model : CalibrationModel
+        Of the correction.
+    x : array (p,)
+        Its parameters [SI].
+    covariance : array (p, p)
+        Of these values [SI], from that of what was identified.
+    """
+
+    model: CalibrationModel
+    x: FloatArray
+    covariance: FloatArray
+
+
+class Expectation:
+    """What an identification says of the error that corrections leave at given postures.
+
+    Parameters
+    ----------
+    model : CalibrationModel
+        As much of the arm as was identified.
+    x : array (r,)
+        Mean of its parameters [SI].
+    covariance : array (r, r)
+    q : array (K, n)
+        Postures [rad] at which the arm will work.
+    setup : Setup, optional
+        Tool and payload at each; the first of each by default.
+
+    Attributes
+    ----------
+    jacobian : array (3 K, r)
+        Displacements of the tool point by each parameter, the base placed anew [m per unit].
+
+    Raises
+    ------
+    InputError
+        A covariance of another shape, or one that is not finite.
+    """
+
+    def __init__(
+        self,
+        model: CalibrationModel,
+        x: FloatArray,
+        covariance: FloatArray,
+        q: FloatArray,
+        setup: Setup | None = None,
+    ) -> None:
+        if covariance.shape != (model.p, model.p) or not np.isfinite(covariance).all():
+            raise InputError(
+                f"a covariance of the {model.p} parameters is needed, of finite numbers",
+                name="covariance",
+            )
+        self.model, self.x, self.covariance = model, x, covariance
+        self.q, self.setup = q, setup
+        self.points = model.view(q, x, setup).tool_points
+        self._rigid = rigid_motions(self.points)
+        self.jacobian = self._moved(model, x, np.eye(3))
+        squares = np.sum((self.jacobian @ covariance) * self.jacobian, axis=1)  # diagonal of J C Jᵀ
+        self._unknown2 = np.maximum(squares.reshape(len(q), 3).sum(axis=1), 0.0)
+
+    def of(self, model: CalibrationModel, x: FloatArray) -> ErrorToExpect:
+        """Error of an arm whose controller has the parameters ``(p,)`` of a model [SI]."""
+        lost = self.displaced(model, x)[0].reshape(-1, 3)
+        return ErrorToExpect(np.sqrt(self._unknown2), np.linalg.norm(lost, axis=1))
+
+    def carried(self, model: CalibrationModel, free: BoolArray) -> Carried:
+        """The best values of a correction's parameters.
+
+        By the method of Gauss and Newton, from the values as identified. What makes no difference
+        at these postures, or hardly any (``ALIKE``), stays there.
+
+        Parameters
+        ----------
+        model : CalibrationModel
+            With the parameters that the correction has.
+        free : array (p,) of bool
+            Which of them may take up what others would have to carry.
+        """
+        size = np.array([NATURAL[unit] for unit in model.units])[free]
+        start = part_of(self.model, self.x, self.covariance, model)
+        taken = _shared(self.model, model)
+        x = best = start.x
+        least, gain = np.inf, taken
+        for _ in range(_STEPS):
+            off, R = self.displaced(model, x)
+            moved = self._moved(model, x, R)
+            J = moved[:, free] * size
+            solve = self._least_change(J, off + J @ ((x - start.x)[free] / size))
+            if off @ off >= least:
+                break
+            still = least - off @ off < _STILL * least
+            best, least = x, float(off @ off)
+            gain = taken.copy()
+            gain[free] += size[:, None] * (solve @ (self.jacobian - moved @ taken))
+            if still:
+                break
+            x = start.x.copy()
+            x[free] += size * (solve @ (off + J @ ((best - start.x)[free] / size)))
+        return Carried(model, best, gain @ self.covariance @ gain.T)
+
+    def _least_change(self, J: FloatArray, off: FloatArray) -> FloatArray:
+        """Ridge inverse ``(p, 3 K)``: the most damping whose loss is within ``ALIKE``."""
+        if not J.size:
+            return J.T
+        U, s, Vt = np.linalg.svd(J, full_matrices=False)
+        kept = s > _UNSEEN * s.max(initial=0.0)
+        U, s, Vt = U[:, kept], s[kept], Vt[kept]
+        if not s.size:
+            return np.zeros_like(J.T)
+        parts2 = (U.T @ off) ** 2
+        least = float(off @ off - parts2.sum() + self._unknown2.sum())
+        allowed = ALIKE * max(least, 0.0)
+
+        def more(damping: float) -> float:
+            return float(np.sum(parts2 * (damping**2 / (s**2 + damping**2)) ** 2))
+
+        low, high = 1e-9 * s.max(), 1e9 * s.max()
+        for _ in range(100):
+            middle = float(np.sqrt(low * high))
+            low, high = (middle, high) if more(middle) <= allowed else (low, middle)
+        return np.asarray(Vt.T @ ((s / (s**2 + low**2))[:, None] * U.T))
+
+    def displaced(self, model: CalibrationModel, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Where the tool point is less where a model takes it to be, and the turn of its base.
+
+        ``(3 K,)`` [m] and ``(3, 3)``: the base of the model is placed by the finite motion that is
+        best for it, of which :func:`rigid_motions` are the derivatives. Where values differ much, a
+        turn to the first order only would be an error of its own.
+        """
+        points = model.view(self.q, x, self.setup).tool_points
+        taken, real = points - points.mean(axis=0), self.points - self.points.mean(axis=0)
+        R = project_to_rotation(real.T @ taken)
+        return (real - taken @ R.T).reshape(-1), R
+
+    def _moved(self, model: CalibrationModel, x: FloatArray, R: FloatArray) -> FloatArray:
+        """Displacements ``(3 K, p)`` by each parameter, the base turned and placed anew."""
+        moved = R @ tool_motion(model, self.q, self.setup, x=x)
+        return self._placed(moved.reshape(3 * len(self.q), model.p))
+
+    def _placed(self, off: FloatArray) -> FloatArray:
+        """Displacements ``(3 K, ...)`` less what another place of the base explains."""
+        return np.asarray(off - self._rigid @ (self._rigid.T @ off))
+
+
+def part_of(
+    model: CalibrationModel, x: FloatArray, covariance: FloatArray, part: CalibrationModel
+) -> Carried:
+    """A correction with its parameters as identified, and as described where they were not.
+
+    Parameters
+    ----------
+    model : CalibrationModel
+    x : array (r,)
+        Its parameters [SI].
+    covariance : array (r, r)
+    part : CalibrationModel
+        With the parameters that the correction has, by the same names.
+    """
+    taken = _shared(model, part)
+    values = np.where(taken.any(axis=1), taken @ x, part.nominal)
+    return Carried(part, values, taken @ covariance @ taken.T)
+
+
+def _shared(model: CalibrationModel, part: CalibrationModel) -> FloatArray:
+    """1 where a parameter of a part is one of a model, else 0: ``(p, r)``."""
+    same = np.array([[own == name for name in model.names] for own in part.names], dtype=float)
+    return same.reshape(part.p, model.p)
+
+
+def rigid_motions(points: FloatArray) -> FloatArray:
+    """Orthonormal displacements ``(3 K, r)`` of points ``(K, 3)`` by the motions of a rigid body.
+
+    There are six, or fewer where the points lie on a line, or are fewer than three.
+    """
+    turned = -skew(points - points.mean(axis=0))
+    shifted = np.broadcast_to(np.eye(3), turned.shape)
+    U, s, _ = np.linalg.svd(
+        np.concatenate([shifted, turned], axis=-1).reshape(-1, 6), full_matrices=False
+    )
+    return np.asarray(U[:, s > _UNSEEN * s[0]])

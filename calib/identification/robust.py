@@ -1,9 +1,14 @@
-"""Measurements that contradict the others, and noise that nobody has given.
+"""Measurements that contradict the others.
 
-``huber``, ``cauchy`` and ``student-t`` weigh a measurement down by how far it is off:
-:mod:`calib.identification.losses`. ``graduated`` decides which measurements to leave out:
-:mod:`calib.identification.graduated`. Noise that is not known is estimated with either:
+``huber``, ``cauchy`` and ``student-t`` weigh a measurement down by how far it is off, ``graduated``
+decides which to leave out; noise that is not known is estimated with either:
 :mod:`calib.identification.noise`.
+
+Graduated truncated least squares: from the best of many fits to a few measurements each, so that no
+gross error has a say in where it starts (Rousseeuw and Van Driessen, Data Min. Knowl. Discov. 12,
+2006), it goes in steps from a problem with one minimum to that of truncated least squares
+(graduated non-convexity: Yang et al., IEEE RA-L 5(2), 2020). Of many measurements the search takes
+a part; all of them are judged by what it has found.
 """
 
 from __future__ import annotations
@@ -11,29 +16,29 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.stats import chi2
 
-from calib.errors import ConvergenceError
-from calib.identification.graduated import DISAGREEMENT, choose
+from calib.errors import ConvergenceError, InputError
 from calib.identification.least_squares import ITERATIONS, minimise
-from calib.identification.losses import (
+from calib.identification.noise import (
+    OUTLIER_CHANCE,
     STUDENT_FREEDOM,
     WEIGHED_DOWN,
     WEIGHTS,
     Loss,
-    variance_factor,
-)
-from calib.identification.noise import (
-    OUTLIER_CHANCE,
     costs_of,
     distances2,
+    limits,
     noise_scales,
     rescaled,
     rows_of,
+    spread,
     suspects,
+    variance_factor,
 )
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
-from calib.se3 import BoolArray, FloatArray
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 __all__ = [
     "DISAGREEMENT",
@@ -202,3 +207,218 @@ def _not_settled(moved: float) -> ConvergenceError:
         f"them by {moved:.2g})",
         hint="give the noise of each kind, or measure more poses",
     )
+
+
+DISAGREEMENT = 30.0
+"""Residuals of what was not left out, over the noise given, beyond which nothing can be said to
+contradict it: what a model leaves out of a real arm is below that, what half of the measurements
+would have to agree upon if the other half were wrong as well."""
+
+_GRADUATED_ROUNDS = 60
+_GRADUATION = 1.4
+"""Growth of the shape of the loss from step to step (Yang et al.)."""
+
+_STARTS, _BETTER, _BEST = 400, 10, 5
+_PREDICTED_AT_MOST = 100_000
+"""Measurements that are predicted to judge all starts by."""
+
+_SEARCHED = 300
+_SEARCHED_PER_NEEDED = 10
+"""Measurements to search among: as many, or so many times those that the parameters need."""
+
+_TINY = np.finfo(float).tiny
+
+
+def choose(
+    model: CalibrationModel, data: Measurements, x: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Which measurements to keep, ``(N,)``, and the fit to them, ``(p,)``; from parameters.
+
+    The draws are always the same ones, so that a result can be had again.
+
+    Raises
+    ------
+    InputError
+        More than half of them would have to be left out.
+    """
+    rng = np.random.default_rng(0)
+    needed = _needed(model, data, x)
+    part = data
+    most = max(_SEARCHED, _SEARCHED_PER_NEEDED * needed)
+    if most < data.count:
+        counts = _shares(_classes(data), most)
+        part = data[np.sort(_drawn(_classes(data), counts, 1, rng)[0])]
+        needed = _needed(model, part, x)
+    x = _best_of_many(model, part, x, needed, rng)
+    x = _graduate(model, part, x)
+    s2 = distances2(model, data, x)
+    return _settle(model, data, x, s2 <= _chance(model, data) * spread(model, data, s2))
+
+
+def _chance(model: CalibrationModel, data: Measurements) -> FloatArray:
+    return np.asarray(chi2.ppf(1.0 - OUTLIER_CHANCE, rows_of(model, data)))
+
+
+def _graduate(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:
+    """From a loss with one minimum to that of truncated least squares: parameters ``(p,)``."""
+    chance = _chance(model, data)
+    s2 = distances2(model, data, x)
+    limit = chance * spread(model, data, s2)
+    shape = 1.0 / max(float(np.max(2.0 * s2 / limit)) - 1.0, 1e-3)
+    for _ in range(_GRADUATED_ROUNDS):
+        weights = _truncated(s2, limit, shape)
+        x = minimise(model, data.trials(None), x[None], weights=weights[None]).x[0]
+        s2 = distances2(model, data, x)
+        limit = chance * spread(model, data, s2)
+        shape *= _GRADUATION
+        if ((weights == 0) | (weights == 1)).all() and shape > 1.0:
+            break
+    return x
+
+
+def _settle(
+    model: CalibrationModel, data: Measurements, x: FloatArray, good: BoolArray
+) -> tuple[FloatArray, BoolArray]:
+    """The median has chosen the good ones; now by the noise that these have."""
+    for _ in range(_GRADUATED_ROUNDS):
+        _refuse_most(good, data)
+        x = minimise(model, data.trials(None), x[None], weights=good[None].astype(float)).x[0]
+        limit, scales = limits(model, data, x, good)
+        before, good = good, distances2(model, data, x) <= limit
+        if (before == good).all():
+            break
+    _refuse_disagreement(model, scales, good)
+    return x, good
+
+
+def _truncated(s2: FloatArray, limit: FloatArray, shape: float) -> FloatArray:
+    """Weights of truncated least squares made smooth: sharp where ``shape`` is large."""
+    between = np.sqrt(limit * shape * (shape + 1.0) / np.maximum(s2, _TINY)) - shape
+    low, high = limit * shape / (shape + 1.0), limit * (shape + 1.0) / shape
+    return np.where(s2 <= low, 1.0, np.where(s2 >= high, 0.0, np.clip(between, 0.0, 1.0)))
+
+
+def _needed(model: CalibrationModel, data: Measurements, x: FloatArray) -> int:
+    """Measurements with as many equations as parameters that they, not the priors, decide on.
+
+    Few measurements decide on fewer parameters than all of them do: the trace of the information
+    of so many in that of the posterior.
+    """
+    linear = model.linearise(data.postures, x, data.setup, data.observed)
+    J = linear.white_jacobian.reshape(linear.rows_last.size, model.p)
+    known = model.known(x[None])[1][0]
+    stacked = np.concatenate([J, known])
+    length = np.linalg.norm(stacked, axis=0)
+    Q = np.linalg.qr(stacked / np.where(length > 0, length, 1.0))[0]
+    held = np.clip(np.linalg.eigvalsh(Q[len(J) :].T @ Q[len(J) :]), 0.0, 1.0)
+    told = np.arange(1, data.count + 1)[:, None] / data.count * (1.0 - held)
+    decided = np.sum(told / np.maximum(told + held, _TINY), axis=1)
+    equations = np.arange(1, data.count + 1) * float(np.mean(rows_of(model, data)))
+    enough = np.flatnonzero(equations >= decided - 1e-6)
+    return int(enough[0]) + 1 if enough.size else data.count
+
+
+def _classes(data: Measurements) -> IntArray:
+    """Index ``(N,)`` of those that measurements of one set-up share."""
+    setup = data.setup
+    every = np.stack([setup.kind, setup.tool, setup.target, setup.payload], axis=1)
+    return np.asarray(np.unique(every, axis=0, return_inverse=True)[1]).reshape(-1)
+
+
+def _shares(classes: IntArray, count: int) -> IntArray:
+    """How many of each class make ``count``, or more where each has to have one."""
+    sizes = np.bincount(classes)
+    counts = np.maximum(sizes * count // len(classes), 1)
+    for k in np.argsort(-sizes / counts, kind="stable"):
+        if counts.sum() >= count:
+            break
+        counts[k] += int(counts[k] < sizes[k])
+    return np.asarray(counts)
+
+
+def _drawn(classes: IntArray, counts: IntArray, draws: int, rng: np.random.Generator) -> IntArray:
+    """Indices ``(draws, sum of counts)``: so many of each class, class after class."""
+    found = []
+    for k, count in enumerate(counts.tolist()):
+        own = np.flatnonzero(classes == k)
+        order = np.argsort(rng.random((draws, len(own))), axis=1)
+        found.append(own[order[:, :count]])
+    return np.concatenate(found, axis=1)
+
+
+def _gathered(data: Measurements, index: IntArray) -> Measurements:
+    """Trials ``(T, K, n)`` of other measurements each, all of one set-up."""
+    return Measurements(
+        data.postures[index],
+        data.setup[index[0]],
+        data.targets,
+        data.tools,
+        None if data.observed is None else data.observed[index],
+    )
+
+
+def _best_of_many(
+    model: CalibrationModel,
+    data: Measurements,
+    x: FloatArray,
+    needed: int,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """The fit with the smallest sum over the better half, of many that start from few.
+
+    Least trimmed squares: half of the measurements, and as many more as there are parameters for.
+    """
+    classes, count = _classes(data), data.count
+    starts = int(np.clip(_PREDICTED_AT_MOST // count, 20, _STARTS))
+    index = _drawn(classes, _shares(classes, min(needed + 2, count)), starts, rng)
+    few = _gathered(data, index)
+    fits = minimise(model, few, np.tile(x, (starts, 1)), iterations=6).x
+    fits[0] = minimise(model, data.trials(None), x[None], iterations=6).x[0]  # and that to all
+    half = min((count + needed + 1) // 2, count)
+    for kept, steps in ((_BETTER, 4), (_BEST, 12), (_BEST, 12), (_BEST, 0)):
+        s2 = distances2(model, data.repeated(len(fits)), fits)
+        s2 = np.nan_to_num(s2, nan=np.inf)
+        value = np.sort(s2, axis=1)[:, :half].sum(axis=1)
+        best = np.argsort(value)[:kept]
+        if not steps:
+            break
+        chosen = _ones_at(np.argsort(s2[best], axis=1)[:, :half], count)
+        every = data.repeated(len(best))
+        fits = minimise(model, every, fits[best], weights=chosen, iterations=steps).x
+    return np.asarray(fits[best[0]])
+
+
+def _ones_at(index: IntArray, count: int) -> FloatArray:
+    out = np.zeros((len(index), count))
+    np.put_along_axis(out, index, 1.0, axis=1)
+    return out
+
+
+def _refuse_most(good: BoolArray, data: Measurements) -> None:
+    bad = int((~good).sum())
+    if 2 * bad > data.count:
+        raise InputError(
+            f"{bad} of {data.count} measurements contradict the others: which of them are right "
+            "cannot be told",
+            hint="are all of them of this robot, this tool and these targets?",
+            name="measurements",
+            value=bad,
+            bound=data.count // 2,
+        )
+
+
+def _refuse_disagreement(
+    model: CalibrationModel, scales: list[FloatArray], good: BoolArray
+) -> None:
+    given = zip(model.measurements, scales, strict=True)
+    worst = max((float(scale.max()) for kind, scale in given if not kind.estimated), default=0.0)
+    if worst > DISAGREEMENT and not good.all():
+        raise InputError(
+            f"the measurements contradict each other: even those that agree best are {worst:.0f} "
+            "times the noise given apart",
+            hint="more than half of them may be wrong, or the noise is far larger: without a noise "
+            "given it is estimated",
+            name="measurements",
+            value=worst,
+            bound=DISAGREEMENT,
+        )

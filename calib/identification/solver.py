@@ -15,9 +15,12 @@ from typing import Literal, get_args
 import numpy as np
 
 from calib.errors import ConvergenceError, InputError, check_type
-from calib.identification.checks import check_enough, check_identifiable_at
-from calib.identification.covariance import check_unweighted
-from calib.identification.identifiability import check_believable
+from calib.identification.identifiability import (
+    check_believable,
+    check_enough,
+    check_identifiable_at,
+    check_unweighted,
+)
 from calib.identification.least_squares import (
     ITERATIONS,
     STEP_TOLERANCE,

@@ -21,7 +21,7 @@ from calib.identification import (
     fit_reference,
 )
 from calib.identification.diagnosis import Finding
-from calib.identification.losses import WEIGHED_DOWN
+from calib.identification.noise import WEIGHED_DOWN
 from calib.identification.report import ANOTHER_ROBOT_M
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray

@@ -29,7 +29,7 @@ from calib.correction import (
 )
 from calib.errors import FileFormatError, InputError, near_names
 from calib.identification import Carried, check_enough, covariance_of, part_of
-from calib.identification.checks import check_identifiable_at
+from calib.identification.identifiability import check_identifiable_at
 from calib.model import CalibrationModel, Setup
 from calib.model.measurements import Measurements, touch_ups
 from calib.se3 import FloatArray, wpr_from_rotation

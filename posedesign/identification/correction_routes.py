@@ -3,7 +3,7 @@
 A controller takes zero offsets (mastering), a simulation or an offline programming system a
 description (URDF), a program the commands of corrected poses. Each carries another part of the
 errors. The values of each are those that are best for it over the task box, see
-:mod:`calib.identification.carried`.
+:mod:`calib.identification.prediction`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.errors import InputError, UnreachableError, near_names
 from calib.identification import Carried, part_of
-from calib.identification.carried import ErrorToExpect, Expectation
+from calib.identification.prediction import ErrorToExpect, Expectation
 from calib.model import CalibrationModel, Setup
 from calib.model.parameters import AXES, ToolPoints
 from calib.se3 import BoolArray, FloatArray, rotation_exp, transform

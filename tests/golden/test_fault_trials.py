@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calib.identification.diagnosis import MODEL
-from calib.identification.diagnosis.tuning import tuned
+from calib.identification.diagnosis.held import tuned
 from posedesign.identification.findings import diagnose_table, model_of_arm
 from tests.fault_trials import (
     ARMS,

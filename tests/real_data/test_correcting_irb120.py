@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.identification.carried import Expectation
+from calib.identification.prediction import Expectation
 from calib.model import Setup
 from calib.se3 import FloatArray
 from posedesign.cell import Cell, TaskBox

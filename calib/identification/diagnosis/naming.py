@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.identification.diagnosis.finding import Finding
-from calib.identification.diagnosis.held import Effect, Held
+from calib.identification.diagnosis.held import Effect, Held, Tuned, log_odds, tuned
 from calib.identification.diagnosis.mistakes import (
     UNLIKELY,
     Mistake,
@@ -17,9 +17,7 @@ from calib.identification.diagnosis.mistakes import (
     of_some_rows,
     squares_of,
 )
-from calib.identification.diagnosis.patterns import incomplete, scales
-from calib.identification.diagnosis.sequence import changes
-from calib.identification.diagnosis.tuning import Tuned, log_odds, tuned
+from calib.identification.diagnosis.sequence import changes, incomplete, scales
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements
 from calib.model.parameters import ZeroOffsets

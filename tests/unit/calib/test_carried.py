@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 from calib import CalibrationModel, Robot
 from calib.errors import InputError
 from calib.identification import Carried, part_of
-from calib.identification.carried import ALIKE, NATURAL, Expectation, rigid_motions
+from calib.identification.prediction import ALIKE, NATURAL, Expectation, rigid_motions
 from calib.model.measurements import TouchUp
 from calib.model.parameters import (
     JointCompliance,

@@ -10,10 +10,17 @@ from scipy.stats import multivariate_normal
 
 from calib.identification.diagnosis import diagnose
 from calib.identification.diagnosis.finding import Finding
-from calib.identification.diagnosis.held import Effect, Held, log_mean, score_of
+from calib.identification.diagnosis.held import (
+    Effect,
+    Held,
+    Tuned,
+    log_mean,
+    log_odds,
+    score_of,
+    tuned,
+)
 from calib.identification.diagnosis.naming import CHANCE, likeliest
 from calib.identification.diagnosis.sequence import alike, changes, things_of
-from calib.identification.diagnosis.tuning import Tuned, log_odds, tuned
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.identification.findings import model_of_arm

@@ -61,12 +61,10 @@ def feasible_postures(
 
     Parameters
     ----------
-    checker : Checker
     T_base_tip : array (N, 4, 4)
     base : array (n,)
         Posture to stay near [rad]: each joint takes that full turn inside the limits which lies
         nearest to it.
-    configurations : str
 
     Returns
     -------

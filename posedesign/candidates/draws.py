@@ -43,12 +43,7 @@ def even_points(count: int, dimensions: int, rng: np.random.Generator) -> FloatA
 
 
 def check_count(count: int) -> int:
-    """A number of draws that can be made.
-
-    Raises
-    ------
-    InputError
-    """
+    """A number of draws that can be made."""
     if not (1 <= count <= MOST and count == int(count)):
         raise InputError(
             f"{count} draws: a pool is made of 1 to {MOST}", name="count", value=count, bound=1
@@ -99,7 +94,6 @@ def no_pose(
 
     Parameters
     ----------
-    checker : Checker
     T_base_tip : array (N, 4, 4)
     base : array (n,)
         [rad]

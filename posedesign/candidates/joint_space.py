@@ -36,10 +36,8 @@ def joint_pool(
 
     Parameters
     ----------
-    cell : Cell
     count : int
         Postures wanted. Where most draws break a constraint, fewer may be given.
-    rng : numpy.random.Generator
     largest_turn : float
         How far each joint may turn from the base posture [rad].
 

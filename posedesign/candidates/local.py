@@ -33,7 +33,6 @@ def local_poses(
 
     Parameters
     ----------
-    cell : Cell
     postures : array (N, n)
         Postures to start from [rad].
     turns : array_like (N, 3)

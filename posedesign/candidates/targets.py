@@ -80,7 +80,6 @@ def feasible(
 
     Parameters
     ----------
-    cell : Cell
     postures : array (N, n)
         [rad]; where they are NaN the answer is no.
     target : array (N,) of int

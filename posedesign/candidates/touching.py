@@ -39,7 +39,6 @@ def wpr_pool(
 
     Parameters
     ----------
-    cell : Cell
     levels : int
         Number of grids (Eq. 13 of [Watanabe2006]_), their angles evenly spaced.
     configurations : str
@@ -92,7 +91,6 @@ def cone_pool(
 
     Parameters
     ----------
-    cell : Cell
     tilt : float
         Largest angle between the tool's z and that of the base pose [rad].
     count : int

@@ -19,7 +19,6 @@ class Verdicts:
 
     Attributes
     ----------
-    constraints : tuple of Constraint
     arm : Situation
         The postures ``(S, n)``.
     room : array (S, C)
@@ -70,7 +69,6 @@ class Checker:
 
     Parameters
     ----------
-    robot : Robot
     constraints : sequence of Constraint
         Besides the limits of the joints, which are always there.
     margin : float

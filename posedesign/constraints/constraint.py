@@ -19,7 +19,6 @@ class Situation:
 
     Attributes
     ----------
-    chain : SerialChain
     q : array (S, n)
     depths : bool
         Whether somebody reads how deep meshes are in what they run into.

@@ -25,18 +25,16 @@ class JointLimits(Constraint):
         self._margin = margin
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`; which: the joint."""
+        """Which: the joint."""
         room = np.minimum(arm.q - self._lower, self._upper - arm.q) - self._margin
         which = np.argmin(room, axis=1)
         return room[np.arange(len(room)), which], which
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        """See :meth:`Constraint.says`."""
         value, low, high = arm.q[i, which], self._lower[which], self._upper[which]
         return _limit_says(f"J{which + 1}", value, low, high, self._margin)
 
     def remedy(self, room: float) -> str:
-        """See :meth:`Constraint.remedy`."""
         return _margin_remedy(room, self._margin)
 
 
@@ -53,19 +51,17 @@ class CoupledLimits(Constraint):
         self._margin = margin
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`; which: the limit."""
+        """Which: the limit."""
         room = np.stack([limit.margin(arm.q) for limit in self._limits], axis=1) - self._margin
         which = np.argmin(room, axis=1)
         return room[np.arange(len(room)), which], which
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        """See :meth:`Constraint.says`."""
         limit = self._limits[which]
         value = float(arm.q[i] @ limit.coefficients)
         return _limit_says(limit.name, value, limit.lower, limit.upper, self._margin)
 
     def remedy(self, room: float) -> str:
-        """See :meth:`Constraint.remedy`."""
         return _margin_remedy(room, self._margin)
 
 
@@ -97,14 +93,11 @@ class Singularity(Constraint):
         self._smallest = smallest
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`."""
         value = arm.chain.smallest_singular_values(arm.state)
         return value - self._smallest, np.zeros(len(value), dtype=np.intp)
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        """See :meth:`Constraint.says`."""
         return f"smallest singular value {room + self._smallest:.3f}, bound {self._smallest:g}"
 
     def remedy(self, room: float) -> str:
-        """See :meth:`Constraint.remedy`."""
         return "lower constraints.smallest_singular_value"

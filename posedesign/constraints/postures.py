@@ -38,7 +38,6 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
 
     Parameters
     ----------
-    checker : Checker
     T_base_tip : array (N, 4, 4)
     reference : array (n,)
         Posture to stay near [rad], by the Euclidean norm of the joint difference.

@@ -108,7 +108,6 @@ class Retreat:
 
     Attributes
     ----------
-    robot : Robot
     tool_m : array (3,)
         Tool point in the tip frame [m].
     axis : array (3,)
@@ -231,16 +230,14 @@ class BackingOff(Constraint):
         self._retreat = retreat
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`: infinite or -1."""
+        """Infinite or -1."""
         _, reasons = self._retreat.back_off(arm.q)
         blocked = np.array([bool(why) for why in reasons], dtype=bool)
         return np.where(blocked, -1.0, np.inf), np.zeros(len(blocked), dtype=np.intp)
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        """See :meth:`Constraint.says`."""
         _, reasons = self._retreat.back_off(arm.q[[i]])
         return reasons[0] or "room to back off along the tool"
 
     def remedy(self, room: float) -> str:
-        """See :meth:`Constraint.remedy`."""
         return "change plan.retreat_mm or plan.contact_mm, or correct tool.axis"

@@ -34,12 +34,11 @@ class Collision(Constraint):
         self._cap_m = max(CAP_M, keep_m + self.comfort)
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`; which: the pair of bodies."""
+        """Which: the pair of bodies."""
         found = self.scene.clearance(arm.q, cap_m=self._cap_m, depths=arm.depths, state=arm.state)
         return found.distance_m - self.keep_m, found.pair
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        """See :meth:`Constraint.says`."""
         return self.explain(room + self.keep_m, which)
 
     def explain(self, distance_m: float, pair: int) -> str:
@@ -55,7 +54,6 @@ class Collision(Constraint):
         return f"{one} {distance_m * 1e3:.1f} mm from {other}{asked}"
 
     def remedy(self, room: float) -> str:
-        """See :meth:`Constraint.remedy`."""
         return (
             "move what stands there, lower constraints.safety_distance_mm, "
             "or list what may touch in constraints.ignore"
@@ -74,7 +72,6 @@ class SelfCollision(Collision):
         super().__init__(scene, 0.0)
 
     def remedy(self, room: float) -> str:
-        """See :meth:`Constraint.remedy`."""
         return "list links that cannot really meet in constraints.ignore"
 
 
@@ -97,7 +94,6 @@ class Workspace(Collision):
         return f"{body} {distance_m * 1e3:.0f} mm inside {side} of the workspace"
 
     def remedy(self, room: float) -> str:
-        """See :meth:`Constraint.remedy`."""
         return "widen constraints.workspace_lowest_mm and workspace_highest_mm"
 
 
@@ -112,7 +108,6 @@ def workspace_scene(
 
     Parameters
     ----------
-    robot : Robot
     bodies : sequence of Body
         Of arm and tool. Those of the base and of the first link stay where they are, and are left
         out. Joints and tool point count too, so that an arm without bodies is checked as well.

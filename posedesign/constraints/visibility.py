@@ -30,7 +30,6 @@ class TargetView:
 
     Attributes
     ----------
-    camera : PinholeCamera
     T_tip_camera : array (4, 4)
     target_m : array (3,)
         In the base frame.
@@ -82,21 +81,19 @@ class Distance(Constraint):
         self._nearest_m, self._farthest_m = nearest_m, farthest_m
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`; which: 0 too near, 1 too far."""
+        """Which: 0 too near, 1 too far."""
         distance = np.linalg.norm(self._view.target_m - self._view.lens(arm), axis=1)
         both = np.stack([distance - self._nearest_m, self._farthest_m - distance], axis=1)
         which = np.argmin(both, axis=1)
         return both[np.arange(len(both)), which], which
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        """See :meth:`Constraint.says`."""
         bound = (self._nearest_m, self._farthest_m)[which]
         distance = bound + room if which == 0 else bound - room
         end = ("nearest", "farthest")[which]
         return f"target {distance * 1e3:.0f} mm from the camera, {end} allowed {bound * 1e3:.0f} mm"
 
     def remedy(self, room: float) -> str:
-        """See :meth:`Constraint.remedy`."""
         return "change camera.nearest_mm or camera.farthest_mm"
 
 
@@ -113,19 +110,17 @@ class Tilt(Constraint):
         self._largest = largest
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`: the angle between the normal and the way to the lens."""
+        """The angle between the normal and the way to the lens."""
         sight = self._view.lens(arm) - self._view.target_m
         cosine = sight @ self._view.normal
         across = np.linalg.norm(np.cross(sight, self._view.normal), axis=1)
         return self._largest - np.arctan2(across, cosine), np.zeros(len(sight), dtype=np.intp)
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        """See :meth:`Constraint.says`."""
         tilt, largest = np.rad2deg([self._largest - room, self._largest])
         return f"target seen at a tilt of {tilt:.1f} deg, largest allowed {largest:g} deg"
 
     def remedy(self, room: float) -> str:
-        """See :meth:`Constraint.remedy`."""
         return "correct target.normal, or raise camera.largest_tilt_deg"
 
 
@@ -142,7 +137,7 @@ class InImage(Constraint):
         self._border_px = border_px
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`; of what is behind the lens, by the angle off the axis."""
+        """Of what is behind the lens, by the angle off the axis."""
         points = self._view.in_camera(arm, self._view.rim())
         room = self._view.camera.margin_px(points).min(axis=1)
         behind = self._view.camera.focal_px * self._off_axis(arm)
@@ -150,7 +145,6 @@ class InImage(Constraint):
         return room, np.zeros(len(room), dtype=np.intp)
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        """See :meth:`Constraint.says`."""
         off_deg = float(np.rad2deg(self._off_axis(arm.take(np.array([i])))[0]))
         if off_deg >= 90.0:
             return f"the camera looks away from the target, by {off_deg:.0f} deg"
@@ -160,7 +154,6 @@ class InImage(Constraint):
         return f"target {edge:.0f} px from the edge of the image, border {self._border_px:g} px"
 
     def remedy(self, room: float) -> str:
-        """See :meth:`Constraint.remedy`."""
         return "correct camera.position_mm, wpr_deg, focal_px or image_px, or lower border_px"
 
     def _off_axis(self, arm: Situation) -> FloatArray:
@@ -183,7 +176,7 @@ class LineOfSight(Constraint):
         self._scene = scene
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """See :meth:`Constraint.room`: infinite or -1; which: what is in the way."""
+        """Infinite or -1; which: what is in the way."""
         lens = self._view.lens(arm)
         way = self._view.target_m - lens
         along = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), ROUNDING)
@@ -194,11 +187,9 @@ class LineOfSight(Constraint):
         return np.where(seen.clear, np.inf, -1.0), np.maximum(seen.blocker, 0)
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        """See :meth:`Constraint.says`."""
         if room > 0:
             return "nothing in the line of sight"
         return f"{self._scene.bodies[which].name} stands between camera and target"
 
     def remedy(self, room: float) -> str:
-        """See :meth:`Constraint.remedy`."""
         return "move what stands there, or the camera"

@@ -28,8 +28,6 @@ class KnownMotions:
 
     Parameters
     ----------
-    robot : Robot
-    ways : MotionChecker
     passing : Checker
         What a posture that the arm only passes through must keep.
     base : array (n,)

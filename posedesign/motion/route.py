@@ -47,13 +47,10 @@ class Router:
 
     Parameters
     ----------
-    robot : Robot
-    ways : MotionChecker
     passing : Checker
         What a posture that the arm only passes through must keep.
     start : array (n,)
         Posture that the arm comes from [rad].
-    options : RouteOptions
     retreat : Retreat, optional
         How the tool comes to each pose along its axis.
     """

@@ -44,7 +44,6 @@ class Route:
 
     Attributes
     ----------
-    stops : tuple of Stop
     lost : dict
         Poses that no clear way leads to, by index, and why.
     moving_s : float

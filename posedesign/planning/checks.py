@@ -67,12 +67,7 @@ def refuse_unfit(cell: Cell, poses: PoseList) -> None:
 
 
 def refuse_hand_eye(cell: Cell, what: str) -> None:
-    """Refuse to do with a cell of hand-eye calibration what needs a robot to be identified.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse to do with a cell of hand-eye calibration what needs a robot to be identified."""
     if cell.is_hand_eye:
         raise InputError(
             f"{what} needs a robot that is identified; this cell calibrates a camera",
@@ -94,7 +89,6 @@ class PoseVerdict:
 
     Attributes
     ----------
-    name : str
     via : bool
         The arm only passes through: nothing has to be seen or touched.
     feasible : bool
@@ -254,7 +248,6 @@ class Score:
 
     Attributes
     ----------
-    indices : Indices
     sigma : list of (name, unit, value)
         Predicted standard deviations as people read them; empty where not identifiable.
     problem : str

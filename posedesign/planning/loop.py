@@ -53,7 +53,6 @@ def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
 
     Parameters
     ----------
-    cell : Cell
     progress : callable, optional
         Called with each :class:`Round` as it is done.
 
@@ -217,12 +216,7 @@ class _Loop:
 
 
 def check_base_pose(cell: Cell) -> None:
-    """Check that the base posture touches the target and keeps the margin from the limits.
-
-    Raises
-    ------
-    UnreachableError
-    """
+    """Check that the base posture touches the target and keeps the margin from the limits."""
     q, robot = cell.base_posture, cell.robot
     if robot.n < MOST_FREE:
         raise InputError(
@@ -276,7 +270,6 @@ def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
 
     Parameters
     ----------
-    cell : Cell
     variation_deg : array (3,)
         D_W, D_P, D_R [deg].
     """

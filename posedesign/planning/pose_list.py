@@ -27,7 +27,6 @@ class DroppedPose:
 
     Attributes
     ----------
-    name, reason : str
     extra : mapping of str to str
         What stands in columns that posedesign does not know.
     """
@@ -43,7 +42,6 @@ class PoseList:
 
     Attributes
     ----------
-    names : tuple of str
     postures : array (N, n)
         [rad], URDF signs.
     via : array (N,) of bool

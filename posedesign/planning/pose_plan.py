@@ -44,7 +44,6 @@ class PoseSet:
     ----------
     postures : array (27, n)
         [rad]; NaN where the pose was dropped.
-    status : tuple of PoseStatus
     shut_out : tuple of str
         What keeps a pose of the grid from being taken as it is; empty where it can be.
     orientations : array (27, 3, 3)
@@ -164,12 +163,10 @@ class Round:
 
     Attributes
     ----------
-    number : int
     variation_deg : tuple of float
         D_W, D_P, D_R.
     grid, repaired, dropped : int
         Poses taken as generated, replaced, and left out.
-    c_g, cond_2_g : float
     sigma : array (p,)
         Predicted standard deviation of each parameter [SI], of the estimator that the cell asks
         for (weighted or not); infinite where not identifiable.
@@ -197,15 +194,12 @@ class PosePlan:
         The order of the kept poses, by index into ``poses.kept``, and what lies between them.
     best : int
         Index into ``rounds`` of the round that the poses are from.
-    rounds : tuple of Round
     history : tuple of PoseSet
         The poses of every round.
-    indices : Indices
     model : CalibrationModel
         What the plan was made for.
     threshold : float
         C_G asked for.
-    stop : StopReason
     advice : str
         What to change where the threshold was not reached.
     not_checked : tuple of str

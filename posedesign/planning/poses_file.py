@@ -74,10 +74,6 @@ def write_poses(
 
     Parameters
     ----------
-    path : Path
-    robot : Robot
-    poses : PoseSet
-    route : Route
     tool_m : array (3,)
         Tool point in the tip frame [m].
     margins : Margins, optional
@@ -124,9 +120,6 @@ def write_pose_list(
 
     Parameters
     ----------
-    path : Path
-    poses : PoseList
-    robot : Robot
     tool_m : array (3,)
         Tool point in the tip frame [m].
     margins : Margins, optional
@@ -213,7 +206,6 @@ def read_poses(
 
     Parameters
     ----------
-    path : Path
     n : int or None
         Number of joints of the robot; None takes what the file has.
     controller : Controller, optional

@@ -125,8 +125,6 @@ def read_touch_ups(
 
     Parameters
     ----------
-    path : Path
-    n : int
     controller : Controller, optional
         Turns ``pendant_j1_deg ..`` into joint values; without it such columns alone are refused.
     trust_units : bool

@@ -40,12 +40,7 @@ def arm_of(cell: Cell) -> Arm:
 
 
 def check_frames(cell: Cell, dialect: Dialect) -> None:
-    """Refuse poses in a user frame that has a number on the controller and no place in the cell.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse poses in a user frame that has a number on the controller and no place in the cell."""
     section = cell.config.program
     if dialect.numbered_frames and section.user_frame != 0 and section.user is None:
         raise InputError(

@@ -170,7 +170,6 @@ def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | No
     ----------
     cell : Cell or None
         Whose limits and obstacles tell which side.
-    poses : PoseList
     approach_deg : float or None
         Last movement of every joint; None: the list as it is.
 

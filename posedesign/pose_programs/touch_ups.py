@@ -66,7 +66,6 @@ class Imported:
         Poses that stand as planned.
     missing : tuple of str
         Poses of the plan that the files do not have.
-    warnings : tuple of str
     doubtful : bool
         Whether something in it can hardly be right: a posture outside the limits, a tool point far
         from the target, a pose that stands nearer to another one of the plan.

@@ -32,8 +32,6 @@ def greedy(objective: Objective, count: int, kept: IntArray) -> IntArray:
 
     Parameters
     ----------
-    objective : Objective
-    count : int
     kept : ndarray of int
         Candidates that are in it anyway.
     """

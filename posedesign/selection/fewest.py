@@ -44,7 +44,6 @@ def select_fewest(
     ----------
     blocks, known, keep, interest, names, starts
         As of :func:`~posedesign.selection.select.select`.
-    criterion : str or Criterion
     value : float
         To be reached, as the criterion is shown. 1 for
         :func:`~posedesign.selection.criteria.registry.wanted_deviations`.

@@ -177,7 +177,6 @@ class Indices:
 
     Attributes
     ----------
-    poses, rows, parameters : int
     c_g : float
         C_G; rows unweighted, columns divided by their largest entry.
     cond_2_g, cond_2_gtg : float

@@ -22,7 +22,6 @@ class Informations:
 
     Parameters
     ----------
-    candidates : Candidates
     choices : ndarray of int (T, n)
 
     Attributes

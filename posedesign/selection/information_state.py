@@ -30,7 +30,6 @@ class Ledger:
 
     Parameters
     ----------
-    candidates : Candidates
     rows : ndarray of int (n,)
         The choice to begin with.
     count : int
@@ -108,7 +107,6 @@ class Ledger:
 
         Parameters
         ----------
-        part : slice or ndarray of int
         sign : float
             +1: taken in; -1: put back.
         right : ndarray (p, r), optional

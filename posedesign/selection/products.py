@@ -15,7 +15,6 @@ def products_by_pairs(
 
     Parameters
     ----------
-    candidates : Candidates
     P, Q : ndarray (p, p)
         Positive semidefinite.
     """

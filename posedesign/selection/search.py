@@ -63,9 +63,6 @@ class Search:
 
     Parameters
     ----------
-    candidates : Candidates
-    criterion : Criterion
-    count : int
     kept : ndarray of int
         Candidates that are in it anyway.
     """

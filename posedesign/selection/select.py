@@ -143,16 +143,10 @@ def check_threshold(criterion: Criterion, threshold: float, bound: float, n: int
 
     Parameters
     ----------
-    criterion : Criterion
     threshold : float
         As the criterion is shown.
     bound : float
         Proven bound of the cost.
-    n : int
-
-    Raises
-    ------
-    InputError
     """
     if criterion.cost_of(threshold) >= bound:
         return

@@ -100,7 +100,6 @@ class Fewest:
         The best choice found of one pose fewer, which does not reach it.
     wanted : float
         The value asked for.
-    reached : bool
     at_least : int
         Proven: fewer poses than that cannot reach it.
     """

@@ -74,13 +74,10 @@ def many_starts(
 
     Parameters
     ----------
-    objective : Objective
     first : ndarray of int (T, n)
         Choices to begin with, besides those that are drawn.
-    kept : ndarray of int
     number : int
         Of starts in all.
-    rng : numpy.random.Generator
     """
     candidates, n = objective.candidates, first.shape[1]
     free = np.setdiff1d(np.arange(candidates.N), kept)

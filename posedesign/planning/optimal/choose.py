@@ -69,8 +69,6 @@ def plan_optimal(
 
     Parameters
     ----------
-    cell : Cell
-    request : Request
     advance : callable, optional
         Called with what is being done and the part of all work that is done.
     keep : ndarray (k, n), optional
@@ -99,11 +97,9 @@ def plan_fewest(
 
     Parameters
     ----------
-    cell : Cell
     sigma_m, sigma_rad : float, optional
         Largest standard deviation of each parameter that is a length [m], and of each that is an
         angle [rad]; at least one of the two.
-    advance : callable, optional
 
     Raises
     ------
@@ -382,14 +378,12 @@ def choose_validation(
 
     Parameters
     ----------
-    model : CalibrationModel
     left : Pool
         Candidates that are not in the plan.
     plan : ndarray (N, m, p)
         Whitened Jacobians of the plan.
     box : ndarray (K, 3, p)
         How the tool point moves with the parameters over the task box.
-    count : int
 
     Returns
     -------

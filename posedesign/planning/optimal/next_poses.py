@@ -19,7 +19,6 @@ class NextPoses:
 
     Attributes
     ----------
-    goal : Goal
     measured : int
         Touch-ups so far.
     identified : IdentificationResult or None
@@ -30,11 +29,8 @@ class NextPoses:
         By which the noise given is multiplied in what is predicted.
     poses : PoseSet
         The next ones, the one that gains most first.
-    route : Route
     tcp_m : ndarray (k + 1,)
         Root mean square error of the tool point over the box [m]: now, and after each further pose.
-    box_words : str
-    least_gain : float
     accuracy_m : float or None
         Error at which to stop.
     """

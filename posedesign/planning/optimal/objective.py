@@ -48,7 +48,6 @@ class Goal:
 
     Attributes
     ----------
-    criterion : Criterion
     limit : float or None
         Value to be reached, as the criterion is shown.
     unit : str
@@ -108,8 +107,6 @@ def goal_of(request: Request, model: CalibrationModel, box: FloatArray) -> Goal:
 
     Parameters
     ----------
-    request : Request
-    model : CalibrationModel
     box : ndarray (K, 3, p)
         How the tool point moves with the parameters over the task box.
 
@@ -197,7 +194,6 @@ class Accuracy:
 
     Attributes
     ----------
-    poses : int
     value : float
         Of the criterion, as it is shown.
     sigma : ndarray (p,)

@@ -53,7 +53,6 @@ def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Out
 
     Parameters
     ----------
-    cell : Cell
     model : CalibrationModel
         What is identified.
     postures : array (N, n)

@@ -36,9 +36,6 @@ def refined_with_way(
 
     Parameters
     ----------
-    router : Router
-    chosen : Pool
-    refine : callable
     in_doubt : bool
         Look for the way through the poses as they are first: refinement takes long.
 
@@ -78,8 +75,6 @@ def without_unreached(
 
     Parameters
     ----------
-    router : Router
-    pool : Pool
     lost : ndarray of int
         Rows of the pool.
     attempt : int
@@ -109,7 +104,6 @@ def reached_of(router: Router, postures: FloatArray, route: Route) -> tuple[IntA
 
     Parameters
     ----------
-    router : Router
     postures : ndarray (N, n)
     route : Route
         Through all of them, as far as there is one.

@@ -44,10 +44,6 @@ def refine(
 
     Parameters
     ----------
-    cell : Cell
-    model : CalibrationModel
-    goal : Goal
-    chosen : Pool
     fixed : int
         How many of the first poses stay as they are.
 

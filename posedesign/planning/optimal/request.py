@@ -112,12 +112,7 @@ class Request:
 
 
 def parse_count(text: str) -> int | None:
-    """A number of poses, or None for ``auto``.
-
-    Raises
-    ------
-    InputError
-    """
+    """A number of poses, or None for ``auto``."""
     word = text.strip().lower()
     if word == "auto":
         return None
@@ -129,12 +124,7 @@ def parse_count(text: str) -> int | None:
 
 
 def parse_length(text: str) -> float:
-    """A length [m] of text such as ``0.2mm``, ``50um``; millimetres where no unit is given.
-
-    Raises
-    ------
-    InputError
-    """
+    """A length [m] of text such as ``0.2mm``, ``50um``; millimetres where no unit is given."""
     found = _LENGTH.fullmatch(text[:80])
     try:
         value = float(found[1]) if found else np.nan

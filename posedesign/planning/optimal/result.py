@@ -28,8 +28,6 @@ class OptimalPlan:
 
     Attributes
     ----------
-    request : Request
-    goal : Goal
     selection : Selection
         Of the postures of the pool.
     fewest : Fewest or None
@@ -45,8 +43,6 @@ class OptimalPlan:
         Poses of the pool that the robot can take, of how many.
     indices : Indices
         Of the poses chosen.
-    model : CalibrationModel
-    accuracy : Accuracy
     of_pool : Accuracy
         Of the poses before they were refined; the same where they were not.
     others : tuple of Accuracy
@@ -59,7 +55,6 @@ class OptimalPlan:
         What the poses are worth for robots that are not as described.
     validation : PoseSet or None
         Poses that are kept out of the fit.
-    validation_route : Route or None
     left_out : int
         Candidates of the pool that were left out because no clear way to them is known, or to
         others like them.

@@ -40,7 +40,6 @@ class Robustness:
     ----------
     nominal, median, worst : float
         Of the criterion, as it is shown; over the trials.
-    trials : int
     """
 
     nominal: float

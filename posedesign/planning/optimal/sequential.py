@@ -70,7 +70,6 @@ def plan_next(
 
     Parameters
     ----------
-    cell : Cell
     data : Measurements
         The touch-ups so far, of one target.
     count : int
@@ -189,12 +188,7 @@ def _last_number(names: Sequence[str]) -> int:
 
 
 def refuse_cell(cell: Cell) -> None:
-    """Refuse a cell in which nothing is touched up.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a cell in which nothing is touched up."""
     if cell.is_hand_eye:
         raise InputError(
             "the next poses are planned for touch-ups, and this cell has a camera calibrated",

@@ -34,7 +34,6 @@ class Criterion(ABC):
 
     Attributes
     ----------
-    name : str
     title : str
         In words.
     smaller_is_better : bool
@@ -62,12 +61,7 @@ class Criterion(ABC):
 
 
 class Objective(ABC):
-    """The cost of choices out of one pool; the smaller the better, infinite where not all is seen.
-
-    Parameters
-    ----------
-    candidates : Candidates
-    """
+    """The cost of choices out of one pool; the smaller the better, infinite where not all is seen."""
 
     def __init__(self, candidates: Candidates) -> None:
         self.candidates = candidates
@@ -101,7 +95,6 @@ class Objective(ABC):
 
         Parameters
         ----------
-        ledger : Ledger
         part : slice or ndarray of int
             Of the candidates.
         sign : float
@@ -139,8 +132,6 @@ class Objective(ABC):
 
         Parameters
         ----------
-        ledger : Ledger
-        part : slice or ndarray of int
         near : int, optional
             They are to be sharp for candidates like this one; for the ledger's choice as it is by
             default.
@@ -155,7 +146,6 @@ class Objective(ABC):
 
         Parameters
         ----------
-        ledger : Ledger
         limit : float
             None where no candidate costs less.
         """

@@ -40,12 +40,7 @@ _ROWS = 2
 
 
 class Conditioning(Criterion):
-    """A condition number, or an index akin to one.
-
-    Parameters
-    ----------
-    kind : str
-    """
+    """A condition number, or an index akin to one."""
 
     falls_with_poses = False
 
@@ -55,28 +50,19 @@ class Conditioning(Criterion):
         self.smaller_is_better = kind in ("C_G", "cond_2")
 
     def on(self, candidates: Candidates) -> ConditioningObjective:
-        """See :meth:`Criterion.on`."""
         return ConditioningObjective(candidates, self._kind)
 
     def shown(self, cost: float) -> float:
-        """See :meth:`Criterion.shown`."""
         if self.smaller_is_better:
             return cost
         return 1.0 / cost if cost > 0.0 else np.inf
 
     def cost_of(self, value: float) -> float:
-        """See :meth:`Criterion.cost_of`."""
         return self.shown(value)
 
 
 class ConditioningObjective(Objective):
-    """A condition number on one pool.
-
-    Parameters
-    ----------
-    candidates : Candidates
-    kind : str
-    """
+    """A condition number on one pool."""
 
     def __init__(self, candidates: Candidates, kind: Kind) -> None:
         super().__init__(candidates)
@@ -84,12 +70,10 @@ class ConditioningObjective(Objective):
 
     @property
     def width(self) -> int:
-        """See :attr:`Objective.width`."""
         p = self.candidates.p
         return p * (4 * p + 2 * self.candidates.m)
 
     def cost(self, rows: IntArray) -> float:
-        """See :meth:`Objective.cost`."""
         G = self.candidates.root(rows)
         if self._kind == "C_G":
             return condition_inf(G)
@@ -99,7 +83,6 @@ class ConditioningObjective(Objective):
         return 1.0 / value if value > 0.0 else np.inf
 
     def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
-        """See :meth:`Objective.costs`."""
         if self._kind == "C_G":
             found = self._by_largest(ledger, part, sign)
         else:
@@ -127,18 +110,14 @@ class ConditioningObjective(Objective):
 
     @property
     def rugged(self) -> bool:
-        """See :attr:`Objective.rugged`."""
         return True
 
     @property
     def has_floor(self) -> bool:
-        """See :attr:`Objective.has_floor`."""
         return True
 
     def at_least(self, ledger: Ledger, part: slice | IntArray, near: int | None) -> FloatArray:
-        """See :meth:`Objective.at_least`.
-
-        No eigenvalue is beyond what any vector shows of it, and no norm below any row's sum: those
+        """No eigenvalue is beyond what any vector shows of it, and no norm below any row's sum: those
         of the choice so far, or with one candidate, are tried on all.
         """
         if self._kind == "C_G":
@@ -198,7 +177,6 @@ class ConditioningObjective(Objective):
         return _c_g(M, C, size)
 
     def of_choices(self, choices: IntArray) -> FloatArray:
-        """See :meth:`Objective.of_choices`."""
         informations = Informations(self.candidates, choices)
         if self._kind != "C_G":
             return self._of_spectrum(informations.M, SEEN)
@@ -222,7 +200,6 @@ class ConditioningObjective(Objective):
         return np.asarray(np.max(each[ledger.rows], axis=0, initial=0.0).clip(min=known))
 
     def relax(self, count: int, tolerance: float) -> Relaxation:
-        """See :meth:`Objective.relax`."""
         candidates = self.candidates
         if self._kind == "O4":
             return self._relax_product(count, tolerance)

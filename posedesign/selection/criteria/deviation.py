@@ -36,7 +36,6 @@ class Deviation(Criterion):
     ----------
     functions : ndarray (K, r, p)
         Rows of each; where there is one only, it is that which is made small.
-    name, title : str
     squared : bool
         Show the mean square in place of its root, as A-optimality is known.
     """
@@ -57,7 +56,6 @@ class Deviation(Criterion):
         self.name, self.title, self._squared = name, title, squared
 
     def on(self, candidates: Candidates) -> DeviationObjective:
-        """See :meth:`Criterion.on`."""
         if self.functions.shape[2] != candidates.p:
             raise InputError(
                 f"functions of {self.functions.shape[2]} parameters, blocks of {candidates.p}",
@@ -70,7 +68,6 @@ class Deviation(Criterion):
         return cost if self._squared else float(np.sqrt(cost))
 
     def cost_of(self, value: float) -> float:
-        """See :meth:`Criterion.cost_of`."""
         return value if self._squared else value**2
 
 
@@ -79,7 +76,6 @@ class DeviationObjective(Objective):
 
     Parameters
     ----------
-    candidates : Candidates
     L : ndarray (K, r, p)
         Functions, of scaled parameters.
     power : float
@@ -93,23 +89,19 @@ class DeviationObjective(Objective):
 
     @property
     def width(self) -> int:
-        """See :attr:`Objective.width`."""
         return self.candidates.m * 3 * len(self.L) * int(self.L.shape[1])
 
     @property
     def rugged(self) -> bool:
-        """See :attr:`Objective.rugged`."""
         return len(self.L) > 1
 
     @property
     def stages(self) -> Sequence[DeviationObjective]:
-        """See :attr:`Objective.stages`."""
         if len(self.L) == 1:
             return (self,)
         return [DeviationObjective(self.candidates, self.L, s) for s in (*SHARPNESS, np.inf)]
 
     def cost(self, rows: IntArray) -> float:
-        """See :meth:`Objective.cost`."""
         C = covariance_of_root(self.candidates.root(rows))
         return np.inf if C is None else float(self._mean(self.squares(C)))
 
@@ -128,7 +120,6 @@ class DeviationObjective(Objective):
         return np.asarray(largest * np.mean(parts, axis=0) ** (1.0 / self._power))
 
     def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
-        """See :meth:`Objective.costs`."""
         K, r, p = self.L.shape
         moved, _ = ledger.change(part, sign, self.L.reshape(-1, p).T)
         change = np.square(moved, out=moved).sum(axis=0).reshape(K, r, -1).sum(axis=1)  # (K, n)
@@ -136,7 +127,6 @@ class DeviationObjective(Objective):
         return np.asarray(np.where(np.isfinite(found), found, np.inf))
 
     def of_choices(self, choices: IntArray) -> FloatArray:
-        """See :meth:`Objective.of_choices`."""
         informations = Informations(self.candidates, choices)
         C, seen = informations.covariance
         K, r, p = self.L.shape
@@ -182,7 +172,6 @@ class DeviationObjective(Objective):
         return MeanCertificate(smooth.Z, weighted.T, 1.0, total=True)
 
     def relax(self, count: int, tolerance: float) -> Relaxation:
-        """See :meth:`Objective.relax`."""
         if len(self.L) == 1:
             return relax_smooth(self, self.candidates, count, tolerance)
 

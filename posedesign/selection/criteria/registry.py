@@ -41,7 +41,6 @@ def criterion_by_name(
     ----------
     name : str
         One of :data:`CRITERIA`.
-    parameters : int
     count : int
         Poses to be chosen.
     interest : sequence of int, optional

@@ -45,7 +45,6 @@ class OverScenarios(Criterion):
         self.falls_with_poses = criterion.falls_with_poses
 
     def on(self, candidates: Candidates) -> ScenariosObjective:
-        """See :meth:`Criterion.on`."""
         if candidates.m % self._scenarios:
             raise InputError(
                 f"blocks of {candidates.m} rows are not those of {self._scenarios} scenarios",
@@ -60,11 +59,9 @@ class OverScenarios(Criterion):
         )
 
     def shown(self, cost: float) -> float:
-        """See :meth:`Criterion.shown`."""
         return self._each.shown(cost)
 
     def cost_of(self, value: float) -> float:
-        """See :meth:`Criterion.cost_of`."""
         return self._each.cost_of(value)
 
 
@@ -75,8 +72,6 @@ class ScenariosObjective(Objective):
     ----------
     candidates : Candidates
         Of stacked blocks.
-    each : sequence of Objective
-    worst : bool
     """
 
     def __init__(self, candidates: Candidates, each: Sequence[Objective], *, worst: bool) -> None:
@@ -85,17 +80,14 @@ class ScenariosObjective(Objective):
 
     @property
     def width(self) -> int:
-        """See :attr:`Objective.width`."""
         return max(objective.width for objective in self._each)
 
     @property
     def stages(self) -> Sequence[Objective]:
-        """See :attr:`Objective.stages`."""
         stages = zip(*(objective.stages for objective in self._each), strict=True)
         return [ScenariosObjective(self.candidates, one, worst=self._worst) for one in stages]
 
     def ledger(self, rows: IntArray, count: int) -> Ledger:
-        """See :meth:`Objective.ledger`."""
         return _Ledgers([objective.ledger(rows, count) for objective in self._each])
 
     def _over(self, costs: Sequence[FloatArray] | Sequence[float]) -> FloatArray:
@@ -103,27 +95,22 @@ class ScenariosObjective(Objective):
         return np.asarray(stacked.max(axis=0) if self._worst else stacked.mean(axis=0))
 
     def cost(self, rows: IntArray) -> float:
-        """See :meth:`Objective.cost`."""
         return float(self._over([objective.cost(rows) for objective in self._each]))
 
     def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
-        """See :meth:`Objective.costs`."""
         if not isinstance(ledger, _Ledgers):
             raise TypeError("scenarios need their own ledger")
         pairs = zip(self._each, ledger.each, strict=True)
         return self._over([objective.costs(own, part, sign) for objective, own in pairs])
 
     def of_choices(self, choices: IntArray) -> FloatArray:
-        """See :meth:`Objective.of_choices`."""
         return self._over([objective.of_choices(choices) for objective in self._each])
 
     @property
     def rugged(self) -> bool:
-        """See :attr:`Objective.rugged`."""
         return self._worst or any(objective.rugged for objective in self._each)
 
     def relax(self, count: int, tolerance: float) -> Relaxation:
-        """See :meth:`Objective.relax`."""
         found = [objective.relax(count, tolerance) for objective in self._each]
         return Relaxation(
             np.mean([one.weights for one in found], axis=0),

@@ -34,7 +34,6 @@ class Spectrum(Criterion):
     ----------
     order : float
         Of the mean; infinite: the largest.
-    name, title : str
     shown, cost_of : callable
         From the cost, a variance, to the value that is shown, and back.
     interest : ndarray (p, k), optional
@@ -56,16 +55,13 @@ class Spectrum(Criterion):
         self._order, self._shown, self._cost_of = order, shown, cost_of
 
     def on(self, candidates: Candidates) -> SpectrumObjective:
-        """See :meth:`Criterion.on`."""
         K = np.eye(candidates.p) if self.interest is None else self.interest
         return SpectrumObjective(candidates, K / candidates.scale[:, None], self._order)
 
     def shown(self, cost: float) -> float:
-        """See :meth:`Criterion.shown`."""
         return self._shown(cost) if cost > 0.0 else np.inf
 
     def cost_of(self, value: float) -> float:
-        """See :meth:`Criterion.cost_of`."""
         return self._cost_of(value) if value > 0.0 else np.inf
 
 
@@ -74,10 +70,8 @@ class SpectrumObjective(Objective):
 
     Parameters
     ----------
-    candidates : Candidates
     K : ndarray (p, k)
         Combinations of interest, in scaled parameters.
-    order : float
     """
 
     def __init__(self, candidates: Candidates, K: FloatArray, order: float) -> None:
@@ -87,18 +81,15 @@ class SpectrumObjective(Objective):
 
     @property
     def width(self) -> int:
-        """See :attr:`Objective.width`."""
         k = int(self.K.shape[1])
         return k * (2 * k + 2 * self.candidates.m)
 
     @property
     def rugged(self) -> bool:
-        """See :attr:`Objective.rugged`."""
         return bool(np.isinf(self._order))
 
     @property
     def stages(self) -> Sequence[SpectrumObjective]:
-        """See :attr:`Objective.stages`."""
         orders = (*SHARPNESS, np.inf) if np.isinf(self._order) else (self._order,)
         return [SpectrumObjective(self.candidates, self.K, order) for order in orders]
 
@@ -110,12 +101,10 @@ class SpectrumObjective(Objective):
         return np.asarray(np.mean(values**self._order, axis=-1) ** (1.0 / self._order))
 
     def cost(self, rows: IntArray) -> float:
-        """See :meth:`Objective.cost`."""
         C = covariance_of_root(self.candidates.root(rows))
         return np.inf if C is None else float(self._mean(np.linalg.eigvalsh(self.K.T @ C @ self.K)))
 
     def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
-        """See :meth:`Objective.costs`."""
         moved, possible = ledger.change(part, sign, self.K)
         moved[:, :, ~possible] = 0.0
         columns = moved.transpose(2, 1, 0)  # (n, k, m)
@@ -124,18 +113,16 @@ class SpectrumObjective(Objective):
         return np.asarray(np.where(possible, found, np.inf))
 
     def of_choices(self, choices: IntArray) -> FloatArray:
-        """See :meth:`Objective.of_choices`."""
         informations = Informations(self.candidates, choices)
         C, seen = informations.covariance
         return np.where(seen, self._mean(np.linalg.eigvalsh(self.K.T @ C @ self.K)), np.inf)
 
     @property
     def has_floor(self) -> bool:
-        """See :attr:`Objective.has_floor`."""
         return self._order >= 1.0
 
     def at_least(self, ledger: Ledger, part: slice | IntArray, near: int | None) -> FloatArray:
-        """See :meth:`Objective.at_least`: a diagonal is less spread than the eigenvalues.
+        """A diagonal is less spread than the eigenvalues.
 
         So its mean of an order above one is not above theirs (Schur 1923).
         """
@@ -173,7 +160,6 @@ class SpectrumObjective(Objective):
         return MeanCertificate(smooth.Z, self.K, self._order)
 
     def relax(self, count: int, tolerance: float) -> Relaxation:
-        """See :meth:`Objective.relax`."""
         if np.isinf(self._order):
             return relax_smallest(self.candidates, self.K, count, tolerance)
         return relax_smooth(self, self.candidates, count, tolerance)

@@ -37,7 +37,6 @@ class Volume(Criterion):
         self.interest, self.name, self.title = interest, name, title
 
     def on(self, candidates: Candidates) -> VolumeObjective:
-        """See :meth:`Criterion.on`."""
         K = np.eye(candidates.p) if self.interest is None else self.interest
         return VolumeObjective(candidates, K / candidates.scale[:, None])
 
@@ -46,7 +45,6 @@ class Volume(Criterion):
         return 1.0 / cost if cost > 0.0 else np.inf
 
     def cost_of(self, value: float) -> float:
-        """See :meth:`Criterion.cost_of`."""
         return 1.0 / value if value > 0.0 else np.inf
 
 
@@ -66,11 +64,9 @@ class RootVolume(Volume):
         self._count = count
 
     def shown(self, cost: float) -> float:
-        """See :meth:`Criterion.shown`."""
         return float(np.sqrt(super().shown(cost) / self._count))
 
     def cost_of(self, value: float) -> float:
-        """See :meth:`Criterion.cost_of`."""
         return super().cost_of(value**2 * self._count)
 
 
@@ -79,7 +75,6 @@ class VolumeObjective(Objective):
 
     Parameters
     ----------
-    candidates : Candidates
     K : ndarray (p, k)
         Combinations of interest, in scaled parameters.
     """
@@ -91,11 +86,9 @@ class VolumeObjective(Objective):
 
     @property
     def width(self) -> int:
-        """See :attr:`Objective.width`."""
         return self.candidates.m * (self.candidates.m + 2 * int(self.K.shape[1]) * (not self._all))
 
     def cost(self, rows: IntArray) -> float:
-        """See :meth:`Objective.cost`."""
         C = covariance_of_root(self.candidates.root(rows))
         return np.inf if C is None else self._of(C)
 
@@ -104,7 +97,6 @@ class VolumeObjective(Objective):
         return float(np.exp(log_det / self.K.shape[1]))
 
     def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
-        """See :meth:`Objective.costs`."""
         lost = log_det_of_root(ledger.root_of_change(part, sign))
         gain = np.zeros_like(lost)
         if not self._all:
@@ -114,7 +106,6 @@ class VolumeObjective(Objective):
         return np.asarray(self._of(ledger.C) * np.exp((gain - lost) / self.K.shape[1]))
 
     def of_choices(self, choices: IntArray) -> FloatArray:
-        """See :meth:`Objective.of_choices`."""
         informations = Informations(self.candidates, choices)
         C, seen = informations.covariance
         log_det = np.linalg.slogdet(self.K.T @ C @ self.K)[1]
@@ -140,7 +131,6 @@ class VolumeObjective(Objective):
         return MeanCertificate(smooth.Z, self.K, 0.0)
 
     def relax(self, count: int, tolerance: float) -> Relaxation:
-        """See :meth:`Objective.relax`."""
         return relax_smooth(self, self.candidates, count, tolerance)
 
 

@@ -83,10 +83,8 @@ def relax_by(
         Of a working set and a tolerance: weights, and the cost with its derivatives there.
     certificate_of : callable
         The proof that these give.
-    candidates : Candidates
     count : int
         Above 0, and less than there are candidates.
-    tolerance : float
     """
     N = candidates.N
     working = _first(candidates, count)

@@ -65,7 +65,6 @@ class MeanCertificate(Certificate):
     total: bool = False
 
     def bound(self, candidates: Candidates, count: int) -> float:
-        """See :meth:`Certificate.bound`."""
         root = _root(self.Z)
         scores, known, error = _seen(candidates, root, count)
         most = known + sum_of_largest(scores, count)
@@ -106,7 +105,6 @@ class ConditionCertificate(Certificate):
     highest: FloatArray
 
     def bound(self, candidates: Candidates, count: int) -> float:
-        """See :meth:`Certificate.bound`."""
         Y, Z = _root(self.Y), _root(self.Z)
         ratio = self._of_choice(candidates, count, Y, Z) * self._of_scales(Y, Z)
         return max(1.0, ratio)

@@ -103,9 +103,6 @@ def relax_condition(
 
     Parameters
     ----------
-    candidates : Candidates
-    count : int
-    tolerance : float
     lowest, highest : ndarray (p,)
         Between which the squares of the scales lie.
     root : bool
@@ -145,7 +142,6 @@ class _Root(ConditionCertificate):
         super().__init__(proof.Y, proof.Z, proof.lowest, proof.highest)
 
     def bound(self, candidates: Candidates, count: int) -> float:
-        """See :meth:`Certificate.bound`."""
         return float(np.sqrt(super().bound(candidates, count)))
 
 

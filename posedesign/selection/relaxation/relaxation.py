@@ -19,7 +19,6 @@ class Smooth:
 
     Attributes
     ----------
-    cost : float
     Z : ndarray (p, p)
         Less the derivative by the information: ``trace(Z Jᵀ J)`` is by how much a candidate lowers
         the logarithm.
@@ -49,7 +48,6 @@ class Relaxation:
         Proof that no weights, and so no choice, cost less than ``bound``; None where the bound is
         put together from several, or where all choices were tried: the weights are then those of
         the best.
-    bound : float
     """
 
     weights: FloatArray

@@ -43,7 +43,6 @@ class Inequality:
 
     Attributes
     ----------
-    share : float
     extra : ndarray (q, p, p)
     """
 
@@ -76,10 +75,8 @@ class Program:
 
     Parameters
     ----------
-    part : Candidates
     count : int
         Sum of the weights; less than there are candidates.
-    inequalities : list of Inequality
     cost : ndarray (q,)
     rows : ndarray (l, q)
         Of what must not be negative, ``R x``.

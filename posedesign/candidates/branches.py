@@ -38,10 +38,7 @@ _AT_ONCE = 10_000
 def check_configurations(name: str) -> Configurations:
     """One of :data:`CONFIGURATIONS`.
 
-    Raises
-    ------
-    InputError
-        There is none of that name.
+    Raises InputError: there is none of that name.
     """
     for known in CONFIGURATIONS:
         if known == name:
@@ -59,19 +56,9 @@ def feasible_postures(
 ) -> tuple[FloatArray, IntArray]:
     """Postures that take poses and keep every constraint, and the pose of each.
 
-    Parameters
-    ----------
-    T_base_tip : array (N, 4, 4)
-    base : array (n,)
-        Posture to stay near [rad]: each joint takes that full turn inside the limits which lies
-        nearest to it.
-
-    Returns
-    -------
-    postures : array (S, n)
-        [rad]
-    pose : array (S,)
-        In ascending order.
+    ``T_base_tip`` (N, 4, 4). ``base`` (n,): posture to stay near [rad]: each joint takes that full
+    turn inside the limits which lies nearest to it. Returns ``postures`` (S, n): [rad]. ``pose``
+    (S,): in ascending order.
     """
     postures, pose = [np.empty((0, len(base)))], [np.empty(0, dtype=np.intp)]
     for start in range(0, len(T_base_tip), _AT_ONCE):

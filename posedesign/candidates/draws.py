@@ -92,15 +92,8 @@ def no_pose(
     Of each pose the branch counts that comes nearest to being possible, and of the poses that break
     the same constraint the one that comes nearest is told of.
 
-    Parameters
-    ----------
-    T_base_tip : array (N, 4, 4)
-    base : array (n,)
-        [rad]
-    asked_for : callable
-        Which postures would have been taken.
-    otherwise : tuple of str
-        What is to be said where there are only others, and what to do then.
+    ``T_base_tip`` (N, 4, 4). ``base`` (n,): [rad]. ``asked_for``: which postures would have been
+    taken. ``otherwise``: what is to be said where there are only others, and what to do then.
     """
     some = T_base_tip[_some(len(T_base_tip))]
     solutions = checker.robot.inverse(some, near=base, margin=checker.margin)

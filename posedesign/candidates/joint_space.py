@@ -34,19 +34,9 @@ def joint_pool(
     Of the two, that is taken of which more draws are feasible: of a thousand postures in all of the
     joints' ranges hardly one sees the target.
 
-    Parameters
-    ----------
-    count : int
-        Postures wanted. Where most draws break a constraint, fewer may be given.
-    largest_turn : float
-        How far each joint may turn from the base posture [rad].
-
-    Raises
-    ------
-    InputError
-        An argument cannot be used.
-    UnreachableError
-        None of the postures drawn keeps every constraint.
+    ``count``: postures wanted. Where most draws break a constraint, fewer may be given.
+    ``largest_turn``: how far each joint may turn from the base posture [rad]. Raises InputError: an
+    argument cannot be used. UnreachableError: none of the postures drawn keeps every constraint.
     """
     count = check_count(count)
     if not largest_turn > 0.0:
@@ -85,14 +75,8 @@ def joint_pool(
 class _Draws(ABC):
     """One way to draw postures inside bounds.
 
-    Attributes
-    ----------
-    each : int
-        Draws made at most for each posture that is wanted.
-    at_once : int
-        Draws made at a time.
-    tried : int
-        Draws made so far.
+    ``each``: draws made at most for each posture that is wanted. ``at_once``: draws made at a time.
+    ``tried``: draws made so far.
     """
 
     each = 64

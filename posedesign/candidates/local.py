@@ -31,28 +31,15 @@ def local_poses(
     Of the same branch of the arm as those given and next to them, for they are followed along the
     turn. A redundant arm moves its joints as little as it can.
 
-    Parameters
-    ----------
-    postures : array (N, n)
-        Postures to start from [rad].
-    turns : array_like (N, 3)
-        Rotation vectors r [rad] in the axes of the tip: its orientation becomes ``R exp(r)``, as in
-        :mod:`calib.model.parameters.frames`. In base axes it would be ``R.T @ r``.
-    touched_m : array (N, 3), optional
-        Where the tool point stays [m], base frame, e.g. :attr:`Pool.touched_m`. By default where it
-        is; given, the rounding of one step after another does not add up.
-
-    Returns
-    -------
-    array (N, n)
-        NaN where no such posture lies inside the limits less the margin of the cell, or where the
-        turn leads into a singularity. Other constraints are not looked at: see
-        :func:`~posedesign.candidates.feasible`.
-
-    Raises
-    ------
-    InputError
-        Postures, turns or places do not go together.
+    ``postures`` (N, n): postures to start from [rad]. ``turns`` (N, 3): rotation vectors r [rad] in
+    the axes of the tip: its orientation becomes ``R exp(r)``, as in
+    :mod:`calib.model.parameters.frames`. In base axes it would be ``R.T @ r``. ``touched_m`` (N,
+    3): where the tool point stays [m], base frame, e.g. :attr:`Pool.touched_m`. By default where it
+    is; given, the rounding of one step after another does not add up. Returns array (N, n): NaN
+    where no such posture lies inside the limits less the margin of the cell, or where the turn
+    leads into a singularity. Other constraints are not looked at: see
+    :func:`~posedesign.candidates.feasible`. Raises InputError: postures, turns or places do not go
+    together.
     """
     robot = cell.robot
     q = np.atleast_2d(robot.check_posture(postures))

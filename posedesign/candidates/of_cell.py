@@ -21,12 +21,8 @@ def pool_of(cell: Cell) -> Pool:
 
     ``auto`` is the view cone for touch-ups, and all W P R grids for a camera that sees a target.
 
-    Raises
-    ------
-    InputError
-        Postures that do not touch the target, for a measurement that does.
-    UnreachableError
-        The robot can take none of them.
+    Raises InputError: postures that do not touch the target, for a measurement that does.
+    UnreachableError: the robot can take none of them.
     """
     section = cell.config.pool
     kind = section.kind

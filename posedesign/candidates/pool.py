@@ -17,27 +17,11 @@ from calib.se3 import FloatArray, IntArray
 class Pool:
     """Postures that keep every constraint of a cell, no two of them the same.
 
-    Attributes
-    ----------
-    postures : array (N, n)
-        [rad]
-    orientations : array (N, 3, 3)
-        Of the tip, in the base frame.
-    target : array (N,) of int
-        What each touches, or looks at: an index into the targets.
-    targets_m : array (K, 3)
-        Targets [m] in the base frame.
-    target_names : tuple of str
-        Their labels in a model.
-    tried : int
-        Poses, or postures, that were looked at.
-    description : str
-        How the pool was made, in words.
-
-    Raises
-    ------
-    InputError
-        The shapes do not go together.
+    ``postures`` (N, n): [rad]. ``orientations`` (N, 3, 3): of the tip, in the base frame.
+    ``target`` (N,): what each touches, or looks at: an index into the targets. ``targets_m`` (K,
+    3): targets [m] in the base frame. ``target_names``: their labels in a model. ``tried``: poses,
+    or postures, that were looked at. ``description``: how the pool was made, in words. Raises
+    InputError: the shapes do not go together.
     """
 
     postures: FloatArray
@@ -81,10 +65,7 @@ class Pool:
     def take(self, rows: ArrayLike) -> Pool:
         """The pool of some of the postures, in the order given: indices, or booleans ``(N,)``.
 
-        Raises
-        ------
-        InputError
-            An index that is none of the pool's.
+        Raises InputError: an index that is none of the pool's.
         """
         index = np.asarray(rows)
         if index.dtype == bool:
@@ -112,10 +93,7 @@ class Pool:
     def setup(self, model: CalibrationModel) -> Setup:
         """Which target of a model each posture touches: by name, or the only one of both.
 
-        Raises
-        ------
-        InputError
-            The model has no target of that name.
+        Raises InputError: the model has no target of that name.
         """
         if len(self.targets_m) == len(model.targets) == 1:
             return Setup.of(len(self), target=self.target)

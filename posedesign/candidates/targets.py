@@ -32,11 +32,8 @@ def targets_of(
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Targets ``(K, 3)`` [m] and their names; by default that of the cell, or T1, T2, ...
 
-    Raises
-    ------
-    InputError
-        They are no points, two are the same, one lies inside an obstacle, or the names do not
-        belong to them.
+    Raises InputError: they are no points, two are the same, one lies inside an obstacle, or the
+    names do not belong to them.
     """
     given = cell.target_m if targets_m is None else targets_m
     name, hint = "targets_m", "give x, y and z of each in metres"
@@ -78,14 +75,8 @@ def feasible(
 ) -> BoolArray:
     """Whether postures keep every constraint of a cell, ``(N,)``.
 
-    Parameters
-    ----------
-    postures : array (N, n)
-        [rad]; where they are NaN the answer is no.
-    target : array (N,) of int
-        What each touches, an index into the targets.
-    targets_m : array (K, 3)
-        [m], in the base frame.
+    ``postures`` (N, n): [rad]; where they are NaN the answer is no. ``target`` (N,): what each
+    touches, an index into the targets. ``targets_m`` (K, 3): [m], in the base frame.
     """
     kept = np.zeros(len(postures), dtype=bool)
     there = np.isfinite(postures).all(axis=1)

@@ -37,24 +37,11 @@ def wpr_pool(
 ) -> Pool:
     """Postures of all W P R grids of a cell, from its first angles to its largest.
 
-    Parameters
-    ----------
-    levels : int
-        Number of grids (Eq. 13 of [Watanabe2006]_), their angles evenly spaced.
-    configurations : str
-        See :data:`~posedesign.candidates.Configurations`.
-    targets_m : array_like (K, 3), optional
-        Targets [m] in the base frame; each pose touches one, and each grid is laid at each. That
-        of the cell by default.
-    target_names : sequence of str, optional
-        Their labels in a model.
-
-    Raises
-    ------
-    InputError
-        An argument cannot be used.
-    UnreachableError
-        No pose at all can be taken.
+    ``levels``: number of grids (Eq. 13 of [Watanabe2006]_), their angles evenly spaced.
+    ``configurations``: see :data:`~posedesign.candidates.Configurations`. ``targets_m`` (K, 3):
+    targets [m] in the base frame; each pose touches one, and each grid is laid at each. That of the
+    cell by default. ``target_names``: their labels in a model. Raises InputError: an argument
+    cannot be used. UnreachableError: no pose at all can be taken.
     """
     levels = check_count(levels)
     section = cell.config.variations
@@ -89,26 +76,13 @@ def cone_pool(
 ) -> Pool:
     """Postures with the tool tilted up to an angle against the base pose and rolled freely.
 
-    Parameters
-    ----------
-    tilt : float
-        Largest angle between the tool's z and that of the base pose [rad].
-    count : int
-        Orientations tried at each target; each gives as many postures as it can be taken in.
-    rng : numpy.random.Generator
-        Scrambles the orientations, which fill the cone evenly.
-    configurations : str
-        See :data:`~posedesign.candidates.Configurations`. A redundant arm gives at most
-        :data:`~posedesign.candidates.branches.MOST_PER_POSE` of each pose.
-    targets_m, target_names
-        See :func:`wpr_pool`.
-
-    Raises
-    ------
-    InputError
-        An argument cannot be used.
-    UnreachableError
-        No pose at all can be taken.
+    ``tilt``: largest angle between the tool's z and that of the base pose [rad]. ``count``:
+    orientations tried at each target; each gives as many postures as it can be taken in. ``rng``:
+    scrambles the orientations, which fill the cone evenly. ``configurations``: see
+    :data:`~posedesign.candidates.Configurations`. A redundant arm gives at most
+    :data:`~posedesign.candidates.branches.MOST_PER_POSE` of each pose. ``targets_m``,
+    ``target_names``: see :func:`wpr_pool`. Raises InputError: an argument cannot be used.
+    UnreachableError: no pose at all can be taken.
     """
     if not 0.0 < tilt <= np.pi:
         raise InputError(

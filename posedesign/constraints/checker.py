@@ -17,15 +17,9 @@ from posedesign.constraints.joints import CoupledLimits, JointLimits
 class Verdicts:
     """What the constraints say of postures.
 
-    Attributes
-    ----------
-    arm : Situation
-        The postures ``(S, n)``.
-    room : array (S, C)
-        How far each posture is inside each constraint [SI]; negative where it breaks it, NaN where
-        it was not looked at.
-    which : array (S, C)
-        What comes nearest to breaking it.
+    ``arm``: the postures ``(S, n)``. ``room`` (S, C): how far each posture is inside each
+    constraint [SI]; negative where it breaks it, NaN where it was not looked at. ``which`` (S, C):
+    what comes nearest to breaking it.
     """
 
     constraints: tuple[Constraint, ...]
@@ -67,12 +61,8 @@ class Verdicts:
 class Checker:
     """The constraints of a cell, the cheap ones first.
 
-    Parameters
-    ----------
-    constraints : sequence of Constraint
-        Besides the limits of the joints, which are always there.
-    margin : float
-        Distance to keep from every joint limit [rad].
+    ``constraints``: besides the limits of the joints, which are always there. ``margin``: distance
+    to keep from every joint limit [rad].
     """
 
     def __init__(
@@ -86,13 +76,9 @@ class Checker:
     def check(self, q: FloatArray, *, every: bool = True) -> Verdicts:
         """Verdicts on postures ``(S, n)`` [rad].
 
-        Parameters
-        ----------
-        q : array (S, n)
-        every : bool
-            False: a posture that breaks one constraint is not looked at by those after it, and
-            how deep meshes run into something is not measured. Enough to tell what is feasible,
-            not to tell people why something is not.
+        ``q`` (S, n). ``every``: False: a posture that breaks one constraint is not looked at by
+        those after it, and how deep meshes run into something is not measured. Enough to tell what
+        is feasible, not to tell people why something is not.
         """
         arm = Situation(self.robot.chain, q, depths=every)
         room = np.full((len(q), len(self.constraints)), np.nan)

@@ -17,11 +17,7 @@ from calib.se3 import FloatArray, IntArray
 class Situation:
     """An arm at postures ``(S, n)`` [rad].
 
-    Attributes
-    ----------
-    q : array (S, n)
-    depths : bool
-        Whether somebody reads how deep meshes are in what they run into.
+    ``q`` (S, n). ``depths``: whether somebody reads how deep meshes are in what they run into.
     """
 
     def __init__(
@@ -67,18 +63,10 @@ ROUNDING = 1e-9
 class Constraint(ABC):
     """A bound that postures keep or break, and by how much.
 
-    Attributes
-    ----------
-    name : str
-        What is bounded, as tables head it.
-    unit : str
-        Of the room as people read it.
-    display : float
-        Factor from SI to that unit.
-    measured : bool
-        Whether the room is a measure, or only says yes or no.
-    comfort : float
-        Room [SI] that counts as plenty. Divided by it, rooms of different kinds can be compared.
+    ``name``: what is bounded, as tables head it. ``unit``: of the room as people read it.
+    ``display``: factor from SI to that unit. ``measured``: whether the room is a measure, or only
+    says yes or no. ``comfort``: room [SI] that counts as plenty. Divided by it, rooms of different
+    kinds can be compared.
     """
 
     name: ClassVar[str]
@@ -91,12 +79,9 @@ class Constraint(ABC):
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """How far each posture is inside the bound, and what comes nearest to breaking it.
 
-        Returns
-        -------
-        room : array (S,)
-            [SI]; negative where the bound is broken, infinite where nothing is near.
-        which : array (S,)
-            Index of the joint, the pair of bodies, ... that :meth:`says` will be asked for.
+        Returns ``room`` (S,): [SI]; negative where the bound is broken, infinite where nothing is
+        near. ``which`` (S,): index of the joint, the pair of bodies, ... that :meth:`says` will be
+        asked for.
         """
 
     @abstractmethod

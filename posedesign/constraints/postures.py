@@ -16,15 +16,9 @@ from posedesign.constraints.checker import Checker
 class Postures:
     """For each pose of a list the posture that the robot takes, or why it cannot.
 
-    Attributes
-    ----------
-    q : array (N, n)
-        [rad]; NaN where the pose cannot be taken.
-    feasible : array (N,) of bool
-    reasons : tuple of str
-        Empty where the pose can be taken, else e.g. ``J5 131.2 deg is above 125.0 deg``.
-    remedies : tuple of str
-        What to change in the cell, where something helps.
+    ``q`` (N, n): [rad]; NaN where the pose cannot be taken. ``feasible`` (N,). ``reasons``: empty
+    where the pose can be taken, else e.g. ``J5 131.2 deg is above 125.0 deg``. ``remedies``: what
+    to change in the cell, where something helps.
     """
 
     q: FloatArray
@@ -36,11 +30,8 @@ class Postures:
 def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatArray) -> Postures:
     """Of all arm configurations that keep every constraint, the one nearest to a reference.
 
-    Parameters
-    ----------
-    T_base_tip : array (N, 4, 4)
-    reference : array (n,)
-        Posture to stay near [rad], by the Euclidean norm of the joint difference.
+    ``T_base_tip`` (N, 4, 4). ``reference`` (n,): posture to stay near [rad], by the Euclidean norm
+    of the joint difference.
     """
     solutions = checker.robot.inverse(T_base_tip, near=reference, margin=checker.margin)
     count = len(T_base_tip)

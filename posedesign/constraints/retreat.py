@@ -25,15 +25,9 @@ from posedesign.constraints.space import Collision
 class WayVerdicts:
     """What is to be said of the ways from one posture to another.
 
-    Attributes
-    ----------
-    clear : array (W,) of bool
-    travel : array (W,)
-        Largest joint travel [rad].
-    part : array (W,)
-        Where on the way something is in the way, from 0 at its start to 1; NaN where nothing is.
-    reasons : tuple of str
-        Empty where the way is clear.
+    ``clear`` (W,). ``travel`` (W,): largest joint travel [rad]. ``part`` (W,): where on the way
+    something is in the way, from 0 at its start to 1; NaN where nothing is. ``reasons``: empty
+    where the way is clear.
     """
 
     clear: BoolArray
@@ -46,12 +40,8 @@ class WayVerdicts:
 class MotionChecker:
     """Bounds on ways: distances that are kept all along, and how far a joint may travel.
 
-    Attributes
-    ----------
-    collisions : tuple of Collision
-        Each with its bodies and the distance they keep; none: ways are not checked for them.
-    largest_travel : float
-        [rad]; infinite for no bound.
+    ``collisions``: each with its bodies and the distance they keep; none: ways are not checked for
+    them. ``largest_travel``: [rad]; infinite for no bound.
     """
 
     collisions: tuple[Collision, ...]
@@ -106,21 +96,12 @@ _SAMPLES = np.linspace(0.0, 1.0, 9)[1:-1]
 class Retreat:
     """Moves along the axis of a tool, to poses that touch and away from them.
 
-    Attributes
-    ----------
-    tool_m : array (3,)
-        Tool point in the tip frame [m].
-    axis : array (3,)
-        Unit vector in the tip frame along which the tool comes to the target.
-    length_m, contact_m, short_m : float
-        How far the tool backs off, within how much of the pose bodies may touch, and how far
-        before the pose a program stops.
-    passing : Checker
-        What a posture that is backed off must keep: all distances.
-    others : MotionChecker
-        What is kept all along the move: all distances but those of bodies that meet at the target.
-    meeting : MotionChecker
-        Those not touching, until the last part of the move.
+    ``tool_m`` (3,): tool point in the tip frame [m]. ``axis`` (3,): unit vector in the tip frame
+    along which the tool comes to the target. ``length_m``, ``contact_m``, ``short_m``: how far the
+    tool backs off, within how much of the pose bodies may touch, and how far before the pose a
+    program stops. ``passing``: what a posture that is backed off must keep: all distances.
+    ``others``: what is kept all along the move: all distances but those of bodies that meet at the
+    target. ``meeting``: those not touching, until the last part of the move.
     """
 
     robot: Robot
@@ -159,10 +140,7 @@ class Retreat:
     def stop_short(self, q: FloatArray) -> FloatArray:
         """Postures ``(N, n)`` [rad] on the moves in to others, where a program stops.
 
-        Raises
-        ------
-        UnreachableError
-            The tool cannot back off from one of them.
+        Raises UnreachableError: the tool cannot back off from one of them.
         """
         back, found = self._backed_off(q)
         if not found.all():

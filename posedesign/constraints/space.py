@@ -106,15 +106,10 @@ def workspace_scene(
 ) -> Scene:
     """What moves, against the six half-spaces that leave a box free.
 
-    Parameters
-    ----------
-    bodies : sequence of Body
-        Of arm and tool. Those of the base and of the first link stay where they are, and are left
-        out. Joints and tool point count too, so that an arm without bodies is checked as well.
-    tool_m : array (3,)
-        Tool point in the tip frame [m].
-    lowest_m, highest_m : array (3,)
-        Corners of the box in the base frame [m].
+    ``bodies``: of arm and tool. Those of the base and of the first link stay where they are, and
+    are left out. Joints and tool point count too, so that an arm without bodies is checked as well.
+    ``tool_m`` (3,): tool point in the tip frame [m]. ``lowest_m``, ``highest_m`` (3,): corners of
+    the box in the base frame [m].
     """
     point = Sphere(POINT_M)
     tip = robot.chain.T_link_tip

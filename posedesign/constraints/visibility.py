@@ -28,15 +28,8 @@ lens sits in the front of its camera, and the target on the face of its fixture.
 class TargetView:
     """A camera on the tip and the target that it is to see.
 
-    Attributes
-    ----------
-    T_tip_camera : array (4, 4)
-    target_m : array (3,)
-        In the base frame.
-    normal : array (3,)
-        Unit vector out of the face of the target, in base axes.
-    radius_m : float
-        Of the target.
+    ``T_tip_camera`` (4, 4). ``target_m`` (3,): in the base frame. ``normal`` (3,): unit vector out
+    of the face of the target, in base axes. ``radius_m``: of the target.
     """
 
     camera: PinholeCamera

@@ -29,14 +29,9 @@ way between them that does not are rare, and every joint can be turned alone wit
 class Approaches:
     """Where the arm stands before its last movement to each posture.
 
-    Attributes
-    ----------
-    postures : array (N, n)
-        Short of those that are measured, by the same joint angles for all [rad].
-    direction : array (n,)
-        Of the last movement of each joint: 1 or -1.
-    lost : dict
-        Postures, by index, that cannot be approached so, and why.
+    ``postures`` (N, n): short of those that are measured, by the same joint angles for all [rad].
+    ``direction`` (n,): of the last movement of each joint: 1 or -1. ``lost``: postures, by index,
+    that cannot be approached so, and why.
     """
 
     postures: FloatArray
@@ -52,16 +47,9 @@ def find_approaches(
     All joints arrive from below where that does for all postures. Otherwise the directions, one a
     joint, are those that do for most postures, with the fewest joints that arrive from above.
 
-    Parameters
-    ----------
-    postures : array (N, n)
-        [rad]
-    angle_rad : float
-        Of the last movement of every joint.
-    passing : Checker
-        What a posture that the arm only passes through must keep.
-    passages : KnownMotions
-        The ways from the passed postures must be clear.
+    ``postures`` (N, n): [rad]. ``angle_rad``: of the last movement of every joint. ``passing``:
+    what a posture that the arm only passes through must keep. ``passages``: the ways from the
+    passed postures must be clear.
     """
     best: Approaches | None = None
     for direction, bound in islice(_directions(postures, angle_rad, passing), MOST_DIRECTIONS):

@@ -26,14 +26,9 @@ Leg = tuple[FloatArray, FloatArray]
 class KnownMotions:
     """Remembers what was found out of ways; each is checked once.
 
-    Parameters
-    ----------
-    passing : Checker
-        What a posture that the arm only passes through must keep.
-    base : array (n,)
-        Posture that detours may lead through [rad].
-    speeds : array (n,)
-        Of the joints [rad/s]: the quickest detour is taken.
+    ``passing``: what a posture that the arm only passes through must keep. ``base`` (n,): posture
+    that detours may lead through [rad]. ``speeds`` (n,): of the joints [rad/s]: the quickest detour
+    is taken.
     """
 
     def __init__(

@@ -49,14 +49,8 @@ def move_times(moves: ArrayLike, speeds: ArrayLike, acceleration_s: float) -> Fl
     Each joint runs up in ``acceleration_s`` to its speed and down again, or turns halfway where it
     does not get there: d/v + t for d > v t, else 2 sqrt(d t/v). The slowest joint sets the time.
 
-    Parameters
-    ----------
-    moves : array_like (..., n)
-        Joint differences [rad].
-    speeds : array_like (n,)
-        [rad/s]
-    acceleration_s : float
-        0: the speed is there at once.
+    ``moves`` (..., n): joint differences [rad]. ``speeds`` (n,): [rad/s]. ``acceleration_s``: 0:
+    the speed is there at once.
     """
     ran = (np.abs(np.asarray(moves, dtype=float)) / np.asarray(speeds)).max(axis=-1)
     short = 2.0 * np.sqrt(ran * acceleration_s)
@@ -77,17 +71,9 @@ def cycle_time_s(
 ) -> float:
     """Time [s] of a round: all its moves, and standing where it is measured.
 
-    Parameters
-    ----------
-    path : array (S, n)
-        Postures in their order, with the one that the arm comes from [rad].
-    speeds : array_like (n,)
-        Joint speeds of the program [rad/s].
-    measured : array (S,) of bool
-    dwell_s : float
-        How long the arm stands at a posture that is measured.
-    acceleration_s : float
-        See :func:`move_times`.
+    ``path`` (S, n): postures in their order, with the one that the arm comes from [rad]. ``speeds``
+    (n,): joint speeds of the program [rad/s]. ``measured`` (S,). ``dwell_s``: how long the arm
+    stands at a posture that is measured. ``acceleration_s``: see :func:`move_times`.
     """
     standing = dwell_s * int(np.count_nonzero(measured))
     return moving_time_s(path, speeds, acceleration_s) + standing
@@ -101,19 +87,9 @@ def shortest_order(cost: FloatArray, *, closed: bool = False, thorough: bool = T
     in the same way, where that is shorter. Up to 20 places the library's order is the best for
     symmetric costs; beyond, it is a search of limited time (:data:`LIBRARY_S_PER_PLACE`).
 
-    Parameters
-    ----------
-    cost : array (N, N)
-        From each place (row) to each; infinite where there is no way. Need not be symmetric.
-    closed : bool
-        Whether the way back to place 0 counts.
-    thorough : bool
-        False: without the library.
-
-    Returns
-    -------
-    list of int
-        All places, 0 first.
+    ``cost`` (N, N): from each place (row) to each; infinite where there is no way. Need not be
+    symmetric. ``closed``: whether the way back to place 0 counts. ``thorough``: False: without the
+    library. Returns list of int: all places, 0 first.
     """
     ends = _with_end(cost, closed)
     path = _improved(ends, _nearest_next(ends))

@@ -45,14 +45,8 @@ without it a search of limited time returned several of them for 60 and 100 pose
 class Router:
     """Finds routes through postures of one cell, and remembers what it has found out of ways.
 
-    Parameters
-    ----------
-    passing : Checker
-        What a posture that the arm only passes through must keep.
-    start : array (n,)
-        Posture that the arm comes from [rad].
-    retreat : Retreat, optional
-        How the tool comes to each pose along its axis.
+    ``passing``: what a posture that the arm only passes through must keep. ``start`` (n,): posture
+    that the arm comes from [rad]. ``retreat``: how the tool comes to each pose along its axis.
     """
 
     def __init__(
@@ -253,15 +247,10 @@ class Router:
 class _Places:
     """The base posture, which is place 0, and the poses.
 
-    Attributes
-    ----------
-    at : array (1 + N, n)
-        Postures that the arm is brought to [rad].
-    leave, enter : array (1 + N, n)
-        Postures from which the arm goes on, and to which it comes first [rad]: the same array where
-        ways are the same in both directions, and as ``at`` where nothing lies in between.
-    closed : bool
-        Whether the arm goes back to place 0 in the end.
+    ``at`` (1 + N, n): postures that the arm is brought to [rad]. ``leave``, ``enter`` (1 + N, n):
+    postures from which the arm goes on, and to which it comes first [rad]: the same array where
+    ways are the same in both directions, and as ``at`` where nothing lies in between. ``closed``:
+    whether the arm goes back to place 0 in the end.
     """
 
     at: FloatArray

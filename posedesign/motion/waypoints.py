@@ -23,14 +23,8 @@ class Passing(StrEnum):
 class Stop:
     """A posture on the route.
 
-    Attributes
-    ----------
-    posture : array (n,)
-        [rad]
-    pose : int or None
-        Index of the pose that is measured there; None where the arm only passes through.
-    passing : Passing
-        Why, where it does.
+    ``posture`` (n,): [rad]. ``pose``: index of the pose that is measured there; None where the arm
+    only passes through. ``passing``: why, where it does.
     """
 
     posture: FloatArray
@@ -42,14 +36,9 @@ class Stop:
 class Route:
     """Postures in the order in which they are visited.
 
-    Attributes
-    ----------
-    lost : dict
-        Poses that no clear way leads to, by index, and why.
-    moving_s : float
-        Predicted time of all moves, from the base posture on [s]; NaN where no speed is known.
-    dwell_s : float
-        How long the arm stands at each pose that is measured [s].
+    ``lost``: poses that no clear way leads to, by index, and why. ``moving_s``: predicted time of
+    all moves, from the base posture on [s]; NaN where no speed is known. ``dwell_s``: how long the
+    arm stands at each pose that is measured [s].
     """
 
     stops: tuple[Stop, ...]
@@ -92,17 +81,10 @@ class Route:
 class RouteOptions:
     """How poses are visited.
 
-    Attributes
-    ----------
-    return_to_base : bool
-        Whether the round ends where it starts.
-    approach_rad : float
-        Last movement of every joint to each pose, in the same direction at all of them; 0: as it
-        comes.
-    dwell_s : float
-        How long the arm stands at each pose.
-    speed_share : float
-        Speed of the moves as a part of the joints' own.
+    ``return_to_base``: whether the round ends where it starts. ``approach_rad``: last movement of
+    every joint to each pose, in the same direction at all of them; 0: as it comes. ``dwell_s``: how
+    long the arm stands at each pose. ``speed_share``: speed of the moves as a part of the joints'
+    own.
     """
 
     return_to_base: bool = True

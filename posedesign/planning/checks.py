@@ -54,10 +54,7 @@ def off_target(cell: Cell, names: Sequence[str], postures: FloatArray, far_m: fl
 def refuse_unfit(cell: Cell, poses: PoseList) -> None:
     """Refuse poses that the robot is to be sent to and that do not belong to this cell.
 
-    Raises
-    ------
-    InputError
-        A pose outside the joint limits, or with the tool point far from the target.
+    Raises InputError: A pose outside the joint limits, or with the tool point far from the target.
     """
     outside = outside_limits(cell, poses.names, poses.postures)
     _refuse(outside, "are these poses of this robot, in URDF signs? FANUC pendants show J3 less J2")
@@ -87,33 +84,16 @@ def _refuse(poses: Sequence[str], hint: str) -> None:
 class PoseVerdict:
     """What the constraints say of one pose, and of the way to it.
 
-    Attributes
-    ----------
-    via : bool
-        The arm only passes through: nothing has to be seen or touched.
-    feasible : bool
-        Whether the pose keeps every constraint.
-    tightest : str
-        Name of the constraint that has least room, or is broken most.
-    room : float or None
-        How far the pose is inside that constraint; negative outside; None where it says
-        yes or no only.
-    unit : str
-        Of ``room``.
-    says : str
-        The same in words.
-    distance_mm : float or None
-        Smallest distance between tool, obstacles and arm; None where that is not checked.
-    nearest : str
-        The same in words, with the two bodies.
-    way_clear : bool or None
-        Whether the straight joint-space way to the pose keeps what ways must keep: from the pose
-        before, or from the base posture to the first pose. None where a pose at one of its ends
-        cannot be taken: the rest of the way is then not looked at.
-    way : str
-        What is wrong with the way; empty where it is clear.
-    travel_deg : float
-        Largest joint travel on the way.
+    ``via``: the arm only passes through: nothing has to be seen or touched. ``feasible``: whether
+    the pose keeps every constraint. ``tightest``: name of the constraint that has least room, or is
+    broken most. ``room``: how far the pose is inside that constraint; negative outside; None where
+    it says yes or no only. ``unit``: of ``room``. ``says``: the same in words. ``distance_mm``:
+    smallest distance between tool, obstacles and arm; None where that is not checked. ``nearest``:
+    the same in words, with the two bodies. ``way_clear``: whether the straight joint-space way to
+    the pose keeps what ways must keep: from the pose before, or from the base posture to the first
+    pose. None where a pose at one of its ends cannot be taken: the rest of the way is then not
+    looked at. ``way``: what is wrong with the way; empty where it is clear. ``travel_deg``: largest
+    joint travel on the way.
     """
 
     name: str
@@ -179,15 +159,8 @@ def _motions(cell: Cell, poses: PoseList) -> WayVerdicts:
 def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ...]:
     """Refuse poses that break a constraint of the cell, or cannot be reached one from the next.
 
-    Returns
-    -------
-    tuple of str
-        Those that are let through, each with its reason.
-
-    Raises
-    ------
-    InputError
-        Unless ``force`` says that it is meant so.
+    Returns tuple of str: those that are let through, each with its reason. Raises InputError:
+    unless ``force`` says that it is meant so.
     """
     broken = [verdict for verdict in check_poses(cell, poses) if not verdict.ok]
     said = tuple(
@@ -246,17 +219,11 @@ def _on_the_way(ways: WayVerdicts, row: int) -> str:
 class Score:
     """How good a list of poses is for a cell.
 
-    Attributes
-    ----------
-    sigma : list of (name, unit, value)
-        Predicted standard deviations as people read them; empty where not identifiable.
-    problem : str
-        What the poses cannot identify; empty where they can.
-    not_feasible : tuple of str
-        Poses that break a constraint of the cell, with the one that is broken most. The ways
-        between them are not looked at: a list that is scored need not be in order.
-    off_target : tuple of str
-        Poses that do not bring the tool point to the target, with the distance.
+    ``sigma`` (name, unit, value): predicted standard deviations as people read them; empty where
+    not identifiable. ``problem``: what the poses cannot identify; empty where they can.
+    ``not_feasible``: poses that break a constraint of the cell, with the one that is broken most.
+    The ways between them are not looked at: a list that is scored need not be in order.
+    ``off_target``: poses that do not bring the tool point to the target, with the distance.
     """
 
     indices: Indices

@@ -51,17 +51,9 @@ Progress = Callable[[Round], None]
 def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
     """Plan measuring poses until C_G falls below the threshold of the cell.
 
-    Parameters
-    ----------
-    progress : callable, optional
-        Called with each :class:`Round` as it is done.
-
-    Raises
-    ------
-    UnreachableError
-        The base pose itself does not bring the tool point to the target, or breaks the margin.
-    NotIdentifiableError
-        No poses can identify some of the parameters, which are named.
+    ``progress``: called with each :class:`Round` as it is done. Raises UnreachableError: the base
+    pose itself does not bring the tool point to the target, or breaks the margin.
+    NotIdentifiableError: no poses can identify some of the parameters, which are named.
     """
     check_type(cell, Cell, "cell")
     return _Loop(cell, progress).run()
@@ -268,10 +260,7 @@ def _free_beside(cell: Cell) -> str:
 def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
     """Steps 2 and 3: the 27 poses of Eq. 13, with those that cannot be taken marked dropped.
 
-    Parameters
-    ----------
-    variation_deg : array (3,)
-        D_W, D_P, D_R [deg].
+    ``variation_deg`` (3,): D_W, D_P, D_R [deg].
     """
     wpr = wpr_from_rotation(cell.robot.fk(cell.base_posture)[:3, :3])
     rotations = wpr_rotations(wpr, np.deg2rad(variation_deg))

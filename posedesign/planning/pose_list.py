@@ -25,10 +25,7 @@ ALL_CHECKED = "nothing that the cell asks for"
 class DroppedPose:
     """A pose without numbers: one that cannot be taken.
 
-    Attributes
-    ----------
-    extra : mapping of str to str
-        What stands in columns that posedesign does not know.
+    ``extra``: what stands in columns that posedesign does not know.
     """
 
     name: str
@@ -40,20 +37,11 @@ class DroppedPose:
 class PoseList:
     """Poses in the order in which they are visited.
 
-    Attributes
-    ----------
-    postures : array (N, n)
-        [rad], URDF signs.
-    via : array (N,) of bool
-        Postures that the arm passes through without measuring.
-    status, reasons : tuple of str
-        As in ``poses.csv``, one each; none at all for a list that was not read from a file.
-    extra : mapping of str to tuple of str
-        By name of the column, the N cells of columns that posedesign does not know.
-    dropped : tuple of DroppedPose
-        Poses that the list names, and that are not visited.
-    comments : tuple of str
-        Lines before the header of the table, without #.
+    ``postures`` (N, n): [rad], URDF signs. ``via`` (N,): postures that the arm passes through
+    without measuring. ``status``, ``reasons``: as in ``poses.csv``, one each; none at all for a
+    list that was not read from a file. ``extra``: by name of the column, the N cells of columns
+    that posedesign does not know. ``dropped``: poses that the list names, and that are not visited.
+    ``comments``: lines before the header of the table, without #.
     """
 
     names: tuple[str, ...]

@@ -50,11 +50,8 @@ looked at before, and would be another after a stop."""
 class Margins:
     """Margins of poses, by the column that they stand in.
 
-    Attributes
-    ----------
-    columns : mapping of str to array (S,)
-        In the unit that the name ends with; NaN where a pose has none. Only columns that the cell
-        knows of are there. Negative where a bound is broken.
+    ``columns`` (S,): in the unit that the name ends with; NaN where a pose has none. Only columns
+    that the cell knows of are there. Negative where a bound is broken.
     """
 
     columns: Mapping[str, FloatArray]

@@ -40,22 +40,11 @@ class StopReason(StrEnum):
 class PoseSet:
     """The 27 poses of one round, taken, repaired or dropped.
 
-    Attributes
-    ----------
-    postures : array (27, n)
-        [rad]; NaN where the pose was dropped.
-    shut_out : tuple of str
-        What keeps a pose of the grid from being taken as it is; empty where it can be.
-    orientations : array (27, 3, 3)
-        ``R_base_tip`` that the grid asks for.
-    turned : array (27,)
-        Angle of a replacement against the pose of the grid [rad]; NaN for all others.
-    searched : bool
-        Whether replacements were looked for.
-    letter : str
-        That names begin with.
-    first : int
-        Number of the first pose.
+    ``postures`` (27, n): [rad]; NaN where the pose was dropped. ``shut_out``: what keeps a pose of
+    the grid from being taken as it is; empty where it can be. ``orientations`` (27, 3, 3):
+    ``R_base_tip`` that the grid asks for. ``turned`` (27,): angle of a replacement against the pose
+    of the grid [rad]; NaN for all others. ``searched``: whether replacements were looked for.
+    ``letter``: that names begin with. ``first``: number of the first pose.
     """
 
     postures: FloatArray
@@ -161,15 +150,9 @@ class PoseSet:
 class Round:
     """One turn of the loop.
 
-    Attributes
-    ----------
-    variation_deg : tuple of float
-        D_W, D_P, D_R.
-    grid, repaired, dropped : int
-        Poses taken as generated, replaced, and left out.
-    sigma : array (p,)
-        Predicted standard deviation of each parameter [SI], of the estimator that the cell asks
-        for (weighted or not); infinite where not identifiable.
+    ``variation_deg``: D_W, D_P, D_R. ``grid``, ``repaired``, ``dropped``: poses taken as generated,
+    replaced, and left out. ``sigma`` (p,): predicted standard deviation of each parameter [SI], of
+    the estimator that the cell asks for (weighted or not); infinite where not identifiable.
     """
 
     number: int
@@ -186,24 +169,11 @@ class Round:
 class PosePlan:
     """A set of measuring poses with its history.
 
-    Attributes
-    ----------
-    poses : PoseSet
-        Those of the best round.
-    route : Route
-        The order of the kept poses, by index into ``poses.kept``, and what lies between them.
-    best : int
-        Index into ``rounds`` of the round that the poses are from.
-    history : tuple of PoseSet
-        The poses of every round.
-    model : CalibrationModel
-        What the plan was made for.
-    threshold : float
-        C_G asked for.
-    advice : str
-        What to change where the threshold was not reached.
-    not_checked : tuple of str
-        What planning did not look at (:attr:`.Cell.not_checked`).
+    ``poses``: those of the best round. ``route``: the order of the kept poses, by index into
+    ``poses.kept``, and what lies between them. ``best``: index into ``rounds`` of the round that
+    the poses are from. ``history``: the poses of every round. ``model``: what the plan was made
+    for. ``threshold``: C_G asked for. ``advice``: what to change where the threshold was not
+    reached. ``not_checked``: what planning did not look at (:attr:`.Cell.not_checked`).
     """
 
     poses: PoseSet

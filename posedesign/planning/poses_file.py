@@ -72,21 +72,11 @@ def write_poses(
 ) -> Path:
     """Write ``poses.csv``: the stops of a route through the kept poses, then what was dropped.
 
-    Parameters
-    ----------
-    tool_m : array (3,)
-        Tool point in the tip frame [m].
-    margins : Margins, optional
-        Of the stops of the route.
-    indices : Indices, optional
-        Of the poses, for the comments before the header.
-    title : str
-        What the poses are, for the same.
-    not_checked : sequence of str, optional
-        What planning did not look at (:attr:`.Cell.not_checked`), for the same; None where nobody
-        knows.
-    stop_short_mm : float
-        How far before the poses programs are to stop, for the same.
+    ``tool_m`` (3,): tool point in the tip frame [m]. ``margins``: of the stops of the route.
+    ``indices``: of the poses, for the comments before the header. ``title``: what the poses are,
+    for the same. ``not_checked``: what planning did not look at (:attr:`.Cell.not_checked`), for
+    the same; None where nobody knows. ``stop_short_mm``: how far before the poses programs are to
+    stop, for the same.
     """
     listed = PoseList.of_route(poses, route)
     comments = [f"posedesign: {title} of {robot.name}", f"fingerprint: {listed.fingerprint}"]
@@ -118,15 +108,9 @@ def write_pose_list(
     by now, readers see it. What follows from the postures (x y z, W P R, configuration) is written
     anew, and margins only where they are given.
 
-    Parameters
-    ----------
-    tool_m : array (3,)
-        Tool point in the tip frame [m].
-    margins : Margins, optional
-        Of the poses of the list.
-    form : JointForm
-        For RoboDK there are neither comments nor dropped poses: other programs may take them for
-        numbers.
+    ``tool_m`` (3,): tool point in the tip frame [m]. ``margins``: of the poses of the list.
+    ``form``: for RoboDK there are neither comments nor dropped poses: other programs may take them
+    for numbers.
     """
     comments = [c for c in poses.comments if c.partition(":")[0].strip() not in _WRITTEN_ANEW]
     if not comments:
@@ -204,14 +188,9 @@ def read_poses(
 ) -> PoseList:
     """Read the postures of a ``poses.csv``.
 
-    Parameters
-    ----------
-    n : int or None
-        Number of joints of the robot; None takes what the file has.
-    controller : Controller, optional
-        Turns ``pendant_j1_deg ..`` into joint values; without it such columns alone are refused.
-    trust_units : bool
-        Do not refuse values that look like radians.
+    ``n``: number of joints of the robot; None takes what the file has. ``controller``: turns
+    ``pendant_j1_deg ..`` into joint values; without it such columns alone are refused.
+    ``trust_units``: do not refuse values that look like radians.
     """
     table = read_table(path)
     columns = table.columns

@@ -145,21 +145,10 @@ def farthest_postures(
 ) -> FloatArray:
     """Pick postures one by one, each as far as possible from all chosen before it.
 
-    Parameters
-    ----------
-    pool : array (K, n)
-        Postures to pick from [rad].
-    chosen : array (N, n)
-        Postures already in the set [rad].
-    count : int
-        How many to pick; fewer are returned where the pool runs out.
-    joint_range : array (n,)
-        Joint differences are divided by it, so that every joint counts by how far it can turn.
-
-    Returns
-    -------
-    array (count, n)
-        [rad]
+    ``pool`` (K, n): postures to pick from [rad]. ``chosen`` (N, n): postures already in the set
+    [rad]. ``count``: how many to pick; fewer are returned where the pool runs out. ``joint_range``
+    (n,): joint differences are divided by it, so that every joint counts by how far it can turn.
+    Returns array (count, n): [rad].
     """
     points = pool / joint_range
     distance = np.full(len(pool), np.inf)

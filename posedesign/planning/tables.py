@@ -123,12 +123,8 @@ def read_touch_ups(
 ) -> Measurements:
     """Read a ``touchups.csv`` of a robot with n joints; targets in the order of appearance.
 
-    Parameters
-    ----------
-    controller : Controller, optional
-        Turns ``pendant_j1_deg ..`` into joint values; without it such columns alone are refused.
-    trust_units : bool
-        Do not refuse values that look like radians.
+    ``controller``: turns ``pendant_j1_deg ..`` into joint values; without it such columns alone are
+    refused. ``trust_units``: do not refuse values that look like radians.
     """
     table = read_measurements(path, n, controller=controller, trust_units=trust_units)
     if table.kinds != ("touch-up",):

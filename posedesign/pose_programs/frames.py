@@ -17,10 +17,7 @@ from posedesign.programs import Arm, Dialect, Load, RecordedPosition
 def arm_of(cell: Cell) -> Arm:
     """The arm of a cell as its controller knows it, with tool and user frame of ``[program]``.
 
-    Raises
-    ------
-    InputError
-        User frame 0, which is the world's on a FANUC, is given another place.
+    Raises InputError: user frame 0, which is the world's on a FANUC, is given another place.
     """
     section = cell.config.program
     tool = section.tool or FrameSection(at_mm=cell.config.tool.point_mm)
@@ -73,15 +70,9 @@ def check_recorded_frames(
 ) -> list[str]:
     """Compare the frames of recorded poses with those of the cell; joint positions need none.
 
-    Returns
-    -------
-    list of str
-        A warning where the file does not say which frames they are in.
-
-    Raises
-    ------
-    InputError
-        A pose is in a frame of another number, or of a number that the cell knows nothing of.
+    Returns list of str: A warning where the file does not say which frames they are in. Raises
+    InputError: A pose is in a frame of another number, or of a number that the cell knows nothing
+    of.
     """
     section = cell.config.program
     posed = [p for p in positions if p.T_user_tool is not None and p.shown_deg is None]

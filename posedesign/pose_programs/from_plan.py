@@ -43,25 +43,14 @@ MOST_CHANGE = 0.01
 class WrittenProgram:
     """A robot program on disk, checked.
 
-    Attributes
-    ----------
-    paths : tuple of Path
-        Those with the positions first.
-    poses : int
-        That are measured.
-    problems : tuple of str
-        What the strict validator objects to; empty is good.
-    largest_rounding_deg : float
-        Largest joint difference between the plan and what is read back from the program.
-    c_g, c_g_rounded : float or None
-        Of the poses as planned, and as they stand in the program; None without a cell.
-    note : str
-        What the program takes for granted; empty for nothing.
-    not_checked, forced : tuple of str
-        What nobody looked at, and poses written although they break a constraint; both stand in
-        the head of the program.
-    simulated, made_from : tuple of str
-        The files that it was made from, those of a simulated robot apart; the same.
+    ``paths``: those with the positions first. ``poses``: that are measured. ``problems``: what the
+    strict validator objects to; empty is good. ``largest_rounding_deg``: largest joint difference
+    between the plan and what is read back from the program. ``c_g``, ``c_g_rounded``: of the poses
+    as planned, and as they stand in the program; None without a cell. ``note``: what the program
+    takes for granted; empty for nothing. ``not_checked``, ``forced``: what nobody looked at, and
+    poses written although they break a constraint; both stand in the head of the program.
+    ``simulated``, ``made_from``: the files that it was made from, those of a simulated robot apart;
+    the same.
     """
 
     paths: tuple[Path, ...]
@@ -127,10 +116,8 @@ def chosen_dialect(cell: Cell | None, poses: PoseList, name: str | None) -> str:
 
     Without a cell the controller is the one that the pose list names.
 
-    Raises
-    ------
-    InputError
-        The controller is not known, has no dialect here, or does not read the one that is named.
+    Raises InputError: the controller is not known, has no dialect here, or does not read the one
+    that is named.
     """
     if cell is not None:
         robot = cell.robot.name
@@ -166,17 +153,9 @@ def chosen_dialect(cell: Cell | None, poses: PoseList, name: str | None) -> str:
 def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | None) -> PoseList:
     """The list with a posture short of each measured pose, so that joints arrive from one side.
 
-    Parameters
-    ----------
-    cell : Cell or None
-        Whose limits and obstacles tell which side.
-    approach_deg : float or None
-        Last movement of every joint; None: the list as it is.
-
-    Raises
-    ------
-    InputError
-        A pose that cannot be approached so, or that the list has approached already, or no cell.
+    ``cell``: whose limits and obstacles tell which side. ``approach_deg``: last movement of every
+    joint; None: the list as it is. Raises InputError: A pose that cannot be approached so, or that
+    the list has approached already, or no cell.
     """
     if approach_deg is None:
         return poses
@@ -253,12 +232,8 @@ def write_program(
     which files ``out`` says that it is made from, those of a simulated robot first. ``forced`` are
     poses that are written although they break a constraint, each with the reason.
 
-    Raises
-    ------
-    InputError
-        The program cannot be said in this dialect.
-    OutputError
-        A file cannot be written.
+    Raises InputError: the program cannot be said in this dialect. OutputError: A file cannot be
+    written.
     """
     chosen = find_dialect(dialect)
     refuse_doubles(poses)

@@ -33,10 +33,7 @@ def exchanged(names: Sequence[str], q: FloatArray, plan: PoseList) -> list[str]:
 
     All touch the same target, so that only the joints tell poses apart.
 
-    Raises
-    ------
-    InputError
-        Most are: the numbers are those of another program.
+    Raises InputError: most are: the numbers are those of another program.
     """
     planned, known = plan.measured.postures, plan.measured.names
     row_of = {name: k for k, name in enumerate(known)}

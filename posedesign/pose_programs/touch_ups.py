@@ -56,19 +56,11 @@ singularity above all."""
 class Imported:
     """Touch-ups that came back.
 
-    Attributes
-    ----------
-    touch_ups : Measurements
-        Named after the poses of the plan.
-    moved_mm : array (N,)
-        How far the touch-up moved the tool point of the nominal arm; NaN without a plan.
-    untouched : tuple of str
-        Poses that stand as planned.
-    missing : tuple of str
-        Poses of the plan that the files do not have.
-    doubtful : bool
-        Whether something in it can hardly be right: a posture outside the limits, a tool point far
-        from the target, a pose that stands nearer to another one of the plan.
+    ``touch_ups``: named after the poses of the plan. ``moved_mm`` (N,): how far the touch-up moved
+    the tool point of the nominal arm; NaN without a plan. ``untouched``: poses that stand as
+    planned. ``missing``: poses of the plan that the files do not have. ``doubtful``: whether
+    something in it can hardly be right: a posture outside the limits, a tool point far from the
+    target, a pose that stands nearer to another one of the plan.
     """
 
     touch_ups: Measurements
@@ -102,28 +94,13 @@ def import_touch_ups(
 ) -> Imported:
     """Positions of programs or backups as touch-ups.
 
-    Parameters
-    ----------
-    cell : Cell
-        Its robot, nominal, brings poses of the tool back to joints.
-    files : sequence of Path
-        All parts of a program, or backups of it; also lists of poses in CSV.
-    plan : PoseList, optional
-        The poses that were to be touched up, in the order of the program. Without it nothing is
-        known of what was touched up and what was not.
-    dialect : str, optional
-        Of the files; by default their endings and contents tell.
-    keep_untouched : bool
-        Take positions that stand as planned for touch-ups, too.
-
-    Raises
-    ------
-    FileFormatError
-        A file cannot be read.
-    InputError
-        A file is of another plan, or nothing in it was touched up.
-    UnreachableError
-        A pose that the robot cannot take.
+    ``cell``: its robot, nominal, brings poses of the tool back to joints. ``files``: all parts of a
+    program, or backups of it; also lists of poses in CSV. ``plan``: the poses that were to be
+    touched up, in the order of the program. Without it nothing is known of what was touched up and
+    what was not. ``dialect``: of the files; by default their endings and contents tell.
+    ``keep_untouched``: take positions that stand as planned for touch-ups, too. Raises
+    FileFormatError: A file cannot be read. InputError: A file is of another plan, or nothing in it
+    was touched up. UnreachableError: A pose that the robot cannot take.
     """
     warnings: list[str] = []
     parts: list[_Positions] = []

@@ -32,28 +32,11 @@ class Candidates:
     meet as equals in the arithmetic. All that takes or gives matrices ``(p, p)`` is in these
     scaled parameters; :attr:`scale` leads back.
 
-    Parameters
-    ----------
-    blocks : array_like (N, m, p)
-        Whitened Jacobians, rows of unit variance; for condition numbers, the regressor.
-    known : array_like (M, p), optional
-        Rows of the same kind that are there anyway: poses already measured, priors.
-    names : sequence of str, optional
-        Of the parameters, for errors.
-
-    Attributes
-    ----------
-    J : ndarray (N, m, p)
-        Scaled blocks.
-    known : ndarray (p, p)
-        Scaled information that is there anyway.
-    scale : ndarray (p,)
-        What the columns were divided by.
-
-    Raises
-    ------
-    InputError
-        Another shape, or numbers that are not finite.
+    ``blocks`` (N, m, p): whitened Jacobians, rows of unit variance; for condition numbers, the
+    regressor. ``known`` (M, p): rows of the same kind that are there anyway: poses already
+    measured, priors. ``names``: of the parameters, for errors. ``J`` (N, m, p): scaled blocks.
+    ``known`` (p, p): scaled information that is there anyway. ``scale`` (p,): what the columns were
+    divided by. Raises InputError: another shape, or numbers that are not finite.
     """
 
     def __init__(
@@ -183,11 +166,7 @@ class Candidates:
     def scores_of_root(self, root: FloatArray, signs: FloatArray | None = None) -> FloatArray:
         """``|J root|²`` of every candidate ``(N,)``, of a root ``(p, r)``.
 
-        Parameters
-        ----------
-        root : ndarray (p, r)
-        signs : ndarray (r,), optional
-            By which the squares of each column count; 1 by default.
+        ``root`` (p, r). ``signs`` (r,): by which the squares of each column count; 1 by default.
         """
         out = np.empty(self.N)
         weights = np.ones(root.shape[1]) if signs is None else signs
@@ -231,10 +210,7 @@ class Candidates:
     def check_identifiable(self) -> None:
         """Check that the whole pool, with the known, tells all parameters apart.
 
-        Raises
-        ------
-        NotIdentifiableError
-            Parameters that no choice can identify, by name.
+        Raises NotIdentifiableError: parameters that no choice can identify, by name.
         """
         hidden = _hidden(self._triangle())
         if not len(hidden):

@@ -30,10 +30,7 @@ Method = Callable[[Objective, IntArray, IntArray], IntArray]
 def greedy(objective: Objective, count: int, kept: IntArray) -> IntArray:
     """A choice of ``count``: the best single pose taken in, again and again.
 
-    Parameters
-    ----------
-    kept : ndarray of int
-        Candidates that are in it anyway.
+    ``kept``: candidates that are in it anyway.
     """
     ledger = objective.ledger(kept, count)
     first = objective.stages[0]

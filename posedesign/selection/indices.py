@@ -35,10 +35,7 @@ PER_MRAD_AND_MM = 1e-3
 def stack(G: ArrayLike) -> FloatArray:
     """The regressor as ``(M, p)``, from blocks ``(N, m, p)`` or as it is.
 
-    Raises
-    ------
-    InputError
-        Neither shape, or numbers that are not finite.
+    Raises InputError: neither shape, or numbers that are not finite.
     """
     matrix = numbers(G, "G")
     if matrix.ndim == 3:
@@ -87,11 +84,8 @@ def condition_inf(G: ArrayLike) -> float:
 def condition_2(G: ArrayLike, scaling: str = "unit") -> float:
     """Ratio of the largest to the smallest singular value of G.
 
-    Parameters
-    ----------
-    G : array_like (M, p) or (N, m, p)
-    scaling : {"unit", "largest", "none"}
-        Columns of unit length, divided by their largest entry (as C_G), or as they are.
+    ``G`` (M, p). ``scaling``: columns of unit length, divided by their largest entry (as C_G), or
+    as they are.
     """
     values = singular_values(G, scaling)
     return float(values[0] / values[-1]) if values[-1] > 0 else float("inf")
@@ -117,11 +111,7 @@ def o1(G: ArrayLike, poses: int | None = None) -> float:
 
     The root is over the number of parameters, not of poses.
 
-    Parameters
-    ----------
-    G : array_like (M, p) or (N, m, p)
-    poses : int, optional
-        Number of poses; N where blocks are given, else the number of rows.
+    ``G`` (M, p). ``poses``: number of poses; N where blocks are given, else the number of rows.
     """
     values = singular_values(G)
     shape = np.shape(G)
@@ -175,14 +165,9 @@ def e_optimality(G: ArrayLike) -> float:
 class Indices:
     """All indices of one set of poses.
 
-    Attributes
-    ----------
-    c_g : float
-        C_G; rows unweighted, columns divided by their largest entry.
-    cond_2_g, cond_2_gtg : float
-        Rows unweighted, columns of unit length.
-    o1, o2, o3, o4, o5, d, a, e : float
-        Rows divided by the noise, columns per mrad and per mm.
+    ``c_g``: C_G; rows unweighted, columns divided by their largest entry. ``cond_2_g``,
+    ``cond_2_gtg``: rows unweighted, columns of unit length. ``o1``, ``o2``, ``o3``, ``o4``, ``o5``,
+    ``d``, ``a``, ``e``: rows divided by the noise, columns per mrad and per mm.
     """
 
     poses: int
@@ -226,12 +211,8 @@ SCALING_OF_POSES = SCALING | {
 def evaluate(blocks: FloatArray, white: FloatArray) -> Indices:
     """All indices of a set of poses.
 
-    Parameters
-    ----------
-    blocks : array (N, m, p)
-        Jacobian of the measurements [m per rad, m per m].
-    white : array (N, m, p)
-        The same divided by the noise.
+    ``blocks`` (N, m, p): jacobian of the measurements [m per rad, m per m]. ``white`` (N, m, p):
+    the same divided by the noise.
     """
     scaled = PER_MRAD_AND_MM * white
     cond = condition_2(blocks)

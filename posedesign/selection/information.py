@@ -20,14 +20,7 @@ _FAINT = 1e-15
 class Informations:
     """Of choices of poses.
 
-    Parameters
-    ----------
-    choices : ndarray of int (T, n)
-
-    Attributes
-    ----------
-    M : ndarray (T, p, p)
-        Scaled, with the known.
+    ``choices`` (T, n). ``M`` (T, p, p): scaled, with the known.
     """
 
     def __init__(self, candidates: Candidates, choices: IntArray) -> None:

@@ -28,20 +28,9 @@ _AT_ONCE = 16
 class Ledger:
     """A choice out of a pool.
 
-    Parameters
-    ----------
-    rows : ndarray of int (n,)
-        The choice to begin with.
-    count : int
-        Poses to be chosen in the end.
-
-    Attributes
-    ----------
-    M, C : ndarray (p, p)
-        Information and covariance of the choice [scaled].
-    S : ndarray (m, m, N)
-        Leverages ``J C Jᵀ`` of the candidates, candidate last.
-    chosen : ndarray (N,) of bool
+    ``rows`` (n,): the choice to begin with. ``count``: poses to be chosen in the end. ``M``, ``C``
+    (p, p): information and covariance of the choice [scaled]. ``S`` (m, m, N): leverages ``J C Jᵀ``
+    of the candidates, candidate last. ``chosen`` (N,).
     """
 
     def __init__(self, candidates: Candidates, rows: IntArray, count: int) -> None:
@@ -105,19 +94,10 @@ class Ledger:
     ) -> tuple[FloatArray, BoolArray]:
         """What each of some candidates changes in the covariance.
 
-        Parameters
-        ----------
-        sign : float
-            +1: taken in; -1: put back.
-        right : ndarray (p, r), optional
-            Combinations of the parameters that are of interest; all by default.
-
-        Returns
-        -------
-        root : ndarray (m, r, n)
-            Their covariance becomes ``rightᵀ C right - sign rootᵀ root``. NaN where the change
-            cannot be made.
-        possible : ndarray (n,) of bool
+        ``sign``: +1: taken in; -1: put back. ``right`` (p, r): combinations of the parameters that
+        are of interest; all by default. Returns ``root`` (m, r, n): their covariance becomes
+        ``rightᵀ C right - sign rootᵀ root``. NaN where the change cannot be made. ``possible``
+        (n,).
         """
         CU = self.C if right is None else self.C @ right
         root = CU.T @ self.candidates.by_row[:, :, part]

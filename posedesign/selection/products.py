@@ -13,10 +13,7 @@ def products_by_pairs(
 ) -> FloatArray:
     """``trace(J_i P J_jᵀ J_j Q J_iᵀ)`` of all pairs of candidates ``(n, n)``; Q is P by default.
 
-    Parameters
-    ----------
-    P, Q : ndarray (p, p)
-        Positive semidefinite.
+    ``P``, ``Q`` (p, p): positive semidefinite.
     """
     by_row = np.moveaxis(candidates.J, 1, 0)  # (m, n, p)
     first = by_row @ root_of(P)

@@ -47,11 +47,7 @@ UNSEEN = 1e-9
 class Found:
     """What a search came to.
 
-    Attributes
-    ----------
-    rows : ndarray of int (n,)
-    costs : list of float
-        Of each start.
+    ``rows`` (n,). ``costs``: of each start.
     """
 
     rows: IntArray
@@ -61,10 +57,7 @@ class Found:
 class Search:
     """Of n out of distinct candidates.
 
-    Parameters
-    ----------
-    kept : ndarray of int
-        Candidates that are in it anyway.
+    ``kept``: candidates that are in it anyway.
     """
 
     def __init__(

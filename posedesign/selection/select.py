@@ -141,12 +141,7 @@ def _selection(
 def check_threshold(criterion: Criterion, threshold: float, bound: float, n: int) -> None:
     """Refuse a value that no choice can reach.
 
-    Parameters
-    ----------
-    threshold : float
-        As the criterion is shown.
-    bound : float
-        Proven bound of the cost.
+    ``threshold``: as the criterion is shown. ``bound``: proven bound of the cost.
     """
     if criterion.cost_of(threshold) >= bound:
         return

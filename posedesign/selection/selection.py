@@ -18,27 +18,14 @@ PROVEN = 0.9995
 class Selection:
     """Poses chosen out of a pool.
 
-    Attributes
-    ----------
-    indices : ndarray of int (n,)
-        Into the pool, ascending, with those that were kept.
-    criterion : Criterion
-        What they were chosen by.
-    value : float
-        Of the choice, as the criterion is known; see ``criterion.title``.
-    bound : float
-        What no choice of as many poses can be better than; NaN where it was not asked for.
-    efficiency : float
-        In terms of information, 0 to 1: .97 proves that no choice of less than .97 n poses can be
-        as good. Of condition numbers the bound over the value.
-    covariance : ndarray (p, p)
-        Predicted, in the units of the blocks; infinite where not all is identified.
-    relaxation : Relaxation or None
-        Where the bound is from.
-    values_of_starts : tuple of float
-        What each start came to.
-    duplicates : int
-        Candidates that are there more than once, and were offered once.
+    ``indices`` (n,): into the pool, ascending, with those that were kept. ``criterion``: what they
+    were chosen by. ``value``: of the choice, as the criterion is known; see ``criterion.title``.
+    ``bound``: what no choice of as many poses can be better than; NaN where it was not asked for.
+    ``efficiency``: in terms of information, 0 to 1: .97 proves that no choice of less than .97 n
+    poses can be as good. Of condition numbers the bound over the value. ``covariance`` (p, p):
+    predicted, in the units of the blocks; infinite where not all is identified. ``relaxation``:
+    where the bound is from. ``values_of_starts``: what each start came to. ``duplicates``:
+    candidates that are there more than once, and were offered once.
     """
 
     indices: IntArray
@@ -92,16 +79,9 @@ class Selection:
 class Fewest:
     """The fewest poses that reach a value.
 
-    Attributes
-    ----------
-    selection : Selection
-        The poses; where the value is out of reach, the best that was found.
-    fewer : Selection or None
-        The best choice found of one pose fewer, which does not reach it.
-    wanted : float
-        The value asked for.
-    at_least : int
-        Proven: fewer poses than that cannot reach it.
+    ``selection``: the poses; where the value is out of reach, the best that was found. ``fewer``:
+    the best choice found of one pose fewer, which does not reach it. ``wanted``: the value asked
+    for. ``at_least``: proven: fewer poses than that cannot reach it.
     """
 
     selection: Selection

@@ -72,12 +72,8 @@ def many_starts(
 ) -> IntArray:
     """Exchange from many starts at once: the best of all exchanges is made, till none helps.
 
-    Parameters
-    ----------
-    first : ndarray of int (T, n)
-        Choices to begin with, besides those that are drawn.
-    number : int
-        Of starts in all.
+    ``first`` (T, n): choices to begin with, besides those that are drawn. ``number``: of starts in
+    all.
     """
     candidates, n = objective.candidates, first.shape[1]
     free = np.setdiff1d(np.arange(candidates.N), kept)

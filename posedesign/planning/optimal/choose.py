@@ -376,24 +376,9 @@ def choose_validation(
 ) -> IntArray:
     """Choose poses for validation out of what a plan left.
 
-    Parameters
-    ----------
-    left : Pool
-        Candidates that are not in the plan.
-    plan : ndarray (N, m, p)
-        Whitened Jacobians of the plan.
-    box : ndarray (K, 3, p)
-        How the tool point moves with the parameters over the task box.
-
-    Returns
-    -------
-    ndarray of int (count,)
-        Rows of what is left.
-
-    Raises
-    ------
-    InputError
-        Too few poses are left.
+    ``left``: candidates that are not in the plan. ``plan`` (N, m, p): whitened Jacobians of the
+    plan. ``box`` (K, 3, p): how the tool point moves with the parameters over the task box. Returns
+    ndarray of int (count,): rows of what is left. Raises InputError: too few poses are left.
     """
     if count > len(left):
         raise InputError(

@@ -17,22 +17,11 @@ from posedesign.planning.pose_plan import PoseSet
 class NextPoses:
     """Poses to measure next, and what they promise.
 
-    Attributes
-    ----------
-    measured : int
-        Touch-ups so far.
-    identified : IdentificationResult or None
-        What they give; None while they do not identify everything.
-    why_not : str
-        Why they do not, in words.
-    noise_scale : float
-        By which the noise given is multiplied in what is predicted.
-    poses : PoseSet
-        The next ones, the one that gains most first.
-    tcp_m : ndarray (k + 1,)
-        Root mean square error of the tool point over the box [m]: now, and after each further pose.
-    accuracy_m : float or None
-        Error at which to stop.
+    ``measured``: touch-ups so far. ``identified``: what they give; None while they do not identify
+    everything. ``why_not``: why they do not, in words. ``noise_scale``: by which the noise given is
+    multiplied in what is predicted. ``poses``: the next ones, the one that gains most first.
+    ``tcp_m`` (k + 1,): root mean square error of the tool point over the box [m]: now, and after
+    each further pose. ``accuracy_m``: error at which to stop.
     """
 
     goal: Goal

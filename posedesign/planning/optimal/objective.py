@@ -46,12 +46,8 @@ _BY_NUISANCE = ("D", "A", "E")
 class Goal:
     """What is to be reached, and on which blocks.
 
-    Attributes
-    ----------
-    limit : float or None
-        Value to be reached, as the criterion is shown.
-    unit : str
-        Of values as they are shown; empty where they have none.
+    ``limit``: value to be reached, as the criterion is shown. ``unit``: of values as they are
+    shown; empty where they have none.
     """
 
     criterion: Criterion
@@ -105,15 +101,8 @@ class Goal:
 def goal_of(request: Request, model: CalibrationModel, box: FloatArray) -> Goal:
     """The goal of a request.
 
-    Parameters
-    ----------
-    box : ndarray (K, 3, p)
-        How the tool point moves with the parameters over the task box.
-
-    Raises
-    ------
-    InputError
-        No such criterion or parameter, or a request that does not go with it.
+    ``box`` (K, 3, p): how the tool point moves with the parameters over the task box. Raises
+    InputError: no such criterion or parameter, or a request that does not go with it.
     """
     if request.wants_sigma:
         wanted = _wanted(model, request.sigma_m, request.sigma_rad)
@@ -192,15 +181,9 @@ def _named(criterion: Criterion, name: str, title: str) -> Criterion:
 class Accuracy:
     """What a number of poses promises.
 
-    Attributes
-    ----------
-    value : float
-        Of the criterion, as it is shown.
-    sigma : ndarray (p,)
-        Standard deviations of the parameters [SI].
-    tcp_m, tcp_worst_m : float
-        Root mean square error of the tool point over the task box, in the mean and where it is
-        largest [m].
+    ``value``: of the criterion, as it is shown. ``sigma`` (p,): standard deviations of the
+    parameters [SI]. ``tcp_m``, ``tcp_worst_m``: root mean square error of the tool point over the
+    task box, in the mean and where it is largest [m].
     """
 
     poses: int

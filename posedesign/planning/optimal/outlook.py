@@ -25,16 +25,11 @@ NOTICEABLE = 0.9
 class Outlook:
     """Predicted error of the tool point over the task box, from the noise alone.
 
-    Attributes
-    ----------
-    tcp_m, tcp_worst_m : float
-        Root mean square error of the poses, in the mean over the box and where it is largest [m];
-        infinite where they do not identify everything.
-    chosen_tcp_m : float or None
-        In the mean, of the best choice of as many poses out of a small pool that keeps all
-        constraints but those on the motions between poses; None where there is no such choice.
-    box_words : str
-        The task box in words.
+    ``tcp_m``, ``tcp_worst_m``: root mean square error of the poses, in the mean over the box and
+    where it is largest [m]; infinite where they do not identify everything. ``chosen_tcp_m``: in
+    the mean, of the best choice of as many poses out of a small pool that keeps all constraints but
+    those on the motions between poses; None where there is no such choice. ``box_words``: the task
+    box in words.
     """
 
     tcp_m: float
@@ -51,11 +46,7 @@ class Outlook:
 def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Outlook:
     """Predict what postures ``(N, n)`` [rad] are worth, and what chosen ones would be.
 
-    Parameters
-    ----------
-    model : CalibrationModel
-        What is identified.
-    postures : array (N, n)
+    ``model``: what is identified. ``postures`` (N, n).
     """
     box, words = functions_over_box(cell, model)
     count = len(postures)

@@ -34,16 +34,9 @@ def refined_with_way(
 ) -> tuple[Pool, Route]:
     """Poses refined as far as a clear way leads to them then, and the way.
 
-    Parameters
-    ----------
-    in_doubt : bool
-        Look for the way through the poses as they are first: refinement takes long.
-
-    Returns
-    -------
-    Pool
-        Those that were given where no way leads through them either; the route then says to which.
-    Route
+    ``in_doubt``: look for the way through the poses as they are first: refinement takes long.
+    Returns Pool: those that were given where no way leads through them either; the route then says
+    to which. ``Route``.
     """
     if in_doubt:
         plain = router.route(chosen.postures)
@@ -73,14 +66,8 @@ def without_unreached(
 
     At first those like them, in the end all that no way is known to lead to.
 
-    Parameters
-    ----------
-    lost : ndarray of int
-        Rows of the pool.
-    attempt : int
-        How often others have been left out before.
-    kept : int
-        How many of the first postures stay in any case, if they are not lost.
+    ``lost``: rows of the pool. ``attempt``: how often others have been left out before. ``kept``:
+    how many of the first postures stay in any case, if they are not lost.
     """
     if attempt + 1 < FROM_BASE:
         return without_alike(pool, lost, attempt, kept)
@@ -102,11 +89,7 @@ def without_alike(pool: Pool, lost: IntArray, attempt: int, kept: int = 0) -> Po
 def reached_of(router: Router, postures: FloatArray, route: Route) -> tuple[IntArray, Route]:
     """Rows of postures ``(N, n)`` [rad] that a clear way leads to, and the route through them.
 
-    Parameters
-    ----------
-    postures : ndarray (N, n)
-    route : Route
-        Through all of them, as far as there is one.
+    ``postures`` (N, n). ``route``: through all of them, as far as there is one.
     """
     rows = np.arange(len(postures))
     while route.lost:

@@ -42,15 +42,8 @@ def refine(
 
     Tilts against the base pose stay within the widest of the poses given.
 
-    Parameters
-    ----------
-    fixed : int
-        How many of the first poses stay as they are.
-
-    Returns
-    -------
-    Pool
-        As many postures, in the same order, each on the branch of the arm that it was on.
+    ``fixed``: how many of the first poses stay as they are. Returns Pool: as many postures, in the
+    same order, each on the branch of the arm that it was on.
     """
     search = _Refinement(cell, model, goal, chosen, fixed)
     cost = search.cost()

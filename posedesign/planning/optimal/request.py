@@ -27,27 +27,14 @@ _IN_M = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
 class Request:
     """What is wanted.
 
-    Attributes
-    ----------
-    method : str
-        Of :data:`posedesign.selection.METHODS`.
-    count : int or None
-        Poses; None: the fewest that reach what is wanted.
-    criterion : str
-        Of :data:`posedesign.planning.optimal.objective.GOALS`, or ``sigma:NAME`` for one parameter.
-    accuracy_m : float, optional
-        Largest root mean square error of the tool point over the task box [m].
-    sigma_m, sigma_rad : float, optional
-        Largest standard deviation of each parameter that is a length, and of each that is an angle.
-    threshold : float, optional
-        Value of the criterion to be reached.
-    validation : int
-        Poses to choose besides, for a test.
-    refine : bool
-        Turn the tool at the chosen poses, off the pool, for as long as that helps.
-    robust : str
-        ``"none"``: choose for the robot as described; ``"average"``, ``"worst"``: for what is known
-        of it before measuring.
+    ``method``: of :data:`posedesign.selection.METHODS`. ``count``: poses; None: the fewest that
+    reach what is wanted. ``criterion``: of :data:`posedesign.planning.optimal.objective.GOALS`, or
+    ``sigma:NAME`` for one parameter. ``accuracy_m``: largest root mean square error of the tool
+    point over the task box [m]. ``sigma_m``, ``sigma_rad``: largest standard deviation of each
+    parameter that is a length, and of each that is an angle. ``threshold``: value of the criterion
+    to be reached. ``validation``: poses to choose besides, for a test. ``refine``: turn the tool at
+    the chosen poses, off the pool, for as long as that helps. ``robust``: ``"none"``: choose for
+    the robot as described; ``"average"``, ``"worst"``: for what is known of it before measuring.
     """
 
     method: str = "exchange"
@@ -153,10 +140,7 @@ def request_of_words(
 ) -> Request | None:
     """The request of a command line; None where the grid of the paper is what is asked for.
 
-    Raises
-    ------
-    InputError
-        Options that do not go together.
+    Raises InputError: options that do not go together.
     """
     limit = target_accuracy is not None or sigma_mm is not None or sigma_deg is not None
     given = {

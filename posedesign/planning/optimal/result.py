@@ -26,40 +26,17 @@ from posedesign.selection import Fewest, Indices, Selection
 class OptimalPlan:
     """Poses chosen out of a pool, and the way through them.
 
-    Attributes
-    ----------
-    selection : Selection
-        Of the postures of the pool.
-    fewest : Fewest or None
-        Where the number of poses was left open.
-    poses : PoseSet
-        The poses chosen, refined where that was asked for; those of the whole pool where what is
-        wanted is out of reach.
-    route : Route or None
-        Their order, and what lies between them; None where they are out of reach.
-    pool_words : str
-        The pool in words.
-    pool_size, tried : int
-        Poses of the pool that the robot can take, of how many.
-    indices : Indices
-        Of the poses chosen.
-    of_pool : Accuracy
-        Of the poses before they were refined; the same where they were not.
-    others : tuple of Accuracy
-        One pose fewer and one more, out of the pool, where there are such.
-    box_words : str
-        The task box in words.
-    not_checked : tuple of str
-        What planning did not look at (:attr:`.Cell.not_checked`).
-    robustness : Robustness or None
-        What the poses are worth for robots that are not as described.
-    validation : PoseSet or None
-        Poses that are kept out of the fit.
-    left_out : int
-        Candidates of the pool that were left out because no clear way to them is known, or to
-        others like them.
-    left_out_for : str
-        What is in the way to one of them.
+    ``selection``: of the postures of the pool. ``fewest``: where the number of poses was left open.
+    ``poses``: the poses chosen, refined where that was asked for; those of the whole pool where
+    what is wanted is out of reach. ``route``: their order, and what lies between them; None where
+    they are out of reach. ``pool_words``: the pool in words. ``pool_size``, ``tried``: poses of the
+    pool that the robot can take, of how many. ``indices``: of the poses chosen. ``of_pool``: of the
+    poses before they were refined; the same where they were not. ``others``: one pose fewer and one
+    more, out of the pool, where there are such. ``box_words``: the task box in words.
+    ``not_checked``: what planning did not look at (:attr:`.Cell.not_checked`). ``robustness``: what
+    the poses are worth for robots that are not as described. ``validation``: poses that are kept
+    out of the fit. ``left_out``: candidates of the pool that were left out because no clear way to
+    them is known, or to others like them. ``left_out_for``: what is in the way to one of them.
     """
 
     request: Request

@@ -36,10 +36,7 @@ TRIALS = 50
 class Robustness:
     """What a choice is worth for robots that are not as described.
 
-    Attributes
-    ----------
-    nominal, median, worst : float
-        Of the criterion, as it is shown; over the trials.
+    ``nominal``, ``median``, ``worst``: of the criterion, as it is shown; over the trials.
     """
 
     nominal: float

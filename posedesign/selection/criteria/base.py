@@ -32,14 +32,8 @@ FIRST_BATCH, LARGEST_BATCH = 32, 1024
 class Criterion(ABC):
     """What is made best.
 
-    Attributes
-    ----------
-    title : str
-        In words.
-    smaller_is_better : bool
-        Of the value that is shown.
-    falls_with_poses : bool
-        More poses never cost more: of variances, not of condition numbers.
+    ``title``: in words. ``smaller_is_better``: of the value that is shown. ``falls_with_poses``:
+    more poses never cost more: of variances, not of condition numbers.
     """
 
     name: str
@@ -93,12 +87,7 @@ class Objective(ABC):
     def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
         """Of the ledger's choice with each of some candidates ``(n,)`` taken in, or put back.
 
-        Parameters
-        ----------
-        part : slice or ndarray of int
-            Of the candidates.
-        sign : float
-            +1: taken in; -1: put back.
+        ``part``: of the candidates. ``sign``: +1: taken in; -1: put back.
         """
 
     @abstractmethod
@@ -130,11 +119,8 @@ class Objective(ABC):
 
         Worth having where they take much less time than the costs.
 
-        Parameters
-        ----------
-        near : int, optional
-            They are to be sharp for candidates like this one; for the ledger's choice as it is by
-            default.
+        ``near``: they are to be sharp for candidates like this one; for the ledger's choice as it
+        is by default.
         """
         return np.zeros(self.candidates.N)[part]
 
@@ -144,10 +130,7 @@ class Objective(ABC):
         Most candidates are far from the best: they are left out by what they cost at least, the
         others are tried in the order of it until none that is left can be better.
 
-        Parameters
-        ----------
-        limit : float
-            None where no candidate costs less.
+        ``limit``: None where no candidate costs less.
         """
         if not self.has_floor:
             costs = self.costs_with_each(ledger)

@@ -32,12 +32,8 @@ larger, the nearer to the largest, and the less does it say of how to lower the 
 class Deviation(Criterion):
     """Largest of the root mean square errors of linear functions of the parameters.
 
-    Parameters
-    ----------
-    functions : ndarray (K, r, p)
-        Rows of each; where there is one only, it is that which is made small.
-    squared : bool
-        Show the mean square in place of its root, as A-optimality is known.
+    ``functions`` (K, r, p): rows of each; where there is one only, it is that which is made small.
+    ``squared``: show the mean square in place of its root, as A-optimality is known.
     """
 
     smaller_is_better = True
@@ -74,12 +70,8 @@ class Deviation(Criterion):
 class DeviationObjective(Objective):
     """Mean square errors on one pool.
 
-    Parameters
-    ----------
-    L : ndarray (K, r, p)
-        Functions, of scaled parameters.
-    power : float
-        Of the mean square errors in their mean.
+    ``L`` (K, r, p): functions, of scaled parameters. ``power``: of the mean square errors in their
+    mean.
     """
 
     def __init__(self, candidates: Candidates, L: FloatArray, power: float = np.inf) -> None:

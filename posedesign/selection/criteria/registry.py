@@ -37,15 +37,8 @@ def criterion_by_name(
 ) -> Criterion:
     """The criterion of a name, in any case.
 
-    Parameters
-    ----------
-    name : str
-        One of :data:`CRITERIA`.
-    count : int
-        Poses to be chosen.
-    interest : sequence of int, optional
-        Columns of the parameters of interest; the others are nuisances, and marginalised. Of D, A
-        and E.
+    ``name``: one of :data:`CRITERIA`. ``count``: poses to be chosen. ``interest``: columns of the
+    parameters of interest; the others are nuisances, and marginalised. Of D, A and E.
     """
     check_type(name, str, "criterion")
     known = {key.lower(): key for key in CRITERIA}

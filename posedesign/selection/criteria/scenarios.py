@@ -25,14 +25,8 @@ Over = Callable[[FloatArray], FloatArray]
 class OverScenarios(Criterion):
     """A criterion in its mean over scenarios, or where it is worst.
 
-    Parameters
-    ----------
-    criterion : Criterion
-        In each scenario.
-    scenarios : int
-        Number S of them.
-    worst : bool
-        The worst counts; otherwise the mean cost.
+    ``criterion``: in each scenario. ``scenarios``: number S of them. ``worst``: the worst counts;
+    otherwise the mean cost.
     """
 
     def __init__(self, criterion: Criterion, scenarios: int, *, worst: bool = False) -> None:
@@ -68,10 +62,7 @@ class OverScenarios(Criterion):
 class ScenariosObjective(Objective):
     """The objectives of all scenarios as one.
 
-    Parameters
-    ----------
-    candidates : Candidates
-        Of stacked blocks.
+    ``candidates``: of stacked blocks.
     """
 
     def __init__(self, candidates: Candidates, each: Sequence[Objective], *, worst: bool) -> None:

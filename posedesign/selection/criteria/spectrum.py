@@ -30,14 +30,9 @@ Shown = Callable[[float], float]
 class Spectrum(Criterion):
     """A mean of the variances along the axes of the ellipsoid.
 
-    Parameters
-    ----------
-    order : float
-        Of the mean; infinite: the largest.
-    shown, cost_of : callable
-        From the cost, a variance, to the value that is shown, and back.
-    interest : ndarray (p, k), optional
-        Combinations of the parameters that are of interest, as columns; all by default.
+    ``order``: of the mean; infinite: the largest. ``shown``, ``cost_of``: from the cost, a
+    variance, to the value that is shown, and back. ``interest`` (p, k): combinations of the
+    parameters that are of interest, as columns; all by default.
     """
 
     smaller_is_better = False
@@ -68,10 +63,7 @@ class Spectrum(Criterion):
 class SpectrumObjective(Objective):
     """A mean of variances on one pool.
 
-    Parameters
-    ----------
-    K : ndarray (p, k)
-        Combinations of interest, in scaled parameters.
+    ``K`` (p, k): combinations of interest, in scaled parameters.
     """
 
     def __init__(self, candidates: Candidates, K: FloatArray, order: float) -> None:

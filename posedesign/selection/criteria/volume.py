@@ -20,10 +20,8 @@ class Volume(Criterion):
 
     With parameters of interest the others are nuisances, and are marginalised (D_s-optimality).
 
-    Parameters
-    ----------
-    interest : ndarray (p, k), optional
-        Combinations of the parameters that are of interest, as columns; all by default.
+    ``interest`` (p, k): combinations of the parameters that are of interest, as columns; all by
+    default.
     """
 
     smaller_is_better = False
@@ -51,10 +49,7 @@ class Volume(Criterion):
 class RootVolume(Volume):
     """O1 of Borm and Menq 1991: the root of D, over the root of the number of poses.
 
-    Parameters
-    ----------
-    count : int
-        Poses to be chosen.
+    ``count``: poses to be chosen.
     """
 
     falls_with_poses = False
@@ -73,10 +68,7 @@ class RootVolume(Volume):
 class VolumeObjective(Objective):
     """D on one pool.
 
-    Parameters
-    ----------
-    K : ndarray (p, k)
-        Combinations of interest, in scaled parameters.
+    ``K`` (p, k): combinations of interest, in scaled parameters.
     """
 
     def __init__(self, candidates: Candidates, K: FloatArray) -> None:

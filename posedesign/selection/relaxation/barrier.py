@@ -77,14 +77,9 @@ def relax_by(
 ) -> Relaxation:
     """The best weights by any method that solves working sets.
 
-    Parameters
-    ----------
-    minimise : callable
-        Of a working set and a tolerance: weights, and the cost with its derivatives there.
-    certificate_of : callable
-        The proof that these give.
-    count : int
-        Above 0, and less than there are candidates.
+    ``minimise``: of a working set and a tolerance: weights, and the cost with its derivatives
+    there. ``certificate_of``: the proof that these give. ``count``: above 0, and less than there
+    are candidates.
     """
     N = candidates.N
     working = _first(candidates, count)

@@ -47,16 +47,9 @@ class Certificate(ABC):
 class MeanCertificate(Certificate):
     """Proof for a mean variance.
 
-    Attributes
-    ----------
-    Z : ndarray (p, p)
-        Any positive semidefinite matrix [scaled parameters].
-    K : ndarray (p, k)
-        Combinations of interest.
-    order : float
-        Of the mean: 0 geometric, 1 arithmetic, infinite: the largest.
-    total : bool
-        The cost is the sum of the variances in place of their mean.
+    ``Z`` (p, p): any positive semidefinite matrix [scaled parameters]. ``K`` (p, k): combinations
+    of interest. ``order``: of the mean: 0 geometric, 1 arithmetic, infinite: the largest.
+    ``total``: the cost is the sum of the variances in place of their mean.
     """
 
     Z: FloatArray
@@ -91,12 +84,9 @@ class MeanCertificate(Certificate):
 class ConditionCertificate(Certificate):
     """Proof for the ratio of extreme eigenvalues of the information, its parameters rescaled.
 
-    Attributes
-    ----------
-    Y, Z : ndarray (p, p)
-        Any positive semidefinite matrices: near the directions of least and of most information.
-    lowest, highest : ndarray (p,)
-        Between which the squares of the scales of the parameters lie, whatever is chosen.
+    ``Y``, ``Z`` (p, p): any positive semidefinite matrices: near the directions of least and of
+    most information. ``lowest``, ``highest`` (p,): between which the squares of the scales of the
+    parameters lie, whatever is chosen.
     """
 
     Y: FloatArray

@@ -101,12 +101,8 @@ def relax_condition(
     given ratio a linear program over matrices. The solution of one ratio has a smaller one of its
     own, its duals prove another, and the next ratio tried lies between the two.
 
-    Parameters
-    ----------
-    lowest, highest : ndarray (p,)
-        Between which the squares of the scales lie.
-    root : bool
-        The cost is the root of the ratio.
+    ``lowest``, ``highest`` (p,): between which the squares of the scales lie. ``root``: the cost is
+    the root of the ratio.
     """
     tolerance = 2.0 * tolerance if root else tolerance
     bound, proof = (
@@ -148,16 +144,8 @@ class _Root(ConditionCertificate):
 class _RatioSearch:
     """The smallest ratio on a working set.
 
-    Attributes
-    ----------
-    w : ndarray (n,)
-        The best weights found.
-    ratio : float
-        Of these.
-    Y, Z : ndarray (p, p)
-        Duals of the strongest proof, on the working set.
-    proven : float
-        What it proves there.
+    ``w`` (n,): the best weights found. ``ratio``: of these. ``Y``, ``Z`` (p, p): duals of the
+    strongest proof, on the working set. ``proven``: what it proves there.
     """
 
     def __init__(
@@ -237,14 +225,8 @@ def _diagonals(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Unknowns of which a diagonal between bounds, up to a common factor, is made.
 
-    Returns
-    -------
-    shape : ndarray (q, p)
-        The diagonal for each unknown.
-    rows : ndarray (l, q)
-        Of what must not be negative.
-    start : ndarray (q,)
-        Unknowns in the middle.
+    Returns ``shape`` (q, p): the diagonal for each unknown. ``rows`` (l, q): of what must not be
+    negative. ``start`` (q,): unknowns in the middle.
     """
     p = len(lowest)
     if not np.isfinite(highest).all():

@@ -30,11 +30,7 @@ BOLD, TIMID, LONG = 0.1, 0.4, 0.7
 class Errors:
     """Mean square errors at some weights.
 
-    Attributes
-    ----------
-    squares : ndarray (K,)
-    slopes : ndarray (n, K)
-        Less the derivatives of their logarithms.
+    ``squares`` (K,). ``slopes`` (n, K): less the derivatives of their logarithms.
     """
 
     squares: FloatArray

@@ -17,15 +17,9 @@ if TYPE_CHECKING:
 class Smooth:
     """Cost of weighted candidates, and the derivatives of its logarithm.
 
-    Attributes
-    ----------
-    Z : ndarray (p, p)
-        Less the derivative by the information: ``trace(Z Jᵀ J)`` is by how much a candidate lowers
-        the logarithm.
-    curvature : ndarray (n, n)
-        Second derivatives by the weights.
-    weights_of_functions : ndarray (K,), optional
-        Of the functions of the parameters of which the largest counts.
+    ``Z`` (p, p): less the derivative by the information: ``trace(Z Jᵀ J)`` is by how much a
+    candidate lowers the logarithm. ``curvature`` (n, n): second derivatives by the weights.
+    ``weights_of_functions`` (K,): of the functions of the parameters of which the largest counts.
     """
 
     cost: float
@@ -38,16 +32,10 @@ class Smooth:
 class Relaxation:
     """The best that fractions of candidates can be.
 
-    Attributes
-    ----------
-    weights : ndarray (N,)
-        From 0 to 1; their sum is the number of poses.
-    cost : float
-        Of these weights.
-    certificate : Certificate or None
-        Proof that no weights, and so no choice, cost less than ``bound``; None where the bound is
-        put together from several, or where all choices were tried: the weights are then those of
-        the best.
+    ``weights`` (N,): from 0 to 1; their sum is the number of poses. ``cost``: of these weights.
+    ``certificate``: proof that no weights, and so no choice, cost less than ``bound``; None where
+    the bound is put together from several, or where all choices were tried: the weights are then
+    those of the best.
     """
 
     weights: FloatArray

@@ -41,9 +41,7 @@ LONG = 0.7
 class Inequality:
     """``share M(w) + sum_e x_e extra_e`` is positive semidefinite.
 
-    Attributes
-    ----------
-    extra : ndarray (q, p, p)
+    ``extra`` (q, p, p).
     """
 
     share: float
@@ -54,14 +52,8 @@ class Inequality:
 class Point:
     """Where the method is.
 
-    Attributes
-    ----------
-    w : ndarray (n,)
-    x : ndarray (q,)
-    Y : list of ndarray (p, p)
-        Duals of the inequalities.
-    gap : float
-        Between the cost and that of the duals, where both keep to the rules.
+    ``w`` (n,). ``x`` (q,). ``Y`` (p, p): duals of the inequalities. ``gap``: between the cost and
+    that of the duals, where both keep to the rules.
     """
 
     w: FloatArray
@@ -73,13 +65,8 @@ class Point:
 class Program:
     """Weights of some candidates, and further unknowns, under matrix inequalities.
 
-    Parameters
-    ----------
-    count : int
-        Sum of the weights; less than there are candidates.
-    cost : ndarray (q,)
-    rows : ndarray (l, q)
-        Of what must not be negative, ``R x``.
+    ``count``: sum of the weights; less than there are candidates. ``cost`` (q,). ``rows`` (l, q):
+    of what must not be negative, ``R x``.
     """
 
     def __init__(
@@ -100,12 +87,7 @@ class Program:
 
         Ends where no further step can be made.
 
-        Parameters
-        ----------
-        w : ndarray (n,)
-        x : ndarray (q,)
-        mu : float
-            Complementarity to begin with.
+        ``w`` (n,). ``x`` (q,). ``mu``: complementarity to begin with.
         """
         point = Point(w.copy(), x.copy())
         S = self._matrices(point.w, point.x)

@@ -150,7 +150,5 @@ def _said(verdicts: Verdicts, rows: IntArray, k: int) -> tuple[str, str]:
 
 def _error(tried: int, what: str, share: float, reason: str, remedy: str) -> UnreachableError:
     return UnreachableError(
-        f"none of {tried} {what}; {share:.0%} of them: {reason}",
-        hint=remedy or _HINT,
-        name="pool",
+        f"none of {tried} {what}; {share:.0%} of them: {reason}", hint=remedy or _HINT, name="pool"
     )

@@ -22,10 +22,7 @@ _FEWEST, _MOST = 1_000, 20_000
 
 
 def joint_pool(
-    cell: Cell,
-    count: int,
-    rng: np.random.Generator,
-    largest_turn: float = LARGEST_TURN_RAD,
+    cell: Cell, count: int, rng: np.random.Generator, largest_turn: float = LARGEST_TURN_RAD
 ) -> Pool:
     """Postures around the base posture that keep every constraint, wherever the tool point is.
 

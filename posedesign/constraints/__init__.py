@@ -5,11 +5,7 @@ from posedesign.constraints.constraint import ROUNDING, Constraint, Situation
 from posedesign.constraints.postures import Postures, nearest_postures
 from posedesign.constraints.retreat import MotionChecker, Retreat
 from posedesign.constraints.space import Collision, SelfCollision
-from posedesign.constraints.visibility import (
-    Distance,
-    InImage,
-    Tilt,
-)
+from posedesign.constraints.visibility import Distance, InImage, Tilt
 
 __all__ = [
     "ROUNDING",

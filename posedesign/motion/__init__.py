@@ -5,9 +5,4 @@ from posedesign.motion.known_motions import KnownMotions
 from posedesign.motion.route import Router
 from posedesign.motion.waypoints import Route
 
-__all__ = [
-    "KnownMotions",
-    "Route",
-    "Router",
-    "find_approaches",
-]
+__all__ = ["KnownMotions", "Route", "Router", "find_approaches"]

@@ -10,18 +10,8 @@ from posedesign.planning.checks import (
 from posedesign.planning.loop import plan, scaling_of
 from posedesign.planning.pose_list import PoseList
 from posedesign.planning.pose_margins import Margins
-from posedesign.planning.pose_plan import (
-    PosePlan,
-    Round,
-    displayed,
-    fingerprint,
-)
-from posedesign.planning.poses_file import (
-    POSE_AXES,
-    read_poses,
-    read_robot_poses,
-    write_pose_list,
-)
+from posedesign.planning.pose_plan import PosePlan, Round, displayed, fingerprint
+from posedesign.planning.poses_file import POSE_AXES, read_poses, read_robot_poses, write_pose_list
 from posedesign.planning.tables import write_touch_ups
 
 __all__ = [

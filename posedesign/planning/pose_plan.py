@@ -138,11 +138,7 @@ class PoseSet:
             status[i] = PoseStatus.DROPPED
             shut_out[i] = why
         return replace(
-            self,
-            postures=postures,
-            status=tuple(status),
-            shut_out=tuple(shut_out),
-            turned=turned,
+            self, postures=postures, status=tuple(status), shut_out=tuple(shut_out), turned=turned
         )
 
 

@@ -180,11 +180,7 @@ def _configurations(robot: Robot, postures: FloatArray) -> list[str]:
 
 
 def read_poses(
-    path: Path,
-    n: int | None,
-    *,
-    controller: Controller | None = None,
-    trust_units: bool = False,
+    path: Path, n: int | None, *, controller: Controller | None = None, trust_units: bool = False
 ) -> PoseList:
     """Read the postures of a ``poses.csv``.
 

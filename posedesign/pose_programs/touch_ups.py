@@ -186,10 +186,7 @@ def _with_positions(files: Sequence[Path]) -> list[Path]:
     """The files without companions that hold no positions, where what holds them is there, too."""
     kept = []
     for path in files:
-        held = next(
-            (d for d in DIALECTS.values() if path.suffix.lower() in d.companions),
-            None,
-        )
+        held = next((d for d in DIALECTS.values() if path.suffix.lower() in d.companions), None)
         beside = {
             (other.parent if held and held.in_folder else other.parent / other.stem)
             for other in files

@@ -1,23 +1,17 @@
 """Choosing poses out of a pool, from their blocks alone: arrays ``(N, m, p)``, no robot."""
 
 from posedesign.selection.candidates import Candidates
-from posedesign.selection.criteria import CRITERIA, Criterion
-from posedesign.selection.criteria.registry import (
+from posedesign.selection.criteria import (
+    CRITERIA,
     criterion_by_name,
     largest_deviation,
     mean_deviation,
     wanted_deviations,
 )
-from posedesign.selection.fewest import select_fewest
-from posedesign.selection.indices import (
-    PER_MRAD_AND_MM,
-    Indices,
-    condition_inf,
-    evaluate,
-)
+from posedesign.selection.criterion import Criterion
+from posedesign.selection.indices import PER_MRAD_AND_MM, Indices, condition_inf, evaluate
 from posedesign.selection.search import METHODS
-from posedesign.selection.select import select
-from posedesign.selection.selection import Fewest, Selection
+from posedesign.selection.select import Fewest, Selection, select, select_fewest
 
 __all__ = [
     "CRITERIA",

@@ -21,9 +21,6 @@ take the memory that a million candidates need."""
 _NAMED = 0.1
 """Parameters whose weight in an invisible combination is below this are not named in it."""
 
-_ONE_IN_A_BLOCK = 3
-"""Dimensions of an array of blocks ``(N, m, p)``."""
-
 
 class Candidates:
     """A pool of poses.
@@ -40,16 +37,12 @@ class Candidates:
     """
 
     def __init__(
-        self,
-        blocks: ArrayLike,
-        known: ArrayLike | None = None,
-        names: Sequence[str] | None = None,
+        self, blocks: ArrayLike, known: ArrayLike | None = None, names: Sequence[str] | None = None
     ) -> None:
         given = numbers(blocks, "blocks")
-        if given.ndim != _ONE_IN_A_BLOCK or 0 in given.shape:
+        if given.ndim != 3 or 0 in given.shape:
             raise InputError(
-                f"a pool needs blocks (N, m, p), not an array of shape {given.shape}",
-                name="blocks",
+                f"a pool needs blocks (N, m, p), not an array of shape {given.shape}", name="blocks"
             )
         p = given.shape[2]
         rows = np.zeros((0, p)) if known is None else numbers(known, "known")
@@ -65,8 +58,10 @@ class Candidates:
             raise InputError(f"{len(self.names)} names for {p} parameters", name="names")
         most = np.maximum(given.max(axis=(0, 1)), -given.min(axis=(0, 1)))
         if not np.isfinite(most).all():
+            bad = ~np.isfinite(given).all(axis=(1, 2))
             raise InputError(
-                "the blocks contain numbers that are not finite" + _first_not_finite(given),
+                "the blocks contain numbers that are not finite: "
+                f"candidate {int(np.argmax(bad))} is the first of {int(bad.sum())}",
                 hint="leave those poses out",
                 name="blocks",
             )
@@ -105,26 +100,23 @@ class Candidates:
         """Number of parameters."""
         return int(self.J.shape[2])
 
+    def _like(self, J: FloatArray, known_rows: FloatArray) -> Candidates:
+        other = object.__new__(Candidates)
+        other.names, other.scale, other.J = self.names, self.scale, np.ascontiguousarray(J)
+        other._known_rows, other.known = known_rows, self.known
+        return other
+
     def take(self, rows: IntArray) -> Candidates:
         """Some of the candidates, in the same scaling."""
-        some = object.__new__(Candidates)
-        some.names, some.scale, some.known = self.names, self.scale, self.known
-        some._known_rows = self._known_rows
-        some.J = np.ascontiguousarray(self.J[rows])
-        return some
+        return self._like(self.J[rows], self._known_rows)
 
     def with_blocks(self, J: FloatArray) -> Candidates:
         """Other blocks ``(N, m, p)`` of the same candidates, in the same scaling."""
-        other = object.__new__(Candidates)
-        other.names, other.scale, other.known = self.names, self.scale, self.known
-        other._known_rows, other.J = self._known_rows, np.ascontiguousarray(J)
-        return other
+        return self._like(J, self._known_rows)
 
     def knowing(self, rows: IntArray) -> Candidates:
-        """The same pool with some of its candidates taken for known."""
-        other = object.__new__(Candidates)
-        other.names, other.scale, other.J = self.names, self.scale, self.J
-        other._known_rows = np.vstack([self._known_rows, self.J[rows].reshape(-1, self.p)])
+        """The same with some of the candidates taken for known."""
+        other = self._like(self.J, np.vstack([self._known_rows, self.J[rows].reshape(-1, self.p)]))
         other.known = other._known_rows.T @ other._known_rows
         return other
 
@@ -258,6 +250,28 @@ def _hidden(root: FloatArray) -> FloatArray:
     return np.asarray(Vt[values <= RANK_TOLERANCE * values[0]])
 
 
-def _first_not_finite(blocks: FloatArray) -> str:
-    bad = ~np.isfinite(blocks).all(axis=(1, 2))
-    return f": candidate {int(np.argmax(bad))} is the first of {int(bad.sum())}"
+def products_by_pairs(
+    candidates: Candidates, P: FloatArray, Q: FloatArray | None = None
+) -> FloatArray:
+    """``trace(J_i P J_jᵀ J_j Q J_iᵀ)`` of all pairs of candidates ``(n, n)``; Q is P by default.
+
+    ``P``, ``Q`` (p, p): positive semidefinite.
+    """
+    by_row = np.moveaxis(candidates.J, 1, 0)  # (m, n, p)
+    first = by_row @ root_of(P)
+    second = first if Q is None else by_row @ root_of(Q)
+    total = np.zeros((candidates.N, candidates.N))
+    for a in range(candidates.m):
+        for b in range(a, candidates.m):
+            products = first[a] @ first[b].T
+            products *= products if Q is None else second[a] @ second[b].T
+            total += products
+            if b > a:  # rows a of i with b of j, and the other way round
+                total += products.T
+    return total
+
+
+def root_of(P: FloatArray) -> FloatArray:
+    """A root ``(p, p)`` of a positive semidefinite matrix, what is below zero cut off."""
+    values, vectors = np.linalg.eigh(P)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -1,13 +1,152 @@
-"""Information matrices of many choices out of a small pool at once."""
+"""What a choice of poses knows, kept up to date as poses are taken in and put back.
+
+A pose changes the covariance C by an update of as many ranks as it has rows::
+
+    C ∓ C Jᵀ (1 ± J C Jᵀ)⁻¹ J C
+
+With it go the leverages ``J C Jᵀ`` of all candidates, at the cost of one thin product, so that
+after every change all candidates can be judged without a matrix of parameters being inverted.
+"""
 
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
+
+FAINT = 1e-6
+"""Part of the pool's mean information, for each pose chosen, that is there before the first: what
+is not yet determined is known a thousand times worse than by the pool, not infinitely badly."""
+
+_AT_ONCE = 16
+"""Entries of a diagonal that are multiplied: each is at most what a pose adds to what is faint."""
+
+
+class InformationState:
+    """A choice out of a pool.
+
+    ``rows`` (n,): the choice to begin with. ``count``: poses to be chosen in the end. ``M``, ``C``
+    (p, p): information and covariance of the choice [scaled]. ``S`` (m, m, N): leverages ``J C Jᵀ``
+    of the candidates, candidate last. ``chosen`` (N,).
+    """
+
+    def __init__(self, candidates: Candidates, rows: IntArray, count: int) -> None:
+        self.candidates = candidates
+        self.chosen: BoolArray = np.zeros(candidates.N, dtype=bool)
+        self.chosen[rows] = True
+        self._faint = FAINT * count / candidates.N * candidates.whole
+        # the last digits of what has no information at all must not decide
+        self._faint[np.diag_indices(candidates.p)] += FAINT**2
+        self.refresh()
+
+    @property
+    def rows(self) -> IntArray:
+        """The choice, ascending."""
+        return np.flatnonzero(self.chosen)
+
+    @property
+    def snapshot(self) -> tuple[object, ...]:
+        """All that changes, to go back to."""
+        return self.M, self.C, self.S.copy(), self.chosen.copy()
+
+    @snapshot.setter
+    def snapshot(self, before: tuple[Any, ...]) -> None:
+        self.M, self.C, self.S, self.chosen = before
+
+    def refresh(self) -> None:
+        """Compute everything anew: updates gather rounding."""
+        J = self.candidates.J
+        self.M = self.candidates.information(self.rows) + self._faint
+        self.C = np.asarray(np.linalg.inv(self.M))
+        N, m, _ = J.shape
+        self.S = np.empty((m, m, N))
+        for part in self.candidates.chunks(2 * self.candidates.m * self.candidates.p):
+            moved = J[part] @ self.C
+            self.S[:, :, part] = np.einsum("nap,nbp->abn", moved, J[part])
+
+    def take(self, row: int) -> None:
+        """Take a candidate in."""
+        self._change(row, 1.0)
+
+    def drop(self, row: int) -> None:
+        """Put a candidate back."""
+        self._change(row, -1.0)
+
+    def _change(self, row: int, sign: float) -> None:
+        J = self.candidates.J
+        own = J[row]  # (m, p)
+        inner = np.eye(len(own)) + sign * own @ self.C @ own.T
+        values, vectors = np.linalg.eigh(inner)
+        U = self.C @ own.T @ (vectors / np.sqrt(np.maximum(values, np.finfo(float).tiny)))
+        self.C = self.C - sign * U @ U.T
+        self.M = self.M + sign * own.T @ own
+        self.chosen[row] = sign > 0.0
+        for part in self.candidates.chunks(2 * self.candidates.m**2):
+            moved = U.T @ self.candidates.by_row[:, :, part]  # (m, m, chunk)
+            for a in range(len(moved)):
+                self.S[a, :, part] -= sign * (moved[a] * moved).sum(axis=1)
+
+    def change(
+        self, part: slice | IntArray, sign: float, right: FloatArray | None = None
+    ) -> tuple[FloatArray, BoolArray]:
+        """What each of some candidates changes in the covariance.
+
+        ``sign``: +1: taken in; -1: put back. ``right`` (p, r): combinations of the parameters that
+        are of interest; all by default. Returns ``root`` (m, r, n): their covariance becomes
+        ``rightᵀ C right - sign rootᵀ root``. NaN where the change cannot be made. ``possible``
+        (n,).
+        """
+        CU = self.C if right is None else self.C @ right
+        root = CU.T @ self.candidates.by_row[:, :, part]
+        _solve_root(self.root_of_change(part, sign), root)
+        possible = np.asarray(np.isfinite(root).all(axis=(0, 1)))
+        if not possible.all():
+            root[:, :, ~possible] = np.nan
+        return root, possible
+
+    def root_of_change(self, part: slice | IntArray, sign: float) -> FloatArray:
+        """Triangular roots ``(m, m, n)`` of ``1 ± J C Jᵀ``; zero where there is none."""
+        A = np.asarray(sign * self.S[:, :, part])
+        m = len(A)
+        A[np.arange(m), np.arange(m)] += 1.0
+        for a in range(m):
+            pivot = np.sqrt(np.maximum(A[a, a], 0.0))
+            inverse = np.divide(1.0, pivot, out=np.zeros_like(pivot), where=pivot > 0.0)
+            A[a, a] = pivot
+            A[a + 1 :, a] *= inverse
+            for b in range(a + 1, m):
+                A[b:, b] -= A[b:, a] * A[b, a]
+        return A
+
+
+def log_det_of_root(root: FloatArray) -> FloatArray:
+    """Logarithm ``(n,)`` of the determinant of what triangular roots ``(m, m, n)`` are those of."""
+    diagonal = np.einsum("aan->an", root)
+    total = np.zeros(root.shape[2])
+    with np.errstate(divide="ignore"):
+        # few logarithms, of products that are too short to overflow
+        for a in range(0, len(diagonal), _AT_ONCE):
+            total += np.log(np.prod(diagonal[a : a + _AT_ONCE], axis=0))
+    return 2.0 * total
+
+
+def _solve_root(root: FloatArray, moved: FloatArray) -> None:
+    """Forward substitution of ``moved`` (m, r, n) by triangular roots ``(m, m, n)``, in place.
+
+    Infinite where a root is singular: the change cannot be made.
+    """
+    for a in range(len(root)):
+        for b in range(a):
+            moved[a] -= root[a, b] * moved[b]
+        pivot = root[a, a]
+        inverse = np.divide(1.0, pivot, out=np.full_like(pivot, np.inf), where=pivot > 0.0)
+        with np.errstate(invalid="ignore"):
+            moved[a] *= inverse
+
 
 SEEN = 1e-9
 """Smallest eigenvalue, columns of unit length, from which a choice is taken to see everything; the

@@ -1,25 +1,145 @@
-"""The choice of n poses out of a pool by a criterion, and its distance from the best there is."""
+"""The choice of n poses by a criterion, how far it is from the best, and the fewest that do.
+
+The fewest, from above: poses are taken in one by one until the value is reached, then exchange is
+tried with fewer and fewer. From below: the relaxation of a number of poses proves that none of as
+many can reach it. Where the two meet the number is proven.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import comb
 from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, check_type, near_names, one_line
-from calib.se3 import IntArray
+from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
-from posedesign.selection.criteria import Criterion, criterion_by_name
-from posedesign.selection.criteria.base import covariance_of_root
-from posedesign.selection.relaxation import Relaxation
-from posedesign.selection.search import METHODS, Found, Search
-from posedesign.selection.selection import Selection
+from posedesign.selection.certificate import Relaxation
+from posedesign.selection.criteria import criterion_by_name
+from posedesign.selection.criterion import Criterion, covariance_of_root
+from posedesign.selection.search import ENUMERATED, METHODS, Found, Search
+
+PROVEN = 0.9995
+"""Efficiency from which a choice is called the best there is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Poses chosen out of a pool.
+
+    ``indices`` (n,): into the pool, ascending, with those that were kept. ``criterion``: what they
+    were chosen by. ``value``: of the choice, as the criterion is known; see ``criterion.title``.
+    ``bound``: what no choice of as many poses can be better than; NaN where it was not asked for.
+    ``efficiency``: in terms of information, 0 to 1: .97 proves that no choice of less than .97 n
+    poses can be as good. Of condition numbers the bound over the value. ``covariance`` (p, p):
+    predicted, in the units of the blocks; infinite where not all is identified. ``relaxation``:
+    where the bound is from. ``values_of_starts``: what each start came to. ``duplicates``:
+    candidates that are there more than once, and were offered once.
+    """
+
+    indices: IntArray
+    criterion: Criterion
+    value: float
+    bound: float
+    efficiency: float
+    covariance: FloatArray
+    relaxation: Relaxation | None
+    values_of_starts: tuple[float, ...]
+    duplicates: int
+
+    @property
+    def count(self) -> int:
+        """Number of poses."""
+        return len(self.indices)
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Predicted standard deviations ``(p,)``, in the units of the blocks."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def status(self) -> str:
+        """``"best"`` (proven), ``"bounded"``, ``"no bound"`` or ``"not identifiable"``."""
+        if not np.isfinite(self.sigma).all():
+            return "not identifiable"
+        if np.isnan(self.efficiency):
+            return "no bound"
+        return "best" if self.efficiency >= PROVEN else "bounded"
+
+    @property
+    def message(self) -> str:
+        """The outcome in a sentence."""
+        name = self.criterion.name
+        text = f"{self.count} poses: {name} {self.value:.4g}"
+        if self.status == "not identifiable":
+            return f"{self.count} poses do not determine all parameters"
+        if np.isfinite(self.efficiency):
+            side = "below" if self.criterion.smaller_is_better else "above"
+            text += (
+                f"; proven: none of {self.count} is {side} {self.bound:.4g} "
+                f"(efficiency {self.efficiency:.3f})"
+            )
+        if self.duplicates:
+            text += f"; {self.duplicates} candidates are there more than once and were offered once"
+        return text
+
+
+@dataclass(frozen=True, eq=False)
+class Fewest:
+    """The fewest poses that reach a value.
+
+    ``selection``: the poses; where the value is out of reach, the best that was found. ``fewer``:
+    the best choice found of one pose fewer, which does not reach it. ``wanted``: the value asked
+    for. ``at_least``: proven: fewer poses than that cannot reach it.
+    """
+
+    selection: Selection
+    fewer: Selection | None
+    wanted: float
+    reached: bool
+    at_least: int
+
+    @property
+    def message(self) -> str:
+        """The outcome in a sentence."""
+        found, name = self.selection, self.selection.criterion.name
+        if not self.reached:
+            if not np.isfinite(found.value) or found.status == "not identifiable":
+                return f"all {found.count} poses together do not determine all parameters"
+            text = (
+                f"out of reach: the best that the pool gives is {name} {found.value:.4g} with "
+                f"{found.count} poses, {self.wanted:.4g} is wanted"
+            )
+            if self.times:
+                text += f": each of them would have to be measured {self.times} times"
+            return text
+        text = f"{found.count} poses reach {name} {found.value:.4g} ({self.wanted:.4g} wanted)"
+        if self.fewer is not None:
+            text += f"; {self.fewer.count} were found to reach {self.fewer.value:.4g} only"
+        if self.at_least >= found.count:
+            return text + "; proven: fewer cannot"
+        return text + f"; proven: fewer than {self.at_least} cannot"
+
+    @property
+    def times(self) -> int:
+        """How often all poses would have to be measured, as variances fall with the number.
+
+        0 where nothing is gained by it.
+        """
+        criterion = self.selection.criterion
+        if not criterion.falls_with_poses or not np.isfinite(self.selection.value):
+            return 0
+        ratio = criterion.cost_of(self.selection.value) / criterion.cost_of(self.wanted)
+        return int(np.ceil(ratio))
+
 
 STARTS = 6
-"""Starts of the exchange. In small pools many more are made at once (see :mod:`~.small`); in large
+"""Starts of the exchange. In small pools many more are made at once; in large
 ones fewer, where they bring no more."""
 
 TOLERANCE = 1e-3
@@ -42,7 +162,7 @@ def select(
     bound: bool = True,
     rng: np.random.Generator | None = None,
 ) -> Selection:
-    """Choose n poses of a pool.
+    """Choose n poses out of candidates.
 
     Parameters
     ----------
@@ -52,8 +172,8 @@ def select(
     n : int
         Poses to choose, those of ``keep`` included.
     criterion : str or Criterion
-        A name of :data:`~posedesign.selection.criteria.registry.CRITERIA`, or one that is made of
-        linear functions of the parameters.
+        A name of :data:`~posedesign.selection.criteria.CRITERIA`, or one that is made of linear
+        functions of the parameters.
     method : str
         One of :data:`METHODS`.
     known : array_like (..., p), optional
@@ -66,14 +186,12 @@ def select(
         Of the parameters, for errors.
     threshold : float, optional
         Value that has to be reached; refused at once where no choice can.
-    starts : int
-        Starts of the exchange.
     tolerance : float
         Part to which the bound is sharpened.
     bound : bool
-        False: no relaxation; starts are drawn from the pool, and no efficiency is known.
+        False: no relaxation; starts are drawn from all, and no efficiency is known.
     rng : numpy.random.Generator, optional
-        For the starts; the same choice every time by default.
+        For the starts of the exchange; the same choice every time by default.
 
     Raises
     ------
@@ -81,30 +199,27 @@ def select(
         Blocks that cannot be used, more poses than candidates, an unknown criterion or method, or
         a threshold that no choice reaches.
     NotIdentifiableError
-        The whole pool cannot identify some of the parameters, which are named.
+        All together cannot identify some of the parameters, which are named.
     """
     pool = Candidates(blocks, known, names)
     kept = _checked_keep(keep, pool.N)
     offered = np.union1d(pool.distinct(), kept)
     _check_count(n, len(kept), len(offered), pool.N)
     _check_options(method, starts, tolerance, threshold)
-    chosen_by = (
-        criterion
-        if isinstance(criterion, Criterion)
-        else criterion_by_name(criterion, pool.p, n, interest)
-    )
+    if not isinstance(criterion, Criterion):
+        criterion = criterion_by_name(criterion, pool.p, n, interest)
     pool.check_identifiable()
     work = pool if len(offered) == pool.N else pool.take(offered)
-    search = Search(work, chosen_by, n, np.searchsorted(offered, kept))
+    search = Search(work, criterion, n, np.searchsorted(offered, kept))
     tried = search.all_tried(method)
     found, relaxed = tried if tried is not None else (None, None)
     if relaxed is None and (bound or method == "rounding" or threshold is not None):
         relaxed = search.relax(tolerance)
     if threshold is not None and relaxed is not None:
-        check_threshold(chosen_by, threshold, relaxed.bound, n)
+        _check_threshold(criterion, threshold, relaxed.bound, n)
     if found is None:
         found = search.run(method, starts, relaxed, rng or np.random.default_rng(0))
-    return _selection(pool, offered, chosen_by, found, relaxed if bound else None)
+    return _selection(pool, offered, criterion, found, relaxed if bound else None)
 
 
 def _selection(
@@ -116,6 +231,9 @@ def _selection(
 ) -> Selection:
     indices, cost = offered[found.rows], min(found.costs)
     C = covariance_of_root(pool.root(indices))
+    unscaled = np.full((pool.p, pool.p), np.inf)
+    if C is not None:
+        unscaled = C / np.outer(pool.scale, pool.scale)
     efficiency = np.nan
     if relaxed is not None and np.isfinite(cost) and cost > 0.0:
         efficiency = min(1.0, relaxed.bound / cost)
@@ -129,20 +247,15 @@ def _selection(
         value=criterion.shown(cost),
         bound=criterion.shown(relaxed.bound) if relaxed is not None else np.nan,
         efficiency=float(efficiency),
-        covariance=(
-            np.full((pool.p, pool.p), np.inf) if C is None else C / np.outer(pool.scale, pool.scale)
-        ),
+        covariance=unscaled,
         relaxation=relaxed,
         values_of_starts=tuple(criterion.shown(each) for each in found.costs),
         duplicates=pool.N - len(offered),
     )
 
 
-def check_threshold(criterion: Criterion, threshold: float, bound: float, n: int) -> None:
-    """Refuse a value that no choice can reach.
-
-    ``threshold``: as the criterion is shown. ``bound``: proven bound of the cost.
-    """
+def _check_threshold(criterion: Criterion, threshold: float, bound: float, n: int) -> None:
+    """Refuse a value that no choice can reach; ``bound`` is the proven one of the cost."""
     if criterion.cost_of(threshold) >= bound:
         return
     side = "below" if criterion.smaller_is_better else "above"
@@ -220,3 +333,130 @@ def _check_count(n: int, kept: int, offered: int, N: int) -> None:
         raise InputError(
             f"{n} poses, {kept} of which are kept", hint="ask for more poses", name="n", value=n
         )
+
+
+ROUGH = 0.02
+"""Part to which bounds are sharpened while the number of poses is looked for."""
+
+MOST_CONDITION_POSES = 200
+"""Poses that a condition number is tried with at most: more of them need not lower it."""
+
+
+def select_fewest(
+    blocks: ArrayLike,
+    criterion: str | Criterion,
+    value: float = 1.0,
+    *,
+    known: ArrayLike | None = None,
+    keep: Sequence[int] = (),
+    interest: Sequence[int] | None = None,
+    names: Sequence[str] | None = None,
+    starts: int = STARTS,
+) -> Fewest:
+    """Choose the fewest poses that reach a value of a criterion.
+
+    The options are those of :func:`select`; ``value`` is as the criterion is shown: 1 for
+    :func:`~posedesign.selection.criteria.wanted_deviations`.
+
+    Raises
+    ------
+    InputError
+        Blocks or a value that cannot be used.
+    NotIdentifiableError
+        All together cannot identify some of the parameters, which are named.
+    """
+    if not (np.isfinite(value) and value > 0.0):
+        raise InputError(f"a wanted value of {value:g}", hint="it must be above zero", name="value")
+    pool = Candidates(blocks, known, names)
+    pool.check_identifiable()
+
+    def of_count(count: int) -> Criterion:  # O1 is another one for each number of poses
+        if isinstance(criterion, Criterion):
+            return criterion
+        return criterion_by_name(criterion, pool.p, count, interest)
+
+    monotone = of_count(pool.N).falls_with_poses  # an unknown name is told before anything else
+    least = max(1, len(keep), 0 if known is not None else int(np.ceil(pool.p / pool.m)))
+
+    def choose(count: int) -> Selection:
+        given = partial(select, known=known, keep=keep, interest=interest, names=names)
+        return given(blocks, count, criterion, starts=starts, tolerance=ROUGH)
+
+    return _FewestSearch(pool, of_count, value, keep, choose, least).run(monotone=monotone)
+
+
+@dataclass(frozen=True, eq=False)
+class _FewestSearch:
+    """Between the most that are needed and the fewest that are proven."""
+
+    pool: Candidates
+    criterion_of: Callable[[int], Criterion]
+    value: float
+    keep: Sequence[int]
+    select: Callable[[int], Selection]
+    least: int
+    found: dict[int, Selection] = field(default_factory=dict)
+
+    def run(self, *, monotone: bool) -> Fewest:
+        """Bracket, halve, report."""
+        offered = len(np.union1d(self.pool.distinct(), np.asarray(self.keep, dtype=np.intp)))
+        most = offered if monotone else min(offered, MOST_CONDITION_POSES)
+        upper = None
+        if not monotone or self._enough(self._cost_of_all(offered), offered):
+            upper = self._reached_from(most)
+        if upper is None:
+            at_least = most if monotone else self.least
+            return Fewest(self._choose(most), None, self.value, reached=False, at_least=at_least)
+        low = lower = self._proven_from(upper, offered) if monotone else self.least
+        while low < upper:
+            middle = (low + upper) // 2
+            if self._does(middle):
+                upper = middle
+            else:
+                low = middle + 1
+        fewer = self._choose(upper - 1) if upper > self.least else None
+        return Fewest(self._choose(upper), fewer, self.value, reached=True, at_least=lower)
+
+    def _enough(self, cost: float, count: int) -> bool:
+        # rounding of the last digits must not ask for a pose more
+        return bool(cost <= self.criterion_of(count).cost_of(self.value) * (1.0 + 1e-9))
+
+    def _choose(self, count: int) -> Selection:
+        if count not in self.found:
+            self.found[count] = self.select(count)
+        return self.found[count]
+
+    def _does(self, count: int) -> bool:
+        found = self._choose(count)
+        return self._enough(found.criterion.cost_of(found.value), count)
+
+    def _cost_of_all(self, offered: int) -> float:
+        return self.criterion_of(offered).on(self.pool).cost(np.arange(self.pool.N))
+
+    def _reached_from(self, most: int) -> int | None:
+        """A number of poses that does, by doubling."""
+        count = min(max(self.least, 4), most)
+        while not self._does(count):
+            if count == most:
+                return None
+            count = min(2 * count, most)
+        return count
+
+    def _proven_from(self, upper: int, offered: int) -> int:
+        """The fewest poses that are not proven to be too few."""
+        low, high, kept = self.least, upper, len(self.keep)
+        objective = None if kept else self.criterion_of(upper).on(self.pool)
+        while low < high:
+            middle = (low + high) // 2
+            # where all choices are tried, what that proves is the most there is to prove
+            few = comb(offered - kept, middle - kept) <= ENUMERATED
+            if objective is None or few or middle in self.found:
+                chosen = self._choose(middle)
+                bound = chosen.criterion.cost_of(chosen.bound)
+            else:
+                bound = objective.relax(middle, ROUGH).bound
+            if self._enough(bound, middle):
+                high = middle
+            else:
+                low = middle + 1
+        return low

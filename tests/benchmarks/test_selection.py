@@ -17,7 +17,7 @@ from posedesign.selection import (
     select_fewest,
     wanted_deviations,
 )
-from posedesign.selection.exchange import exchange
+from posedesign.selection.search import exchange
 
 LINEAR = 6.0
 """Four times the candidates, and half again for a busy machine; squares would make 16."""

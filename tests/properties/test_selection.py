@@ -18,8 +18,8 @@ from posedesign.selection import (
     select_fewest,
     wanted_deviations,
 )
-from posedesign.selection.relaxation import ConditionCertificate, MeanCertificate
-from posedesign.selection.small import ENUMERATED
+from posedesign.selection.certificate import ConditionCertificate, MeanCertificate
+from posedesign.selection.search import ENUMERATED
 
 KINDS = (*CRITERIA, "G")
 

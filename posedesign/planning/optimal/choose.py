@@ -49,7 +49,7 @@ from posedesign.selection import (
     select,
     select_fewest,
 )
-from posedesign.selection.criteria.scenarios import OverScenarios
+from posedesign.selection.criterion import over_scenarios
 
 Advance = Callable[[str, float], None]
 
@@ -59,11 +59,7 @@ def _silent(what: str, part: float) -> None:
 
 
 def plan_optimal(
-    cell: Cell,
-    request: Request,
-    advance: Advance = _silent,
-    *,
-    keep: FloatArray | None = None,
+    cell: Cell, request: Request, advance: Advance = _silent, *, keep: FloatArray | None = None
 ) -> OptimalPlan:
     """Choose the best poses of the cell's pool, or the fewest that reach what is wanted.
 
@@ -207,11 +203,7 @@ class _Planning:
         if request.count is None:
             limit = 1.0 if goal.limit is None else goal.limit
             fewest = select_fewest(
-                blocks,
-                criterion,
-                limit,
-                names=self._model.names,
-                keep=range(len(self._kept)),
+                blocks, criterion, limit, names=self._model.names, keep=range(len(self._kept))
             )
             return fewest.selection, fewest
         try:
@@ -250,7 +242,7 @@ class _Planning:
         drawn = draw_parameters(self._cell, self._model, SCENARIOS, rng)
         blocks = blocks_of_robots(self._model, goal, pool, drawn)
         stacked = np.moveaxis(blocks, 0, 1).reshape(len(pool), -1, self._model.p)
-        return stacked, OverScenarios(goal.criterion, SCENARIOS, worst=robust == "worst")
+        return stacked, over_scenarios(goal.criterion, SCENARIOS, worst=robust == "worst")
 
     def _result(
         self,

@@ -17,7 +17,7 @@ from posedesign.candidates import Pool, feasible, local_poses
 from posedesign.cell import Cell
 from posedesign.planning.optimal.objective import Goal
 from posedesign.selection import Candidates
-from posedesign.selection.information_state import Ledger
+from posedesign.selection.information import InformationState
 
 DOWN_RAD = (0.2, 0.1, 0.05, 0.02, 0.01, 0.003)
 """Turns down the gradient that are offered."""
@@ -130,27 +130,27 @@ class _Refinement:
         n = len(self.pool)
         candidates = Candidates(np.concatenate([self._blocks(self.pool), blocks]))
         objective = self._goal.criterion.on(candidates)
-        ledger = Ledger(candidates, np.arange(n), n)
+        state = InformationState(candidates, np.arange(n), n)
         out = np.empty(len(owner))
         for k in range(n):
             mine = np.flatnonzero(owner == k)
-            ledger.drop(k)
-            out[mine] = objective.costs(ledger, n + mine, 1.0)
-            ledger.take(k)
+            state.drop(k)
+            out[mine] = objective.costs(state, n + mine, 1.0)
+            state.take(k)
         return out
 
     def _take_best(self, offered: Pool, owner: IntArray) -> None:
         n = len(self.pool)
         candidates = Candidates(np.concatenate([self._blocks(self.pool), self._blocks(offered)]))
         objective = self._goal.criterion.on(candidates)
-        ledger = Ledger(candidates, np.arange(n), n)
+        state = InformationState(candidates, np.arange(n), n)
         q, R = self.pool.postures.copy(), self.pool.orientations.copy()
         for k in range(n):
             mine = np.append(n + np.flatnonzero(owner == k), k)
-            ledger.drop(k)
-            costs = objective.costs(ledger, mine, 1.0)
+            state.drop(k)
+            costs = objective.costs(state, mine, 1.0)
             best = int(mine[np.argmin(costs)]) if costs.min() < (1 - 1e-9) * costs[-1] else k
-            ledger.take(best)
+            state.take(best)
             if best != k:
                 q[k], R[k] = offered.postures[best - n], offered.orientations[best - n]
         self.pool = _with(self.pool, q, R)

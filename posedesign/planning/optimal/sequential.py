@@ -19,12 +19,7 @@ from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.model.parameters import TargetPoints, Unit
 from calib.se3 import FloatArray, IntArray
-from posedesign.candidates import (
-    Pool,
-    away_from_singularities,
-    functions_over_box,
-    pool_of,
-)
+from posedesign.candidates import Pool, away_from_singularities, functions_over_box, pool_of
 from posedesign.cell import Cell
 from posedesign.motion import Router
 from posedesign.motion.route import Route

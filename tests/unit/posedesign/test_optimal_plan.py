@@ -29,7 +29,7 @@ from posedesign.planning.optimal.reachable import without_alike
 from posedesign.planning.optimal.robust import TRIALS, blocks_of_robots, draw_parameters, robustness
 from posedesign.planning.tables import read_poses
 from posedesign.selection import Candidates
-from posedesign.selection.exchange import exchange
+from posedesign.selection.search import exchange
 from posedesign.workflow import plan_optimal_poses
 
 POOL = {"candidates": 80}

@@ -13,8 +13,8 @@ from posedesign.selection import (
     select,
     wanted_deviations,
 )
-from posedesign.selection.criteria.spectrum import SpectrumObjective
-from posedesign.selection.information_state import Ledger
+from posedesign.selection.information import InformationState
+from posedesign.selection.variances import SpectrumObjective
 
 NAMES = tuple(CRITERIA)
 OF_INDICES = {
@@ -100,14 +100,14 @@ def test_costs_of_changes_are_those_of_the_changed_choices(name, known):
     candidates = pool(4, known=known)
     objective = objectives(candidates)[name]
     rows = np.array([0, 3, 4, 7, 9, 11])
-    ledger = objective.ledger(rows, len(rows))
-    taken = objective.costs_with_each(ledger)
+    state = objective.state(rows, len(rows))
+    taken = objective.costs_with_each(state)
     outside = np.setdiff1d(np.arange(candidates.N), rows)
     expected = [objective.cost(np.sort(np.append(rows, k))) for k in outside]
     np.testing.assert_allclose(taken[outside], expected, rtol=1e-4)
     assert np.isinf(taken[rows]).all()
     without = [objective.cost(np.setdiff1d(rows, k)) for k in rows]
-    np.testing.assert_allclose(objective.costs_without(ledger, rows), without, rtol=1e-4)
+    np.testing.assert_allclose(objective.costs(state, rows, -1.0), without, rtol=1e-4)
     many = np.array([np.append(rows, k) for k in outside])
     np.testing.assert_allclose(objective.of_choices(many), expected, rtol=1e-8)
 
@@ -118,37 +118,39 @@ def test_the_best_to_take_in_is_the_best_of_all(name):
     for seed in range(4):
         candidates = pool(seed, N=300, m=1 + seed % 3, p=5)
         objective = objectives(candidates)[name].stages[-1]
-        ledger = objective.ledger(np.arange(0, 40, 5), 8)
-        costs = objective.costs_with_each(ledger)
-        best = objective.best_with_each(ledger)
+        state = objective.state(np.arange(0, 40, 5), 8)
+        costs = objective.costs_with_each(state)
+        best = objective.best_with_each(state)
         assert costs[best] == pytest.approx(costs.min(), rel=1e-12)
-        assert objective.best_with_each(ledger, costs.min() * (1 - 1e-9)) is None
+        assert objective.best_with_each(state, costs.min() * (1 - 1e-9)) is None
         if objective.has_floor:
             for near in (None, best):
-                floor = objective.at_least(ledger, slice(None), near)
+                floor = objective.at_least(state, slice(None), near)
                 assert (floor <= costs * (1 + 1e-9)).all()
             # for the candidate itself the floor is the cost
-            sharp = objective.at_least(ledger, slice(None), best)[best]
+            sharp = objective.at_least(state, slice(None), best)[best]
             assert sharp == pytest.approx(costs[best], rel=1e-6)
 
 
-def test_ledgers_keep_to_inverses():
+def test_information_states_keep_to_inverses():
     candidates = pool(5, N=30, m=3, p=6)
-    ledger = Ledger(candidates, np.arange(10), 10)
-    before = ledger.state
+    state = InformationState(candidates, np.arange(10), 10)
+    before = state.snapshot
     for out, into in [(0, 12), (5, 20), (12, 0), (7, 29)]:
-        ledger.drop(out)
-        ledger.take(into)
-    fresh = Ledger(candidates, ledger.rows, 10)
-    np.testing.assert_allclose(ledger.C, fresh.C, rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(ledger.C @ ledger.M, np.eye(6), atol=1e-9)
-    np.testing.assert_allclose(ledger.S, fresh.S, rtol=1e-8, atol=1e-10)
+        state.drop(out)
+        state.take(into)
+    fresh = InformationState(candidates, state.rows, 10)
+    np.testing.assert_allclose(state.C, fresh.C, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(state.C @ state.M, np.eye(6), atol=1e-9)
+    np.testing.assert_allclose(state.S, fresh.S, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(
-        ledger.S[:, :, 4], candidates.J[4] @ np.linalg.inv(fresh.M) @ candidates.J[4].T, rtol=1e-9
+        state.S[:, :, 4], candidates.J[4] @ np.linalg.inv(fresh.M) @ candidates.J[4].T, rtol=1e-9
     )
-    ledger.state = before
-    np.testing.assert_array_equal(ledger.rows, np.arange(10))
-    np.testing.assert_allclose(ledger.S, Ledger(candidates, np.arange(10), 10).S, rtol=1e-12)
+    state.snapshot = before
+    np.testing.assert_array_equal(state.rows, np.arange(10))
+    np.testing.assert_allclose(
+        state.S, InformationState(candidates, np.arange(10), 10).S, rtol=1e-12
+    )
 
 
 SMOOTH = ("D", "D_s", "A", "A_s", "I", "O5", "order 4", "Lagrangian of G")
@@ -207,6 +209,6 @@ def test_blocks_of_many_rows_do_not_overflow():
     rng = np.random.default_rng(8)
     candidates = Candidates(rng.normal(size=(3, 120, 120)))
     objective = criterion_by_name("D", 120, 2).on(candidates)
-    ledger = Ledger(candidates, np.array([], dtype=int), 2)
-    assert np.isfinite(objective.costs_with_each(ledger)).all()
-    assert (objective.costs_with_each(ledger) > 0.0).all()
+    state = InformationState(candidates, np.array([], dtype=int), 2)
+    assert np.isfinite(objective.costs_with_each(state)).all()
+    assert (objective.costs_with_each(state) > 0.0).all()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from posedesign.selection import Candidates, criterion_by_name, largest_deviation
-from posedesign.selection.relaxation import ConditionCertificate, MeanCertificate
+from posedesign.selection.certificate import ConditionCertificate, MeanCertificate
 
 N, COUNT, P = 18, 5, 4
 SHARP = 1e-7

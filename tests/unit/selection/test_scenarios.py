@@ -7,7 +7,7 @@ import pytest
 
 from calib.errors import InputError
 from posedesign.selection import criterion_by_name, select
-from posedesign.selection.criteria.scenarios import OverScenarios
+from posedesign.selection.criterion import over_scenarios
 
 SCENARIOS, POOL, CHOSEN, P = 3, 10, 4, 3
 
@@ -38,7 +38,7 @@ def test_best_of_all_choices(kind, worst, seed):
         over([cost(each, rows, kind) for each in blocks])
         for rows in combinations(range(POOL), CHOSEN)
     )
-    criterion = OverScenarios(criterion_by_name(kind, P, CHOSEN), SCENARIOS, worst=worst)
+    criterion = over_scenarios(criterion_by_name(kind, P, CHOSEN), SCENARIOS, worst=worst)
     found = select(stacked(blocks), CHOSEN, criterion, starts=12)
     own = over([cost(each, found.indices, kind) for each in blocks])
     assert own == pytest.approx(best, rel=1e-9)
@@ -50,7 +50,7 @@ def test_best_of_all_choices(kind, worst, seed):
 def test_one_scenario_is_the_criterion_itself():
     blocks = scenarios(9)[:1]
     own = select(blocks[0], CHOSEN, "D")
-    found = select(stacked(blocks), CHOSEN, OverScenarios(criterion_by_name("D", P, CHOSEN), 1))
+    found = select(stacked(blocks), CHOSEN, over_scenarios(criterion_by_name("D", P, CHOSEN), 1))
     np.testing.assert_array_equal(found.indices, own.indices)
     assert found.value == pytest.approx(own.value, rel=1e-12)
 
@@ -59,7 +59,7 @@ def test_the_worst_case_is_better_than_that_of_the_first_scenario_alone():
     gained = []
     for seed in range(10):
         blocks = scenarios(seed)
-        criterion = OverScenarios(criterion_by_name("A", P, CHOSEN), SCENARIOS, worst=True)
+        criterion = over_scenarios(criterion_by_name("A", P, CHOSEN), SCENARIOS, worst=True)
         robust = select(stacked(blocks), CHOSEN, criterion).indices
         plain = select(blocks[0], CHOSEN, "A").indices
         worst = [max(cost(each, rows, "A") for each in blocks) for rows in (robust, plain)]
@@ -69,8 +69,8 @@ def test_the_worst_case_is_better_than_that_of_the_first_scenario_alone():
 
 
 def test_blocks_that_are_not_of_so_many_scenarios():
-    criterion = OverScenarios(criterion_by_name("D", P, CHOSEN), 4)
+    criterion = over_scenarios(criterion_by_name("D", P, CHOSEN), 4)
     with pytest.raises(InputError, match="4 scenarios"):
         select(stacked(scenarios(0)), CHOSEN, criterion)
     with pytest.raises(InputError, match="0 scenarios"):
-        OverScenarios(criterion_by_name("D", P, CHOSEN), 0)
+        over_scenarios(criterion_by_name("D", P, CHOSEN), 0)

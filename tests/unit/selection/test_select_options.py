@@ -13,7 +13,7 @@ from posedesign.selection import (
     select,
     select_fewest,
 )
-from posedesign.selection.exchange import exchange, excursions
+from posedesign.selection.search import exchange, excursions
 
 ALL = tuple(CRITERIA)
 NONE = np.array([], dtype=int)

@@ -26,7 +26,50 @@ import numpy as np
 
 from calib.se3 import FloatArray
 from posedesign.selection.candidates import Candidates
-from posedesign.selection.relaxation.relaxation import sum_of_largest
+
+
+@dataclass(frozen=True, eq=False)
+class Smooth:
+    """Cost of weighted candidates, and the derivatives of its logarithm.
+
+    ``Z`` (p, p): less the derivative by the information: ``trace(Z Jᵀ J)`` is by how much a
+    candidate lowers the logarithm. ``curvature`` (n, n): second derivatives by the weights.
+    ``weights_of_functions`` (K,): of the functions of the parameters of which the largest counts.
+    """
+
+    cost: float
+    Z: FloatArray
+    curvature: FloatArray
+    weights_of_functions: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxation:
+    """The best that fractions of candidates can be.
+
+    ``weights`` (N,): from 0 to 1; their sum is the number of poses. ``cost``: of these weights.
+    ``certificate``: proof that no weights, and so no choice, cost less than ``bound``; None where
+    the bound is put together from several, or where all choices were tried: the weights are then
+    those of the best.
+    """
+
+    weights: FloatArray
+    cost: float
+    certificate: Certificate | None
+    bound: float
+
+    @property
+    def gap(self) -> float:
+        """How far the proven bound is below the cost of the weights, as a part of it."""
+        return 1.0 - self.bound / self.cost if self.cost > 0.0 else 0.0
+
+
+def sum_of_largest(scores: FloatArray, count: int) -> float:
+    """Sum of the ``count`` largest of ``scores`` (N,): the best that any choice can gather."""
+    if count >= len(scores):
+        return float(scores.sum())
+    return float(np.partition(scores, len(scores) - count)[len(scores) - count :].sum())
+
 
 ROUNDING = 1e-9
 """Part by which a bound is weakened, so that rounding never claims more than there is."""
@@ -58,8 +101,8 @@ class MeanCertificate(Certificate):
     total: bool = False
 
     def bound(self, candidates: Candidates, count: int) -> float:
-        root = _root(self.Z)
-        scores, known, error = _seen(candidates, root, count)
+        root = _root_of(self.Z)
+        scores, known, error = _seen_by(candidates, root, count)
         most = known + sum_of_largest(scores, count)
         return float((1.0 - error / most) * self._strength(root) / most) if most > error else 0.0
 
@@ -93,16 +136,22 @@ class ConditionCertificate(Certificate):
     Z: FloatArray
     lowest: FloatArray
     highest: FloatArray
+    root: bool = False
 
     def bound(self, candidates: Candidates, count: int) -> float:
-        Y, Z = _root(self.Y), _root(self.Z)
+        ratio = self.of_ratio(candidates, count)
+        return float(np.sqrt(ratio)) if self.root else ratio
+
+    def of_ratio(self, candidates: Candidates, count: int) -> float:
+        """The ratio that no choice is below."""
+        Y, Z = _root_of(self.Y), _root_of(self.Z)
         ratio = self._of_choice(candidates, count, Y, Z) * self._of_scales(Y, Z)
         return max(1.0, ratio)
 
     def _of_choice(self, candidates: Candidates, count: int, Y: FloatArray, Z: FloatArray) -> float:
         """Smallest ``trace(Z M) / trace(Y M)`` over all choices, of roots of Y and Z."""
-        y, y_known, y_error = _seen(candidates, Y, count)
-        z, z_known, z_error = _seen(candidates, Z, count)
+        y, y_known, y_error = _seen_by(candidates, Y, count)
+        z, z_known, z_error = _seen_by(candidates, Z, count)
         most = y_known + float(y.sum())
         if not most > 0.0:
             return 0.0
@@ -140,7 +189,7 @@ class ConditionCertificate(Certificate):
         return best
 
 
-def _root(Z: FloatArray) -> FloatArray:
+def _root_of(Z: FloatArray) -> FloatArray:
     """A root ``(p, r)`` of the nearest positive semidefinite matrix.
 
     What a solver leaves below zero is cut off, and what is rounding of zero. The proof is that of
@@ -151,7 +200,9 @@ def _root(Z: FloatArray) -> FloatArray:
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def _seen(candidates: Candidates, root: FloatArray, count: int) -> tuple[FloatArray, float, float]:
+def _seen_by(
+    candidates: Candidates, root: FloatArray, count: int
+) -> tuple[FloatArray, float, float]:
     """``trace(Z Jᵀ J)`` of each candidate ``(N,)`` and of the known, Z by its root.
 
     With how far a sum of ``count`` of them may be off by rounding: products of long vectors that

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
-from posedesign.selection.criteria.base import Criterion, Objective
-from posedesign.selection.criteria.spectrum import Spectrum
+from posedesign.selection.certificate import Relaxation
+from posedesign.selection.criterion import Criterion, Objective
 from posedesign.selection.indices import condition_2, condition_inf, o2, o4
-from posedesign.selection.information import SEEN, Informations
-from posedesign.selection.information_state import Ledger
-from posedesign.selection.relaxation import Relaxation
-from posedesign.selection.relaxation.cone import relax_condition
+from posedesign.selection.information import SEEN, Informations, InformationState
+from posedesign.selection.semidefinite import relax_condition
+from posedesign.selection.variances import SpectrumObjective
 
 Kind = Literal["C_G", "cond_2", "O2", "O4"]
 
@@ -39,39 +38,34 @@ _ROWS = 2
 """Rows of the largest sums that are computed for all candidates, for the same reason."""
 
 
-class Conditioning(Criterion):
+def conditioning(kind: Kind) -> Criterion:
     """A condition number, or an index akin to one."""
 
-    falls_with_poses = False
-
-    def __init__(self, kind: Kind) -> None:
-        self._kind = kind
-        self.name, self.title = kind, TITLES[kind]
-        self.smaller_is_better = kind in ("C_G", "cond_2")
-
-    def on(self, candidates: Candidates) -> ConditioningObjective:
-        return ConditioningObjective(candidates, self._kind)
-
-    def shown(self, cost: float) -> float:
-        if self.smaller_is_better:
+    def shown(cost: float) -> float:
+        if kind in ("C_G", "cond_2"):
             return cost
         return 1.0 / cost if cost > 0.0 else np.inf
 
-    def cost_of(self, value: float) -> float:
-        return self.shown(value)
+    return Criterion(
+        kind,
+        TITLES[kind],
+        kind in ("C_G", "cond_2"),
+        lambda candidates: ConditioningObjective(candidates, kind),
+        shown,
+        shown,
+        falls_with_poses=False,
+    )
 
 
 class ConditioningObjective(Objective):
     """A condition number on one pool."""
 
+    rugged = has_floor = True
+
     def __init__(self, candidates: Candidates, kind: Kind) -> None:
         super().__init__(candidates)
         self._kind = kind
-
-    @property
-    def width(self) -> int:
-        p = self.candidates.p
-        return p * (4 * p + 2 * self.candidates.m)
+        self.width = candidates.p * (4 * candidates.p + 2 * candidates.m)
 
     def cost(self, rows: IntArray) -> float:
         G = self.candidates.root(rows)
@@ -82,12 +76,12 @@ class ConditioningObjective(Objective):
         value = (o2 if self._kind == "O2" else o4)(G * self.candidates.scale)
         return 1.0 / value if value > 0.0 else np.inf
 
-    def costs(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
+    def costs(self, state: InformationState, part: slice | IntArray, sign: float) -> FloatArray:
         if self._kind == "C_G":
-            found = self._by_largest(ledger, part, sign)
+            found = self._by_largest(state, part, sign)
         else:
             J = self.candidates.J[part]
-            found = self._of_spectrum(ledger.M + sign * np.swapaxes(J, 1, 2) @ J)
+            found = self._of_spectrum(state.M + sign * np.swapaxes(J, 1, 2) @ J)
         return np.asarray(np.where(np.isfinite(found), found, np.inf))
 
     def _scales(self, diagonal: FloatArray) -> FloatArray:
@@ -108,32 +102,27 @@ class ConditioningObjective(Objective):
             ratio = np.sqrt(most) / (least if self._kind == "O4" else np.sqrt(least))
         return np.asarray(np.where(least > 0.0, ratio, np.inf))
 
-    @property
-    def rugged(self) -> bool:
-        return True
+    def at_least(
+        self, state: InformationState, part: slice | IntArray, near: int | None
+    ) -> FloatArray:
+        """No eigenvalue is beyond what any vector shows of it, and no norm below any row's sum.
 
-    @property
-    def has_floor(self) -> bool:
-        return True
-
-    def at_least(self, ledger: Ledger, part: slice | IntArray, near: int | None) -> FloatArray:
-        """No eigenvalue is beyond what any vector shows of it, and no norm below any row's sum: those
-        of the choice so far, or with one candidate, are tried on all.
+        Those of the choice so far, or with one candidate, are tried on all.
         """
         if self._kind == "C_G":
-            return self._floor_of_rows(ledger, part, near)
-        M = ledger.M
+            return self._floor_of_rows(state, part, near)
+        M = state.M
         if near is not None:
             M = M + self.candidates.J[near].T @ self.candidates.J[near]
         scale = self._scales(np.diag(M))
         _, vectors = np.linalg.eigh(M / scale / scale[:, None])
         ends = 1 if near is not None else min(_LOW_ENDS, self.candidates.p)
         V = np.column_stack([vectors[:, :ends], vectors[:, -1:]]) / scale[:, None]
-        known = np.einsum("pk,pq,qk->k", V, ledger.M, V, optimize=True)
+        known = np.einsum("pk,pq,qk->k", V, state.M, V, optimize=True)
         moved = V.T @ self.candidates.by_row[:, :, part]
         squares = known[:, None] + np.square(moved, out=moved).sum(axis=0)  # (ends + 1, n)
         if self._kind == "cond_2":
-            diagonal = np.diag(ledger.M) + self.candidates.squares[part]
+            diagonal = np.diag(state.M) + self.candidates.squares[part]
             lengths = (V**2).T @ diagonal.T
         else:
             lengths = np.square(V / self.candidates.scale[:, None]).sum(axis=0)[:, None]
@@ -141,38 +130,40 @@ class ConditioningObjective(Objective):
         return self._ratio(shown[:-1].min(axis=0), shown[-1])
 
     def _floor_of_rows(
-        self, ledger: Ledger, part: slice | IntArray, near: int | None
+        self, state: InformationState, part: slice | IntArray, near: int | None
     ) -> FloatArray:
-        M, C = ledger.M, ledger.C
-        size = self._largest_so_far(ledger)
+        M, C = state.M, state.C
+        size = self._largest_so_far(state)
         if near is not None:
-            own, _ = ledger.change(np.array([near]), 1.0)
+            own, _ = state.change(np.array([near]), 1.0)
             C = C - own[:, :, 0].T @ own[:, :, 0]
             M = M + self.candidates.J[near].T @ self.candidates.J[near]
             size = np.maximum(size, self.candidates.largest[near])
         size = np.where(size > 0.0, size, 1.0)
         rows = np.argsort(np.abs(M / size).sum(axis=1) / size)[-_ROWS:]
         columns = np.argsort(np.abs(C * size).sum(axis=1) * size)[-_ROWS:]
-        moved, possible = ledger.change(part, 1.0)  # (m, p, n)
+        moved, possible = state.change(part, 1.0)  # (m, p, n)
         J = self.candidates.by_row[:, :, part]
-        size = np.ascontiguousarray(self._largest(ledger, part, 1.0).T)  # (p, n)
+        size = np.ascontiguousarray(self._largest(state, part, 1.0).T)  # (p, n)
         size[size == 0.0] = np.nan
         high, low = np.zeros(size.shape[1]), np.zeros(size.shape[1])
         for k in rows:
-            row = ledger.M[k][:, None] + (J[:, k, None] * J).sum(axis=0)
+            row = state.M[k][:, None] + (J[:, k, None] * J).sum(axis=0)
             high = np.fmax(high, (np.abs(row) / size).sum(axis=0) / size[k])
         for k in columns:
-            row = ledger.C[k][:, None] - (moved[:, k, None] * moved).sum(axis=0)
+            row = state.C[k][:, None] - (moved[:, k, None] * moved).sum(axis=0)
             low = np.fmax(low, (np.abs(row) * size).sum(axis=0) * size[k])
         return np.asarray(np.where(possible, high * low, np.inf))
 
-    def _by_largest(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
+    def _by_largest(
+        self, state: InformationState, part: slice | IntArray, sign: float
+    ) -> FloatArray:
         J = self.candidates.J[part]
-        M = ledger.M + sign * np.swapaxes(J, 1, 2) @ J
-        moved, _ = ledger.change(part, sign)
+        M = state.M + sign * np.swapaxes(J, 1, 2) @ J
+        moved, _ = state.change(part, sign)
         columns = moved.transpose(2, 1, 0)  # (n, p, m)
-        C = ledger.C - sign * columns @ np.swapaxes(columns, 1, 2)
-        size = self._largest(ledger, part, sign)
+        C = state.C - sign * columns @ np.swapaxes(columns, 1, 2)
+        size = self._largest(state, part, sign)
         size = np.where(size > 0.0, size, np.nan)
         return _c_g(M, C, size)
 
@@ -183,21 +174,21 @@ class ConditioningObjective(Objective):
         C, seen = informations.covariance
         return np.where(seen, _c_g(informations.M, C, informations.largest), np.inf)
 
-    def _largest(self, ledger: Ledger, part: slice | IntArray, sign: float) -> FloatArray:
+    def _largest(self, state: InformationState, part: slice | IntArray, sign: float) -> FloatArray:
         """Largest absolute entry of each column ``(n, p)`` after each change."""
         known, each = self.candidates.largest_known, self.candidates.largest
         if sign > 0.0:
-            return np.maximum(each[part], self._largest_so_far(ledger))
-        rows = ledger.rows
+            return np.maximum(each[part], self._largest_so_far(state))
+        rows = state.rows
         chosen = np.vstack([each[rows], known, np.zeros_like(known)])
         order = np.argsort(chosen, axis=0)
         columns = np.arange(chosen.shape[1])
         most, second = chosen[order[-1], columns], chosen[order[-2], columns]
         return np.asarray(np.where(each[part] >= most, second, most))
 
-    def _largest_so_far(self, ledger: Ledger) -> FloatArray:
+    def _largest_so_far(self, state: InformationState) -> FloatArray:
         known, each = self.candidates.largest_known, self.candidates.largest
-        return np.asarray(np.max(each[ledger.rows], axis=0, initial=0.0).clip(min=known))
+        return np.asarray(np.max(each[state.rows], axis=0, initial=0.0).clip(min=known))
 
     def relax(self, count: int, tolerance: float) -> Relaxation:
         candidates = self.candidates
@@ -221,11 +212,11 @@ class ConditioningObjective(Objective):
     def _relax_product(self, count: int, tolerance: float) -> Relaxation:
         """O4 is O2 times the smallest singular value: no better than the best of both."""
         even = ConditioningObjective(self.candidates, "O2").relax(count, tolerance)
-        large = Spectrum(np.inf, "E", "", float, float).on(self.candidates).relax(count, tolerance)
-        values = np.linalg.eigvalsh(
-            self.candidates.weighted(large.weights)
-            * np.outer(self.candidates.scale, self.candidates.scale)
-        )
+        scale = self.candidates.scale
+        smallest = SpectrumObjective(self.candidates, np.diag(1.0 / scale), np.inf)
+        large = smallest.relax(count, tolerance)
+        weighted = self.candidates.weighted(large.weights)
+        values = np.linalg.eigvalsh(weighted * np.outer(scale, scale))
         cost = float(self._ratio(values[:1], values[-1:])[0])
         return Relaxation(large.weights, cost, None, float(even.bound * np.sqrt(large.bound)))
 

@@ -1,21 +1,45 @@
 """The best weights where the cost is not smooth: the longest axis, and conditions.
 
-Matrix inequalities on working sets that grow as in :mod:`~posedesign.selection.relaxation.barrier`.
-What the method returns is only believed as far as the proof that its dual gives.
+A primal-dual interior-point method for weights of candidates under matrix inequalities::
+
+    min  c·x   over weights 0 <= w <= 1 with sum n, and further unknowns x, such that
+    S_k = a_k M(w) + sum_e x_e E_ke   is positive semidefinite for every k, and  R x >= 0
+
+Steps are those of Helmberg et al. 1996, Kojima et al. 1997 and Monteiro 1997: with the dual
+``Y_k`` of each inequality, ``Y + dY = μ S⁻¹ - sym(Y dS S⁻¹)``. As M is linear in the weights with
+blocks of few rows, the matrix of a step is made of thin products; a general solver has to be told
+every entry of every block. What the method returns is only believed as far as the proof that its
+dual gives.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
 import numpy as np
+import scipy.linalg
 
 from calib.se3 import FloatArray, IntArray
-from posedesign.selection.candidates import Candidates
-from posedesign.selection.relaxation.certificate import ConditionCertificate, MeanCertificate
-from posedesign.selection.relaxation.relaxation import Relaxation
-from posedesign.selection.relaxation.semidefinite import Inequality, Program
-from posedesign.selection.relaxation.working import best_outside, first_set, threshold
+from posedesign.selection.candidates import Candidates, products_by_pairs
+from posedesign.selection.certificate import ConditionCertificate, MeanCertificate, Relaxation
+from posedesign.selection.relaxation import (
+    BOLD,
+    LONG,
+    TIMID,
+    first_set,
+    grown_set,
+    newton_step,
+    reach,
+)
 
-MOST_ROUNDS = 30
+MOST_STEPS = 60
+"""Newton steps; fifteen are usual."""
+
+TO_THE_WALL = 0.95
+"""Part of the way to the border of what is allowed that a step goes at most."""
+
+MOST_SETS = 30
 """Working sets; about eight are seen."""
 
 MOST_RATIOS = 25
@@ -34,6 +58,158 @@ DECIDED = 0.1
 """Part of the slack at which a trial of a ratio has said what it can."""
 
 
+@dataclass(frozen=True, eq=False)
+class Inequality:
+    """``share M(w) + sum_e x_e extra_e`` is positive semidefinite."""
+
+    share: float
+    extra: FloatArray  # shape (q, p, p)
+
+
+@dataclass(eq=False)
+class Point:
+    """Where the method is.
+
+    ``w`` (n,). ``x`` (q,). ``Y`` (p, p): duals of the inequalities. ``gap``: between the cost and
+    that of the duals, where both keep to the rules.
+    """
+
+    w: FloatArray
+    x: FloatArray
+    Y: list[FloatArray] = field(default_factory=list)
+    gap: float = np.inf
+
+
+class Program:
+    """Weights of some candidates, and further unknowns, under matrix inequalities.
+
+    ``count``: sum of the weights; less than there are candidates. ``cost`` (q,). ``rows`` (l, q):
+    of what must not be negative, ``R x``.
+    """
+
+    def __init__(
+        self,
+        part: Candidates,
+        count: int,
+        inequalities: list[Inequality],
+        cost: FloatArray,
+        rows: FloatArray | None = None,
+    ) -> None:
+        self._part, self._count, self._cost = part, count, cost
+        self._inequalities = inequalities
+        self._rows = np.zeros((0, len(cost))) if rows is None else rows
+        self._each = (np.swapaxes(part.J, 1, 2) @ part.J).reshape(part.N, -1)
+
+    def points(self, w: FloatArray, x: FloatArray, mu: float) -> Iterator[Point]:
+        """The points after each step, from one that is strictly inside, till none can be made.
+
+        ``mu``: complementarity to begin with.
+        """
+        point = Point(w.copy(), x.copy())
+        S = self._matrices(point.w, point.x)
+        point.Y = [np.asarray(mu * np.linalg.inv(matrix)) for matrix in S]
+        # the distance to 1 is kept apart: a difference would round to zero
+        rest = 1.0 - w
+        low, high = mu / w, mu / rest
+        dual = mu / (self._rows @ x)
+        aim, parts = BOLD, len(S) * self._part.p + 2 * len(w) + len(dual)
+        point.gap = self._complementarity(point, S, float(rest @ high), low, dual)
+        for _ in range(MOST_STEPS):
+            mu = aim * point.gap / parts
+            walls, pushed = low / point.w + high / rest, mu / point.w - mu / rest
+            try:
+                dw, dx, dS, dY = self._step(point, S, walls, pushed, dual, mu)
+            except np.linalg.LinAlgError:
+                return
+            d_low = mu / point.w - low - low / point.w * dw
+            d_high = mu / rest - high + high / rest * dw
+            Rx, dRx = self._rows @ point.x, self._rows @ dx
+            d_dual = mu / Rx - dual - dual / Rx * dRx
+            primal = min(
+                reach(point.w, dw), reach(rest, -dw), reach(Rx, dRx), *map(_matrix_reach, S, dS)
+            )
+            walls_reach = min(reach(low, d_low), reach(high, d_high), reach(dual, d_dual))
+            length = min(walls_reach, *map(_matrix_reach, point.Y, dY))
+            if min(primal, length) < 1e-4:
+                return
+            point = Point(
+                point.w + primal * dw,
+                point.x + primal * dx,
+                [Y + length * d for Y, d in zip(point.Y, dY, strict=True)],
+            )
+            rest = rest - primal * dw
+            low, high = low + length * d_low, high + length * d_high
+            dual = dual + length * d_dual
+            S = self._matrices(point.w, point.x)
+            point.gap = self._complementarity(point, S, float(rest @ high), low, dual)
+            aim = BOLD if min(primal, length) > LONG else TIMID
+            yield point
+
+    def _matrices(self, w: FloatArray, x: FloatArray) -> list[FloatArray]:
+        M = self._part.known + (w @ self._each).reshape(self._part.p, self._part.p)
+        return [rule.share * M + np.tensordot(x, rule.extra, axes=1) for rule in self._inequalities]
+
+    def _complementarity(
+        self, point: Point, S: list[FloatArray], total: float, low: FloatArray, dual: FloatArray
+    ) -> float:
+        total += sum(float(np.sum(Y * matrix)) for Y, matrix in zip(point.Y, S, strict=True))
+        return total + float(point.w @ low + dual @ (self._rows @ point.x))
+
+    def _step(
+        self,
+        point: Point,
+        S: list[FloatArray],
+        walls: FloatArray,
+        pushed: FloatArray,
+        dual: FloatArray,
+        mu: float,
+    ) -> tuple[FloatArray, FloatArray, list[FloatArray], list[FloatArray]]:
+        n, q = len(point.w), len(point.x)
+        Rx = self._rows @ point.x
+        matrix = np.zeros((n + q, n + q))
+        right = np.concatenate([pushed, self._rows.T @ (mu / Rx) - self._cost])
+        matrix[np.arange(n), np.arange(n)] = walls
+        matrix[n:, n:] = self._rows.T @ (self._rows * (dual / Rx)[:, None])
+        inverses = [np.asarray(np.linalg.inv(each)) for each in S]
+        for rule, Y, inverse in zip(self._inequalities, point.Y, inverses, strict=True):
+            flat = rule.extra.reshape(q, -1)
+            moved = _symmetric(Y @ rule.extra @ inverse).reshape(q, -1)
+            matrix[:n, :n] += rule.share**2 * products_by_pairs(self._part, Y, inverse)
+            matrix[:n, n:] += rule.share * (self._each @ moved.T)
+            matrix[n:, n:] += flat @ moved.T
+            right[:n] += mu * rule.share * (self._each @ inverse.ravel())
+            right[n:] += mu * (flat @ inverse.ravel())
+        matrix[n:, :n] = matrix[:n, n:].T
+        matrix[n:, n:] = _symmetric(matrix[n:, n:])
+        change = newton_step(matrix, right, n, self._count - point.w.sum())
+        if not np.isfinite(change).all():
+            raise np.linalg.LinAlgError
+        dw, dx = change[:n], change[n:]
+        dM = (dw @ self._each).reshape(S[0].shape)
+        dS = [rule.share * dM + np.tensordot(dx, rule.extra, 1) for rule in self._inequalities]
+        dY = [
+            mu * inverse - Y - _symmetric(Y @ d @ inverse)
+            for Y, d, inverse in zip(point.Y, dS, inverses, strict=True)
+        ]
+        return dw, dx, dS, dY
+
+
+def _symmetric(matrices: FloatArray) -> FloatArray:
+    return np.asarray((matrices + np.swapaxes(matrices, -1, -2)) / 2.0)
+
+
+def _matrix_reach(matrix: FloatArray, change: FloatArray) -> float:
+    """How far a step may go before a matrix is no longer positive definite."""
+    try:
+        L = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return 0.0
+    half = scipy.linalg.solve_triangular(L, change, lower=True, check_finite=False)
+    inner = scipy.linalg.solve_triangular(L, half.T, lower=True, check_finite=False)
+    least = float(np.linalg.eigvalsh(_symmetric(inner))[0])
+    return 1.0 if least >= 0.0 else min(1.0, TO_THE_WALL / -least)
+
+
 def relax_smallest(
     candidates: Candidates, K: FloatArray, count: int, tolerance: float
 ) -> Relaxation:
@@ -44,14 +220,14 @@ def relax_smallest(
     proof = MeanCertificate(np.eye(candidates.p), K, np.inf)
     bound = proof.bound(candidates, count)
     working = _start(candidates, count)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_SETS):
         part = candidates.take(working)
         w, Z, cost = _smallest(part, K, count, INNER * tolerance)
         own = MeanCertificate(Z, K, np.inf)
         reached = own.bound(candidates, count)
         if reached > bound:
             proof, bound = own, reached
-        grown = _grown(working, w, candidates.scores(Z), count)
+        grown = grown_set(working, w, candidates.scores(Z), count, max(2 * count, 60), SEEN)
         if bound >= (1.0 - tolerance) * cost or grown is None:
             break
         working = grown
@@ -105,40 +281,26 @@ def relax_condition(
     the root of the ratio.
     """
     tolerance = 2.0 * tolerance if root else tolerance
-    bound, proof = (
-        0.0,
-        ConditionCertificate(np.eye(candidates.p), np.eye(candidates.p), lowest, highest),
-    )
+    one, bound = np.eye(candidates.p), 0.0
+    proof = ConditionCertificate(one, one, lowest, highest, root)
     working = _start(candidates, count)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_SETS):
         search = _RatioSearch(candidates.take(working), count, lowest, highest)
         search.run(INNER * tolerance)
-        own = ConditionCertificate(search.Y, search.Z, lowest, highest)
-        reached = own.bound(candidates, count)
+        own = ConditionCertificate(search.Y, search.Z, lowest, highest, root)
+        reached = own.of_ratio(candidates, count)
         if reached > bound:
             proof, bound = own, reached
         # what raises the small eigenvalues more than it raises the large ones is wanted
         scores = candidates.scores(search.Y) - candidates.scores(search.Z) / search.proven
-        grown = _grown(working, search.w, scores, count)
+        grown = grown_set(working, search.w, scores, count, max(2 * count, 60), SEEN)
         if bound >= (1.0 - tolerance) * search.ratio or grown is None:
             break
         working = grown
-    weights = _spread(candidates.N, working, search.w)
+    cost = search.ratio
     if root:
-        return Relaxation(
-            weights, float(np.sqrt(search.ratio)), _Root(proof), float(np.sqrt(bound))
-        )
-    return Relaxation(weights, search.ratio, proof, bound)
-
-
-class _Root(ConditionCertificate):
-    """The proof for the root of a ratio."""
-
-    def __init__(self, proof: ConditionCertificate) -> None:
-        super().__init__(proof.Y, proof.Z, proof.lowest, proof.highest)
-
-    def bound(self, candidates: Candidates, count: int) -> float:
-        return float(np.sqrt(super().bound(candidates, count)))
+        cost, bound = float(np.sqrt(cost)), float(np.sqrt(bound))
+    return Relaxation(_spread(candidates.N, working, search.w), cost, proof, bound)
 
 
 class _RatioSearch:
@@ -209,14 +371,12 @@ class _RatioSearch:
             own = self._own(point.w, point.x[:q])
             if own < self.ratio:
                 self.ratio, self.w, self._f = own, point.w, point.x[:q]
-            reached = ConditionCertificate(
-                point.Y[0], point.Y[1], self._lowest, self._highest
-            ).bound(part, self._count)
+            proof = ConditionCertificate(point.Y[0], point.Y[1], self._lowest, self._highest)
+            reached = proof.of_ratio(part, self._count)
             if reached > self.proven:
                 self.proven, (self.Y, self.Z) = reached, point.Y
-            if self.proven >= (1.0 - tolerance) * self.ratio:
-                break
-            if point.gap <= DECIDED * abs(point.x[q]):
+            near = self.proven >= (1.0 - tolerance) * self.ratio
+            if near or point.gap <= DECIDED * abs(point.x[q]):
                 break
 
 
@@ -247,15 +407,6 @@ def _diagonals(
 
 def _start(candidates: Candidates, count: int) -> IntArray:
     return first_set(candidates, max(4 * count, 6 * candidates.p, 100))
-
-
-def _grown(working: IntArray, w: FloatArray, scores: FloatArray, count: int) -> IntArray | None:
-    """The working set with the best of the rest; None where nothing outside would be taken."""
-    added = best_outside(scores, working, count, max(2 * count, 60))
-    if added is None:
-        return None
-    kept = working[(w > SEEN) | (scores[working] >= threshold(scores, count))]
-    return np.sort(np.concatenate([kept, added]))
 
 
 def _spread(N: int, working: IntArray, w: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from posedesign.files import Results, write_text_atomic
 from posedesign.identification import Identified
 from posedesign.pairs import SolverOutcome
 from posedesign.planning import PosePlan
-from posedesign.planning.tables import read_poses
+from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs import WrittenProgram, program_options, write_program
 from posedesign.programs import find_dialect
 from posedesign.simulation import AccuracyStudy, accuracy_study, effective_truth

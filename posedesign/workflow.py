@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from calib.robot_world import PAPER_METHODS, Noise, NoiseShown, PairNoise
 from posedesign.cell import Cell
 from posedesign.files import MEASURED, Claim, Results, head_of, origin_of, write_json_atomic
 from posedesign.files.csv_tables import write_table
-from posedesign.files.measurements import read_measurements
+from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.files.origin import checksum
 from posedesign.identification import Identified, identify_models, results_as_dict, summed_up
 from posedesign.identification.comparison import without_repeats
@@ -25,21 +26,13 @@ from posedesign.identification.reading_checks import check_readings
 from posedesign.motion.route import Route
 from posedesign.pairs import Pairs, SolverOutcome, read_pairs, solve_pairs, write_pairs
 from posedesign.pairs.tables import write_outcomes
-from posedesign.planning import (
-    Margins,
-    PosePlan,
-    displayed,
-    outside_limits,
-    plan,
-    refuse_unfit,
-    write_touch_ups,
-)
+from posedesign.planning import Margins, PosePlan, displayed, outside_limits, plan, refuse_unfit
 from posedesign.planning.loop import Progress
 from posedesign.planning.optimal import NextPoses, OptimalPlan, Request, plan_next, plan_optimal
 from posedesign.planning.optimal.choose import Advance
 from posedesign.planning.optimal.sequential import refuse_cell
 from posedesign.planning.pose_plan import PoseSet
-from posedesign.planning.tables import PoseList, write_poses
+from posedesign.planning.poses_file import PoseList, write_poses
 from posedesign.programs import DIALECTS
 from posedesign.programs.reading import MOST_BYTES
 from posedesign.selection import Indices
@@ -240,7 +233,7 @@ def simulate(
     postures = poses.postures
     if touches:
         touched = robot.touch_up(postures, rng)
-        write_touch_ups(claims[0], touched, poses.names)
+        write_measurements(claims[0], replace(touched, names=poses.names))
         postures = touched.postures
     if cell.has_camera:
         A, B = robot.camera_poses(postures, rng)

@@ -34,7 +34,7 @@ from posedesign.autonomous.moving import shown_within_rad
 from posedesign.autonomous.picture_file import ENDINGS, read_picture
 from posedesign.cell import Cell
 from posedesign.files import write_text_atomic
-from posedesign.planning.tables import PoseList, read_robot_poses, write_pose_list
+from posedesign.planning.poses_file import PoseList, read_robot_poses, write_pose_list
 from posedesign.pose_programs import chosen_dialect, program_options
 from posedesign.pose_programs.frames import arm_of, check_recorded_frames
 from posedesign.programs import PoseProgram, ProgramPose, find_dialect, postures_of

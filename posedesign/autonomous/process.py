@@ -26,10 +26,11 @@ from posedesign.autonomous.target_poses import TargetPoses
 from posedesign.cell import Cell
 from posedesign.cell.file import cell_text
 from posedesign.files import Claim, Results, identity_of, make_folder, write_text_atomic
+from posedesign.files.measurements import write_measurements
 from posedesign.files.origin import Kind
 from posedesign.identification import Identified
-from posedesign.planning import PoseList, PosePlan, write_touch_ups
-from posedesign.planning.tables import Pairs, write_pairs
+from posedesign.pairs import Pairs, write_pairs
+from posedesign.planning import PoseList, PosePlan
 from posedesign.workflow import (
     IDENTIFICATION,
     PAIRS,
@@ -327,7 +328,7 @@ def touch_up_plan(
         names.append(name)
         postures.append(done.q[0])
         data = _measurements(cell, names, postures)
-        write_touch_ups(files.touch_ups, data)
+        write_measurements(files.touch_ups, data)
         seen.add(name, done.q[0])
     station.rest()
     if files.pairs is not None and len(seen.names) > 1:

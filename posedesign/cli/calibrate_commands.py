@@ -48,7 +48,7 @@ def simulate(
     """Rehearse: touch up the poses with a simulated robot, into a folder of its own."""
     from posedesign import workflow
     from posedesign.cell import Cell
-    from posedesign.planning.tables import read_poses
+    from posedesign.planning.poses_file import read_poses
 
     loaded = Cell.load(cell)
     listed = read_poses(

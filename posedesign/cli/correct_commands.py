@@ -166,7 +166,7 @@ def predict(
     from posedesign.cell import Cell
     from posedesign.identification.correction import box_of
     from posedesign.identification.correction import predict as run
-    from posedesign.planning.tables import read_poses
+    from posedesign.planning.poses_file import read_poses
 
     loaded = Cell.load(cell)
     asked = box_of(loaded, box, steps)

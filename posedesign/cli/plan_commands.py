@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from posedesign.files import Results
     from posedesign.planning import PosePlan
     from posedesign.planning.checks import PoseVerdict
-    from posedesign.planning.optimal.outlook import Outlook
+    from posedesign.planning.optimal.choose import Outlook
 
 LARGEST_SEED = 2**63 - 1
 """As in a cell."""
@@ -193,7 +193,7 @@ def plan(
     if request is None:
         return _plan_by_grid(loaded, results, as_json=as_json)
     from posedesign.cli.optimal_output import print_optimal
-    from posedesign.planning.tables import read_poses
+    from posedesign.planning.poses_file import read_poses
     from posedesign.workflow import plan_optimal_poses
 
     own = None
@@ -272,7 +272,7 @@ def _plan_by_grid(loaded: Cell, out: Results, *, as_json: bool) -> int:
 def print_plan(cell: Cell, result: PosePlan, out: Path, *, as_json: bool) -> None:
     """Print the rounds, the outcome and what accuracy to expect."""
     from posedesign.planning import scaling_of
-    from posedesign.planning.optimal.outlook import outlook_of
+    from posedesign.planning.optimal.choose import outlook_of
     from posedesign.workflow import round_rows
 
     outlook = outlook_of(cell, result.model, result.postures)
@@ -354,7 +354,7 @@ def check(
     from posedesign.cell import Cell
     from posedesign.planning import off_target
     from posedesign.planning.checks import ON_TARGET_M, check_poses
-    from posedesign.planning.tables import read_poses
+    from posedesign.planning.poses_file import read_poses
 
     loaded = Cell.load(cell)
     listed = read_poses(
@@ -426,7 +426,7 @@ def score(
     from posedesign.cell import Cell
     from posedesign.planning import scaling_of
     from posedesign.planning.checks import score_poses
-    from posedesign.planning.tables import read_poses
+    from posedesign.planning.poses_file import read_poses
 
     loaded = Cell.load(cell)
     listed = read_poses(

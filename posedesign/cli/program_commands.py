@@ -72,7 +72,7 @@ def program(
     from posedesign.cell import Cell
     from posedesign.planning import refuse_unfit
     from posedesign.planning.checks import refuse_blocked
-    from posedesign.planning.tables import read_poses
+    from posedesign.planning.poses_file import read_poses
     from posedesign.pose_programs import chosen_dialect, program_options, write_program
     from posedesign.pose_programs.from_plan import with_approaches
 
@@ -184,8 +184,8 @@ def import_positions(
 ) -> int:
     """Read touched-up positions back from the controller; write touchups.csv."""
     from posedesign.cell import Cell
-    from posedesign.planning import write_touch_ups
-    from posedesign.planning.tables import read_poses
+    from posedesign.files.measurements import write_measurements
+    from posedesign.planning.poses_file import read_poses
     from posedesign.pose_programs import import_touch_ups
     from posedesign.workflow import TOUCH_UPS
 
@@ -197,7 +197,7 @@ def import_positions(
     results = results_in(out, "import", cell, poses, *files, overwrite=overwrite)
     (claimed,) = results.claim("measured", TOUCH_UPS)
     imported = import_touch_ups(loaded, files, plan, dialect, keep_untouched=keep_untouched)
-    path = write_touch_ups(claimed, imported.touch_ups)
+    path = write_measurements(claimed, imported.touch_ups)
     if as_json:
         print_json(
             {

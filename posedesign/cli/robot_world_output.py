@@ -61,7 +61,7 @@ def _print_transform(
 ) -> None:
     """X or Z by every method, with the largest of its standard deviations."""
     from posedesign.pairs.tables import largest_sigma
-    from posedesign.planning.tables import POSE_AXES
+    from posedesign.planning.poses_file import POSE_AXES
 
     shown = []
     for row, outcome in zip(rows, outcomes, strict=True):

@@ -55,8 +55,9 @@ def convert(
     Configuration and margins are written anew; columns that are not known are kept.
     """
     from posedesign.cell import Cell
+    from posedesign.files.postures import JointForm
     from posedesign.planning import Margins, outside_limits
-    from posedesign.planning.tables import JointForm, read_robot_poses, write_pose_list
+    from posedesign.planning.poses_file import read_robot_poses, write_pose_list
 
     loaded = Cell.load(cell)
     (file,) = results_in(out.parent, "convert", poses, overwrite=overwrite).claim(

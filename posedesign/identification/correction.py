@@ -53,7 +53,7 @@ from posedesign.identification.mastering import Mastering, mastering
 from posedesign.identification.models import candidates, model_of
 from posedesign.planning import refuse_hand_eye
 from posedesign.planning.pose_plan import PoseStatus
-from posedesign.planning.tables import POSE_AXES, PoseList, read_poses
+from posedesign.planning.poses_file import POSE_AXES, PoseList, read_poses
 
 CORRECTION = tuple(
     (FILES[route], what)
@@ -161,7 +161,7 @@ def correct(
     box : TaskBox, optional
         Where the arm works; that of the cell by default.
     trust_units : bool
-        See :func:`posedesign.planning.tables.read_poses`.
+        See :func:`posedesign.planning.poses_file.read_poses`.
 
     Raises
     ------

@@ -8,11 +8,15 @@ from posedesign.planning.checks import (
     refuse_unfit,
 )
 from posedesign.planning.loop import plan, scaling_of
-from posedesign.planning.pose_list import PoseList
-from posedesign.planning.pose_margins import Margins
 from posedesign.planning.pose_plan import PosePlan, Round, displayed, fingerprint
-from posedesign.planning.poses_file import POSE_AXES, read_poses, read_robot_poses, write_pose_list
-from posedesign.planning.tables import write_touch_ups
+from posedesign.planning.poses_file import (
+    POSE_AXES,
+    Margins,
+    PoseList,
+    read_poses,
+    read_robot_poses,
+    write_pose_list,
+)
 
 __all__ = [
     "NEAR_TARGET_M",
@@ -32,5 +36,4 @@ __all__ = [
     "refuse_unfit",
     "scaling_of",
     "write_pose_list",
-    "write_touch_ups",
 ]

@@ -18,7 +18,7 @@ from posedesign.constraints import Collision, Verdicts
 from posedesign.constraints.retreat import WayVerdicts
 from posedesign.planning.loop import regressor
 from posedesign.planning.pose_plan import displayed
-from posedesign.planning.tables import PoseList
+from posedesign.planning.poses_file import PoseList
 from posedesign.selection import Indices, evaluate
 
 ON_TARGET_M = 1e-3

@@ -1,19 +1,79 @@
-"""``poses.csv``: written from a plan or a list, and read.
+"""Lists of poses in CSV files, in and out: the one definition of every column.
 
-Columns: see :mod:`posedesign.planning.tables`.
+Every name of a column ends with its unit; what has no unit has none. Tables are UTF-8 with commas
+and points, as spreadsheets and ``pandas.read_csv(path, comment="#")`` read them.
+
+``poses.csv``
+-------------
+One row a stop, in the order in which they are visited, then the poses that were dropped: these
+have a name, a status, a reason and no numbers. J1 .. Jn are the joints from the base to the tip.
+
+==============================  ====  ========================================================
+column                          unit  meaning
+==============================  ====  ========================================================
+``name``                              of the pose: P01 ..; of what is passed through: V01 ..
+``order``                             place in the visit, from 1; the rows stand in that order,
+                                      and it is the rows that are followed
+``status``                            ``grid``, ``repaired``, ``chosen`` out of a pool,
+                                      ``dropped``; ``via``: passed through and not measured
+``reason``                            why the pose is not that of the grid, or is passed through
+``j1_deg ..``                   deg   joint values, zero and signs of the robot's description
+``x_mm, y_mm, z_mm``            mm    tool point in the base frame
+``w_deg, p_deg, r_deg``         deg   tip frame in the base frame: turned about fixed x by W,
+                                      then y by P, then z by R
+``configuration``                     arm position in the words of the controller; empty where
+                                      its maker has none
+``pendant_j1_deg ..``           deg   joint values as the pendant shows them; only where it
+                                      shows others
+``clearance_mm``                mm    smallest distance between tool, obstacles and arm; from
+                                      half a metre on, distances are not told apart
+``self_clearance_mm``           mm    the same between links of the arm
+``limit_margin_deg``            deg   from the nearest joint limit, or limit that joints have
+                                      together
+``view_margin_px``              px    of the target from the edge of the camera's image
+``tilt_margin_deg``             deg   left until the target is turned away too far
+``camera_distance_margin_mm``   mm    left until the target is too near to the lens, or too far
+==============================  ====  ========================================================
+
+The last six are there as far as the cell describes what they are about, negative where a bound is
+broken, and empty where a pose has none: what is passed through sees no target.
+
+The first line of every file that a command writes says where it is from, see
+:mod:`posedesign.files.origin`: ``# origin: simulated touch-ups by simulate from cell.toml
+(699b0640) poses.csv (b8b363e3) on 2026-05-31 digest 266059b4d3459982``.
+
+Columns of other names are kept: :attr:`.PoseList.extra`, :func:`write_pose_list`. Before the header
+stand lines with ``# name: value``: ``fingerprint`` of the measured postures, ``poses measured``,
+the indices of the plan by the names of :class:`posedesign.selection.indices.Indices` (``c_g`` is
+C_G), and ``units``. Joints may be named as ROS does, or RoboDK: :class:`.JointForm`.
+
+Files are hostile until read: size, encoding, header, every number, and degrees that are radians.
+Texts that a spreadsheet would run as a formula are written with an apostrophe before them.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calib.errors import FileFormatError, InputError, near_names
 from calib.robots import Controller, Robot
-from calib.se3 import FloatArray, wpr_from_rotation
+from calib.se3 import BoolArray, FloatArray, wpr_from_rotation
+from posedesign.constraints import (
+    Checker,
+    Collision,
+    Constraint,
+    Distance,
+    InImage,
+    SelfCollision,
+    Tilt,
+)
+from posedesign.constraints.joints import CoupledLimits, JointLimits
 from posedesign.files import StrPath
 from posedesign.files.csv_tables import (
     LONGEST_SHOWN,
@@ -36,16 +96,207 @@ from posedesign.files.postures import (
     postures_of,
 )
 from posedesign.motion.route import Route
-from posedesign.planning.pose_list import (
-    ALL_CHECKED,
-    NOT_CHECKED,
-    STOPS_SHORT,
-    DroppedPose,
-    PoseList,
-)
-from posedesign.planning.pose_margins import MARGIN_COLUMNS, Margins
-from posedesign.planning.pose_plan import PoseSet, PoseStatus
+from posedesign.planning.pose_plan import PoseSet, PoseStatus, fingerprint, named_stops
 from posedesign.selection import Indices
+
+if TYPE_CHECKING:
+    from posedesign.cell import Cell
+
+COLUMN_OF: dict[type[Constraint], str] = {
+    Collision: "clearance_mm",
+    SelfCollision: "self_clearance_mm",
+    JointLimits: "limit_margin_deg",
+    CoupledLimits: "limit_margin_deg",
+    InImage: "view_margin_px",
+    Tilt: "tilt_margin_deg",
+    Distance: "camera_distance_margin_mm",
+}
+"""The column of each constraint; of those that share one, the smaller counts."""
+
+MARGIN_COLUMNS = tuple(dict.fromkeys(COLUMN_OF.values()))
+
+CLEARANCE_DECIMALS = 6
+"""Of clearances in mm. They are found by iteration: what comes after that depends on what was
+looked at before, and would be another after a stop."""
+
+
+@dataclass(frozen=True, eq=False)
+class Margins:
+    """Margins of poses, by the column that they stand in.
+
+    ``columns`` (S,): in the unit that the name ends with; NaN where a pose has none. Only columns
+    that the cell knows of are there. Negative where a bound is broken.
+    """
+
+    columns: Mapping[str, FloatArray]
+
+    @classmethod
+    def of(cls, cell: Cell, postures: FloatArray, via: BoolArray) -> Margins:
+        """Margins of postures ``(S, n)`` [rad]; those passed through have none of the view."""
+        found: dict[str, FloatArray] = {}
+        for checker, rows in (
+            (cell.checker, np.flatnonzero(~via)),
+            (cell.passing, np.flatnonzero(via)),
+        ):
+            if not len(rows):
+                continue
+            verdicts = checker.check(postures[rows])
+            for k, constraint in enumerate(verdicts.constraints):
+                column = COLUMN_OF.get(type(constraint))
+                if column is None:
+                    continue
+                margin = verdicts.room[:, k] + _kept(cell, checker, constraint)
+                # what has no limit has no margin
+                margin = np.where(np.isposinf(margin), np.nan, margin * constraint.display)
+                if isinstance(constraint, Collision):
+                    margin = np.round(margin, CLEARANCE_DECIMALS)
+                into = found.setdefault(column, np.full(len(postures), np.nan))
+                into[rows] = np.fmin(into[rows], margin)
+        return cls({column: found[column] for column in MARGIN_COLUMNS if column in found})
+
+    @classmethod
+    def of_route(cls, cell: Cell, route: Route) -> Margins:
+        """Margins at the stops of a route."""
+        via = np.array([stop.pose is None for stop in route.stops], dtype=bool)
+        return cls.of(cell, np.array([stop.posture for stop in route.stops]), via)
+
+
+def _kept(cell: Cell, checker: Checker, constraint: Constraint) -> float:
+    """What a constraint keeps of the distance itself [SI]: its room is what is left."""
+    if isinstance(constraint, (JointLimits, CoupledLimits)):
+        return checker.margin
+    if isinstance(constraint, Collision):
+        return constraint.keep_m
+    if isinstance(constraint, InImage) and cell.config.camera is not None:
+        return cell.config.camera.border_px
+    return 0.0
+
+
+NOT_CHECKED = "not checked"
+"""Begins the comments of a list that say what planning did not look at, one a comment."""
+
+STOPS_SHORT = "stop short [mm]"
+"""Begins the comment of a list that says how far before its poses programs are to stop."""
+
+ALL_CHECKED = "nothing that the cell asks for"
+"""Said in their place where there are none, so that a list without any is one that nobody knows."""
+
+
+@dataclass(frozen=True)
+class DroppedPose:
+    """A pose without numbers: one that cannot be taken.
+
+    ``extra``: what stands in columns that posedesign does not know.
+    """
+
+    name: str
+    reason: str
+    extra: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseList:
+    """Poses in the order in which they are visited.
+
+    ``postures`` (N, n): [rad], URDF signs. ``via`` (N,): postures that the arm passes through
+    without measuring. ``status``, ``reasons``: as in ``poses.csv``, one each; none at all for a
+    list that was not read from a file. ``extra``: by name of the column, the N cells of columns
+    that posedesign does not know. ``dropped``: poses that the list names, and that are not visited.
+    ``comments``: lines before the header of the table, without #.
+    """
+
+    names: tuple[str, ...]
+    postures: FloatArray
+    via: BoolArray
+    status: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
+    extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    dropped: tuple[DroppedPose, ...] = ()
+    comments: tuple[str, ...] = ()
+
+    @classmethod
+    def of_route(cls, poses: PoseSet, route: Route) -> PoseList:
+        """The stops of a route through the kept poses; the others of the set are dropped."""
+        reasons = dict(zip(poses.names, poses.reasons, strict=True))
+        states = dict(zip(poses.names, poses.status, strict=True))
+        stops = named_stops(poses, route)
+        passing = [str(stop.passing) for stop in route.stops]
+        visited = {name for name, _, via in stops if not via}
+        return cls(
+            names=tuple(name for name, _, _ in stops),
+            postures=np.reshape(
+                [posture for _, posture, _ in stops], (-1, poses.postures.shape[1])
+            ),
+            via=np.array([via for _, _, via in stops], dtype=bool),
+            status=tuple(str(PoseStatus.VIA if via else states[name]) for name, _, via in stops),
+            reasons=tuple(
+                why if via else reasons[name]
+                for (name, _, via), why in zip(stops, passing, strict=True)
+            ),
+            dropped=tuple(
+                DroppedPose(name, reasons[name]) for name in poses.names if name not in visited
+            ),
+        )
+
+    @property
+    def measured(self) -> PoseList:
+        """The poses that are measured."""
+        kept = np.flatnonzero(~self.via).tolist()
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in kept),
+            postures=self.postures[kept],
+            via=self.via[kept],
+            status=tuple(self.status[i] for i in kept) if self.status else (),
+            reasons=tuple(self.reasons[i] for i in kept) if self.reasons else (),
+            extra={c: tuple(cells[i] for i in kept) for c, cells in self.extra.items()},
+        )
+
+    @property
+    def header(self) -> dict[str, str]:
+        """What the comments say by name: ``fingerprint``, ``c_g``, ..."""
+        found: dict[str, str] = {}
+        for comment in self.comments:
+            name, colon, value = comment.partition(":")
+            if colon:
+                found.setdefault(name.strip(), value.strip())
+        return found
+
+    @property
+    def not_checked(self) -> tuple[str, ...]:
+        """What planning did not look at, as the comments say; nothing that they say is nothing."""
+        pairs = (comment.partition(":") for comment in self.comments)
+        said = tuple(value.strip() for key, _, value in pairs if key.strip() == NOT_CHECKED)
+        if not said:
+            return ("anything: the list of poses does not say what was",)
+        if self.fingerprint_written not in ("", self.fingerprint):
+            return ("anything: the list was changed after planning",)
+        return said
+
+    @property
+    def fingerprint(self) -> str:
+        """Short digest of the measured postures as they are, see :func:`.pose_plan.fingerprint`."""
+        return fingerprint(self.postures[~self.via])
+
+    @property
+    def fingerprint_written(self) -> str:
+        """The fingerprint that the file gives; empty where it gives none.
+
+        Where it is another than :attr:`fingerprint`, the postures were changed after planning, and
+        the indices beside it are not theirs.
+        """
+        return self.header.get("fingerprint", "")
+
+    @property
+    def misfit(self) -> str:
+        """That the fingerprint is not that of the postures, in words; empty where it is."""
+        if self.fingerprint_written in ("", self.fingerprint):
+            return ""
+        return (
+            f"the postures are others than those that were planned ({self.fingerprint}, not "
+            f"{self.fingerprint_written}): what stands before the header is not of them"
+        )
+
 
 POSE_AXES = (*PLACE, *TURN)
 

@@ -20,8 +20,7 @@ from posedesign.motion import KnownMotions, find_approaches
 from posedesign.motion.waypoints import Passing
 from posedesign.planning import fingerprint
 from posedesign.planning.loop import regressor
-from posedesign.planning.pose_list import STOPS_SHORT
-from posedesign.planning.tables import PoseList
+from posedesign.planning.poses_file import STOPS_SHORT, PoseList
 from posedesign.pose_programs.frames import arm_of, check_frames, tool_note
 from posedesign.programs import (
     DIALECTS,

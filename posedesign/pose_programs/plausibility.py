@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.planning import NEAR_TARGET_M
-from posedesign.planning.tables import PoseList
+from posedesign.planning.poses_file import PoseList
 
 WORTH_A_WORD = 0.3
 """Part of the noise of touching up from which that of rounding is worth a word: it adds 4 %."""

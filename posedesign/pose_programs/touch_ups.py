@@ -22,7 +22,7 @@ from posedesign.cell import Cell
 from posedesign.files import head_of, read_bytes_bounded
 from posedesign.identification import summed_up
 from posedesign.planning import NEAR_TARGET_M, fingerprint, off_target, outside_limits
-from posedesign.planning.tables import PoseList, read_poses
+from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.pose_programs.frames import arm_of, check_recorded_frames
 from posedesign.pose_programs.from_plan import refuse_doubles, stopping_short
 from posedesign.pose_programs.plausibility import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posedesign.cell import Cell
-from posedesign.planning.tables import read_poses
+from posedesign.planning.poses_file import read_poses
 from posedesign.programs import read
 from tests.cli.conftest import Cli, offsets_only, rows_of, with_camera
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from posedesign.cell import Cell
-from posedesign.planning.tables import read_poses
+from posedesign.planning.poses_file import read_poses
 
 
 def test_there_and_back(cli, work):

@@ -13,7 +13,7 @@ from calib.se3 import FloatArray
 from posedesign.cell import Cell
 from posedesign.cli.main import run
 from posedesign.identification.models import model_of
-from posedesign.planning.tables import read_poses
+from posedesign.planning.poses_file import read_poses
 from posedesign.simulation import SimulatedRobot
 from tests.cli.conftest import rows_of
 

@@ -11,7 +11,9 @@ import pytest
 from calib.robot_world import PAPER_METHODS
 from posedesign.cell import Cell
 from posedesign.cli.main import run
-from posedesign.planning.tables import read_pairs, read_poses, read_touch_ups
+from posedesign.files.measurements import read_measurements
+from posedesign.pairs import read_pairs
+from posedesign.planning.poses_file import read_poses
 from posedesign.programs import validate
 from tests.cli.conftest import rows_of
 
@@ -57,7 +59,7 @@ def test_demo_files_can_be_read_back(demo):
     assert len(poses.measured.names) == 27
     np.testing.assert_allclose(poses.postures[-1], cell.base_posture, atol=1e-9)
     assert validate(out / "CALIB01.LS") == []
-    assert read_touch_ups(out / "touchups.csv", cell.robot.n).count == 27
+    assert read_measurements(out / "touchups.csv", cell.robot.n).data.count == 27
     assert len(read_pairs(out / "pairs.csv").names) == 27
     answer = json.loads((out / "identification.json").read_text())
     assert [m["name"] for m in answer["models"]][:2] == ["frames only", "offsets"]

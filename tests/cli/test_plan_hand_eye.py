@@ -9,7 +9,8 @@ import pytest
 from calib.robot_world import PairNoise, design
 from calib.se3 import inverse
 from posedesign.cell import Cell
-from posedesign.planning.tables import read_pairs, read_poses
+from posedesign.pairs import read_pairs
+from posedesign.planning.poses_file import read_poses
 from tests.cli.conftest import rows_of
 
 CAMERA = {"measurement.kind": '"camera-pose"'}

@@ -7,7 +7,7 @@ import pytest
 
 from posedesign.cli import output
 from posedesign.planning.optimal.choose import _Planning
-from posedesign.planning.tables import read_poses
+from posedesign.planning.poses_file import read_poses
 from tests.cli.conftest import strict_json
 
 SMALL = {"pool.candidates": "60"}

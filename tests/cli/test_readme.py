@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from posedesign.cell import Cell
-from posedesign.planning.tables import read_poses
+from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs import program_options
 from posedesign.programs import PoseProgram, ProgramPose, write
 from posedesign.simulation import SimulatedRobot

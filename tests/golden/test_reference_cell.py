@@ -11,9 +11,8 @@ from calib.identification import covariance_of
 from calib.model.measurements import TouchUp, ViewLine
 from posedesign.cell import Cell
 from posedesign.planning import plan
-from posedesign.planning.loop import grid_poses
+from posedesign.planning.loop import RepairPool, grid_poses, repair
 from posedesign.planning.pose_plan import PoseStatus, StopReason
-from posedesign.planning.repair import RepairPool, repair
 from posedesign.selection import condition_inf
 from posedesign.selection.indices import condition_2
 

@@ -16,9 +16,8 @@ from calib.errors import CalibError
 from posedesign.cell import Cell, cell_template, touching_poses
 from posedesign.cell.orientations import cone_rotations
 from posedesign.cell.schema import parse_config
-from posedesign.planning.loop import grid_poses
+from posedesign.planning.loop import RepairPool, grid_poses, repair
 from posedesign.planning.pose_plan import PoseStatus
-from posedesign.planning.repair import RepairPool, repair
 
 PRESETS = ("r2000ic165f", "lrmate200id", "irb120", "kr6r900sixx", "ur5e")
 POSES = 1000

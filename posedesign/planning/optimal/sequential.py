@@ -23,16 +23,15 @@ from posedesign.candidates import Pool, away_from_singularities, functions_over_
 from posedesign.cell import Cell
 from posedesign.motion import Router
 from posedesign.motion.route import Route
-from posedesign.planning.optimal.choose import as_pose_set
-from posedesign.planning.optimal.next_poses import NextPoses
-from posedesign.planning.optimal.objective import Goal, goal_of
-from posedesign.planning.optimal.reachable import (
+from posedesign.planning.optimal.choose import (
     ATTEMPTS,
+    as_pose_set,
     no_clear_way,
     reached_of,
     without_unreached,
 )
-from posedesign.planning.optimal.request import Request
+from posedesign.planning.optimal.request import Goal, Request, goal_of
+from posedesign.planning.optimal.result import NextPoses
 from posedesign.planning.pose_plan import PoseSet
 from posedesign.selection import select
 

@@ -30,7 +30,7 @@ from posedesign.identification.correction_routes import (
 from posedesign.identification.file import IdentifiedModel
 from posedesign.identification.measurement_set_up import set_up_blocks
 from posedesign.identification.models import kinds_of, model_of, robot_blocks
-from posedesign.planning.tables import read_poses
+from posedesign.planning.poses_file import read_poses
 
 CELL = """
 [robot]

@@ -23,11 +23,15 @@ from posedesign.planning import off_target
 from posedesign.planning.loop import check_base_pose
 from posedesign.planning.optimal import Request, plan_fewest, plan_optimal
 from posedesign.planning.optimal import choose as planning
-from posedesign.planning.optimal.objective import accuracy_of, goal_of
-from posedesign.planning.optimal.outlook import outlook_of
-from posedesign.planning.optimal.reachable import without_alike
-from posedesign.planning.optimal.robust import TRIALS, blocks_of_robots, draw_parameters, robustness
-from posedesign.planning.tables import read_poses
+from posedesign.planning.optimal.choose import outlook_of, without_alike
+from posedesign.planning.optimal.refinement import (
+    TRIALS,
+    blocks_of_robots,
+    draw_parameters,
+    robustness,
+)
+from posedesign.planning.optimal.request import accuracy_of, goal_of
+from posedesign.planning.poses_file import read_poses
 from posedesign.selection import Candidates
 from posedesign.selection.search import exchange
 from posedesign.workflow import plan_optimal_poses

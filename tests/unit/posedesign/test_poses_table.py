@@ -15,12 +15,11 @@ from calib.errors import FileFormatError, InputError
 from calib.se3 import rotation_from_wpr
 from posedesign.files.csv_tables import read_rows, read_table, write_table
 from posedesign.files.measurements import read_measurements, write_measurements
-from posedesign.files.postures import columns_of
+from posedesign.files.postures import JointForm, columns_of
 from posedesign.planning import Margins, PosePlan, plan
-from posedesign.planning.pose_margins import MARGIN_COLUMNS
-from posedesign.planning.tables import (
+from posedesign.planning.poses_file import (
+    MARGIN_COLUMNS,
     DroppedPose,
-    JointForm,
     PoseList,
     read_poses,
     read_robot_poses,

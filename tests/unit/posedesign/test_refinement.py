@@ -10,8 +10,8 @@ from calib.se3 import rotation_exp
 from posedesign.candidates import cone_pool, functions_over_box, joint_pool
 from posedesign.cell import touching_poses
 from posedesign.planning.optimal import Request, refinement
-from posedesign.planning.optimal.objective import goal_of
 from posedesign.planning.optimal.refinement import _Refinement, refine
+from posedesign.planning.optimal.request import goal_of
 from posedesign.selection import select
 
 TILT = np.deg2rad(40.0)

@@ -10,16 +10,16 @@ from posedesign.cell import Cell
 from posedesign.constraints import MotionChecker
 from posedesign.constraints.retreat import WayVerdicts
 from posedesign.planning import plan
-from posedesign.planning.loop import grid_poses
-from posedesign.planning.pose_plan import PoseStatus, StopReason
-from posedesign.planning.repair import (
+from posedesign.planning.loop import (
     ENOUGH,
     POOL_ORIENTATIONS,
     RepairPool,
     farthest_postures,
+    grid_poses,
     repair,
 )
-from posedesign.planning.tables import read_poses, write_poses
+from posedesign.planning.pose_plan import PoseStatus, StopReason
+from posedesign.planning.poses_file import read_poses, write_poses
 
 
 @given(seed=st.integers(0, 10_000), count=st.integers(1, 6))

@@ -27,7 +27,7 @@ from posedesign.motion.route import Passing, Route
 from posedesign.planning import PoseList, PosePlan, plan
 from posedesign.planning.checks import check_poses
 from posedesign.planning.optimal import Request, plan_optimal
-from posedesign.planning.tables import read_poses
+from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
 from posedesign.pose_programs.from_plan import with_approaches
 from posedesign.workflow import plan_poses

@@ -15,17 +15,12 @@ from calib.se3 import rotation_from_wpr, transform
 from posedesign.files import csv_tables
 from posedesign.files import safe as files
 from posedesign.files.csv_tables import check_columns, read_rows, write_table
+from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.motion.route import Route, Stop
-from posedesign.planning import plan, write_touch_ups
+from posedesign.pairs import Pairs, read_pairs, write_pairs
+from posedesign.planning import plan
 from posedesign.planning.pose_plan import PoseSet, PoseStatus
-from posedesign.planning.tables import (
-    Pairs,
-    read_pairs,
-    read_poses,
-    read_touch_ups,
-    write_pairs,
-    write_poses,
-)
+from posedesign.planning.poses_file import read_poses, write_poses
 
 FILES_BETWEEN_EXAMPLES = settings(
     max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -55,8 +50,8 @@ def test_touch_ups_round_trip(tmp_path, q, data):
     target = np.array(
         data.draw(st.lists(st.integers(0, len(labels) - 1), min_size=len(q), max_size=len(q)))
     )
-    path = write_touch_ups(tmp_path / "t.csv", touch_ups(q, target, labels))
-    found = read_touch_ups(path, 6)
+    path = write_measurements(tmp_path / "t.csv", touch_ups(q, target, labels))
+    found = read_measurements(path, 6).data
     np.testing.assert_allclose(found.postures, q, rtol=0, atol=EXACT)
     assert [found.targets[k] for k in found.target] == [labels[k] for k in target]
 
@@ -162,10 +157,10 @@ def test_touch_ups_as_the_pendant_shows_them(tmp_path, reference_cell):
         for shown in robot.controller.pendant(q)
     ]
     path = write_table(tmp_path / "t.csv", ["target", *columns], rows)
-    found = read_touch_ups(path, 6, controller=robot.controller)
+    found = read_measurements(path, 6, controller=robot.controller).data
     np.testing.assert_allclose(found.postures, q, rtol=0, atol=EXACT)
     with pytest.raises(FileFormatError, match="the robot's controller is not known"):
-        read_touch_ups(path, 6)
+        read_measurements(path, 6)
     poses = read_poses(path, 6, controller=robot.controller)
     np.testing.assert_allclose(poses.postures, q, rtol=0, atol=EXACT)
 
@@ -181,12 +176,12 @@ def test_joints_and_pendant_must_agree(tmp_path, reference_cell):
         values = dict(zip(own, joints, strict=True)) | dict(zip(shown, pendant, strict=True))
         rows.append({"target": "T1"} | values)
     path = write_table(tmp_path / "t.csv", ["target", *own, *shown], rows)
-    found = read_touch_ups(path, 6, controller=robot.controller)
+    found = read_measurements(path, 6, controller=robot.controller).data
     np.testing.assert_allclose(found.postures, q, atol=EXACT)
     rows[1]["pendant_j3_deg"] += 0.5  # type: ignore[operator]
     path = write_table(tmp_path / "t.csv", ["target", *own, *shown], rows)
     with pytest.raises(FileFormatError, match=r"line 3, column pendant_j3_deg: is 0\.5 deg off"):
-        read_touch_ups(path, 6, controller=robot.controller)
+        read_measurements(path, 6, controller=robot.controller)
 
 
 def test_planned_poses_carry_what_the_pendant_shows(tmp_path, reference_cell):
@@ -211,7 +206,7 @@ def test_random_files_raise_nothing_but_known_errors(tmp_path, data):
         with pytest.raises(CalibError):
             read()
     with pytest.raises(CalibError):
-        read_touch_ups(path, 6)
+        read_measurements(path, 6)
     with pytest.raises(CalibError):
         read_pairs(path)
 
@@ -228,7 +223,7 @@ def test_nearly_good_files_are_read_or_refused(tmp_path, rows):
     header = "target,j1_deg,j2_deg,status\n"
     path.write_text(header + "".join(",".join(row) + "\n" for row in rows))
     try:
-        found = read_touch_ups(path, 2)
+        found = read_measurements(path, 2).data
     except CalibError:
         pass
     else:
@@ -331,7 +326,7 @@ def test_columns(found, said, hint):
 
 def test_columns_in_any_order_and_more_of_them(tmp_path):
     (tmp_path / "a.csv").write_text("who,j2_deg,target,j1_deg\nme,20,T1,10\n")
-    found = read_touch_ups(tmp_path / "a.csv", 2)
+    found = read_measurements(tmp_path / "a.csv", 2).data
     np.testing.assert_allclose(np.rad2deg(found.postures), [[10.0, 20.0]])
 
 

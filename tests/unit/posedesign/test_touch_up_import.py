@@ -8,8 +8,9 @@ import pytest
 
 from calib.errors import FileFormatError, InputError
 from posedesign.cell import Cell, cell_template
-from posedesign.planning import plan, write_touch_ups
-from posedesign.planning.tables import PoseList, write_pose_list
+from posedesign.files.measurements import write_measurements
+from posedesign.planning import plan
+from posedesign.planning.poses_file import PoseList, write_pose_list
 from posedesign.pose_programs import (
     chosen_dialect,
     import_touch_ups,
@@ -358,7 +359,7 @@ def test_two_poses_of_one_name_are_refused(reference_cell, planned, touched, tmp
 def test_a_list_of_touch_ups_needs_no_import(reference_cell, planned, tmp_path):
     path = tmp_path / "touchups.csv"
     measured = SimulatedRobot.of(reference_cell).touch_up(planned.measured.postures, None)
-    write_touch_ups(path, measured)
+    write_measurements(path, measured)
     with pytest.raises(InputError, match="is a list of touch-ups already"):
         import_touch_ups(reference_cell, [path], planned)
 

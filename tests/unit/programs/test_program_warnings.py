@@ -12,8 +12,7 @@ import pytest
 from calib.robots import Robot
 from posedesign.files import Results, write_text_atomic
 from posedesign.files.origin import checksum
-from posedesign.planning.pose_list import ALL_CHECKED
-from posedesign.planning.tables import PoseList, read_poses
+from posedesign.planning.poses_file import ALL_CHECKED, PoseList, read_poses
 from posedesign.pose_programs import program_options, write_program
 from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.program import MOST_WARNINGS

@@ -11,12 +11,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, near_names
-from calib.geometry.enclosure import reach
+from calib.geometry.enclosure import (
+    candidate_pairs,
+    check_groups,
+    motion_radii,
+    reach,
+    without_ignored,
+)
 from calib.geometry.engine import Engine, Placed
-from calib.geometry.pairs import candidate_pairs, check_groups, motion_radii, without_ignored
 from calib.geometry.rays import contains
-from calib.geometry.sight import LinesOfSight
-from calib.geometry.ways import TOUCH_M, Clearance, Extent, Sight, Ways, check_ways, nearest
+from calib.geometry.ways import (
+    TOUCH_M,
+    Clearance,
+    Extent,
+    LinesOfSight,
+    Sight,
+    Ways,
+    check_ways,
+    nearest,
+)
 from calib.robots import ChainState, SerialChain
 from calib.robots.shapes import Body
 from calib.se3 import BoolArray, FloatArray, IntArray

@@ -20,11 +20,12 @@ from calib.robot_world.noise import (
 # for the project's own modules, which give them checked arrays: not public, and not in __all__
 from calib.robot_world.noise import NoiseShown as NoiseShown
 from calib.robot_world.noise import difference as difference
-from calib.robot_world.opencv import pairs_from_opencv, result_to_opencv
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import (
     RobotWorldBatch,
     RobotWorldResult,
+    pairs_from_opencv,
+    result_to_opencv,
 )
 from calib.robot_world.results import residuals as residuals
 from calib.robot_world.scale import Scale

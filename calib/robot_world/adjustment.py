@@ -26,8 +26,14 @@ from calib.batch_last import (
     turn_back,
 )
 from calib.robot_world.algebra import apply_matrix
-from calib.robot_world.errors_of_pairs import ErrorModel, Errors, General, derivatives, left_over
-from calib.robot_world.fit import Fit
+from calib.robot_world.errors_of_pairs import (
+    ErrorModel,
+    Errors,
+    Fit,
+    General,
+    derivatives,
+    left_over,
+)
 from calib.robot_world.pairs import PairSets
 from calib.se3 import BoolArray, FloatArray, IntArray
 

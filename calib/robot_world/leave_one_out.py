@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib import se3
-from calib.robot_world.fit import Fit
+from calib.robot_world.errors_of_pairs import Fit
 from calib.robot_world.identifiability import examine
 from calib.robot_world.methods import Method
 from calib.robot_world.noise import Noise, PairCovariances

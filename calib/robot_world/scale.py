@@ -18,15 +18,14 @@ from scipy.stats import t as student
 
 from calib import se3
 from calib.batch_last import columns_of, turn
-from calib.robot_world.accuracy import judged
+from calib.robot_world.accuracy import judged, widening
 from calib.robot_world.adjustment import adjust
 from calib.robot_world.algebra import apply_matrix, least_squares
 from calib.robot_world.closed_form import assemble
-from calib.robot_world.fit import Fit
+from calib.robot_world.errors_of_pairs import Fit
 from calib.robot_world.methods.maximum_likelihood import estimated_model, with_estimated_noise
 from calib.robot_world.noise import Noise
 from calib.robot_world.pairs import PairSets
-from calib.robot_world.serial import widening
 from calib.se3 import BoolArray, FloatArray
 
 UNKNOWN = 0.1

@@ -16,7 +16,9 @@ from calib.robot_world.accuracy import (
     goodness,
     judged,
     noise_shown,
+    propagate,
     rank_of,
+    widening,
 )
 from calib.robot_world.adjustment import linear_rows
 from calib.robot_world.closed_form import residual_rms, residual_rows
@@ -25,12 +27,12 @@ from calib.robot_world.components import ShownNoise, explain, settled, shown_noi
 from calib.robot_world.diagnosis import (
     ALIEN,
     copies,
+    drifting,
     few_for_the_noise,
     outstanding,
     standing_out,
     suspicions,
 )
-from calib.robot_world.drift import drifting
 from calib.robot_world.identifiability import (
     Motion,
     examine,
@@ -43,10 +45,8 @@ from calib.robot_world.methods import Method, find_method
 from calib.robot_world.methods.robust import WIDENING
 from calib.robot_world.noise import Noise, NoiseShown, PairNoise, check_asked_noise
 from calib.robot_world.pairs import FEWEST_PAIRS, PairSets, checked_pairs, checked_problem
-from calib.robot_world.propagation import propagate
 from calib.robot_world.results import Estimate, RobotWorldBatch, RobotWorldResult
 from calib.robot_world.scale import Scale, by_rotations_first, likeliest, scaled
-from calib.robot_world.serial import widening
 from calib.robot_world.verdict import (
     HARDLY,
     alone,

@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from calib import se3
 from calib.geometry import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Scene, Solid, Sphere
-from calib.geometry.enclosure import enclose, outer_points, reach
+from calib.geometry.enclosure import enclose, motion_radii, outer_points, reach
 from calib.geometry.engine import CONTACT_M, MeshSurface, coal_solid
-from calib.geometry.pairs import motion_radii
 from calib.geometry.rays import box_box_bound, crosses, segment_segment
 from calib.geometry.ways import WAY_TOLERANCE_M
 from calib.robots import SerialChain

@@ -18,7 +18,7 @@ import numpy as np
 
 from calib import se3
 from calib.errors import ConvergenceError
-from calib.robot_world.certificate.constraints import rotation_constraints
+from calib.robot_world.certificate.dual import rotation_constraints
 from calib.robot_world.certificate.polynomial import QuadraticForm
 from calib.se3 import FloatArray
 

@@ -17,8 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.robot_world.algebra import triangle
-from calib.robot_world.dual_quaternions import dual_part, transform_in_plane, transforms
+from calib.robot_world.algebra import dual_part, transform_in_plane, transforms, triangle
 from calib.robot_world.methods.relative_motions import (
     complete,
     few_motions,

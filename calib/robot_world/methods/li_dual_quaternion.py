@@ -16,8 +16,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.robot_world.algebra import left_matrix, right_matrix, triangle
-from calib.robot_world.dual_quaternions import dual_part, transform_in_plane, transforms
+from calib.robot_world.algebra import (
+    dual_part,
+    left_matrix,
+    right_matrix,
+    transform_in_plane,
+    transforms,
+    triangle,
+)
 from calib.robot_world.pairs import PairSets
 from calib.robot_world.results import Estimate
 from calib.se3 import FloatArray

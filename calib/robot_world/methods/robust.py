@@ -14,8 +14,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from calib.robot_world.adjustment import adjust, linear_rows
-from calib.robot_world.errors_of_pairs import ErrorModel
-from calib.robot_world.fit import Fit
+from calib.robot_world.errors_of_pairs import ErrorModel, Fit
 from calib.robot_world.methods.maximum_likelihood import (
     as_estimate,
     estimated_model,

@@ -10,7 +10,7 @@ from calib import Robot
 from calib.errors import InputError
 from calib.geometry import Body, Box, Capsule, Cylinder, HalfSpace, Mesh, Scene, Sphere
 from calib.geometry import scene as scene_module
-from calib.geometry.pairs import motion_radii
+from calib.geometry.enclosure import motion_radii
 from calib.robots import SerialChain
 from calib.se3 import rotation_exp, transform
 

@@ -9,8 +9,7 @@ from calib import se3
 from calib.errors import InputError
 from calib.robot_world import PairNoise, add_noise, random_problems, residuals
 from calib.robot_world.certificate import certify, cost_weights, minimise
-from calib.robot_world.certificate.certify import GAP_TOLERANCE
-from calib.robot_world.certificate.local import derivatives
+from calib.robot_world.certificate.certify import GAP_TOLERANCE, derivatives
 from calib.robot_world.certificate.polynomial import quadratic_form
 
 

@@ -6,14 +6,15 @@ from scipy.spatial.transform import Rotation
 
 from calib.robot_world import PairNoise, add_noise, random_problems
 from calib.robot_world.certificate import cost_weights, minimise
-from calib.robot_world.certificate.barrier import minimise_first
-from calib.robot_world.certificate.constraints import rotation_constraints
 from calib.robot_world.certificate.dual import (
+    balanced_multipliers,
+    best_multipliers,
     least_multipliers,
     lower_bound,
+    minimise_first,
     relaxed_minimum,
+    rotation_constraints,
 )
-from calib.robot_world.certificate.multipliers import balanced_multipliers, best_multipliers
 from calib.robot_world.certificate.polynomial import quadratic_form
 from calib.robot_world.certificate.sdp import solve_relaxation
 

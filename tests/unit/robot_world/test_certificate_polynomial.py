@@ -9,7 +9,7 @@ from calib import se3
 from calib.errors import InputError
 from calib.robot_world import PairNoise, add_noise, random_problems
 from calib.robot_world.certificate import Weights, cost_weights, minimise
-from calib.robot_world.certificate.local import derivatives
+from calib.robot_world.certificate.certify import derivatives
 from calib.robot_world.certificate.polynomial import quadratic_form
 
 NOISE = PairNoise(np.radians(0.5), 1e-3, "B")

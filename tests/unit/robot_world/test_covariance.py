@@ -14,7 +14,7 @@ from calib.robot_world import (
     solve,
     solve_batch,
 )
-from calib.robot_world.propagation import propagate
+from calib.robot_world.accuracy import propagate
 from tests.hostile_pairs import viewing_pairs
 
 METHODS_WITH_COVARIANCE = [name for name in METHODS if name != "hirsh-literal"]
@@ -167,7 +167,7 @@ def test_covariance_does_not_depend_on_the_size_of_the_chunks(monkeypatch):
     problems = random_problems(np.random.default_rng(6), 1, 5)
     noise = PairNoise(1e-3, 1e-3)
     whole = solve(problems.A[0], problems.B[0], noise=noise).covariance
-    monkeypatch.setattr("calib.robot_world.propagation._PAIRS_AT_ONCE", 40)
+    monkeypatch.setattr("calib.robot_world.accuracy._PAIRS_AT_ONCE", 40)
     chunks = solve(problems.A[0], problems.B[0], noise=noise).covariance
     np.testing.assert_allclose(chunks, whole, rtol=1e-12)
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from calib.robot_world import PairSets, difference, random_problems, solve, solve_batch
+from calib.robot_world.accuracy import FEWEST_PAIRS, widening
 from calib.robot_world.methods import maximum_likelihood
 from calib.robot_world.noise import perturb
-from calib.robot_world.serial import FEWEST_PAIRS, widening
 
 SIGMA = np.repeat([2e-3, 1e-3], 3)
 

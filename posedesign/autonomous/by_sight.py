@@ -21,9 +21,8 @@ from calib.vision.camera import Observer
 from calib.vision.camera.observers import Kind
 from calib.vision.touch_up import Arms, RobotAdapter
 from calib.vision.touch_up.arms import OneArm
-from posedesign.autonomous.folder_robot import FolderRobot
-from posedesign.autonomous.journal import Journal
-from posedesign.autonomous.moving import drive_of
+from posedesign.autonomous.folder_robot import FolderRobot, drive_of
+from posedesign.autonomous.journal import Journal, KeptStation
 from posedesign.autonomous.process import (
     COMMAND,
     LEAST_SIGMA_M,
@@ -33,7 +32,6 @@ from posedesign.autonomous.process import (
     calibrate,
     loop_of,
 )
-from posedesign.autonomous.recorded_session import KeptStation
 from posedesign.cell import Cell
 from posedesign.files import Results, held, identity_of, json_text, make_folder, origin_of
 from posedesign.simulation import PLATE_PITCH_M, PlateTest, true_cell, true_observer

@@ -3,7 +3,7 @@
 1. From one taught pose, where camera and target are (:mod:`calib.vision.touch_up.set_up`).
 2. Measuring poses for them, a touch-up at each, and the robot from the touch-ups.
 
-All measurements go through a :class:`~calib.vision.touch_up.session.Station`: of a simulated arm,
+All measurements go through a :class:`~calib.vision.touch_up.servo.Station`: of a simulated arm,
 or of a robot behind its adapter. Nothing here knows which.
 """
 
@@ -18,12 +18,11 @@ import numpy as np
 from calib.errors import ConvergenceError, UnreachableError
 from calib.model import Setup
 from calib.model.measurements import Measurements
-from calib.se3 import FloatArray, transform
+from calib.se3 import FloatArray, inverse, rotation_exp, transform, wpr_from_rotation
 from calib.vision.touch_up import Loop, Station, TiltBias, find_set_up, follow
 from calib.vision.touch_up.set_up import NoSetUp, SetUp
-from posedesign.autonomous.found_cell import found_cell
-from posedesign.autonomous.target_poses import TargetPoses
-from posedesign.cell import Cell
+from calib.vision.touch_up.sighting import camera_of
+from posedesign.cell import CameraSection, Cell
 from posedesign.cell.file import cell_text
 from posedesign.files import Claim, Results, identity_of, make_folder, write_text_atomic
 from posedesign.files.measurements import write_measurements
@@ -31,6 +30,7 @@ from posedesign.files.origin import Kind
 from posedesign.identification import Identified
 from posedesign.pairs import Pairs, write_pairs
 from posedesign.planning import PoseList, PosePlan
+from posedesign.simulation import circle_target
 from posedesign.workflow import (
     IDENTIFICATION,
     PAIRS,
@@ -356,3 +356,140 @@ def _found_text(cell: Cell, source: Path) -> str:
         "The cell with camera and target as posedesign calibrate found them.\n"
         "Lengths in mm, angles in degrees, joints in URDF signs.",
     )
+
+
+_NEAREST, _FARTHEST = 0.5, 2.0
+"""Distances of the target, in parts of the designated one, that a cell without a camera section is
+given: the loop brings the target to the designated one, whatever happens on the way."""
+
+_DECIMALS_MM, _DECIMALS_DEG = 4, 6
+"""Far below what is known, and short enough to be read."""
+
+
+def found_cell(
+    cell: Cell, set_up: SetUp, image_px: tuple[int, int], sigma_m: FloatArray | None
+) -> Cell:
+    """A cell with what was found in place of what its file says of tool point, camera and target.
+
+    Parameters
+    ----------
+    cell : Cell
+    set_up : SetUp
+    image_px : tuple of int
+        Width and height of the pictures.
+    sigma_m : array (3,), optional
+        Noise of a touch-up along x, y, z of the camera [m], where it was measured.
+
+    """
+    config = cell.config
+    T = set_up.T_tip_camera
+    place = {
+        "position_mm": _mm(T[:3, 3]),
+        "wpr_deg": _deg(wpr_from_rotation(T[:3, :3])),
+        "image_px": image_px,
+        "focal_px": round(set_up.jacobian.focal_px, 3),
+    }
+    distance_mm = 1e3 * set_up.jacobian.distance_m
+    given = config.camera or CameraSection(
+        nearest_mm=_NEAREST * distance_mm, farthest_mm=_FARTHEST * distance_mm
+    )
+    measurement = config.measurement
+    if sigma_m is not None:
+        three = tuple(round(3e3 * s, 6) for s in sigma_m.tolist())
+        measurement = measurement.model_copy(
+            update={"three_sigma_mm": three, "noise_axes": "camera"}
+        )
+    changed = config.model_copy(
+        update={
+            "tool": config.tool.model_copy(
+                update={
+                    "point_mm": _mm(set_up.tool_m),
+                    "camera_stand_off_mm": round(distance_mm, _DECIMALS_MM),
+                }
+            ),
+            "base_pose": config.base_pose.model_copy(
+                update={"posture_deg": _deg(set_up.postures[0])}
+            ),
+            "target": config.target.model_copy(
+                update={
+                    "position_mm": _mm(set_up.target_m),
+                    "normal": tuple(round(v, 6) for v in set_up.facing.normal.tolist()),
+                }
+            ),
+            "camera": given.model_copy(update=place),
+            "measurement": measurement,
+        }
+    )
+    return replace(
+        cell,
+        config=changed,
+        base_posture=np.deg2rad(changed.base_pose.posture_deg),
+        tool_m=np.array(changed.tool.point_mm) / 1e3,
+        target_m=np.array(changed.target.position_mm) / 1e3,
+    )
+
+
+def _mm(vector: FloatArray) -> tuple[float, ...]:
+    return tuple(round(1e3 * v, _DECIMALS_MM) + 0.0 for v in vector.tolist())
+
+
+def _deg(angles: FloatArray) -> tuple[float, ...]:
+    return tuple(round(v, _DECIMALS_DEG) + 0.0 for v in np.rad2deg(angles).tolist())
+
+
+_ROLL_STEP = np.deg2rad(5.0)
+"""Turns of the pattern about its normal that are tried: its edges are found from that far off."""
+
+_QUARTER = np.pi / 2.0
+"""In which the pattern, a cross, looks the same."""
+
+
+class TargetPoses:
+    """Collects A = T_base_tip and B = T_target_camera at touched-up postures.
+
+    Parameters
+    ----------
+    cell : Cell
+        With camera and target as they were found.
+    station : Station
+    set_up : SetUp
+    """
+
+    def __init__(self, cell: Cell, station: Station, set_up: SetUp) -> None:
+        self._robot = cell.robot
+        self._station = station
+        self._set_up = set_up
+        self._target = circle_target(cell)
+        self._camera = camera_of(set_up.jacobian)
+        self._T_base_target: FloatArray | None = None
+        self.names: list[str] = []
+        self.A: list[FloatArray] = []
+        self.B: list[FloatArray] = []
+
+    def add(self, name: str, q: FloatArray) -> None:
+        """Take the pose of the target from where the arm stands, touched up at ``(n,)`` [rad]."""
+        T_base_tip = self._robot.fk(q)
+        T_base_camera = T_base_tip @ self._set_up.T_tip_camera
+        found = self._station.target_pose(
+            f"{name} pose", self._camera, self._target, inverse(T_base_camera) @ self._guesses()
+        )
+        if found is None:
+            return
+        if self._T_base_target is None:
+            self._T_base_target = T_base_camera @ found
+        self.names.append(name)
+        self.A.append(T_base_tip)
+        self.B.append(inverse(found))
+
+    def _guesses(self) -> FloatArray:
+        """Where the target may be, ``(K, 4, 4)`` [m]: at first turned anyhow about its normal."""
+        if self._T_base_target is not None:
+            return self._T_base_target[None]
+        normal = self._set_up.facing.normal
+        aside = np.eye(3)[int(np.argmin(np.abs(normal)))]
+        x = np.cross(aside, normal)
+        x /= np.linalg.norm(x)
+        R = np.column_stack([x, np.cross(normal, x), normal])
+        rolls = np.arange(0.0, _QUARTER, _ROLL_STEP)
+        turned = rotation_exp(rolls[:, None] * np.array([0.0, 0.0, 1.0]))
+        return transform(R @ turned, np.tile(self._set_up.target_m, (len(rolls), 1)))

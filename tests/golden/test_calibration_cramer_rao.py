@@ -11,8 +11,7 @@ from calib.model.measurements import Measurements
 from calib.se3 import FloatArray
 from calib.vision.touch_up import Drive, SimulatedArms, Station, find_set_up, touch_up
 from calib.vision.touch_up.set_up import SetUp
-from posedesign.autonomous.found_cell import found_cell
-from posedesign.autonomous.process import loop_of, tilt_bias
+from posedesign.autonomous.process import found_cell, loop_of, tilt_bias
 from posedesign.cell import Cell, cell_template
 from posedesign.planning import plan
 from posedesign.simulation import true_cell, true_observer

@@ -13,8 +13,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from calib.vision.camera.circle_pose import circle_center, circle_center_bias, circle_poses
-    from calib.vision.camera.conic import circle_image, ellipse_axes
+    from calib.vision.camera.conic import (
+        circle_center,
+        circle_center_bias,
+        circle_image,
+        circle_poses,
+        ellipse_axes,
+    )
     from calib.vision.camera.ellipse import EllipseMeasurement, measure_ellipse
     from calib.vision.camera.lens import Camera, PinholeCamera
     from calib.vision.camera.observers import (
@@ -26,10 +31,9 @@ if TYPE_CHECKING:
         make_observer,
         noise_from_images,
     )
-    from calib.vision.camera.pattern_pose import pose_from_image
-    from calib.vision.camera.pnp import TargetPose, pose_from_points
     from calib.vision.camera.rendering import Glare, Imaging, Occluder, render
     from calib.vision.camera.target import CircleTarget
+    from calib.vision.camera.target_pose import TargetPose, pose_from_image, pose_from_points
 
 __all__ = [
     "Camera",

@@ -92,7 +92,7 @@ _LARGEST = 1.5
 _LEVELS = (0.5, 0.3, 0.7)
 """Thresholds tried where Otsu's shows nothing, between dark and light of the image."""
 
-_SOFTEST = 12
+_LEAST_RANGE = 12
 """Grey levels between the darkest and the lightest pixel below which nothing is in the image."""
 
 _MOST = 2000
@@ -123,7 +123,7 @@ def find_candidates(
     """
     smooth = np.asarray(cv2.GaussianBlur(image, (3, 3), 0), dtype=np.uint8)
     low, high, _, _ = cv2.minMaxLoc(smooth)
-    if high - low < _SOFTEST:
+    if high - low < _LEAST_RANGE:
         return [], []
     otsu, _ = cv2.threshold(smooth, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     levels = [otsu, *(low + share * (high - low) for share in _LEVELS)]

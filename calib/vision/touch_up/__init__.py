@@ -2,16 +2,15 @@
 
 from calib.vision.touch_up.arms import Arms, RobotAdapter
 from calib.vision.touch_up.drive import Drive, follow
-from calib.vision.touch_up.facing import TiltBias
 from calib.vision.touch_up.jacobian import ImageJacobian, Relation
 from calib.vision.touch_up.servo import (
     Loop,
+    Station,
     TouchUps,
     touch_up,
 )
-from calib.vision.touch_up.session import Station
 from calib.vision.touch_up.set_up import find_set_up
-from calib.vision.touch_up.sighting import NoSetUp, SetUp
+from calib.vision.touch_up.sighting import NoSetUp, SetUp, TiltBias
 from calib.vision.touch_up.simulated import SimulatedArms, TrueCell
 
 __all__ = [

@@ -16,15 +16,14 @@ import numpy as np
 
 from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_exp, rotation_log, transform
-from calib.vision.touch_up.facing import find_normal
-from calib.vision.touch_up.servo import Loop
-from calib.vision.touch_up.session import Station
+from calib.vision.touch_up.servo import Loop, Station
 from calib.vision.touch_up.sighting import (
     FIXED,
     NoSetUp,
     Refused,
     SetUp,
     Sighting,
+    find_normal,
     posture_at,
     sight,
 )

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.robots.description.expression import LONGEST_EXPRESSION, ExpressionError, evaluate
+from calib.robots.description.xacro_process import LONGEST_EXPRESSION, ExpressionError, evaluate
 
 SYMBOLS = {
     "a": 2.5,

@@ -10,8 +10,7 @@ from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray, IntArray
 from calib.vision.camera import Views
 from calib.vision.touch_up import Drive, ImageJacobian, Loop, Relation
-from posedesign.autonomous.journal import Journal
-from posedesign.autonomous.recorded_session import KeptStation
+from posedesign.autonomous.journal import Journal, KeptStation
 
 ABOUT = {"robot": "of a test"}
 

@@ -16,10 +16,9 @@ from calib.vision.camera import MeasurementNoise
 from calib.vision.camera.rendering import GreyImage
 from calib.vision.touch_up import RobotAdapter, SimulatedArms
 from posedesign.autonomous import Calibration, SightResult, calibrate_robot
-from posedesign.autonomous.journal import Journal
-from posedesign.autonomous.moving import drive_of, refusals_of
+from posedesign.autonomous.folder_robot import drive_of, refusals_of
+from posedesign.autonomous.journal import Journal, KeptStation
 from posedesign.autonomous.process import LEAST_SIGMA_M, calibrate
-from posedesign.autonomous.recorded_session import KeptStation
 from posedesign.cell import Cell, cell_template
 from posedesign.files.measurements import read_measurements
 from posedesign.simulation import true_cell, true_observer

@@ -6,7 +6,7 @@ import pytest
 from calib.se3 import inverse, rotation_exp, transform
 from calib.vision.camera import circle_image
 from calib.vision.touch_up import ImageJacobian, TiltBias
-from calib.vision.touch_up.facing import camera_of, find_normal
+from calib.vision.touch_up.sighting import camera_of, find_normal
 
 TURNS = np.deg2rad(
     [[0, 0, 0], [15, 0, 0], [-15, 0, 0], [0, 15, 0], [0, -15, 0], [0, 0, 30], [10, 10, 0]]

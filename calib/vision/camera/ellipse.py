@@ -13,8 +13,7 @@ import numpy as np
 
 from calib.se3 import FloatArray
 from calib.vision.camera.conic import ellipse_axes, ellipse_points, fit_robust, is_sound
-from calib.vision.camera.contours import find_candidates
-from calib.vision.camera.edges import find_edges
+from calib.vision.camera.edges import find_candidates, find_edges
 from calib.vision.camera.rendering import GreyImage
 
 Status = Literal["ok", "no target", "touches the edge", "poor fit", "several"]

@@ -21,8 +21,7 @@ from posedesign.files.measurements import read_measurements, write_measurements
 from posedesign.files.origin import checksum
 from posedesign.identification import Identified, identify_models, results_as_dict, summed_up
 from posedesign.identification.comparison import without_repeats
-from posedesign.identification.measurement_set_up import far_rows
-from posedesign.identification.reading_checks import check_readings
+from posedesign.identification.measurement_set_up import check_readings, far_rows
 from posedesign.motion.route import Route
 from posedesign.pairs import Pairs, SolverOutcome, read_pairs, solve_pairs, write_pairs
 from posedesign.pairs.tables import write_outcomes

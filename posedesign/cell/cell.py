@@ -16,7 +16,6 @@ from calib.model.parameters import (
 from calib.robots import CoupledLimit, Robot
 from calib.robots.arm_shapes import with_capsules, with_shapes_of
 from calib.se3 import FloatArray
-from posedesign.cell.checks import check_cell, naming
 from posedesign.cell.data import CellData
 from posedesign.cell.schema import CellConfig, RobotSection, parse_text, read_config
 from posedesign.cell.surroundings import (
@@ -25,7 +24,9 @@ from posedesign.cell.surroundings import (
     build_collisions,
     build_retreat,
     build_scene,
+    check_cell,
     meeting_pairs,
+    naming,
     nearest_body,
     obstacles,
     tool_bodies,

@@ -14,7 +14,7 @@ from calib.robots import Robot, find_preset, preset_info
 from calib.robots.arm_shapes import presets_like, unshaped_links
 from calib.robots.controller import controllers_like
 from calib.se3 import FloatArray
-from posedesign.cell.base_posture import suggest_base_posture, suggest_tool
+from posedesign.cell.orientations import suggest_base_posture, suggest_tool
 
 REFERENCE = "r2000ic165f"
 """Preset of the reference cell: the arm and tool of Watanabe et al. 2006 in public numbers."""

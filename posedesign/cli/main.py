@@ -14,13 +14,11 @@ import typer
 
 from posedesign.cli import (
     calibrate_commands,
-    calibration_command,
     correct_commands,
     plan_commands,
     program_commands,
     robot_world_command,
     study_commands,
-    table_commands,
 )
 from posedesign.cli.output import BAD_INPUT, FAULT, STOPPED, plain
 
@@ -41,11 +39,9 @@ app = typer.Typer(
 plan_commands.register(app)
 program_commands.register(app)
 calibrate_commands.register(app)
-calibration_command.register(app)
 correct_commands.register(app)
 robot_world_command.register(app)
 study_commands.register(app)
-table_commands.register(app)
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

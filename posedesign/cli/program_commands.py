@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from posedesign.pose_programs import WrittenProgram
     from posedesign.pose_programs.touch_ups import Imported
 
+
 USUAL_NAME = "CALIB01"
 
 Files = Annotated[list[Path], typer.Argument(help="Program files, backups, or lists in CSV.")]
@@ -35,6 +37,7 @@ def register(app: typer.Typer) -> None:
     app.command()(program)
     app.command()(validate)
     app.command("import")(import_positions)
+    app.command()(convert)
 
 
 def program(
@@ -231,3 +234,69 @@ def _print_imported(imported: Imported, path: Path, *, planned: bool) -> None:
     else:
         note("note: pass --poses to check that the file belongs to the plan, and was touched up")
     say(f"wrote {path}: {len(names)} touch-ups")
+
+
+class Form(StrEnum):
+    """The names of :class:`posedesign.files.postures.JointForm`: importing it delays --help."""
+
+    USUAL = "usual"
+    ROS = "ros"
+    ROBODK = "robodk"
+
+
+def convert(
+    poses: Annotated[
+        Path,
+        typer.Argument(help="A table of poses: joints as j1_deg .., <joint name>_rad .. or J1 .."),
+    ],
+    cell: Annotated[Path, typer.Option(help="The cell: its robot has the names of the joints.")],
+    out: Annotated[Path, typer.Option("--out", help="The table to write.")],
+    to: Annotated[
+        Form,
+        typer.Option(
+            help="usual: j1_deg ..; ros: <joint name>_rad ..; robodk: J1 .. as the pendant shows "
+            "them, first in each row."
+        ),
+    ] = Form.USUAL,
+    as_json: AsJson = False,
+    trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
+) -> int:
+    """Write a table of poses with its joints named in another way.
+
+    Configuration and margins are written anew; columns that are not known are kept.
+    """
+    from posedesign.cell import Cell
+    from posedesign.files.postures import JointForm
+    from posedesign.planning import Margins, outside_limits
+    from posedesign.planning.poses_file import read_robot_poses, write_pose_list
+
+    loaded = Cell.load(cell)
+    (file,) = results_in(out.parent, "convert", poses, overwrite=overwrite).claim(
+        "planned", (out.name, "converted poses"), bare=to is Form.ROBODK
+    )
+    listed = read_robot_poses(poses, loaded.robot, trust_units=trust_units)
+    for said in outside_limits(loaded, listed.names, listed.postures):
+        note(f"warning: {poses}: {said}")
+    note_misfit(poses, listed)
+    write_pose_list(
+        file,
+        listed,
+        loaded.robot,
+        loaded.tool_m,
+        margins=Margins.of(loaded, listed.postures, listed.via),
+        form=JointForm(to.value),
+    )
+    if as_json:
+        print_json(
+            {
+                "path": str(out),
+                "poses": len(listed.measured.names),
+                "fingerprint": listed.fingerprint,
+                "fingerprint_written": listed.fingerprint_written,
+                "kept_columns": list(listed.extra),
+            }
+        )
+    else:
+        say(f"wrote {out}: {len(listed.measured.names)} poses")
+    return DONE

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -22,37 +22,110 @@ from posedesign.cli.output import (
     say_rehearsed,
 )
 from posedesign.cli.plan_commands import AsJson, OutFolder, Overwrite
-from posedesign.cli.robot_world_options import (
-    DEFAULT_METHODS,
-    CameraOption,
-    CameraPlace,
-    Certify,
-    Columns,
-    ConventionOption,
-    EstimateScale,
-    FileA,
-    FileB,
-    InvertOption,
-    LengthUnit,
-    MethodOption,
-    NoiseDeg,
-    NoiseMm,
-    NoiseOnOption,
-    NoiseSide,
-    PairsFile,
-    TrustLengths,
-    Variables,
-    listed,
-    refuse_fixed_opencv,
-    refuse_unfit_noise,
-)
-from posedesign.cli.robot_world_output import print_solvers
 
 if TYPE_CHECKING:
     from calib.robot_world import Noise, NoiseShown
     from posedesign.files import Results
     from posedesign.pairs import Pairs, SolverOutcome
+    from posedesign.pairs.certificate import Camera
     from posedesign.pairs.results import NoiseOn
+
+
+DEFAULT_METHODS = "ml,ml-robust,papers"
+
+CameraPlace = Literal["on-flange", "fixed"]
+Inverted = Literal["none", "a", "b", "both"]
+Naming = Literal["axzb", "opencv"]
+NoiseSide = Literal["a", "b", "both", "seen", "shown"]
+
+PairsFile = Annotated[
+    Path | None,
+    typer.Argument(
+        help="Pairs A, B of A X = Z B. A table, each pose as x_mm y_mm z_mm or x_m y_m z_m "
+        "with w_deg p_deg r_deg, qw qx qy qz, rx_rad ry_rad rz_rad (a rotation vector) or r11 "
+        ".. r33, and a_ or b_ before each name, in capitals or not; or a MATLAB file (.mat) with "
+        "arrays 4x4xN."
+    ),
+]
+FileA = Annotated[Path | None, typer.Option("--a", help="Or A in a file of its own,")]
+FileB = Annotated[Path | None, typer.Option("--b", help="and B in another.")]
+Columns = Annotated[
+    str,
+    typer.Option(
+        help="Names of the columns where a table has no header line, say "
+        "qw,qx,qy,qz,x_m,y_m,z_m; matrix16_mm: a matrix row by row, matrix12_mm: without its "
+        "last row; -: to be passed over."
+    ),
+]
+Variables = Annotated[
+    str, typer.Option(help="Names of A and B in a MATLAB file, say T_hand,T_cam.")
+]
+LengthUnit = Annotated[
+    Literal["mm", "m"] | None, typer.Option(help="Unit of length in a MATLAB file.")
+]
+CameraOption = Annotated[
+    CameraPlace,
+    typer.Option(
+        help="Where it is. on-flange: A = T_base_flange, B = T_target_camera. fixed, with the "
+        "target on the flange: A = T_base_flange, B = T_camera_target."
+    ),
+]
+InvertOption = Annotated[
+    Inverted,
+    typer.Option(
+        help="What the files have the other way round. OpenCV's gripper2base and target2cam "
+        "with the camera on the flange: b."
+    ),
+]
+ConventionOption = Annotated[
+    Naming,
+    typer.Option(
+        help="opencv: A is world2cam and B is base2gripper, as calibrateRobotWorldHandEye takes "
+        "them, in tables (a_, b_) or MATLAB files; its base2world and gripper2cam are printed "
+        "too. Where B is gripper2base: with --invert b."
+    ),
+]
+MethodOption = Annotated[
+    str,
+    typer.Option(help="Methods, with commas between them; papers: those of the papers; all."),
+]
+NoiseDeg = Annotated[
+    float | None,
+    typer.Option(help="Standard deviation of rotations; default: from the residuals."),
+]
+NoiseMm = Annotated[
+    float | None, typer.Option(help="Standard deviation of translations, likewise.")
+]
+NoiseOnOption = Annotated[
+    NoiseSide | None,
+    typer.Option(
+        help="Which side has it; default: b, and without sizes, for ml and ml-robust, what the "
+        "residuals of 20 pairs or more show. b without sizes: that of B, the same in all "
+        "directions. seen: the target as the camera sees it, as a camera's data sheet has it: with "
+        "the camera on the flange, the inverse of B. shown: as the residuals show it for the "
+        "standard deviations of all methods."
+    ),
+]
+EstimateScale = Annotated[
+    bool,
+    typer.Option(
+        "--estimate-scale",
+        help="Estimate by what B's translations are to be multiplied, with X and Z, and correct "
+        "them: where the size of the target, the unit or the focal length is not sure. Without it "
+        "the scale is estimated, too, and said where it is not 1.",
+    ),
+]
+Certify = Annotated[
+    bool,
+    typer.Option(
+        "--certify",
+        help="Prove that no other X and Z are likelier: needs the method ml, and noise on one "
+        "side, the same in all directions: that of B where no sizes are given.",
+    ),
+]
+TrustLengths = Annotated[
+    bool, typer.Option("--trust-units", help="Accept values that look like another unit.")
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -210,3 +283,123 @@ def _warn_of(pairs: Pairs, outcomes: Sequence[SolverOutcome]) -> None:
     misread = [pairs.misread] if pairs.misread else []
     for text in (*pairs.notes, *misread, *warnings_of(outcomes, misread=bool(misread))):
         note(f"warning: {text}")
+
+
+def refuse_unfit_noise(
+    methods: Sequence[str], noise_deg: float | None, noise_mm: float | None, noise_on: str | None
+) -> None:
+    """Both sizes of the noise, none below zero, or nothing of it."""
+    from calib.errors import InputError
+    from calib.robot_world import METHODS
+    from posedesign.files import LEAST_POSITIVE, usable
+
+    weighing = [name for name in methods if METHODS[name].likelihood]
+    for option, value, unit in (("--noise-deg", noise_deg, "deg"), ("--noise-mm", noise_mm, "mm")):
+        if value is None or usable(value) >= LEAST_POSITIVE:
+            continue
+        if value == 0.0 and not weighing:
+            continue
+        what = f"and {weighing[0]} weighs by it" if value == 0.0 else "no standard deviation"
+        raise InputError(
+            f"{option} is {value:g} {unit}, {what}",
+            hint=f"give one above 0 {unit}, or leave the noise to the residuals",
+            name=option,
+            value=value,
+            bound=0.0,
+        )
+    if noise_on == "shown":
+        if noise_deg is not None or noise_mm is not None:
+            raise InputError(
+                "--noise-on shown finds the sizes itself: give no others", name="noise"
+            )
+        return
+    if (noise_deg is None) != (noise_mm is None):
+        raise InputError("give both --noise-deg and --noise-mm, or neither", name="noise")
+    if noise_deg is None and noise_on not in (None, "b"):
+        raise InputError(
+            f"--noise-on {noise_on} needs --noise-deg and --noise-mm",
+            hint="b and shown alone have their sizes from the residuals",
+            name="noise",
+        )
+
+
+def refuse_fixed_opencv(camera: str, convention: str) -> None:
+    """OpenCV's function has no fixed camera: its world would be the flange."""
+    from calib.errors import InputError
+
+    if camera == "fixed" and convention == "opencv":
+        raise InputError(
+            "--convention opencv is for a camera on the flange",
+            hint="for a fixed one give gripper2base as A and target2cam as B, without it",
+            name="convention",
+        )
+
+
+def listed(text: str) -> list[str]:
+    """Names with commas between them."""
+    return [name.strip() for name in text.split(",")] if text.strip() else []
+
+
+_LEFT_OVER = {
+    "method": "method",
+    "status": "status",
+    "iterations": "iterations",
+    "residual_rotation_deg": "residual_deg",
+    "residual_translation_mm": "residual_mm",
+    "left_out_rotation_deg": "left_out_deg",
+    "left_out_translation_mm": "left_out_mm",
+    "used": "used",
+    "pairs": "of pairs",
+}
+"""Columns of the table, and what they are called in print."""
+
+
+def print_solvers(outcomes: Sequence[SolverOutcome], camera: Camera = "on-flange") -> None:
+    """Print X and Z of every solver, with what is left over, and what the letters mean."""
+    from posedesign.pairs import FRAMES
+    from posedesign.pairs.results import noise_judged, remarks_of
+    from posedesign.pairs.tables import solver_row
+
+    rows = [solver_row(outcome) for outcome in outcomes]
+    frames = FRAMES[camera]
+    _print_transform("x", f"X = {frames.X}", rows, outcomes)
+    _print_transform("z", f"Z = {frames.Z}", rows, outcomes)
+    print_table(
+        "Scale of B's translations"
+        + (", corrected" if any(row["scale_estimated"] == "yes" for row in rows) else ""),
+        [{key: row[key] for key in ("method", "scale_of_b", "sigma_scale_of_b")} for row in rows],
+    )
+    print_table("Left over (rms)", [_picked(row, _LEFT_OVER) for row in rows])
+    for text in noise_judged(outcomes):
+        say(text)
+    say(f"A = {frames.A}; B = {frames.B}")
+    sources = {row["noise"] for row in rows}
+    noise = "the noise given" if "given" in sources else "the noise that the residuals show"
+    if "given" not in sources and all(row["noise_on"] in ("B", None) for row in rows):
+        noise += ", as of B"
+    say(f"sigma: the largest of the three axes, by {noise}; left_out: of pairs not seen.")
+    for text in remarks_of(outcomes):
+        say(text)
+
+
+def _print_transform(
+    letter: str,
+    title: str,
+    rows: Sequence[Mapping[str, object]],
+    outcomes: Sequence[SolverOutcome],
+) -> None:
+    """X or Z by every method, with the largest of its standard deviations."""
+    from posedesign.pairs.tables import largest_sigma
+    from posedesign.planning.poses_file import POSE_AXES
+
+    shown = []
+    for row, outcome in zip(rows, outcomes, strict=True):
+        place, turn = largest_sigma(outcome, letter)
+        line = {key: row[key] for key in ("method", "status")}
+        line |= {axis: row[f"{letter}_{axis}"] for axis in POSE_AXES}
+        shown.append(line | {"sigma_mm": place, "sigma_deg": turn})
+    print_table(title, shown)
+
+
+def _picked(row: Mapping[str, object], names: Mapping[str, str]) -> dict[str, object]:
+    return {name: row[key] for key, name in names.items()}

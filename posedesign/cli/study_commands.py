@@ -122,8 +122,7 @@ def run(
     Stop it at any time: the same command goes on where it was.
     """
     from posedesign.study import Options, Workers
-    from posedesign.study.folder import PICTURES
-    from posedesign.study.library import find_study
+    from posedesign.study.library import PICTURES, find_study
 
     found = find_study(name)
     folder = out or results_of(found.name)
@@ -148,8 +147,7 @@ def run(
 
 def plot(name: StudyName, out: StudyOut = None) -> int:
     """Draw the figures of a study again, from the tables of a run."""
-    from posedesign.study.folder import PICTURES
-    from posedesign.study.library import find_study
+    from posedesign.study.library import PICTURES, find_study
 
     found = find_study(name)
     folder = out or results_of(found.name)
@@ -187,7 +185,7 @@ def demo(
     from posedesign.cell import Cell
     from posedesign.cli.identification_output import print_identification
     from posedesign.cli.plan_commands import print_plan
-    from posedesign.cli.robot_world_output import print_solvers
+    from posedesign.cli.robot_world_command import print_solvers
     from posedesign.demo import run_demo
 
     with progress("demo") as advance:

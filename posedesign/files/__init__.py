@@ -1,12 +1,12 @@
 """Files in and out: written whole or not at all, read up to a size, with their origin."""
 
-from posedesign.files.locking import held
-from posedesign.files.numbers import (
+from posedesign.files.csv_tables import (
     LARGEST_NUMBER,
     LEAST_POSITIVE,
     load_json,
     usable,
 )
+from posedesign.files.locking import held
 from posedesign.files.origin import (
     head_of,
     origin_of,

@@ -5,7 +5,7 @@ from posedesign.identification.comparison import (
     identify_models,
     summed_up,
 )
-from posedesign.identification.content import results_as_dict
+from posedesign.identification.file import results_as_dict
 
 __all__ = [
     "Identified",

@@ -4,12 +4,21 @@ What was measured says what there must be: a touched target or a ball bar's foot
 points and poses are read in is a frame, what a plane contact meets is a plane. Where the cell does
 not say where they are, the nominal arm does: any guess is good enough for a fit that places the
 set-up first.
+
+Whether readings of an instrument can be what they are said to be.
+
+A tracker, a camera or a wire sees the arm move. Where the arm has moved by decimetres and what was
+read by a thousandth of that, or where it has turned and the readings have turned otherwise, units
+or conventions are not those of the table.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from calib.errors import FileFormatError
 from calib.model.measurements import Measurements
 from calib.model.parameters import (
     Frames,
@@ -20,7 +29,14 @@ from calib.model.parameters import (
     ToolFrame,
     ToolPoints,
 )
-from calib.se3 import FloatArray, transform
+from calib.se3 import (
+    FloatArray,
+    IntArray,
+    rotation_angle,
+    rotation_exp,
+    transform,
+    wpr_from_rotation,
+)
 from posedesign.cell import Cell
 from posedesign.files.measurements import TOOL, MeasurementTable
 
@@ -128,3 +144,158 @@ def seen_once(data: Measurements) -> list[str]:
     """Targets of which there is a single measurement: it says nothing but where they are."""
     count = np.bincount(data.setup.target, minlength=len(data.targets))
     return [label for label, n in zip(data.targets, count, strict=True) if n == 1]
+
+
+MOVED_M = 0.1
+"""Way of the arm from which the scale of what was read can be judged."""
+
+LEAST_SHARE = 1.0 / 20.0
+"""Share of the arm's way that readings of places have to move by. Inches make it a 25th, metres a
+thousandth; a reflector that sits elsewhere than the cell's tool point does not make it a 20th."""
+
+NEAREST_M = 0.01
+"""Distance that a wire or a camera has from what it sees, at least."""
+
+FARTHEST_M = 100.0
+"""Distance that an instrument has at most."""
+
+TURNED_RAD = 0.3
+"""Turn of the arm from which the turns of what was read can be judged."""
+
+LARGEST_MISS_RAD = 0.05
+"""Difference of turns, the median of many, that no error of an arm and no camera makes."""
+
+_TURN = "w_deg to r_deg"
+
+
+def check_readings(cell: Cell, table: MeasurementTable) -> None:
+    """Refuse places, distances and rotations that cannot be in the unit of their columns.
+
+    Raises
+    ------
+    FileFormatError
+        Naming file and columns, and the unit that they look like.
+    """
+    if table.data.observed is None:
+        return
+    for rows in _groups(table, "point", "pose"):
+        _check_places(cell, table, rows)
+    for rows in _groups(table, "camera-pose"):
+        _check_lengths(cell, table, rows, "x_mm to z_mm")
+    for rows in _groups(table, "distance"):
+        _check_lengths(cell, table, rows, "distance_mm")
+    for rows in _groups(table, "pose", "camera-pose"):
+        _check_turns(cell, table, rows)
+
+
+def _groups(table: MeasurementTable, *kinds: str) -> Iterator[IntArray]:
+    """Rows of these kinds, of one kind, tool and target at a time."""
+    setup, rows = table.data.setup, table.of_kind(*kinds)
+    keys = np.stack([setup.kind[rows], setup.tool[rows], setup.target[rows]], axis=1)
+    for key in np.unique(keys, axis=0):
+        yield rows[(keys == key).all(axis=1)]
+
+
+def _check_places(cell: Cell, table: MeasurementTable, rows: IntArray) -> None:
+    """Places that are read have to move as the arm does."""
+    moved, read = _way(cell, table, rows), _spread(_read(table, rows)[:, :3])
+    if moved > MOVED_M and read < LEAST_SHARE * moved:
+        unit, factor = _unit_of(moved / max(read, 1e-9))
+        raise FileFormatError(
+            f"what was read moves by {read * 1e3:.3g} mm while the arm moves by "
+            f"{moved * 1e3:.3g} mm",
+            path=table.path,
+            column="x_mm to z_mm",
+            hint=f"if these are {unit}, multiply them by {factor:g}; else pass --trust-units",
+            value=read,
+            bound=moved,
+        )
+    _check_not_far(table, read, "x_mm to z_mm")
+
+
+def _check_lengths(cell: Cell, table: MeasurementTable, rows: IntArray, column: str) -> None:
+    """Distances from an instrument are not next to nothing."""
+    read = _read(table, rows)[:, : 1 if column == "distance_mm" else 3]
+    longest = float(np.linalg.norm(read, axis=1).max())
+    if _way(cell, table, rows) > MOVED_M and longest < NEAREST_M:
+        raise FileFormatError(
+            f"nothing that was read is farther than {longest * 1e3:.3g} mm from the instrument",
+            path=table.path,
+            column=column,
+            hint="if these are metres, multiply them by 1000; else pass --trust-units",
+            value=longest,
+            bound=NEAREST_M,
+        )
+    _check_not_far(table, longest, column)
+
+
+def _check_not_far(table: MeasurementTable, length: float, column: str) -> None:
+    if length > FARTHEST_M:
+        raise FileFormatError(
+            f"what was read spans {length:.3g} m",
+            path=table.path,
+            column=column,
+            hint="if these are micrometres, divide them by 1000; else pass --trust-units",
+            value=length,
+            bound=FARTHEST_M,
+        )
+
+
+def _check_turns(cell: Cell, table: MeasurementTable, rows: IntArray) -> None:
+    """Turns between readings have to be those of the arm, whatever tool and target are."""
+    R_read = rotation_exp(_read(table, rows)[:, 3:6])
+    R_tip = cell.robot.fk(table.data.postures[rows])[:, :3, :3]
+    # against several readings in turn: one of them alone may be the wrong one
+    tried = [(_turns(R_tip, k), _turns(R_read, k)) for k in {0, len(rows) // 2, len(rows) - 1}]
+    arm, read = min(tried, key=lambda turns: _miss(*turns))
+    if _miss(arm, read) < LARGEST_MISS_RAD:
+        return
+    largest = float(np.abs(np.rad2deg(wpr_from_rotation(R_read))).max())
+    looks = "W, P, R turn about fixed x, y, z in this order"
+    if largest <= 2.0 * np.pi:
+        looks = "they look like radians: multiply them by 57.29578"
+    raise FileFormatError(
+        f"what was read turns by up to {np.rad2deg(read.max()):.3g} deg, and otherwise than the "
+        f"arm, which turns by up to {np.rad2deg(arm.max()):.3g} deg",
+        path=table.path,
+        column=_TURN,
+        hint=f"{looks}; else pass --trust-units",
+        value=float(read.max()),
+        bound=float(arm.max()),
+    )
+
+
+def _read(table: MeasurementTable, rows: IntArray) -> FloatArray:
+    observed = table.data.observed
+    return np.zeros((len(rows), 6)) if observed is None else observed[rows]
+
+
+def _way(cell: Cell, table: MeasurementTable, rows: IntArray) -> float:
+    """How far apart [m] the arm was: its flange, or the nominal tool point where that moved less.
+
+    A tool point that is held still while the arm turns about it is read as standing still.
+    """
+    state = cell.robot.state(table.data.postures[rows])
+    return min(_spread(state.point(cell.tool_m)), _spread(state.point(np.zeros(3))))
+
+
+def _spread(places: FloatArray) -> float:
+    """Diagonal of the box around places ``(N, 3)`` [m]."""
+    return float(np.linalg.norm(np.ptp(places, axis=0)))
+
+
+def _turns(R: FloatArray, k: int) -> FloatArray:
+    """Angle ``(N,)`` [rad] of each rotation against one of them."""
+    return rotation_angle(np.swapaxes(R[k], -1, -2) @ R)
+
+
+def _miss(arm: FloatArray, read: FloatArray) -> float:
+    """By how much [rad] readings turn otherwise than the arm; zero where that hardly turns."""
+    off = np.abs(read - arm)[arm > TURNED_RAD]
+    return float(np.median(off)) if off.size else 0.0
+
+
+def _unit_of(ratio: float) -> tuple[str, float]:
+    """Unit that makes readings so many times too small, and the factor to mm."""
+    units = (("inches", 25.4), ("metres", 1000.0))
+    return min(units, key=lambda unit: abs(np.log(ratio / unit[1])))

@@ -9,7 +9,7 @@ from calib import CalibrationModel, Robot
 from calib.model.measurements import TouchUp
 from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 from calib.robots import POSITIVE_AXES, preset_info, preset_names
-from posedesign.identification.mastering import mastering
+from posedesign.identification.correction import mastering
 
 
 def model_of(robot: Robot, joints: tuple[str, ...]) -> CalibrationModel:

@@ -14,7 +14,7 @@ import sys
 from importlib import import_module
 
 _START = (
-    "import sys; sys.path[:] = {path!r};"
+    "import sys; sys.path[:] = {path!r}; sys.pycache_prefix = {compiled!r};"
     "from calib.limited import serve; serve({module!r}, {memory_bytes!r}, {seconds!r})"
 )
 
@@ -32,6 +32,7 @@ def run_limited(module: str, data: bytes, *, memory_bytes: int, seconds: float) 
     # "" is the folder one happens to be in
     start = _START.format(
         path=[entry for entry in sys.path if entry],
+        compiled=sys.pycache_prefix,
         module=module,
         memory_bytes=memory_bytes,
         seconds=seconds,

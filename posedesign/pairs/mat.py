@@ -1,83 +1,26 @@
-"""Pose pairs in MATLAB files of version 5 to 7: arrays 4x4xN of transforms.
-
-``scipy.io.loadmat`` reads them, in a process of its own: some damaged files crash the interpreter
-in it (one mutation in three hundred of a file of ``savemat``), and a few compressed bytes can
-unfold to gigabytes.
-"""
+"""Pose pairs in MATLAB files of version 5 to 7: arrays 4x4xN of transforms."""
 
 from __future__ import annotations
 
-import io
-import json
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from calib.errors import FileFormatError, near_names
-from calib.limited import run_limited
+from calib.mat_file import LARGEST_MAT_BYTES, Variable, read_variables
 from calib.se3 import FloatArray
 from posedesign.files import read_bytes_bounded
 from posedesign.files.csv_tables import LONGEST_SHOWN
 from posedesign.pairs.checks import Place, transforms_from_matrices
 from posedesign.pairs.forms import METRES, Poses, check_lengths, refuse_endless_lengths
 
-LARGEST_MAT_BYTES = 50_000_000
-"""As stored, and again its 4x4xN arrays as unfolded: 390,000 transforms."""
-
-NUMBERS = ("double", "single")
-"""Kinds of arrays that transforms can be."""
-
 WHOLE_NUMBERS = tuple(f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u"))
 """Kinds that they cannot be, however their numbers are stacked."""
 
 _MAGIC = b"MATLAB 5.0 MAT-file"
 _HDF5 = (b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n")
-
-_MEMORY_BYTES = 2_000_000_000
-_SECONDS = 20.0
-
-
-@dataclass(frozen=True)
-class Variable:
-    """An array in a MATLAB file.
-
-    Attributes
-    ----------
-    kind : str
-        Its class: double, cell, ...
-    shape : tuple of int
-    array : ndarray, optional
-        Its numbers, where it is 4x4xN of a kind of :data:`NUMBERS`.
-    """
-
-    kind: str
-    shape: tuple[int, ...]
-    array: FloatArray | None = None
-
-    @property
-    def is_stacked(self) -> bool:
-        """Whether it is 4x4xN, of whatever kind."""
-        return len(self.shape) == 3 and self.shape[:2] == (4, 4) and self.shape[2] > 0
-
-    @property
-    def may_be_transforms(self) -> bool:
-        """Whether it is 4x4xN numbers, which may still be complex."""
-        return self.is_stacked and self.kind in NUMBERS
-
-    @property
-    def is_complex(self) -> bool:
-        """Whether its numbers are complex, as far as they were read."""
-        return self.array is not None and np.iscomplexobj(self.array)
-
-    @property
-    def described(self) -> str:
-        """In words, say ``4x4x88 double``."""
-        sizes = "x".join(str(n) for n in self.shape)
-        return f"{sizes} {'complex ' if self.is_complex else ''}{self.kind}".strip()
 
 
 def variables_of(path: Path) -> dict[str, Variable]:
@@ -100,60 +43,19 @@ def variables_of(path: Path) -> dict[str, Variable]:
             "is no MATLAB file of version 5 to 7", path=path, hint="is it the right file?"
         )
     try:
-        read = io.BytesIO(run_limited(__name__, data, memory_bytes=_MEMORY_BYTES, seconds=_SECONDS))
+        return read_variables(data)
+    except OverflowError as error:
+        raise FileFormatError(
+            f"unfolds to more than {LARGEST_MAT_BYTES / 1e6:g} MB",
+            path=path,
+            hint="save the two variables alone",
+        ) from error
     except OSError as error:
         raise FileFormatError(
             "is damaged or cut off",
             path=path,
             hint="save it again with save('file.mat', .., '-v7')",
         ) from error
-    variables = {
-        name: Variable(kind, tuple(shape)) for name, shape, kind in json.loads(read.readline())
-    }
-    if _bytes_of(variables) > LARGEST_MAT_BYTES:
-        raise FileFormatError(
-            f"unfolds to more than {LARGEST_MAT_BYTES / 1e6:g} MB",
-            path=path,
-            hint="save the two variables alone",
-        )
-    return {
-        name: replace(v, array=np.load(read)) if v.may_be_transforms else v
-        for name, v in variables.items()
-    }
-
-
-def _bytes_of(variables: Mapping[str, Variable]) -> int:
-    return sum(8 * math.prod(v.shape) for v in variables.values() if v.may_be_transforms)
-
-
-def run(data: bytes) -> bytes:
-    """List the variables of a MATLAB file; behind them, in their order, what may be transforms.
-
-    For :func:`calib.limited.run_limited`.
-    """
-    from scipy.io import loadmat, whosmat
-
-    file: Any = io.BytesIO(data)  # the stubs of scipy know names of files only
-    listed = [
-        (str(name), [int(size) for size in shape], str(kind))
-        for name, shape, kind in whosmat(file, chars_as_strings=False)
-        if name != "__function_workspace__"  # what objects of MATLAB refer to
-    ]
-    variables = {name: Variable(kind, tuple(shape)) for name, shape, kind in listed}
-    if len(variables) < len(listed):
-        raise ValueError("two variables of one name")
-    out = io.BytesIO()
-    out.write(json.dumps(listed).encode() + b"\n")
-    if _bytes_of(variables) <= LARGEST_MAT_BYTES:
-        wanted = [name for name, variable in variables.items() if variable.may_be_transforms]
-        arrays = loadmat(file, variable_names=wanted) if wanted else {}
-        for name in wanted:
-            if arrays[name].shape != variables[name].shape:
-                raise ValueError("an array that is not as announced")
-            # what MATLAB packed as small integers is double, too
-            kind = complex if np.iscomplexobj(arrays[name]) else float
-            np.save(out, arrays[name].astype(kind), allow_pickle=False)
-    return out.getvalue()
 
 
 @dataclass(frozen=True)

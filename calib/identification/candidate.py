@@ -2,9 +2,9 @@
 
 An arm with everything that could be off, held by what arms of its kind are off by.
 
-It is what other models are judged by. How large errors of
-each kind are on this arm is found from the measurements within bounds, and so is noise that does
-not explain the residuals: priors weigh against the noise that there is, not against a wrong one.
+It is what other models are judged by. How large errors of each kind are on this arm is found from
+the measurements within bounds, and so is noise that does not explain the residuals: priors weigh
+against the noise that there is, not against a wrong one.
 
 Some errors most arms do not have: joints that give way, transmissions that run unevenly. Arms
 without them are alternatives, each as probable as the measurements make it (Bayesian model
@@ -14,14 +14,15 @@ that may have everything is taken to have a little of everything.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.errors import CalibError, ConvergenceError
-from calib.identification.evidence import LOSSES, PriorGroup, tune_priors
-from calib.identification.expected import DrawnArms, Posterior, Workplace
+from calib.identification.evidence import LOSSES, PriorGroup, TunedPriors, tune_priors
+from calib.identification.expected import LEAST_PROBABILITY, DrawnArms, Posterior, Workplace
 from calib.identification.noise import HEAVY_TAILS, Loss, gain_of_student, redundancy, rows_of
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import Method, identify
@@ -82,11 +83,12 @@ def fit(
     weighted: bool = True,
     method: Method = "gauss-newton",
     loss: Loss = "least-squares",
+    tuned: TunedPriors | None = None,
 ) -> Fitted:
     """Identify a candidate.
 
-    Sizes of its priors, and with them noise that is to be estimated, are found first. Compliances
-    held by a prior that come out below zero are held at zero.
+    Sizes of its priors, and with them noise that is to be estimated, are found first, unless they
+    are given. Compliances held by a prior that come out below zero are held at zero.
 
     Raises
     ------
@@ -97,9 +99,7 @@ def fit(
     of_sizes: FloatArray | float = 0.0
     log_marginal = float("nan")
     if candidate.groups:
-        tuned = tune_priors(
-            model, data, candidate.groups, loss=loss if loss in LOSSES else "student-t"
-        )
+        tuned = tuned or _tune(candidate, data, loss)
         model, start, of_sizes = tuned.model, tuned.x, tuned.covariance
         log_marginal = tuned.log_marginal
         kinds = [kind.of_found_noise() if kind.estimated else kind for kind in model.measurements]
@@ -126,6 +126,12 @@ def fit(
         model = model.with_prior(np.where(below, HELD * usual, model.prior))
         start = None if start is None else np.where(below, model.nominal, result.values)
     return Fitted(model, result, log_marginal)
+
+
+def _tune(candidate: Candidate, data: Measurements, loss: Loss) -> TunedPriors:
+    return tune_priors(
+        candidate.model, data, candidate.groups, loss=loss if loss in LOSSES else "student-t"
+    )
 
 
 LEAST_NOISE_SCALE = 0.1
@@ -194,10 +200,17 @@ def fit_reference(
     if loss is None and _tails(fitted, data) > HEAVY_TAILS:
         usual = "student-t"
         candidate, fitted = _fit(candidate, data, usual)
-    fits = {candidate.name: fitted} | _alternatives(fitted, alternatives, data, usual)
-    logs = np.array([one.log_marginal for one in fits.values()])
-    odds = np.exp(np.nan_to_num(logs - logs.max()))  # without priors to tune there is but one
-    shares = dict(zip(fits, (odds / odds.sum()).tolist(), strict=True))
+    fits = {candidate.name: fitted}
+    logs = {candidate.name: fitted.log_marginal}
+    for one, tuned in _alternatives(fitted, alternatives, data, usual):
+        if tuned.log_marginal > fitted.log_marginal + np.log(LEAST_PROBABILITY):
+            try:
+                fits[one.name] = fit(one, data, loss=usual, tuned=tuned)
+            except CalibError:
+                continue
+        logs[one.name] = tuned.log_marginal
+    odds = np.exp(np.nan_to_num([log - max(logs.values()) for log in logs.values()]))
+    shares = dict(zip(logs, (odds / odds.sum()).tolist(), strict=True))  # of one without groups: 1
     kinds = [
         Posterior(one.model, one.result.values, one.result.covariance, shares[name])
         for name, one in fits.items()
@@ -207,22 +220,18 @@ def fit_reference(
 
 def _alternatives(
     whole: Fitted, alternatives: Sequence[Candidate], data: Measurements, loss: Loss
-) -> dict[str, Fitted]:
-    """Those that can be fitted, their noise found where that of the whole arm was."""
+) -> Iterator[tuple[Candidate, TunedPriors]]:
+    """Those that have sizes, their noise found where that of the whole arm was."""
     unknown = [kind.found or kind.estimated for kind in whole.model.measurements]
-    found = {}
     for one in alternatives:
-        try:
-            # from the noise given: its bounds are about where it starts
-            kinds = [
-                kind.of_unknown_noise() if open_ else kind
-                for kind, open_ in zip(one.model.measurements, unknown, strict=True)
-            ]
-            model = one.model.with_measurements(kinds)
-            found[one.name] = fit(replace(one, model=model), data, loss=loss)
-        except CalibError:
-            continue
-    return found
+        # from the noise given: its bounds are about where it starts
+        kinds = [
+            kind.of_unknown_noise() if open_ else kind
+            for kind, open_ in zip(one.model.measurements, unknown, strict=True)
+        ]
+        one = replace(one, model=one.model.with_measurements(kinds))
+        with suppress(CalibError):
+            yield one, _tune(one, data, loss)
 
 
 def _fit(candidate: Candidate, data: Measurements, loss: Loss) -> tuple[Candidate, Fitted]:

@@ -1,17 +1,20 @@
-"""A function in a process of its own, with limits: what it reads may crash it, or never end.
+"""Files that may be anything, read with limits: of size, of time, and of what reading may break.
 
-The process begins with the paths of its parent and without environment, and can take no more memory
-and time than it is given, write no file and start no process. On Windows, which has no limits of
-this kind, only its time is limited.
+What may crash or never end runs in a process of its own. It begins with the paths of its parent and
+without environment, and can take no more memory and time than it is given, write no file and start
+no process. On Windows, which has no limits of this kind, only its time is limited.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import select
+import stat
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 
 _START = (
     "import sys; sys.path[:] = {path!r}; sys.pycache_prefix = {compiled!r};"
@@ -72,3 +75,38 @@ def serve(module: str, memory_bytes: int, seconds: float) -> None:
     out, sys.stdout = sys.stdout.buffer, sys.stderr
     out.write(import_module(module).run(sys.stdin.buffer.read()))
     out.flush()
+
+
+PATIENCE_S = 10.0
+"""For the next bytes of a pipe: a pipe that nobody writes into would be waited for without end."""
+
+_CHUNK = 1 << 20
+
+
+def read_bounded(path: Path | str, most_bytes: int) -> bytes:
+    """At most ``most_bytes + 1`` bytes of a file, or of a pipe that something comes out of.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened or read, is a folder, or nothing comes out of it.
+    ValueError
+        The path holds a zero byte.
+    """
+    with open(path, "rb", opener=_open_at_once) as stream:
+        if stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            return stream.read(most_bytes + 1)
+        data = b""
+        while len(data) <= most_bytes:
+            if not select.select([stream], [], [], PATIENCE_S)[0]:
+                raise TimeoutError(0, f"nothing came out of this pipe for {PATIENCE_S:g} s")
+            part = os.read(stream.fileno(), min(_CHUNK, most_bytes + 1 - len(data)))
+            if not part:
+                break
+            data += part
+        return data
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    """Open without waiting for somebody at the other end of a pipe."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

@@ -32,9 +32,9 @@ from calib.vision.camera import (
     ellipse_axes,
 )
 from calib.vision.touch_up import TrueCell
+from calib.vision.touch_up.arms import LostMotion
 from calib.vision.touch_up.set_up import SetUp
 from calib.vision.touch_up.sighting import LEAST_SIZE_PX
-from calib.vision.touch_up.simulated import LostMotion
 
 PRESETS = (
     "m20ia",

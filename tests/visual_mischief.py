@@ -17,8 +17,8 @@ from calib.vision.camera import (
 )
 from calib.vision.camera.rendering import GreyImage
 from calib.vision.touch_up import RobotAdapter, SimulatedArms
+from calib.vision.touch_up.arms import LostMotion
 from calib.vision.touch_up.set_up import SetUp
-from calib.vision.touch_up.simulated import LostMotion
 from tests.visual_cells import PRESETS, Sight, preset, random_sight, with_true
 
 SMALL = ((320, 240), (400, 300))

@@ -1,8 +1,7 @@
 """What an identified robot is for: a corrected chain, its URDF, and commands that compensate."""
 
 from calib.correction.compensation import Compensated, compensate
-from calib.correction.corrected_robot import CorrectedRobot, corrected_robot
-from calib.correction.urdf_write import corrected_urdf
+from calib.correction.corrected_robot import CorrectedRobot, corrected_robot, corrected_urdf
 
 __all__ = [
     "Compensated",

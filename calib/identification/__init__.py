@@ -11,7 +11,6 @@ from calib.identification.evidence import (
     TunedPriors,
     tune_priors,
 )
-from calib.identification.expected import ExpectedError, Workplace
 from calib.identification.identifiability import (
     Reduction,
     check_enough,
@@ -24,6 +23,8 @@ from calib.identification.least_squares import minimise
 from calib.identification.prediction import (
     Against,
     Carried,
+    ExpectedError,
+    Workplace,
     part_of,
     predict_accuracy,
     tool_motion,

@@ -22,8 +22,8 @@ import numpy as np
 
 from calib.errors import CalibError, ConvergenceError
 from calib.identification.evidence import LOSSES, PriorGroup, TunedPriors, tune_priors
-from calib.identification.expected import LEAST_PROBABILITY, DrawnArms, Posterior, Workplace
 from calib.identification.noise import HEAVY_TAILS, Loss, gain_of_student, redundancy, rows_of
+from calib.identification.prediction import LEAST_PROBABILITY, DrawnArms, Posterior, Workplace
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import Method, identify
 from calib.model import CalibrationModel

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t
 
-from calib.identification.expected import ExpectedError
 from calib.identification.least_squares import equal_sigma
 from calib.identification.left_out import FEWEST_TARGETS, free_points, with_noise_of
+from calib.identification.prediction import ExpectedError
 from calib.identification.result import IdentificationResult
 from calib.model import CalibrationModel
 from calib.model.measurements import Measurements

@@ -16,9 +16,9 @@ import numpy as np
 from calib.errors import CalibError
 from calib.identification.candidate import Candidate, Reference, fit
 from calib.identification.choice import Contender, choose, choose_expected
-from calib.identification.expected import ExpectedError
 from calib.identification.left_out import targets_left_out
 from calib.identification.noise import Loss
+from calib.identification.prediction import ExpectedError
 from calib.identification.result import IdentificationResult
 from calib.identification.solver import Method
 from calib.model.measurements import Measurements

@@ -15,6 +15,7 @@ from calib.robot_world.accuracy import (
     covariance_of,
     goodness,
     judged,
+    left_out_residuals,
     noise_shown,
     propagate,
     rank_of,
@@ -40,7 +41,6 @@ from calib.robot_world.identifiability import (
     not_identifiable,
     turned_by_translations,
 )
-from calib.robot_world.leave_one_out import left_out_residuals
 from calib.robot_world.methods import Method, find_method
 from calib.robot_world.methods.robust import WIDENING
 from calib.robot_world.noise import Noise, NoiseShown, PairNoise, check_asked_noise

@@ -25,8 +25,8 @@ from calib.robots.controller import Controller, controller_of
 from calib.robots.description.urdf import load_urdf
 from calib.robots.inverse import InverseKinematics, InverseSolutions
 from calib.robots.inverse.closed_form import ClosedForm
-from calib.robots.inverse.iterative import DampedIteration
 from calib.robots.inverse.redundant import RedundantArm
+from calib.robots.inverse.solutions import DampedIteration
 from calib.robots.model_chain import (
     body_of,
     chain_of,

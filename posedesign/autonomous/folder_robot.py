@@ -30,8 +30,7 @@ from calib.errors import FileFormatError, InputError
 from calib.se3 import FloatArray
 from calib.vision.touch_up import Arms, Drive, RobotAdapter
 from calib.vision.touch_up.drive import LARGEST_CORRECTION_RAD, Refuses, check_shown
-from posedesign.autonomous.exchange_folder import ExchangeFolder, number_of
-from posedesign.autonomous.picture_file import ENDINGS, read_picture
+from posedesign.autonomous.exchange_folder import ENDINGS, ExchangeFolder, number_of, read_picture
 from posedesign.cell import Cell
 from posedesign.constraints import Checker
 from posedesign.files import write_text_atomic

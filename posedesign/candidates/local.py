@@ -11,7 +11,7 @@ from calib.errors import InputError
 from calib.robots import Robot
 from calib.robots.bounds import LIMIT_TOLERANCE, Bounds
 from calib.robots.inverse import CLOSURE_TOLERANCE, pose_error
-from calib.robots.inverse.iterative import close_in
+from calib.robots.inverse.solutions import close_in
 from calib.se3 import BoolArray, FloatArray, rotation_exp
 from posedesign.cell import Cell, touching_poses
 

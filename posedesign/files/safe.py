@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from calib.errors import FileFormatError, OutputError
-from calib.reading import read_bounded
+from calib.limited import read_bounded
 from posedesign.files.origin import Kind, Origin, origin_of, read_whole, stamped
 
 StrPath = str | os.PathLike[str]

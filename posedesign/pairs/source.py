@@ -22,9 +22,8 @@ from calib.errors import InputError, near_names
 from calib.robot_world import pairs_from_opencv, residuals, solve_batch
 from calib.se3 import FloatArray, inverse
 from posedesign.pairs.checks import repeats
-from posedesign.pairs.file import Pairs, joined, read_side, read_sides
+from posedesign.pairs.file import Pairs, joined, open_mat, pick_one, pick_two, read_side, read_sides
 from posedesign.pairs.forms import METRES, Poses
-from posedesign.pairs.mat import open_mat, pick_one, pick_two
 
 FEWEST_PAIRS = 5
 """Pairs from which a fit says something: three fit many a wrong reading."""

@@ -11,11 +11,11 @@ from posedesign.simulation.accuracy_study import (
 )
 from posedesign.simulation.plate import PLATE_PITCH_M, PlateTest
 from posedesign.simulation.rehearsal import (
+    SimulatedRobot,
     circle_target,
     true_cell,
     true_observer,
 )
-from posedesign.simulation.robot import SimulatedRobot
 
 __all__ = [
     "IDENTIFIED_ARM",

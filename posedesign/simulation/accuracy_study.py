@@ -24,7 +24,7 @@ from calib.se3 import FloatArray, apply, inverse, rotation_angle
 from posedesign.cell import Cell
 from posedesign.planning import PosePlan, Round, plan, refuse_hand_eye
 from posedesign.simulation.plate import PlateTest, try_plate
-from posedesign.simulation.robot import SimulatedRobot
+from posedesign.simulation.rehearsal import SimulatedRobot
 
 if TYPE_CHECKING:
     import pandas as pd

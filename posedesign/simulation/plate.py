@@ -16,7 +16,7 @@ from calib.vision.touch_up import Drive, ImageJacobian, Loop, SimulatedArms, Tru
 from posedesign.cell import Cell, touching_poses
 from posedesign.cell.data import make_touch_up
 from posedesign.constraints import Checker, nearest_postures
-from posedesign.simulation.robot import SimulatedRobot
+from posedesign.simulation.rehearsal import SimulatedRobot
 
 PLATE_POINTS = 5
 PLATE_PITCH_M = 0.1

@@ -150,7 +150,7 @@ def test_a_hostile_option(cli, damaged, tmp_path, monkeypatch, words):
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")
 def test_a_pipe_in_place_of_a_file(cli, damaged, tmp_path, monkeypatch):
-    monkeypatch.setattr("calib.reading.PATIENCE_S", 0.05)
+    monkeypatch.setattr("calib.limited.PATIENCE_S", 0.05)
     for name, words in FILES.items():
         folder = tmp_path / name
         shutil.copytree(damaged, folder)

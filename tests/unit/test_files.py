@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from calib import reading
+from calib import limited
 from calib.errors import FileFormatError, InputError, OutputError
 from posedesign.files import (
     Results,
@@ -159,7 +159,7 @@ def test_a_file_that_cannot_be_opened_is_named(tmp_path, name):
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")
 def test_a_pipe_that_nobody_writes_into_is_not_waited_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(reading, "PATIENCE_S", 0.1)
+    monkeypatch.setattr(limited, "PATIENCE_S", 0.1)
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(FileFormatError, match=r"nothing came out of this pipe for 0.1 s"):
         files.read_bytes_bounded(tmp_path / "pipe", most_bytes=10)

@@ -13,8 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.identification.diagnosis.finding import Cause
-from calib.identification.diagnosis.held import Held, held_at
+from calib.identification.diagnosis.held import Cause, Held, held_at
 from calib.identification.least_squares import minimise
 from calib.identification.start import first_guess
 from calib.model import CalibrationModel

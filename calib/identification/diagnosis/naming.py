@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.identification.diagnosis.finding import Finding
-from calib.identification.diagnosis.held import Effect, Held, Tuned, log_odds, tuned
+from calib.identification.diagnosis.held import Effect, Finding, Held, Tuned, log_odds, tuned
 from calib.identification.diagnosis.mistakes import (
     UNLIKELY,
     Mistake,

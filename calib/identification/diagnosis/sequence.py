@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.identification.diagnosis.finding import Cause, Finding
 from calib.identification.diagnosis.held import (
+    Cause,
     Effect,
+    Finding,
     Held,
     Scores,
     held_at,

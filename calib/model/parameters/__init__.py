@@ -3,6 +3,10 @@
 from calib.model.parameters.base import ParameterBlock, Part, Unit
 from calib.model.parameters.frames import (
     Frames,
+    LengthOffsets,
+    TargetFrame,
+    TargetPlane,
+    TargetPoints,
     ToolBody,
     ToolFrame,
     ToolPoint,
@@ -21,12 +25,6 @@ from calib.model.parameters.joints import (
     ZeroOffsets,
 )
 from calib.model.parameters.links import AXES, BearingCompliance, LinkGeometry
-from calib.model.parameters.targets import (
-    LengthOffsets,
-    TargetFrame,
-    TargetPlane,
-    TargetPoints,
-)
 
 __all__ = [
     "AXES",

@@ -20,7 +20,7 @@ import pinocchio as pin
 from defusedxml.ElementTree import fromstring
 
 from calib.errors import RobotModelError
-from calib.reading import read_bounded
+from calib.limited import read_bounded
 from calib.robots.description.packages import Packages, folders_to_search
 from calib.robots.description.urdf_geometry import read_collision_shapes
 from calib.robots.description.urdf_kinematics import Kinematics, read_kinematics, shown

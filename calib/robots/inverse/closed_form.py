@@ -18,8 +18,12 @@ import numpy as np
 
 from calib.robots.bounds import Bounds
 from calib.robots.chain import SerialChain, idealised
-from calib.robots.inverse.iterative import close_in
-from calib.robots.inverse.solutions import CLOSURE_TOLERANCE, InverseKinematics, InverseSolutions
+from calib.robots.inverse.solutions import (
+    CLOSURE_TOLERANCE,
+    InverseKinematics,
+    InverseSolutions,
+    close_in,
+)
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_exp, rotation_log
 
 _POLISHING = 12

@@ -1,6 +1,6 @@
 """Visual touch-up: a robot brings the camera on its flange to a target by what the camera sees."""
 
-from calib.vision.touch_up.arms import Arms, RobotAdapter
+from calib.vision.touch_up.arms import Arms, RobotAdapter, SimulatedArms, TrueCell
 from calib.vision.touch_up.drive import Drive, follow
 from calib.vision.touch_up.jacobian import ImageJacobian, Relation
 from calib.vision.touch_up.servo import (
@@ -11,7 +11,6 @@ from calib.vision.touch_up.servo import (
 )
 from calib.vision.touch_up.set_up import find_set_up
 from calib.vision.touch_up.sighting import NoSetUp, SetUp, TiltBias
-from calib.vision.touch_up.simulated import SimulatedArms, TrueCell
 
 __all__ = [
     "Arms",

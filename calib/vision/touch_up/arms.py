@@ -1,17 +1,220 @@
-"""What the loop of visual touch-up drives: arms with a camera, one real one or many simulated."""
+"""What moves and looks: a robot behind its adapter, and many simulated arms at once."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.se3 import FloatArray, IntArray
-from calib.vision.camera import EllipseMeasurement, Views, measure_ellipse
+from calib.model import CalibrationModel, Setup
+from calib.model.parameters import GravityLoad, Payload
+from calib.robots import Robot
+from calib.se3 import FloatArray, IntArray, inverse, transform
+from calib.vision.camera import EllipseMeasurement, ImageObserver, Observer, Views, measure_ellipse
 from calib.vision.camera.observers import SMALLEST_PX
 from calib.vision.camera.rendering import GreyImage
+
+_LEAST_TORQUE_NM = 1e-6
+"""Torque below which gravity pushes to neither side: on a joint with an upright axis it is
+rounding, whose sign changes from posture to posture."""
+
+
+@dataclass(frozen=True, eq=False)
+class LostMotion:
+    """What joints lose between motor and arm, and how well they stop.
+
+    A joint follows its motor with a lag that lies within a band: after a change of direction the
+    motor runs through the band before the joint moves. Friction in the joint winds the reducer up
+    by ``friction / stiffness`` on either side. Backlash widens the band by half its width on either
+    side where friction holds the joint, and where gravity is stronger it lays the joint against the
+    side that gravity pushes to.
+
+    Attributes
+    ----------
+    backlash_rad : array (n,)
+        Whole width of the play.
+    friction_nm : array (n,)
+    stiffness_nm_per_rad : array (n,)
+    scatter_rad : array (n,)
+        Standard deviation of where a joint stops, each time it was moved.
+    """
+
+    backlash_rad: FloatArray
+    friction_nm: FloatArray
+    stiffness_nm_per_rad: FloatArray
+    scatter_rad: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        n: int,
+        backlash_rad: ArrayLike = 0.0,
+        friction_nm: ArrayLike = 0.0,
+        stiffness_nm_per_rad: ArrayLike = np.inf,
+        scatter_rad: ArrayLike = 0.0,
+    ) -> LostMotion:
+        """Of n joints, from one number for all or one for each."""
+        given = (backlash_rad, friction_nm, stiffness_nm_per_rad, scatter_rad)
+        try:
+            spread = [np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in given]
+        except ValueError as error:
+            raise InputError(
+                f"lost motion needs one number for all or one for each of {n} joints",
+                name="lost motion",
+            ) from error
+        if any((np.isnan(v) | (v < 0.0)).any() for v in spread):
+            raise InputError("lost motion is zero or more", name="lost motion")
+        return cls(*spread)
+
+    @property
+    def has_backlash(self) -> bool:
+        """Whether any joint has backlash."""
+        return bool(self.backlash_rad.any())
+
+    def band(self, torque_nm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Least and largest lag ``(..., n)`` [rad] of joints under gravity ``(..., n)`` [Nm]."""
+        wind_up = self.friction_nm / self.stiffness_nm_per_rad
+        leans = np.abs(torque_nm) > np.maximum(self.friction_nm, _LEAST_TORQUE_NM)
+        middle = np.where(leans, np.sign(torque_nm) * self.backlash_rad / 2.0, 0.0)
+        half = wind_up + np.where(leans, 0.0, self.backlash_rad / 2.0)
+        return middle - half, middle + half
+
+
+@dataclass(frozen=True, eq=False)
+class TrueCell:
+    """How the cell really is.
+
+    Attributes
+    ----------
+    model : CalibrationModel
+        The arm with all its errors.
+    values : array (p,)
+        Of its parameters [SI].
+    T_tip_camera : array (4, 4)
+    T_base_target : array (4, 4) or (S, 4, 4)
+        One for all arms, or one for each.
+    lost_motion : LostMotion
+    payload : Payload or None
+        Whose weight lays joints to a side.
+    vibration_m : float
+        Standard deviation of where the lens is along each axis while a picture is taken.
+    """
+
+    model: CalibrationModel
+    values: FloatArray
+    T_tip_camera: FloatArray
+    T_base_target: FloatArray
+    lost_motion: LostMotion
+    payload: Payload | None = None
+    vibration_m: float = 0.0
+
+    @property
+    def robot(self) -> Robot:
+        """As its controller knows it."""
+        return self.model.robot
+
+
+class SimulatedArms:
+    """Arms of one true cell side by side, each at a posture of its own.
+
+    Parameters
+    ----------
+    cell : TrueCell
+    observer : Observer
+        Of its camera and target: through images, or without.
+    count : int
+    rng : numpy.random.Generator
+    q : array (n,), optional
+        Where all arms stand at first [rad]; the middle of the limits by default.
+    """
+
+    def __init__(
+        self,
+        cell: TrueCell,
+        observer: Observer,
+        count: int,
+        rng: np.random.Generator,
+        q: FloatArray | None = None,
+    ) -> None:
+        robot = cell.robot
+        start = (robot.lower + robot.upper) / 2.0 if q is None else np.asarray(q, dtype=float)
+        self._cell = cell
+        self._observer = observer
+        self._rng = rng
+        self._count = count
+        self._motors = np.tile(start, (count, 1))
+        self._lag = np.zeros((count, robot.n))
+        self._stopped = np.zeros((count, robot.n))
+        self._gravity = GravityLoad(robot, cell.payload)
+        self.pictures = 0
+
+    @property
+    def count(self) -> int:
+        """See :meth:`Arms.count`."""
+        return self._count
+
+    @property
+    def image_px(self) -> tuple[int, int]:
+        """See :meth:`Arms.image_px`."""
+        return self._observer.camera.width_px, self._observer.camera.height_px
+
+    def move(self, which: IntArray, q: FloatArray) -> None:
+        """See :meth:`Arms.move`."""
+        lost = self._cell.lost_motion
+        torque = np.zeros_like(q)
+        if lost.has_backlash:
+            last = np.ascontiguousarray(q.T)
+            torque = self._gravity.joint_torque(last, Setup.of(len(q))).T
+        least, most = lost.band(torque)
+        dragged = self._motors[which] + self._lag[which] - q
+        self._lag[which] = np.clip(dragged, least, most)
+        self._motors[which] = q
+        self._stopped[which] = lost.scatter_rad * self._rng.standard_normal(q.shape)
+
+    def joints(self, which: IntArray) -> FloatArray:
+        """See :meth:`Arms.joints`."""
+        return self._motors[which].copy()
+
+    def look(self, which: IntArray, near_px: FloatArray | None = None) -> Views:
+        """See :meth:`Arms.look`."""
+        self.pictures += len(which)
+        return self._observer.views(self.T_camera_target(which), self._rng, near_px)
+
+    def picture(self, arm: int) -> GreyImage | None:
+        """See :meth:`Arms.picture`."""
+        if not isinstance(self._observer, ImageObserver):
+            return None
+        T = self.T_camera_target(np.array([arm]))[0]
+        return self._observer.grab(T, self._rng)
+
+    def stand(self, which: IntArray, q: FloatArray) -> None:
+        """Stand where an earlier rehearsal has left the arms ``(K, n)`` [rad]."""
+        self._motors[which] = q
+
+    def reseed(self, rng: np.random.Generator) -> None:
+        """Take all noise from another generator from now on."""
+        self._rng = rng
+
+    def T_camera_target(self, which: IntArray) -> FloatArray:
+        """Where targets really are before the lens, the vibration of this moment in it."""
+        cell = self._cell
+        q = self._motors[which] + self._lag[which] + self._stopped[which]
+        T_base_camera = cell.model.view(q, cell.values).T_base_tip @ cell.T_tip_camera
+        own = cell.T_base_target if cell.T_base_target.ndim == 2 else cell.T_base_target[which]
+        T = inverse(T_base_camera) @ own
+        if cell.vibration_m > 0.0:
+            T[:, :3, 3] += cell.vibration_m * self._rng.standard_normal((len(which), 3))
+        return np.asarray(T)
+
+
+def straight_to(T_base_tip: FloatArray, T_tip_camera: FloatArray, distance_m: float) -> FloatArray:
+    """Pose ``(4, 4)`` of a target that faces the camera, on its axis at a distance [m]."""
+    facing = transform(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, distance_m])
+    return np.asarray(T_base_tip @ T_tip_camera @ facing)
 
 
 class RobotAdapter(ABC):

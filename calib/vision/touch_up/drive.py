@@ -22,7 +22,7 @@ from calib.errors import CalibError, InputError
 from calib.robots import Robot
 from calib.robots.bounds import LIMIT_TOLERANCE
 from calib.robots.inverse import CLOSURE_TOLERANCE, pose_error
-from calib.robots.inverse.iterative import close_in
+from calib.robots.inverse.solutions import close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, transform
 from calib.vision.touch_up.arms import Arms
 

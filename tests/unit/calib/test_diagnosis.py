@@ -9,9 +9,9 @@ from scipy.linalg import null_space
 from scipy.stats import multivariate_normal
 
 from calib.identification.diagnosis import diagnose
-from calib.identification.diagnosis.finding import Finding
 from calib.identification.diagnosis.held import (
     Effect,
+    Finding,
     Held,
     Tuned,
     log_mean,

@@ -9,7 +9,7 @@ import pytest
 
 from calib.errors import NotIdentifiableError
 from calib.identification.diagnosis import Finding
-from calib.identification.diagnosis.finding import Cause
+from calib.identification.diagnosis.held import Cause
 from posedesign.cli.identification_output import print_identification
 from posedesign.files import json_text
 from posedesign.files.measurements import MeasurementTable, read_measurements, write_measurements

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.se3 import FloatArray, inverse, transform
 from posedesign.pairs import Pairs, PairSource
-from posedesign.pairs import mat as pairs_mat_reading
+from posedesign.pairs import file as pairs_mat_reading
 
 
 def some_transforms(count: int = 6, seed: int = 3) -> FloatArray:

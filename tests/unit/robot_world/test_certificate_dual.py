@@ -14,9 +14,9 @@ from calib.robot_world.certificate.dual import (
     minimise_first,
     relaxed_minimum,
     rotation_constraints,
+    solve_relaxation,
 )
 from calib.robot_world.certificate.polynomial import quadratic_form
-from calib.robot_world.certificate.sdp import solve_relaxation
 
 
 def rotations(rng, *shape):

@@ -13,8 +13,8 @@ from calib.robots import Robot
 from calib.se3 import FloatArray, rotation_exp, transform
 from calib.vision.camera import Camera, CircleTarget, FastObserver, MeasurementNoise
 from calib.vision.touch_up import Drive, ImageJacobian, Relation, SimulatedArms, TrueCell
+from calib.vision.touch_up.arms import LostMotion
 from calib.vision.touch_up.jacobian import measure_jacobian
-from calib.vision.touch_up.simulated import LostMotion
 from tests.visual_cells import preset, usual_posture
 
 DISTANCE_M = 0.35

@@ -6,8 +6,8 @@ import pytest
 from calib.errors import InputError
 from calib.model.parameters import Payload
 from calib.vision.touch_up import Loop, SimulatedArms, touch_up
+from calib.vision.touch_up.arms import LostMotion
 from calib.vision.touch_up.jacobian import measure_jacobian
-from calib.vision.touch_up.simulated import LostMotion
 
 ONE = np.zeros(1, dtype=np.intp)
 

@@ -8,7 +8,7 @@ import pytest
 from calib.se3 import inverse, transform
 from calib.vision.camera import FastObserver, ImageObserver, Imaging, MeasurementNoise
 from calib.vision.touch_up import SimulatedArms
-from calib.vision.touch_up.simulated import LostMotion, straight_to
+from calib.vision.touch_up.arms import LostMotion, straight_to
 
 SILENT = MeasurementNoise.from_sigma([0.0, 0.0, 0.0])
 

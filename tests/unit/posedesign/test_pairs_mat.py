@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
+from calib import mat_file
 from calib.errors import CalibError, FileFormatError, InputError
 from calib.se3 import FloatArray, inverse, transform
 from posedesign.pairs import Pairs, PairSource
-from posedesign.pairs import file as pairs_mat_reading
+from posedesign.pairs import file as pairs_file
 
 
 def some_transforms(count: int = 6, seed: int = 3) -> FloatArray:
@@ -258,7 +259,8 @@ def test_file_that_is_not_there(tmp_path):
 
 
 def test_few_bytes_that_unfold_to_many(save, monkeypatch):
-    monkeypatch.setattr(pairs_mat_reading, "LARGEST_MAT_BYTES", 1_000_000)
+    for module in (mat_file, pairs_file):
+        monkeypatch.setattr(module, "LARGEST_MAT_BYTES", 1_000_000)
     path = save(A=np.zeros((4, 4, 100_000)))
     assert path.stat().st_size < 30_000
     refused(path, "unfolds to more than 1 MB")
@@ -270,7 +272,7 @@ def test_what_crashes_the_reader_is_damaged(save, monkeypatch):
     """In its own process: a crash, and what takes more memory than it has."""
     A = as_matlab(some_pairs().A, "m")
     path = save(A=A, B=A)
-    monkeypatch.setattr(pairs_mat_reading, "_MEMORY_BYTES", 20_000_000)
+    monkeypatch.setattr(mat_file, "_MEMORY_BYTES", 20_000_000)
     refused(path, "damaged or cut off")
 
 

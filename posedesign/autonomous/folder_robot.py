@@ -38,7 +38,7 @@ from posedesign.files import write_text_atomic
 from posedesign.motion import Router
 from posedesign.planning.poses_file import PoseList, read_robot_poses, write_pose_list
 from posedesign.pose_programs import chosen_dialect, program_options
-from posedesign.pose_programs.frames import arm_of, check_recorded_frames
+from posedesign.pose_programs.from_plan import arm_of, check_recorded_frames
 from posedesign.programs import PoseProgram, ProgramPose, find_dialect, postures_of
 
 if TYPE_CHECKING:

@@ -4,18 +4,17 @@ A builder gives a :class:`Pool`, the pool gives the blocks ``(N, m, p)`` of a mo
 :mod:`posedesign.selection` chooses among these.
 """
 
-from posedesign.candidates.branches import CONFIGURATIONS, Configurations
-from posedesign.candidates.joint_space import joint_pool
-from posedesign.candidates.local import local_poses
-from posedesign.candidates.of_cell import (
+from posedesign.candidates.building import (
     away_from_singularities,
     box_of_cell,
+    cone_pool,
     functions_over_box,
+    joint_pool,
     pool_of,
+    wpr_pool,
 )
-from posedesign.candidates.pool import Pool
-from posedesign.candidates.targets import feasible, offset_targets
-from posedesign.candidates.touching import cone_pool, wpr_pool
+from posedesign.candidates.pool import Pool, feasible, offset_targets
+from posedesign.candidates.postures import CONFIGURATIONS, Configurations, local_poses
 
 __all__ = [
     "CONFIGURATIONS",

@@ -28,9 +28,8 @@ from posedesign.constraints import (
     SelfCollision,
     Tilt,
 )
-from posedesign.constraints.joints import Singularity
-from posedesign.constraints.retreat import BackingOff
-from posedesign.constraints.space import POINT_M, Workspace, workspace_scene
+from posedesign.constraints.checker import Singularity
+from posedesign.constraints.space import POINT_M, BackingOff, Workspace, workspace_scene
 from posedesign.constraints.visibility import LineOfSight, TargetView
 
 NOT_TOUCHING_M = 2.0 * WAY_TOLERANCE_M

@@ -1,16 +1,192 @@
-"""One verdict with its reason for every posture, by all constraints of a cell."""
+"""One verdict with its reason for every posture, by all constraints of a cell; those of the joints."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
-from calib.robots import Robot
+from calib.errors import limit_reason
+from calib.robots import ChainState, InverseSolutions, Robot, SerialChain
+from calib.robots.inverse import first_per_group
 from calib.se3 import BoolArray, FloatArray, IntArray
-from posedesign.constraints.constraint import ROUNDING, Constraint, Situation
-from posedesign.constraints.joints import CoupledLimits, JointLimits
+
+
+class Situation:
+    """An arm at postures ``(S, n)`` [rad].
+
+    ``q`` (S, n). ``depths``: whether somebody reads how deep meshes are in what they run into.
+    """
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        q: FloatArray,
+        state: ChainState | None = None,
+        *,
+        depths: bool = False,
+    ) -> None:
+        self.chain = chain
+        self.q = q
+        self.depths = depths
+        if state is not None:
+            self.state = state
+
+    @cached_property
+    def state(self) -> ChainState:
+        """Where joints and tip are."""
+        return self.chain.forward(self.q)
+
+    def take(self, rows: IntArray) -> Situation:
+        """The same at some of the postures."""
+        state = self.__dict__.get("state")
+        some = None if state is None else _rows(state, rows)
+        return Situation(self.chain, self.q[rows], some, depths=self.depths)
+
+
+def _rows(state: ChainState, rows: IntArray) -> ChainState:
+    return ChainState(
+        rotations=state.rotations[rows],
+        origins=state.origins[rows],
+        axes=state.axes[rows],
+        R_base_tip=np.asarray(state.R_base_tip[rows]),
+        p_base_tip=np.asarray(state.p_base_tip[rows]),
+    )
+
+
+ROUNDING = 1e-9
+"""A bound that is broken by no more [SI] is kept: computing a posture rounds that much."""
+
+
+class Constraint(ABC):
+    """A bound that postures keep or break, and by how much.
+
+    ``name``: what is bounded, as tables head it. ``unit``: of the room as people read it.
+    ``display``: factor from SI to that unit. ``measured``: whether the room is a measure, or only
+    says yes or no. ``comfort``: room [SI] that counts as plenty. Divided by it, rooms of different
+    kinds can be compared.
+    """
+
+    name: ClassVar[str]
+    unit: ClassVar[str]
+    display: ClassVar[float]
+    comfort: ClassVar[float]
+    measured: ClassVar[bool] = True
+
+    @abstractmethod
+    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+        """How far each posture is inside the bound, and what comes nearest to breaking it.
+
+        Returns ``room`` (S,): [SI]; negative where the bound is broken, infinite where nothing is
+        near. ``which`` (S,): index of the joint, the pair of bodies, ... that :meth:`says` will be
+        asked for.
+        """
+
+    @abstractmethod
+    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+        """In words, how posture i keeps or breaks the bound."""
+
+    @abstractmethod
+    def remedy(self, room: float) -> str:
+        """What to change in ``cell.toml`` where the bound is broken by this much, or nothing."""
+
+
+_DEG = float(np.rad2deg(1.0))
+
+
+class JointLimits(Constraint):
+    """Every joint inside its limits, less a margin: an uncalibrated joint is not where it says."""
+
+    name = "joint limits"
+    unit = "deg"
+    display = _DEG
+    comfort = np.deg2rad(10.0)
+
+    def __init__(self, robot: Robot, margin: float) -> None:
+        self._lower, self._upper = robot.lower, robot.upper
+        self._margin = margin
+
+    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+        """Which: the joint."""
+        room = np.minimum(arm.q - self._lower, self._upper - arm.q) - self._margin
+        which = np.argmin(room, axis=1)
+        return room[np.arange(len(room)), which], which
+
+    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+        value, low, high = arm.q[i, which], self._lower[which], self._upper[which]
+        return _limit_says(f"J{which + 1}", value, low, high, self._margin)
+
+    def remedy(self, room: float) -> str:
+        return _margin_remedy(room, self._margin)
+
+
+class CoupledLimits(Constraint):
+    """Limits that joints have together, less a margin."""
+
+    name = "coupled limits"
+    unit = "deg"
+    display = _DEG
+    comfort = np.deg2rad(10.0)
+
+    def __init__(self, robot: Robot, margin: float) -> None:
+        self._limits = robot.coupled_limits
+        self._margin = margin
+
+    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+        """Which: the limit."""
+        room = np.stack([limit.margin(arm.q) for limit in self._limits], axis=1) - self._margin
+        which = np.argmin(room, axis=1)
+        return room[np.arange(len(room)), which], which
+
+    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+        limit = self._limits[which]
+        value = float(arm.q[i] @ limit.coefficients)
+        return _limit_says(limit.name, value, limit.lower, limit.upper, self._margin)
+
+    def remedy(self, room: float) -> str:
+        return _margin_remedy(room, self._margin)
+
+
+def _limit_says(name: str, value: float, lower: float, upper: float, margin: float) -> str:
+    """How a value lies between limits that a margin is kept from [rad]."""
+    kept = 0.0 if not lower - ROUNDING <= value <= upper + ROUNDING else margin
+    value_deg, low_deg, high_deg = np.rad2deg([value, lower + kept, upper - kept]).tolist()
+    ending = f" ({np.rad2deg(kept):g} deg inside the limit)" if kept else ""
+    if min(value - lower, upper - value) - kept < -ROUNDING:
+        return limit_reason(name, value_deg, low_deg, high_deg) + ending
+    side, bound_deg = ("upper", high_deg) if 2 * value > lower + upper else ("lower", low_deg)
+    return f"{name} {value_deg:.1f} deg, {side} bound {bound_deg:.1f} deg{ending}"
+
+
+def _margin_remedy(room: float, margin: float) -> str:
+    """A margin is worth lowering only where the limit itself is kept."""
+    return "lower plan.limit_margin_deg" if 0.0 <= room + margin < margin else ""
+
+
+class Singularity(Constraint):
+    """The smallest singular value of the tip's Jacobian, its lengths divided by the arm's reach."""
+
+    name = "singularity"
+    unit = ""
+    display = 1.0
+    comfort = 0.05
+
+    def __init__(self, smallest: float) -> None:
+        self._smallest = smallest
+
+    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+        value = arm.chain.smallest_singular_values(arm.state)
+        return value - self._smallest, np.zeros(len(value), dtype=np.intp)
+
+    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+        return f"smallest singular value {room + self._smallest:.3f}, bound {self._smallest:g}"
+
+    def remedy(self, room: float) -> str:
+        return "lower constraints.smallest_singular_value"
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,3 +270,85 @@ class Checker:
             if not every:
                 alive = alive[room[alive, k] >= -ROUNDING]
         return Verdicts(self.constraints, arm, room, which)
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """For each pose of a list the posture that the robot takes, or why it cannot.
+
+    ``q`` (N, n): [rad]; NaN where the pose cannot be taken. ``feasible`` (N,). ``reasons``: empty
+    where the pose can be taken, else e.g. ``J5 131.2 deg is above 125.0 deg``. ``remedies``: what
+    to change in the cell, where something helps.
+    """
+
+    q: FloatArray
+    feasible: BoolArray
+    reasons: tuple[str, ...]
+    remedies: tuple[str, ...]
+
+
+def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatArray) -> Postures:
+    """Of all arm configurations that keep every constraint, the one nearest to a reference.
+
+    ``T_base_tip`` (N, 4, 4). ``reference`` (n,): posture to stay near [rad], by the Euclidean norm
+    of the joint difference.
+    """
+    solutions = checker.robot.inverse(T_base_tip, near=reference, margin=checker.margin)
+    count = len(T_base_tip)
+    q = np.full((count, checker.robot.n), np.nan)
+    feasible = np.zeros(count, dtype=bool)
+    slack = np.full(count, np.nan)  # NaN until a posture of the pose has been looked at
+    best = np.full((count, checker.robot.n), np.nan)
+    for rows in _nearest_first(solutions, reference):
+        rows = rows[~feasible[solutions.pose[rows]]]
+        if not len(rows):
+            continue
+        verdicts = checker.check(solutions.postures[rows], every=False)
+        good = verdicts.feasible
+        poses = solutions.pose[rows]
+        q[poses[good]] = solutions.postures[rows[good]]
+        feasible[poses[good]] = True
+        # of all branches, the one that comes nearest to being possible is worth talking about
+        nearer = ~good & ~(verdicts.slack <= slack[poses])
+        slack[poses[nearer]], best[poses[nearer]] = verdicts.slack[nearer], verdicts.arm.q[nearer]
+    reasons, remedies = [""] * count, [""] * count
+    blocked = np.flatnonzero(~feasible & ~np.isnan(slack))
+    verdicts = checker.check(best[blocked])  # by all constraints: the first broken is not the worst
+    for i, pose in enumerate(blocked):
+        reasons[pose], remedies[pose] = verdicts.says(i), verdicts.remedy(i)
+    unreached = np.flatnonzero(~feasible & np.isnan(slack))
+    if len(unreached):
+        why = _unreached(checker, solutions)
+        for pose in unreached:
+            reasons[pose], remedies[pose] = why[pose]
+    return Postures(q, feasible, tuple(reasons), tuple(remedies))
+
+
+def _nearest_first(solutions: InverseSolutions, reference: FloatArray) -> list[IntArray]:
+    """Rows of the solutions inside the limits: the nearest of each pose, the second nearest, ..."""
+    inside = np.flatnonzero(solutions.inside)
+    distance = np.linalg.norm(solutions.postures[inside] - reference, axis=1)
+    order = inside[np.lexsort((distance, solutions.pose[inside]))]
+    pose = solutions.pose[order]
+    starts = np.flatnonzero(np.diff(pose, prepend=-1))
+    rank = np.arange(len(pose)) - np.repeat(starts, np.diff(np.append(starts, len(pose))))
+    return [order[rank == k] for k in range(int(rank.max(initial=-1)) + 1)]
+
+
+def _unreached(checker: Checker, solutions: InverseSolutions) -> list[tuple[str, str]]:
+    """Why each pose fails: the limit broken least over all branches, or how far out of reach.
+
+    Beside the reason stands what to change, where something helps.
+    """
+    verdicts = Checker(checker.robot, margin=checker.margin).check(solutions.postures)
+    # the branch that comes nearest to being possible is the one worth talking about
+    best = first_per_group(solutions.pose, -verdicts.slack, len(solutions.gap_m))
+    reasons = []
+    for pose, branch in enumerate(best):
+        if branch >= 0:
+            reasons.append((verdicts.says(int(branch)), verdicts.remedy(int(branch))))
+        else:
+            gap = solutions.gap_m[pose]
+            far = "" if np.isnan(gap) else f" by {gap * 1e3:.0f} mm"
+            reasons.append((f"out of reach{far}", ""))
+    return reasons

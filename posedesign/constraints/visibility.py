@@ -9,7 +9,7 @@ import numpy as np
 from calib.geometry import Scene
 from calib.se3 import FloatArray, IntArray
 from calib.vision.camera import PinholeCamera
-from posedesign.constraints.constraint import ROUNDING, Constraint, Situation
+from posedesign.constraints.checker import ROUNDING, Constraint, Situation
 
 _RIM = 8
 """Points of the target's rim that must be in the image: the corners of an octagon about it."""

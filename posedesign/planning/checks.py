@@ -15,7 +15,7 @@ from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.cell import Cell
 from posedesign.constraints import Collision, Verdicts
-from posedesign.constraints.retreat import WayVerdicts
+from posedesign.constraints.space import WayVerdicts
 from posedesign.planning.loop import regressor
 from posedesign.planning.pose_plan import displayed
 from posedesign.planning.poses_file import PoseList

@@ -73,7 +73,7 @@ from posedesign.constraints import (
     SelfCollision,
     Tilt,
 )
-from posedesign.constraints.joints import CoupledLimits, JointLimits
+from posedesign.constraints.checker import CoupledLimits, JointLimits
 from posedesign.files import StrPath
 from posedesign.files.csv_tables import (
     LONGEST_SHOWN,

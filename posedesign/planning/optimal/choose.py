@@ -17,7 +17,7 @@ from calib.identification import check_identifiable
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import Pool, away_from_singularities, functions_over_box, pool_of
-from posedesign.candidates.of_cell import with_kept
+from posedesign.candidates.building import with_kept
 from posedesign.cell import Cell
 from posedesign.motion import Router
 from posedesign.motion.route import Route

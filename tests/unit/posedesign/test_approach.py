@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from posedesign.constraints import MotionChecker
-from posedesign.constraints.retreat import WayVerdicts
+from posedesign.constraints.space import WayVerdicts
 from posedesign.motion import Router
 from posedesign.motion.route import Passing, Route, RouteOptions
 from posedesign.planning import plan

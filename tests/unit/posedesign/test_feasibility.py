@@ -8,7 +8,7 @@ import pytest
 from calib.errors import FileFormatError
 from calib.robots import CoupledLimit, Robot
 from calib.se3 import rotation_exp
-from posedesign.candidates.draws import no_pose
+from posedesign.candidates.postures import no_pose
 from posedesign.cell import Cell, touching_poses
 from posedesign.constraints import (
     Checker,
@@ -20,7 +20,7 @@ from posedesign.constraints import (
     Tilt,
     nearest_postures,
 )
-from posedesign.constraints.joints import CoupledLimits, JointLimits, Singularity
+from posedesign.constraints.checker import CoupledLimits, JointLimits, Singularity
 from posedesign.constraints.visibility import LineOfSight
 
 

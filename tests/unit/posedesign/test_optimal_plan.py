@@ -17,7 +17,7 @@ from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
 from posedesign.cell.task_box import predict_box, reached_points
 from posedesign.constraints import MotionChecker
-from posedesign.constraints.retreat import WayVerdicts
+from posedesign.constraints.space import WayVerdicts
 from posedesign.motion import Router
 from posedesign.planning import off_target
 from posedesign.planning.loop import check_base_pose

@@ -20,8 +20,7 @@ from posedesign.candidates import (
     offset_targets,
     wpr_pool,
 )
-from posedesign.candidates.branches import evenly
-from posedesign.candidates.draws import even_points, once
+from posedesign.candidates.postures import even_points, evenly, once
 from posedesign.cell import Cell, cell_template, cone_rotations_at, touching_poses
 from posedesign.cell.orientations import cone_rotations
 from posedesign.constraints import nearest_postures

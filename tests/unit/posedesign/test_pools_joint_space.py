@@ -9,8 +9,8 @@ from scipy.stats import kstest
 from calib.errors import InputError, UnreachableError
 from calib.se3 import FloatArray
 from posedesign.candidates import joint_pool
-from posedesign.candidates.draws import even_points
-from posedesign.candidates.joint_space import viewing_poses
+from posedesign.candidates.building import viewing_poses
+from posedesign.candidates.postures import even_points
 from posedesign.cell import Cell, cell_template
 
 

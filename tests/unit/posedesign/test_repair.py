@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from calib.se3 import rotation_angle
 from posedesign.cell import Cell
 from posedesign.constraints import MotionChecker
-from posedesign.constraints.retreat import WayVerdicts
+from posedesign.constraints.space import WayVerdicts
 from posedesign.planning import plan
 from posedesign.planning.loop import (
     ENOUGH,

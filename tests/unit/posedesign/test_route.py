@@ -9,7 +9,7 @@ import pytest
 from calib.robots import Robot
 from posedesign.cell import Cell
 from posedesign.constraints import MotionChecker
-from posedesign.constraints.retreat import WayVerdicts
+from posedesign.constraints.space import WayVerdicts
 from posedesign.motion import Router
 from posedesign.motion.route import Passing, Route, RouteOptions
 

@@ -27,7 +27,7 @@ from calib.model.parameters import (
     ZeroOffsets,
 )
 from calib.se3 import BoolArray, FloatArray, IntArray, apply, wpr_from_rotation
-from posedesign.candidates import Pool
+from posedesign.candidates import CandidatePoses
 from posedesign.cell import (
     Cell,
     TaskBox,
@@ -58,7 +58,7 @@ def box_postures(cell: Cell, box: Mapping[str, Sequence[float]]) -> FloatArray:
     return found.q[found.feasible]
 
 
-def grid_pool(cell: Cell, width_deg: float, part: BoolArray | None = None) -> Pool:
+def grid_pool(cell: Cell, width_deg: float, part: BoolArray | None = None) -> CandidatePoses:
     """Poses of the W P R grid that can be taken, or of a part ``(27,)`` of it."""
     wpr = wpr_from_rotation(cell.robot.fk(cell.base_posture)[:3, :3])
     rotations = wpr_rotations(wpr, np.deg2rad([width_deg] * 3))
@@ -69,9 +69,9 @@ def grid_pool(cell: Cell, width_deg: float, part: BoolArray | None = None) -> Po
     return pool_at_target(cell, found.q[found.feasible])
 
 
-def pool_at_target(cell: Cell, postures: FloatArray) -> Pool:
+def pool_at_target(cell: Cell, postures: FloatArray) -> CandidatePoses:
     """Postures ``(N, n)`` [rad] at the one target of a cell, as a pool."""
-    return Pool(
+    return CandidatePoses(
         postures,
         cell.robot.fk(postures)[:, :3, :3],
         np.zeros(len(postures), dtype=np.intp),
@@ -112,7 +112,12 @@ class Experiment:
 
     @classmethod
     def of(
-        cls, model: CalibrationModel, pool: Pool, repeats: int = 1, *, weighted: bool = True
+        cls,
+        model: CalibrationModel,
+        pool: CandidatePoses,
+        repeats: int = 1,
+        *,
+        weighted: bool = True,
     ) -> Experiment:
         """All postures of a pool, each measured so many times."""
         rows = np.tile(np.arange(len(pool)), repeats)
@@ -226,7 +231,7 @@ def interval(samples: FloatArray) -> tuple[float, float]:
 
 def simulated_arm(
     cell: Cell,
-    pool: Pool,
+    pool: CandidatePoses,
     measurement: Measurement,
     *,
     deflects: bool = False,
@@ -238,7 +243,7 @@ def simulated_arm(
     Parameters
     ----------
     cell : Cell
-    pool : Pool
+    pool : CandidatePoses
         All its targets are off by the error of the cell's one.
     measurement : Measurement
         With the noise as it really is.

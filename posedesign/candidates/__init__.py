@@ -1,33 +1,33 @@
 """Candidate postures to choose measuring poses from: what the robot can take, and what it touches.
 
-A builder gives a :class:`Pool`, the pool gives the blocks ``(N, m, p)`` of a model, and
+A builder gives a :class:`CandidatePoses`, the pool gives the blocks ``(N, m, p)`` of a model, and
 :mod:`posedesign.selection` chooses among these.
 """
 
 from posedesign.candidates.building import (
     away_from_singularities,
     box_of_cell,
-    cone_pool,
+    candidates_of,
+    cone_candidates,
     functions_over_box,
-    joint_pool,
-    pool_of,
-    wpr_pool,
+    grid_candidates,
+    joint_candidates,
 )
-from posedesign.candidates.pool import Pool, feasible, offset_targets
+from posedesign.candidates.candidate_poses import CandidatePoses, feasible, offset_targets
 from posedesign.candidates.postures import CONFIGURATIONS, Configurations, local_poses
 
 __all__ = [
     "CONFIGURATIONS",
+    "CandidatePoses",
     "Configurations",
-    "Pool",
     "away_from_singularities",
     "box_of_cell",
-    "cone_pool",
+    "candidates_of",
+    "cone_candidates",
     "feasible",
     "functions_over_box",
-    "joint_pool",
+    "grid_candidates",
+    "joint_candidates",
     "local_poses",
     "offset_targets",
-    "pool_of",
-    "wpr_pool",
 ]

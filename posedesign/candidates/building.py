@@ -21,7 +21,7 @@ from calib.se3 import (
     transform,
     wpr_from_rotation,
 )
-from posedesign.candidates.pool import Pool, checkers_of, targets_of
+from posedesign.candidates.candidate_poses import CandidatePoses, checkers_of, targets_of
 from posedesign.candidates.postures import (
     IN_WORDS,
     MOST_PER_POSE,
@@ -52,14 +52,14 @@ _SAME_TURN_RAD = 1e-8
 """Orientations of which no entry differs by more are one; forming them rounds 1e-15."""
 
 
-def wpr_pool(
+def grid_candidates(
     cell: Cell,
     levels: int = LEVELS,
     configurations: str = "nearest",
     *,
     targets_m: ArrayLike | None = None,
     target_names: Sequence[str] | None = None,
-) -> Pool:
+) -> CandidatePoses:
     """Postures of all W P R grids of a cell, from its first angles to its largest.
 
     ``levels``: number of grids (Eq. 13 of [Watanabe2006]_), their angles evenly spaced.
@@ -89,7 +89,7 @@ def wpr_pool(
     )
 
 
-def cone_pool(
+def cone_candidates(
     cell: Cell,
     tilt: float,
     count: int,
@@ -98,7 +98,7 @@ def cone_pool(
     *,
     targets_m: ArrayLike | None = None,
     target_names: Sequence[str] | None = None,
-) -> Pool:
+) -> CandidatePoses:
     """Postures with the tool tilted up to an angle against the base pose and rolled freely.
 
     ``tilt``: largest angle between the tool's z and that of the base pose [rad]. ``count``:
@@ -106,7 +106,7 @@ def cone_pool(
     scrambles the orientations, which fill the cone evenly. ``configurations``: see
     :data:`~posedesign.candidates.Configurations`. A redundant arm gives at most
     :data:`~posedesign.candidates.postures.MOST_PER_POSE` of each pose. ``targets_m``,
-    ``target_names``: see :func:`wpr_pool`. Raises InputError: an argument cannot be used.
+    ``target_names``: see :func:`grid_candidates`. Raises InputError: an argument cannot be used.
     UnreachableError: no pose at all can be taken.
     """
     if not 0.0 < tilt <= np.pi:
@@ -133,7 +133,7 @@ def _touching(
     orientations: str,
     configurations: str,
     asked: tuple[ArrayLike | None, Sequence[str] | None],
-) -> Pool:
+) -> CandidatePoses:
     """The pool of orientations ``(M, 3, 3)`` that are called for anew at each target."""
     chosen = check_configurations(configurations)
     targets_m, names = targets_of(cell, *asked)
@@ -157,7 +157,7 @@ def _touching(
         )
     turned = [part[pose, :3, :3] for part, (_, pose) in zip(poses, found, strict=True)]
     target = np.repeat(np.arange(len(targets_m)), [len(q) for q, _ in found])
-    pool = Pool(
+    pool = CandidatePoses(
         postures=postures,
         orientations=np.concatenate(turned),
         target=target,
@@ -185,9 +185,9 @@ _FEWEST, _MOST = 1_000, 20_000
 """Draws made at once."""
 
 
-def joint_pool(
+def joint_candidates(
     cell: Cell, count: int, rng: np.random.Generator, largest_turn: float = LARGEST_TURN_RAD
-) -> Pool:
+) -> CandidatePoses:
     """Postures around the base posture that keep every constraint, wherever the tool point is.
 
     Drawn evenly in the joints; or, where the cell has a camera, evenly in what it sees of its
@@ -221,7 +221,7 @@ def joint_pool(
     postures = postures[once(postures)][:count]
     if not len(postures):
         raise ways[-1].nothing()
-    return Pool(
+    return CandidatePoses(
         postures=postures,
         orientations=cell.robot.fk(postures)[:, :3, :3],
         target=np.zeros(len(postures), dtype=np.intp),
@@ -361,7 +361,7 @@ def _with_z(z: FloatArray) -> FloatArray:
     return np.column_stack([x, np.cross(z, x), z])
 
 
-def pool_of(cell: Cell) -> Pool:
+def candidates_of(cell: Cell) -> CandidatePoses:
     """Candidates of a cell, by its section ``[pool]``.
 
     ``auto`` is the view cone for touch-ups, and all W P R grids for a camera that sees a target.
@@ -374,7 +374,7 @@ def pool_of(cell: Cell) -> Pool:
     if kind == "auto":
         kind = "wpr" if cell.is_hand_eye else "cone"
     if kind == "wpr":
-        return wpr_pool(cell, configurations="nearest")
+        return grid_candidates(cell, configurations="nearest")
     rng = np.random.default_rng(section.seed)
     if kind == "joints":
         if not cell.is_hand_eye:
@@ -384,9 +384,9 @@ def pool_of(cell: Cell) -> Pool:
                 hint='set pool.kind = "cone"',
                 name="pool.kind",
             )
-        return joint_pool(cell, section.candidates, rng)
+        return joint_candidates(cell, section.candidates, rng)
     tilt = float(np.deg2rad(section.tilt_deg))
-    return cone_pool(cell, tilt, section.candidates, rng, section.configurations)
+    return cone_candidates(cell, tilt, section.candidates, rng, section.configurations)
 
 
 def away_from_singularities(cell: Cell) -> Cell:
@@ -403,7 +403,7 @@ def away_from_singularities(cell: Cell) -> Cell:
     return replace(cell, config=cell.config.model_copy(update={"constraints": stricter}))
 
 
-def with_kept(cell: Cell, pool: Pool, postures: FloatArray) -> Pool:
+def with_kept(cell: Cell, pool: CandidatePoses, postures: FloatArray) -> CandidatePoses:
     """The pool with poses of the user's own ``(k, n)`` [rad] as its first ones."""
     k = len(postures)
     return replace(

@@ -17,6 +17,7 @@ from calib.robots.inverse.iterative import close_in
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_exp
 from posedesign.cell import Cell, touching_poses
 from posedesign.constraints import ROUNDING, Checker, Verdicts
+from posedesign.constraints.checker import nearest_first
 
 Configurations = Literal["nearest", "front", "all"]
 """``nearest``: of each pose the one posture nearest to the base posture, as in the paper's loop.
@@ -92,18 +93,12 @@ def asked_for(solutions: InverseSolutions, configurations: Configurations) -> Bo
 
 def _nearest(checker: Checker, solutions: InverseSolutions) -> IntArray:
     """Row of each pose's posture that keeps every constraint and is nearest to the reference."""
-    inside = np.flatnonzero(solutions.inside)
-    distance = np.linalg.norm(solutions.postures[inside] - solutions.near, axis=1)
-    waiting = inside[np.lexsort((distance, solutions.pose[inside]))]
     done = np.zeros(len(solutions.gap_m), dtype=bool)
     taken = [np.empty(0, dtype=np.intp)]
-    while len(waiting):  # the nearest of each pose, then the second nearest where that failed, ...
-        first = np.diff(solutions.pose[waiting], prepend=-1) != 0
-        rows = waiting[first]
+    for rows in nearest_first(solutions, solutions.near):
+        rows = rows[~done[solutions.pose[rows]]]
         taken.append(rows[checker.check(solutions.postures[rows], every=False).feasible])
         done[solutions.pose[taken[-1]]] = True
-        waiting = waiting[~first]
-        waiting = waiting[~done[solutions.pose[waiting]]]
     return np.sort(np.concatenate(taken))
 
 
@@ -134,7 +129,7 @@ def local_poses(
     ``postures`` (N, n): postures to start from [rad]. ``turns`` (N, 3): rotation vectors r [rad] in
     the axes of the tip: its orientation becomes ``R exp(r)``, as in
     :mod:`calib.model.parameters.frames`. In base axes it would be ``R.T @ r``. ``touched_m`` (N,
-    3): where the tool point stays [m], base frame, e.g. :attr:`Pool.touched_m`. By default where it
+    3): where the tool point stays [m], base frame, e.g. :attr:`CandidatePoses.touched_m`. By default where it
     is; given, the rounding of one step after another does not add up. Returns array (N, n): NaN
     where no such posture lies inside the limits less the margin of the cell, or where the turn
     leads into a singularity. Other constraints are not looked at: see
@@ -278,7 +273,7 @@ def no_pose(
     some = T_base_tip[_some(len(T_base_tip))]
     solutions = checker.robot.inverse(some, near=base, margin=checker.margin)
     verdicts = checker.check(solutions.postures)
-    branch = first_per_group(solutions.pose, -_nearness(verdicts), len(some))
+    branch = first_per_group(solutions.pose, -verdicts.nearness, len(some))
     reached = branch >= 0
     unasked = np.zeros(len(some), dtype=bool)
     unasked[solutions.pose[verdicts.feasible & ~asked_for(solutions)]] = True
@@ -306,11 +301,6 @@ def _some(count: int) -> IntArray:
     return np.linspace(0, count - 1, min(count, _LOOKED_AT)).astype(np.intp)
 
 
-def _nearness(verdicts: Verdicts) -> FloatArray:
-    """How many constraints postures keep ``(S,)``, and how far they are from the tightest."""
-    return np.asarray((verdicts.room >= -ROUNDING).sum(axis=1) + np.tanh(verdicts.slack))
-
-
 def _most_often(verdicts: Verdicts, rows: IntArray) -> tuple[int, int]:
     """The constraint that most postures break, and how many do; of several the one broken worst."""
     if not len(rows):
@@ -323,7 +313,7 @@ def _most_often(verdicts: Verdicts, rows: IntArray) -> tuple[int, int]:
 
 def _said(verdicts: Verdicts, rows: IntArray, k: int) -> tuple[str, str]:
     rows = rows[verdicts.room[rows, k] < -ROUNDING]
-    best = int(rows[np.argmax(_nearness(verdicts)[rows])])
+    best = int(rows[np.argmax(verdicts.nearness[rows])])
     name = verdicts.constraints[k].name
     return f"{name}, e.g. {verdicts.says(best, k)}", verdicts.remedy(best, k)
 

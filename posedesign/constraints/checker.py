@@ -1,10 +1,10 @@
-"""One verdict with its reason for every posture, by all constraints of a cell; those of the joints."""
+"""One verdict with its reason for every posture, by all constraints of a cell."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import ClassVar
 
@@ -44,18 +44,9 @@ class Situation:
     def take(self, rows: IntArray) -> Situation:
         """The same at some of the postures."""
         state = self.__dict__.get("state")
-        some = None if state is None else _rows(state, rows)
-        return Situation(self.chain, self.q[rows], some, depths=self.depths)
-
-
-def _rows(state: ChainState, rows: IntArray) -> ChainState:
-    return ChainState(
-        rotations=state.rotations[rows],
-        origins=state.origins[rows],
-        axes=state.axes[rows],
-        R_base_tip=np.asarray(state.R_base_tip[rows]),
-        p_base_tip=np.asarray(state.p_base_tip[rows]),
-    )
+        if state is not None:
+            state = ChainState(**{f.name: getattr(state, f.name)[rows] for f in fields(state)})
+        return Situation(self.chain, self.q[rows], state, depths=self.depths)
 
 
 ROUNDING = 1e-9
@@ -95,76 +86,70 @@ class Constraint(ABC):
         """What to change in ``cell.toml`` where the bound is broken by this much, or nothing."""
 
 
-_DEG = float(np.rad2deg(1.0))
+class _Limits(Constraint):
+    """Limits less a margin: an uncalibrated joint is not where it says."""
 
-
-class JointLimits(Constraint):
-    """Every joint inside its limits, less a margin: an uncalibrated joint is not where it says."""
-
-    name = "joint limits"
     unit = "deg"
-    display = _DEG
+    display = float(np.rad2deg(1.0))
     comfort = np.deg2rad(10.0)
 
     def __init__(self, robot: Robot, margin: float) -> None:
-        self._lower, self._upper = robot.lower, robot.upper
-        self._margin = margin
+        self._robot, self._margin = robot, margin
 
-    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """Which: the joint."""
-        room = np.minimum(arm.q - self._lower, self._upper - arm.q) - self._margin
-        which = np.argmin(room, axis=1)
-        return room[np.arange(len(room)), which], which
+    @abstractmethod
+    def _limit(self, q: FloatArray, which: int) -> tuple[str, float, float, float]:
+        """Name, value at a posture ``(n,)`` and bounds [rad]."""
 
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        value, low, high = arm.q[i, which], self._lower[which], self._upper[which]
-        return _limit_says(f"J{which + 1}", value, low, high, self._margin)
-
-    def remedy(self, room: float) -> str:
-        return _margin_remedy(room, self._margin)
-
-
-class CoupledLimits(Constraint):
-    """Limits that joints have together, less a margin."""
-
-    name = "coupled limits"
-    unit = "deg"
-    display = _DEG
-    comfort = np.deg2rad(10.0)
-
-    def __init__(self, robot: Robot, margin: float) -> None:
-        self._limits = robot.coupled_limits
-        self._margin = margin
+    @abstractmethod
+    def _inside(self, q: FloatArray) -> FloatArray:
+        """How far postures are inside each limit ``(S, L)`` [rad]."""
 
     def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """Which: the limit."""
-        room = np.stack([limit.margin(arm.q) for limit in self._limits], axis=1) - self._margin
+        room = self._inside(arm.q) - self._margin
         which = np.argmin(room, axis=1)
         return room[np.arange(len(room)), which], which
 
     def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        limit = self._limits[which]
-        value = float(arm.q[i] @ limit.coefficients)
-        return _limit_says(limit.name, value, limit.lower, limit.upper, self._margin)
+        name, value, lower, upper = self._limit(arm.q[i], which)
+        kept = 0.0 if not lower - ROUNDING <= value <= upper + ROUNDING else self._margin
+        value_deg, low_deg, high_deg = np.rad2deg([value, lower + kept, upper - kept]).tolist()
+        ending = f" ({np.rad2deg(kept):g} deg inside the limit)" if kept else ""
+        if min(value - lower, upper - value) - kept < -ROUNDING:
+            return limit_reason(name, value_deg, low_deg, high_deg) + ending
+        side, bound_deg = ("upper", high_deg) if 2 * value > lower + upper else ("lower", low_deg)
+        return f"{name} {value_deg:.1f} deg, {side} bound {bound_deg:.1f} deg{ending}"
 
     def remedy(self, room: float) -> str:
-        return _margin_remedy(room, self._margin)
+        """A margin is worth lowering only where the limit itself is kept."""
+        kept = 0.0 <= room + self._margin < self._margin
+        return "lower plan.limit_margin_deg" if kept else ""
 
 
-def _limit_says(name: str, value: float, lower: float, upper: float, margin: float) -> str:
-    """How a value lies between limits that a margin is kept from [rad]."""
-    kept = 0.0 if not lower - ROUNDING <= value <= upper + ROUNDING else margin
-    value_deg, low_deg, high_deg = np.rad2deg([value, lower + kept, upper - kept]).tolist()
-    ending = f" ({np.rad2deg(kept):g} deg inside the limit)" if kept else ""
-    if min(value - lower, upper - value) - kept < -ROUNDING:
-        return limit_reason(name, value_deg, low_deg, high_deg) + ending
-    side, bound_deg = ("upper", high_deg) if 2 * value > lower + upper else ("lower", low_deg)
-    return f"{name} {value_deg:.1f} deg, {side} bound {bound_deg:.1f} deg{ending}"
+class JointLimits(_Limits):
+    """Every joint inside its limits, less the margin."""
+
+    name = "joint limits"
+
+    def _limit(self, q: FloatArray, which: int) -> tuple[str, float, float, float]:
+        robot = self._robot
+        return f"J{which + 1}", q[which], robot.lower[which], robot.upper[which]
+
+    def _inside(self, q: FloatArray) -> FloatArray:
+        return np.minimum(q - self._robot.lower, self._robot.upper - q)
 
 
-def _margin_remedy(room: float, margin: float) -> str:
-    """A margin is worth lowering only where the limit itself is kept."""
-    return "lower plan.limit_margin_deg" if 0.0 <= room + margin < margin else ""
+class CoupledLimits(_Limits):
+    """Limits that joints have together, less the margin."""
+
+    name = "coupled limits"
+
+    def _limit(self, q: FloatArray, which: int) -> tuple[str, float, float, float]:
+        limit = self._robot.coupled_limits[which]
+        return limit.name, float(q @ limit.coefficients), limit.lower, limit.upper
+
+    def _inside(self, q: FloatArray) -> FloatArray:
+        return np.stack([limit.margin(q) for limit in self._robot.coupled_limits], axis=1)
 
 
 class Singularity(Constraint):
@@ -217,6 +202,11 @@ class Verdicts:
     def tightest(self) -> IntArray:
         """Index ``(S,)`` of the constraint that has least room, or is broken most."""
         return np.asarray(np.argmin(self._parts, axis=1))
+
+    @property
+    def nearness(self) -> FloatArray:
+        """How many constraints postures keep ``(S,)``, and how far they are from the tightest."""
+        return np.asarray((self.room >= -ROUNDING).sum(axis=1) + np.tanh(self.slack))
 
     def says(self, i: int, k: int | None = None) -> str:
         """What constraint k of posture i says, in words; the tightest unless it is given."""
@@ -299,7 +289,7 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
     feasible = np.zeros(count, dtype=bool)
     slack = np.full(count, np.nan)  # NaN until a posture of the pose has been looked at
     best = np.full((count, checker.robot.n), np.nan)
-    for rows in _nearest_first(solutions, reference):
+    for rows in nearest_first(solutions, reference):
         rows = rows[~feasible[solutions.pose[rows]]]
         if not len(rows):
             continue
@@ -324,7 +314,7 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
     return Postures(q, feasible, tuple(reasons), tuple(remedies))
 
 
-def _nearest_first(solutions: InverseSolutions, reference: FloatArray) -> list[IntArray]:
+def nearest_first(solutions: InverseSolutions, reference: FloatArray) -> list[IntArray]:
     """Rows of the solutions inside the limits: the nearest of each pose, the second nearest, ..."""
     inside = np.flatnonzero(solutions.inside)
     distance = np.linalg.norm(solutions.postures[inside] - reference, axis=1)

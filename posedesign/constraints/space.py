@@ -145,7 +145,7 @@ def _z_along(axis: int, sign: float) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class WayVerdicts:
+class MotionVerdicts:
     """What is to be said of the ways from one posture to another.
 
     ``clear`` (W,). ``travel`` (W,): largest joint travel [rad]. ``part`` (W,): where on the way
@@ -178,7 +178,7 @@ class MotionChecker:
         """Number of moves, a whole one, of ways by their largest joint travel ``(...)`` [rad]."""
         return np.asarray(np.maximum(1.0, np.ceil((travel - ROUNDING) / self.largest_travel)))
 
-    def check(self, start: FloatArray, end: FloatArray, *, far: bool = False) -> WayVerdicts:
+    def check(self, start: FloatArray, end: FloatArray, *, far: bool = False) -> MotionVerdicts:
         """Verdicts on ways from postures ``(W, n)`` to postures ``(W, n)`` [rad].
 
         With ``far``, joints may travel as far as they like: there will be stops on the way.
@@ -200,7 +200,7 @@ class MotionChecker:
             for i in np.flatnonzero(~ways.clear).tolist():
                 said = collision.explain(float(ways.distance_m[i]), int(ways.pair[i]))
                 reasons[rows[i]], part[rows[i]] = said, ways.part[i]
-        return WayVerdicts(clear, travel, part, tuple(reasons))
+        return MotionVerdicts(clear, travel, part, tuple(reasons))
 
 
 BEND = 0.05
@@ -294,7 +294,7 @@ class Retreat:
         turn = rotation_angle(np.swapaxes(T[:, None, :3, :3], -1, -2) @ T_on[..., :3, :3])
         return np.asarray((bend <= BEND * along[:, 0]) & (turn <= TURN_RAD).all(axis=1))
 
-    def check(self, away: FloatArray, q: FloatArray) -> WayVerdicts:
+    def check(self, away: FloatArray, q: FloatArray) -> MotionVerdicts:
         """Verdicts on moves along the tool from postures ``(N, n)`` to those that touch [rad]."""
         found = self.others.check(away, q)
         contact = self._part_before(away, q, self.contact_m)
@@ -302,7 +302,7 @@ class Retreat:
         first = found.clear & ~met.clear
         reasons = np.where(first, met.reasons, found.reasons).tolist()
         part = np.where(first, met.part * contact, found.part)
-        return WayVerdicts(found.clear & met.clear, found.travel, part, tuple(reasons))
+        return MotionVerdicts(found.clear & met.clear, found.travel, part, tuple(reasons))
 
     def _part_before(self, away: FloatArray, q: FloatArray, far_m: float) -> FloatArray:
         """Parts of moves ``(N,)`` after which the tool point is within so far of their end."""

@@ -84,7 +84,7 @@ class Route:
 
     @property
     def cycle_time_s(self) -> float:
-        """Predicted time of the whole round [s]: :func:`~posedesign.motion.order.cycle_time_s`."""
+        """Predicted time of the whole tour [s]."""
         return self.moving_s + self.standing_s
 
     @property

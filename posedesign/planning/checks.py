@@ -15,8 +15,8 @@ from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.cell import Cell
 from posedesign.constraints import Collision, Verdicts
-from posedesign.constraints.space import WayVerdicts
-from posedesign.planning.loop import regressor
+from posedesign.constraints.space import MotionVerdicts
+from posedesign.planning.loop import identification_jacobian
 from posedesign.planning.pose_plan import displayed
 from posedesign.planning.poses_file import PoseList
 from posedesign.selection import Indices, evaluate
@@ -137,7 +137,7 @@ def check_poses(cell: Cell, poses: PoseList) -> tuple[PoseVerdict, ...]:
     return tuple(found[i] for i in range(len(poses.names)))
 
 
-def _motions(cell: Cell, poses: PoseList) -> WayVerdicts:
+def _motions(cell: Cell, poses: PoseList) -> MotionVerdicts:
     """Verdicts on the motions to each pose; those along the tool to one that touches apart."""
     start, end = np.vstack([cell.base_posture, poses.postures[:-1]]), poses.postures
     ways = cell.ways.check(start, end)
@@ -153,7 +153,7 @@ def _motions(cell: Cell, poses: PoseList) -> WayVerdicts:
     part[rows] = np.where(to_touch[rows], along.part, 1.0 - along.part)
     for row, why in zip(rows.tolist(), along.reasons, strict=True):
         reasons[row] = why
-    return WayVerdicts(clear, ways.travel, part, tuple(reasons))
+    return MotionVerdicts(clear, ways.travel, part, tuple(reasons))
 
 
 def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ...]:
@@ -177,7 +177,7 @@ def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ..
 
 
 def _judge(
-    verdicts: Verdicts, poses: PoseList, ways: WayVerdicts, rows: IntArray, at_a_pose: BoolArray
+    verdicts: Verdicts, poses: PoseList, ways: MotionVerdicts, rows: IntArray, at_a_pose: BoolArray
 ) -> dict[int, PoseVerdict]:
     found = {}
     for i, row in enumerate(rows.tolist()):
@@ -210,7 +210,7 @@ def _nearest(verdicts: Verdicts, i: int) -> tuple[float | None, str]:
     return None, ""
 
 
-def _on_the_way(ways: WayVerdicts, row: int) -> str:
+def _on_the_way(ways: MotionVerdicts, row: int) -> str:
     place = f" at {ways.part[row]:.0%} of the way" if np.isfinite(ways.part[row]) else ""
     return ways.reasons[row] + place if ways.reasons[row] else ""
 
@@ -249,7 +249,9 @@ def score_poses(cell: Cell, poses: PoseList) -> Score:
         f"{poses.names[i]}: {verdicts.says(i)}" for i in np.flatnonzero(~verdicts.feasible).tolist()
     ]
     off = off_target(cell, poses.names, poses.postures, ON_TARGET_M)
-    return Score(evaluate(regressor(linear), white), sigma, problem, tuple(broken), tuple(off))
+    return Score(
+        evaluate(identification_jacobian(linear), white), sigma, problem, tuple(broken), tuple(off)
+    )
 
 
 def _what_is_hidden(model: CalibrationModel, white: FloatArray) -> str:

@@ -17,7 +17,7 @@ from calib.model import CalibrationModel, Linearisation
 from calib.se3 import FloatArray, rotation_angle, rotation_exp, wpr_from_rotation
 from posedesign.cell import Cell, touching_poses, wpr_rotations
 from posedesign.cell.orientations import cone_rotations
-from posedesign.constraints import ROUNDING, Checker, nearest_postures
+from posedesign.constraints import Checker, nearest_postures
 from posedesign.motion import Router
 from posedesign.motion.route import Route
 from posedesign.planning.pose_plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
@@ -46,7 +46,7 @@ _SAME_PLACE_RAD = np.deg2rad(1.0)
 _POOL_SEED = 2006
 
 
-class RepairPool:
+class Replacements:
     """Postures that replacements are taken from, found when they are first needed.
 
     First all arm configurations over a cone of orientations around the base pose, rolled freely,
@@ -118,7 +118,7 @@ class RepairPool:
         feasible = verdicts.feasible
         if not len(self._found) and not feasible.any():
             # how many constraints are kept, and how far the first that is not is broken
-            kept = (verdicts.room >= -ROUNDING).sum(axis=1) + np.tanh(verdicts.slack)
+            kept = verdicts.nearness
             best = np.argsort(-kept, kind="stable")[:NEARLY]
             ranked = zip(kept[best], rotations[solutions.pose[rows[best]]], strict=True)
             self._nearly += [(float(score), R) for score, R in ranked]
@@ -126,7 +126,7 @@ class RepairPool:
         return np.asarray(solutions.postures[rows[feasible]])
 
 
-def repair(cell: Cell, poses: PoseSet, pool: RepairPool) -> PoseSet:
+def repair(cell: Cell, poses: PoseSet, pool: Replacements) -> PoseSet:
     """Replace each dropped pose by a posture of the pool, each as far as possible from all others.
 
     Of the replacements each pose gets the one that is turned least against it; its reason says
@@ -216,7 +216,7 @@ class _Loop:
         self.rounds: list[Round] = []
         self.sets: list[PoseSet] = []
         self.routes: list[Route | None] = []
-        self._pool = RepairPool(cell)
+        self._pool = Replacements(cell)
         self._cut_off = 0  # poses and replacements that no clear way leads to
         self._router = Router.of_cell(cell)
         check_base_pose(cell)
@@ -307,7 +307,9 @@ class _Loop:
             if variation[k] < largest[k]
         ]
         scores = [
-            condition_inf(regressor(self.model.linearise(self._generate(option).kept)))
+            condition_inf(
+                identification_jacobian(self.model.linearise(self._generate(option).kept))
+            )
             for option in options
         ]
         return np.asarray(options[int(np.argmin(scores))])
@@ -334,7 +336,7 @@ class _Loop:
         route, poses = self._connect(best), self.sets[best]
         postures = poses.kept
         linear = self.model.linearise(postures)
-        blocks, white = regressor(linear), linear.white_jacobian
+        blocks, white = identification_jacobian(linear), linear.white_jacobian
         if stop is StopReason.INFEASIBLE and blocks[..., 0].size >= self.model.p:
             # enough poses, and still something is hidden: no angle will show it
             flat = white.reshape(-1, self.model.p)
@@ -416,7 +418,7 @@ def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
     return PoseSet.of_grid(found.q, found.reasons, rotations)
 
 
-def regressor(linear: Linearisation) -> FloatArray:
+def identification_jacobian(linear: Linearisation) -> FloatArray:
     """Blocks ``(N, m, p)`` that condition numbers are those of.
 
     Not weighted, as in the paper, where all rows are lengths. Rows that are lengths and rows that
@@ -444,7 +446,7 @@ def evaluate_round(
 ) -> Round:
     """What a set of poses is worth to the loop."""
     kept = poses.kept
-    blocks = regressor(model.linearise(kept))
+    blocks = identification_jacobian(model.linearise(kept))
     c_g = condition_inf(blocks) if len(kept) else float("inf")
     if np.isfinite(c_g) and len(kept) * model.measurement.rows >= model.p:
         sigma = np.sqrt(np.diag(covariance_of(model, kept, weighted=weighted)))

@@ -20,7 +20,7 @@ from posedesign.files.origin import described, is_simulated
 from posedesign.motion import KnownMotions, find_approaches
 from posedesign.motion.route import Passing
 from posedesign.planning import fingerprint
-from posedesign.planning.loop import regressor
+from posedesign.planning.loop import identification_jacobian
 from posedesign.planning.poses_file import STOPS_SHORT, PoseList
 from posedesign.programs import (
     DIALECTS,
@@ -413,4 +413,4 @@ def _read_back(dialect: Dialect, program: PoseProgram, paths: Sequence[Path]) ->
 
 def _c_g(cell: Cell, postures: FloatArray) -> float:
     linear = cell.model().linearise(postures)
-    return evaluate(regressor(linear), linear.white_jacobian).c_g
+    return evaluate(identification_jacobian(linear), linear.white_jacobian).c_g

@@ -38,7 +38,7 @@ class Selection:
     ``efficiency``: in terms of information, 0 to 1: .97 proves that no choice of less than .97 n
     poses can be as good. Of condition numbers the bound over the value. ``covariance`` (p, p):
     predicted, in the units of the blocks; infinite where not all is identified. ``relaxation``:
-    where the bound is from. ``values_of_starts``: what each start came to. ``duplicates``:
+    where the bound is from.  ``duplicates``:
     candidates that are there more than once, and were offered once.
     """
 
@@ -49,7 +49,6 @@ class Selection:
     efficiency: float
     covariance: FloatArray
     relaxation: Relaxation | None
-    values_of_starts: tuple[float, ...]
     duplicates: int
 
     @property
@@ -249,7 +248,6 @@ def _selection(
         efficiency=float(efficiency),
         covariance=unscaled,
         relaxation=relaxed,
-        values_of_starts=tuple(criterion.shown(each) for each in found.costs),
         duplicates=pool.N - len(offered),
     )
 

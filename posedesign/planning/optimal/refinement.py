@@ -18,9 +18,9 @@ import numpy as np
 
 from calib.model import CalibrationModel, touch
 from calib.se3 import FloatArray, IntArray
-from posedesign.candidates import Pool, feasible, local_poses
+from posedesign.candidates import CandidatePoses, feasible, local_poses
 from posedesign.cell import Cell
-from posedesign.planning.optimal.request import Goal
+from posedesign.planning.optimal.request import PlanObjective
 from posedesign.selection import Candidates
 from posedesign.selection.information import InformationState
 
@@ -67,7 +67,7 @@ def draw_parameters(
 
 
 def blocks_of_robots(
-    model: CalibrationModel, goal: Goal, pool: Pool, parameters: FloatArray
+    model: CalibrationModel, objective: PlanObjective, pool: CandidatePoses, parameters: FloatArray
 ) -> FloatArray:
     """Blocks ``(S, N, m, p)`` of postures, as robots with parameters ``(S, p)`` take them.
 
@@ -77,20 +77,25 @@ def blocks_of_robots(
     blocks = []
     for x in parameters:
         q, miss = touch(model, pool.postures, x, setup)
-        found = goal.blocks(model.linearise(q, x, setup))
+        found = objective.blocks(model.linearise(q, x, setup))
         found[~(miss < TOUCHED_M)] = 0.0
         blocks.append(found)
     return np.array(blocks)
 
 
-def robustness(cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool) -> Robustness:
+def robustness(
+    cell: Cell, model: CalibrationModel, objective: PlanObjective, chosen: CandidatePoses
+) -> Robustness:
     """Try a choice on robots that are not as described."""
     rng = np.random.default_rng(TRIALS)  # fixed, and others than those that poses are chosen for
     drawn = draw_parameters(cell, model, TRIALS + 1, rng)
     costs = np.array(
-        [goal.cost_of_blocks(each) for each in blocks_of_robots(model, goal, chosen, drawn)]
+        [
+            objective.cost_of_blocks(each)
+            for each in blocks_of_robots(model, objective, chosen, drawn)
+        ]
     )
-    shown = goal.criterion.shown
+    shown = objective.criterion.shown
     return Robustness(
         shown(float(costs[0])),
         shown(float(np.median(costs[1:]))),
@@ -116,16 +121,21 @@ ENOUGH = 1e-4
 
 
 def refine(
-    cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool, *, fixed: int = 0
-) -> Pool:
+    cell: Cell,
+    model: CalibrationModel,
+    objective: PlanObjective,
+    chosen: CandidatePoses,
+    *,
+    fixed: int = 0,
+) -> CandidatePoses:
     """Turn the tool at chosen poses for as long as the criterion gets better.
 
     Tilts against the base pose stay within the widest of the poses given.
 
-    ``fixed``: how many of the first poses stay as they are. Returns Pool: as many postures, in the
+    ``fixed``: how many of the first poses stay as they are. Returns CandidatePoses: as many postures, in the
     same order, each on the branch of the arm that it was on.
     """
-    search = _Refinement(cell, model, goal, chosen, fixed)
+    search = _Refinement(cell, model, objective, chosen, fixed)
     cost = search.cost()
     for _ in range(MOST_SWEEPS):
         search.sweep()
@@ -140,10 +150,15 @@ class _Refinement:
     """The poses as they are, and what is offered to each."""
 
     def __init__(
-        self, cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool, fixed: int
+        self,
+        cell: Cell,
+        model: CalibrationModel,
+        objective: PlanObjective,
+        chosen: CandidatePoses,
+        fixed: int,
     ) -> None:
         self._fixed = fixed
-        self._cell, self._model, self._goal = cell, model, goal
+        self._cell, self._model, self._objective = cell, model, objective
         self.pool = chosen
         # where the target is met already, its own place does not gather rounding
         self._place = cell.robot.state(chosen.postures).point(cell.tool_m)
@@ -156,10 +171,10 @@ class _Refinement:
     def cost(self) -> float:
         """Of the poses as they are."""
         pool = Candidates(self._blocks(self.pool))
-        return self._goal.criterion.on(pool).cost(np.arange(pool.N))
+        return self._objective.criterion.on(pool).cost(np.arange(pool.N))
 
-    def _blocks(self, pool: Pool) -> FloatArray:
-        return self._goal.blocks(pool.linearise(self._model))
+    def _blocks(self, pool: CandidatePoses) -> FloatArray:
+        return self._objective.blocks(pool.linearise(self._model))
 
     def sweep(self) -> None:
         """Offer every pose its turns, once."""
@@ -179,7 +194,7 @@ class _Refinement:
         if len(row):
             self._take_best(offered, owner[row])
 
-    def _turned(self, owner: IntArray, turns: FloatArray) -> tuple[Pool, IntArray]:
+    def _turned(self, owner: IntArray, turns: FloatArray) -> tuple[CandidatePoses, IntArray]:
         """The pool of those turned poses that can be taken, and which they are."""
         start = self.pool.take(owner)
         q = local_poses(self._cell, start.postures, turns, self._place[owner])
@@ -209,7 +224,7 @@ class _Refinement:
         """Cost of the set with each block in the place of its owner."""
         n = len(self.pool)
         candidates = Candidates(np.concatenate([self._blocks(self.pool), blocks]))
-        objective = self._goal.criterion.on(candidates)
+        objective = self._objective.criterion.on(candidates)
         state = InformationState(candidates, np.arange(n), n)
         out = np.empty(len(owner))
         for k in range(n):
@@ -219,10 +234,10 @@ class _Refinement:
             state.take(k)
         return out
 
-    def _take_best(self, offered: Pool, owner: IntArray) -> None:
+    def _take_best(self, offered: CandidatePoses, owner: IntArray) -> None:
         n = len(self.pool)
         candidates = Candidates(np.concatenate([self._blocks(self.pool), self._blocks(offered)]))
-        objective = self._goal.criterion.on(candidates)
+        objective = self._objective.criterion.on(candidates)
         state = InformationState(candidates, np.arange(n), n)
         q, R = self.pool.postures.copy(), self.pool.orientations.copy()
         for k in range(n):
@@ -236,5 +251,5 @@ class _Refinement:
         self.pool = _with(self.pool, q, R)
 
 
-def _with(pool: Pool, q: FloatArray, R: FloatArray) -> Pool:
+def _with(pool: CandidatePoses, q: FloatArray, R: FloatArray) -> CandidatePoses:
     return replace(pool, postures=q, orientations=R)

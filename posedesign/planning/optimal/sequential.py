@@ -19,7 +19,12 @@ from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.model.parameters import TargetPoints, Unit
 from calib.se3 import FloatArray, IntArray
-from posedesign.candidates import Pool, away_from_singularities, functions_over_box, pool_of
+from posedesign.candidates import (
+    CandidatePoses,
+    away_from_singularities,
+    candidates_of,
+    functions_over_box,
+)
 from posedesign.cell import Cell
 from posedesign.motion import Router
 from posedesign.motion.route import Route
@@ -30,7 +35,7 @@ from posedesign.planning.optimal.choose import (
     reached_of,
     without_unreached,
 )
-from posedesign.planning.optimal.request import Goal, Request, goal_of
+from posedesign.planning.optimal.request import PlanObjective, Request, objective_of
 from posedesign.planning.optimal.result import NextPoses
 from posedesign.planning.pose_plan import PoseSet
 from posedesign.selection import select
@@ -104,11 +109,11 @@ def plan_next(
     if identified is None:
         before = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
     box, box_words = functions_over_box(cell, model)
-    goal = goal_of(Request(count=count, criterion=criterion), model, box)
-    poses, route, errors = _Choice(cell, model, goal, box, x).make(measured, before, count)
+    objective = objective_of(Request(count=count, criterion=criterion), model, box)
+    poses, route, errors = _Choice(cell, model, objective, box, x).make(measured, before, count)
     noise = _noise_scale(identified)
     return NextPoses(
-        goal,
+        objective,
         len(data.postures),
         identified,
         why_not,
@@ -126,9 +131,20 @@ class _Choice:
     """The choice of further poses, at parameters ``x``."""
 
     def __init__(
-        self, cell: Cell, model: CalibrationModel, goal: Goal, box: FloatArray, x: FloatArray
+        self,
+        cell: Cell,
+        model: CalibrationModel,
+        objective: PlanObjective,
+        box: FloatArray,
+        x: FloatArray,
     ) -> None:
-        self._cell, self._model, self._goal, self._box, self._x = cell, model, goal, box, x
+        self._cell, self._model, self._objective, self._box, self._x = (
+            cell,
+            model,
+            objective,
+            box,
+            x,
+        )
 
     def make(
         self, measured: Linearisation, before: FloatArray, count: int
@@ -138,7 +154,7 @@ class _Choice:
         Poses that cannot be had are dropped. ``before`` are rows of what is known beforehand.
         """
         known = np.vstack([measured.white_jacobian.reshape(-1, self._model.p), before])
-        pool = pool_of(away_from_singularities(self._cell))
+        pool = candidates_of(away_from_singularities(self._cell))
         router = Router.of_cell(self._cell)
         why = ""
         for attempt in range(ATTEMPTS):
@@ -162,15 +178,17 @@ class _Choice:
         return poses, route, _errors(white[rows], known, self._box)
 
     def _rows(
-        self, pool: Pool, measured: Linearisation, before: FloatArray, count: int
+        self, pool: CandidatePoses, measured: Linearisation, before: FloatArray, count: int
     ) -> tuple[IntArray, FloatArray]:
         """Rows of the best of a pool, and its whitened blocks."""
         linear = self._model.linearise(pool.postures, self._x, pool.setup(self._model))
-        blocks, white = self._goal.blocks(linear), linear.white_jacobian
+        blocks, white = self._objective.blocks(linear), linear.white_jacobian
         # what was known before measuring, in the rows that the criterion is of
         scale = np.sqrt((blocks**2).sum() / (white**2).sum())
-        known = np.vstack([self._goal.blocks(measured).reshape(-1, self._model.p), scale * before])
-        criterion = self._goal.criterion
+        known = np.vstack(
+            [self._objective.blocks(measured).reshape(-1, self._model.p), scale * before]
+        )
+        criterion = self._objective.criterion
         found = select(blocks, count, criterion, known=known, starts=1, bound=False)
         return found.indices, white
 

@@ -105,14 +105,13 @@ def _checked(targets: FloatArray, name: str, hint: str) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Pool:
+class CandidatePoses:
     """Postures that keep every constraint of a cell, no two of them the same.
 
     ``postures`` (N, n): [rad]. ``orientations`` (N, 3, 3): of the tip, in the base frame.
     ``target`` (N,): what each touches, or looks at: an index into the targets. ``targets_m`` (K,
     3): targets [m] in the base frame. ``target_names``: their labels in a model. ``tried``: poses,
-    or postures, that were looked at. ``description``: how the pool was made, in words. Raises
-    InputError: the shapes do not go together.
+    or postures, that were looked at. ``description``: how they were made, in words.
     """
 
     postures: FloatArray
@@ -122,23 +121,6 @@ class Pool:
     target_names: tuple[str, ...]
     tried: int
     description: str
-
-    def __post_init__(self) -> None:
-        count, targets = len(self.postures), len(self.targets_m)
-        for name, shape, wanted in (
-            ("orientations", self.orientations.shape, (count, 3, 3)),
-            ("target", self.target.shape, (count,)),
-            ("targets_m", self.targets_m.shape, (targets, 3)),
-            ("target_names", (len(self.target_names),), (targets,)),
-        ):
-            if shape != wanted:
-                raise InputError(
-                    f"a pool of {count} postures and {targets} targets has {name} of shape "
-                    f"{shape}, not {wanted}",
-                    name=name,
-                )
-        if count and not 0 <= self.target.min() <= self.target.max() < targets:
-            raise InputError(f"indices of {targets} targets go from 0 up", name="target")
 
     def __len__(self) -> int:
         return len(self.postures)
@@ -153,28 +135,15 @@ class Pool:
         """Number of postures of each target, ``(K,)``."""
         return np.bincount(self.target, minlength=len(self.targets_m))
 
-    def take(self, rows: ArrayLike) -> Pool:
-        """The pool of some of the postures, in the order given: indices, or booleans ``(N,)``.
-
-        Raises InputError: an index that is none of the pool's.
-        """
+    def take(self, rows: ArrayLike) -> CandidatePoses:
+        """Some of the postures, in the order given: indices, or booleans ``(N,)``."""
         index = np.asarray(rows)
-        if index.dtype == bool:
-            if index.shape != (len(self),):
-                raise InputError(f"a pool of {len(self)} takes as many booleans", name="rows")
-            index = np.flatnonzero(index)
-        whole = index.astype(np.intp)
-        if index.ndim != 1 or not np.array_equal(index, whole):
-            raise InputError("rows of a pool are whole numbers in one row", name="rows")
-        if len(whole) and not -len(self) <= whole.min() <= whole.max() < len(self):
-            raise InputError(
-                f"rows of a pool of {len(self)} go from 0 to {len(self) - 1}", name="rows"
-            )
+        index = np.flatnonzero(index) if index.dtype == bool else index.astype(np.intp)
         return replace(
             self,
-            postures=self.postures[whole],
-            orientations=self.orientations[whole],
-            target=self.target[whole],
+            postures=self.postures[index],
+            orientations=self.orientations[index],
+            target=self.target[index],
         )
 
     def target_points(self, *, free: bool = True, prior_m: float | None = None) -> TargetPoints:

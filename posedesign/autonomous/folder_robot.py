@@ -380,7 +380,7 @@ def refusals_of(cell: Cell) -> Refuses:
             reasons[k] = f"on the way, {reason}" if reason and part < 1.0 else reason
         alone = checker.check(end[~known], every=False)
         for i, k in enumerate(np.flatnonzero(~known).tolist()):
-            reasons[k] = "" if alone.feasible[i] else alone.says(i)
+            reasons[k] = "" if alone.feasible[i] else alone.reason(i)
         return reasons
 
     return refuses

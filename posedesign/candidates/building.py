@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -36,7 +35,6 @@ from posedesign.candidates.postures import (
     once,
 )
 from posedesign.cell import (
-    CameraSection,
     Cell,
     TaskBox,
     cone_rotations_at,
@@ -50,6 +48,15 @@ LEVELS = 16
 
 _SAME_TURN_RAD = 1e-8
 """Orientations of which no entry differs by more are one; forming them rounds 1e-15."""
+
+LARGEST_TURN_RAD = np.pi
+"""Of a joint from the base posture: beyond it the arm is where it has been, a full turn apart."""
+
+_FEWEST, _MOST = 1_000, 20_000
+"""Draws made at once."""
+
+COORDINATES = 6
+"""Of a view: the place in the image (2), the distance, and what :func:`cone_rotations_at` takes."""
 
 
 def grid_candidates(
@@ -178,13 +185,6 @@ def _distinct(rotations: FloatArray) -> IntArray:
     return np.flatnonzero(once(rotations.reshape(len(rotations), 9), _SAME_TURN_RAD))
 
 
-LARGEST_TURN_RAD = np.pi
-"""Of a joint from the base posture: beyond it the arm is where it has been, a full turn apart."""
-
-_FEWEST, _MOST = 1_000, 20_000
-"""Draws made at once."""
-
-
 def joint_candidates(
     cell: Cell, count: int, rng: np.random.Generator, largest_turn: float = LARGEST_TURN_RAD
 ) -> CandidatePoses:
@@ -208,130 +208,73 @@ def joint_candidates(
             value=largest_turn,
             bound=0.0,
         )
-    ways: list[_Draws] = [_JointDraws(cell, count, largest_turn, rng)]
-    if cell.config.camera is not None:
-        ways.append(_ViewDraws(cell, count, largest_turn, rng, cell.config.camera))
-    first = [way.feasible() for way in ways]
-    shares = [len(q) / way.at_once for q, way in zip(first, ways, strict=True)]
-    best = int(np.argmax(shares))
-    draws, found = ways[best], [first[best]]
-    while sum(map(len, found)) < count and draws.tried < draws.each * max(count, draws.at_once):
-        found.append(draws.feasible())
+    robot, base, camera = cell.robot, cell.base_posture, cell.config.camera
+    lower = np.maximum(robot.lower + cell.margin, base - largest_turn)
+    upper = np.minimum(robot.upper - cell.margin, base + largest_turn)
+    joints_at_once = views_at_once = int(np.clip(count, _FEWEST, _MOST))
+    each = 64
+    if robot.n > 6:  # a redundant arm takes each view in many ways, and long to find them
+        views_at_once, each = int(np.clip(count // MOST_PER_POSE, _FEWEST // 10, _FEWEST)), 8
+
+    def joints() -> FloatArray:
+        return np.asarray(lower + (upper - lower) * even_points(joints_at_once, robot.n, rng))
+
+    def views() -> FloatArray:
+        return viewing_poses(cell, even_points(views_at_once, COORDINATES, rng))
+
+    def within(solutions: InverseSolutions) -> BoolArray:
+        q = solutions.postures
+        return np.asarray(((q >= lower) & (q <= upper)).all(axis=1))
+
+    def seeing() -> FloatArray:
+        solutions = robot.inverse(views(), near=base, margin=cell.margin)
+        rows = np.flatnonzero(solutions.inside & within(solutions))
+        return np.asarray(solutions.postures[rows[evenly(solutions.pose[rows], MOST_PER_POSE)]])
+
+    def feasible(draw: Callable[[], FloatArray]) -> FloatArray:
+        q = draw()
+        return np.asarray(q[cell.checker.check(q, every=False).feasible])
+
+    # how to draw, how many at a time, and how many at most for each posture that is wanted
+    kinds = [(joints, joints_at_once, 64)]
+    if camera is not None:
+        kinds.append((seeing, views_at_once, each))
+    first = [feasible(draw) for draw, _, _ in kinds]
+    best = int(np.argmax([len(q) / kind[1] for q, kind in zip(first, kinds, strict=True)]))
+    (draw, tried, most), found = kinds[best], [first[best]]
+    at_once = tried
+    while sum(map(len, found)) < count and tried < most * max(count, at_once):
+        found.append(feasible(draw))
+        tried += at_once
     postures = np.concatenate(found)
     postures = postures[once(postures)][:count]
+    if not len(postures) and camera is None:
+        raise no_posture(cell.checker, joints(), tried)
     if not len(postures):
-        raise ways[-1].nothing()
+        otherwise = "only with joints turned farther from the base posture", "raise largest_turn"
+        raise no_pose(cell.checker, views(), base, within, otherwise)
     return CandidatePoses(
         postures=postures,
-        orientations=cell.robot.fk(postures)[:, :3, :3],
+        orientations=robot.fk(postures)[:, :3, :3],
         target=np.zeros(len(postures), dtype=np.intp),
         targets_m=cell.target_m[None],
         target_names=(cell.config.target.name,),
-        tried=draws.tried,
+        tried=tried,
         description=f"joints within {np.rad2deg(largest_turn):g} deg of the base posture"
-        + ", the target in view" * (cell.config.camera is not None),
+        + ", the target in view" * (camera is not None),
     )
 
 
-class _Draws(ABC):
-    """One way to draw postures inside bounds.
-
-    ``each``: draws made at most for each posture that is wanted. ``at_once``: draws made at a time.
-    ``tried``: draws made so far.
-    """
-
-    each = 64
-
-    def __init__(
-        self, cell: Cell, count: int, largest_turn: float, rng: np.random.Generator
-    ) -> None:
-        robot, base, margin = cell.robot, cell.base_posture, cell.margin
-        self._cell, self._rng = cell, rng
-        self._lower = np.maximum(robot.lower + margin, base - largest_turn)
-        self._upper = np.minimum(robot.upper - margin, base + largest_turn)
-        self.at_once = int(np.clip(count, _FEWEST, _MOST))
-        self.tried = 0
-
-    def feasible(self) -> FloatArray:
-        """Those of some more draws that keep every constraint, ``(S, n)`` [rad]."""
-        q = self.draw()
-        self.tried += self.at_once
-        return np.asarray(q[self._cell.checker.check(q, every=False).feasible])
-
-    @abstractmethod
-    def draw(self) -> FloatArray:
-        """Postures ``(S, n)`` [rad] of as many draws as are made at a time."""
-
-    @abstractmethod
-    def nothing(self) -> UnreachableError:
-        """The error where none of the draws was feasible."""
-
-
-class _JointDraws(_Draws):
-    """Every joint evenly over its range."""
-
-    def draw(self) -> FloatArray:
-        points = even_points(self.at_once, self._cell.robot.n, self._rng)
-        return np.asarray(self._lower + (self._upper - self._lower) * points)
-
-    def nothing(self) -> UnreachableError:
-        return no_posture(self._cell.checker, self.draw(), self.tried)
-
-
-class _ViewDraws(_Draws):
-    """What a camera sees evenly, in every branch of the arm."""
-
-    def __init__(
-        self,
-        cell: Cell,
-        count: int,
-        largest_turn: float,
-        rng: np.random.Generator,
-        camera: CameraSection,
-    ) -> None:
-        super().__init__(cell, count, largest_turn, rng)
-        self._camera = camera
-        if cell.robot.n > 6:
-            # a redundant arm takes each view in many ways, and long to find them
-            self.at_once = int(np.clip(count // MOST_PER_POSE, _FEWEST // 10, _FEWEST))
-            self.each = 8
-
-    def draw(self) -> FloatArray:
-        cell = self._cell
-        views = self._views()
-        solutions = cell.robot.inverse(views, near=cell.base_posture, margin=cell.margin)
-        rows = np.flatnonzero(solutions.inside & self._within(solutions))
-        return np.asarray(solutions.postures[rows[evenly(solutions.pose[rows], MOST_PER_POSE)]])
-
-    def nothing(self) -> UnreachableError:
-        return no_pose(
-            self._cell.checker,
-            self._views(),
-            self._cell.base_posture,
-            self._within,
-            ("only with joints turned farther from the base posture", "raise largest_turn"),
-        )
-
-    def _views(self) -> FloatArray:
-        points = even_points(self.at_once, COORDINATES, self._rng)
-        return viewing_poses(self._cell, self._camera, points)
-
-    def _within(self, solutions: InverseSolutions) -> BoolArray:
-        q = solutions.postures
-        return np.asarray(((q >= self._lower) & (q <= self._upper)).all(axis=1))
-
-
-COORDINATES = 6
-"""Of a view: the place in the image (2), the distance, and what :func:`cone_rotations_at` takes."""
-
-
-def viewing_poses(cell: Cell, camera: CameraSection, points: FloatArray) -> FloatArray:
+def viewing_poses(cell: Cell, points: FloatArray) -> FloatArray:
     """Tip poses ``(N, 4, 4)`` that see the target, at points ``(N, 6)`` of the unit cube.
 
     All that a cell allows its camera: the middle of the target anywhere in the image less its
     border, at any distance, the face of the target tilted any way, and the camera rolled freely
     about the line of sight.
     """
+    camera = cell.config.camera
+    if camera is None:
+        raise InputError("the cell has no camera", name="camera")
     u, v, distance = points[:, :3].T
     room_px = np.array(camera.image_px) / 2.0 - camera.border_px
     across = (2.0 * np.stack([u, v], axis=-1) - 1.0) * room_px / camera.focal_px

@@ -42,6 +42,28 @@ It has a hundred and more of each, most of which differ by a few degrees of its 
 _AT_ONCE = 10_000
 """Poses solved at once, so that what is looked at stays within some 20 MB."""
 
+_STEP_RAD = 0.05
+"""Largest turn of the tool that is followed at once. Newton's steps then stay on the branch of the
+arm that they started on unless a singularity lies in between."""
+
+_NEWTON_STEPS = 12
+"""Of each turn; away from singularities three or four are enough."""
+
+_ITERATIONS = 60
+"""Each brings the root nearer by a factor of four at least; 60 reach the last digit."""
+
+MOST = 10_000_000
+"""Points of a pool: more would fill the memory of a computer with their postures alone."""
+
+SAME_RAD = 1e-6
+"""Postures that differ by less in every joint are one: see
+:data:`calib.robots.inverse.closed_form.SAME_POSTURE_RAD`."""
+
+_LOOKED_AT = 200
+"""Poses that the reason is sought at."""
+
+_HINT = "make room around the base pose, or choose another base posture"
+
 
 def check_configurations(name: str) -> Configurations:
     """One of :data:`CONFIGURATIONS`.
@@ -110,14 +132,6 @@ def evenly(pose: IntArray, most: int) -> BoolArray:
     return np.asarray(rank * wanted // count > (rank - 1) * wanted // count)
 
 
-_STEP_RAD = 0.05
-"""Largest turn of the tool that is followed at once. Newton's steps then stay on the branch of the
-arm that they started on unless a singularity lies in between."""
-
-_NEWTON_STEPS = 12
-"""Of each turn; away from singularities three or four are enough."""
-
-
 def local_poses(
     cell: Cell, postures: FloatArray, turns: ArrayLike, touched_m: FloatArray | None = None
 ) -> FloatArray:
@@ -126,15 +140,12 @@ def local_poses(
     Of the same branch of the arm as those given and next to them, for they are followed along the
     turn. A redundant arm moves its joints as little as it can.
 
-    ``postures`` (N, n): postures to start from [rad]. ``turns`` (N, 3): rotation vectors r [rad] in
-    the axes of the tip: its orientation becomes ``R exp(r)``, as in
-    :mod:`calib.model.parameters.frames`. In base axes it would be ``R.T @ r``. ``touched_m`` (N,
-    3): where the tool point stays [m], base frame, e.g. :attr:`CandidatePoses.touched_m`. By default where it
-    is; given, the rounding of one step after another does not add up. Returns array (N, n): NaN
-    where no such posture lies inside the limits less the margin of the cell, or where the turn
-    leads into a singularity. Other constraints are not looked at: see
-    :func:`~posedesign.candidates.feasible`. Raises InputError: postures, turns or places do not go
-    together.
+    ``turns`` (N, 3) are rotation vectors r [rad] in the axes of the tip: its orientation becomes
+    ``R exp(r)``, as in :mod:`calib.model.parameters.frames`; in base axes it would be ``R.T @ r``.
+    ``touched_m`` (N, 3): where the tool point stays [m], base frame; by default where it is. Given,
+    the rounding of one step after another does not add up. NaN where no such posture lies inside
+    the limits less the margin of the cell, or where the turn leads into a singularity; other
+    constraints are not looked at: see :func:`~posedesign.candidates.feasible`.
     """
     robot = cell.robot
     q = np.atleast_2d(robot.check_posture(postures))
@@ -185,17 +196,6 @@ def _same_branch(robot: Robot, q: FloatArray, moved: FloatArray) -> BoolArray:
     there = np.isfinite(moved).all(axis=1)
     signs[there] = np.linalg.slogdet(robot.jacobian(moved[there]))[0]
     return np.asarray(signs == np.linalg.slogdet(robot.jacobian(q))[0])
-
-
-_ITERATIONS = 60
-"""Each brings the root nearer by a factor of four at least; 60 reach the last digit."""
-
-MOST = 10_000_000
-"""Points of a pool: more would fill the memory of a computer with their postures alone."""
-
-SAME_RAD = 1e-6
-"""Postures that differ by less in every joint are one: see
-:data:`calib.robots.inverse.closed_form.SAME_POSTURE_RAD`."""
 
 
 def even_points(count: int, dimensions: int, rng: np.random.Generator) -> FloatArray:
@@ -249,12 +249,6 @@ def once(rows: FloatArray, tolerance: float = SAME_RAD) -> BoolArray:
     return first
 
 
-_LOOKED_AT = 200
-"""Poses that the reason is sought at."""
-
-_HINT = "make room around the base pose, or choose another base posture"
-
-
 def no_pose(
     checker: Checker,
     T_base_tip: FloatArray,
@@ -277,48 +271,41 @@ def no_pose(
     reached = branch >= 0
     unasked = np.zeros(len(some), dtype=bool)
     unasked[solutions.pose[verdicts.feasible & ~asked_for(solutions)]] = True
-    constraint, count = _most_often(verdicts, branch[reached & ~unasked])
+    count, *why = _commonest(verdicts, branch[reached & ~unasked])
     counts = [count, int((~reached).sum()), int(unasked.sum())]
     most = int(np.argmax(counts))
-    if most == 0:
-        reason, remedy = _said(verdicts, branch[reached & ~unasked], constraint)
-    else:
-        far = "out of reach", "move the target, or the base posture"
-        reason, remedy = (far, otherwise)[most - 1]
-    return _error(len(T_base_tip), "poses can be taken", counts[most] / len(some), reason, remedy)
+    reason, hint = (why, ("out of reach", "move the target, or the base posture"), otherwise)[most]
+    return _error(len(T_base_tip), "poses can be taken", counts[most] / len(some), reason, hint)
 
 
 def no_posture(checker: Checker, postures: FloatArray, tried: int) -> UnreachableError:
     """The same for postures ``(S, n)`` [rad] that were drawn, of so many."""
     verdicts = checker.check(postures[_some(len(postures))])
-    rows = np.arange(len(verdicts.room))
-    most, count = _most_often(verdicts, rows)
-    reason, remedy = _said(verdicts, rows, most)
-    return _error(tried, "postures keep every constraint", count / len(rows), reason, remedy)
+    count, reason, hint = _commonest(verdicts, rows := np.arange(len(verdicts.margin)))
+    return _error(tried, "postures keep every constraint", count / len(rows), reason, hint)
 
 
 def _some(count: int) -> IntArray:
     return np.linspace(0, count - 1, min(count, _LOOKED_AT)).astype(np.intp)
 
 
-def _most_often(verdicts: Verdicts, rows: IntArray) -> tuple[int, int]:
-    """The constraint that most postures break, and how many do; of several the one broken worst."""
-    if not len(rows):
-        return 0, 0
-    broken = (verdicts.room[rows] < -ROUNDING).sum(axis=0)
+def _commonest(verdicts: Verdicts, rows: IntArray) -> tuple[int, str, str]:
+    """How many postures break the constraint that most do; of the nearest, the reason and a hint.
+
+    Of several constraints the one that is broken worst.
+    """
+    broken = (verdicts.margin[rows] < -ROUNDING).sum(axis=0)
     worst = np.bincount(verdicts.tightest[rows], minlength=len(broken))
-    most = int(np.lexsort((worst, broken))[-1])
-    return most, int(broken[most])
-
-
-def _said(verdicts: Verdicts, rows: IntArray, k: int) -> tuple[str, str]:
-    rows = rows[verdicts.room[rows, k] < -ROUNDING]
+    k = int(np.lexsort((worst, broken))[-1])
+    rows = rows[verdicts.margin[rows, k] < -ROUNDING]
+    if not len(rows):
+        return 0, "", ""
     best = int(rows[np.argmax(verdicts.nearness[rows])])
-    name = verdicts.constraints[k].name
-    return f"{name}, e.g. {verdicts.says(best, k)}", verdicts.remedy(best, k)
+    reason = f"{verdicts.constraints[k].name}, e.g. {verdicts.reason(best, k)}"
+    return int(broken[k]), reason, verdicts.hint(best, k)
 
 
-def _error(tried: int, what: str, share: float, reason: str, remedy: str) -> UnreachableError:
+def _error(tried: int, what: str, share: float, reason: str, hint: str) -> UnreachableError:
     return UnreachableError(
-        f"none of {tried} {what}; {share:.0%} of them: {reason}", hint=remedy or _HINT, name="pool"
+        f"none of {tried} {what}; {share:.0%} of them: {reason}", hint=hint or _HINT, name="pool"
     )

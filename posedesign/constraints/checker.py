@@ -15,6 +15,9 @@ from calib.robots import ChainState, InverseSolutions, Robot, SerialChain
 from calib.robots.inverse import first_per_group
 from calib.se3 import BoolArray, FloatArray, IntArray
 
+ROUNDING = 1e-9
+"""A bound that is broken by no more [SI] is kept: computing a posture rounds that much."""
+
 
 class Situation:
     """An arm at postures ``(S, n)`` [rad].
@@ -49,41 +52,38 @@ class Situation:
         return Situation(self.chain, self.q[rows], state, depths=self.depths)
 
 
-ROUNDING = 1e-9
-"""A bound that is broken by no more [SI] is kept: computing a posture rounds that much."""
-
-
 class Constraint(ABC):
     """A bound that postures keep or break, and by how much.
 
-    ``name``: what is bounded, as tables head it. ``unit``: of the room as people read it.
-    ``display``: factor from SI to that unit. ``measured``: whether the room is a measure, or only
-    says yes or no. ``comfort``: room [SI] that counts as plenty. Divided by it, rooms of different
-    kinds can be compared.
+    ``name``: what is bounded, as tables head it. ``unit``: of the margin as people read it.
+    ``display``: factor from SI to that unit. ``measured``: whether the margin is a measure, or only
+    says yes or no. ``comfort``: margin [SI] that counts as plenty. Divided by it, margins of
+    different kinds can be compared. ``hint_words``: what to change where it is broken.
     """
 
     name: ClassVar[str]
-    unit: ClassVar[str]
-    display: ClassVar[float]
-    comfort: ClassVar[float]
+    unit: ClassVar[str] = ""
+    display: ClassVar[float] = 1.0
+    comfort: ClassVar[float] = 1.0
     measured: ClassVar[bool] = True
+    hint_words: ClassVar[str]
 
     @abstractmethod
-    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """How far each posture is inside the bound, and what comes nearest to breaking it.
 
-        Returns ``room`` (S,): [SI]; negative where the bound is broken, infinite where nothing is
-        near. ``which`` (S,): index of the joint, the pair of bodies, ... that :meth:`says` will be
-        asked for.
+        Returns ``margin`` (S,): [SI]; negative where the bound is broken, infinite where nothing is
+        near. ``which`` (S,): index of the joint, the pair of bodies, ... that :meth:`reason` will
+        be asked for.
         """
 
     @abstractmethod
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
         """In words, how posture i keeps or breaks the bound."""
 
-    @abstractmethod
-    def remedy(self, room: float) -> str:
+    def hint(self, margin: float) -> str:
         """What to change in ``cell.toml`` where the bound is broken by this much, or nothing."""
+        return self.hint_words
 
 
 class _Limits(Constraint):
@@ -104,13 +104,13 @@ class _Limits(Constraint):
     def _inside(self, q: FloatArray) -> FloatArray:
         """How far postures are inside each limit ``(S, L)`` [rad]."""
 
-    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """Which: the limit."""
-        room = self._inside(arm.q) - self._margin
-        which = np.argmin(room, axis=1)
-        return room[np.arange(len(room)), which], which
+        margin = self._inside(arm.q) - self._margin
+        which = np.argmin(margin, axis=1)
+        return margin[np.arange(len(margin)), which], which
 
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
         name, value, lower, upper = self._limit(arm.q[i], which)
         kept = 0.0 if not lower - ROUNDING <= value <= upper + ROUNDING else self._margin
         value_deg, low_deg, high_deg = np.rad2deg([value, lower + kept, upper - kept]).tolist()
@@ -120,9 +120,9 @@ class _Limits(Constraint):
         side, bound_deg = ("upper", high_deg) if 2 * value > lower + upper else ("lower", low_deg)
         return f"{name} {value_deg:.1f} deg, {side} bound {bound_deg:.1f} deg{ending}"
 
-    def remedy(self, room: float) -> str:
+    def hint(self, margin: float) -> str:
         """A margin is worth lowering only where the limit itself is kept."""
-        kept = 0.0 <= room + self._margin < self._margin
+        kept = 0.0 <= margin + self._margin < self._margin
         return "lower plan.limit_margin_deg" if kept else ""
 
 
@@ -156,42 +156,38 @@ class Singularity(Constraint):
     """The smallest singular value of the tip's Jacobian, its lengths divided by the arm's reach."""
 
     name = "singularity"
-    unit = ""
-    display = 1.0
+    hint_words = "lower constraints.smallest_singular_value"
     comfort = 0.05
 
     def __init__(self, smallest: float) -> None:
         self._smallest = smallest
 
-    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         value = arm.chain.smallest_singular_values(arm.state)
         return value - self._smallest, np.zeros(len(value), dtype=np.intp)
 
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        return f"smallest singular value {room + self._smallest:.3f}, bound {self._smallest:g}"
-
-    def remedy(self, room: float) -> str:
-        return "lower constraints.smallest_singular_value"
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
+        return f"smallest singular value {margin + self._smallest:.3f}, bound {self._smallest:g}"
 
 
 @dataclass(frozen=True, eq=False)
 class Verdicts:
     """What the constraints say of postures.
 
-    ``arm``: the postures ``(S, n)``. ``room`` (S, C): how far each posture is inside each
+    ``arm``: the postures ``(S, n)``. ``margin`` (S, C): how far each posture is inside each
     constraint [SI]; negative where it breaks it, NaN where it was not looked at. ``which`` (S, C):
     what comes nearest to breaking it.
     """
 
     constraints: tuple[Constraint, ...]
     arm: Situation
-    room: FloatArray
+    margin: FloatArray
     which: IntArray
 
     @property
     def feasible(self) -> BoolArray:
         """Postures ``(S,)`` that break nothing that was looked at."""
-        return np.asarray(~(self.room < -ROUNDING).any(axis=1))
+        return np.asarray(~(self.margin < -ROUNDING).any(axis=1))
 
     @property
     def slack(self) -> FloatArray:
@@ -200,28 +196,30 @@ class Verdicts:
 
     @property
     def tightest(self) -> IntArray:
-        """Index ``(S,)`` of the constraint that has least room, or is broken most."""
+        """Index ``(S,)`` of the constraint that has least margin, or is broken most."""
         return np.asarray(np.argmin(self._parts, axis=1))
 
     @property
     def nearness(self) -> FloatArray:
         """How many constraints postures keep ``(S,)``, and how far they are from the tightest."""
-        return np.asarray((self.room >= -ROUNDING).sum(axis=1) + np.tanh(self.slack))
+        return np.asarray((self.margin >= -ROUNDING).sum(axis=1) + np.tanh(self.slack))
 
-    def says(self, i: int, k: int | None = None) -> str:
+    def reason(self, i: int, k: int | None = None) -> str:
         """What constraint k of posture i says, in words; the tightest unless it is given."""
         k = int(self.tightest[i]) if k is None else k
-        return self.constraints[k].says(self.arm, i, float(self.room[i, k]), int(self.which[i, k]))
+        return self.constraints[k].reason(
+            self.arm, i, float(self.margin[i, k]), int(self.which[i, k])
+        )
 
-    def remedy(self, i: int, k: int | None = None) -> str:
+    def hint(self, i: int, k: int | None = None) -> str:
         """What to change where posture i breaks that constraint, or nothing."""
         k = int(self.tightest[i]) if k is None else k
-        return self.constraints[k].remedy(float(self.room[i, k]))
+        return self.constraints[k].hint(float(self.margin[i, k]))
 
     @property
     def _parts(self) -> FloatArray:
         comfort = np.array([constraint.comfort for constraint in self.constraints])
-        return np.asarray(np.where(np.isnan(self.room), np.inf, self.room / comfort))
+        return np.asarray(np.where(np.isnan(self.margin), np.inf, self.margin / comfort))
 
 
 class Checker:
@@ -247,19 +245,19 @@ class Checker:
         is feasible, not to tell people why something is not.
         """
         arm = Situation(self.robot.chain, q, depths=every)
-        room = np.full((len(q), len(self.constraints)), np.nan)
-        which = np.zeros(room.shape, dtype=np.intp)
+        margin = np.full((len(q), len(self.constraints)), np.nan)
+        which = np.zeros(margin.shape, dtype=np.intp)
         alive = np.arange(len(q))
         for k, constraint in enumerate(self.constraints):
             if not len(alive):
                 break
             some = arm if len(alive) == len(q) else arm.take(alive)
-            found, which[alive, k] = constraint.room(some)
-            # a room that cannot be computed is none
-            room[alive, k] = np.where(np.isnan(found), -np.inf, found)
+            found, which[alive, k] = constraint.margin(some)
+            # a margin that cannot be computed is none
+            margin[alive, k] = np.where(np.isnan(found), -np.inf, found)
             if not every:
-                alive = alive[room[alive, k] >= -ROUNDING]
-        return Verdicts(self.constraints, arm, room, which)
+                alive = alive[margin[alive, k] >= -ROUNDING]
+        return Verdicts(self.constraints, arm, margin, which)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,14 +265,14 @@ class Postures:
     """For each pose of a list the posture that the robot takes, or why it cannot.
 
     ``q`` (N, n): [rad]; NaN where the pose cannot be taken. ``feasible`` (N,). ``reasons``: empty
-    where the pose can be taken, else e.g. ``J5 131.2 deg is above 125.0 deg``. ``remedies``: what
+    where the pose can be taken, else e.g. ``J5 131.2 deg is above 125.0 deg``. ``hints``: what
     to change in the cell, where something helps.
     """
 
     q: FloatArray
     feasible: BoolArray
     reasons: tuple[str, ...]
-    remedies: tuple[str, ...]
+    hints: tuple[str, ...]
 
 
 def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatArray) -> Postures:
@@ -301,17 +299,17 @@ def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatA
         # of all branches, the one that comes nearest to being possible is worth talking about
         nearer = ~good & ~(verdicts.slack <= slack[poses])
         slack[poses[nearer]], best[poses[nearer]] = verdicts.slack[nearer], verdicts.arm.q[nearer]
-    reasons, remedies = [""] * count, [""] * count
+    reasons, hints = [""] * count, [""] * count
     blocked = np.flatnonzero(~feasible & ~np.isnan(slack))
     verdicts = checker.check(best[blocked])  # by all constraints: the first broken is not the worst
     for i, pose in enumerate(blocked):
-        reasons[pose], remedies[pose] = verdicts.says(i), verdicts.remedy(i)
+        reasons[pose], hints[pose] = verdicts.reason(i), verdicts.hint(i)
     unreached = np.flatnonzero(~feasible & np.isnan(slack))
     if len(unreached):
         why = _unreached(checker, solutions)
         for pose in unreached:
-            reasons[pose], remedies[pose] = why[pose]
-    return Postures(q, feasible, tuple(reasons), tuple(remedies))
+            reasons[pose], hints[pose] = why[pose]
+    return Postures(q, feasible, tuple(reasons), tuple(hints))
 
 
 def nearest_first(solutions: InverseSolutions, reference: FloatArray) -> list[IntArray]:
@@ -336,7 +334,7 @@ def _unreached(checker: Checker, solutions: InverseSolutions) -> list[tuple[str,
     reasons = []
     for pose, branch in enumerate(best):
         if branch >= 0:
-            reasons.append((verdicts.says(int(branch)), verdicts.remedy(int(branch))))
+            reasons.append((verdicts.reason(int(branch)), verdicts.hint(int(branch))))
         else:
             gap = solutions.gap_m[pose]
             far = "" if np.isnan(gap) else f" by {gap * 1e3:.0f} mm"

@@ -28,11 +28,26 @@ POINT_M = 1e-6
 _SHOWN_M = 0.5e-3
 """Depths below this would be written as 0 mm."""
 
+BEND = 0.05
+"""Part of its length by which a joint move may leave the axis of the tool, and still be one along
+it. Over 50 mm, 97 of 100 poses of arms of 0.9 to 2.7 m reach bend by less than 0.04. More bend long
+retreats of small arms, and those next to a singularity, where joints run far."""
+
+TURN_RAD = float(np.deg2rad(1.0))
+"""Turn of the tool on such a move, at most: one that pivots about the target does not come in."""
+
+_SAMPLES = np.linspace(0.0, 1.0, 9)[1:-1]
+"""Parts of a move that is looked at for its bend: a smooth curve of some degrees in each joint."""
+
 
 class Collision(Constraint):
     """A safety distance between tool, obstacles and arm; contact is never allowed."""
 
     name = "collision"
+    hint_words = (
+        "move what stands there, lower constraints.safety_distance_mm, "
+        "or list what may touch in constraints.ignore"
+    )
     unit = "mm"
     display = 1e3
     comfort = 0.05
@@ -42,13 +57,13 @@ class Collision(Constraint):
         self.keep_m = max(keep_m, TOUCH_M)
         self._cap_m = max(CAP_M, keep_m + self.comfort)
 
-    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """Which: the pair of bodies."""
         found = self.scene.clearance(arm.q, cap_m=self._cap_m, depths=arm.depths, state=arm.state)
         return found.distance_m - self.keep_m, found.pair
 
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        return self.explain(room + self.keep_m, which)
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
+        return self.explain(margin + self.keep_m, which)
 
     def explain(self, distance_m: float, pair: int) -> str:
         """In words, how near two bodies come."""
@@ -62,12 +77,6 @@ class Collision(Constraint):
         asked = f", {self.keep_m * 1e3:g} mm asked for" if self.keep_m > TOUCH_M else ""
         return f"{one} {distance_m * 1e3:.1f} mm from {other}{asked}"
 
-    def remedy(self, room: float) -> str:
-        return (
-            "move what stands there, lower constraints.safety_distance_mm, "
-            "or list what may touch in constraints.ignore"
-        )
-
 
 class SelfCollision(Collision):
     """The links of the arm not running into each other, nor the tool into the wrist it is on.
@@ -76,18 +85,17 @@ class SelfCollision(Collision):
     """
 
     name = "self-collision"
+    hint_words = "list links that cannot really meet in constraints.ignore"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene, 0.0)
-
-    def remedy(self, room: float) -> str:
-        return "list links that cannot really meet in constraints.ignore"
 
 
 class Workspace(Collision):
     """Tool, arm beyond its first joint, and tool point inside a box: its sides are half-spaces."""
 
     name = "workspace"
+    hint_words = "widen constraints.workspace_lowest_mm and workspace_highest_mm"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene, 0.0)
@@ -101,9 +109,6 @@ class Workspace(Collision):
         if distance_m < 0.0:
             return f"{body} {-distance_m * 1e3:.0f} mm outside the workspace, beyond {side}"
         return f"{body} {distance_m * 1e3:.0f} mm inside {side} of the workspace"
-
-    def remedy(self, room: float) -> str:
-        return "widen constraints.workspace_lowest_mm and workspace_highest_mm"
 
 
 def workspace_scene(
@@ -203,18 +208,6 @@ class MotionChecker:
         return MotionVerdicts(clear, travel, part, tuple(reasons))
 
 
-BEND = 0.05
-"""Part of its length by which a joint move may leave the axis of the tool, and still be one along
-it. Over 50 mm, 97 of 100 poses of arms of 0.9 to 2.7 m reach bend by less than 0.04. More bend long
-retreats of small arms, and those next to a singularity, where joints run far."""
-
-TURN_RAD = float(np.deg2rad(1.0))
-"""Turn of the tool on such a move, at most: one that pivots about the target does not come in."""
-
-_SAMPLES = np.linspace(0.0, 1.0, 9)[1:-1]
-"""Parts of a move that is looked at for its bend: a smooth curve of some degrees in each joint."""
-
-
 @dataclass(frozen=True, eq=False)
 class Retreat:
     """Moves along the axis of a tool, to poses that touch and away from them.
@@ -253,7 +246,7 @@ class Retreat:
         rows = rows[straight]
         verdicts = self.passing.check(back[rows], every=False)
         for k in np.flatnonzero(~verdicts.feasible).tolist():
-            reasons[rows[k]] = f"{where}: {verdicts.says(k)}"
+            reasons[rows[k]] = f"{where}: {verdicts.reason(k)}"
         rows = rows[verdicts.feasible]
         moves = self.check(back[rows], q[rows])
         for i, why in zip(rows.tolist(), moves.reasons, strict=True):
@@ -322,23 +315,18 @@ class BackingOff(Constraint):
     """The tool can come in along its axis, from where there is room to turn."""
 
     name = "retreat"
+    hint_words = "change plan.retreat_mm or plan.contact_mm, or correct tool.axis"
     measured = False
-    unit = ""
-    display = 1.0
-    comfort = 1.0
 
     def __init__(self, retreat: Retreat) -> None:
         self._retreat = retreat
 
-    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """Infinite or -1."""
         _, reasons = self._retreat.back_off(arm.q)
         blocked = np.array([bool(why) for why in reasons], dtype=bool)
         return np.where(blocked, -1.0, np.inf), np.zeros(len(blocked), dtype=np.intp)
 
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
         _, reasons = self._retreat.back_off(arm.q[[i]])
         return reasons[0] or "room to back off along the tool"
-
-    def remedy(self, room: float) -> str:
-        return "change plan.retreat_mm or plan.contact_mm, or correct tool.axis"

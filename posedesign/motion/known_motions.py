@@ -31,6 +31,10 @@ RETREATS_M = (0.1, 0.2, 0.4)
 Leg = tuple[FloatArray, FloatArray]
 """From a posture ``(n,)`` to a posture ``(n,)`` [rad]."""
 
+MOST_DIRECTIONS = 16
+"""Combinations of directions whose ways are checked: postures that keep a distance with so short a
+way between them that does not are rare, and every joint can be turned alone within as many."""
+
 
 class KnownMotions:
     """Remembers what was found out of ways; each is checked once.
@@ -146,7 +150,7 @@ class KnownMotions:
                 if stops:
                     verdicts = self._passing.check(np.array(stops))
                     worst = int(np.argmin(verdicts.slack))
-                    reasons[i] = "" if verdicts.feasible.all() else verdicts.says(worst)
+                    reasons[i] = "" if verdicts.feasible.all() else verdicts.reason(worst)
         return reasons
 
     def _drawn_back(self, q: FloatArray) -> list[FloatArray]:
@@ -171,11 +175,6 @@ class KnownMotions:
 
 def _edge(a: FloatArray, b: FloatArray) -> frozenset[bytes]:
     return frozenset((a.tobytes(), b.tobytes()))
-
-
-MOST_DIRECTIONS = 16
-"""Combinations of directions whose ways are checked: postures that keep a distance with so short a
-way between them that does not are rare, and every joint can be turned alone within as many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +241,7 @@ def _lost(
 ) -> dict[int, str]:
     """Postures that a passed posture or the way from it keeps from being approached, and why."""
     verdicts = passing.check(short)
-    lost = {i: verdicts.says(i) for i in np.flatnonzero(~verdicts.feasible).tolist()}
+    lost = {i: verdicts.reason(i) for i in np.flatnonzero(~verdicts.feasible).tolist()}
     rows = [i for i in range(len(postures)) if i not in lost]
     passages.check([(short[i], postures[i]) for i in rows])
     lost |= {i: why for i in rows if (why := passages.reason(short[i], postures[i]))}

@@ -30,6 +30,14 @@ from posedesign.motion.order import (
 if TYPE_CHECKING:
     from posedesign.cell import Cell
 
+MOST_ORDERS = 60
+"""Orders tried while ways turn out to be blocked; each try checks only ways not yet known."""
+
+MOTION_SHARE = 1e-3
+"""Of the mean time over the joints, added to that of the slowest: of the many orders that take as
+long where one joint sets the time, that with least motion is taken. It makes the answer one, too:
+without it a search of limited time returned several of them for 60 and 100 poses."""
+
 
 class Passing(StrEnum):
     """Why the arm passes through a posture at which nothing is measured."""
@@ -112,15 +120,6 @@ class RouteOptions:
     approach_rad: float = 0.0
     dwell_s: float = 0.0
     speed_share: float = 1.0
-
-
-MOST_ORDERS = 60
-"""Orders tried while ways turn out to be blocked; each try checks only ways not yet known."""
-
-MOTION_SHARE = 1e-3
-"""Of the mean time over the joints, added to that of the slowest: of the many orders that take as
-long where one joint sets the time, that with least motion is taken. It makes the answer one, too:
-without it a search of limited time returned several of them for 60 and 100 poses."""
 
 
 class Router:

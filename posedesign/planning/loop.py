@@ -45,6 +45,31 @@ _SAME_PLACE_RAD = np.deg2rad(1.0)
 
 _POOL_SEED = 2006
 
+IMPROVEMENT = 0.99
+"""A round counts as better when it brings C_G below this part of the best so far."""
+
+MOST_FREE = 6
+"""Degrees of freedom of a pose: three of the tool point, three of W, P, R."""
+
+FARTHEST_M = 0.5
+"""Distance of the target from the tool point at the base posture beyond which one of the two is a
+mistake: metres for millimetres, or another frame."""
+
+BESIDE_RAD = tuple(np.deg2rad([15.0, 30.0, 45.0]))
+"""Turns in W, P and R by which another base posture is looked for where that of the cell is not
+free; a base pose turned farther is no more the one that was meant."""
+
+FLIP_DEG = 90.0
+"""A joint that moves by more than this belongs to another arm configuration."""
+
+PATIENCE = 3
+"""Rounds without improvement after which the loop ends."""
+
+REPLACEMENTS = 3
+"""How often poses that no clear way leads to are replaced before they are left out."""
+
+Progress = Callable[[Round], None]
+
 
 class Replacements:
     """Postures that replacements are taken from, found when they are first needed.
@@ -169,32 +194,6 @@ def farthest_postures(
     return pool[picked]
 
 
-IMPROVEMENT = 0.99
-"""A round counts as better when it brings C_G below this part of the best so far."""
-
-MOST_FREE = 6
-"""Degrees of freedom of a pose: three of the tool point, three of W, P, R."""
-
-FARTHEST_M = 0.5
-"""Distance of the target from the tool point at the base posture beyond which one of the two is a
-mistake: metres for millimetres, or another frame."""
-
-BESIDE_RAD = tuple(np.deg2rad([15.0, 30.0, 45.0]))
-"""Turns in W, P and R by which another base posture is looked for where that of the cell is not
-free; a base pose turned farther is no more the one that was meant."""
-
-FLIP_DEG = 90.0
-"""A joint that moves by more than this belongs to another arm configuration."""
-
-PATIENCE = 3
-"""Rounds without improvement after which the loop ends."""
-
-REPLACEMENTS = 3
-"""How often poses that no clear way leads to are replaced before they are left out."""
-
-Progress = Callable[[Round], None]
-
-
 def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
     """Plan measuring poses until C_G falls below the threshold of the cell.
 
@@ -248,8 +247,24 @@ class _Loop:
             self.progress(self.rounds[-1])
 
     def _evaluate(self, poses: PoseSet, variation: Sequence[float], number: int) -> Round:
-        weighted = self.cell.config.measurement.weighted
-        return evaluate_round(self.model, poses, number, variation, weighted)
+        model, kept = self.model, poses.kept
+        blocks = identification_jacobian(model.linearise(kept))
+        c_g = condition_inf(blocks) if len(kept) else float("inf")
+        if np.isfinite(c_g) and len(kept) * model.measurement.rows >= model.p:
+            weighted = self.cell.config.measurement.weighted
+            sigma = np.sqrt(np.diag(covariance_of(model, kept, weighted=weighted)))
+        else:
+            c_g, sigma = float("inf"), np.full(model.p, np.inf)
+        return Round(
+            number=number,
+            variation_deg=(float(variation[0]), float(variation[1]), float(variation[2])),
+            grid=poses.count(PoseStatus.GRID),
+            repaired=poses.count(PoseStatus.REPAIRED),
+            dropped=poses.count(PoseStatus.DROPPED),
+            c_g=c_g,
+            cond_2_g=condition_2(blocks) if len(kept) else float("inf"),
+            sigma=sigma,
+        )
 
     def _connect(self, k: int) -> Route:
         """Find the route of round k; poses that no way leads to are replaced, or dropped."""
@@ -377,14 +392,14 @@ def check_base_pose(cell: Cell) -> None:
     pose = touching_poses(rotation[None], cell.tool_m, cell.target_m)
     there = nearest_postures(cell.checker, pose, q)
     start = Checker(robot, cell.solid, cell.margin).check(q[None])
-    reason, remedy = there.reasons[0], there.remedies[0]
+    reason, hint = there.reasons[0], there.hints[0]
     if there.feasible[0] and not start.feasible[0]:  # only another branch can: the arm is not in it
-        reason, remedy = start.says(0), start.remedy(0)
+        reason, hint = start.reason(0), start.hint(0)
     if reason:
         raise UnreachableError(
             f"the base pose cannot be taken: {reason}",
             hint="move the target (target.position_mm) or the base posture (base_pose.posture_deg)"
-            + f"; or {remedy}" * bool(remedy)
+            + f"; or {hint}" * bool(hint)
             + _free_beside(cell),
             name="base_pose",
         )
@@ -435,33 +450,6 @@ def scaling_of(model: CalibrationModel) -> dict[str, str]:
 def _is_mixed(model: CalibrationModel) -> bool:
     """Whether some rows are lengths and others angles."""
     return any(kind.turns for kind in model.measurements)
-
-
-def evaluate_round(
-    model: CalibrationModel,
-    poses: PoseSet,
-    number: int,
-    variation_deg: Sequence[float],
-    weighted: bool,
-) -> Round:
-    """What a set of poses is worth to the loop."""
-    kept = poses.kept
-    blocks = identification_jacobian(model.linearise(kept))
-    c_g = condition_inf(blocks) if len(kept) else float("inf")
-    if np.isfinite(c_g) and len(kept) * model.measurement.rows >= model.p:
-        sigma = np.sqrt(np.diag(covariance_of(model, kept, weighted=weighted)))
-    else:
-        c_g, sigma = float("inf"), np.full(model.p, np.inf)
-    return Round(
-        number=number,
-        variation_deg=(float(variation_deg[0]), float(variation_deg[1]), float(variation_deg[2])),
-        grid=poses.count(PoseStatus.GRID),
-        repaired=poses.count(PoseStatus.REPAIRED),
-        dropped=poses.count(PoseStatus.DROPPED),
-        c_g=c_g,
-        cond_2_g=condition_2(blocks) if len(kept) else float("inf"),
-        sigma=sigma,
-    )
 
 
 def _advice(stop: StopReason, best: Round, cut_off: int) -> str:

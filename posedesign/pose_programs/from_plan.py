@@ -37,6 +37,9 @@ from posedesign.programs import (
 from posedesign.programs.program import form_of, in_range
 from posedesign.selection import evaluate
 
+MOST_CHANGE = 0.01
+"""Part by which rounding may change C_G before it is worth a warning."""
+
 
 def arm_of(cell: Cell) -> Arm:
     """The arm of a cell as its controller knows it, with tool and user frame of ``[program]``.
@@ -130,10 +133,6 @@ def _is_open(p: RecordedPosition) -> bool:
     return (p.user_frame is None and p.T_world_user is None) or (
         p.tool_frame is None and p.T_tip_tool is None
     )
-
-
-MOST_CHANGE = 0.01
-"""Part by which rounding may change C_G before it is worth a warning."""
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,14 @@ MUCH_NEARER = 0.5
 """Part of the distance to its own pose of the plan, in the joint that is farthest off, at which
 another one is: touching up moves joints by far less than poses are apart."""
 
+UNMOVED_DEG = 2e-3
+"""Joints all within this of the plan are those of the plan, rounded: programs are rounded to 0.0005
+deg, and FANUC's J3 is the difference of two joints. A touch-up moves some joint by more."""
+
+UNMOVED_CARTESIAN_DEG = 2e-2
+"""The same where the file has poses of the tool: 0.0005 mm and deg are more in the joints, near a
+singularity above all."""
+
 
 def tool_moved_m(cell: Cell, q: FloatArray, planned: FloatArray) -> FloatArray:
     """How far the tool point of the nominal arm is apart at postures ``(N, n)``, ``(N,)`` [m]."""
@@ -122,15 +130,6 @@ def _touch_up_noise_m(cell: Cell) -> float | None:
     if kind.estimated:
         return None
     return float(np.linalg.norm(kind.sigma[: kind.rows - kind.turns]))
-
-
-UNMOVED_DEG = 2e-3
-"""Joints all within this of the plan are those of the plan, rounded: programs are rounded to 0.0005
-deg, and FANUC's J3 is the difference of two joints. A touch-up moves some joint by more."""
-
-UNMOVED_CARTESIAN_DEG = 2e-2
-"""The same where the file has poses of the tool: 0.0005 mm and deg are more in the joints, near a
-singularity above all."""
 
 
 @dataclass(frozen=True, eq=False)

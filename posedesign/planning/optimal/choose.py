@@ -64,6 +64,20 @@ ALIKE_RAD = (0.0, 0.2, 0.4, 0.6)
 it: none at first, then more and more of them, for a pool may have hundreds of such."""
 
 
+Advance = Callable[[str, float], None]
+
+PART_OF_PLAN = 0.01
+"""Part of the plan's information that is taken for known. Without any, fewer validation poses than
+parameters could not be judged; with all, nothing that they tell would count."""
+
+CANDIDATES = 300
+"""Draws of the pool that a choice is compared with: a tenth of the usual ones, in a tenth of a
+second. On the reference cell and a KR 6 the best out of them was 12 % worse than out of all."""
+
+NOTICEABLE = 0.9
+"""Part of the predicted error below which a choice is worth a word."""
+
+
 def refined_with_way(
     router: Router,
     chosen: CandidatePoses,
@@ -73,9 +87,8 @@ def refined_with_way(
 ) -> tuple[CandidatePoses, Route]:
     """Poses refined as far as a clear way leads to them then, and the way.
 
-    ``in_doubt``: look for the way through the poses as they are first: refinement takes long.
-    Returns CandidatePoses: those that were given where no way leads through them either; the route then says
-    to which. ``Route``.
+    ``in_doubt``: look for the way through the poses as they are first: refinement takes long. Those
+    that were given come back where no way leads through them either; the route then says to which.
     """
     if in_doubt:
         plain = router.route(chosen.postures)
@@ -143,9 +156,6 @@ def no_clear_way(why: str) -> InputError:
         hint="move the base posture to the side of the target that has room, or what is in the way",
         name="base_pose",
     )
-
-
-Advance = Callable[[str, float], None]
 
 
 def _silent(what: str, part: float) -> None:
@@ -360,7 +370,10 @@ class _Planning:
         if not np.array_equal(chosen.postures, as_they_were.postures):
             accuracy = self._accuracy(chosen)
         if fewest is None and not np.isfinite(accuracy.sigma).all():
-            self._refuse_too_few(white)
+            count, m, p = white.shape
+            if count * m < p:
+                self._refuse_few(count, m)
+            check_identifiable(white.reshape(-1, p), self._model.names, self._model.nuisance)
         self._advance("one pose more or fewer", 0.8)
         plan = OptimalPlan(
             request=self._request,
@@ -399,7 +412,9 @@ class _Planning:
                 nothing = as_pose_set(left).and_dropped([why] * count)
                 return replace(plan, validation=replace(nothing, letter="V"))
             few = min(count, len(left))
-            indices = choose_validation(self._model, left, white, self._box, few)
+            known = np.sqrt(PART_OF_PLAN) * white.reshape(-1, self._model.p)
+            told, criterion = left.white(self._model), mean_deviation(self._box)
+            indices = select(told, few, criterion, known=known, starts=1, bound=False).indices
             found = left.take(indices)
             route = self._router.route(found.postures)
             if not route.lost:
@@ -410,13 +425,6 @@ class _Planning:
         rows, route = reached_of(self._router, found.postures, route)
         poses = as_pose_set(found.take(rows)).and_dropped(dropped)
         return replace(plan, validation=replace(poses, letter="V"), validation_route=route)
-
-    def _refuse_too_few(self, white: FloatArray) -> None:
-        """Say which parameters the chosen poses leave open."""
-        count, m, p = white.shape
-        if count * m < p:
-            self._refuse_few(count, m)
-        check_identifiable(white.reshape(-1, p), self._model.names, self._model.nuisance)
 
     def _refuse_few(self, count: int, m: int) -> None:
         p = self._model.p
@@ -452,40 +460,6 @@ class _Planning:
 def as_pose_set(pool: CandidatePoses) -> PoseSet:
     """The postures of a pool as poses of a plan."""
     return PoseSet.of_chosen(pool.postures, pool.orientations)
-
-
-PART_OF_PLAN = 0.01
-"""Part of the plan's information that is taken for known. Without any, fewer validation poses than
-parameters could not be judged; with all, nothing that they tell would count."""
-
-
-def choose_validation(
-    model: CalibrationModel, left: CandidatePoses, plan: FloatArray, box: FloatArray, count: int
-) -> IntArray:
-    """Choose poses for validation out of what a plan left.
-
-    ``left``: candidates that are not in the plan. ``plan`` (N, m, p): whitened Jacobians of the
-    plan. ``box`` (K, 3, p): how the tool point moves with the parameters over the task box. Returns
-    ndarray of int (count,): rows of what is left. Raises InputError: too few poses are left.
-    """
-    if count > len(left):
-        raise InputError(
-            f"{count} poses for validation, and {len(left)} are left in the pool",
-            hint="ask for fewer, or raise pool.candidates",
-            name="validation",
-        )
-    known = np.sqrt(PART_OF_PLAN) * plan.reshape(-1, model.p)
-    white = left.white(model)
-    found = select(white, count, mean_deviation(box), known=known, starts=1, bound=False)
-    return found.indices
-
-
-CANDIDATES = 300
-"""Draws of the pool that a choice is compared with: a tenth of the usual ones, in a tenth of a
-second. On the reference cell and a KR 6 the best out of them was 12 % worse than out of all."""
-
-NOTICEABLE = 0.9
-"""Part of the predicted error below which a choice is worth a word."""
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,21 @@ times as long as a plain one. Whether more of them would choose otherwise was no
 TRIALS = 50
 """Robots that a choice is tried on."""
 
+DOWN_RAD = (0.2, 0.1, 0.05, 0.02, 0.01, 0.003)
+"""Turns down the gradient that are offered."""
+
+ALONG_RAD = (0.1, 0.02)
+"""Turns about the axes of the tool, both ways."""
+
+PROBE_RAD = 1e-4
+"""Turn by which the gradient is found, by central differences."""
+
+MOST_SWEEPS = 30
+"""Sweeps over all poses."""
+
+ENOUGH = 1e-4
+"""Relative gain of a sweep below which no other follows."""
+
 
 @dataclass(frozen=True, eq=False)
 class Robustness:
@@ -104,22 +119,6 @@ def robustness(
     )
 
 
-DOWN_RAD = (0.2, 0.1, 0.05, 0.02, 0.01, 0.003)
-"""Turns down the gradient that are offered."""
-
-ALONG_RAD = (0.1, 0.02)
-"""Turns about the axes of the tool, both ways."""
-
-PROBE_RAD = 1e-4
-"""Turn by which the gradient is found, by central differences."""
-
-MOST_SWEEPS = 30
-"""Sweeps over all poses."""
-
-ENOUGH = 1e-4
-"""Relative gain of a sweep below which no other follows."""
-
-
 def refine(
     cell: Cell,
     model: CalibrationModel,
@@ -132,8 +131,7 @@ def refine(
 
     Tilts against the base pose stay within the widest of the poses given.
 
-    ``fixed``: how many of the first poses stay as they are. Returns CandidatePoses: as many postures, in the
-    same order, each on the branch of the arm that it was on.
+    The first ``fixed`` poses stay as they are; all stay on the branch of the arm that they are on.
     """
     search = _Refinement(cell, model, objective, chosen, fixed)
     cost = search.cost()
@@ -170,8 +168,7 @@ class _Refinement:
 
     def cost(self) -> float:
         """Of the poses as they are."""
-        pool = Candidates(self._blocks(self.pool))
-        return self._objective.criterion.on(pool).cost(np.arange(pool.N))
+        return self._objective.cost_of_blocks(self._blocks(self.pool))
 
     def _blocks(self, pool: CandidatePoses) -> FloatArray:
         return self._objective.blocks(pool.linearise(self._model))
@@ -205,7 +202,7 @@ class _Refinement:
         good = feasible(self._cell, q[found], at, start.targets_m)
         row = found[good]
         R = self._cell.robot.fk(q[row])[:, :3, :3]
-        return _with(start.take(row), q[row], R), row
+        return replace(start.take(row), postures=q[row], orientations=R), row
 
     def _slopes(self) -> FloatArray:
         """Derivative ``(n, 3)`` of the logarithm of the cost by turns of each tool."""
@@ -215,7 +212,7 @@ class _Refinement:
         start = self.pool.take(owner)
         q = local_poses(self._cell, start.postures, np.tile(probes, (n, 1)), self._place[owner])
         q = np.where(np.isfinite(q).all(axis=1, keepdims=True), q, start.postures)
-        moved = self._blocks(_with(start, q, start.orientations))
+        moved = self._blocks(replace(start, postures=q))
         costs = np.log(self._costs_in_place(moved, owner)).reshape(n, 2, 3)
         slopes = (costs[:, 0] - costs[:, 1]) / (2.0 * PROBE_RAD)
         return np.where(np.isfinite(slopes), slopes, 0.0)
@@ -248,8 +245,4 @@ class _Refinement:
             state.take(best)
             if best != k:
                 q[k], R[k] = offered.postures[best - n], offered.orientations[best - n]
-        self.pool = _with(self.pool, q, R)
-
-
-def _with(pool: CandidatePoses, q: FloatArray, R: FloatArray) -> CandidatePoses:
-    return replace(pool, postures=q, orientations=R)
+        self.pool = replace(self.pool, postures=q, orientations=R)

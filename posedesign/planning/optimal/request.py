@@ -43,6 +43,18 @@ IN_MM = 1e3
 _BY_REGRESSOR = ("C_G", "cond_2")
 _BY_NUISANCE = ("D", "A", "E")
 
+MOST_POSES = 1000
+"""More than a thousand touch-ups is a slip of the keyboard."""
+
+USUAL_POSES = 27
+"""As many as the grid of Watanabe et al. 2006 has."""
+
+ROBUST = ("none", "average", "worst")
+
+_LENGTH = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(mm|um|µm|m)?\s*", re.IGNORECASE)
+
+_IN_M = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
+
 
 @dataclass(frozen=True, eq=False)
 class PlanObjective:
@@ -218,30 +230,18 @@ def _covariance(white: FloatArray, model: CalibrationModel) -> FloatArray | None
     return np.asarray(R @ R.T)
 
 
-MOST_POSES = 1000
-"""More than a thousand touch-ups is a slip of the keyboard."""
-
-USUAL_POSES = 27
-"""As many as the grid of Watanabe et al. 2006 has."""
-
-ROBUST = ("none", "average", "worst")
-
-_LENGTH = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(mm|um|µm|m)?\s*", re.IGNORECASE)
-_IN_M = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
-
-
 @dataclass(frozen=True)
 class Request:
     """What is wanted.
 
     ``method``: of :data:`posedesign.selection.METHODS`. ``count``: poses; None: the fewest that
-    reach what is wanted. ``criterion``: of :data:`posedesign.planning.optimal.request.OBJECTIVES`, or
-    ``sigma:NAME`` for one parameter. ``accuracy_m``: largest root mean square error of the tool
-    point over the task box [m]. ``sigma_m``, ``sigma_rad``: largest standard deviation of each
-    parameter that is a length, and of each that is an angle. ``threshold``: value of the criterion
-    to be reached. ``validation``: poses to choose besides, for a test. ``refine``: turn the tool at
-    the chosen poses, off the pool, for as long as that helps. ``robust``: ``"none"``: choose for
-    the robot as described; ``"average"``, ``"worst"``: for what is known of it before measuring.
+    reach what is wanted. ``criterion``: of :data:`OBJECTIVES`, or ``sigma:NAME`` for one parameter.
+    ``accuracy_m``: largest root mean square error of the tool point over the task box [m].
+    ``sigma_m``, ``sigma_rad``: largest standard deviation of each parameter that is a length, and
+    of each that is an angle. ``threshold``: value of the criterion to be reached. ``validation``:
+    poses to choose besides, for a test. ``refine``: turn the tool at the chosen poses, off the
+    pool, for as long as that helps. ``robust``: ``"none"``: choose for the robot as described;
+    ``"average"``, ``"worst"``: for what is known of it before measuring.
     """
 
     method: str = "exchange"

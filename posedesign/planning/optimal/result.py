@@ -13,17 +13,16 @@ from posedesign.motion.route import Route
 from posedesign.planning.optimal.refinement import SCENARIOS, Robustness
 from posedesign.planning.optimal.request import TCP, TCP_WORST, Accuracy, PlanObjective, Request
 from posedesign.planning.pose_plan import (
+    Planned,
     PoseSet,
     displayed,
-    fingerprint,
-    named_stops,
     not_checked_words,
 )
 from posedesign.selection import Fewest, Indices, Selection
 
 
 @dataclass(frozen=True, eq=False)
-class OptimalPlan:
+class OptimalPlan(Planned):
     """Poses chosen out of a pool, and the way through them.
 
     ``selection``: of the postures of the pool. ``fewest``: where the number of poses was left open.
@@ -81,22 +80,6 @@ class OptimalPlan:
             return bool(np.isfinite(self.accuracy.sigma).all())
         cost = self.objective.criterion.cost_of
         return bool(cost(value) <= cost(limit) * (1.0 + 1e-9))
-
-    @property
-    def postures(self) -> FloatArray:
-        """Postures ``(N, n)`` [rad] to measure at, in the order of the route."""
-        order = slice(None) if self.route is None else self.route.order
-        return np.asarray(self.poses.kept[order])
-
-    @property
-    def stops(self) -> list[tuple[str, FloatArray, bool]]:
-        """Name, posture ``(n,)`` [rad], and whether it is passed only, of every stop in order."""
-        return [] if self.route is None else named_stops(self.poses, self.route)
-
-    @property
-    def fingerprint(self) -> str:
-        """Short digest of the postures in their order, as of a plan."""
-        return fingerprint(self.postures)
 
     @property
     def is_refined(self) -> bool:

@@ -16,8 +16,6 @@ from posedesign.candidates import box_of_cell, candidates_of, cone_candidates, f
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
 from posedesign.cell.task_box import predict_box, reached_points
-from posedesign.constraints import MotionChecker
-from posedesign.constraints.space import MotionVerdicts
 from posedesign.motion import Router
 from posedesign.planning import off_target
 from posedesign.planning.loop import check_base_pose
@@ -35,6 +33,7 @@ from posedesign.planning.poses_file import read_poses
 from posedesign.selection import Candidates
 from posedesign.selection.search import exchange
 from posedesign.workflow import plan_optimal_poses
+from tests.blocked import Blocked
 
 POOL = {"candidates": 80}
 FIVE_SIGMA = 5.0
@@ -299,30 +298,20 @@ def test_an_arm_half_of_whose_postures_are_out_of_the_way(make_cell):
     assert cell.ways.check(stops[:-1], stops[1:]).clear.all()
 
 
-class Gate(MotionChecker):
-    """No way leads to postures with joint 4 beyond an angle [rad]."""
-
-    highest: float
-
-    def check(self, start, end, *, far=False):
-        clear = (np.abs(np.stack([start, end])[:, :, 3]) <= self.highest).all(axis=0)
-        said = tuple("" if good else "a gate" for good in clear)
-        return MotionVerdicts(clear, np.zeros(len(end)), np.full(len(end), np.nan), said)
-
-
 def test_as_many_poses_are_chosen_as_can_be_reached(make_cell, tmp_path):
     """Eight of the pool, of twelve that are asked for: four are dropped, in the file, too."""
     cell = make_cell(pool=POOL)
-    gate = Gate((), np.inf)
     fourth = np.sort(np.abs(candidates_of(cell).postures[:, 3]))
-    object.__setattr__(gate, "highest", float(0.5 * (fourth[7] + fourth[8])))
-    cell.__dict__["ways"] = gate
+    highest = 0.5 * (fourth[7] + fourth[8])
+    cell.__dict__["ways"] = Blocked(
+        lambda start, end: (np.abs(np.stack([start, end])[:, :, 3]) > highest).any(axis=0)
+    )
     found = plan_optimal_poses(cell, tmp_path, Request(count=12, refine=False))
     assert not found.reached
     assert len(found.postures) == 8
-    assert (np.abs(found.postures[:, 3]) <= gate.highest).all()
+    assert (np.abs(found.postures[:, 3]) <= highest).all()
     assert found.left_out == len(fourth) - 8
-    assert found.dropped == ("no clear way to it: a gate",) * 4
+    assert found.dropped == ("no clear way to it: a wall",) * 4
     assert "8 poses, tcp" in found.message
     listed = read_poses(tmp_path / "poses.csv", 6)
     assert len(listed.measured.names) == 8
@@ -536,6 +525,7 @@ def test_without_any_way_it_says_what_is_in_it(camera_cell, monkeypatch):
         return replace(nothing, lost=dict.fromkeys(range(len(postures)), "a wall"))
 
     monkeypatch.setattr(Router, "route", losing)
+    monkeypatch.setattr(planning, "ATTEMPTS", 2)
     with pytest.raises(InputError, match="a wall"):
         plan_fewest(camera_cell, 1e-3)
 

@@ -63,7 +63,7 @@ def test_a_view_is_all_that_the_camera_is_allowed(make_demo_cell):
     )
     camera = cell.config.camera
     assert camera is not None
-    T = viewing_poses(cell, camera, even_points(4000, 6, rng())) @ cell.T_tip_camera
+    T = viewing_poses(cell, even_points(4000, 6, rng())) @ cell.T_tip_camera
     in_camera = np.einsum("nji,nj->ni", T[:, :3, :3], cell.target_m - T[:, :3, 3])
     pixels = np.array(camera.image_px) / 2 + camera.focal_px * in_camera[:, :2] / in_camera[:, 2:]
     away_mm = 1e3 * np.linalg.norm(in_camera, axis=1)

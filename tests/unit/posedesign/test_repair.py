@@ -7,8 +7,6 @@ from hypothesis import strategies as st
 
 from calib.se3 import rotation_angle
 from posedesign.cell import Cell
-from posedesign.constraints import MotionChecker
-from posedesign.constraints.space import MotionVerdicts
 from posedesign.planning import plan
 from posedesign.planning.loop import (
     ENOUGH,
@@ -20,6 +18,7 @@ from posedesign.planning.loop import (
 )
 from posedesign.planning.pose_plan import PoseStatus, StopReason
 from posedesign.planning.poses_file import read_poses, write_poses
+from tests.blocked import Blocked
 
 
 @given(seed=st.integers(0, 10_000), count=st.integers(1, 6))
@@ -133,18 +132,9 @@ def test_a_plan_is_the_same_every_time(demo_cell, make_demo_cell):
 # plans whose ways are blocked
 
 
-class Shut(MotionChecker):
-    """No way leads anywhere else than where the arm stands."""
-
-    def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> MotionVerdicts:
-        away = np.abs(end - start).max(axis=1) > 1e-9
-        none = np.zeros(len(away))
-        return MotionVerdicts(~away, none, none, tuple("a wall" if a else "" for a in away))
-
-
 def test_blocked_ways_are_not_blamed_on_angles(make_demo_cell):
     cell = make_demo_cell(plan={"repair": False}, variations={"largest_deg": [10.0, 10.0, 10.0]})
-    cell.__dict__["ways"] = Shut((), np.inf)
+    cell.__dict__["ways"] = Blocked(lambda start, end: np.abs(end - start).max(axis=1) > 1e-9)
     result = plan(cell)
     assert not result.reached
     assert len(result.postures) == 1
@@ -152,14 +142,9 @@ def test_blocked_ways_are_not_blamed_on_angles(make_demo_cell):
     assert "free fewer" not in result.message
 
 
-class NotBeyond(MotionChecker):
-    """No way leads to postures with joint 4 beyond 50 deg."""
-
-    def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> MotionVerdicts:
-        hit = (np.abs(np.rad2deg([start[:, 3], end[:, 3]])) > 50.0).any(axis=0)
-        return MotionVerdicts(
-            ~hit, np.zeros(len(hit)), np.zeros(len(hit)), tuple("a wall" if h else "" for h in hit)
-        )
+def beyond(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Motions that lead to postures with joint 4 beyond 50 deg."""
+    return (np.abs(np.rad2deg([start[:, 3], end[:, 3]])) > 50.0).any(axis=0)
 
 
 @pytest.mark.parametrize("replace", [pytest.param(True, marks=pytest.mark.slow), False])
@@ -168,7 +153,7 @@ def test_poses_that_no_way_leads_to(make_demo_cell, replace):
     free = plan(cell)
     assert (np.abs(free.postures[:, 3]) > np.deg2rad(50.0)).any()
     cell = make_demo_cell(plan={"repair": replace, "condition_threshold": 2e5})
-    cell.__dict__["ways"] = NotBeyond((), np.inf)
+    cell.__dict__["ways"] = Blocked(beyond)
     result = plan(cell)
     assert (np.abs(result.postures[:, 3]) <= np.deg2rad(50.0)).all()
     best = result.rounds[result.best]

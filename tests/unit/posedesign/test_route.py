@@ -12,26 +12,12 @@ from hypothesis.extra.numpy import arrays
 from calib.robots import Robot
 from posedesign.cell import Cell
 from posedesign.constraints import MotionChecker
-from posedesign.constraints.space import MotionVerdicts
 from posedesign.motion import Router
 from posedesign.motion.route import Passing, Route, RouteOptions
 from posedesign.planning import plan
+from tests.blocked import Blocked
 
 FREE = MotionChecker((), np.inf)
-
-
-class Blocked(MotionChecker):
-    """Motions that a rule of their ends ``(W, n)`` [rad] says a wall is in the way of."""
-
-    def __init__(self, rule) -> None:
-        super().__init__((), np.inf)
-        object.__setattr__(self, "rule", rule)
-        object.__setattr__(self, "asked", [])
-
-    def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> MotionVerdicts:
-        self.asked.append(len(start))
-        hit, none = self.rule(start, end), np.zeros(len(start))
-        return MotionVerdicts(~hit, none, none, tuple("a wall" if h else "" for h in hit))
 
 
 def ends_deg(start: np.ndarray, end: np.ndarray) -> list[frozenset[float]]:

@@ -13,9 +13,9 @@ from calib import reading
 from calib.errors import FileFormatError, InputError, OutputError
 from posedesign.files import (
     Results,
+    csv_tables,
     held,
     locking,
-    numbers,
     read_bytes_bounded,
     write_bytes_atomic,
     write_text_atomic,
@@ -179,14 +179,14 @@ def test_a_pipe_that_somebody_writes_into_is_read():
 @pytest.mark.parametrize("text", ["9" * 400, "9" * 5000, "1e999", "-1e301", "NaN", "[" * 200_000])
 def test_numbers_of_json_that_no_result_has(text):
     with pytest.raises(ValueError, match=r"finite number within|nested too deep"):
-        numbers.load_json(f'{{"a": {text}')
+        csv_tables.load_json(f'{{"a": {text}')
 
 
 def test_one_bound_for_all_numbers():
-    assert numbers.usable(3) == 3.0
-    assert numbers.usable(-numbers.LARGEST_NUMBER) == -numbers.LARGEST_NUMBER
+    assert csv_tables.usable(3) == 3.0
+    assert csv_tables.usable(-csv_tables.LARGEST_NUMBER) == -csv_tables.LARGEST_NUMBER
     for value in (10**400, 1e308, -(10**13), float("nan"), float("-inf"), True, "1", None):
-        assert math.isnan(numbers.usable(value))
+        assert math.isnan(csv_tables.usable(value))
 
 
 pytest.importorskip("fcntl", reason="files are not locked on this system")

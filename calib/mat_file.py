@@ -37,7 +37,6 @@ class Variable:
     ----------
     kind : str
         Its class: double, cell, ...
-    shape : tuple of int
     array : ndarray, optional
         Its numbers, where it is 4x4xN of a kind of :data:`NUMBERS`.
     """

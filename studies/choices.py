@@ -63,8 +63,6 @@ class Pool:
 
     Attributes
     ----------
-    model : CalibrationModel
-    data : Measurements
     sizes : array (p,)
         What errors of each parameter may be [SI].
     """

@@ -29,7 +29,6 @@ def rows_of_marks(
 
     Parameters
     ----------
-    axes : Axes
     names : sequence of str
         One a row.
     series : mapping of str to sequence of float

@@ -27,7 +27,7 @@ from calib.model.parameters import (
     ZeroOffsets,
 )
 from calib.se3 import BoolArray, FloatArray, IntArray, apply, wpr_from_rotation
-from posedesign.candidates import Pool
+from posedesign.candidates import CandidatePoses
 from posedesign.cell import (
     Cell,
     TaskBox,
@@ -58,7 +58,7 @@ def box_postures(cell: Cell, box: Mapping[str, Sequence[float]]) -> FloatArray:
     return found.q[found.feasible]
 
 
-def grid_pool(cell: Cell, width_deg: float, part: BoolArray | None = None) -> Pool:
+def grid_pool(cell: Cell, width_deg: float, part: BoolArray | None = None) -> CandidatePoses:
     """Poses of the W P R grid that can be taken, or of a part ``(27,)`` of it."""
     wpr = wpr_from_rotation(cell.robot.fk(cell.base_posture)[:3, :3])
     rotations = wpr_rotations(wpr, np.deg2rad([width_deg] * 3))
@@ -69,9 +69,9 @@ def grid_pool(cell: Cell, width_deg: float, part: BoolArray | None = None) -> Po
     return pool_at_target(cell, found.q[found.feasible])
 
 
-def pool_at_target(cell: Cell, postures: FloatArray) -> Pool:
+def pool_at_target(cell: Cell, postures: FloatArray) -> CandidatePoses:
     """Postures ``(N, n)`` [rad] at the one target of a cell, as a pool."""
-    return Pool(
+    return CandidatePoses(
         postures,
         cell.robot.fk(postures)[:, :3, :3],
         np.zeros(len(postures), dtype=np.intp),
@@ -96,7 +96,6 @@ class Experiment:
 
     Attributes
     ----------
-    model : CalibrationModel
     postures : array (N, n)
         [rad]
     setup : Setup
@@ -112,7 +111,12 @@ class Experiment:
 
     @classmethod
     def of(
-        cls, model: CalibrationModel, pool: Pool, repeats: int = 1, *, weighted: bool = True
+        cls,
+        model: CalibrationModel,
+        pool: CandidatePoses,
+        repeats: int = 1,
+        *,
+        weighted: bool = True,
     ) -> Experiment:
         """All postures of a pool, each measured so many times."""
         rows = np.tile(np.arange(len(pool)), repeats)
@@ -226,7 +230,7 @@ def interval(samples: FloatArray) -> tuple[float, float]:
 
 def simulated_arm(
     cell: Cell,
-    pool: Pool,
+    pool: CandidatePoses,
     measurement: Measurement,
     *,
     deflects: bool = False,
@@ -237,8 +241,7 @@ def simulated_arm(
 
     Parameters
     ----------
-    cell : Cell
-    pool : Pool
+    pool : CandidatePoses
         All its targets are off by the error of the cell's one.
     measurement : Measurement
         With the noise as it really is.
@@ -285,11 +288,8 @@ def simulate_errors(
     ----------
     arm : SimulatedRobot
         With the targets of the experiment, in the same order.
-    experiment : Experiment
     box : array (K, n)
         Postures at the points of the box [rad].
-    trials : int
-    rng : numpy.random.Generator
     against : {"base", "target"}
         See :func:`calib.identification.prediction.predict_accuracy`; the first target.
     own_zero : bool

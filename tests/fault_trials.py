@@ -313,7 +313,6 @@ def noncentrality(arm: Arm, faulty: Measurements, held: Held) -> float:
 
     Parameters
     ----------
-    arm : Arm
     faulty : Measurements
         Without noise.
     held : Held

@@ -68,10 +68,8 @@ class Sight:
 
     Attributes
     ----------
-    preset : str
     q : array (n,)
         Taught: the target is in view [rad].
-    true : TrueCell
     camera, target, imaging
         As they really are.
     """

@@ -49,7 +49,6 @@ class Trick:
 
     Attributes
     ----------
-    name : str
     begins : int
         Number of the picture with which it begins.
     picture : callable

@@ -121,7 +121,6 @@ def compensate(
 
     Parameters
     ----------
-    model : CalibrationModel
     x : array_like (p,)
         Identified parameters [SI].
     poses : array_like (N, 4, 4), optional

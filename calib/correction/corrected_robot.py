@@ -82,7 +82,6 @@ def corrected_robot(model: CalibrationModel, x: ArrayLike) -> CorrectedRobot:
 
     Parameters
     ----------
-    model : CalibrationModel
     x : array_like (p,)
         Identified parameters [SI].
 
@@ -167,7 +166,6 @@ def corrected_urdf(
 
     Parameters
     ----------
-    corrected : CorrectedRobot
     source : path, optional
         The URDF or xacro file that the nominal robot was read from; it is not changed. Meshes
         that it names relative to itself are to be copied along. None: a robot from no file.

@@ -253,8 +253,6 @@ def motion_radii(chain: SerialChain, bodies: Sequence[Body], pairs: IntArray) ->
 
     Parameters
     ----------
-    chain : SerialChain
-    bodies : sequence of Body
     pairs : array (P, 2) of int
 
     Returns

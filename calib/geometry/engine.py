@@ -53,7 +53,6 @@ class Bounds:
         Which of them are distances.
     refined : array (S, P) of bool
         Which of the others are the best bound that arrays give.
-    placed : Placed
     """
 
     distance_m: FloatArray

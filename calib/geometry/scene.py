@@ -56,7 +56,6 @@ class Scene:
 
     Parameters
     ----------
-    chain : SerialChain
     arm : sequence of Body
         Solids of the arm, links 0 (the base) to n; as ``robot.bodies``.
     tool : sequence of Body

@@ -135,8 +135,6 @@ def check_ways(
 
     Parameters
     ----------
-    chain : SerialChain
-    engine : Engine
     radii : array (P, n)
         How fast a joint changes the distance of a pair [m/rad], see
         :func:`calib.geometry.enclosure.motion_radii`.
@@ -187,13 +185,11 @@ def _undecided(engine: Engine, known: Bounds, beyond: FloatArray, keep_m: float)
 
     Parameters
     ----------
-    engine : Engine
     known : Bounds
         At the middles of the pieces, where all keep the distance.
     beyond : array (S, P)
         What the distance of a pair can change until an end of the piece [m]; minus infinity where
         that is not looked at.
-    keep_m : float
     """
     engine.settle(known, beyond, keep_m)
     return np.asarray((known.distance_m - beyond <= keep_m).any(axis=1))
@@ -218,12 +214,7 @@ _TINY = 1e-200
 
 
 class LinesOfSight:
-    """Looks for bodies in lines of sight.
-
-    Parameters
-    ----------
-    bodies : sequence of Body
-    """
+    """Looks for bodies in lines of sight."""
 
     def __init__(self, bodies: Sequence[Body]) -> None:
         self._bodies = bodies

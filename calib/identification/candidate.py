@@ -43,8 +43,6 @@ class Candidate:
 
     Attributes
     ----------
-    name : str
-    model : CalibrationModel
     notes : tuple of str
         What was done to it, such as parameters merged with others.
     groups : tuple of PriorGroup
@@ -65,7 +63,6 @@ class Fitted:
     ----------
     model : CalibrationModel
         With the sizes of its priors and the noise that were found.
-    result : IdentificationResult
     log_marginal : float
         How likely the measurements are under the model, see
         :class:`~calib.identification.TunedPriors`; NaN of a model whose priors were not tuned.
@@ -147,10 +144,8 @@ class Reference:
 
     Attributes
     ----------
-    candidate : Candidate
     given : CalibrationModel
         Before sizes and noise were found.
-    fitted : Fitted
     arms : DrawnArms
         By which other models are judged.
     loss : Loss
@@ -182,8 +177,6 @@ def fit_reference(
     ----------
     candidate : Candidate
         Everything that may be off, with the groups of its priors.
-    data : Measurements
-    workplace : Workplace
     alternatives : sequence of Candidate
         Arms without some of it. One that cannot be fitted is improbable.
     loss : Loss, optional

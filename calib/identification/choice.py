@@ -45,9 +45,6 @@ class Contender:
 
     Attributes
     ----------
-    name : str
-    model : CalibrationModel
-    result : IdentificationResult
     target_out : array (N, m)
         Rows with targets left out [m, rad], see :func:`targets_left_out`.
     expected : ExpectedError or None
@@ -72,8 +69,6 @@ class Choice:
 
     Attributes
     ----------
-    name : str or None
-    reason : str
     criterion : str
         ``leave-one-out`` or ``leave-one-target-out``; empty where no model is taken.
     """
@@ -91,7 +86,6 @@ def choose(able: Sequence[Contender], data: Measurements, *, weighted: bool = Tr
 
     Parameters
     ----------
-    able : sequence of Contender
     data : Measurements
         One set.
     weighted : bool
@@ -314,7 +308,6 @@ class _Errors:
 
     Attributes
     ----------
-    names : sequence of str
     squares : list of array (G,)
         What is compared.
     rms : list of float
@@ -322,7 +315,6 @@ class _Errors:
     by_kind : dict
         Of each kind of measurement, where there are several: part of the squares of each model,
         and its rms [mm].
-    unit : str
     square : str
         Unit of ``squares``.
     cluster : array (G,) or None

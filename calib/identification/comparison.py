@@ -76,7 +76,6 @@ class Comparison:
     ----------
     nominal_m : array (N,)
         Distance at each measurement with everything as described [m]; NaN where the set-up is not.
-    trials : tuple of Trial
     recommended : str or None
         Name of the model to take; None where nothing can be compared.
     reason : str

@@ -102,7 +102,6 @@ class TunedPriors:
     ----------
     model : CalibrationModel
         With these priors and this noise: for :func:`calib.identify` with the same loss.
-    groups : tuple of PriorGroup
     sigma : array (G,)
         Standard deviation of each group [SI].
     log_evidence : float
@@ -153,7 +152,6 @@ def tune_priors(
         Its priors of parameters that are in no group stay as they are.
     data : Measurements
         One set.
-    groups : sequence of PriorGroup
     loss : {"least-squares", "student-t"}
         As in the identification that is to follow.
     noise_bounds : tuple of float

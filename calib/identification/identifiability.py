@@ -46,7 +46,6 @@ class Sorting:
     ----------
     kept : tuple of int
         Columns, in order.
-    left_out : tuple of int
     why : tuple of str
         Of each column left out, in words.
     """
@@ -72,7 +71,6 @@ def sort_out(
     ----------
     jacobian : array (M, p)
         All rows of all measurements; whitened where ``least`` is given.
-    names : sequence of str
     first : array (p,) of bool, optional
         Columns that are taken in before the others, whatever their place.
     least : array (p,), optional
@@ -111,7 +109,6 @@ def check_identifiable(
     ----------
     jacobian : array (M, p)
         Whitened or not; all rows of all measurements.
-    names : sequence of str
     nuisance : array (p,) of bool, optional
         Parameters of the set-up: they have to be free, so they are blamed last.
 
@@ -134,7 +131,6 @@ def check_believable(sigma: FloatArray, names: Sequence[str], units: Sequence[Un
     ----------
     sigma : array (p,)
         Standard deviations [SI].
-    names, units : sequence of str
 
     Raises
     ------
@@ -220,9 +216,7 @@ def covariance_at(
 
     Parameters
     ----------
-    linear : Linearisation
     x : array (p,)
-    weighted : bool
     noise : array (K,), optional
         What the noise of each kind really is, over the one that the estimate is weighed by.
     """
@@ -438,10 +432,8 @@ class Reduction:
 
     Attributes
     ----------
-    model : CalibrationModel
     kept : tuple of str
         Names of all parameters of the model.
-    left_out : tuple of str
     merged : tuple of str
         For each left out, in words, what it shows up in.
     """
@@ -462,7 +454,6 @@ def reduce(model: CalibrationModel, data: Measurements, x: FloatArray | None = N
 
     Parameters
     ----------
-    model : CalibrationModel
     data : Measurements
         One set, postures ``(N, n)``.
     x : array (p,), optional

@@ -105,7 +105,6 @@ def minimise(
 
     Parameters
     ----------
-    model : CalibrationModel
     data : Measurements
         With a leading dimension of T trials.
     x : array (T, p)
@@ -115,7 +114,6 @@ def minimise(
         Parameters to move; all by default.
     weighted : bool
         Divide the rows by the noise, or all by the same number.
-    iterations : int
     """
     trials = len(x)
     size = max(1, _AT_ONCE // max(data.count, 1))

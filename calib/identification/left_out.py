@@ -35,11 +35,8 @@ def targets_left_out(
 
     Parameters
     ----------
-    model : CalibrationModel
-    data : Measurements
     result : IdentificationResult
         Of all of them: where the fits start, which measurements count and with what noise.
-    weighted : bool
     """
     out = np.full((data.count, model.rows), np.nan)
     places = free_points(model, data)

@@ -99,7 +99,6 @@ def noise_scales(
 
     Parameters
     ----------
-    model, data
     x : array (p,)
     weights : array (N,)
         Such that the weighted squares of Gaussian residuals are as large as the squares.
@@ -275,7 +274,6 @@ def consistency(loss: Loss, rows: int, share: float = 1.0) -> float:
 
     Parameters
     ----------
-    loss : Loss
     rows : int
         Of a measurement.
     share : float

@@ -86,7 +86,6 @@ def predict_accuracy(
 
     Parameters
     ----------
-    model : CalibrationModel
     covariance : array_like (p, p)
         Of all its parameters [SI].
     q : array_like (N, n)
@@ -367,7 +366,6 @@ def part_of(
 
     Parameters
     ----------
-    model : CalibrationModel
     x : array (r,)
         Its parameters [SI].
     covariance : array (r, r)
@@ -450,7 +448,6 @@ class Posterior:
 
     Attributes
     ----------
-    model : CalibrationModel
     x : array (p,)
         Mean of its parameters [SI].
     covariance : array (p, p)
@@ -471,7 +468,6 @@ class DrawnArms:
     ----------
     kinds : sequence of Posterior
         With probabilities that add up to one.
-    workplace : Workplace
 
     Raises
     ------

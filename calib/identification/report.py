@@ -225,7 +225,6 @@ def stand_out(linear: Linearisation, left: FloatArray) -> IntArray:
 
     Parameters
     ----------
-    linear : Linearisation
     left : array (N, m)
         Rows of each when predicted from the other poses [m, rad].
     """

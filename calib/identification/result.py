@@ -35,7 +35,6 @@ class KindNoise:
 
     Attributes
     ----------
-    kind : str
     sigma : array (m,)
         Standard deviation of each row that the estimate is weighed by [m, rad].
     estimated : bool
@@ -93,7 +92,6 @@ class IdentificationResult:
         Measurements that took no part because they contradict the others.
     weights : array (N,)
         Share that each measurement had in the fit; 1 without a robust loss.
-    noise : tuple of KindNoise
     chi2 : float
         Sum of squared residuals of the measurements divided by the noise given.
     degrees_of_freedom : int
@@ -103,9 +101,7 @@ class IdentificationResult:
         where no equation is left over.
     chance : float
         Probability of residuals as large by the noise given alone.
-    iterations : int
     status : {"converged", "not converged"}
-    message : str
     notes : tuple of str
         What else has to be known: parameters merged with others, what rests on priors.
     """

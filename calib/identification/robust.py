@@ -82,7 +82,6 @@ class Solved:
         Of the squares of each measurement.
     outliers : array (N,) of bool
         Left out.
-    iterations : int
     loss : Loss
         That the weights are of.
     suspects : array (N,) or (1,) of bool

@@ -57,7 +57,6 @@ def identify(
 
     Parameters
     ----------
-    model : CalibrationModel
     measurements : Measurements
         One set, postures ``(N, n)``.
     weighted : bool

@@ -29,7 +29,6 @@ class CalibrationModel:
 
     Parameters
     ----------
-    robot : Robot
     parameters : sequence of ParameterBlock
         At least one puts something on the tool, and one a target around the arm.
     measurement : Measurement or sequence of them
@@ -447,8 +446,6 @@ class Linearisation:
 
     Attributes
     ----------
-    model : CalibrationModel
-    view : MeasurementContext
     rows_last : array (m, S)
         Prediction less reading [m, rad], posture last.
     jacobian_last : array (p, m, S)
@@ -527,7 +524,6 @@ class KnownDistance:
     ----------
     first, second : str
         Labels of the targets.
-    length_m : float
     sigma_m : float
         Standard deviation of the length.
     """

@@ -153,7 +153,6 @@ class MeasurementContext:
 
     Attributes
     ----------
-    robot : Robot
     q : array (n, S)
         Joint values as the controller shows them [rad].
     batch : tuple of int

@@ -148,7 +148,6 @@ def touch(
 
     Parameters
     ----------
-    model : CalibrationModel
     q : array (..., N, n)
         Postures to start from [rad].
     x : array (..., p)

@@ -53,7 +53,6 @@ class GoodnessOfFit:
     ----------
     chi2 : float
         Sum of their squares at the likeliest X and Z.
-    freedom : int
     probability : float
         Of one as large.
     excess : float
@@ -317,7 +316,6 @@ def following(fit: Fit, trial: int, used: BoolArray) -> Following:
 
     Parameters
     ----------
-    fit : Fit
     trial : int
         Which set.
     used : ndarray of bool (N,)

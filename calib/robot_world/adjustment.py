@@ -97,7 +97,6 @@ def adjust(
 
     Parameters
     ----------
-    pairs : PairSets
     model : ErrorModel
         Errors of A and B; of the two rotations one at least has some, of the translations, too.
     X, Z : ndarray (T, 4, 4)

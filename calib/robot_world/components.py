@@ -79,7 +79,6 @@ class ShownNoise:
     ----------
     name : str
         How it is made, in words.
-    noise : PairCovariances
     by_distance : bool
         Whether it is of what is seen, by its distance or along the line of sight.
     """
@@ -117,7 +116,6 @@ def settled(
 
     Parameters
     ----------
-    pairs : PairSets
     X, Z : ndarray (1, 4, 4)
         The likeliest by isotropic noise of B.
     used : ndarray of bool (N,)

@@ -86,7 +86,6 @@ class Motion:
 
     Attributes
     ----------
-    pairs : PairSets
     tilt_rad : ndarray (T,)
         Root mean square tilt of the common axis, or where that is more than enough, some bound
         below it; as far as A and B agree.

@@ -143,11 +143,9 @@ class _Solution:
     ----------
     pairs : PairSets
         With the scale of B corrected where that was estimated.
-    found : Estimate
     used : ndarray of bool (N,)
     motion : Motion
         Of the pairs used.
-    doubts : tuple of str
     others : tuple of (str, X, Z)
         Solutions that fit as well.
     factor : float or None
@@ -413,8 +411,6 @@ def _result(
 
     Parameters
     ----------
-    chosen : Method
-    one : _Solution
     noise : PairNoise or PairCovariances, optional
         By which the pairs were weighed.
     estimated : bool

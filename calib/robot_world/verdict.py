@@ -44,7 +44,6 @@ def judge(result: RobotWorldResult, status: str, message: str, motion: Motion) -
 
     Parameters
     ----------
-    result : RobotWorldResult
     status, message : str
         What is known without it.
     motion : Motion

@@ -59,7 +59,6 @@ def with_capsules(robot: Robot, radius_m: Sequence[float] | FloatArray) -> Robot
 
     Parameters
     ----------
-    robot : Robot
     radius_m : sequence of float
         One for all links, or one for the link that each joint moves [m].
 

@@ -53,7 +53,6 @@ class Bounds:
     ----------
     lower, upper : array (n,)
         [rad]
-    coupled : tuple of CoupledLimit
     margin : float
         Distance to keep from the coupled limits [rad]; ``lower`` and ``upper`` have it already.
     """
@@ -190,7 +189,6 @@ def turned_inside(
         [rad]
     pose : array (S,)
         Pose that each takes, in ascending order.
-    bounds : Bounds
     near : array (n,)
         [rad]
     every : bool

@@ -59,7 +59,6 @@ class Controller:
 
     Attributes
     ----------
-    maker : str
     pendant_from_joints : array (n, n)
         Joint values on the pendant of those in the description.
     T_base_world : array (4, 4)
@@ -106,8 +105,6 @@ def controller_of(maker: str, chain: SerialChain, T_base_world: FloatArray | Non
 
     Parameters
     ----------
-    maker : str
-    chain : SerialChain
     T_base_world : array (4, 4) or None
         Where the description places the controller's world; None where it does not say.
 

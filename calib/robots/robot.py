@@ -57,7 +57,6 @@ class Robot:
 
     Attributes
     ----------
-    name : str
     chain : SerialChain
         Kinematics from base to tip, as arrays.
     joint_names : tuple of str
@@ -74,7 +73,6 @@ class Robot:
         Acceleration of gravity in the base frame [m/s²]; the root of the description is level.
     stiffness : array (n,)
         Torsional stiffness of each reducer [Nm/rad]; infinite where the description gives none.
-    base_frame, tip_frame : str
     notices : tuple of str
         What was decided while reading the description, in words.
     bodies : tuple of Body
@@ -404,7 +402,6 @@ def with_placements(robot: Robot, placements: FloatArray) -> Robot:
 
     Parameters
     ----------
-    robot : Robot
     placements : array (n, 4, 4)
         Frame of each joint at zero, in the frame of the link before it (the first: in the base)
         [m].

@@ -76,7 +76,6 @@ class Body:
     T_link_body : array (4, 4)
         The solid in the base frame (link 0), or in the frame of joint j, as
         :class:`~calib.robots.chain.ChainState` has it.
-    solid : Solid
     """
 
     name: str
@@ -91,10 +90,8 @@ class LinkShape:
 
     Attributes
     ----------
-    link, name : str
     T_link_shape : array (4, 4)
         [m], in the frame of the link.
-    solid : Solid
     """
 
     link: str

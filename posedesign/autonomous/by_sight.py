@@ -51,7 +51,6 @@ class SightResult:
 
     Attributes
     ----------
-    calibration : Calibration
     plate : PlateTest, str or None
         Or in words why the plate cannot be touched; None for a real robot.
     """
@@ -238,8 +237,6 @@ class _Session:
     ----------
     about : mapping of str to str
         See :class:`~posedesign.autonomous.journal.Journal`.
-    seed : int
-    pictures, simulated : bool
     """
 
     about: Mapping[str, str]

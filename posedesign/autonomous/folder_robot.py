@@ -37,7 +37,7 @@ from posedesign.files import write_text_atomic
 from posedesign.motion import Router
 from posedesign.planning.poses_file import PoseList, read_robot_poses, write_pose_list
 from posedesign.pose_programs import chosen_dialect, program_options
-from posedesign.pose_programs.frames import arm_of, check_recorded_frames
+from posedesign.pose_programs.from_plan import arm_of, check_recorded_frames
 from posedesign.programs import PoseProgram, ProgramPose, find_dialect, postures_of
 
 if TYPE_CHECKING:
@@ -379,7 +379,7 @@ def refusals_of(cell: Cell) -> Refuses:
             reasons[k] = f"on the way, {reason}" if reason and part < 1.0 else reason
         alone = checker.check(end[~known], every=False)
         for i, k in enumerate(np.flatnonzero(~known).tolist()):
-            reasons[k] = "" if alone.feasible[i] else alone.says(i)
+            reasons[k] = "" if alone.feasible[i] else alone.reason(i)
         return reasons
 
     return refuses

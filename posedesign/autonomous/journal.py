@@ -107,7 +107,6 @@ class Journal:
 
         Parameters
         ----------
-        name : str
         asked : array (k,)
             What is asked for, joint values first [rad].
         measure : callable
@@ -277,8 +276,6 @@ class KeptStation(Station):
 
     Parameters
     ----------
-    drive : Drive
-    journal : Journal
     seed : int
         Simulated arms draw the noise of each measurement from this and its name, so that a
         calibration comes out the same whether it was stopped or not.

@@ -80,11 +80,8 @@ class Calibration:
         With what the first step has found.
     sigma_m : array (3,)
         Noise of a touch-up along x, y, z of the camera [m], from repeats; NaN without repeats.
-    plan : PosePlan
     touch_ups : Measurements
         Of the second step.
-    missed : tuple of Missed
-    identified : Identified
     """
 
     set_up: SetUp
@@ -114,7 +111,6 @@ class SessionFiles:
 
     Attributes
     ----------
-    found_cell, touch_ups : Claim
     pairs : Claim or None
         None where there are no pictures.
     planned : tuple of Claim
@@ -140,7 +136,6 @@ class SessionFiles:
 
         Parameters
         ----------
-        results : Results
         session : str
             What they are of: files of another session are not replaced.
         simulated : bool
@@ -194,8 +189,6 @@ def calibrate(
     cell : Cell
         Its base posture is the taught one, with the target in view. What it says of tool point,
         camera and target is not looked at.
-    station : Station
-    out : Path or Results
     source : Path
         Folder that the paths in the cell are relative to.
     files : SessionFiles, optional
@@ -373,13 +366,10 @@ def found_cell(
 
     Parameters
     ----------
-    cell : Cell
-    set_up : SetUp
     image_px : tuple of int
         Width and height of the pictures.
     sigma_m : array (3,), optional
         Noise of a touch-up along x, y, z of the camera [m], where it was measured.
-
     """
     config = cell.config
     T = set_up.T_tip_camera
@@ -451,8 +441,6 @@ class TargetPoses:
     ----------
     cell : Cell
         With camera and target as they were found.
-    station : Station
-    set_up : SetUp
     """
 
     def __init__(self, cell: Cell, station: Station, set_up: SetUp) -> None:

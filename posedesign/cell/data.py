@@ -42,7 +42,6 @@ class CellData:
     ----------
     config : CellConfig
         As written, in mm and degrees.
-    robot : Robot
     base_posture : array (n,)
         [rad]
     tool_m : array (3,)
@@ -298,7 +297,6 @@ def cell_text(config: CellConfig, folder: Path, comment: str = "") -> str:
 
     Parameters
     ----------
-    config : CellConfig
     folder : Path
         That the paths in the cell are relative to; the text has them in full.
     comment : str

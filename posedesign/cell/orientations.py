@@ -41,7 +41,6 @@ def cone_rotations(
         Orientation in the middle of the cone.
     tilt : float
         Largest angle between the tool's z and that of the base pose [rad].
-    count : int
     rng : numpy.random.Generator
         Directions are spread evenly over the cone, rolls over the full turn.
     """
@@ -105,7 +104,6 @@ def suggest_base_posture(robot: Robot, tool_m: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    robot : Robot
     tool_m : array (3,)
         Tool point in the tip frame [m].
 

@@ -28,9 +28,8 @@ from posedesign.constraints import (
     SelfCollision,
     Tilt,
 )
-from posedesign.constraints.joints import Singularity
-from posedesign.constraints.retreat import BackingOff
-from posedesign.constraints.space import POINT_M, Workspace, workspace_scene
+from posedesign.constraints.checker import Singularity
+from posedesign.constraints.space import POINT_M, BackingOff, Workspace, workspace_scene
 from posedesign.constraints.visibility import LineOfSight, TargetView
 
 NOT_TOUCHING_M = 2.0 * WAY_TOLERANCE_M
@@ -166,7 +165,6 @@ def nearest_body(
 
     Parameters
     ----------
-    robot : Robot
     bodies : sequence of Body
         All of them on the base, or all on the last link.
     point_m : array (3,)

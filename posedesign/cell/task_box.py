@@ -190,10 +190,8 @@ def predict_box(
     ----------
     cell : Cell
         Whose limits and solids decide what can be reached.
-    model : CalibrationModel
     covariance : array (p, p)
         Of its parameters [SI].
-    box : TaskBox
 
     Raises
     ------

@@ -38,7 +38,7 @@ def print_optimal(cell: Cell, result: OptimalPlan, out: Path, *, as_json: bool) 
 
 
 def _as_dict(result: OptimalPlan) -> dict[str, object]:
-    found, goal, tried = result.selection, result.goal, result.robustness
+    found, objective, tried = result.selection, result.objective, result.robustness
     return {
         "reached": result.reached,
         "poses": len(result.poses.kept_names),
@@ -53,14 +53,14 @@ def _as_dict(result: OptimalPlan) -> dict[str, object]:
         "robust": result.request.robust,
         "refined": result.is_refined,
         "criterion": {
-            "name": goal.criterion.name,
-            "meaning": goal.criterion.title,
+            "name": objective.criterion.name,
+            "meaning": objective.criterion.title,
             "value": result.accuracy.value,
-            "wanted": goal.limit,
+            "wanted": objective.limit,
             "of_the_pool": found.value,
             "bound": found.bound,
             "efficiency": None if result.dropped else found.efficiency,
-            "unit": goal.unit,
+            "unit": objective.unit,
         },
         "at_least": None if result.fewest is None else result.fewest.at_least,
         "decides": result.decides or None,
@@ -104,7 +104,7 @@ def print_next(cell: Cell, result: NextPoses, out: Path, *, as_json: bool) -> No
                 "identified": result.identified is not None,
                 "why_not": result.why_not or None,
                 "not_checked": cell.not_checked,
-                "criterion": result.goal.criterion.name,
+                "criterion": result.objective.criterion.name,
                 "noise_scale": result.noise_scale,
                 "tcp_rms_mm": [1e3 * float(value) for value in result.tcp_m],
                 "task_box": result.box_words,

@@ -2,35 +2,192 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
-from calib.robots import Robot
+from calib.errors import limit_reason
+from calib.robots import ChainState, InverseSolutions, Robot, SerialChain
+from calib.robots.inverse import first_per_group
 from calib.se3 import BoolArray, FloatArray, IntArray
-from posedesign.constraints.constraint import ROUNDING, Constraint, Situation
-from posedesign.constraints.joints import CoupledLimits, JointLimits
+
+ROUNDING = 1e-9
+"""A bound that is broken by no more [SI] is kept: computing a posture rounds that much."""
+
+
+class Situation:
+    """An arm at postures ``(S, n)`` [rad].
+
+    ``q`` (S, n). ``depths``: whether somebody reads how deep meshes are in what they run into.
+    """
+
+    def __init__(
+        self,
+        chain: SerialChain,
+        q: FloatArray,
+        state: ChainState | None = None,
+        *,
+        depths: bool = False,
+    ) -> None:
+        self.chain = chain
+        self.q = q
+        self.depths = depths
+        if state is not None:
+            self.state = state
+
+    @cached_property
+    def state(self) -> ChainState:
+        """Where joints and tip are."""
+        return self.chain.forward(self.q)
+
+    def take(self, rows: IntArray) -> Situation:
+        """The same at some of the postures."""
+        state = self.__dict__.get("state")
+        if state is not None:
+            state = ChainState(**{f.name: getattr(state, f.name)[rows] for f in fields(state)})
+        return Situation(self.chain, self.q[rows], state, depths=self.depths)
+
+
+class Constraint(ABC):
+    """A bound that postures keep or break, and by how much.
+
+    ``name``: what is bounded, as tables head it. ``unit``: of the margin as people read it.
+    ``display``: factor from SI to that unit. ``measured``: whether the margin is a measure, or only
+    says yes or no. ``comfort``: margin [SI] that counts as plenty. Divided by it, margins of
+    different kinds can be compared. ``hint_words``: what to change where it is broken.
+    """
+
+    name: ClassVar[str]
+    unit: ClassVar[str] = ""
+    display: ClassVar[float] = 1.0
+    comfort: ClassVar[float] = 1.0
+    measured: ClassVar[bool] = True
+    hint_words: ClassVar[str]
+
+    @abstractmethod
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+        """How far each posture is inside the bound, and what comes nearest to breaking it.
+
+        Returns ``margin`` (S,): [SI]; negative where the bound is broken, infinite where nothing is
+        near. ``which`` (S,): index of the joint, the pair of bodies, ... that :meth:`reason` will
+        be asked for.
+        """
+
+    @abstractmethod
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
+        """In words, how posture i keeps or breaks the bound."""
+
+    def hint(self, margin: float) -> str:
+        """What to change in ``cell.toml`` where the bound is broken by this much, or nothing."""
+        return self.hint_words
+
+
+class _Limits(Constraint):
+    """Limits less a margin: an uncalibrated joint is not where it says."""
+
+    unit = "deg"
+    display = float(np.rad2deg(1.0))
+    comfort = np.deg2rad(10.0)
+
+    def __init__(self, robot: Robot, margin: float) -> None:
+        self._robot, self._margin = robot, margin
+
+    @abstractmethod
+    def _limit(self, q: FloatArray, which: int) -> tuple[str, float, float, float]:
+        """Name, value at a posture ``(n,)`` and bounds [rad]."""
+
+    @abstractmethod
+    def _inside(self, q: FloatArray) -> FloatArray:
+        """How far postures are inside each limit ``(S, L)`` [rad]."""
+
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+        """Which: the limit."""
+        margin = self._inside(arm.q) - self._margin
+        which = np.argmin(margin, axis=1)
+        return margin[np.arange(len(margin)), which], which
+
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
+        name, value, lower, upper = self._limit(arm.q[i], which)
+        kept = 0.0 if not lower - ROUNDING <= value <= upper + ROUNDING else self._margin
+        value_deg, low_deg, high_deg = np.rad2deg([value, lower + kept, upper - kept]).tolist()
+        ending = f" ({np.rad2deg(kept):g} deg inside the limit)" if kept else ""
+        if min(value - lower, upper - value) - kept < -ROUNDING:
+            return limit_reason(name, value_deg, low_deg, high_deg) + ending
+        side, bound_deg = ("upper", high_deg) if 2 * value > lower + upper else ("lower", low_deg)
+        return f"{name} {value_deg:.1f} deg, {side} bound {bound_deg:.1f} deg{ending}"
+
+    def hint(self, margin: float) -> str:
+        """A margin is worth lowering only where the limit itself is kept."""
+        kept = 0.0 <= margin + self._margin < self._margin
+        return "lower plan.limit_margin_deg" if kept else ""
+
+
+class JointLimits(_Limits):
+    """Every joint inside its limits, less the margin."""
+
+    name = "joint limits"
+
+    def _limit(self, q: FloatArray, which: int) -> tuple[str, float, float, float]:
+        robot = self._robot
+        return f"J{which + 1}", q[which], robot.lower[which], robot.upper[which]
+
+    def _inside(self, q: FloatArray) -> FloatArray:
+        return np.minimum(q - self._robot.lower, self._robot.upper - q)
+
+
+class CoupledLimits(_Limits):
+    """Limits that joints have together, less the margin."""
+
+    name = "coupled limits"
+
+    def _limit(self, q: FloatArray, which: int) -> tuple[str, float, float, float]:
+        limit = self._robot.coupled_limits[which]
+        return limit.name, float(q @ limit.coefficients), limit.lower, limit.upper
+
+    def _inside(self, q: FloatArray) -> FloatArray:
+        return np.stack([limit.margin(q) for limit in self._robot.coupled_limits], axis=1)
+
+
+class Singularity(Constraint):
+    """The smallest singular value of the tip's Jacobian, its lengths divided by the arm's reach."""
+
+    name = "singularity"
+    hint_words = "lower constraints.smallest_singular_value"
+    comfort = 0.05
+
+    def __init__(self, smallest: float) -> None:
+        self._smallest = smallest
+
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+        value = arm.chain.smallest_singular_values(arm.state)
+        return value - self._smallest, np.zeros(len(value), dtype=np.intp)
+
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
+        return f"smallest singular value {margin + self._smallest:.3f}, bound {self._smallest:g}"
 
 
 @dataclass(frozen=True, eq=False)
 class Verdicts:
     """What the constraints say of postures.
 
-    ``arm``: the postures ``(S, n)``. ``room`` (S, C): how far each posture is inside each
+    ``arm``: the postures ``(S, n)``. ``margin`` (S, C): how far each posture is inside each
     constraint [SI]; negative where it breaks it, NaN where it was not looked at. ``which`` (S, C):
     what comes nearest to breaking it.
     """
 
     constraints: tuple[Constraint, ...]
     arm: Situation
-    room: FloatArray
+    margin: FloatArray
     which: IntArray
 
     @property
     def feasible(self) -> BoolArray:
         """Postures ``(S,)`` that break nothing that was looked at."""
-        return np.asarray(~(self.room < -ROUNDING).any(axis=1))
+        return np.asarray(~(self.margin < -ROUNDING).any(axis=1))
 
     @property
     def slack(self) -> FloatArray:
@@ -39,23 +196,30 @@ class Verdicts:
 
     @property
     def tightest(self) -> IntArray:
-        """Index ``(S,)`` of the constraint that has least room, or is broken most."""
+        """Index ``(S,)`` of the constraint that has least margin, or is broken most."""
         return np.asarray(np.argmin(self._parts, axis=1))
 
-    def says(self, i: int, k: int | None = None) -> str:
+    @property
+    def nearness(self) -> FloatArray:
+        """How many constraints postures keep ``(S,)``, and how far they are from the tightest."""
+        return np.asarray((self.margin >= -ROUNDING).sum(axis=1) + np.tanh(self.slack))
+
+    def reason(self, i: int, k: int | None = None) -> str:
         """What constraint k of posture i says, in words; the tightest unless it is given."""
         k = int(self.tightest[i]) if k is None else k
-        return self.constraints[k].says(self.arm, i, float(self.room[i, k]), int(self.which[i, k]))
+        return self.constraints[k].reason(
+            self.arm, i, float(self.margin[i, k]), int(self.which[i, k])
+        )
 
-    def remedy(self, i: int, k: int | None = None) -> str:
+    def hint(self, i: int, k: int | None = None) -> str:
         """What to change where posture i breaks that constraint, or nothing."""
         k = int(self.tightest[i]) if k is None else k
-        return self.constraints[k].remedy(float(self.room[i, k]))
+        return self.constraints[k].hint(float(self.margin[i, k]))
 
     @property
     def _parts(self) -> FloatArray:
         comfort = np.array([constraint.comfort for constraint in self.constraints])
-        return np.asarray(np.where(np.isnan(self.room), np.inf, self.room / comfort))
+        return np.asarray(np.where(np.isnan(self.margin), np.inf, self.margin / comfort))
 
 
 class Checker:
@@ -81,16 +245,98 @@ class Checker:
         is feasible, not to tell people why something is not.
         """
         arm = Situation(self.robot.chain, q, depths=every)
-        room = np.full((len(q), len(self.constraints)), np.nan)
-        which = np.zeros(room.shape, dtype=np.intp)
+        margin = np.full((len(q), len(self.constraints)), np.nan)
+        which = np.zeros(margin.shape, dtype=np.intp)
         alive = np.arange(len(q))
         for k, constraint in enumerate(self.constraints):
             if not len(alive):
                 break
             some = arm if len(alive) == len(q) else arm.take(alive)
-            found, which[alive, k] = constraint.room(some)
-            # a room that cannot be computed is none
-            room[alive, k] = np.where(np.isnan(found), -np.inf, found)
+            found, which[alive, k] = constraint.margin(some)
+            # a margin that cannot be computed is none
+            margin[alive, k] = np.where(np.isnan(found), -np.inf, found)
             if not every:
-                alive = alive[room[alive, k] >= -ROUNDING]
-        return Verdicts(self.constraints, arm, room, which)
+                alive = alive[margin[alive, k] >= -ROUNDING]
+        return Verdicts(self.constraints, arm, margin, which)
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """For each pose of a list the posture that the robot takes, or why it cannot.
+
+    ``q`` (N, n): [rad]; NaN where the pose cannot be taken. ``feasible`` (N,). ``reasons``: empty
+    where the pose can be taken, else e.g. ``J5 131.2 deg is above 125.0 deg``. ``hints``: what
+    to change in the cell, where something helps.
+    """
+
+    q: FloatArray
+    feasible: BoolArray
+    reasons: tuple[str, ...]
+    hints: tuple[str, ...]
+
+
+def nearest_postures(checker: Checker, T_base_tip: FloatArray, reference: FloatArray) -> Postures:
+    """Of all arm configurations that keep every constraint, the one nearest to a reference.
+
+    ``T_base_tip`` (N, 4, 4). ``reference`` (n,): posture to stay near [rad], by the Euclidean norm
+    of the joint difference.
+    """
+    solutions = checker.robot.inverse(T_base_tip, near=reference, margin=checker.margin)
+    count = len(T_base_tip)
+    q = np.full((count, checker.robot.n), np.nan)
+    feasible = np.zeros(count, dtype=bool)
+    slack = np.full(count, np.nan)  # NaN until a posture of the pose has been looked at
+    best = np.full((count, checker.robot.n), np.nan)
+    for rows in nearest_first(solutions, reference):
+        rows = rows[~feasible[solutions.pose[rows]]]
+        if not len(rows):
+            continue
+        verdicts = checker.check(solutions.postures[rows], every=False)
+        good = verdicts.feasible
+        poses = solutions.pose[rows]
+        q[poses[good]] = solutions.postures[rows[good]]
+        feasible[poses[good]] = True
+        # of all branches, the one that comes nearest to being possible is worth talking about
+        nearer = ~good & ~(verdicts.slack <= slack[poses])
+        slack[poses[nearer]], best[poses[nearer]] = verdicts.slack[nearer], verdicts.arm.q[nearer]
+    reasons, hints = [""] * count, [""] * count
+    blocked = np.flatnonzero(~feasible & ~np.isnan(slack))
+    verdicts = checker.check(best[blocked])  # by all constraints: the first broken is not the worst
+    for i, pose in enumerate(blocked):
+        reasons[pose], hints[pose] = verdicts.reason(i), verdicts.hint(i)
+    unreached = np.flatnonzero(~feasible & np.isnan(slack))
+    if len(unreached):
+        why = _unreached(checker, solutions)
+        for pose in unreached:
+            reasons[pose], hints[pose] = why[pose]
+    return Postures(q, feasible, tuple(reasons), tuple(hints))
+
+
+def nearest_first(solutions: InverseSolutions, reference: FloatArray) -> list[IntArray]:
+    """Rows of the solutions inside the limits: the nearest of each pose, the second nearest, ..."""
+    inside = np.flatnonzero(solutions.inside)
+    distance = np.linalg.norm(solutions.postures[inside] - reference, axis=1)
+    order = inside[np.lexsort((distance, solutions.pose[inside]))]
+    pose = solutions.pose[order]
+    starts = np.flatnonzero(np.diff(pose, prepend=-1))
+    rank = np.arange(len(pose)) - np.repeat(starts, np.diff(np.append(starts, len(pose))))
+    return [order[rank == k] for k in range(int(rank.max(initial=-1)) + 1)]
+
+
+def _unreached(checker: Checker, solutions: InverseSolutions) -> list[tuple[str, str]]:
+    """Why each pose fails: the limit broken least over all branches, or how far out of reach.
+
+    Beside the reason stands what to change, where something helps.
+    """
+    verdicts = Checker(checker.robot, margin=checker.margin).check(solutions.postures)
+    # the branch that comes nearest to being possible is the one worth talking about
+    best = first_per_group(solutions.pose, -verdicts.slack, len(solutions.gap_m))
+    reasons = []
+    for pose, branch in enumerate(best):
+        if branch >= 0:
+            reasons.append((verdicts.reason(int(branch)), verdicts.hint(int(branch))))
+        else:
+            gap = solutions.gap_m[pose]
+            far = "" if np.isnan(gap) else f" by {gap * 1e3:.0f} mm"
+            reasons.append((f"out of reach{far}", ""))
+    return reasons

@@ -9,7 +9,7 @@ import numpy as np
 from calib.geometry import Scene
 from calib.se3 import FloatArray, IntArray
 from calib.vision.camera import PinholeCamera
-from posedesign.constraints.constraint import ROUNDING, Constraint, Situation
+from posedesign.constraints.checker import ROUNDING, Constraint, Situation
 
 _RIM = 8
 """Points of the target's rim that must be in the image: the corners of an octagon about it."""
@@ -65,6 +65,7 @@ class Distance(Constraint):
     """The target neither too near to the lens nor too far from it."""
 
     name = "camera distance"
+    hint_words = "change camera.nearest_mm or camera.farthest_mm"
     unit = "mm"
     display = 1e3
     comfort = 0.05
@@ -73,27 +74,25 @@ class Distance(Constraint):
         self._view = view
         self._nearest_m, self._farthest_m = nearest_m, farthest_m
 
-    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """Which: 0 too near, 1 too far."""
         distance = np.linalg.norm(self._view.target_m - self._view.lens(arm), axis=1)
         both = np.stack([distance - self._nearest_m, self._farthest_m - distance], axis=1)
         which = np.argmin(both, axis=1)
         return both[np.arange(len(both)), which], which
 
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
         bound = (self._nearest_m, self._farthest_m)[which]
-        distance = bound + room if which == 0 else bound - room
+        distance = bound + margin if which == 0 else bound - margin
         end = ("nearest", "farthest")[which]
         return f"target {distance * 1e3:.0f} mm from the camera, {end} allowed {bound * 1e3:.0f} mm"
-
-    def remedy(self, room: float) -> str:
-        return "change camera.nearest_mm or camera.farthest_mm"
 
 
 class Tilt(Constraint):
     """The face of the target turned to the camera."""
 
     name = "tilt of the target"
+    hint_words = "correct target.normal, or raise camera.largest_tilt_deg"
     unit = "deg"
     display = float(np.rad2deg(1.0))
     comfort = np.deg2rad(10.0)
@@ -102,25 +101,23 @@ class Tilt(Constraint):
         self._view = view
         self._largest = largest
 
-    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """The angle between the normal and the way to the lens."""
         sight = self._view.lens(arm) - self._view.target_m
         cosine = sight @ self._view.normal
         across = np.linalg.norm(np.cross(sight, self._view.normal), axis=1)
         return self._largest - np.arctan2(across, cosine), np.zeros(len(sight), dtype=np.intp)
 
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        tilt, largest = np.rad2deg([self._largest - room, self._largest])
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
+        tilt, largest = np.rad2deg([self._largest - margin, self._largest])
         return f"target seen at a tilt of {tilt:.1f} deg, largest allowed {largest:g} deg"
-
-    def remedy(self, room: float) -> str:
-        return "correct target.normal, or raise camera.largest_tilt_deg"
 
 
 class InImage(Constraint):
     """The whole target inside the image, less a border."""
 
     name = "image border"
+    hint_words = "correct camera.position_mm, wpr_deg, focal_px or image_px, or lower border_px"
     unit = "px"
     display = 1.0
     comfort = 100.0
@@ -129,25 +126,22 @@ class InImage(Constraint):
         self._view = view
         self._border_px = border_px
 
-    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """Of what is behind the lens, by the angle off the axis."""
         points = self._view.in_camera(arm, self._view.rim())
-        room = self._view.camera.margin_px(points).min(axis=1)
+        margin = self._view.camera.margin_px(points).min(axis=1)
         behind = self._view.camera.focal_px * self._off_axis(arm)
-        room = np.where(np.isinf(room), -behind, room) - self._border_px
-        return room, np.zeros(len(room), dtype=np.intp)
+        margin = np.where(np.isinf(margin), -behind, margin) - self._border_px
+        return margin, np.zeros(len(margin), dtype=np.intp)
 
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
         off_deg = float(np.rad2deg(self._off_axis(arm.take(np.array([i])))[0]))
         if off_deg >= 90.0:
             return f"the camera looks away from the target, by {off_deg:.0f} deg"
-        edge = room + self._border_px
+        edge = margin + self._border_px
         if edge < 0.0:
             return f"target {-edge:.0f} px outside the image"
         return f"target {edge:.0f} px from the edge of the image, border {self._border_px:g} px"
-
-    def remedy(self, room: float) -> str:
-        return "correct camera.position_mm, wpr_deg, focal_px or image_px, or lower border_px"
 
     def _off_axis(self, arm: Situation) -> FloatArray:
         """Angle between the optical axis and the way to the target ``(S,)`` [rad]."""
@@ -159,16 +153,14 @@ class LineOfSight(Constraint):
     """Nothing between the lens and the target: its middle, and its rim, where it is measured."""
 
     name = "line of sight"
+    hint_words = "move what stands there, or the camera"
     measured = False
-    unit = ""
-    display = 1.0
-    comfort = 1.0
 
     def __init__(self, view: TargetView, scene: Scene) -> None:
         self._view = view
         self._scene = scene
 
-    def room(self, arm: Situation) -> tuple[FloatArray, IntArray]:
+    def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """Infinite or -1; which: what is in the way."""
         lens = self._view.lens(arm)
         way = self._view.target_m - lens
@@ -179,10 +171,7 @@ class LineOfSight(Constraint):
         seen = self._scene.sight(arm.q, start, end, around=around, state=arm.state)
         return np.where(seen.clear, np.inf, -1.0), np.maximum(seen.blocker, 0)
 
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        if room > 0:
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
+        if margin > 0:
             return "nothing in the line of sight"
         return f"{self._scene.bodies[which].name} stands between camera and target"
-
-    def remedy(self, room: float) -> str:
-        return "move what stands there, or the camera"

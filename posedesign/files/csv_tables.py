@@ -62,8 +62,6 @@ class Table:
 
     Attributes
     ----------
-    columns : list of str
-    rows : list of Row
     comments : list of str
         The lines before the header that start with #, without it.
     """
@@ -92,8 +90,6 @@ def write_table(
 
     Parameters
     ----------
-    path : Path
-    columns : sequence of str
     rows : iterable of mapping
         By column; missing values are empty cells.
     comments : sequence of str
@@ -118,7 +114,6 @@ def read_table(path: Path, header: Sequence[str] = ()) -> Table:
 
     Parameters
     ----------
-    path : Path
     header : sequence of str
         Names of the columns, for a file without a header line.
 
@@ -196,8 +191,6 @@ def check_columns(
 
     Parameters
     ----------
-    path : Path
-    found, needed : sequence of str
     joints : bool
         Refuse columns of more joints than the robot has.
 

@@ -84,7 +84,6 @@ class MeasurementTable:
 
     Attributes
     ----------
-    data : Measurements
     kinds : tuple of str
         Names that ``data.setup.kind`` has indices into.
     lines : tuple of int
@@ -128,7 +127,6 @@ def write_measurements(
 
     Parameters
     ----------
-    path : Path
     data : Measurements
         One set, postures ``(N, n)``.
     kinds : sequence of str
@@ -203,8 +201,6 @@ def read_measurements(
 
     Parameters
     ----------
-    path : Path
-    n : int
     kind : str
         Of rows that do not say theirs.
     payloads : sequence of str

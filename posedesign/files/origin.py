@@ -149,7 +149,6 @@ def stamped(data: bytes, name: str, origin: Origin) -> bytes:
     name : str
         Of the file: ``.csv``, ``.toml``, ``.yaml``, ``.json`` (an object), ``.urdf``, ``.xml`` or
         ``.png``.
-    origin : Origin
     """
     line = f"{origin} digest {'0' * _DIGITS}"
     ending = Path(name).suffix.lower()

@@ -38,8 +38,6 @@ class Claim(os.PathLike[str]):
 
     Attributes
     ----------
-    path : Path
-    origin : Origin
     overwrite : bool
         Whether what is there may be replaced; it is kept beside it, under a name with a number.
     say : callable
@@ -175,7 +173,6 @@ class Results:
 
     Attributes
     ----------
-    folder : Path
     command : str
         Name of the command, or of who else writes.
     inputs : sequence of Path

@@ -89,9 +89,6 @@ class Identified:
 
     Attributes
     ----------
-    comparison : Comparison
-    table : MeasurementTable
-    warnings : tuple of str
     findings : tuple of Finding
         What explains the residuals by name, the likeliest first.
     contradictions : tuple of Contradiction
@@ -180,7 +177,6 @@ def identify_models(cell: Cell, table: MeasurementTable) -> Identified:
 
     Parameters
     ----------
-    cell : Cell
     table : MeasurementTable
         Of any targets; their positions need not be known.
 

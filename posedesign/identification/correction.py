@@ -95,13 +95,8 @@ class Correction:
         What is corrected by.
     routes : Routes
         What error each way leaves.
-    robot : CorrectedRobot
-    mastering : Mastering
-    poses : PoseList or None
     compensated : Compensated or None
         Commands for the poses.
-    notes : tuple of str
-    files : tuple of Path
     rehearsed : str
         What is to be said first of what comes of a simulated robot; empty for a real one.
     """
@@ -151,12 +146,10 @@ def correct(
 
     Parameters
     ----------
-    cell : Cell
     cell_file : Path
         Where it was read from: its robot's URDF is named relative to it.
     identification : Path
         An ``identification.json``.
-    out : Path or Results
     poses : Path, optional
         A ``poses.csv``.
     name : str, optional
@@ -404,7 +397,6 @@ class Mastering:
 
     Attributes
     ----------
-    robot : Robot
     correction : array (n,)
         To be added to what the pendant shows to get where each joint is [rad].
     sigma : array (n,)
@@ -478,7 +470,6 @@ def mastering(
 
     Parameters
     ----------
-    model : CalibrationModel
     x : array (p,)
         Identified parameters [SI].
     covariance : array (p, p), optional

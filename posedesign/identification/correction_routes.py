@@ -85,7 +85,6 @@ class Route:
 
     Attributes
     ----------
-    name : str
     values : Carried
         Model, parameters and their covariance [SI].
     expected : ErrorToExpect
@@ -106,10 +105,8 @@ class Routes:
 
     Attributes
     ----------
-    routes : tuple of Route
     where : str
         Which box, in words.
-    tool : CorrectedTool
     """
 
     routes: tuple[Route, ...]
@@ -245,7 +242,6 @@ def postures_of_box(
 
     Parameters
     ----------
-    cell : Cell
     box : TaskBox
         Its steps are of no account.
     rng : numpy.random.Generator, optional
@@ -286,7 +282,6 @@ def routes_of(
 
     Parameters
     ----------
-    cell : Cell
     known : IdentifiedModel
         What is known of the arm: errors are to be expected by it.
     box : TaskBox, optional

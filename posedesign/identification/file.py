@@ -39,9 +39,6 @@ class IdentifiedModel:
 
     Attributes
     ----------
-    name : str
-    robot : str
-    model : CalibrationModel
     x : array (p,)
         Identified parameters [SI].
     sigma : array (p,)
@@ -68,7 +65,6 @@ def read_identification(
 
     Parameters
     ----------
-    path : Path
     cell : Cell
         With the robot that was identified.
     name : str, optional

@@ -209,8 +209,6 @@ def candidates(
 
     Parameters
     ----------
-    cell : Cell
-    table : MeasurementTable
     kinds : sequence of Measurement, optional
         With their noise; by default that of the cell.
     without : sequence of str
@@ -356,7 +354,6 @@ def model_of(cell: Cell, names: Sequence[str]) -> CalibrationModel:
 
     Parameters
     ----------
-    cell : Cell
     names : sequence of str
         Such as ``zero_offset.joint_2``, ``link.joint_3.rx``, ``tool.x``, ``target.T1.z``.
 

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.se3 import BoolArray, FloatArray, IntArray
+from calib.se3 import FloatArray, IntArray
 
 ACCELERATION_S = 0.3
 """Time in which a joint reaches its speed, or comes to rest from it [s]. Descriptions of robots
@@ -60,23 +60,6 @@ def move_times(moves: ArrayLike, speeds: ArrayLike, acceleration_s: float) -> Fl
 def moving_time_s(path: FloatArray, speeds: ArrayLike, acceleration_s: float) -> float:
     """Time [s] of the moves along postures ``(S, n)`` [rad], stopping at each."""
     return float(move_times(np.diff(path, axis=0), speeds, acceleration_s).sum())
-
-
-def cycle_time_s(
-    path: FloatArray,
-    speeds: ArrayLike,
-    measured: BoolArray,
-    dwell_s: float,
-    acceleration_s: float = ACCELERATION_S,
-) -> float:
-    """Time [s] of a round: all its moves, and standing where it is measured.
-
-    ``path`` (S, n): postures in their order, with the one that the arm comes from [rad]. ``speeds``
-    (n,): joint speeds of the program [rad/s]. ``measured`` (S,). ``dwell_s``: how long the arm
-    stands at a posture that is measured. ``acceleration_s``: see :func:`move_times`.
-    """
-    standing = dwell_s * int(np.count_nonzero(measured))
-    return moving_time_s(path, speeds, acceleration_s) + standing
 
 
 def shortest_order(cost: FloatArray, *, closed: bool = False, thorough: bool = True) -> list[int]:

@@ -75,7 +75,6 @@ class Proof:
 
     Attributes
     ----------
-    certificate : Certificate
     sigma_X, sigma_Z, sigma : float
         From the answer to the certificate's X, Z, and both together, in standard deviations of the
         direction that has most of them; NaN where there are no standard deviations.
@@ -125,7 +124,6 @@ def refuse_uncertifiable(methods: Sequence[str], on: str, camera: Camera) -> Non
 
     Parameters
     ----------
-    methods : sequence of str
     on : {"a", "b", "both", "seen", "shown"}
         Where the noise is.
     camera : {"on-flange", "fixed"}

@@ -33,7 +33,6 @@ class Place:
 
     Attributes
     ----------
-    path : Path
     lines : tuple of int
         Lines of a table.
     variable : str

@@ -60,7 +60,6 @@ class Pairs:
 
     Attributes
     ----------
-    names : tuple of str
     A, B : array (N, 4, 4)
         [m]; camera on the flange, ``T_base_flange`` and ``T_target_camera``.
     places : tuple of str
@@ -91,8 +90,6 @@ def write_pairs(
 
     Parameters
     ----------
-    path : Path
-    pairs : Pairs
     a, b : PoseForm
         Form of the poses of each side.
     """
@@ -111,7 +108,6 @@ def read_pairs(path: Path, columns: Sequence[str] = (), *, trust_units: bool = F
 
     Parameters
     ----------
-    path : Path
     columns : sequence of str
         Names of the columns, for a file without a header line; see :func:`expanded`.
     trust_units : bool
@@ -141,7 +137,6 @@ def read_side(
 
     Parameters
     ----------
-    path : Path
     letter : {"a", "b"}
     columns : sequence of str
         Names of the columns, for a file without a header line. If any begins with ``a_`` or
@@ -309,13 +304,7 @@ def variables_of(path: Path) -> dict[str, Variable]:
 
 @dataclass(frozen=True)
 class MatFile:
-    """A MATLAB file that was looked into.
-
-    Attributes
-    ----------
-    path : Path
-    variables : mapping of str to Variable
-    """
+    """A MATLAB file that was looked into."""
 
     path: Path
     variables: Mapping[str, Variable]

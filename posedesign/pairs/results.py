@@ -44,9 +44,6 @@ class SolverOutcome:
 
     Attributes
     ----------
-    method : str
-    result : RobotWorldResult or None
-    problem : str
     left_out : tuple of str
         Where the pairs stand that it did not use, in words.
     proof : Proof or None
@@ -100,7 +97,6 @@ def noise_of(
 
     Parameters
     ----------
-    pairs : Pairs
     camera : {"on-flange", "fixed"}
     rotation_rad, translation_m : float
         Standard deviations about and along each axis.
@@ -128,8 +124,6 @@ def solve_pairs(
 
     Parameters
     ----------
-    pairs : Pairs
-    methods : sequence of str
     noise : PairNoise, PairCovariances, "B" or "shown", optional
         See :func:`calib.robot_world.solve`.
     advance : callable, optional
@@ -228,7 +222,6 @@ def warnings_of(outcomes: Iterable[SolverOutcome], *, misread: bool = False) -> 
 
     Parameters
     ----------
-    outcomes : iterable of SolverOutcome
     misread : bool
         Whether the pairs are said to be read wrongly: doubts of the solvers are then no news.
     """

@@ -139,8 +139,6 @@ def outcome_as_dict(
 
     Parameters
     ----------
-    pairs : Pairs
-    outcome : SolverOutcome
     camera : {"on-flange", "fixed"}
         What X and Z are called.
     opencv : bool

@@ -15,8 +15,8 @@ from calib.model import CalibrationModel
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.cell import Cell
 from posedesign.constraints import Collision, Verdicts
-from posedesign.constraints.retreat import WayVerdicts
-from posedesign.planning.loop import regressor
+from posedesign.constraints.space import MotionVerdicts
+from posedesign.planning.loop import identification_jacobian
 from posedesign.planning.pose_plan import displayed
 from posedesign.planning.poses_file import PoseList
 from posedesign.selection import Indices, evaluate
@@ -85,15 +85,15 @@ class PoseVerdict:
     """What the constraints say of one pose, and of the way to it.
 
     ``via``: the arm only passes through: nothing has to be seen or touched. ``feasible``: whether
-    the pose keeps every constraint. ``tightest``: name of the constraint that has least room, or is
-    broken most. ``room``: how far the pose is inside that constraint; negative outside; None where
-    it says yes or no only. ``unit``: of ``room``. ``says``: the same in words. ``distance_mm``:
-    smallest distance between tool, obstacles and arm; None where that is not checked. ``nearest``:
-    the same in words, with the two bodies. ``way_clear``: whether the straight joint-space way to
-    the pose keeps what ways must keep: from the pose before, or from the base posture to the first
-    pose. None where a pose at one of its ends cannot be taken: the rest of the way is then not
-    looked at. ``way``: what is wrong with the way; empty where it is clear. ``travel_deg``: largest
-    joint travel on the way.
+    the pose keeps every constraint. ``tightest``: name of the constraint that has least margin, or
+    is broken most. ``room``: how far the pose is inside that constraint; negative outside; None
+    where it says yes or no only. ``unit``: of ``room``. ``says``: the same in words.
+    ``distance_mm``: smallest distance between tool, obstacles and arm; None where that is not
+    checked. ``nearest``: the same in words, with the two bodies. ``way_clear``: whether the
+    straight joint-space way to the pose keeps what ways must keep: from the pose before, or from
+    the base posture to the first pose. None where a pose at one of its ends cannot be taken: the
+    rest of the way is then not looked at. ``way``: what is wrong with the way; empty where it is
+    clear. ``travel_deg``: largest joint travel on the way.
     """
 
     name: str
@@ -137,7 +137,7 @@ def check_poses(cell: Cell, poses: PoseList) -> tuple[PoseVerdict, ...]:
     return tuple(found[i] for i in range(len(poses.names)))
 
 
-def _motions(cell: Cell, poses: PoseList) -> WayVerdicts:
+def _motions(cell: Cell, poses: PoseList) -> MotionVerdicts:
     """Verdicts on the motions to each pose; those along the tool to one that touches apart."""
     start, end = np.vstack([cell.base_posture, poses.postures[:-1]]), poses.postures
     ways = cell.ways.check(start, end)
@@ -153,7 +153,7 @@ def _motions(cell: Cell, poses: PoseList) -> WayVerdicts:
     part[rows] = np.where(to_touch[rows], along.part, 1.0 - along.part)
     for row, why in zip(rows.tolist(), along.reasons, strict=True):
         reasons[row] = why
-    return WayVerdicts(clear, ways.travel, part, tuple(reasons))
+    return MotionVerdicts(clear, ways.travel, part, tuple(reasons))
 
 
 def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ...]:
@@ -177,21 +177,23 @@ def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ..
 
 
 def _judge(
-    verdicts: Verdicts, poses: PoseList, ways: WayVerdicts, rows: IntArray, at_a_pose: BoolArray
+    verdicts: Verdicts, poses: PoseList, ways: MotionVerdicts, rows: IntArray, at_a_pose: BoolArray
 ) -> dict[int, PoseVerdict]:
     found = {}
     for i, row in enumerate(rows.tolist()):
         k = int(verdicts.tightest[i])
-        constraint, room = verdicts.constraints[k], float(verdicts.room[i, k])
+        constraint, margin = verdicts.constraints[k], float(verdicts.margin[i, k])
         distance_mm, nearest = _nearest(verdicts, i)
         found[row] = PoseVerdict(
             name=poses.names[row],
             via=bool(poses.via[row]),
             feasible=bool(verdicts.feasible[i]),
             tightest=constraint.name,
-            room=room * constraint.display if constraint.measured and np.isfinite(room) else None,
+            room=margin * constraint.display
+            if constraint.measured and np.isfinite(margin)
+            else None,
             unit=constraint.unit,
-            says=verdicts.says(i),
+            says=verdicts.reason(i),
             distance_mm=distance_mm,
             nearest=nearest,
             way_clear=None if at_a_pose[row] else bool(ways.clear[row]),
@@ -205,12 +207,14 @@ def _nearest(verdicts: Verdicts, i: int) -> tuple[float | None, str]:
     """Smallest distance [mm] between tool, obstacles and arm at posture i, and in words."""
     for k, constraint in enumerate(verdicts.constraints):
         if type(constraint) is Collision:
-            room, which = float(verdicts.room[i, k]), int(verdicts.which[i, k])
-            return 1e3 * (room + constraint.keep_m), constraint.says(verdicts.arm, i, room, which)
+            margin, which = float(verdicts.margin[i, k]), int(verdicts.which[i, k])
+            return 1e3 * (margin + constraint.keep_m), constraint.reason(
+                verdicts.arm, i, margin, which
+            )
     return None, ""
 
 
-def _on_the_way(ways: WayVerdicts, row: int) -> str:
+def _on_the_way(ways: MotionVerdicts, row: int) -> str:
     place = f" at {ways.part[row]:.0%} of the way" if np.isfinite(ways.part[row]) else ""
     return ways.reasons[row] + place if ways.reasons[row] else ""
 
@@ -246,10 +250,13 @@ def score_poses(cell: Cell, poses: PoseList) -> Score:
         sigma = displayed(model, np.sqrt(np.diag(covariance)))
     verdicts = cell.checker.check(poses.postures)
     broken = [
-        f"{poses.names[i]}: {verdicts.says(i)}" for i in np.flatnonzero(~verdicts.feasible).tolist()
+        f"{poses.names[i]}: {verdicts.reason(i)}"
+        for i in np.flatnonzero(~verdicts.feasible).tolist()
     ]
     off = off_target(cell, poses.names, poses.postures, ON_TARGET_M)
-    return Score(evaluate(regressor(linear), white), sigma, problem, tuple(broken), tuple(off))
+    return Score(
+        evaluate(identification_jacobian(linear), white), sigma, problem, tuple(broken), tuple(off)
+    )
 
 
 def _what_is_hidden(model: CalibrationModel, white: FloatArray) -> str:

@@ -17,7 +17,7 @@ from calib.model import CalibrationModel, Linearisation
 from calib.se3 import FloatArray, rotation_angle, rotation_exp, wpr_from_rotation
 from posedesign.cell import Cell, touching_poses, wpr_rotations
 from posedesign.cell.orientations import cone_rotations
-from posedesign.constraints import ROUNDING, Checker, nearest_postures
+from posedesign.constraints import Checker, nearest_postures
 from posedesign.motion import Router
 from posedesign.motion.route import Route
 from posedesign.planning.pose_plan import PosePlan, PoseSet, PoseStatus, Round, StopReason
@@ -45,8 +45,33 @@ _SAME_PLACE_RAD = np.deg2rad(1.0)
 
 _POOL_SEED = 2006
 
+IMPROVEMENT = 0.99
+"""A round counts as better when it brings C_G below this part of the best so far."""
 
-class RepairPool:
+MOST_FREE = 6
+"""Degrees of freedom of a pose: three of the tool point, three of W, P, R."""
+
+FARTHEST_M = 0.5
+"""Distance of the target from the tool point at the base posture beyond which one of the two is a
+mistake: metres for millimetres, or another frame."""
+
+BESIDE_RAD = tuple(np.deg2rad([15.0, 30.0, 45.0]))
+"""Turns in W, P and R by which another base posture is looked for where that of the cell is not
+free; a base pose turned farther is no more the one that was meant."""
+
+FLIP_DEG = 90.0
+"""A joint that moves by more than this belongs to another arm configuration."""
+
+PATIENCE = 3
+"""Rounds without improvement after which the loop ends."""
+
+REPLACEMENTS = 3
+"""How often poses that no clear way leads to are replaced before they are left out."""
+
+Progress = Callable[[Round], None]
+
+
+class Replacements:
     """Postures that replacements are taken from, found when they are first needed.
 
     First all arm configurations over a cone of orientations around the base pose, rolled freely,
@@ -118,7 +143,7 @@ class RepairPool:
         feasible = verdicts.feasible
         if not len(self._found) and not feasible.any():
             # how many constraints are kept, and how far the first that is not is broken
-            kept = (verdicts.room >= -ROUNDING).sum(axis=1) + np.tanh(verdicts.slack)
+            kept = verdicts.nearness
             best = np.argsort(-kept, kind="stable")[:NEARLY]
             ranked = zip(kept[best], rotations[solutions.pose[rows[best]]], strict=True)
             self._nearly += [(float(score), R) for score, R in ranked]
@@ -126,7 +151,7 @@ class RepairPool:
         return np.asarray(solutions.postures[rows[feasible]])
 
 
-def repair(cell: Cell, poses: PoseSet, pool: RepairPool) -> PoseSet:
+def repair(cell: Cell, poses: PoseSet, pool: Replacements) -> PoseSet:
     """Replace each dropped pose by a posture of the pool, each as far as possible from all others.
 
     Of the replacements each pose gets the one that is turned least against it; its reason says
@@ -169,32 +194,6 @@ def farthest_postures(
     return pool[picked]
 
 
-IMPROVEMENT = 0.99
-"""A round counts as better when it brings C_G below this part of the best so far."""
-
-MOST_FREE = 6
-"""Degrees of freedom of a pose: three of the tool point, three of W, P, R."""
-
-FARTHEST_M = 0.5
-"""Distance of the target from the tool point at the base posture beyond which one of the two is a
-mistake: metres for millimetres, or another frame."""
-
-BESIDE_RAD = tuple(np.deg2rad([15.0, 30.0, 45.0]))
-"""Turns in W, P and R by which another base posture is looked for where that of the cell is not
-free; a base pose turned farther is no more the one that was meant."""
-
-FLIP_DEG = 90.0
-"""A joint that moves by more than this belongs to another arm configuration."""
-
-PATIENCE = 3
-"""Rounds without improvement after which the loop ends."""
-
-REPLACEMENTS = 3
-"""How often poses that no clear way leads to are replaced before they are left out."""
-
-Progress = Callable[[Round], None]
-
-
 def plan(cell: Cell, progress: Progress | None = None) -> PosePlan:
     """Plan measuring poses until C_G falls below the threshold of the cell.
 
@@ -216,7 +215,7 @@ class _Loop:
         self.rounds: list[Round] = []
         self.sets: list[PoseSet] = []
         self.routes: list[Route | None] = []
-        self._pool = RepairPool(cell)
+        self._pool = Replacements(cell)
         self._cut_off = 0  # poses and replacements that no clear way leads to
         self._router = Router.of_cell(cell)
         check_base_pose(cell)
@@ -248,8 +247,24 @@ class _Loop:
             self.progress(self.rounds[-1])
 
     def _evaluate(self, poses: PoseSet, variation: Sequence[float], number: int) -> Round:
-        weighted = self.cell.config.measurement.weighted
-        return evaluate_round(self.model, poses, number, variation, weighted)
+        model, kept = self.model, poses.kept
+        blocks = identification_jacobian(model.linearise(kept))
+        c_g = condition_inf(blocks) if len(kept) else float("inf")
+        if np.isfinite(c_g) and len(kept) * model.measurement.rows >= model.p:
+            weighted = self.cell.config.measurement.weighted
+            sigma = np.sqrt(np.diag(covariance_of(model, kept, weighted=weighted)))
+        else:
+            c_g, sigma = float("inf"), np.full(model.p, np.inf)
+        return Round(
+            number=number,
+            variation_deg=(float(variation[0]), float(variation[1]), float(variation[2])),
+            grid=poses.count(PoseStatus.GRID),
+            repaired=poses.count(PoseStatus.REPAIRED),
+            dropped=poses.count(PoseStatus.DROPPED),
+            c_g=c_g,
+            cond_2_g=condition_2(blocks) if len(kept) else float("inf"),
+            sigma=sigma,
+        )
 
     def _connect(self, k: int) -> Route:
         """Find the route of round k; poses that no way leads to are replaced, or dropped."""
@@ -307,7 +322,9 @@ class _Loop:
             if variation[k] < largest[k]
         ]
         scores = [
-            condition_inf(regressor(self.model.linearise(self._generate(option).kept)))
+            condition_inf(
+                identification_jacobian(self.model.linearise(self._generate(option).kept))
+            )
             for option in options
         ]
         return np.asarray(options[int(np.argmin(scores))])
@@ -334,7 +351,7 @@ class _Loop:
         route, poses = self._connect(best), self.sets[best]
         postures = poses.kept
         linear = self.model.linearise(postures)
-        blocks, white = regressor(linear), linear.white_jacobian
+        blocks, white = identification_jacobian(linear), linear.white_jacobian
         if stop is StopReason.INFEASIBLE and blocks[..., 0].size >= self.model.p:
             # enough poses, and still something is hidden: no angle will show it
             flat = white.reshape(-1, self.model.p)
@@ -375,14 +392,14 @@ def check_base_pose(cell: Cell) -> None:
     pose = touching_poses(rotation[None], cell.tool_m, cell.target_m)
     there = nearest_postures(cell.checker, pose, q)
     start = Checker(robot, cell.solid, cell.margin).check(q[None])
-    reason, remedy = there.reasons[0], there.remedies[0]
+    reason, hint = there.reasons[0], there.hints[0]
     if there.feasible[0] and not start.feasible[0]:  # only another branch can: the arm is not in it
-        reason, remedy = start.says(0), start.remedy(0)
+        reason, hint = start.reason(0), start.hint(0)
     if reason:
         raise UnreachableError(
             f"the base pose cannot be taken: {reason}",
             hint="move the target (target.position_mm) or the base posture (base_pose.posture_deg)"
-            + f"; or {remedy}" * bool(remedy)
+            + f"; or {hint}" * bool(hint)
             + _free_beside(cell),
             name="base_pose",
         )
@@ -416,7 +433,7 @@ def grid_poses(cell: Cell, variation_deg: FloatArray) -> PoseSet:
     return PoseSet.of_grid(found.q, found.reasons, rotations)
 
 
-def regressor(linear: Linearisation) -> FloatArray:
+def identification_jacobian(linear: Linearisation) -> FloatArray:
     """Blocks ``(N, m, p)`` that condition numbers are those of.
 
     Not weighted, as in the paper, where all rows are lengths. Rows that are lengths and rows that
@@ -433,33 +450,6 @@ def scaling_of(model: CalibrationModel) -> dict[str, str]:
 def _is_mixed(model: CalibrationModel) -> bool:
     """Whether some rows are lengths and others angles."""
     return any(kind.turns for kind in model.measurements)
-
-
-def evaluate_round(
-    model: CalibrationModel,
-    poses: PoseSet,
-    number: int,
-    variation_deg: Sequence[float],
-    weighted: bool,
-) -> Round:
-    """What a set of poses is worth to the loop."""
-    kept = poses.kept
-    blocks = regressor(model.linearise(kept))
-    c_g = condition_inf(blocks) if len(kept) else float("inf")
-    if np.isfinite(c_g) and len(kept) * model.measurement.rows >= model.p:
-        sigma = np.sqrt(np.diag(covariance_of(model, kept, weighted=weighted)))
-    else:
-        c_g, sigma = float("inf"), np.full(model.p, np.inf)
-    return Round(
-        number=number,
-        variation_deg=(float(variation_deg[0]), float(variation_deg[1]), float(variation_deg[2])),
-        grid=poses.count(PoseStatus.GRID),
-        repaired=poses.count(PoseStatus.REPAIRED),
-        dropped=poses.count(PoseStatus.DROPPED),
-        c_g=c_g,
-        cond_2_g=condition_2(blocks) if len(kept) else float("inf"),
-        sigma=sigma,
-    )
 
 
 def _advice(stop: StopReason, best: Round, cut_off: int) -> str:

@@ -161,8 +161,31 @@ class Round:
     sigma: FloatArray
 
 
+class Planned:
+    """Poses and the route through them; None where there is none."""
+
+    poses: PoseSet
+    route: Route | None
+
+    @property
+    def postures(self) -> FloatArray:
+        """Postures ``(N, n)`` [rad] to measure at, in the order of the route."""
+        order = slice(None) if self.route is None else self.route.order
+        return np.asarray(self.poses.kept[order])
+
+    @property
+    def stops(self) -> list[tuple[str, FloatArray, bool]]:
+        """Name, posture ``(n,)`` [rad], and whether it is passed only, of every stop in order."""
+        return [] if self.route is None else named_stops(self.poses, self.route)
+
+    @property
+    def fingerprint(self) -> str:
+        """Short digest of the postures: programs and results carry it, so that none is mixed up."""
+        return fingerprint(self.postures)
+
+
 @dataclass(frozen=True, eq=False)
-class PosePlan:
+class PosePlan(Planned):
     """A set of measuring poses with its history.
 
     ``poses``: those of the best round. ``route``: the order of the kept poses, by index into
@@ -190,11 +213,6 @@ class PosePlan:
         return self.stop is StopReason.THRESHOLD
 
     @property
-    def postures(self) -> FloatArray:
-        """Postures ``(N, n)`` [rad] to measure at, in the order of the route."""
-        return np.asarray(self.poses.kept[self.route.order])
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Names of the postures."""
         return tuple(self.poses.kept_names[i] for i in self.route.order)
@@ -219,19 +237,9 @@ class PosePlan:
             + not_checked_words(self.not_checked)
         )
 
-    @property
-    def stops(self) -> list[tuple[str, FloatArray, bool]]:
-        """Name, posture ``(n,)`` [rad], and whether it is passed only, of every stop in order."""
-        return named_stops(self.poses, self.route)
-
     def sigma_displayed(self) -> list[tuple[str, str, float]]:
         """Name, unit and predicted standard deviation of each parameter as people read them."""
         return displayed(self.model, self.rounds[self.best].sigma)
-
-    @property
-    def fingerprint(self) -> str:
-        """Short digest of the postures: programs and results carry it, so that none is mixed up."""
-        return fingerprint(self.postures)
 
 
 def named_stops(poses: PoseSet, route: Route) -> list[tuple[str, FloatArray, bool]]:

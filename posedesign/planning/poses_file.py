@@ -73,7 +73,7 @@ from posedesign.constraints import (
     SelfCollision,
     Tilt,
 )
-from posedesign.constraints.joints import CoupledLimits, JointLimits
+from posedesign.constraints.checker import CoupledLimits, JointLimits
 from posedesign.files import StrPath
 from posedesign.files.csv_tables import (
     LONGEST_SHOWN,
@@ -119,6 +119,30 @@ CLEARANCE_DECIMALS = 6
 """Of clearances in mm. They are found by iteration: what comes after that depends on what was
 looked at before, and would be another after a stop."""
 
+NOT_CHECKED = "not checked"
+"""Begins the comments of a list that say what planning did not look at, one a comment."""
+
+STOPS_SHORT = "stop short [mm]"
+"""Begins the comment of a list that says how far before its poses programs are to stop."""
+
+ALL_CHECKED = "nothing that the cell asks for"
+"""Said in their place where there are none, so that a list without any is one that nobody knows."""
+
+POSE_AXES = (*PLACE, *TURN)
+
+_LABELS = ("name", "order", "status", "reason")
+
+_KNOWN = (*_LABELS, *POSE_AXES, "configuration", *MARGIN_COLUMNS)
+"""Columns besides those of the joints that are written anew, and so are not kept from a file."""
+
+_WRITTEN_ANEW = ("units", "poses measured", "origin")
+"""Comments that are not kept from a file, either."""
+
+_UNITS = {
+    JointForm.USUAL: "mm and deg and px as the names of columns end - base frame",
+    JointForm.ROS: "rad and mm and deg and px as the names of columns end - base frame",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Margins:
@@ -145,7 +169,7 @@ class Margins:
                 column = COLUMN_OF.get(type(constraint))
                 if column is None:
                     continue
-                margin = verdicts.room[:, k] + _kept(cell, checker, constraint)
+                margin = verdicts.margin[:, k] + _kept(cell, checker, constraint)
                 # what has no limit has no margin
                 margin = np.where(np.isposinf(margin), np.nan, margin * constraint.display)
                 if isinstance(constraint, Collision):
@@ -162,7 +186,7 @@ class Margins:
 
 
 def _kept(cell: Cell, checker: Checker, constraint: Constraint) -> float:
-    """What a constraint keeps of the distance itself [SI]: its room is what is left."""
+    """What a constraint keeps of the distance itself [SI]: its margin is what is left."""
     if isinstance(constraint, (JointLimits, CoupledLimits)):
         return checker.margin
     if isinstance(constraint, Collision):
@@ -170,16 +194,6 @@ def _kept(cell: Cell, checker: Checker, constraint: Constraint) -> float:
     if isinstance(constraint, InImage) and cell.config.camera is not None:
         return cell.config.camera.border_px
     return 0.0
-
-
-NOT_CHECKED = "not checked"
-"""Begins the comments of a list that say what planning did not look at, one a comment."""
-
-STOPS_SHORT = "stop short [mm]"
-"""Begins the comment of a list that says how far before its poses programs are to stop."""
-
-ALL_CHECKED = "nothing that the cell asks for"
-"""Said in their place where there are none, so that a list without any is one that nobody knows."""
 
 
 @dataclass(frozen=True)
@@ -298,16 +312,6 @@ class PoseList:
         )
 
 
-POSE_AXES = (*PLACE, *TURN)
-
-_LABELS = ("name", "order", "status", "reason")
-_KNOWN = (*_LABELS, *POSE_AXES, "configuration", *MARGIN_COLUMNS)
-"""Columns besides those of the joints that are written anew, and so are not kept from a file."""
-
-_WRITTEN_ANEW = ("units", "poses measured", "origin")
-"""Comments that are not kept from a file, either."""
-
-
 def write_poses(
     path: StrPath,
     robot: Robot,
@@ -412,12 +416,6 @@ def _write(
         rows.append(row | {column: as_read(lost.extra.get(column, "")) for column in extra})
     comments = [*comments, f"poses measured: {int((~poses.via).sum())}", f"units: {_UNITS[form]}"]
     return write_table(path, [*columns, *extra], rows, comments)
-
-
-_UNITS = {
-    JointForm.USUAL: "mm and deg and px as the names of columns end - base frame",
-    JointForm.ROS: "rad and mm and deg and px as the names of columns end - base frame",
-}
 
 
 def _configurations(robot: Robot, postures: FloatArray) -> list[str]:

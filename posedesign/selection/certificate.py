@@ -27,6 +27,12 @@ import numpy as np
 from calib.se3 import FloatArray
 from posedesign.selection.candidates import Candidates
 
+ROUNDING = 1e-9
+"""Part by which a bound is weakened, so that rounding never claims more than there is."""
+
+_MOST_STEPS = 100
+"""Steps to the smallest ratio; a handful is seen. Where they do not do, nothing is claimed."""
+
 
 @dataclass(frozen=True, eq=False)
 class Smooth:
@@ -69,13 +75,6 @@ def sum_of_largest(scores: FloatArray, count: int) -> float:
     if count >= len(scores):
         return float(scores.sum())
     return float(np.partition(scores, len(scores) - count)[len(scores) - count :].sum())
-
-
-ROUNDING = 1e-9
-"""Part by which a bound is weakened, so that rounding never claims more than there is."""
-
-_MOST_STEPS = 100
-"""Steps to the smallest ratio; a handful is seen. Where they do not do, nothing is claimed."""
 
 
 class Certificate(ABC):

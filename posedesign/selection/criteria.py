@@ -31,7 +31,6 @@ CRITERIA = {
 """Name and meaning of the criteria that need nothing but the blocks. Others are made from linear
 functions of the parameters: :func:`mean_deviation` and :func:`largest_deviation`."""
 
-
 _AXES: dict[str, tuple[float, str, float, bool]] = {
     "E": (np.inf, "smallest eigenvalue of the information", -1.0, False),
     "O3": (np.inf, "smallest singular value", -0.5, False),

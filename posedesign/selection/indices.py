@@ -31,6 +31,23 @@ pass for a column of random numbers, and for a parameter that can be seen."""
 PER_MRAD_AND_MM = 1e-3
 """Column scale from SI: at a metre or two of reach, 1 mrad and 1 mm move the tool about alike."""
 
+SCALING = {
+    "c_g": "rows in m, columns over their largest entry (Eq. 12)",
+    "cond_2_g": "rows in m, columns of unit length",
+    "cond_2_gtg": "rows in m, columns of unit length",
+    **dict.fromkeys(
+        ("o1", "o2", "o3", "o4", "o5", "d", "a", "e"), "rows over noise, columns per mrad and mm"
+    ),
+}
+"""In words, the scaling of each index of :class:`Indices`."""
+
+SCALING_OF_POSES = SCALING | {
+    "c_g": "rows over noise, columns over their largest entry",
+    "cond_2_g": "rows over noise, columns of unit length",
+    "cond_2_gtg": "rows over noise, columns of unit length",
+}
+"""The same where rows are lengths and angles, which have only the noise to be compared by."""
+
 
 def stack(G: ArrayLike) -> FloatArray:
     """The regressor as ``(M, p)``, from blocks ``(N, m, p)`` or as it is.
@@ -188,24 +205,6 @@ class Indices:
     def as_dict(self) -> dict[str, float]:
         """Name to value, in the order of the class."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
-
-
-SCALING = {
-    "c_g": "rows in m, columns over their largest entry (Eq. 12)",
-    "cond_2_g": "rows in m, columns of unit length",
-    "cond_2_gtg": "rows in m, columns of unit length",
-    **dict.fromkeys(
-        ("o1", "o2", "o3", "o4", "o5", "d", "a", "e"), "rows over noise, columns per mrad and mm"
-    ),
-}
-"""In words, the scaling of each index of :class:`Indices`."""
-
-SCALING_OF_POSES = SCALING | {
-    "c_g": "rows over noise, columns over their largest entry",
-    "cond_2_g": "rows over noise, columns of unit length",
-    "cond_2_gtg": "rows over noise, columns of unit length",
-}
-"""The same where rows are lengths and angles, which have only the noise to be compared by."""
 
 
 def evaluate(blocks: FloatArray, white: FloatArray) -> Indices:

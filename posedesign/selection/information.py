@@ -25,6 +25,13 @@ is not yet determined is known a thousand times worse than by the pool, not infi
 _AT_ONCE = 16
 """Entries of a diagonal that are multiplied: each is at most what a pose adds to what is faint."""
 
+SEEN = 1e-9
+"""Smallest eigenvalue, columns of unit length, from which a choice is taken to see everything; the
+information is a square, and has lost half of the digits already."""
+
+_FAINT = 1e-15
+"""What is added to the information, columns of unit length: about its rounding."""
+
 
 class InformationState:
     """A choice out of a pool.
@@ -146,14 +153,6 @@ def _solve_root(root: FloatArray, moved: FloatArray) -> None:
         inverse = np.divide(1.0, pivot, out=np.full_like(pivot, np.inf), where=pivot > 0.0)
         with np.errstate(invalid="ignore"):
             moved[a] *= inverse
-
-
-SEEN = 1e-9
-"""Smallest eigenvalue, columns of unit length, from which a choice is taken to see everything; the
-information is a square, and has lost half of the digits already."""
-
-_FAINT = 1e-15
-"""What is added to the information, columns of unit length: about its rounding."""
 
 
 class Informations:

@@ -27,6 +27,19 @@ from posedesign.selection.search import ENUMERATED, METHODS, Found, Search
 PROVEN = 0.9995
 """Efficiency from which a choice is called the best there is."""
 
+STARTS = 6
+"""Starts of the exchange. In small pools many more are made at once; in large
+ones fewer, where they bring no more."""
+
+TOLERANCE = 1e-3
+"""Part to which the bound is sharpened: nobody measures a thousandth of a pose."""
+
+ROUGH = 0.02
+"""Part to which bounds are sharpened while the number of poses is looked for."""
+
+MOST_CONDITION_POSES = 200
+"""Poses that a condition number is tried with at most: more of them need not lower it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Selection:
@@ -38,7 +51,7 @@ class Selection:
     ``efficiency``: in terms of information, 0 to 1: .97 proves that no choice of less than .97 n
     poses can be as good. Of condition numbers the bound over the value. ``covariance`` (p, p):
     predicted, in the units of the blocks; infinite where not all is identified. ``relaxation``:
-    where the bound is from. ``values_of_starts``: what each start came to. ``duplicates``:
+    where the bound is from.  ``duplicates``:
     candidates that are there more than once, and were offered once.
     """
 
@@ -49,7 +62,6 @@ class Selection:
     efficiency: float
     covariance: FloatArray
     relaxation: Relaxation | None
-    values_of_starts: tuple[float, ...]
     duplicates: int
 
     @property
@@ -136,14 +148,6 @@ class Fewest:
             return 0
         ratio = criterion.cost_of(self.selection.value) / criterion.cost_of(self.wanted)
         return int(np.ceil(ratio))
-
-
-STARTS = 6
-"""Starts of the exchange. In small pools many more are made at once; in large
-ones fewer, where they bring no more."""
-
-TOLERANCE = 1e-3
-"""Part to which the bound is sharpened: nobody measures a thousandth of a pose."""
 
 
 def select(
@@ -249,7 +253,6 @@ def _selection(
         efficiency=float(efficiency),
         covariance=unscaled,
         relaxation=relaxed,
-        values_of_starts=tuple(criterion.shown(each) for each in found.costs),
         duplicates=pool.N - len(offered),
     )
 
@@ -333,13 +336,6 @@ def _check_count(n: int, kept: int, offered: int, N: int) -> None:
         raise InputError(
             f"{n} poses, {kept} of which are kept", hint="ask for more poses", name="n", value=n
         )
-
-
-ROUGH = 0.02
-"""Part to which bounds are sharpened while the number of poses is looked for."""
-
-MOST_CONDITION_POSES = 200
-"""Poses that a condition number is tried with at most: more of them need not lower it."""
 
 
 def select_fewest(

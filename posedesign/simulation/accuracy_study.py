@@ -51,12 +51,9 @@ class Finding:
         ``rigid``: the model that is identified is the true one.
     d_w_deg, d_p_deg, d_r_deg : float
         Variation of the pose set.
-    poses : int
-    c_g, cond_2_g : float
     estimator : str
         ``touch-up weighted``, ``touch-up unweighted``, ``view line``, ``uncalibrated``, or a
         solver, with ``, identified arm`` where A was computed with the identified offsets.
-    quantity, unit : str
     predicted_sigma : float
         From the covariance, before any draw; NaN where there is none.
     spread, spread_low, spread_high : float
@@ -93,11 +90,8 @@ class AccuracyStudy:
 
     Attributes
     ----------
-    findings : tuple of Finding
     plan : PosePlan
         The loop that the pose sets are from.
-    draws, seed : int
-    notes : tuple of str
     """
 
     findings: tuple[Finding, ...]
@@ -134,7 +128,6 @@ def accuracy_study(
         Its threshold plays no part: the loop goes on to the widest angles.
     draws : int
         Noise draws a pose set, at least ten.
-    seed : int
     progress : callable, optional
         Called with what is being done and the part of the work that is done.
 

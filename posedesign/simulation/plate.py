@@ -83,10 +83,6 @@ class PlateTest:
         truth : TrueCell
             With one target, in the middle of the plate, which lies across the camera of the base
             pose.
-        observer : Observer
-        jacobian : ImageJacobian
-        loop : Loop
-        rng : numpy.random.Generator
         trials : int
             How often the plate is measured.
 

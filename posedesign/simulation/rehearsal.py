@@ -104,7 +104,6 @@ def true_observer(cell: Cell, kind: Kind, noise: MeasurementNoise | None = None)
 
     Parameters
     ----------
-    cell : Cell
     kind : {"image", "fast"}
     noise : MeasurementNoise, optional
         Of the fast one; by default calibrated from pictures at the stand-off of the cell.
@@ -149,7 +148,6 @@ class SimulatedRobot:
 
     Attributes
     ----------
-    cell : Cell
     model : CalibrationModel
         With zero offsets of all joints and, where asked for, deflection.
     values : array (p,)

@@ -62,7 +62,6 @@ class Options:
         Folder for tables and key figures.
     trials : int, optional
         In place of the study's own number: a short form.
-    workers : Workers
     restart : bool
         Begin anew, whatever results there are.
     advance : callable
@@ -300,7 +299,6 @@ def own_folder(folder: Path, study: str, endings: Sequence[str] = ENDINGS) -> It
 
     Parameters
     ----------
-    folder : Path
     study : str
         Its name.
     endings : sequence of str

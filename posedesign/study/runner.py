@@ -56,13 +56,10 @@ class Grid:
 
     Attributes
     ----------
-    conditions : sequence of mapping
-    trials : int
     batch : int
         Trials of a task: enough for arrays to pay, and small enough for a task to be lost. It
         decides which random numbers a trial gets, so it is a number of the study and does not
         depend on how many workers there are.
-    seed : int
 
     Raises
     ------
@@ -183,9 +180,6 @@ def run_grid(
 
     Parameters
     ----------
-    simulate : callable
-    grid : Grid
-    store : Store
     workers : Workers, optional
         One process by default: this one.
     restart : bool

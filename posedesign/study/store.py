@@ -43,7 +43,6 @@ class Store:
 
     Parameters
     ----------
-    folder : Path
     name : str
         Of the tables: ``name.parquet`` where pyarrow is installed, else ``name.csv``.
     about : mapping

@@ -44,7 +44,6 @@ class Bench(Pool):
 
     Attributes
     ----------
-    recorded : Recorded
     common : float
         Error common to the points of a configuration, over that of each of them.
     """

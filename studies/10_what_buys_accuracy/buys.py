@@ -14,7 +14,7 @@ from calib.model import CalibrationModel, KnownDistance
 from calib.model.measurements import Measurement, TouchUp, ViewLine
 from calib.model.parameters import JointCompliance, ToolPoint, ZeroOffsets
 from calib.se3 import FloatArray, IntArray
-from posedesign.candidates import Pool, cone_pool, offset_targets, wpr_pool
+from posedesign.candidates import CandidatePoses, cone_candidates, grid_candidates, offset_targets
 from posedesign.cell import Cell
 from posedesign.cell.orientations import GRID
 from posedesign.motion import Router
@@ -61,7 +61,6 @@ class Measured:
 
     Attributes
     ----------
-    variant : Variant
     measurements, targets : int
         Touch-ups, and how many targets they touch.
     minutes, moving_minutes : float
@@ -81,7 +80,7 @@ class Measured:
     deflecting: ToolErrors | None
 
 
-def _without_unused(pool: Pool) -> Pool:
+def _without_unused(pool: CandidatePoses) -> CandidatePoses:
     """The pool without targets that none of its poses touches: nothing tells where they are."""
     used, target = np.unique(pool.target, return_inverse=True)
     names = tuple(pool.target_names[k] for k in used)
@@ -105,7 +104,7 @@ class Bench:
         self.cell = study_cell(name, settings["smallest_singular_value"])
         self.box = box_postures(self.cell, self.own)
         self._router = Router.of_cell(self.cell)
-        self._pools: dict[tuple[Any, ...], Pool] = {}
+        self._pools: dict[tuple[Any, ...], CandidatePoses] = {}
 
     def before_m(self, *, deflects: bool) -> float:
         """Error over the box before calibration, root mean square [m]."""
@@ -130,7 +129,7 @@ class Bench:
         minutes = moving + count * route.dwell_s / 60.0
         return Measured(variant, count, len(poses.targets_m), minutes, moving, rigid, bent)
 
-    def plan(self, variant: Variant) -> Pool:
+    def plan(self, variant: Variant) -> CandidatePoses:
         """The poses of a variant."""
         if variant.chosen == "grid":
             part = HALF if variant.poses < len(GRID) else None
@@ -143,7 +142,7 @@ class Bench:
         return _without_unused(pool.take(self._choose(variant, pool)))
 
     def model(
-        self, variant: Variant, pool: Pool, lengths_m: FloatArray | None = None
+        self, variant: Variant, pool: CandidatePoses, lengths_m: FloatArray | None = None
     ) -> CalibrationModel:
         """The model of a variant; known distances have these lengths, or the nominal ones."""
         distances = []
@@ -175,7 +174,7 @@ class Bench:
     def simulate(
         self,
         variant: Variant,
-        poses: Pool,
+        poses: CandidatePoses,
         trials: int,
         rng: np.random.Generator,
         *,
@@ -204,31 +203,31 @@ class Bench:
         sigma = np.array(self.cell.config.measurement.three_sigma_mm) / 3e3
         return TouchUp(sigma) if variant.kind == "touch-up" else ViewLine(sigma[:2])
 
-    def _lengths(self, pool: Pool) -> FloatArray:
+    def _lengths(self, pool: CandidatePoses) -> FloatArray:
         pairs = combinations(pool.targets_m, 2)
         return np.array([np.linalg.norm(a - b) for a, b in pairs])
 
-    def _pool(self, variant: Variant) -> Pool:
+    def _pool(self, variant: Variant) -> CandidatePoses:
         key = variant.pool, variant.width_deg, variant.configurations, variant.targets
         if key not in self._pools:
             self._pools[key] = self._new_pool(variant)
         return self._pools[key]
 
-    def _new_pool(self, variant: Variant) -> Pool:
+    def _new_pool(self, variant: Variant) -> CandidatePoses:
         cell = self.cell
         if variant.pool == "grids":
             section = cell.config.variations.model_copy(
                 update={"largest_deg": (variant.width_deg,) * 3}
             )
             config = cell.config.model_copy(update={"variations": section})
-            return wpr_pool(Cell.from_config(config, Path("cell.toml")))
+            return grid_candidates(Cell.from_config(config, Path("cell.toml")))
         offsets = np.array(self.own["offsets_mm"][variant.targets])
         targets = None if len(offsets) == 1 else offset_targets(cell, offsets)
         rng = np.random.default_rng(self.settings["seed"])
         tilt, count = float(np.deg2rad(variant.width_deg)), self.settings["candidates"]
-        return cone_pool(cell, tilt, count, rng, variant.configurations, targets_m=targets)
+        return cone_candidates(cell, tilt, count, rng, variant.configurations, targets_m=targets)
 
-    def _choose(self, variant: Variant, pool: Pool) -> IntArray:
+    def _choose(self, variant: Variant, pool: CandidatePoses) -> IntArray:
         model = self.model(variant, pool)
         linear = pool.linearise(model)
         blocks = linear.jacobian if variant.chosen == "C_G" else linear.white_jacobian

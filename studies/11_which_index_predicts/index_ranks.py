@@ -11,7 +11,7 @@ from calib.identification import covariance_of, identify_batch, tool_motion
 from calib.model import Setup, simulate
 from calib.model.measurements import Measurements
 from calib.se3 import FloatArray, IntArray
-from posedesign.candidates import Pool, cone_pool
+from posedesign.candidates import CandidatePoses, cone_candidates
 from posedesign.selection import condition_inf, evaluate
 from studies.intervals import rank_correlation
 from studies.tool_errors import (
@@ -80,9 +80,9 @@ class Bank:
         self.cell = study_cell(arm, settings["smallest_singular_value"])
         self.box = box_postures(self.cell, settings["arms"][arm])
         tilt, rng = float(np.deg2rad(own["tilt_deg"])), np.random.default_rng(seed)
-        pool = cone_pool(self.cell, tilt, own["candidates"], rng, configurations)
+        pool = cone_candidates(self.cell, tilt, own["candidates"], rng, configurations)
         few = min(len(pool), own["candidates"])
-        self.pool: Pool = pool.take(rng.choice(len(pool), few, replace=False))
+        self.pool: CandidatePoses = pool.take(rng.choice(len(pool), few, replace=False))
         self.model = self.cell.model()
         self.motion = tool_motion(self.model, self.box)
         self.truth = simulated_arm(self.cell, self.pool, self.cell.measurement)

@@ -11,7 +11,7 @@ from calib.model import CalibrationModel
 from calib.model.measurements import TouchUp
 from calib.model.parameters import AXES, JointCompliance, ParameterBlock, ToolPoint, ZeroOffsets
 from calib.se3 import FloatArray, IntArray
-from posedesign.candidates import Pool, cone_pool
+from posedesign.candidates import CandidatePoses, cone_candidates
 from posedesign.cell import Cell
 from posedesign.selection import PER_MRAD_AND_MM, largest_deviation, mean_deviation, select
 from studies.tool_errors import (
@@ -35,7 +35,6 @@ class Chooser:
 
     Parameters
     ----------
-    problem : str
     settings : dict
         The study's TOML.
     """
@@ -47,7 +46,7 @@ class Chooser:
         self.cell = study_cell(arm, settings["smallest_singular_value"])
         self.box = box_postures(self.cell, settings["arms"][arm])
         tilt, rng = float(np.deg2rad(own["tilt_deg"])), np.random.default_rng(settings["seed"])
-        self.pool = cone_pool(self.cell, tilt, own["candidates"], rng, configurations)
+        self.pool = cone_candidates(self.cell, tilt, own["candidates"], rng, configurations)
         self.model = self.cell.model()
         self.motion = tool_motion(self.model, self.box)
         self._linear = self.pool.linearise(self.model)
@@ -189,7 +188,7 @@ class Holder:
         self.box = box_postures(self.cell, settings["arms"][arm])
         self.cases = cases(self.cell, settings)
 
-    def sets(self) -> dict[str, Pool]:
+    def sets(self) -> dict[str, CandidatePoses]:
         """The paper's grid, and two choices by I."""
         tilt = float(np.deg2rad(self._own["tilt_deg"]))
         model, found = (
@@ -199,11 +198,11 @@ class Holder:
         criterion = mean_deviation(tool_motion(model, self.box))
         for name, configurations in (("chosen by I", "nearest"), ("over the back, by I", "all")):
             rng = np.random.default_rng(self._seed)
-            pool = cone_pool(self.cell, tilt, self._own["candidates"], rng, configurations)
+            pool = cone_candidates(self.cell, tilt, self._own["candidates"], rng, configurations)
             found[name] = pool.take(select(pool.white(model), 27, criterion).indices)
         return found
 
-    def model(self, case: Case, pool: Pool) -> CalibrationModel:
+    def model(self, case: Case, pool: CandidatePoses) -> CalibrationModel:
         """What is identified in a case."""
         cell, robot = self.cell, self.cell.robot
         freed = [joint for joint in cell.offset_joints if joint not in case.held]
@@ -215,7 +214,12 @@ class Holder:
         return CalibrationModel(robot, blocks, cell.measurement)
 
     def errors(
-        self, case: Case, pool: Pool, trials: int, stream: list[int], against: Against = "base"
+        self,
+        case: Case,
+        pool: CandidatePoses,
+        trials: int,
+        stream: list[int],
+        against: Against = "base",
     ) -> ToolErrors:
         """Simulated, of one arm or of several whose links are drawn."""
         rng = np.random.default_rng([self._seed, 5, *stream])

@@ -66,12 +66,8 @@ class Bench:
 
     Attributes
     ----------
-    cell : Cell
-    true : TrueCell
-    observer : Observer
     condition : dict
         As ``study.toml`` has it, over its base.
-    jacobian : ImageJacobian
     home : array (n,)
         Where the target was first touched up [rad]; all is repeated around it.
     stream : tuple of int

@@ -37,7 +37,6 @@ class CircleRelation(Relation):
 
     Attributes
     ----------
-    focal_px, diameter_m : float
     normal : tuple of three floats
         About how the face is turned, in the camera frame.
     """

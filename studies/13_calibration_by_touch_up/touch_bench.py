@@ -41,7 +41,6 @@ class PoseSet:
     ----------
     d_deg : float
         Variation of W, P and R.
-    c_g : float
     postures : array (N, n)
         [rad]
     """
@@ -91,7 +90,6 @@ class Bench:
 
     Attributes
     ----------
-    cell : Cell
     settings : mapping
         Of the study.
     noise : MeasurementNoise

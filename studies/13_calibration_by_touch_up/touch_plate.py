@@ -31,12 +31,10 @@ class Estimator:
 
     Attributes
     ----------
-    name : str
     by_view_line : bool
         Whether the loop follows the view line only.
     uses_size : bool
         Whether all three coordinates go into the identification, or those across the line.
-    weighted : bool
     """
 
     name: str
@@ -61,8 +59,6 @@ class Identified:
 
     Attributes
     ----------
-    estimator : Estimator
-    model : CalibrationModel
     values : array (T, p)
         [SI]
         NaN where it has not converged.
@@ -70,7 +66,6 @@ class Identified:
         Standard deviations from the noise [SI].
     sigma : array (3,)
         The noise, as touch-ups of one pose repeat each other, in the tip's axes [m].
-    data : DataSets
     """
 
     estimator: Estimator
@@ -203,7 +198,6 @@ class Plate:
 
     Attributes
     ----------
-    bench : Bench
     poses : array (25, 4, 4)
         Of the tip with the tool point on each point, as the cell is known beforehand [m].
     postures : array (25, n)

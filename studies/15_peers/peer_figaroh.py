@@ -63,8 +63,6 @@ class Figaroh:
 
     Parameters
     ----------
-    problem : TouchUps
-    trial : int
     folder : Path
         For the files that it reads.
     """

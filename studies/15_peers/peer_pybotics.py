@@ -91,12 +91,7 @@ def modules() -> tuple[ModuleType, ...]:
 
 
 class Pybotics:
-    """An arm of pybotics with the ten parameters of the study freed.
-
-    Parameters
-    ----------
-    problem : TouchUps
-    """
+    """An arm of pybotics with the ten parameters of the study freed."""
 
     def __init__(self, problem: TouchUps) -> None:
         robot, chain, tool, self._optimization = modules()

@@ -29,7 +29,13 @@ from calib.model.parameters import (
 )
 from calib.robots import Robot
 from calib.se3 import FloatArray, IntArray, rotation_exp, transform
-from posedesign.candidates import Pool, away_from_singularities, box_of_cell, cone_pool, joint_pool
+from posedesign.candidates import (
+    CandidatePoses,
+    away_from_singularities,
+    box_of_cell,
+    cone_candidates,
+    joint_candidates,
+)
 from posedesign.cell import Cell, cell_template, touching_poses
 from posedesign.constraints import nearest_postures
 from posedesign.files.measurements import TOOL, MeasurementTable
@@ -74,13 +80,7 @@ class Arm:
 
 
 class Bench:
-    """A cell as it is written for a preset, and postures to measure arms in it.
-
-    Parameters
-    ----------
-    preset, way : str
-    settings : mapping
-    """
+    """A cell as it is written for a preset, and postures to measure arms in it."""
 
     def __init__(self, preset: str, way: str, settings: Mapping[str, Any]) -> None:
         self.way, self.settings = way, settings
@@ -92,17 +92,17 @@ class Bench:
         self.kind = KINDS[way]
 
     @cached_property
-    def pool(self) -> Pool:
+    def pool(self) -> CandidatePoses:
         """What measuring postures are drawn from."""
         cell, count = away_from_singularities(self.cell), self.settings["candidates"]
         rng = self._rng(0)
         if self.way == "touch-up":
             tilt = float(np.deg2rad(cell.config.pool.tilt_deg))
             few = self.settings["touch_candidates"]
-            return cone_pool(cell, tilt, few, rng, targets_m=self.targets_m)
+            return cone_candidates(cell, tilt, few, rng, targets_m=self.targets_m)
         if self.way == "camera":
-            return joint_pool(cell, count, rng)
-        return joint_pool(_blind(cell), count, rng, np.deg2rad(self.settings["turn_deg"]))
+            return joint_candidates(cell, count, rng)
+        return joint_candidates(_blind(cell), count, rng, np.deg2rad(self.settings["turn_deg"]))
 
     @cached_property
     def targets_m(self) -> FloatArray:

@@ -23,7 +23,7 @@ def test_limits_and_visibility(benchmark, demo_cell):
     checker.constraints = tuple(constraints)
     q = postures(demo_cell, 100_000)
     verdicts = benchmark.pedantic(checker.check, args=(q,), rounds=5)
-    assert verdicts.room.shape == (100_000, len(constraints))
+    assert verdicts.margin.shape == (100_000, len(constraints))
 
 
 @pytest.mark.parametrize("count", [1_000, 10_000])

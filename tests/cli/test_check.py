@@ -34,10 +34,10 @@ def test_every_pose_has_its_tightest_constraint(cli, work):
     cell = Cell.load(work / "cell.toml")
     poses = read_poses(work / "poses.csv", 6).measured
     verdicts = cell.checker.check(poses.postures)
-    parts = verdicts.room / [constraint.comfort for constraint in verdicts.constraints]
+    parts = verdicts.margin / [constraint.comfort for constraint in verdicts.constraints]
     told = json.loads(cli("check", work / "cell.toml", work / "poses.csv", "--json").out)
     told = [row for row in told["poses"] if not row["via"]]
-    for row, part, room in zip(told, parts, verdicts.room, strict=True):
+    for row, part, room in zip(told, parts, verdicts.margin, strict=True):
         tightest = verdicts.constraints[int(np.argmin(part))]
         assert row["tightest"] == tightest.name
         expected = room[int(np.argmin(part))] * tightest.display

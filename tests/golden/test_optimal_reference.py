@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from calib.model import CalibrationModel, Linearisation
-from posedesign.candidates import Pool, cone_pool
+from posedesign.candidates import CandidatePoses, cone_candidates
 from posedesign.cell import Cell
 from posedesign.planning import off_target
-from posedesign.planning.loop import regressor
+from posedesign.planning.loop import identification_jacobian
 from posedesign.selection import Selection, condition_inf, select
 
 POSES, ORIENTATIONS, TILT = 27, 3000, np.deg2rad(45.0)
@@ -25,7 +25,7 @@ CONFIGURATIONS = {"front": 1.45e4, "all": 20.0}
 class Candidates:
     """Postures to choose from, and what they tell."""
 
-    pool: Pool
+    pool: CandidatePoses
     model: CalibrationModel
     linear: Linearisation
 
@@ -33,7 +33,7 @@ class Candidates:
 @pytest.fixture(scope="module", params=CONFIGURATIONS)
 def candidates(request, reference_cell) -> Candidates:
     rng = np.random.default_rng(0)
-    pool = cone_pool(reference_cell, TILT, ORIENTATIONS, rng, request.param)
+    pool = cone_candidates(reference_cell, TILT, ORIENTATIONS, rng, request.param)
     assert len(pool) >= ORIENTATIONS
     model = reference_cell.model()
     return Candidates(pool, model, pool.linearise(model))
@@ -53,7 +53,7 @@ def check_poses(cell: Cell, candidates: Candidates, found: Selection) -> None:
 
 def test_condition_number(reference_cell, candidates, request):
     configurations = request.node.callspec.params["candidates"]
-    found = select(regressor(candidates.linear), POSES, "C_G", starts=2, bound=False)
+    found = select(identification_jacobian(candidates.linear), POSES, "C_G", starts=2, bound=False)
     check_poses(reference_cell, candidates, found)
     # from the Jacobian of the chosen postures alone
     q = candidates.pool.postures[found.indices]

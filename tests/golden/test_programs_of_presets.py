@@ -14,7 +14,7 @@ from posedesign.cell import Cell, cell_template
 from posedesign.planning import plan
 from posedesign.planning.poses_file import PoseList
 from posedesign.pose_programs import import_touch_ups, program_options, write_program
-from posedesign.pose_programs.frames import arm_of
+from posedesign.pose_programs.from_plan import arm_of
 from posedesign.programs import DIALECTS, PoseProgram, ProgramPose
 from posedesign.simulation import SimulatedRobot
 

@@ -11,7 +11,7 @@ from calib.identification import covariance_of
 from calib.model.measurements import TouchUp, ViewLine
 from posedesign.cell import Cell
 from posedesign.planning import plan
-from posedesign.planning.loop import RepairPool, grid_poses, repair
+from posedesign.planning.loop import Replacements, grid_poses, repair
 from posedesign.planning.pose_plan import PoseStatus, StopReason
 from posedesign.selection import condition_inf
 from posedesign.selection.indices import condition_2
@@ -140,7 +140,7 @@ def test_repair_lowers_the_condition(make_cell, d, count, c_g):
     reachable = condition_inf(model.jacobian(poses.kept))
     assert len(poses.kept) == count
     assert reachable == pytest.approx(c_g, rel=ONE_PERCENT)
-    repaired = repair(cell, poses, RepairPool(cell))
+    repaired = repair(cell, poses, Replacements(cell))
     assert len(repaired.kept) == 27
     assert repaired.count(PoseStatus.REPAIRED) == 27 - count
     if count < 27:
@@ -149,7 +149,7 @@ def test_repair_lowers_the_condition(make_cell, d, count, c_g):
 
 def test_repaired_poses_keep_what_they_promise(make_cell):
     cell = make_cell(base_pose=REPAIR_CASE)
-    poses = repair(cell, grid_poses(cell, np.full(3, 50.0)), RepairPool(cell))
+    poses = repair(cell, grid_poses(cell, np.full(3, 50.0)), Replacements(cell))
     point = cell.robot.state(poses.kept).point(cell.tool_m)
     assert np.abs(point - cell.target_m).max() < 1e-9  # 1e-6 mm
     margin = np.deg2rad(cell.config.plan.repair_margin_deg)

@@ -16,7 +16,7 @@ from calib.errors import CalibError
 from posedesign.cell import Cell, cell_template, touching_poses
 from posedesign.cell.orientations import cone_rotations
 from posedesign.cell.schema import parse_config
-from posedesign.planning.loop import RepairPool, grid_poses, repair
+from posedesign.planning.loop import Replacements, grid_poses, repair
 from posedesign.planning.pose_plan import PoseStatus
 
 PRESETS = ("r2000ic165f", "lrmate200id", "irb120", "kr6r900sixx", "ur5e")
@@ -97,7 +97,7 @@ def test_repair_finds_what_there_is():
             dropped = [i for i, s in enumerate(poses.status) if s is PoseStatus.DROPPED]
             if not dropped:
                 continue
-            after = repair(cell, poses, RepairPool(cell))
+            after = repair(cell, poses, Replacements(cell))
             done = [i for i in dropped if after.status[i] is PoseStatus.REPAIRED]
             assert cell.checker.check(after.kept).feasible.all()
             point = cell.robot.state(after.kept).point(cell.tool_m)

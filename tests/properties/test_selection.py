@@ -18,7 +18,6 @@ from posedesign.selection import (
     select_fewest,
     wanted_deviations,
 )
-from posedesign.selection.certificate import ConditionCertificate, MeanCertificate
 from posedesign.selection.search import ENUMERATED
 
 KINDS = (*CRITERIA, "G")
@@ -151,54 +150,6 @@ def test_what_is_called_too_few_is_too_few(kind, seed, share):
 
 
 seeds = st.integers(0, 2**31)
-
-
-@given(seeds, st.sampled_from([0.0, 0.5, 1.0, np.inf]))
-def test_any_matrix_proves_something_true(seed, order):
-    rng = np.random.default_rng(seed)
-    J = rng.normal(size=(8, 2, 3))
-    root = rng.normal(size=(3, int(rng.integers(1, 4))))
-    K = rng.normal(size=(3, int(rng.integers(1, 4))))
-    bound = MeanCertificate(root @ root.T, K, order).bound(Candidates(J), 4)
-    scaled = Candidates(J)
-    for rows in combinations(range(8), 4):
-        variances = np.linalg.eigvalsh(K.T @ np.linalg.inv(scaled.information(np.array(rows))) @ K)
-        if order == 0.0:
-            cost = np.exp(np.mean(np.log(variances)))
-        elif np.isinf(order):
-            cost = variances.max()
-        else:
-            cost = np.mean(variances**order) ** (1 / order)
-        assert bound <= cost * (1 + 1e-9)
-
-
-@given(seeds)
-def test_any_two_matrices_prove_something_true_of_the_condition(seed):
-    rng = np.random.default_rng(seed)
-    J = rng.normal(size=(8, 2, 3))
-    Y, Z = (root @ root.T for root in rng.normal(size=(2, 3, 2)))
-    lowest, highest = np.sort(rng.uniform(0.5, 2.0, (2, 3)), axis=0)
-    candidates = Candidates(J)
-    bound = ConditionCertificate(Y, Z, lowest, highest).bound(candidates, 4)
-    E = rng.uniform(lowest, highest, (20, 3))
-    for rows in combinations(range(8), 4):
-        M = candidates.information(np.array(rows))
-        values = np.linalg.eigvalsh(M / np.sqrt(E[:, :, None] * E[:, None, :]))
-        assert bound <= (values[:, -1] / values[:, 0]).min() * (1 + 1e-9)
-
-
-@given(seeds)
-def test_nuisances_are_marginalised_as_a_schur_complement(seed):
-    rng = np.random.default_rng(seed)
-    J = rng.normal(size=(10, 2, 4))
-    found = select(J, 5, "D", interest=[0, 1], starts=3)
-    G = J[found.indices].reshape(-1, 4)
-    M = G.T @ G
-    own = M[:2, :2] - M[:2, 2:] @ np.linalg.solve(M[2:, 2:], M[2:, :2])
-    assert found.value == pytest.approx(np.sqrt(np.linalg.det(own)), rel=1e-8)
-    A = select(J, 5, "A", interest=[0, 1], starts=3)
-    G = J[A.indices].reshape(-1, 4)
-    assert A.value == pytest.approx(np.trace(np.linalg.inv(G.T @ G)[:2, :2]), rel=1e-8)
 
 
 @given(seeds)

@@ -51,7 +51,6 @@ class Held:
     ----------
     linear : Linearisation
         At the solution.
-    data : Measurements
     x : array (p,)
         [SI]
     rows : array (N, m)
@@ -172,7 +171,6 @@ class Effect:
 
     Attributes
     ----------
-    finding : Finding
     columns : array (N, m, k)
         Change of the rows over the noise by the effect, in units of its usual size.
     usual : float
@@ -197,7 +195,6 @@ def scores(
 
     Parameters
     ----------
-    held : Held
     score : array (C, k)
         ``zᵀV⁻¹y`` of C effects, columns in units of the usual size.
     information, whole : array (C, k, k)
@@ -257,8 +254,6 @@ class Tuned:
 
     Attributes
     ----------
-    held : Held
-    groups : tuple of PriorGroup
     sigma : array (G,)
         Standard deviation of each group [SI].
     log_evidence : float
@@ -409,7 +404,6 @@ class Finding:
 
     Attributes
     ----------
-    cause : str
     things : tuple of str
         What it happened to: labels of tools or targets, names of joints, axes.
     part : str

@@ -37,16 +37,7 @@ _UNITS = {"mm for m": 1e-3, "m for mm": 1e3, "inches for mm": 25.4, "mm for inch
 
 @dataclass(frozen=True, eq=False)
 class Mistake:
-    """A mistake, and the table with it put right.
-
-    Attributes
-    ----------
-    cause : str
-    part : str
-    things : tuple of str
-    rows : tuple of int
-    data : Measurements
-    """
+    """A mistake, and the table with it put right."""
 
     cause: Cause
     part: str

@@ -44,8 +44,6 @@ class Thing:
 
     Attributes
     ----------
-    part : str
-    names : tuple of str
     columns : array (N, m, k)
         Change of the rows over the noise by its parameters, each in units of its usual change.
     """

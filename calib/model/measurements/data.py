@@ -146,7 +146,6 @@ def touch_ups(
     postures : array_like (..., N, n)
     target : array_like (N,)
         Index into ``targets``; the first for all by default.
-    targets : sequence of str
     names : sequence of str, optional
         Of the poses.
     """

@@ -136,7 +136,6 @@ class Part(ParameterBlock):
 
     Parameters
     ----------
-    whole : ParameterBlock
     names : sequence of str
         Those that stay free, in the order of the block.
     """

@@ -215,10 +215,8 @@ class ToolFrame(OnTool):
     ----------
     T_tip_tool : array_like (4, 4)
         Nominal pose in the tip frame [m].
-    label : str
     free : sequence of str
         Of x, y, z, rx, ry, rz; all by default.
-    prior_m, prior_rad : float, optional
     """
 
     def __init__(
@@ -239,10 +237,8 @@ class ToolPoints(OnTool):
     ----------
     positions_m : array_like (K, 3)
         Nominal places [m] in tip axes.
-    labels : sequence of str
     free : str
         Axes of the tip frame along which they are to be identified, a part of ``"xyz"``.
-    prior_m : float, optional
     """
 
     def __init__(
@@ -396,10 +392,8 @@ class TargetFrame(AroundArm):
     ----------
     T_base_target : array_like (4, 4)
         Nominal pose in the base frame [m].
-    label : str
     free : sequence of str
         Of x, y, z, rx, ry, rz; all by default.
-    prior_m, prior_rad : float, optional
     """
 
     def __init__(
@@ -422,7 +416,6 @@ class TargetPlane(AroundArm):
         A point of the nominal plane in the base frame [m].
     normal : array_like (3,)
         Normal in the base frame, of any length.
-    label : str
     free : bool
         Whether it is to be identified.
     """

@@ -21,7 +21,6 @@ class Payload:
 
     Attributes
     ----------
-    mass_kg : float
     com_m : array (3,)
         Centre of mass in the tip frame [m].
     """

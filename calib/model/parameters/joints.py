@@ -28,8 +28,6 @@ class JointErrors(ParameterBlock):
     ----------
     joints : sequence of int
         Index of the joint that each parameter turns.
-    names : sequence of str
-    unit : str
     prior : float or array, optional
         Standard deviation known before measuring, about the nominal value [SI]; of all or of each.
     """
@@ -86,7 +84,6 @@ class ZeroOffsets(JointErrors):
 
     Parameters
     ----------
-    robot : Robot
     joints : sequence of str
         Names of the joints with an unknown offset.
     prior_rad : float, optional
@@ -109,8 +106,6 @@ class JointScale(JointErrors):
 
     Parameters
     ----------
-    robot : Robot
-    joints : sequence of str
     prior : float, optional
         Standard deviation known before measuring [rad/rad].
     """
@@ -136,8 +131,6 @@ class JointHarmonics(JointErrors):
 
     Parameters
     ----------
-    robot : Robot
-    joints : sequence of str
     harmonics : sequence of float
         The h, waves in a turn of the joint.
     prior_rad : float, optional
@@ -241,7 +234,6 @@ class LostMotion(JointErrors):
     ----------
     robot : Robot
         With link masses.
-    joints : sequence of str
     torque_nm : array_like
         T of each joint, or of all [Nm]: of the size of the friction in the reducer.
     payload : Payload or sequence of them, optional

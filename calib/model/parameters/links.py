@@ -31,7 +31,6 @@ class LinkGeometry(ParameterBlock):
 
     Parameters
     ----------
-    robot : Robot
     freed : sequence of str, optional
         Names of parameters to free, such as ``link.joint_2.x``; all six of all joints by default.
     prior_m, prior_rad : float, optional

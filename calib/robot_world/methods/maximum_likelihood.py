@@ -79,7 +79,6 @@ def with_estimated_noise(
 
     Parameters
     ----------
-    pairs : PairSets
     X, Z : ndarray (T, 4, 4)
         Where to start.
     weights : ndarray (T, N), optional
@@ -90,7 +89,6 @@ def with_estimated_noise(
 
     Returns
     -------
-    Fit
     ndarray (2, T)
         Standard deviations of rotation [rad] and translation [m].
     """

@@ -290,7 +290,6 @@ def read_shapes(data: bytes, largest: int) -> Shapes:
 
     Parameters
     ----------
-    data : bytes
     largest : int
         How many characters of numbers the shapes may have, counted once for each use of them.
 

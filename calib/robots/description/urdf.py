@@ -49,7 +49,6 @@ class Description:
         Where the files lie that it may name.
     packages : Packages
         Those that it may name.
-    notices : tuple of str
     """
 
     text: bytes
@@ -118,7 +117,6 @@ def read_description(
 
     Parameters
     ----------
-    path : Path
     packages : iterable of Path
         Folders to search for the packages that it names, before those of the environment (see
         :mod:`calib.robots.description.packages`).

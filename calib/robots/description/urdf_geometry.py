@@ -44,7 +44,6 @@ def read_collision_shapes(
 
     Parameters
     ----------
-    root : Element
     path : Path
         The file, to which file names in it are relative.
     folders : sequence of Path

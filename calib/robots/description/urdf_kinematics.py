@@ -39,7 +39,6 @@ class Kinematics:
 
     Attributes
     ----------
-    root : Element
     notices : dict of str to str
         By joint: what was read otherwise than it stands in the file.
     flaws : dict of str to RobotModelError

@@ -47,7 +47,6 @@ def expand_xacro(
 
     Parameters
     ----------
-    path : Path
     most_bytes : int
         Largest size of each file read and of the outcome.
     search : sequence of Path

@@ -295,7 +295,6 @@ def evaluate(
 
     Parameters
     ----------
-    text : str
     symbols : mapping
         Values by name; a name space is a mapping in it.
     functions : mapping

@@ -257,7 +257,6 @@ def move_near(
 
     Parameters
     ----------
-    chain : SerialChain
     q : array (S, n)
         Starts [rad]; they need not take their poses.
     T_wanted : array (S, 4, 4)

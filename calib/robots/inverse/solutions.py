@@ -3,7 +3,7 @@
 What solvers have in common: their interface and their answer. Six-axis arms are solved in closed
 form (:mod:`calib.robots.inverse.closed_form`), seven-axis arms by closed forms along their
 redundant joint (:mod:`calib.robots.inverse.redundant`), and what has no closed form by damped
-iteration (:mod:`calib.robots.inverse.iterative`).
+iteration (:mod:`calib.robots.inverse.solutions`).
 """
 
 from __future__ import annotations

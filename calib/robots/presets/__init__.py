@@ -30,12 +30,10 @@ class Preset:
 
     Attributes
     ----------
-    name, title, source, confidence : str
     missing : tuple of str
         What the source does not say.
     controller : str
         Maker of the controller, a key of ``calib.robots.POSITIVE_AXES``.
-    payload_kg : float
     repeatability_mm, arm_mass_kg : float or None
         As the maker's catalogue has them; None where not known.
     tip : str
@@ -50,7 +48,6 @@ class Preset:
         The links as capsules and boxes.
     shape_fit : str
         How the shapes were found, and how far off they may be.
-    coupled_limits : tuple of CoupledLimit
     """
 
     name: str

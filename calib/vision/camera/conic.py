@@ -44,8 +44,6 @@ def circle_image(camera: Camera, diameter_m: float, T_camera_target: FloatArray)
 
     Parameters
     ----------
-    camera : Camera
-    diameter_m : float
     T_camera_target : ndarray (..., 4, 4)
 
     Returns
@@ -127,7 +125,6 @@ def fit_ellipse(
     start : ndarray (..., 5), optional
         Ellipse to start from. Unless given, mean and scatter of the points, which must then lie
         evenly about the whole of it.
-    steps : int
 
     Returns
     -------
@@ -281,8 +278,6 @@ def circle_center_bias(
 
     Parameters
     ----------
-    camera : Camera
-    diameter_m : float
     T_camera_target : ndarray (..., 4, 4)
     """
     ellipse = circle_image(camera, diameter_m, T_camera_target)
@@ -299,8 +294,6 @@ def circle_poses(
 
     Parameters
     ----------
-    camera : Camera
-    diameter_m : float
     ellipse : ndarray (..., 5)
         [px], as :mod:`calib.vision.camera.conic` writes it.
 
@@ -343,8 +336,6 @@ def circle_center(
 
     Parameters
     ----------
-    camera : Camera
-    diameter_m : float
     ellipse : ndarray (..., 5)
         Measured [px].
     normal : array_like (..., 3)

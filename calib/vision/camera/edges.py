@@ -279,8 +279,6 @@ def find_candidates(
     Parameters
     ----------
     image : ndarray (height, width) of uint8
-    dark : bool
-    smallest_px : float
 
     Returns
     -------

@@ -24,7 +24,6 @@ class PinholeCamera:
 
     Attributes
     ----------
-    width_px, height_px : int
     focal_px : float
         Focal length in pixels; the optical axis meets the image in its middle.
     """
@@ -81,7 +80,6 @@ class Camera(PinholeCamera):
 
     Attributes
     ----------
-    width_px, height_px : int
     focal_px : float
         Focal length in pixels across the image.
     focal_y_px : float, optional

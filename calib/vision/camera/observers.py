@@ -148,9 +148,6 @@ class ImageObserver:
 
     Attributes
     ----------
-    camera : Camera
-    target : CircleTarget
-    imaging : Imaging
     beside : tuple of (CircleTarget, array (4, 4))
         Other targets in the picture, each with its pose in the frame of the target.
     """
@@ -199,8 +196,6 @@ class FastObserver:
 
     Attributes
     ----------
-    camera : Camera
-    target : CircleTarget
     noise : MeasurementNoise
         That of images: :func:`noise_from_images`.
     """
@@ -269,8 +264,6 @@ def make_observer(
     Parameters
     ----------
     kind : {"image", "fast"}
-    camera : Camera
-    target : CircleTarget
     imaging : Imaging, optional
         For ``"image"``.
     noise : MeasurementNoise
@@ -309,14 +302,10 @@ def noise_from_images(
 
     Parameters
     ----------
-    camera : Camera
-    target : CircleTarget
     T_camera_target : ndarray (4, 4)
         Pose that the noise is wanted for.
-    imaging : Imaging
     trials : int
         Images. The standard deviations are good to ``1 / sqrt(2 trials)`` of themselves.
-    rng : numpy.random.Generator
 
     Raises
     ------

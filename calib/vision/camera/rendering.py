@@ -32,7 +32,6 @@ class Occluder:
     ----------
     corners_px : tuple of (x, y)
         Corners of the polygon [px].
-    reflectance : float
     """
 
     corners_px: tuple[tuple[float, float], ...]
@@ -45,7 +44,6 @@ class Glare:
 
     Attributes
     ----------
-    center_px : tuple of two floats
     sigma_px : float
         Standard deviation of the blob.
     peak_grey : float
@@ -75,8 +73,6 @@ class Imaging:
         Relative change of the light from the left edge to the right one, and from top to bottom.
     vignetting : float
         Relative loss of light in the corners; it grows with the square of the distance.
-    occluders : tuple of Occluder
-    glares : tuple of Glare
     """
 
     blur_px: float = 1.0
@@ -105,11 +101,9 @@ def render(
 
     Parameters
     ----------
-    camera : Camera
     scene : sequence of (CircleTarget, array (4, 4))
         Targets with ``T_camera_target`` [m], the later in front of the earlier. A target that
         shows its back or lies behind the lens is not drawn.
-    imaging : Imaging
     rng : numpy.random.Generator
         Of the noise.
 

@@ -55,7 +55,6 @@ class TargetPose:
         Rms of the coordinates' residuals.
     status : {"ok", "ambiguous", "no pose"}
         ``"ambiguous"``: a second pose, the face turned the other way, fits as well.
-    message : str
     """
 
     T_camera_target: FloatArray
@@ -85,7 +84,6 @@ def pose_from_points(
 
     Parameters
     ----------
-    camera : Camera
     points_m : ndarray (K, 3)
         In the target frame, with z = 0: :meth:`CircleTarget.corners`.
     pixels : ndarray (K, 2)
@@ -230,7 +228,6 @@ def pose_from_image(
 
     Parameters
     ----------
-    camera : Camera
     target : CircleTarget
         With a cross: a circle alone does not tell how it is turned.
     image : ndarray (height, width) of uint8

@@ -97,7 +97,6 @@ class TrueCell:
     T_tip_camera : array (4, 4)
     T_base_target : array (4, 4) or (S, 4, 4)
         One for all arms, or one for each.
-    lost_motion : LostMotion
     payload : Payload or None
         Whose weight lays joints to a side.
     vibration_m : float
@@ -123,11 +122,8 @@ class SimulatedArms:
 
     Parameters
     ----------
-    cell : TrueCell
     observer : Observer
         Of its camera and target: through images, or without.
-    count : int
-    rng : numpy.random.Generator
     q : array (n,), optional
         Where all arms stand at first [rad]; the middle of the limits by default.
     """
@@ -299,7 +295,6 @@ class OneArm:
 
     Parameters
     ----------
-    robot : RobotAdapter
     dark : bool
         Whether the target's circle is darker than the plate about it.
     """

@@ -82,7 +82,6 @@ class Drive:
     ----------
     robot : Robot
         Nominal: what the controller knows.
-    arms : Arms
     approach_rad : float
         Every stop is reached by a last movement of this angle in all joints, always in the
         positive sense, so that backlash and friction leave the joints on the same side; 0 for
@@ -302,7 +301,6 @@ def check_shown(
 
     Parameters
     ----------
-    robot : Robot
     asked : array (n,)
         The posture [rad].
     shown : array (n,)

@@ -101,7 +101,6 @@ class ImageJacobian:
     ----------
     matrix : array (3, 3)
         By x, y, z of the tip [px/m]; rows V, H and size, as :meth:`Relation.error` has them.
-    relation : Relation
     """
 
     matrix: FloatArray
@@ -196,7 +195,6 @@ def measure_jacobian(
     drive : Drive
         Of one arm, which ends where it began.
     q : array (n,)
-    relation : Relation
     step_m : float
         Length of the moves [m].
     both_ways : bool

@@ -127,11 +127,8 @@ def touch_up(
 
     Parameters
     ----------
-    drive : Drive
     q : array (S, n)
         Where the arms are sent first: one posture for each.
-    jacobian : ImageJacobian
-    loop : Loop
     bias : callable, optional
         Taken off V, H and s: :class:`~calib.vision.touch_up.sighting.TiltBias`. The paper does
         without.

@@ -169,9 +169,7 @@ def find_set_up(
 
     Parameters
     ----------
-    station : Station
     q : array (n,)
-    loop : Loop
     widest : float
         Largest turn about the target [rad]; about the line of sight it is twice that.
     size_px : float, optional

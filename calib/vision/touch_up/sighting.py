@@ -27,7 +27,6 @@ class SetUp:
 
     Attributes
     ----------
-    jacobian : ImageJacobian
     tool_m : array (3,)
         Virtual pin tip in the tip frame [m].
     target_m : array (3,)
@@ -66,7 +65,6 @@ class NoSetUp:
 
     Attributes
     ----------
-    reason : str
     hint : str
         What to do about it.
     """
@@ -145,7 +143,6 @@ class Sighting:
 
     Attributes
     ----------
-    jacobian : ImageJacobian
     q : array (n,)
         Of the first touch-up [rad].
     ellipse : array (5,)

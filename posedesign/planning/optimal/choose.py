@@ -16,12 +16,17 @@ from calib.errors import CalibError, InputError
 from calib.identification import check_identifiable
 from calib.model import CalibrationModel
 from calib.se3 import FloatArray, IntArray
-from posedesign.candidates import Pool, away_from_singularities, functions_over_box, pool_of
-from posedesign.candidates.of_cell import with_kept
+from posedesign.candidates import (
+    CandidatePoses,
+    away_from_singularities,
+    candidates_of,
+    functions_over_box,
+)
+from posedesign.candidates.building import with_kept
 from posedesign.cell import Cell
 from posedesign.motion import Router
 from posedesign.motion.route import Route
-from posedesign.planning.loop import check_base_pose, regressor
+from posedesign.planning.loop import check_base_pose, identification_jacobian
 from posedesign.planning.optimal.refinement import (
     SCENARIOS,
     blocks_of_robots,
@@ -29,7 +34,7 @@ from posedesign.planning.optimal.refinement import (
     refine,
     robustness,
 )
-from posedesign.planning.optimal.request import IN_MM, Accuracy, Request, accuracy_of, goal_of
+from posedesign.planning.optimal.request import IN_MM, Accuracy, Request, accuracy_of, objective_of
 from posedesign.planning.optimal.result import OptimalPlan
 from posedesign.planning.pose_plan import PoseSet
 from posedesign.selection import (
@@ -59,14 +64,31 @@ ALIKE_RAD = (0.0, 0.2, 0.4, 0.6)
 it: none at first, then more and more of them, for a pool may have hundreds of such."""
 
 
+Advance = Callable[[str, float], None]
+
+PART_OF_PLAN = 0.01
+"""Part of the plan's information that is taken for known. Without any, fewer validation poses than
+parameters could not be judged; with all, nothing that they tell would count."""
+
+CANDIDATES = 300
+"""Draws of the pool that a choice is compared with: a tenth of the usual ones, in a tenth of a
+second. On the reference cell and a KR 6 the best out of them was 12 % worse than out of all."""
+
+NOTICEABLE = 0.9
+"""Part of the predicted error below which a choice is worth a word."""
+
+
 def refined_with_way(
-    router: Router, chosen: Pool, refine: Callable[[Pool], Pool], *, in_doubt: bool
-) -> tuple[Pool, Route]:
+    router: Router,
+    chosen: CandidatePoses,
+    refine: Callable[[CandidatePoses], CandidatePoses],
+    *,
+    in_doubt: bool,
+) -> tuple[CandidatePoses, Route]:
     """Poses refined as far as a clear way leads to them then, and the way.
 
-    ``in_doubt``: look for the way through the poses as they are first: refinement takes long.
-    Returns Pool: those that were given where no way leads through them either; the route then says
-    to which. ``Route``.
+    ``in_doubt``: look for the way through the poses as they are first: refinement takes long. Those
+    that were given come back where no way leads through them either; the route then says to which.
     """
     if in_doubt:
         plain = router.route(chosen.postures)
@@ -90,8 +112,8 @@ def refined_with_way(
 
 
 def without_unreached(
-    router: Router, pool: Pool, lost: IntArray, attempt: int, kept: int = 0
-) -> Pool:
+    router: Router, pool: CandidatePoses, lost: IntArray, attempt: int, kept: int = 0
+) -> CandidatePoses:
     """The pool without postures that no clear way leads to, and those that may share their fate.
 
     At first those like them, in the end all that no way is known to lead to.
@@ -107,7 +129,9 @@ def without_unreached(
     return pool.take(keep)
 
 
-def without_alike(pool: Pool, lost: IntArray, attempt: int, kept: int = 0) -> Pool:
+def without_alike(
+    pool: CandidatePoses, lost: IntArray, attempt: int, kept: int = 0
+) -> CandidatePoses:
     """The pool without some postures and those like them; see :func:`without_unreached`."""
     apart = np.abs(pool.postures[:, None] - pool.postures[lost]).max(axis=2).min(axis=1)
     keep = apart > ALIKE_RAD[min(attempt, len(ALIKE_RAD) - 1)]
@@ -117,10 +141,7 @@ def without_alike(pool: Pool, lost: IntArray, attempt: int, kept: int = 0) -> Po
 
 
 def reached_of(router: Router, postures: FloatArray, route: Route) -> tuple[IntArray, Route]:
-    """Rows of postures ``(N, n)`` [rad] that a clear way leads to, and the route through them.
-
-    ``postures`` (N, n). ``route``: through all of them, as far as there is one.
-    """
+    """Rows of postures ``(N, n)`` [rad] that a clear way leads to, and the route through them."""
     rows = np.arange(len(postures))
     while route.lost:
         rows = np.delete(rows, list(route.lost))
@@ -135,9 +156,6 @@ def no_clear_way(why: str) -> InputError:
         hint="move the base posture to the side of the target that has room, or what is in the way",
         name="base_pose",
     )
-
-
-Advance = Callable[[str, float], None]
 
 
 def _silent(what: str, part: float) -> None:
@@ -208,8 +226,8 @@ class _Planning:
         self._model = cell.model()
         check_base_pose(cell)  # what is wrong with it is wrong with the task box about it, too
         self._box, self._box_words = functions_over_box(cell, self._model)
-        self._goal = goal_of(request, self._model, self._box)
-        if self._goal.weighted and not cell.config.measurement.weighted:
+        self._objective = objective_of(request, self._model, self._box)
+        if self._objective.weighted and not cell.config.measurement.weighted:
             raise InputError(
                 "what an unweighted estimate needs cannot be chosen pose by pose",
                 hint="set measurement.weighted = true",
@@ -221,7 +239,7 @@ class _Planning:
     def run(self) -> OptimalPlan:
         """Pool, choice, refinement, way."""
         self._advance("looking for postures", 0.0)
-        pool = with_kept(self._cell, pool_of(self._cell), self._kept)
+        pool = with_kept(self._cell, candidates_of(self._cell), self._kept)
         self._check_pool(pool)
         whole = len(pool)
         for attempt in range(ATTEMPTS):
@@ -247,8 +265,8 @@ class _Planning:
         return replace(plan, left_out=whole - len(pool), left_out_for=self._why)
 
     def _others_than(
-        self, pool: Pool, selection: Selection, route: Route, attempt: int
-    ) -> Pool | None:
+        self, pool: CandidatePoses, selection: Selection, route: Route, attempt: int
+    ) -> CandidatePoses | None:
         """The pool without poses that no clear way leads to; None where too few would be left."""
         lost = selection.indices[list(route.lost)]
         others = without_unreached(self._router, pool, lost, attempt, len(self._kept))
@@ -260,12 +278,12 @@ class _Planning:
         self._kept = np.delete(self._kept, of_own, axis=0)
         return others
 
-    def _refined(self, chosen: Pool) -> Pool:
+    def _refined(self, chosen: CandidatePoses) -> CandidatePoses:
         """Those that are kept are the first of the pool, and so of the choice."""
         fixed = len(self._kept)
-        return refine(self._cell, self._model, self._goal, chosen, fixed=fixed)
+        return refine(self._cell, self._model, self._objective, chosen, fixed=fixed)
 
-    def _check_pool(self, pool: Pool) -> None:
+    def _check_pool(self, pool: CandidatePoses) -> None:
         """Refuse what this pool cannot give, before anything is chosen."""
         white = pool.white(self._model)
         names, nuisance = self._model.names, self._model.nuisance
@@ -282,12 +300,12 @@ class _Planning:
                 name="validation",
             )
 
-    def _choose(self, pool: Pool, *, first: bool) -> tuple[Selection, Fewest | None]:
+    def _choose(self, pool: CandidatePoses, *, first: bool) -> tuple[Selection, Fewest | None]:
         """The best of the pool; what the whole of it cannot give is refused at the first choice."""
-        goal, request = self._goal, self._request
+        objective, request = self._objective, self._request
         blocks, criterion = self._blocks_and_criterion(pool)
         if request.count is None:
-            limit = 1.0 if goal.limit is None else goal.limit
+            limit = 1.0 if objective.limit is None else objective.limit
             fewest = select_fewest(
                 blocks, criterion, limit, names=self._model.names, keep=range(len(self._kept))
             )
@@ -299,7 +317,7 @@ class _Planning:
                 criterion,
                 request.method,
                 names=self._model.names,
-                threshold=goal.limit if first else None,
+                threshold=objective.limit if first else None,
                 keep=range(len(self._kept)),
             )
         except InputError as error:
@@ -319,23 +337,23 @@ class _Planning:
             bound=error.bound,
         )
 
-    def _blocks_and_criterion(self, pool: Pool) -> tuple[FloatArray, Criterion]:
+    def _blocks_and_criterion(self, pool: CandidatePoses) -> tuple[FloatArray, Criterion]:
         """Of the robot as described, or of several as it may be."""
-        goal, robust = self._goal, self._request.robust
+        objective, robust = self._objective, self._request.robust
         if robust == "none":
-            return goal.blocks(pool.linearise(self._model)), goal.criterion
+            return objective.blocks(pool.linearise(self._model)), objective.criterion
         rng = np.random.default_rng(SCENARIOS)
         drawn = draw_parameters(self._cell, self._model, SCENARIOS, rng)
-        blocks = blocks_of_robots(self._model, goal, pool, drawn)
+        blocks = blocks_of_robots(self._model, objective, pool, drawn)
         stacked = np.moveaxis(blocks, 0, 1).reshape(len(pool), -1, self._model.p)
-        return stacked, over_scenarios(goal.criterion, SCENARIOS, worst=robust == "worst")
+        return stacked, over_scenarios(objective.criterion, SCENARIOS, worst=robust == "worst")
 
     def _result(
         self,
-        pool: Pool,
+        pool: CandidatePoses,
         selection: Selection,
         fewest: Fewest | None,
-        chosen: Pool,
+        chosen: CandidatePoses,
         route: Route | None,
     ) -> OptimalPlan:
         as_they_were, dropped = pool.take(selection.indices), list(self._dropped)
@@ -347,16 +365,19 @@ class _Planning:
             if len(rows) * self._model.measurement.rows < self._model.p:
                 raise no_clear_way(dropped[-1])
         linear = chosen.linearise(self._model)
-        blocks, white = regressor(linear), linear.white_jacobian
+        blocks, white = identification_jacobian(linear), linear.white_jacobian
         of_pool = accuracy = self._accuracy(as_they_were)
         if not np.array_equal(chosen.postures, as_they_were.postures):
             accuracy = self._accuracy(chosen)
         if fewest is None and not np.isfinite(accuracy.sigma).all():
-            self._refuse_too_few(white)
+            count, m, p = white.shape
+            if count * m < p:
+                self._refuse_few(count, m)
+            check_identifiable(white.reshape(-1, p), self._model.names, self._model.nuisance)
         self._advance("one pose more or fewer", 0.8)
         plan = OptimalPlan(
             request=self._request,
-            goal=self._goal,
+            objective=self._objective,
             selection=selection,
             fewest=fewest,
             poses=as_pose_set(chosen).and_dropped(dropped),
@@ -372,7 +393,7 @@ class _Planning:
             box_words=self._box_words,
             robustness=None
             if route is None or self._cell.is_hand_eye
-            else robustness(self._cell, self._model, self._goal, chosen),
+            else robustness(self._cell, self._model, self._objective, chosen),
             not_checked=self._cell.not_checked,
         )
         if route is None or not self._request.validation:
@@ -381,7 +402,9 @@ class _Planning:
         left = pool.take(np.setdiff1d(np.arange(len(pool)), selection.indices))
         return self._with_validation(plan, left, white)
 
-    def _with_validation(self, plan: OptimalPlan, left: Pool, white: FloatArray) -> OptimalPlan:
+    def _with_validation(
+        self, plan: OptimalPlan, left: CandidatePoses, white: FloatArray
+    ) -> OptimalPlan:
         """The plan with poses for validation out of what is left, and the way through them."""
         count, why = self._request.validation, self._why
         for attempt in range(ATTEMPTS):
@@ -389,7 +412,9 @@ class _Planning:
                 nothing = as_pose_set(left).and_dropped([why] * count)
                 return replace(plan, validation=replace(nothing, letter="V"))
             few = min(count, len(left))
-            indices = choose_validation(self._model, left, white, self._box, few)
+            known = np.sqrt(PART_OF_PLAN) * white.reshape(-1, self._model.p)
+            told, criterion = left.white(self._model), mean_deviation(self._box)
+            indices = select(told, few, criterion, known=known, starts=1, bound=False).indices
             found = left.take(indices)
             route = self._router.route(found.postures)
             if not route.lost:
@@ -401,13 +426,6 @@ class _Planning:
         poses = as_pose_set(found.take(rows)).and_dropped(dropped)
         return replace(plan, validation=replace(poses, letter="V"), validation_route=route)
 
-    def _refuse_too_few(self, white: FloatArray) -> None:
-        """Say which parameters the chosen poses leave open."""
-        count, m, p = white.shape
-        if count * m < p:
-            self._refuse_few(count, m)
-        check_identifiable(white.reshape(-1, p), self._model.names, self._model.nuisance)
-
     def _refuse_few(self, count: int, m: int) -> None:
         p = self._model.p
         raise InputError(
@@ -416,12 +434,12 @@ class _Planning:
             name="poses",
         )
 
-    def _accuracy(self, chosen: Pool) -> Accuracy:
+    def _accuracy(self, chosen: CandidatePoses) -> Accuracy:
         """What poses promise, from their blocks."""
-        return accuracy_of(self._model, self._goal, self._box, chosen.linearise(self._model))
+        return accuracy_of(self._model, self._objective, self._box, chosen.linearise(self._model))
 
     def _others(
-        self, pool: Pool, selection: Selection, fewest: Fewest | None
+        self, pool: CandidatePoses, selection: Selection, fewest: Fewest | None
     ) -> tuple[Accuracy, ...]:
         """What the best choices of one pose fewer and one more promise."""
         found = []
@@ -439,43 +457,9 @@ class _Planning:
         return tuple(found)
 
 
-def as_pose_set(pool: Pool) -> PoseSet:
+def as_pose_set(pool: CandidatePoses) -> PoseSet:
     """The postures of a pool as poses of a plan."""
     return PoseSet.of_chosen(pool.postures, pool.orientations)
-
-
-PART_OF_PLAN = 0.01
-"""Part of the plan's information that is taken for known. Without any, fewer validation poses than
-parameters could not be judged; with all, nothing that they tell would count."""
-
-
-def choose_validation(
-    model: CalibrationModel, left: Pool, plan: FloatArray, box: FloatArray, count: int
-) -> IntArray:
-    """Choose poses for validation out of what a plan left.
-
-    ``left``: candidates that are not in the plan. ``plan`` (N, m, p): whitened Jacobians of the
-    plan. ``box`` (K, 3, p): how the tool point moves with the parameters over the task box. Returns
-    ndarray of int (count,): rows of what is left. Raises InputError: too few poses are left.
-    """
-    if count > len(left):
-        raise InputError(
-            f"{count} poses for validation, and {len(left)} are left in the pool",
-            hint="ask for fewer, or raise pool.candidates",
-            name="validation",
-        )
-    known = np.sqrt(PART_OF_PLAN) * plan.reshape(-1, model.p)
-    white = left.white(model)
-    found = select(white, count, mean_deviation(box), known=known, starts=1, bound=False)
-    return found.indices
-
-
-CANDIDATES = 300
-"""Draws of the pool that a choice is compared with: a tenth of the usual ones, in a tenth of a
-second. On the reference cell and a KR 6 the best out of them was 12 % worse than out of all."""
-
-NOTICEABLE = 0.9
-"""Part of the predicted error below which a choice is worth a word."""
 
 
 @dataclass(frozen=True)
@@ -501,21 +485,18 @@ class Outlook:
 
 
 def outlook_of(cell: Cell, model: CalibrationModel, postures: FloatArray) -> Outlook:
-    """Predict what postures ``(N, n)`` [rad] are worth, and what chosen ones would be.
-
-    ``model``: what is identified. ``postures`` (N, n).
-    """
+    """Predict what postures ``(N, n)`` [rad] are worth, and what chosen ones would be."""
     box, words = functions_over_box(cell, model)
     count = len(postures)
-    goal = goal_of(Request(count=count), model, box)
-    own = accuracy_of(model, goal, box, model.linearise(postures))
+    objective = objective_of(Request(count=count), model, box)
+    own = accuracy_of(model, objective, box, model.linearise(postures))
     if not cell.config.measurement.weighted:  # such an estimate cannot be chosen for pose by pose
         return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
     pool_section = cell.config.pool.model_copy(update={"candidates": CANDIDATES})
     smaller = replace(cell, config=cell.config.model_copy(update={"pool": pool_section}))
     try:
-        linear = pool_of(away_from_singularities(smaller)).linearise(model)
-        found = select(goal.blocks(linear), count, goal.criterion, starts=1, bound=False)
+        linear = candidates_of(away_from_singularities(smaller)).linearise(model)
+        found = select(objective.blocks(linear), count, objective.criterion, starts=1, bound=False)
     except CalibError:  # no pool, or too small a one: there is nothing to compare with
         return Outlook(own.tcp_m, own.tcp_worst_m, None, words)
     return Outlook(own.tcp_m, own.tcp_worst_m, found.value / IN_MM, words)

@@ -18,9 +18,9 @@ import numpy as np
 
 from calib.model import CalibrationModel, touch
 from calib.se3 import FloatArray, IntArray
-from posedesign.candidates import Pool, feasible, local_poses
+from posedesign.candidates import CandidatePoses, feasible, local_poses
 from posedesign.cell import Cell
-from posedesign.planning.optimal.request import Goal
+from posedesign.planning.optimal.request import PlanObjective
 from posedesign.selection import Candidates
 from posedesign.selection.information import InformationState
 
@@ -37,6 +37,21 @@ times as long as a plain one. Whether more of them would choose otherwise was no
 
 TRIALS = 50
 """Robots that a choice is tried on."""
+
+DOWN_RAD = (0.2, 0.1, 0.05, 0.02, 0.01, 0.003)
+"""Turns down the gradient that are offered."""
+
+ALONG_RAD = (0.1, 0.02)
+"""Turns about the axes of the tool, both ways."""
+
+PROBE_RAD = 1e-4
+"""Turn by which the gradient is found, by central differences."""
+
+MOST_SWEEPS = 30
+"""Sweeps over all poses."""
+
+ENOUGH = 1e-4
+"""Relative gain of a sweep below which no other follows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +82,7 @@ def draw_parameters(
 
 
 def blocks_of_robots(
-    model: CalibrationModel, goal: Goal, pool: Pool, parameters: FloatArray
+    model: CalibrationModel, objective: PlanObjective, pool: CandidatePoses, parameters: FloatArray
 ) -> FloatArray:
     """Blocks ``(S, N, m, p)`` of postures, as robots with parameters ``(S, p)`` take them.
 
@@ -77,20 +92,25 @@ def blocks_of_robots(
     blocks = []
     for x in parameters:
         q, miss = touch(model, pool.postures, x, setup)
-        found = goal.blocks(model.linearise(q, x, setup))
+        found = objective.blocks(model.linearise(q, x, setup))
         found[~(miss < TOUCHED_M)] = 0.0
         blocks.append(found)
     return np.array(blocks)
 
 
-def robustness(cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool) -> Robustness:
+def robustness(
+    cell: Cell, model: CalibrationModel, objective: PlanObjective, chosen: CandidatePoses
+) -> Robustness:
     """Try a choice on robots that are not as described."""
     rng = np.random.default_rng(TRIALS)  # fixed, and others than those that poses are chosen for
     drawn = draw_parameters(cell, model, TRIALS + 1, rng)
     costs = np.array(
-        [goal.cost_of_blocks(each) for each in blocks_of_robots(model, goal, chosen, drawn)]
+        [
+            objective.cost_of_blocks(each)
+            for each in blocks_of_robots(model, objective, chosen, drawn)
+        ]
     )
-    shown = goal.criterion.shown
+    shown = objective.criterion.shown
     return Robustness(
         shown(float(costs[0])),
         shown(float(np.median(costs[1:]))),
@@ -99,33 +119,21 @@ def robustness(cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool) ->
     )
 
 
-DOWN_RAD = (0.2, 0.1, 0.05, 0.02, 0.01, 0.003)
-"""Turns down the gradient that are offered."""
-
-ALONG_RAD = (0.1, 0.02)
-"""Turns about the axes of the tool, both ways."""
-
-PROBE_RAD = 1e-4
-"""Turn by which the gradient is found, by central differences."""
-
-MOST_SWEEPS = 30
-"""Sweeps over all poses."""
-
-ENOUGH = 1e-4
-"""Relative gain of a sweep below which no other follows."""
-
-
 def refine(
-    cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool, *, fixed: int = 0
-) -> Pool:
+    cell: Cell,
+    model: CalibrationModel,
+    objective: PlanObjective,
+    chosen: CandidatePoses,
+    *,
+    fixed: int = 0,
+) -> CandidatePoses:
     """Turn the tool at chosen poses for as long as the criterion gets better.
 
     Tilts against the base pose stay within the widest of the poses given.
 
-    ``fixed``: how many of the first poses stay as they are. Returns Pool: as many postures, in the
-    same order, each on the branch of the arm that it was on.
+    The first ``fixed`` poses stay as they are; all stay on the branch of the arm that they are on.
     """
-    search = _Refinement(cell, model, goal, chosen, fixed)
+    search = _Refinement(cell, model, objective, chosen, fixed)
     cost = search.cost()
     for _ in range(MOST_SWEEPS):
         search.sweep()
@@ -140,10 +148,15 @@ class _Refinement:
     """The poses as they are, and what is offered to each."""
 
     def __init__(
-        self, cell: Cell, model: CalibrationModel, goal: Goal, chosen: Pool, fixed: int
+        self,
+        cell: Cell,
+        model: CalibrationModel,
+        objective: PlanObjective,
+        chosen: CandidatePoses,
+        fixed: int,
     ) -> None:
         self._fixed = fixed
-        self._cell, self._model, self._goal = cell, model, goal
+        self._cell, self._model, self._objective = cell, model, objective
         self.pool = chosen
         # where the target is met already, its own place does not gather rounding
         self._place = cell.robot.state(chosen.postures).point(cell.tool_m)
@@ -155,11 +168,10 @@ class _Refinement:
 
     def cost(self) -> float:
         """Of the poses as they are."""
-        pool = Candidates(self._blocks(self.pool))
-        return self._goal.criterion.on(pool).cost(np.arange(pool.N))
+        return self._objective.cost_of_blocks(self._blocks(self.pool))
 
-    def _blocks(self, pool: Pool) -> FloatArray:
-        return self._goal.blocks(pool.linearise(self._model))
+    def _blocks(self, pool: CandidatePoses) -> FloatArray:
+        return self._objective.blocks(pool.linearise(self._model))
 
     def sweep(self) -> None:
         """Offer every pose its turns, once."""
@@ -179,7 +191,7 @@ class _Refinement:
         if len(row):
             self._take_best(offered, owner[row])
 
-    def _turned(self, owner: IntArray, turns: FloatArray) -> tuple[Pool, IntArray]:
+    def _turned(self, owner: IntArray, turns: FloatArray) -> tuple[CandidatePoses, IntArray]:
         """The pool of those turned poses that can be taken, and which they are."""
         start = self.pool.take(owner)
         q = local_poses(self._cell, start.postures, turns, self._place[owner])
@@ -190,7 +202,7 @@ class _Refinement:
         good = feasible(self._cell, q[found], at, start.targets_m)
         row = found[good]
         R = self._cell.robot.fk(q[row])[:, :3, :3]
-        return _with(start.take(row), q[row], R), row
+        return replace(start.take(row), postures=q[row], orientations=R), row
 
     def _slopes(self) -> FloatArray:
         """Derivative ``(n, 3)`` of the logarithm of the cost by turns of each tool."""
@@ -200,7 +212,7 @@ class _Refinement:
         start = self.pool.take(owner)
         q = local_poses(self._cell, start.postures, np.tile(probes, (n, 1)), self._place[owner])
         q = np.where(np.isfinite(q).all(axis=1, keepdims=True), q, start.postures)
-        moved = self._blocks(_with(start, q, start.orientations))
+        moved = self._blocks(replace(start, postures=q))
         costs = np.log(self._costs_in_place(moved, owner)).reshape(n, 2, 3)
         slopes = (costs[:, 0] - costs[:, 1]) / (2.0 * PROBE_RAD)
         return np.where(np.isfinite(slopes), slopes, 0.0)
@@ -209,7 +221,7 @@ class _Refinement:
         """Cost of the set with each block in the place of its owner."""
         n = len(self.pool)
         candidates = Candidates(np.concatenate([self._blocks(self.pool), blocks]))
-        objective = self._goal.criterion.on(candidates)
+        objective = self._objective.criterion.on(candidates)
         state = InformationState(candidates, np.arange(n), n)
         out = np.empty(len(owner))
         for k in range(n):
@@ -219,10 +231,10 @@ class _Refinement:
             state.take(k)
         return out
 
-    def _take_best(self, offered: Pool, owner: IntArray) -> None:
+    def _take_best(self, offered: CandidatePoses, owner: IntArray) -> None:
         n = len(self.pool)
         candidates = Candidates(np.concatenate([self._blocks(self.pool), self._blocks(offered)]))
-        objective = self._goal.criterion.on(candidates)
+        objective = self._objective.criterion.on(candidates)
         state = InformationState(candidates, np.arange(n), n)
         q, R = self.pool.postures.copy(), self.pool.orientations.copy()
         for k in range(n):
@@ -233,8 +245,4 @@ class _Refinement:
             state.take(best)
             if best != k:
                 q[k], R[k] = offered.postures[best - n], offered.orientations[best - n]
-        self.pool = _with(self.pool, q, R)
-
-
-def _with(pool: Pool, q: FloatArray, R: FloatArray) -> Pool:
-    return replace(pool, postures=q, orientations=R)
+        self.pool = replace(self.pool, postures=q, orientations=R)

@@ -13,7 +13,7 @@ from calib.model import CalibrationModel, Linearisation
 from calib.model.parameters import Unit
 from calib.se3 import FloatArray
 from posedesign.files import LARGEST_NUMBER, LEAST_POSITIVE, usable
-from posedesign.planning.loop import regressor
+from posedesign.planning.loop import identification_jacobian
 from posedesign.planning.pose_plan import displayed
 from posedesign.selection import (
     CRITERIA,
@@ -29,7 +29,7 @@ from posedesign.selection import (
 
 TCP, TCP_WORST, SIGMA = "tcp", "tcp-worst", "sigma"
 
-GOALS = {
+OBJECTIVES = {
     TCP: "rms error of the tool point, in the mean over the task box (I-optimality)",
     TCP_WORST: "the same where it is largest (G-optimality)",
     f"{SIGMA}:NAME": "standard deviation of one parameter, such as sigma:zero_offset.joint_2",
@@ -43,9 +43,21 @@ IN_MM = 1e3
 _BY_REGRESSOR = ("C_G", "cond_2")
 _BY_NUISANCE = ("D", "A", "E")
 
+MOST_POSES = 1000
+"""More than a thousand touch-ups is a slip of the keyboard."""
+
+USUAL_POSES = 27
+"""As many as the grid of Watanabe et al. 2006 has."""
+
+ROBUST = ("none", "average", "worst")
+
+_LENGTH = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(mm|um|µm|m)?\s*", re.IGNORECASE)
+
+_IN_M = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
+
 
 @dataclass(frozen=True, eq=False)
-class Goal:
+class PlanObjective:
     """What is to be reached, and on which blocks.
 
     ``limit``: value to be reached, as the criterion is shown. ``unit``: of values as they are
@@ -60,9 +72,9 @@ class Goal:
         """Blocks ``(N, m, p)`` that the criterion is of."""
         name = self.criterion.name
         if name in _BY_REGRESSOR:
-            return regressor(linear)
+            return identification_jacobian(linear)
         white = linear.white_jacobian
-        return PER_MRAD_AND_MM * white if self._by_mrad_and_mm else white
+        return PER_MRAD_AND_MM * white if name in CRITERIA else white
 
     def value_of(self, linear: Linearisation) -> float:
         """The criterion of a set of poses, as it is shown."""
@@ -72,10 +84,6 @@ class Goal:
         """The cost of a set of poses, of their blocks ``(N, m, p)``."""
         pool = Candidates(blocks)
         return self.criterion.on(pool).cost(np.arange(pool.N))
-
-    @property
-    def _by_mrad_and_mm(self) -> bool:
-        return self.criterion.name in CRITERIA and self.criterion.name not in _BY_REGRESSOR
 
     def words(self, value: float) -> str:
         """A value as people read it."""
@@ -100,46 +108,46 @@ class Goal:
         return self.criterion.name not in _BY_REGRESSOR
 
 
-def goal_of(request: Request, model: CalibrationModel, box: FloatArray) -> Goal:
-    """The goal of a request.
+def objective_of(request: Request, model: CalibrationModel, box: FloatArray) -> PlanObjective:
+    """The objective of a request.
 
     ``box`` (K, 3, p): how the tool point moves with the parameters over the task box. Raises
     InputError: no such criterion or parameter, or a request that does not go with it.
     """
     if request.wants_sigma:
         wanted = _wanted(model, request.sigma_m, request.sigma_rad)
-        return Goal(wanted_deviations(wanted, model.p), 1.0)
+        return PlanObjective(wanted_deviations(wanted, model.p), 1.0)
     if request.accuracy_m is not None:
-        return Goal(_tcp_worst(box), IN_MM * request.accuracy_m, "mm")
+        return PlanObjective(_tcp_worst(box), IN_MM * request.accuracy_m, "mm")
     return replace(_by_name(request, model, box), limit=request.threshold)
 
 
-def _by_name(request: Request, model: CalibrationModel, box: FloatArray) -> Goal:
+def _by_name(request: Request, model: CalibrationModel, box: FloatArray) -> PlanObjective:
     name = request.criterion.strip()
     key = name.lower()
     if key == TCP:
-        return Goal(mean_deviation(IN_MM * box, TCP, GOALS[TCP]), None, "mm")
+        return PlanObjective(mean_deviation(IN_MM * box, TCP, OBJECTIVES[TCP]), None, "mm")
     if key == TCP_WORST:
-        return Goal(_tcp_worst(box), None, "mm")
+        return PlanObjective(_tcp_worst(box), None, "mm")
     if key.partition(":")[0] == SIGMA:
         return _one_parameter(name.partition(":")[2].strip(), model)
-    known = [criterion for criterion in CRITERIA if criterion.lower() == key]
-    if not known:
+    known = next((criterion for criterion in CRITERIA if criterion.lower() == key), None)
+    if known is None:
         raise InputError(
             f"there is no criterion {name[:40]!r}",
-            hint=near_names(name, list(GOALS)),
+            hint=near_names(name, list(OBJECTIVES)),
             name="criterion",
         )
     robot = np.flatnonzero(~model.nuisance)
-    interest = robot.tolist() if known[0] in _BY_NUISANCE and 0 < len(robot) < model.p else None
-    return Goal(criterion_by_name(known[0], model.p, request.count or 1, interest))
+    interest = robot.tolist() if known in _BY_NUISANCE and 0 < len(robot) < model.p else None
+    return PlanObjective(criterion_by_name(known, model.p, request.count or 1, interest))
 
 
 def _tcp_worst(box: FloatArray) -> Criterion:
-    return largest_deviation(IN_MM * box, TCP_WORST, GOALS[TCP_WORST])
+    return largest_deviation(IN_MM * box, TCP_WORST, OBJECTIVES[TCP_WORST])
 
 
-def _one_parameter(name: str, model: CalibrationModel) -> Goal:
+def _one_parameter(name: str, model: CalibrationModel) -> PlanObjective:
     if not name:
         raise InputError(
             f"{SIGMA} is the standard deviation of one parameter, and none is named",
@@ -156,7 +164,7 @@ def _one_parameter(name: str, model: CalibrationModel) -> Goal:
     row = np.zeros((1, 1, model.p))
     _, unit, row[0, 0, k] = displayed(model, np.ones(model.p))[k]
     title = f"standard deviation of {name}"
-    return Goal(mean_deviation(row, f"{SIGMA}:{name}", title), None, unit)
+    return PlanObjective(mean_deviation(row, f"{SIGMA}:{name}", title), None, unit)
 
 
 def _wanted(model: CalibrationModel, sigma_m: float | None, sigma_rad: float | None) -> FloatArray:
@@ -190,18 +198,18 @@ class Accuracy:
 
 
 def accuracy_of(
-    model: CalibrationModel, goal: Goal, box: FloatArray, linear: Linearisation
+    model: CalibrationModel, objective: PlanObjective, box: FloatArray, linear: Linearisation
 ) -> Accuracy:
     """What postures promise: parameters, criterion, tool point over the box ``(K, 3, p)``."""
     count = len(linear.white_jacobian)
     covariance = _covariance(linear.white_jacobian, model)
     if covariance is None:
         unknown = np.full(model.p, np.inf)
-        return Accuracy(count, goal.criterion.shown(np.inf), unknown, np.inf, np.inf)
+        return Accuracy(count, objective.criterion.shown(np.inf), unknown, np.inf, np.inf)
     squares = np.einsum("krp,pq,krq->k", box, covariance, box, optimize=True)
     return Accuracy(
         count,
-        goal.value_of(linear),
+        objective.value_of(linear),
         np.sqrt(np.diag(covariance)),
         float(np.sqrt(squares.mean())),
         float(np.sqrt(squares.max())),
@@ -222,30 +230,18 @@ def _covariance(white: FloatArray, model: CalibrationModel) -> FloatArray | None
     return np.asarray(R @ R.T)
 
 
-MOST_POSES = 1000
-"""More than a thousand touch-ups is a slip of the keyboard."""
-
-USUAL_POSES = 27
-"""As many as the grid of Watanabe et al. 2006 has."""
-
-ROBUST = ("none", "average", "worst")
-
-_LENGTH = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(mm|um|µm|m)?\s*", re.IGNORECASE)
-_IN_M = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
-
-
 @dataclass(frozen=True)
 class Request:
     """What is wanted.
 
     ``method``: of :data:`posedesign.selection.METHODS`. ``count``: poses; None: the fewest that
-    reach what is wanted. ``criterion``: of :data:`posedesign.planning.optimal.request.GOALS`, or
-    ``sigma:NAME`` for one parameter. ``accuracy_m``: largest root mean square error of the tool
-    point over the task box [m]. ``sigma_m``, ``sigma_rad``: largest standard deviation of each
-    parameter that is a length, and of each that is an angle. ``threshold``: value of the criterion
-    to be reached. ``validation``: poses to choose besides, for a test. ``refine``: turn the tool at
-    the chosen poses, off the pool, for as long as that helps. ``robust``: ``"none"``: choose for
-    the robot as described; ``"average"``, ``"worst"``: for what is known of it before measuring.
+    reach what is wanted. ``criterion``: of :data:`OBJECTIVES`, or ``sigma:NAME`` for one parameter.
+    ``accuracy_m``: largest root mean square error of the tool point over the task box [m].
+    ``sigma_m``, ``sigma_rad``: largest standard deviation of each parameter that is a length, and
+    of each that is an angle. ``threshold``: value of the criterion to be reached. ``validation``:
+    poses to choose besides, for a test. ``refine``: turn the tool at the chosen poses, off the
+    pool, for as long as that helps. ``robust``: ``"none"``: choose for the robot as described;
+    ``"average"``, ``"worst"``: for what is known of it before measuring.
     """
 
     method: str = "exchange"
@@ -369,8 +365,11 @@ def request_of_words(
     asked = [name for name, value in given.items() if value is not None]
     if method is None and not asked:
         return None
-    method = None if method is None else method.strip().lower()
-    _check_method(method)
+    method, every = None if method is None else method.strip().lower(), ["wpr", *METHODS]
+    if method is not None and method not in every:
+        raise InputError(
+            f"there is no method {method[:40]!r}", hint=near_names(method, every), name="method"
+        )
     if method == "wpr":
         if asked:
             raise InputError(
@@ -379,16 +378,9 @@ def request_of_words(
                 name=asked[0],
             )
         return None
-    wants = [
-        name
-        for name, value in (
-            ("--criterion", criterion),
-            ("--target-accuracy", target_accuracy),
-            ("--wanted-sigma-mm", sigma_mm),
-            ("--wanted-sigma-deg", sigma_deg if sigma_mm is None else None),
-        )
-        if value is not None
-    ]
+    alone = ["--criterion", "--target-accuracy", "--wanted-sigma-mm"]
+    alone += ["--wanted-sigma-deg"] * (sigma_mm is None)
+    wants = [name for name in alone if given[name] is not None]
     if len(wants) > 1:
         raise InputError(
             f"{wants[0]} and {wants[1]} are two things to choose by", hint="give one", name="plan"
@@ -415,11 +407,3 @@ def request_of_words(
         refine=count is not None and robust == "none" if refine is None else refine,
         robust=robust.strip().lower(),
     )
-
-
-def _check_method(method: str | None) -> None:
-    every = ["wpr", *METHODS]
-    if method is not None and method not in every:
-        raise InputError(
-            f"there is no method {method[:40]!r}", hint=near_names(method, every), name="method"
-        )

@@ -11,19 +11,18 @@ from calib.model import CalibrationModel
 from calib.se3 import FloatArray
 from posedesign.motion.route import Route
 from posedesign.planning.optimal.refinement import SCENARIOS, Robustness
-from posedesign.planning.optimal.request import TCP, TCP_WORST, Accuracy, Goal, Request
+from posedesign.planning.optimal.request import TCP, TCP_WORST, Accuracy, PlanObjective, Request
 from posedesign.planning.pose_plan import (
+    Planned,
     PoseSet,
     displayed,
-    fingerprint,
-    named_stops,
     not_checked_words,
 )
 from posedesign.selection import Fewest, Indices, Selection
 
 
 @dataclass(frozen=True, eq=False)
-class OptimalPlan:
+class OptimalPlan(Planned):
     """Poses chosen out of a pool, and the way through them.
 
     ``selection``: of the postures of the pool. ``fewest``: where the number of poses was left open.
@@ -40,7 +39,7 @@ class OptimalPlan:
     """
 
     request: Request
-    goal: Goal
+    objective: PlanObjective
     selection: Selection
     fewest: Fewest | None
     poses: PoseSet
@@ -76,27 +75,11 @@ class OptimalPlan:
         return (*self.poses.dropped, *of_validation)
 
     def _is_within(self, value: float) -> bool:
-        limit = self.goal.limit
+        limit = self.objective.limit
         if limit is None:
             return bool(np.isfinite(self.accuracy.sigma).all())
-        cost = self.goal.criterion.cost_of
+        cost = self.objective.criterion.cost_of
         return bool(cost(value) <= cost(limit) * (1.0 + 1e-9))
-
-    @property
-    def postures(self) -> FloatArray:
-        """Postures ``(N, n)`` [rad] to measure at, in the order of the route."""
-        order = slice(None) if self.route is None else self.route.order
-        return np.asarray(self.poses.kept[order])
-
-    @property
-    def stops(self) -> list[tuple[str, FloatArray, bool]]:
-        """Name, posture ``(n,)`` [rad], and whether it is passed only, of every stop in order."""
-        return [] if self.route is None else named_stops(self.poses, self.route)
-
-    @property
-    def fingerprint(self) -> str:
-        """Short digest of the postures in their order, as of a plan."""
-        return fingerprint(self.postures)
 
     @property
     def is_refined(self) -> bool:
@@ -118,8 +101,8 @@ class OptimalPlan:
         if tried is not None:
             said.append(
                 f"tried on {tried.trials} robots as far from the description as may be: "
-                f"{self.goal.words(tried.median)} in the median, {self.goal.words(tried.worst)} "
-                "at worst"
+                f"{self.objective.words(tried.median)} in the median, "
+                f"{self.objective.words(tried.worst)} at worst"
             )
         if self.selection.duplicates:
             said.append(
@@ -148,7 +131,7 @@ class OptimalPlan:
         )
         return (
             f"proven: no {found.count} poses of the pool{over} are {side} "
-            f"{self.goal.words(found.bound)}"
+            f"{self.objective.words(found.bound)}"
             + f" (efficiency {found.efficiency:.3f})"
             * (found.count == self.accuracy.poses)
         )
@@ -159,10 +142,10 @@ class OptimalPlan:
         if self.fewest is not None:
             said = self._fewest_words(self.fewest)
         else:
-            said = f"{len(self.poses.kept)} poses, {self.goal.words(self.accuracy.value)}"
+            said = f"{len(self.poses.kept)} poses, {self.objective.words(self.accuracy.value)}"
             if self.request.robust != "none":
                 said += (
-                    f" as described, {self.goal.words(self.selection.value)} in the "
+                    f" as described, {self.objective.words(self.selection.value)} in the "
                     f"{self.request.robust} of {SCENARIOS} robots"
                 )
             if self.decides:
@@ -171,36 +154,39 @@ class OptimalPlan:
                 # the proof is of the pool: what was turned off it may be below the bound
                 said += (
                     ", turned off the pool, which the proof does not cover; chosen out of it: "
-                    f"{self.goal.words(self.of_pool.value)}, {self.bound_words}"
+                    f"{self.objective.words(self.of_pool.value)}, {self.bound_words}"
                 )
             else:
                 said += f"; {self.bound_words}"
-            if not self.reached and self.goal.limit is not None:
+            if not self.reached and self.objective.limit is not None:
                 said = f"not reached: {said}"
                 if not self.request.wants_sigma:
-                    said += f"; {self.goal.amount(self.goal.limit)} is wanted"
+                    said += f"; {self.objective.amount(self.objective.limit)} is wanted"
         if self.dropped:
             said += f"; {len(self.dropped)} pose(s) dropped: {self.dropped[0]}"
         return said + not_checked_words(self.not_checked)
 
     def _fewest_words(self, fewest: Fewest) -> str:
         count = fewest.selection.count
-        value = self.goal.words(fewest.selection.value)
+        value = self.objective.words(fewest.selection.value)
         decides = f" ({self.decides} decides)" * bool(self.decides)
         wanted = (
-            "" if self.request.wants_sigma else f", {self.goal.amount(fewest.wanted)} is wanted"
+            ""
+            if self.request.wants_sigma
+            else f", {self.objective.amount(fewest.wanted)} is wanted"
         )
         if not fewest.reached:
             every = f"all {count} poses of the pool give"
             if not fewest.selection.criterion.falls_with_poses:
                 every = "the best found in the pool is"
+            times = f": each would have to be measured {fewest.times} times" * bool(fewest.times)
             return (
-                f"out of reach: {every} {value}{wanted}{decides}{_times(fewest)}; or widen the "
+                f"out of reach: {every} {value}{wanted}{decides}{times}; or widen the "
                 "pool ([pool] and variations.largest_deg), or make room around the base pose"
             )
         said = f"{count} poses reach {value}{wanted}{decides}"
         if fewest.fewer is not None:
-            less = self.goal.amount(fewest.fewer.value)
+            less = self.objective.amount(fewest.fewer.value)
             said += f"; {fewest.fewer.count} were found to reach {less} only"
         if fewest.at_least >= count:
             return said + "; proven: fewer cannot"
@@ -242,7 +228,7 @@ class OptimalPlan:
         if self.is_refined:
             labelled.append((f"{self.accuracy.poses}, refined", self.accuracy))
         # one of the columns that are there anyway may be the criterion
-        own = () if self.goal.criterion.name in (TCP, TCP_WORST) else (self.goal.title,)
+        own = () if self.objective.criterion.name in (TCP, TCP_WORST) else (self.objective.title,)
         return [
             {
                 "poses": label,
@@ -252,15 +238,6 @@ class OptimalPlan:
             }
             for label, a in labelled
         ]
-
-
-def _times(fewest: Fewest) -> str:
-    """How often all poses would have to be measured: variances fall with the number."""
-    criterion = fewest.selection.criterion
-    if not criterion.falls_with_poses or not np.isfinite(fewest.selection.value):
-        return ""
-    ratio = criterion.cost_of(fewest.selection.value) / criterion.cost_of(fewest.wanted)
-    return f": each would have to be measured {int(np.ceil(ratio))} times"
 
 
 def _or_none(value: float) -> float | None:
@@ -278,7 +255,7 @@ class NextPoses:
     each further pose. ``accuracy_m``: error at which to stop.
     """
 
-    goal: Goal
+    objective: PlanObjective
     measured: int
     identified: IdentificationResult | None
     why_not: str

@@ -13,13 +13,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.errors import CalibError, ConvergenceError, InputError, NotIdentifiableError
+from calib.errors import ConvergenceError, InputError, NotIdentifiableError
 from calib.identification import IdentificationResult, identify
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
 from calib.model.parameters import TargetPoints, Unit
 from calib.se3 import FloatArray, IntArray
-from posedesign.candidates import Pool, away_from_singularities, functions_over_box, pool_of
+from posedesign.candidates import (
+    away_from_singularities,
+    candidates_of,
+    functions_over_box,
+)
 from posedesign.cell import Cell
 from posedesign.motion import Router
 from posedesign.motion.route import Route
@@ -30,7 +34,7 @@ from posedesign.planning.optimal.choose import (
     reached_of,
     without_unreached,
 )
-from posedesign.planning.optimal.request import Goal, Request, goal_of
+from posedesign.planning.optimal.request import PlanObjective, Request, objective_of
 from posedesign.planning.optimal.result import NextPoses
 from posedesign.planning.pose_plan import PoseSet
 from posedesign.selection import select
@@ -104,11 +108,13 @@ def plan_next(
     if identified is None:
         before = np.diag([1.0 / BEFORE_MEASURING[unit] for unit in model.units])
     box, box_words = functions_over_box(cell, model)
-    goal = goal_of(Request(count=count, criterion=criterion), model, box)
-    poses, route, errors = _Choice(cell, model, goal, box, x).make(measured, before, count)
-    noise = _noise_scale(identified)
+    objective = objective_of(Request(count=count, criterion=criterion), model, box)
+    poses, route, errors = _choose(cell, objective, box, x, measured, before, count)
+    noise = 1.0  # what the residuals say of the noise given, where there are enough of them
+    if identified is not None and identified.degrees_of_freedom >= ENOUGH_TO_JUDGE:
+        noise = identified.noise_scale if identified.chance < BELIEVABLE_CHANCE else 1.0
     return NextPoses(
-        goal,
+        objective,
         len(data.postures),
         identified,
         why_not,
@@ -122,57 +128,47 @@ def plan_next(
     )
 
 
-class _Choice:
-    """The choice of further poses, at parameters ``x``."""
+def _choose(
+    cell: Cell,
+    objective: PlanObjective,
+    box: FloatArray,
+    x: FloatArray,
+    measured: Linearisation,
+    before: FloatArray,
+    count: int,
+) -> tuple[PoseSet, Route, FloatArray]:
+    """Poses, the one that gains most first; the motions; errors ``(k + 1,)`` [m].
 
-    def __init__(
-        self, cell: Cell, model: CalibrationModel, goal: Goal, box: FloatArray, x: FloatArray
-    ) -> None:
-        self._cell, self._model, self._goal, self._box, self._x = cell, model, goal, box, x
-
-    def make(
-        self, measured: Linearisation, before: FloatArray, count: int
-    ) -> tuple[PoseSet, Route, FloatArray]:
-        """Poses, the one that gains most first; the way through them; errors ``(k + 1,)`` [m].
-
-        Poses that cannot be had are dropped. ``before`` are rows of what is known beforehand.
-        """
-        known = np.vstack([measured.white_jacobian.reshape(-1, self._model.p), before])
-        pool = pool_of(away_from_singularities(self._cell))
-        router = Router.of_cell(self._cell)
-        why = ""
-        for attempt in range(ATTEMPTS):
-            few = min(count, len(pool)) if attempt else count
-            rows, white = self._rows(pool, measured, before, few)
-            rows = _best_first(white, rows, known, self._box)
-            route = router.route(pool.postures[rows])
-            if not route.lost:
-                break
-            why = next(iter(route.lost.values()))
-            others = without_unreached(router, pool, rows[list(route.lost)], attempt)
-            if attempt == ATTEMPTS - 1 or not len(others):
-                break
-            pool = others
-        dropped = [*route.lost.values(), *[why] * (count - len(rows))]
-        reached, route = reached_of(router, pool.postures[rows], route)
-        if not len(reached):
-            raise no_clear_way(why)
-        rows = rows[reached]
-        poses = as_pose_set(pool.take(rows)).and_dropped(dropped)
-        return poses, route, _errors(white[rows], known, self._box)
-
-    def _rows(
-        self, pool: Pool, measured: Linearisation, before: FloatArray, count: int
-    ) -> tuple[IntArray, FloatArray]:
-        """Rows of the best of a pool, and its whitened blocks."""
-        linear = self._model.linearise(pool.postures, self._x, pool.setup(self._model))
-        blocks, white = self._goal.blocks(linear), linear.white_jacobian
+    Poses that cannot be had are dropped. ``before`` are rows of what is known beforehand.
+    """
+    model = measured.model
+    known = np.vstack([measured.white_jacobian.reshape(-1, model.p), before])
+    pool = candidates_of(away_from_singularities(cell))
+    router, why = Router.of_cell(cell), ""
+    for attempt in range(ATTEMPTS):
+        few = min(count, len(pool)) if attempt else count
+        linear = model.linearise(pool.postures, x, pool.setup(model))
+        blocks, white = objective.blocks(linear), linear.white_jacobian
         # what was known before measuring, in the rows that the criterion is of
         scale = np.sqrt((blocks**2).sum() / (white**2).sum())
-        known = np.vstack([self._goal.blocks(measured).reshape(-1, self._model.p), scale * before])
-        criterion = self._goal.criterion
-        found = select(blocks, count, criterion, known=known, starts=1, bound=False)
-        return found.indices, white
+        there = np.vstack([objective.blocks(measured).reshape(-1, model.p), scale * before])
+        found = select(blocks, few, objective.criterion, known=there, starts=1, bound=False)
+        rows = _best_first(white, found.indices, known, box)
+        route = router.route(pool.postures[rows])
+        if not route.lost:
+            break
+        why = next(iter(route.lost.values()))
+        others = without_unreached(router, pool, rows[list(route.lost)], attempt)
+        if attempt == ATTEMPTS - 1 or not len(others):
+            break
+        pool = others
+    dropped = [*route.lost.values(), *[why] * (count - len(rows))]
+    reached, route = reached_of(router, pool.postures[rows], route)
+    if not len(reached):
+        raise no_clear_way(why)
+    rows = rows[reached]
+    poses = as_pose_set(pool.take(rows)).and_dropped(dropped)
+    return poses, route, _errors(white[rows], known, box)
 
 
 def _last_number(names: Sequence[str]) -> int:
@@ -201,18 +197,8 @@ def _identified(
             model, data, method=section.method, loss=section.loss_given or "least-squares"
         ), ""
     except (InputError, NotIdentifiableError, ConvergenceError) as error:
-        return None, _first_words(error)
-
-
-def _first_words(error: CalibError) -> str:
-    return error.message if len(error.message) < 200 else error.message[:197] + "..."
-
-
-def _noise_scale(identified: IdentificationResult | None) -> float:
-    """What the residuals say of the noise given, where there are enough of them."""
-    if identified is None or identified.degrees_of_freedom < ENOUGH_TO_JUDGE:
-        return 1.0
-    return identified.noise_scale if identified.chance < BELIEVABLE_CHANCE else 1.0
+        long = len(error.message) >= 200
+        return None, error.message[:197] + "..." if long else error.message
 
 
 def _best_first(blocks: FloatArray, rows: IntArray, known: FloatArray, box: FloatArray) -> IntArray:

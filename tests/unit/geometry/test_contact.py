@@ -80,7 +80,7 @@ def test_no_safety_distance_is_no_leave_to_touch(straight_arm, body, tool, part)
 
     verdicts = Checker(Free(), [collision]).check(q)
     np.testing.assert_array_equal(verdicts.feasible, [False, False, True, True])
-    assert verdicts.says(0) == "tool and part run 200 mm into each other"
+    assert verdicts.reason(0) == "tool and part run 200 mm into each other"
     through = MotionChecker((collision,), np.inf).check(q[2:3], q[3:4])
     assert not through.clear[0]
     assert "tool" in through.reasons[0]

@@ -8,7 +8,7 @@ import pytest
 from calib.errors import FileFormatError
 from calib.robots import CoupledLimit, Robot
 from calib.se3 import rotation_exp
-from posedesign.candidates.draws import no_pose
+from posedesign.candidates.postures import no_pose
 from posedesign.cell import Cell, touching_poses
 from posedesign.constraints import (
     Checker,
@@ -20,7 +20,7 @@ from posedesign.constraints import (
     Tilt,
     nearest_postures,
 )
-from posedesign.constraints.joints import CoupledLimits, JointLimits, Singularity
+from posedesign.constraints.checker import CoupledLimits, JointLimits, Singularity
 from posedesign.constraints.visibility import LineOfSight
 
 
@@ -46,7 +46,7 @@ def only(cell: Cell, kind: type[Constraint]) -> Constraint:
 
 
 @pytest.mark.parametrize(
-    ("q", "room", "says"),
+    ("q", "margin", "reason"),
     [
         ([0, 15, -25, 0, -50, 0], 61.0, "J2 15.0 deg, upper bound 76.0 deg"),
         ([0, 75, -25, 0, -50, 0], 1.0, "J2 75.0 deg, upper bound 76.0 deg"),
@@ -54,12 +54,12 @@ def only(cell: Cell, kind: type[Constraint]) -> Constraint:
         ([0, 15, -25, 0, -131.2, 0], -6.2, "J5 -131.2 deg is below -125.0 deg"),
     ],
 )
-def test_joint_limits(reference_cell, q, room, says):
+def test_joint_limits(reference_cell, q, margin, reason):
     verdicts = Checker(reference_cell.robot).check(np.deg2rad([q]))
-    assert np.rad2deg(verdicts.room[0, 0]) == pytest.approx(room)
+    assert np.rad2deg(verdicts.margin[0, 0]) == pytest.approx(margin)
     limits = verdicts.constraints[0]
-    assert limits.says(verdicts.arm, 0, verdicts.room[0, 0], verdicts.which[0, 0]) == says
-    assert verdicts.feasible[0] == (room >= 0)
+    assert limits.reason(verdicts.arm, 0, verdicts.margin[0, 0], verdicts.which[0, 0]) == reason
+    assert verdicts.feasible[0] == (margin >= 0)
 
 
 def test_a_margin_moves_every_bound(reference_cell):
@@ -67,7 +67,7 @@ def test_a_margin_moves_every_bound(reference_cell):
     q = np.deg2rad([[0.0, 75.5, -25.0, 0.0, -50.0, 0.0]])
     verdicts = Checker(robot, margin=np.deg2rad(1.0)).check(q)
     assert not verdicts.feasible[0]
-    assert verdicts.says(0) == "J2 75.5 deg is above 75.0 deg (1 deg inside the limit)"
+    assert verdicts.reason(0) == "J2 75.5 deg is above 75.0 deg (1 deg inside the limit)"
 
 
 def test_coupled_limits():
@@ -82,14 +82,14 @@ def test_coupled_limits():
     verdicts = checker.check(q)
     k = [isinstance(c, CoupledLimits) for c in verdicts.constraints].index(True)
     # -40: 20 from the lower bound; -65: 5 beyond it; 39: 1 from the upper; less the margin
-    np.testing.assert_allclose(np.rad2deg(verdicts.room[:, k]), [18.0, -7.0, -1.0])
+    np.testing.assert_allclose(np.rad2deg(verdicts.margin[:, k]), [18.0, -7.0, -1.0])
     assert verdicts.feasible.tolist() == [True, False, False]
-    assert verdicts.says(1) == "J3 to the horizontal -65.0 deg is below -60.0 deg"
-    assert verdicts.says(2) == (
+    assert verdicts.reason(1) == "J3 to the horizontal -65.0 deg is below -60.0 deg"
+    assert verdicts.reason(2) == (
         "J3 to the horizontal 39.0 deg is above 38.0 deg (2 deg inside the limit)"
     )
-    assert verdicts.remedy(1) == ""  # no margin would help
-    assert verdicts.remedy(2) == "lower plan.limit_margin_deg"
+    assert verdicts.hint(1) == ""  # no margin would help
+    assert verdicts.hint(2) == "lower plan.limit_margin_deg"
 
 
 def test_coupled_limits_of_the_cell(make_cell):
@@ -104,7 +104,7 @@ def test_coupled_limits_of_the_cell(make_cell):
     names = [limit.name for limit in cell.robot.coupled_limits]
     assert names == ["J3 to the horizontal", "J2 with J3"]
     verdicts = cell.checker.check(np.deg2rad([[0.0, 5.0, -26.0, 0.0, -50.0, 0.0]]))
-    assert verdicts.says(0) == "J2 with J3 -21.0 deg is below -20.0 deg"
+    assert verdicts.reason(0) == "J2 with J3 -21.0 deg is below -20.0 deg"
     with pytest.raises(FileFormatError, match="the base pose is outside the limits: J2 with J3"):
         make_cell(robot={"coupled_limit": [{**given, "lower_deg": -9.0}]})
     alone = make_cell(robot={"coupled_limit": [given], "keep_coupled_limits": False})
@@ -116,10 +116,10 @@ def test_singular_value_against_an_svd_of_pinocchio(reference_cell):
     pin = pytest.importorskip("pinocchio")
     robot = reference_cell.robot
     q = np.random.default_rng(1).uniform(robot.lower, robot.upper, (20, 6))
-    room, _ = Singularity(0.0).room(Situation(robot.chain, q))
+    margin, _ = Singularity(0.0).margin(Situation(robot.chain, q))
     data = robot.model.createData()
     frame = robot.model.getFrameId(robot.tip_frame)
-    for posture, value in zip(q, room, strict=True):
+    for posture, value in zip(q, margin, strict=True):
         J = pin.computeFrameJacobian(
             robot.model, data, posture, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
@@ -132,7 +132,7 @@ def test_a_straight_wrist_is_singular(make_cell):
     q = np.deg2rad([[0.0, 15.0, -25.0, 0.0, 0.0, 0.0], [0.0, 15.0, -25.0, 0.0, -50.0, 0.0]])
     verdicts = cell.checker.check(q)
     assert verdicts.feasible.tolist() == [False, True]
-    assert verdicts.says(0) == "smallest singular value 0.000, bound 0.02"
+    assert verdicts.reason(0) == "smallest singular value 0.000, bound 0.02"
 
 
 # what the camera sees
@@ -147,21 +147,21 @@ def seeing(make_demo_cell) -> Cell:
 def test_tilt_is_the_angle_that_the_tool_is_turned_by(seeing, degrees):
     """The target faces the camera of the base pose, which looks along the tool."""
     arm = turned(seeing, "y", degrees)
-    room, _ = only(seeing, Tilt).room(arm)
-    assert np.rad2deg(room[0]) == pytest.approx(70.0 - degrees, abs=1e-6)
+    margin, _ = only(seeing, Tilt).margin(arm)
+    assert np.rad2deg(margin[0]) == pytest.approx(70.0 - degrees, abs=1e-6)
 
 
 def test_tilt_beyond_its_bound(seeing):
     verdicts = seeing.checker.check(turned(seeing, "y", 75.0).q)
     assert not verdicts.feasible[0]
-    assert verdicts.says(0) == "target seen at a tilt of 75.0 deg, largest allowed 70 deg"
+    assert verdicts.reason(0) == "target seen at a tilt of 75.0 deg, largest allowed 70 deg"
 
 
 def test_the_normal_of_the_target_may_be_given(make_demo_cell):
     slanted = [np.sin(np.deg2rad(30.0)), 0.0, np.cos(np.deg2rad(30.0))]
     cell = make_demo_cell(target={"normal": slanted})
-    room, _ = only(cell, Tilt).room(situation(cell, [0, 15, -25, 0, -50, 0]))
-    assert np.rad2deg(room[0]) == pytest.approx(40.0, abs=1e-6)
+    margin, _ = only(cell, Tilt).margin(situation(cell, [0, 15, -25, 0, -50, 0]))
+    assert np.rad2deg(margin[0]) == pytest.approx(40.0, abs=1e-6)
 
 
 def test_the_default_normal_faces_the_camera_of_the_base_pose(make_demo_cell):
@@ -175,36 +175,36 @@ def test_the_rolled_target_stays_in_the_middle(seeing):
 
     10 mm at 250 mm with 1800 px: 72 px, and the corners of the octagon about it a little farther.
     """
-    room, _ = only(seeing, InImage).room(turned(seeing, "z", 37.0))
+    margin, _ = only(seeing, InImage).margin(turned(seeing, "z", 37.0))
     reach_px = 1800.0 * 10.0 / 250.0
-    assert 482.0 - reach_px / np.cos(np.pi / 8) - 1e-9 <= room[0] <= 482.0 - reach_px + 1e-9
+    assert 482.0 - reach_px / np.cos(np.pi / 8) - 1e-9 <= margin[0] <= 482.0 - reach_px + 1e-9
 
 
 def test_target_outside_the_image(make_demo_cell):
     """A lens turned by 15 deg sees the target 1800 tan(15) = 482 px off the middle."""
     cell = make_demo_cell(camera={"wpr_deg": [15.0, 0.0, 0.0]}, target={"radius_mm": 0.0})
-    room, _ = only(cell, InImage).room(situation(cell, [0, 15, -25, 0, -50, 0]))
-    assert room[0] == pytest.approx(512.0 - 1800.0 * np.tan(np.deg2rad(15.0)) - 30.0)
+    margin, _ = only(cell, InImage).margin(situation(cell, [0, 15, -25, 0, -50, 0]))
+    assert margin[0] == pytest.approx(512.0 - 1800.0 * np.tan(np.deg2rad(15.0)) - 30.0)
     away = make_demo_cell(camera={"wpr_deg": [170.0, 0.0, 0.0]})
     verdicts = away.checker.check(away.base_posture[None])
-    assert verdicts.says(0) == "the camera looks away from the target, by 170 deg"
+    assert verdicts.reason(0) == "the camera looks away from the target, by 170 deg"
 
 
 @pytest.mark.parametrize(
-    ("nearest", "farthest", "room", "says"),
+    ("nearest", "farthest", "margin", "reason"),
     [
         (100.0, 700.0, 150.0, "target 250 mm from the camera, nearest allowed 100 mm"),
         (260.0, 700.0, -10.0, "target 250 mm from the camera, nearest allowed 260 mm"),
         (100.0, 240.0, -10.0, "target 250 mm from the camera, farthest allowed 240 mm"),
     ],
 )
-def test_distance(make_demo_cell, nearest, farthest, room, says):
+def test_distance(make_demo_cell, nearest, farthest, margin, reason):
     cell = make_demo_cell(camera={"nearest_mm": nearest, "farthest_mm": farthest})
     arm = situation(cell, [0, 15, -25, 0, -50, 0])
     distance = only(cell, Distance)
-    found, which = distance.room(arm)
-    assert 1e3 * found[0] == pytest.approx(room, abs=1e-6)
-    assert distance.says(arm, 0, found[0], which[0]) == says
+    found, which = distance.margin(arm)
+    assert 1e3 * found[0] == pytest.approx(margin, abs=1e-6)
+    assert distance.reason(arm, 0, found[0], which[0]) == reason
 
 
 def test_something_in_the_line_of_sight(make_demo_cell):
@@ -213,7 +213,7 @@ def test_something_in_the_line_of_sight(make_demo_cell):
     cell = make_demo_cell(obstacle=[post], constraints={"collisions": False})
     verdicts = cell.checker.check(cell.base_posture[None])
     assert not verdicts.feasible[0]
-    assert verdicts.says(0) == "post stands between camera and target"
+    assert verdicts.reason(0) == "post stands between camera and target"
     beside = make_demo_cell(
         obstacle=[{**post, "at_mm": [x + 20.0, y, z + 60.0]}], constraints={"collisions": False}
     )
@@ -232,17 +232,17 @@ def test_a_clamp_over_the_rim_blocks_the_view(make_demo_cell, beside_mm, seen):
     straight = cell.checker.check(cell.base_posture[None])
     assert straight.feasible[0] == seen
     if not seen:
-        assert straight.says(0) == "clamp stands between camera and target"
+        assert straight.reason(0) == "clamp stands between camera and target"
 
 
 def test_the_tool_itself_may_block_the_view(make_demo_cell):
     tool = {"name": "clamp", "size_mm": [300.0, 300.0, 50.0], "at_mm": [100.0, 0.0, 200.0]}
     cell = make_demo_cell(tool={"body": [tool]}, obstacle=None, constraints={"collisions": False})
     verdicts = cell.checker.check(cell.base_posture[None])
-    assert verdicts.says(0) == "clamp stands between camera and target"
+    assert verdicts.reason(0) == "clamp stands between camera and target"
     sight = only(cell, LineOfSight)
-    room, which = sight.room(verdicts.arm)
-    assert room[0] < 0
+    margin, which = sight.margin(verdicts.arm)
+    assert margin[0] < 0
     assert cell.scene.bodies[which[0]].name == "clamp"
 
 
@@ -262,7 +262,7 @@ def test_two_bodies_too_near(make_demo_cell):
     near = make_demo_cell(obstacle=[wall])
     verdicts = near.checker.check(near.base_posture[None])
     assert not verdicts.feasible[0]
-    assert verdicts.says(0) == "gun 15.0 mm from wall, 20 mm asked for"
+    assert verdicts.reason(0) == "gun 15.0 mm from wall, 20 mm asked for"
     closer = make_demo_cell(obstacle=[wall], constraints={"safety_distance_mm": 10.0})
     assert closer.checker.check(near.base_posture[None]).feasible[0]
     ignored = make_demo_cell(
@@ -283,7 +283,7 @@ def test_workspace_box(make_demo_cell):
     verdicts = narrow.checker.check(cell.base_posture[None])
     assert not verdicts.feasible[0]
     expected = f"camera 10 mm outside the workspace, beyond x = {front - 10.0:.0f} mm"
-    assert verdicts.says(0) == expected
+    assert verdicts.reason(0) == expected
     box["workspace_highest_mm"] = [front + 10.0, 2000.0, 4000.0]
     wide = make_demo_cell(constraints=box)
     assert wide.checker.check(cell.base_posture[None]).feasible[0]
@@ -321,7 +321,7 @@ def test_an_arm_without_bodies_keeps_the_workspace_all_the_same(make_cell):
     cell = replace(cell, robot=replace(cell.robot, bodies=()))
     verdicts = cell.checker.check(cell.base_posture[None])
     assert not verdicts.feasible[0]
-    assert verdicts.says(0) == "tool point 15 mm outside the workspace, beyond x = 1900 mm"
+    assert verdicts.reason(0) == "tool point 15 mm outside the workspace, beyond x = 1900 mm"
 
 
 @pytest.mark.parametrize("distance", [600.0, 2500.0])
@@ -332,11 +332,11 @@ def test_safety_distances_of_more_than_half_a_metre(make_demo_cell, distance):
         obstacle=[ball], tool={"body": []}, constraints={"safety_distance_mm": distance}
     )
     collision = only(cell, Collision)
-    room, which = collision.room(situation(cell, [0, 15, -25, 0, -50, 0]))
-    assert (room[0] >= 0) == (distance == 600.0)
+    margin, which = collision.margin(situation(cell, [0, 15, -25, 0, -50, 0]))
+    assert (margin[0] >= 0) == (distance == 600.0)
     if distance == 2500.0:
-        said = collision.says(
-            situation(cell, [0, 15, -25, 0, -50, 0]), 0, float(room[0]), int(which[0])
+        said = collision.reason(
+            situation(cell, [0, 15, -25, 0, -50, 0]), 0, float(margin[0]), int(which[0])
         )
         assert "from ball, 2500 mm asked for" in said
         assert not cell.ways.check(cell.base_posture[None], cell.base_posture[None]).clear[0]
@@ -348,7 +348,7 @@ def test_safety_distances_of_more_than_half_a_metre(make_demo_cell, distance):
 class NoNumber(JointLimits):
     """A constraint whose room cannot be computed."""
 
-    def room(self, arm: Situation) -> tuple[np.ndarray, np.ndarray]:
+    def margin(self, arm: Situation) -> tuple[np.ndarray, np.ndarray]:
         return np.full(len(arm.q), np.nan), np.zeros(len(arm.q), dtype=np.intp)
 
 
@@ -364,11 +364,11 @@ def test_later_constraints_are_spared_what_is_lost(demo_cell):
     q = np.vstack([demo_cell.base_posture, np.deg2rad([0.0, 90.0, -25.0, 0.0, -50.0, 0.0])])
     lazy = demo_cell.checker.check(q, every=False)
     full = demo_cell.checker.check(q)
-    assert np.isnan(lazy.room[1, 1:]).all()
-    assert not np.isnan(full.room).any()
+    assert np.isnan(lazy.margin[1, 1:]).all()
+    assert not np.isnan(full.margin).any()
     np.testing.assert_array_equal(lazy.feasible, full.feasible)
-    np.testing.assert_allclose(lazy.room[0], full.room[0])
-    assert lazy.says(1) == "J2 90.0 deg is above 76.0 deg"
+    np.testing.assert_allclose(lazy.margin[0], full.margin[0])
+    assert lazy.reason(1) == "J2 90.0 deg is above 76.0 deg"
 
 
 def test_order_of_postures_does_not_matter(demo_cell):
@@ -378,7 +378,7 @@ def test_order_of_postures_does_not_matter(demo_cell):
     q = demo_cell.base_posture + size * rng.uniform(-1.0, 1.0, (60, robot.n))
     order = rng.permutation(60)
     one, other = demo_cell.checker.check(q), demo_cell.checker.check(q[order])
-    np.testing.assert_allclose(one.room[order], other.room, atol=1e-12)
+    np.testing.assert_allclose(one.margin[order], other.margin, atol=1e-12)
     assert one.feasible.any()
     assert not one.feasible.all()
 
@@ -401,7 +401,7 @@ def test_a_branch_that_collides_gives_way_to_another(make_demo_cell):
     class NotThisBranch(JointLimits):
         name = "test"
 
-        def room(self, arm: Situation) -> tuple[np.ndarray, np.ndarray]:
+        def margin(self, arm: Situation) -> tuple[np.ndarray, np.ndarray]:
             apart = np.abs(arm.q - cell.base_posture).max(axis=1)
             return np.where(apart < 0.1, -1.0, 1.0), np.zeros(len(apart), dtype=np.intp)
 
@@ -421,13 +421,13 @@ class Shallow(Constraint):
 
     name, unit, display, comfort, off = "shallow", "mm", 1e3, 0.05, -0.01
 
-    def room(self, arm: Situation) -> tuple[np.ndarray, np.ndarray]:
+    def margin(self, arm: Situation) -> tuple[np.ndarray, np.ndarray]:
         return np.full(len(arm.q), self.off), np.zeros(len(arm.q), dtype=np.intp)
 
-    def says(self, arm: Situation, i: int, room: float, which: int) -> str:
-        return f"{self.name} {-1e3 * room:.0f} mm"
+    def reason(self, arm: Situation, i: int, margin: float, which: int) -> str:
+        return f"{self.name} {-1e3 * margin:.0f} mm"
 
-    def remedy(self, room: float) -> str:
+    def hint(self, margin: float) -> str:
         return f"mend {self.name}"
 
 
@@ -443,7 +443,7 @@ def test_the_reason_is_what_is_broken_worst_not_first(demo_cell):
     poses = demo_cell.robot.fk(np.tile(base, (3, 1)))
     found = nearest_postures(checker, poses, base)
     assert found.reasons == ("deep 91 mm",) * 3
-    assert found.remedies == ("mend deep",) * 3
+    assert found.hints == ("mend deep",) * 3
     nothing = no_pose(checker, poses, base, lambda s: np.ones(len(s.pose), dtype=bool), ("", ""))
     assert str(nothing).startswith("none of 3 poses can be taken; 100% of them: deep, e.g. deep 91")
 
@@ -457,7 +457,7 @@ def test_reasons_of_poses_that_cannot_be_taken(make_demo_cell):
     assert found.feasible.tolist() == [False, False, True]
     assert found.reasons[0].startswith("out of reach by ")
     assert "floor" in found.reasons[1] or "fixture" in found.reasons[1]
-    assert "constraints.safety_distance_mm" in found.remedies[1]
-    assert found.remedies[2] == ""
+    assert "constraints.safety_distance_mm" in found.hints[1]
+    assert found.hints[2] == ""
     assert found.reasons[2] == ""
     assert np.isnan(found.q[:2]).all()

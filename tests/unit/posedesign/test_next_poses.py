@@ -10,7 +10,7 @@ from calib.errors import InputError
 from calib.identification import covariance_of, identify
 from calib.model import simulate
 from calib.model.measurements import touch_ups
-from posedesign.candidates import functions_over_box, pool_of
+from posedesign.candidates import candidates_of, functions_over_box
 from posedesign.motion import Router
 from posedesign.planning.optimal import plan_next
 
@@ -24,7 +24,7 @@ def cell(make_cell):
 
 def touched(cell, count, seed=2, noise=1.0):
     """Simulated touch-ups at poses drawn from the pool."""
-    pool, rng = pool_of(cell), np.random.default_rng(seed)
+    pool, rng = candidates_of(cell), np.random.default_rng(seed)
     rows = rng.choice(len(pool), count, replace=False)
     model = cell.model()
     if noise != 1.0:
@@ -92,7 +92,7 @@ def test_a_first_pose_is_the_best_of_the_pool(cell, six):
     data, _ = six
     found = plan_next(cell, data, 1)
     x = identify(cell.model(), data).values
-    errors = [tcp_rms(cell, np.vstack([data.postures, q]), x) for q in pool_of(cell).postures]
+    errors = [tcp_rms(cell, np.vstack([data.postures, q]), x) for q in candidates_of(cell).postures]
     assert found.tcp_m[1] / found.noise_scale == pytest.approx(min(errors), rel=1e-6)
     assert "one more is predicted" in found.message
 
@@ -181,13 +181,13 @@ def test_other_criteria_count_what_is_known_in_their_own_rows(cell, criterion, c
     if count == 2:
         return
     # better by that criterion than poses drawn from the pool
-    model, pool = cell.model(), pool_of(cell)
+    model, pool = cell.model(), candidates_of(cell)
     x = identify(model, data).values
     rng = np.random.default_rng(1)
 
     def value(more):
         postures = np.concatenate([data.postures, more])
-        return found.goal.cost_of_blocks(found.goal.blocks(model.linearise(postures, x)))
+        return found.objective.cost_of_blocks(found.objective.blocks(model.linearise(postures, x)))
 
     drawn = [value(pool.postures[rng.choice(len(pool), 2, replace=False)]) for _ in range(20)]
     assert value(found.poses.kept) <= min(drawn) * (1 + 1e-9)

@@ -12,12 +12,10 @@ from calib.errors import InputError, UnreachableError
 from calib.identification import covariance_of, identify_batch, predict_accuracy
 from calib.model import simulate, touch
 from calib.se3 import rotation_angle
-from posedesign.candidates import box_of_cell, cone_pool, functions_over_box, pool_of
+from posedesign.candidates import box_of_cell, candidates_of, cone_candidates, functions_over_box
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
 from posedesign.cell.task_box import predict_box, reached_points
-from posedesign.constraints import MotionChecker
-from posedesign.constraints.retreat import WayVerdicts
 from posedesign.motion import Router
 from posedesign.planning import off_target
 from posedesign.planning.loop import check_base_pose
@@ -30,11 +28,12 @@ from posedesign.planning.optimal.refinement import (
     draw_parameters,
     robustness,
 )
-from posedesign.planning.optimal.request import accuracy_of, goal_of
+from posedesign.planning.optimal.request import accuracy_of, objective_of
 from posedesign.planning.poses_file import read_poses
 from posedesign.selection import Candidates
 from posedesign.selection.search import exchange
 from posedesign.workflow import plan_optimal_poses
+from tests.blocked import Blocked
 
 POOL = {"candidates": 80}
 FIVE_SIGMA = 5.0
@@ -67,11 +66,11 @@ def mean_rms(values):
 
 @pytest.mark.parametrize("criterion", ["tcp", "tcp-worst", "D", "sigma:tool.z"])
 def test_what_poses_promise_is_what_prediction_says_of_them(cell, criterion):
-    model, pool = cell.model(), pool_of(cell)
+    model, pool = cell.model(), candidates_of(cell)
     box, _ = functions_over_box(cell, model)
     chosen = pool.take(np.arange(0, len(pool), 11))
     found = accuracy_of(
-        model, goal_of(Request(criterion=criterion), model, box), box, chosen.linearise(model)
+        model, objective_of(Request(criterion=criterion), model, box), box, chosen.linearise(model)
     )
     C = covariance_of(model, chosen.postures)
     np.testing.assert_allclose(found.sigma, np.sqrt(np.diag(C)), rtol=1e-6)
@@ -92,7 +91,7 @@ def test_what_poses_promise_is_what_prediction_says_of_them(cell, criterion):
 
 
 def test_the_outlook_of_any_poses_is_their_predicted_error_beside_that_of_chosen_ones(cell):
-    model, pool = cell.model(), pool_of(cell)
+    model, pool = cell.model(), candidates_of(cell)
     postures = pool.postures[::11]
     found = outlook_of(cell, model, postures)
     assert found.tcp_m == pytest.approx(mean_rms(box_rms(cell, model, postures)), rel=1e-6)
@@ -133,10 +132,10 @@ def test_where_the_base_pose_is_blocked_a_free_one_is_named(make_demo_cell):
 
 
 def test_too_few_poses_promise_nothing(cell):
-    model, pool = cell.model(), pool_of(cell)
+    model, pool = cell.model(), candidates_of(cell)
     box, _ = functions_over_box(cell, model)
     found = accuracy_of(
-        model, goal_of(Request(), model, box), box, pool.take([0, 1, 2]).linearise(model)
+        model, objective_of(Request(), model, box), box, pool.take([0, 1, 2]).linearise(model)
     )
     assert np.isinf([*found.sigma, found.tcp_m, found.tcp_worst_m, found.value]).all()
 
@@ -187,7 +186,7 @@ def test_validation_poses_are_others_that_can_be_taken(cell, planned):
 
 def test_validation_poses_would_tell_more_than_any(cell, planned):
     """Than poses drawn from the pool, of how good the plan is over the box."""
-    model, pool = planned.model, pool_of(cell)
+    model, pool = planned.model, candidates_of(cell)
 
     def told(q):
         return mean_rms(box_rms(cell, model, q))
@@ -202,14 +201,14 @@ def test_auto_takes_the_fewest_and_proves_it(cell, fewest):
     count = fewest.selection.count
     assert box_rms(cell, fewest.model, fewest.postures).max() <= 1.5e-4 * (1 + 1e-6)
     # no exchange from anywhere finds one fewer
-    pool, goal = pool_of(cell), fewest.goal
-    blocks = Candidates(goal.blocks(pool.linearise(fewest.model)))
-    objective = goal.criterion.on(blocks)
+    pool, objective = candidates_of(cell), fewest.objective
+    blocks = Candidates(objective.blocks(pool.linearise(fewest.model)))
+    cost = objective.criterion.on(blocks)
     rng = np.random.default_rng(5)
     for _ in range(10):
         start = np.sort(rng.choice(blocks.N, count - 1, replace=False))
-        rows = exchange(objective, start, np.empty(0, dtype=np.intp))
-        assert goal.criterion.shown(objective.cost(rows)) > 0.15
+        rows = exchange(cost, start, np.empty(0, dtype=np.intp))
+        assert objective.criterion.shown(cost.cost(rows)) > 0.15
     assert f"{count} poses reach tcp-worst" in fewest.message
     assert "0.15 mm is wanted" in fewest.message
     assert "proven: fewer" in fewest.message
@@ -220,7 +219,7 @@ def test_what_is_out_of_reach_says_how_often_all_would_have_to_be_measured(cell)
     found = plan_optimal(cell, Request(count=None, accuracy_m=1e-6))
     assert not found.reached
     assert found.route is None
-    every = pool_of(cell)
+    every = candidates_of(cell)
     best = box_rms(cell, found.model, every.postures).max()
     times = int(np.ceil((best / 1e-6) ** 2))
     assert f"all {len(every)} poses of the pool give tcp-worst {1e3 * best:.4g} mm" in found.message
@@ -278,7 +277,7 @@ def test_what_no_way_leads_to_is_left_out(cell, monkeypatch):
     assert (found.postures[:, 3] <= 0.5).all()
     assert cut[0] > 0
     assert cut[-1] == 0
-    assert found.pool_size == len(pool_of(cell)) - sum(cut)
+    assert found.pool_size == len(candidates_of(cell)) - sum(cut)
 
 
 def test_an_arm_half_of_whose_postures_are_out_of_the_way(make_cell):
@@ -299,30 +298,20 @@ def test_an_arm_half_of_whose_postures_are_out_of_the_way(make_cell):
     assert cell.ways.check(stops[:-1], stops[1:]).clear.all()
 
 
-class Gate(MotionChecker):
-    """No way leads to postures with joint 4 beyond an angle [rad]."""
-
-    highest: float
-
-    def check(self, start, end, *, far=False):
-        clear = (np.abs(np.stack([start, end])[:, :, 3]) <= self.highest).all(axis=0)
-        said = tuple("" if good else "a gate" for good in clear)
-        return WayVerdicts(clear, np.zeros(len(end)), np.full(len(end), np.nan), said)
-
-
 def test_as_many_poses_are_chosen_as_can_be_reached(make_cell, tmp_path):
     """Eight of the pool, of twelve that are asked for: four are dropped, in the file, too."""
     cell = make_cell(pool=POOL)
-    gate = Gate((), np.inf)
-    fourth = np.sort(np.abs(pool_of(cell).postures[:, 3]))
-    object.__setattr__(gate, "highest", float(0.5 * (fourth[7] + fourth[8])))
-    cell.__dict__["ways"] = gate
+    fourth = np.sort(np.abs(candidates_of(cell).postures[:, 3]))
+    highest = 0.5 * (fourth[7] + fourth[8])
+    cell.__dict__["ways"] = Blocked(
+        lambda start, end: (np.abs(np.stack([start, end])[:, :, 3]) > highest).any(axis=0)
+    )
     found = plan_optimal_poses(cell, tmp_path, Request(count=12, refine=False))
     assert not found.reached
     assert len(found.postures) == 8
-    assert (np.abs(found.postures[:, 3]) <= gate.highest).all()
+    assert (np.abs(found.postures[:, 3]) <= highest).all()
     assert found.left_out == len(fourth) - 8
-    assert found.dropped == ("no clear way to it: a gate",) * 4
+    assert found.dropped == ("no clear way to it: a wall",) * 4
     assert "8 poses, tcp" in found.message
     listed = read_poses(tmp_path / "poses.csv", 6)
     assert len(listed.measured.names) == 8
@@ -368,7 +357,7 @@ def test_poses_for_validation_that_are_not_reached_cost_nothing_else(cell, monke
 
 
 def test_postures_like_those_go_with_them_in_the_end(make_cell):
-    pool = pool_of(make_cell(pool={"candidates": 1000}))
+    pool = candidates_of(make_cell(pool={"candidates": 1000}))
     lost = np.array([5, 700])
     assert len(without_alike(pool, lost, 0)) == len(pool) - 2
     q = pool.postures
@@ -386,9 +375,9 @@ TILT = np.deg2rad(40.0)
 def reference(make_cell):
     cell = make_cell()
     model = cell.model()
-    pool = cone_pool(cell, TILT, 40, np.random.default_rng(3))
+    pool = cone_candidates(cell, TILT, 40, np.random.default_rng(3))
     box, _ = functions_over_box(cell, model)
-    return cell, model, pool, goal_of(Request(), model, box)
+    return cell, model, pool, objective_of(Request(), model, box)
 
 
 def test_parameters_are_drawn_as_the_cell_says(reference):
@@ -402,9 +391,9 @@ def test_parameters_are_drawn_as_the_cell_says(reference):
 
 
 def test_blocks_are_those_at_the_postures_that_touch(reference):
-    cell, model, pool, goal = reference
+    cell, model, pool, objective = reference
     drawn = draw_parameters(cell, model, 3, np.random.default_rng(1))
-    blocks = blocks_of_robots(model, goal, pool, drawn)
+    blocks = blocks_of_robots(model, objective, pool, drawn)
     assert blocks.shape == (3, len(pool), 3, model.p)
     np.testing.assert_allclose(blocks[0], pool.white(model), rtol=1e-9, atol=1e-6)
     q, miss = touch(model, pool.postures, drawn[2])
@@ -420,11 +409,11 @@ def test_blocks_are_those_at_the_postures_that_touch(reference):
 
 def test_what_is_said_of_other_robots_is_what_identification_finds_there(reference):
     """The predicted error over the box, against Monte Carlo on one such robot."""
-    cell, model, pool, goal = reference
+    cell, model, pool, objective = reference
     chosen = pool.take(np.arange(0, len(pool), 3))
     x = draw_parameters(cell, model, 2, np.random.default_rng(5))[1]
-    predicted = goal.criterion.shown(
-        goal.cost_of_blocks(blocks_of_robots(model, goal, chosen, x[None])[0])
+    predicted = objective.criterion.shown(
+        objective.cost_of_blocks(blocks_of_robots(model, objective, chosen, x[None])[0])
     )
     trials, rng = 600, np.random.default_rng(6)
 
@@ -438,11 +427,11 @@ def test_what_is_said_of_other_robots_is_what_identification_finds_there(referen
 
 
 def test_robustness_is_of_the_trials(reference):
-    cell, model, pool, goal = reference
+    cell, model, pool, objective = reference
     chosen = pool.take(np.arange(0, len(pool), 3))
-    found = robustness(cell, model, goal, chosen)
+    found = robustness(cell, model, objective, chosen)
     assert found.trials == TRIALS
-    assert found.nominal == pytest.approx(goal.value_of(chosen.linearise(model)), rel=1e-6)
+    assert found.nominal == pytest.approx(objective.value_of(chosen.linearise(model)), rel=1e-6)
     assert found.nominal < found.worst
     assert found.median < found.worst
     assert found.worst < 3 * found.nominal  # a degree and 5 mm do not make it useless
@@ -536,6 +525,7 @@ def test_without_any_way_it_says_what_is_in_it(camera_cell, monkeypatch):
         return replace(nothing, lost=dict.fromkeys(range(len(postures)), "a wall"))
 
     monkeypatch.setattr(Router, "route", losing)
+    monkeypatch.setattr(planning, "ATTEMPTS", 2)
     with pytest.raises(InputError, match="a wall"):
         plan_fewest(camera_cell, 1e-3)
 

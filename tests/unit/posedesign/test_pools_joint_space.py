@@ -8,9 +8,9 @@ from scipy.stats import kstest
 
 from calib.errors import InputError, UnreachableError
 from calib.se3 import FloatArray
-from posedesign.candidates import joint_pool
-from posedesign.candidates.draws import even_points
-from posedesign.candidates.joint_space import viewing_poses
+from posedesign.candidates import joint_candidates
+from posedesign.candidates.building import viewing_poses
+from posedesign.candidates.postures import even_points
 from posedesign.cell import Cell, cell_template
 
 
@@ -32,7 +32,7 @@ def brute_force(cell: Cell, half: float, wanted: int) -> FloatArray:
 def test_joints_fill_their_ranges(make_cell):
     cell = make_cell(plan={"limit_margin_deg": 2.0})
     free = [0, 3, 4, 5]  # joints 2 and 3 have a limit together that cuts a corner off
-    pool = joint_pool(cell, 800, rng(), largest_turn=1.0)
+    pool = joint_candidates(cell, 800, rng(), largest_turn=1.0)
     assert len(pool) == 800
     assert cell.checker.check(pool.postures).feasible.all()
     lower = np.maximum(cell.robot.lower + cell.margin, cell.base_posture - 1.0)
@@ -49,7 +49,7 @@ def test_joints_fill_their_ranges(make_cell):
 def test_postures_follow_brute_force(make_cell):
     cell = make_cell(constraints={"smallest_singular_value": 0.12})
     expected = brute_force(cell, 1.2, 3000)
-    pool = joint_pool(cell, 3000, rng(), largest_turn=1.2)
+    pool = joint_candidates(cell, 3000, rng(), largest_turn=1.2)
     assert pool.tried > 3500, "the constraint must refuse some"
     apart = pool.postures.mean(axis=0) - expected.mean(axis=0)
     sigma = expected.std(axis=0) * np.sqrt(2.0 / 3000)
@@ -63,7 +63,7 @@ def test_a_view_is_all_that_the_camera_is_allowed(make_demo_cell):
     )
     camera = cell.config.camera
     assert camera is not None
-    T = viewing_poses(cell, camera, even_points(4000, 6, rng())) @ cell.T_tip_camera
+    T = viewing_poses(cell, even_points(4000, 6, rng())) @ cell.T_tip_camera
     in_camera = np.einsum("nji,nj->ni", T[:, :3, :3], cell.target_m - T[:, :3, 3])
     pixels = np.array(camera.image_px) / 2 + camera.focal_px * in_camera[:, :2] / in_camera[:, 2:]
     away_mm = 1e3 * np.linalg.norm(in_camera, axis=1)
@@ -89,7 +89,7 @@ def test_a_view_is_all_that_the_camera_is_allowed(make_demo_cell):
 
 def test_the_target_is_in_view_and_nothing_that_is_possible_is_missed(demo_cell):
     """Every feasible posture of brute force has one of the pool near by."""
-    pool = joint_pool(demo_cell, 1500, rng(), largest_turn=1.0)
+    pool = joint_candidates(demo_cell, 1500, rng(), largest_turn=1.0)
     assert len(pool) == 1500
     assert demo_cell.checker.check(pool.postures).feasible.all()
     assert np.abs(pool.postures - demo_cell.base_posture).max() <= 1.0
@@ -102,14 +102,14 @@ def test_the_target_is_in_view_and_nothing_that_is_possible_is_missed(demo_cell)
 
 def test_the_arm_is_turned_over_its_back_where_the_camera_sees_from_there(make_demo_cell):
     cell = make_demo_cell(constraints={"collisions": False})
-    pool = joint_pool(cell, 500, rng())
+    pool = joint_candidates(cell, 500, rng())
     assert (np.abs(pool.postures[:, 0] - cell.base_posture[0]) > np.pi / 2).any()
     assert np.abs(pool.postures - cell.base_posture).max() <= np.pi
 
 
 def test_close_to_the_base_posture_joints_are_drawn_evenly(demo_cell):
     """There most of what is drawn in the joints sees the target, and hardly any view is so near."""
-    pool = joint_pool(demo_cell, 500, rng(), largest_turn=0.01)
+    pool = joint_candidates(demo_cell, 500, rng(), largest_turn=0.01)
     assert (len(pool), pool.tried) == (500, 1000)
     part = (pool.postures - demo_cell.base_posture) / 0.02 + 0.5
     assert min(kstest(column, "uniform").pvalue for column in part.T) > 0.01
@@ -117,21 +117,21 @@ def test_close_to_the_base_posture_joints_are_drawn_evenly(demo_cell):
 
 def test_a_redundant_arm_sees_its_target():
     cell = Cell.from_text(cell_template("panda"))
-    pool = joint_pool(cell, 40, rng())
+    pool = joint_candidates(cell, 40, rng())
     assert len(pool) == 40
     assert cell.checker.check(pool.postures).feasible.all()
 
 
 def test_the_same_generator_gives_the_same_postures(demo_cell, reference_cell):
     for cell in (demo_cell, reference_cell):
-        one, same, other = (joint_pool(cell, 30, rng(s)).postures for s in (1, 1, 2))
+        one, same, other = (joint_candidates(cell, 30, rng(s)).postures for s in (1, 1, 2))
         np.testing.assert_array_equal(one, same)
         assert len(one) == 30
         assert not np.isin(one, other).any()
 
 
 def test_no_two_postures_are_the_same_without_touch(demo_cell):
-    q = joint_pool(demo_cell, 300, rng()).postures
+    q = joint_candidates(demo_cell, 300, rng()).postures
     apart = np.abs(q[:, None] - q).max(axis=-1)
     assert (apart + np.eye(len(q))).min() > 1e-6
 
@@ -139,23 +139,23 @@ def test_no_two_postures_are_the_same_without_touch(demo_cell):
 def test_wrong_input_is_refused_without_touch(reference_cell):
     for count in (0, -1, 1.5, np.nan):
         with pytest.raises(InputError, match="1 to"):
-            joint_pool(reference_cell, count, rng())  # type: ignore[arg-type]
+            joint_candidates(reference_cell, count, rng())  # type: ignore[arg-type]
     for turn in (0.0, -1.0, np.nan):
         with pytest.raises(InputError, match="one posture") as caught:
-            joint_pool(reference_cell, 5, rng(), turn)
+            joint_candidates(reference_cell, 5, rng(), turn)
         assert "radians" in caught.value.hint
 
 
 def test_an_empty_pool_without_touch_says_why(make_cell, make_demo_cell):
     cell = make_cell(constraints={"smallest_singular_value": 0.9})
     with pytest.raises(UnreachableError, match=r"of them: singularity, e\.g\. smallest") as one:
-        joint_pool(cell, 5, rng())
+        joint_candidates(cell, 5, rng())
     assert "constraints.smallest_singular_value" in one.value.hint
     walled = make_demo_cell(constraints={"safety_distance_mm": 700.0})
     with pytest.raises(UnreachableError, match=r"collision, e\.g\. "):
-        joint_pool(walled, 5, rng())
+        joint_candidates(walled, 5, rng())
     cell = make_demo_cell(constraints={"collisions": False})
     aside = replace(cell, base_posture=cell.base_posture + np.eye(6)[0], target_m=cell.target_m)
     with pytest.raises(UnreachableError, match="turned farther") as other:
-        joint_pool(aside, 5, rng(), largest_turn=0.1)
+        joint_candidates(aside, 5, rng(), largest_turn=0.1)
     assert "largest_turn" in other.value.hint

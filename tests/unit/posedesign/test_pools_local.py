@@ -8,15 +8,15 @@ import pytest
 from calib.errors import InputError
 from calib.robots import CoupledLimit
 from calib.se3 import FloatArray, rotation_angle, rotation_exp
-from posedesign.candidates import Pool, cone_pool, feasible, local_poses
+from posedesign.candidates import CandidatePoses, cone_candidates, feasible, local_poses
 from posedesign.cell import Cell, cell_template, touching_poses
 
 
-def pool_of(cell: Cell, count: int = 300) -> Pool:
-    return cone_pool(cell, 0.9, count, np.random.default_rng(4), "all")
+def pool_of(cell: Cell, count: int = 300) -> CandidatePoses:
+    return cone_candidates(cell, 0.9, count, np.random.default_rng(4), "all")
 
 
-def turns_of(pool: Pool, sigma: float) -> FloatArray:
+def turns_of(pool: CandidatePoses, sigma: float) -> FloatArray:
     return np.random.default_rng(5).normal(0.0, sigma, (len(pool), 3))
 
 
@@ -119,7 +119,7 @@ def test_there_is_no_posture_beyond_a_coupled_limit(reference_cell):
 
 def test_a_redundant_arm_moves_little():
     cell = Cell.from_text(cell_template("panda", surroundings=False))
-    pool = cone_pool(cell, 0.3, 10, np.random.default_rng(4), "front")
+    pool = cone_candidates(cell, 0.3, 10, np.random.default_rng(4), "front")
     turns = turns_of(pool, 0.02)
     q = local_poses(cell, pool.postures, turns, pool.touched_m)
     there = np.isfinite(q).all(axis=1)

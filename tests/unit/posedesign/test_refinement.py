@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from calib.se3 import rotation_exp
-from posedesign.candidates import cone_pool, functions_over_box, joint_pool
+from posedesign.candidates import cone_candidates, functions_over_box, joint_candidates
 from posedesign.cell import touching_poses
 from posedesign.planning.optimal import Request, refinement
 from posedesign.planning.optimal.refinement import _Refinement, refine
-from posedesign.planning.optimal.request import goal_of
+from posedesign.planning.optimal.request import objective_of
 from posedesign.selection import select
 
 TILT = np.deg2rad(40.0)
@@ -19,18 +19,20 @@ CRITERIA = ("tcp", "tcp-worst", "sigma:zero_offset.joint_2", "D", "A", "C_G", "c
 SMOOTH = ("tcp", "sigma:zero_offset.joint_2", "D", "A")
 
 
-def goal_in(cell, criterion):
+def objective_in(cell, criterion):
     model = cell.model()
     box, _ = functions_over_box(cell, model)
-    return model, goal_of(Request(count=8, criterion=criterion), model, box)
+    return model, objective_of(Request(count=8, criterion=criterion), model, box)
 
 
-def cost_of(model, goal, pool):
-    return goal.cost_of_blocks(goal.blocks(pool.linearise(model)))
+def cost_of(model, objective, pool):
+    return objective.cost_of_blocks(objective.blocks(pool.linearise(model)))
 
 
-def best_of(model, goal, pool, count=8):
-    found = select(goal.blocks(pool.linearise(model)), count, goal.criterion, starts=1, bound=False)
+def best_of(model, objective, pool, count=8):
+    found = select(
+        objective.blocks(pool.linearise(model)), count, objective.criterion, starts=1, bound=False
+    )
     return pool.take(found.indices)
 
 
@@ -57,19 +59,19 @@ def turned(cell, pool, k, turn):
 @pytest.fixture(scope="module")
 def reference(make_cell):
     cell = make_cell()
-    return cell, cone_pool(cell, TILT, 150, np.random.default_rng(3))
+    return cell, cone_candidates(cell, TILT, 150, np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")
 def refined(reference):
-    """Model, goal, poses chosen and poses refined, by the criterion."""
+    """Model, objective, poses chosen and poses refined, by the criterion."""
     cell, pool = reference
 
     @cache
     def made(criterion):
-        model, goal = goal_in(cell, criterion)
-        chosen = best_of(model, goal, pool)
-        return model, goal, chosen, refine(cell, model, goal, chosen)
+        model, objective = objective_in(cell, criterion)
+        chosen = best_of(model, objective, pool)
+        return model, objective, chosen, refine(cell, model, objective, chosen)
 
     return made
 
@@ -77,8 +79,8 @@ def refined(reference):
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_refined_poses_are_better_and_keep_every_constraint(reference, refined, criterion):
     cell, _ = reference
-    model, goal, chosen, found = refined(criterion)
-    assert cost_of(model, goal, found) < 0.98 * cost_of(model, goal, chosen)
+    model, objective, chosen, found = refined(criterion)
+    assert cost_of(model, objective, found) < 0.98 * cost_of(model, objective, chosen)
     assert cell.checker.check(found.postures).feasible.all()
     off = cell.robot.state(found.postures).point(cell.tool_m) - cell.target_m
     assert np.abs(off).max() < 1e-9
@@ -95,30 +97,30 @@ def test_what_lies_in_the_way_of_better_poses_is_kept_clear_of(
     make_demo_cell, monkeypatch, keys, tilt_deg
 ):
     cell = make_demo_cell(constraints=keys)
-    pool = cone_pool(cell, np.deg2rad(tilt_deg), 150, np.random.default_rng(3))
-    model, goal = goal_in(cell, "tcp")
-    chosen = best_of(model, goal, pool)
-    found = refine(cell, model, goal, chosen)
-    assert cost_of(model, goal, found) < 0.98 * cost_of(model, goal, chosen)
+    pool = cone_candidates(cell, np.deg2rad(tilt_deg), 150, np.random.default_rng(3))
+    model, objective = objective_in(cell, "tcp")
+    chosen = best_of(model, objective, pool)
+    found = refine(cell, model, objective, chosen)
+    assert cost_of(model, objective, found) < 0.98 * cost_of(model, objective, chosen)
     assert cell.checker.check(found.postures).feasible.all()
     monkeypatch.setattr(refinement, "feasible", lambda cell, q, *at: np.isfinite(q).all(axis=1))
-    free = refine(cell, model, goal, chosen)
+    free = refine(cell, model, objective, chosen)
     assert not cell.checker.check(free.postures).feasible.all()
 
 
 @pytest.mark.parametrize("criterion", SMOOTH)
 def test_slopes_are_those_of_the_whole_cost(reference, refined, criterion):
     cell, _ = reference
-    model, goal, chosen, _ = refined(criterion)
+    model, objective, chosen, _ = refined(criterion)
     inside = chosen.take(np.flatnonzero(tilts(cell, chosen.postures) < TILT))
-    slopes = _Refinement(cell, model, goal, inside, 0)._slopes()
+    slopes = _Refinement(cell, model, objective, inside, 0)._slopes()
     step, compared = 1e-3, 0
     for k in range(len(inside)):
         for axis in range(3):
             ends = [turned(cell, inside, k, s * step * np.eye(3)[axis]) for s in (1, -1)]
             if None in ends:
                 continue
-            ahead, behind = (np.log(cost_of(model, goal, end)) for end in ends)
+            ahead, behind = (np.log(cost_of(model, objective, end)) for end in ends)
             expected = (ahead - behind) / (2 * step)
             assert slopes[k, axis] == pytest.approx(expected, rel=2e-3, abs=2e-5)
             compared += 1
@@ -128,8 +130,8 @@ def test_slopes_are_those_of_the_whole_cost(reference, refined, criterion):
 @pytest.mark.parametrize("criterion", ["tcp", "D", "C_G"])
 def test_no_small_turn_helps_any_more(reference, refined, criterion):
     cell, _ = reference
-    model, goal, chosen, found = refined(criterion)
-    before, after = cost_of(model, goal, chosen), cost_of(model, goal, found)
+    model, objective, chosen, found = refined(criterion)
+    before, after = cost_of(model, objective, chosen), cost_of(model, objective, found)
     widest = tilts(cell, chosen.postures).max() + 1e-9
     rng = np.random.default_rng(8)
     gains = []
@@ -139,7 +141,7 @@ def test_no_small_turn_helps_any_more(reference, refined, criterion):
         if other is None or not cell.checker.check(other.postures).feasible.all():
             continue
         if tilts(cell, other.postures).max() <= widest:
-            gains.append(1.0 - cost_of(model, goal, other) / after)
+            gains.append(1.0 - cost_of(model, objective, other) / after)
     assert len(gains) > 50
     # what a turn of one pose still gains is little beside what refinement gained
     assert max(gains) < 0.05 * (1.0 - after / before)
@@ -147,19 +149,19 @@ def test_no_small_turn_helps_any_more(reference, refined, criterion):
 
 def test_poses_that_are_fixed_stay(reference, refined):
     cell, _ = reference
-    model, goal, chosen, _ = refined("tcp")
-    found = refine(cell, model, goal, chosen, fixed=3)
+    model, objective, chosen, _ = refined("tcp")
+    found = refine(cell, model, objective, chosen, fixed=3)
     np.testing.assert_array_equal(found.postures[:3], chosen.postures[:3])
     assert (np.abs(found.postures[3:] - chosen.postures[3:]).max(axis=1) > 1e-3).any()
 
 
 def test_without_a_touch_the_tool_point_stays_where_each_pose_has_it(make_cell):
     cell = make_cell(measurement={"kind": "camera-pose"})
-    pool = joint_pool(cell, 60, np.random.default_rng(4), np.deg2rad(40.0))
-    model, goal = goal_in(cell, "tcp")
-    chosen = best_of(model, goal, pool)
-    found = refine(cell, model, goal, chosen)
-    assert cost_of(model, goal, found) < cost_of(model, goal, chosen)
+    pool = joint_candidates(cell, 60, np.random.default_rng(4), np.deg2rad(40.0))
+    model, objective = objective_in(cell, "tcp")
+    chosen = best_of(model, objective, pool)
+    found = refine(cell, model, objective, chosen)
+    assert cost_of(model, objective, found) < cost_of(model, objective, chosen)
     before, after = (cell.robot.state(p.postures).point(cell.tool_m) for p in (chosen, found))
     np.testing.assert_allclose(after, before, atol=1e-9)
     assert cell.checker.check(found.postures).feasible.all()

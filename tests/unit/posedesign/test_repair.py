@@ -7,19 +7,18 @@ from hypothesis import strategies as st
 
 from calib.se3 import rotation_angle
 from posedesign.cell import Cell
-from posedesign.constraints import MotionChecker
-from posedesign.constraints.retreat import WayVerdicts
 from posedesign.planning import plan
 from posedesign.planning.loop import (
     ENOUGH,
     POOL_ORIENTATIONS,
-    RepairPool,
+    Replacements,
     farthest_postures,
     grid_poses,
     repair,
 )
 from posedesign.planning.pose_plan import PoseStatus, StopReason
 from posedesign.planning.poses_file import read_poses, write_poses
+from tests.blocked import Blocked
 
 
 @given(seed=st.integers(0, 10_000), count=st.integers(1, 6))
@@ -43,7 +42,7 @@ def test_repetitions_are_not_picked():
 
 
 def test_every_posture_of_the_pool_keeps_every_constraint(demo_cell):
-    q = RepairPool(demo_cell).postures(5)
+    q = Replacements(demo_cell).postures(5)
     assert len(q) >= ENOUGH * 5
     assert demo_cell.checker.check(q).feasible.all()
     point = demo_cell.robot.state(q).point(demo_cell.tool_m)
@@ -52,7 +51,7 @@ def test_every_posture_of_the_pool_keeps_every_constraint(demo_cell):
 
 def test_the_first_pool_stays_near_the_base_pose(make_cell):
     cell = make_cell(plan={"repair_tilt_deg": 25.0, "repair_base_joint_deg": 20.0})
-    q = RepairPool(cell).postures(1)
+    q = Replacements(cell).postures(1)
     z = cell.robot.fk(q)[:, :3, 2]
     tilt = np.rad2deg(np.arccos(z @ cell.robot.fk(cell.base_posture)[:3, 2]))
     assert tilt.max() <= 25.0 + 1e-6
@@ -63,19 +62,19 @@ def test_the_first_pool_stays_near_the_base_pose(make_cell):
 def test_a_narrow_view_is_searched_until_there_is_enough(make_demo_cell):
     """A tilt of 1 deg leaves hardly any of a thousand orientations; many are found all the same."""
     cell = make_demo_cell(camera={"largest_tilt_deg": 1.0})
-    pool = RepairPool(cell)
+    pool = Replacements(cell)
     q = pool.postures(24)
     assert len(q) >= ENOUGH * 24
     assert cell.checker.check(q).feasible.all()
 
 
 def test_the_same_cell_gives_the_same_pool(demo_cell):
-    one, other = RepairPool(demo_cell), RepairPool(demo_cell)
+    one, other = Replacements(demo_cell), Replacements(demo_cell)
     np.testing.assert_array_equal(one.postures(400), other.postures(400))
 
 
 def test_what_is_excluded_is_offered_no_more(demo_cell):
-    pool = RepairPool(demo_cell)
+    pool = Replacements(demo_cell)
     before = pool.postures(1)
     pool.exclude(before[:3])
     after = pool.postures(1)
@@ -92,7 +91,7 @@ def test_reasons_say_what_and_how_far(demo_cell):
     poses = grid_poses(demo_cell, np.full(3, 50.0))
     gaps = [i for i, status in enumerate(poses.status) if status is PoseStatus.DROPPED]
     assert gaps
-    after = repair(demo_cell, poses, RepairPool(demo_cell))
+    after = repair(demo_cell, poses, Replacements(demo_cell))
     for i in gaps:
         why = poses.reasons[i]
         R = demo_cell.robot.fk(after.postures[i])[:3, :3]
@@ -105,7 +104,7 @@ def test_replacements_are_shared_out_by_nearness(demo_cell):
     poses = grid_poses(demo_cell, np.full(3, 60.0))
     gaps = [i for i, status in enumerate(poses.status) if status is PoseStatus.DROPPED]
     assert len(gaps) > 3
-    R = demo_cell.robot.fk(repair(demo_cell, poses, RepairPool(demo_cell)).postures)[:, :3, :3]
+    R = demo_cell.robot.fk(repair(demo_cell, poses, Replacements(demo_cell)).postures)[:, :3, :3]
 
     def turn(i: int, j: int) -> float:
         return float(rotation_angle(poses.orientations[i].T @ R[j]))
@@ -133,18 +132,9 @@ def test_a_plan_is_the_same_every_time(demo_cell, make_demo_cell):
 # plans whose ways are blocked
 
 
-class Shut(MotionChecker):
-    """No way leads anywhere else than where the arm stands."""
-
-    def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> WayVerdicts:
-        away = np.abs(end - start).max(axis=1) > 1e-9
-        none = np.zeros(len(away))
-        return WayVerdicts(~away, none, none, tuple("a wall" if a else "" for a in away))
-
-
 def test_blocked_ways_are_not_blamed_on_angles(make_demo_cell):
     cell = make_demo_cell(plan={"repair": False}, variations={"largest_deg": [10.0, 10.0, 10.0]})
-    cell.__dict__["ways"] = Shut((), np.inf)
+    cell.__dict__["ways"] = Blocked(lambda start, end: np.abs(end - start).max(axis=1) > 1e-9)
     result = plan(cell)
     assert not result.reached
     assert len(result.postures) == 1
@@ -152,14 +142,9 @@ def test_blocked_ways_are_not_blamed_on_angles(make_demo_cell):
     assert "free fewer" not in result.message
 
 
-class NotBeyond(MotionChecker):
-    """No way leads to postures with joint 4 beyond 50 deg."""
-
-    def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> WayVerdicts:
-        hit = (np.abs(np.rad2deg([start[:, 3], end[:, 3]])) > 50.0).any(axis=0)
-        return WayVerdicts(
-            ~hit, np.zeros(len(hit)), np.zeros(len(hit)), tuple("a wall" if h else "" for h in hit)
-        )
+def beyond(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Motions that lead to postures with joint 4 beyond 50 deg."""
+    return (np.abs(np.rad2deg([start[:, 3], end[:, 3]])) > 50.0).any(axis=0)
 
 
 @pytest.mark.parametrize("replace", [pytest.param(True, marks=pytest.mark.slow), False])
@@ -168,7 +153,7 @@ def test_poses_that_no_way_leads_to(make_demo_cell, replace):
     free = plan(cell)
     assert (np.abs(free.postures[:, 3]) > np.deg2rad(50.0)).any()
     cell = make_demo_cell(plan={"repair": replace, "condition_threshold": 2e5})
-    cell.__dict__["ways"] = NotBeyond((), np.inf)
+    cell.__dict__["ways"] = Blocked(beyond)
     result = plan(cell)
     assert (np.abs(result.postures[:, 3]) <= np.deg2rad(50.0)).all()
     best = result.rounds[result.best]

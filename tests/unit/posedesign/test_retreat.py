@@ -18,7 +18,7 @@ from calib.errors import FileFormatError, InputError, UnreachableError
 from calib.geometry.ways import WAY_TOLERANCE_M
 from calib.se3 import FloatArray, rotation_angle
 from calib.vision.touch_up import follow
-from posedesign.candidates import pool_of
+from posedesign.candidates import candidates_of
 from posedesign.cell import Cell, cell_template
 from posedesign.cell.schema import parse_config
 from posedesign.cell.surroundings import NOT_TOUCHING_M
@@ -180,7 +180,7 @@ def test_arms_back_off_straight_on_their_branch(robot):
     cell = Cell.from_config(parse_config(raw, Path("cell.toml")), Path("cell.toml"))
     bare = {**raw, "plan": {**raw["plan"], "retreat_mm": 0.0}}
     free = Cell.from_config(parse_config(bare, Path("cell.toml")), Path("cell.toml"))
-    q = pool_of(free).postures
+    q = candidates_of(free).postures
     assert cell.retreat is not None
     back, reasons = cell.retreat.back_off(q)
     good = np.array([not why for why in reasons])

@@ -1,41 +1,53 @@
-"""The round through the poses: short, along clear ways only, with detours where they must be."""
+"""The tour of the poses: short, along clear motions only; joints arrive from one side."""
 
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from calib.robots import Robot
 from posedesign.cell import Cell
 from posedesign.constraints import MotionChecker
-from posedesign.constraints.retreat import WayVerdicts
 from posedesign.motion import Router
 from posedesign.motion.route import Passing, Route, RouteOptions
+from posedesign.planning import plan
+from tests.blocked import Blocked
 
 FREE = MotionChecker((), np.inf)
 
 
-class Walls(MotionChecker):
-    """Ways between given numbers of joint 1 [deg] are blocked, where joint 2 stands at 15 deg."""
+def ends_deg(start: np.ndarray, end: np.ndarray) -> list[frozenset[float]]:
+    """Numbers of joint 1 between which motions lead."""
+    ends = np.rad2deg(np.stack([start[:, 0], end[:, 0]], axis=1)).round(6)
+    return [frozenset(pair) for pair in ends.tolist()]
 
-    def __init__(self, *blocked: tuple[float, float]) -> None:
-        super().__init__((), np.inf)
-        object.__setattr__(self, "blocked", {frozenset(pair) for pair in blocked})
-        object.__setattr__(self, "asked", [])
 
-    def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> WayVerdicts:
-        ends = np.rad2deg(np.stack([start[:, 0], end[:, 0]], axis=1)).round(6)
-        self.asked.append(len(ends))  # type: ignore[attr-defined]
+def walls(*blocked: tuple[float, float]) -> Blocked:
+    """Between given numbers of joint 1 [deg], where joint 2 stands at 15 deg."""
+    shut = {frozenset(pair) for pair in blocked}
+
+    def hit(start: np.ndarray, end: np.ndarray) -> np.ndarray:
         low = np.isclose(np.rad2deg([start[:, 1], end[:, 1]]), 15.0).all(axis=0)
-        hit = np.array([frozenset(pair) in self.blocked for pair in ends.tolist()])  # type: ignore[attr-defined]
-        clear = ~(hit & low)
-        return WayVerdicts(
-            clear,
-            np.zeros(len(ends)),
-            np.full(len(ends), np.nan),
-            tuple("" if c else "a wall" for c in clear),
-        )
+        return low & [pair in shut for pair in ends_deg(start, end)]
+
+    return Blocked(hit)
+
+
+def prison(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """No motion leads to joint 1 at 20 deg, from wherever."""
+    return np.isclose(np.rad2deg([start[:, 0], end[:, 0]]), 20.0).any(axis=0)
+
+
+def maze(*clear: tuple[float, float]) -> Blocked:
+    """Only given pairs of numbers of joint 1 [deg] are joined by a clear motion."""
+    joined = {frozenset(pair) for pair in clear}
+    return Blocked(
+        lambda start, end: np.array([p not in joined and len(p) > 1 for p in ends_deg(start, end)])
+    )
 
 
 def at(*degrees: float) -> np.ndarray:
@@ -80,10 +92,10 @@ def test_the_round_ends_at_the_base_posture(reference_cell):
 )
 def test_the_way_back_is_clear(reference_cell, degrees, blocked, detours):
     """Where nothing leads back from the last pose: by another pose last, else by a detour."""
-    walls = Walls(*blocked)
-    found = route(reference_cell, walls, *degrees)
+    shut = walls(*blocked)
+    found = route(reference_cell, shut, *degrees)
     path = np.array([reference_cell.base_posture, *(stop.posture for stop in found.stops)])
-    assert walls.check(path[:-1], path[1:]).clear.all()
+    assert shut.check(path[:-1], path[1:]).clear.all()
     assert found.lost == {}
     assert found.stops[-1].passing is Passing.RETURN
     assert (found.detours > 0) == detours
@@ -112,7 +124,7 @@ def test_the_router_of_a_cell_does_what_its_plan_says(make_cell):
 
 
 def test_a_blocked_way_changes_the_order(reference_cell):
-    found = route(reference_cell, Walls((10.0, 20.0)), 10.0, 20.0, 30.0)
+    found = route(reference_cell, walls((10.0, 20.0)), 10.0, 20.0, 30.0)
     steps = [frozenset(pair) for pair in pairwise([0, *np.array([10, 20, 30])[found.order]])]
     assert frozenset((10, 20)) not in steps
     assert sorted(found.order) == [0, 1, 2]
@@ -120,12 +132,12 @@ def test_a_blocked_way_changes_the_order(reference_cell):
 
 
 def test_a_detour_where_no_order_is_clear(reference_cell):
-    walls = Walls((0.0, 20.0), (10.0, 20.0))
-    found = route(reference_cell, walls, 10.0, 20.0, options=RouteOptions(return_to_base=False))
+    shut = walls((0.0, 20.0), (10.0, 20.0))
+    found = route(reference_cell, shut, 10.0, 20.0, options=RouteOptions(return_to_base=False))
     assert found.detours == 1
     assert sorted(found.order) == [0, 1]
     path = [reference_cell.base_posture, *(stop.posture for stop in found.stops)]
-    assert walls.check(np.array(path[:-1]), np.array(path[1:])).clear.all()
+    assert shut.check(np.array(path[:-1]), np.array(path[1:])).clear.all()
     drawn_back = next(stop.posture for stop in found.stops if stop.pose is None)
     robot = reference_cell.robot
     poses = robot.fk(np.vstack([drawn_back, at(10.0, 20.0)]))
@@ -134,37 +146,10 @@ def test_a_detour_where_no_order_is_clear(reference_cell):
     assert apart.min() == pytest.approx(0.1, abs=1e-9)
 
 
-class Prison(MotionChecker):
-    """No way leads to joint 1 at 20 deg, from wherever."""
-
-    def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> WayVerdicts:
-        inside = np.isclose(np.rad2deg([start[:, 0], end[:, 0]]), 20.0).any(axis=0)
-        return WayVerdicts(
-            ~inside,
-            np.zeros(len(start)),
-            np.zeros(len(start)),
-            tuple("a wall" if i else "" for i in inside),
-        )
-
-
 def test_a_pose_that_no_way_leads_to_is_lost(reference_cell):
-    found = route(reference_cell, Prison((), np.inf), 10.0, 20.0, 30.0)
+    found = route(reference_cell, Blocked(prison), 10.0, 20.0, 30.0)
     assert found.lost == {1: "no clear way to it: a wall"}
     assert sorted(found.order) == [0, 2]
-
-
-class Maze(MotionChecker):
-    """Only given pairs of numbers of joint 1 [deg] are joined by a clear way."""
-
-    def __init__(self, *clear: tuple[float, float]) -> None:
-        super().__init__((), np.inf)
-        object.__setattr__(self, "joined", {frozenset(pair) for pair in clear})
-
-    def check(self, start: np.ndarray, end: np.ndarray, *, far: bool = False) -> WayVerdicts:
-        ends = np.rad2deg(np.stack([start[:, 0], end[:, 0]], axis=1)).round(6).tolist()
-        clear = np.array([frozenset(pair) in self.joined or pair[0] == pair[1] for pair in ends])  # type: ignore[attr-defined]
-        none = np.zeros(len(ends))
-        return WayVerdicts(clear, none, none, tuple("" if c else "a wall" for c in clear))
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -174,18 +159,18 @@ def test_a_path_through_a_maze_is_found(reference_cell, seed):
     degrees = [10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
     path = [0.0, *rng.permutation(degrees)]
     more = [tuple(rng.choice(degrees, 2, replace=False)) for _ in range(6)]
-    maze = Maze(*pairwise(path), *more)
-    found = route(reference_cell, maze, *degrees)
+    own = maze(*pairwise(path), *more)
+    found = route(reference_cell, own, *degrees)
     assert found.lost == {}
     assert sorted(found.order) == list(range(6))
     stops = np.array([reference_cell.base_posture, *(stop.posture for stop in found.stops)])
-    assert maze.check(stops[:-1], stops[1:]).clear.all()
+    assert own.check(stops[:-1], stops[1:]).clear.all()
 
 
 def test_only_ways_of_the_order_are_checked(reference_cell):
-    walls = Walls()
-    route(reference_cell, walls, *range(5, 65, 5))
-    assert walls.asked == [13]  # type: ignore[attr-defined]
+    shut = walls()
+    route(reference_cell, shut, *range(5, 65, 5))
+    assert shut.asked == [13]
 
 
 def test_travel_of_a_joint_is_bounded():
@@ -204,3 +189,133 @@ def test_fast_joints_count_less(make_cell):
     q[1, 5] += np.deg2rad(40.0)  # 0.15 s at 260 deg/s
     found = Router(robot, FREE, make_cell().passing, make_cell().base_posture).route(q)
     assert found.order[0] == 1
+
+
+ANGLE = np.deg2rad(1.0)
+SAME_SIDE = RouteOptions(approach_rad=ANGLE)
+
+
+def last_movements(base: np.ndarray, found: Route) -> np.ndarray:
+    """By how much every joint moves on to each pose since it last stood or turned round [rad].
+
+    Followed back from the pose, stop by stop, as long as the joint moves the same way.
+    """
+    path = np.array([base, *(stop.posture for stop in found.stops)])
+    moves = np.diff(path, axis=0)
+    arrived = []
+    for row in (i for i, stop in enumerate(found.stops) if stop.pose is not None):
+        total = moves[row].copy()
+        for joint in range(path.shape[1]):
+            for before in range(row - 1, -1, -1):
+                if found.stops[before].pose is not None:
+                    break  # it stands there
+                if moves[before, joint] * moves[row, joint] <= 0.0:
+                    break
+                total[joint] += moves[before, joint]
+        arrived.append(total)
+    return np.array(arrived)
+
+
+def check_one_side(base: np.ndarray, found: Route, angle: float) -> None:
+    arrived = last_movements(base, found)
+    assert np.abs(arrived).min() >= angle - 1e-12
+    assert (np.sign(arrived) == np.sign(arrived[0])).all()
+
+
+@given(
+    share=arrays(float, st.tuples(st.integers(1, 6), st.just(6)), elements=st.floats(0.05, 0.95))
+)
+@settings(max_examples=25, deadline=None)
+def test_joints_arrive_from_one_side(reference_cell, share):
+    cell = reference_cell
+    robot = cell.robot
+    q = robot.lower + share * robot.joint_range
+    q = q[cell.passing.check(q).feasible]
+    found = Router(robot, FREE, cell.passing, cell.base_posture, SAME_SIDE).route(q)
+    kept = [i for i in range(len(q)) if i not in found.lost]
+    assert sorted(found.order) == kept
+    if kept:
+        check_one_side(cell.base_posture, found, ANGLE)
+    for stop in found.stops:
+        assert cell.passing.check(stop.posture[None]).feasible.all()
+
+
+@pytest.mark.parametrize("angle_deg", [0.5, 3.0])
+def test_poses_of_a_plan_are_approached(make_demo_cell, angle_deg):
+    """Among floor, fixture and gun: passed postures and ways keep what the poses keep."""
+    cell = make_demo_cell(plan={"approach": "same-side", "approach_deg": angle_deg})
+    found = plan(cell)
+    assert len(found.postures) >= 26
+    check_one_side(cell.base_posture, found.route, np.deg2rad(angle_deg))
+    stops = np.array([cell.base_posture, *(stop.posture for stop in found.route.stops)])
+    assert cell.passing.check(stops).feasible.all()
+    assert cell.ways.check(stops[:-1], stops[1:]).clear.all()
+    for before, stop in zip(found.route.stops, found.route.stops[1:], strict=False):
+        assert stop.pose is None or before.passing is Passing.APPROACH
+
+
+def test_without_it_joints_arrive_from_both_sides(make_demo_cell):
+    """The check can fail."""
+    cell = make_demo_cell()
+    arrived = last_movements(cell.base_posture, plan(cell).route)
+    assert (arrived > 0.0).any(axis=0).all()
+    assert (arrived < 0.0).any(axis=0).all()
+
+
+def test_a_joint_at_its_lower_limit_turns_all_of_them(reference_cell):
+    """One pose has no room below J5, so J5 arrives from above everywhere; the others from below."""
+    cell = reference_cell
+    q = np.tile(cell.base_posture, (3, 1))
+    q[:, 0] = np.deg2rad([10.0, 20.0, 30.0])
+    q[1, 4] = cell.robot.lower[4] + cell.margin + 0.5 * ANGLE
+    found = Router(cell.robot, FREE, cell.passing, cell.base_posture, SAME_SIDE).route(q)
+    assert found.lost == {}
+    signs = np.sign(last_movements(cell.base_posture, found))
+    np.testing.assert_array_equal(signs, np.tile([1.0, 1, 1, 1, -1, 1], (3, 1)))
+
+
+def test_what_cannot_be_approached_like_most_is_lost(reference_cell):
+    """Two poses at the lower limit of J5, one at the upper: the one is given up, and why."""
+    cell = reference_cell
+    q = np.tile(cell.base_posture, (3, 1))
+    q[:, 0] = np.deg2rad([10.0, 20.0, 30.0])
+    q[[0, 2], 4] = cell.robot.lower[4] + cell.margin + 0.5 * ANGLE
+    q[1, 4] = cell.robot.upper[4] - cell.margin - 0.5 * ANGLE
+    found = Router(cell.robot, FREE, cell.passing, cell.base_posture, SAME_SIDE).route(q)
+    assert list(found.lost) == [1]
+    assert found.lost[1].startswith("cannot be approached from one side: J5 ")
+    assert sorted(found.order) == [0, 2]
+    check_one_side(cell.base_posture, found, ANGLE)
+
+
+def shut_from_below(*, both: bool = False) -> Blocked:
+    """No short motion leads to joint 1 at 20 deg from below, or from either side."""
+
+    def hit(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        step = end[:, 0] - start[:, 0]
+        step = np.abs(step) if both else step
+        there = np.isclose(np.rad2deg(end[:, 0]), 20.0)
+        return there & (step > 0.0) & (step < 2.0 * ANGLE)
+
+    return Blocked(hit)
+
+
+def test_a_blocked_way_from_the_passed_posture_turns_the_joint(reference_cell):
+    cell = reference_cell
+    q = np.tile(cell.base_posture, (2, 1))
+    q[:, 0] = np.deg2rad([10.0, 20.0])
+    ways = shut_from_below()
+    found = Router(cell.robot, ways, cell.passing, cell.base_posture, SAME_SIDE).route(q)
+    assert found.lost == {}
+    signs = np.sign(last_movements(cell.base_posture, found))
+    np.testing.assert_array_equal(signs, np.tile([-1.0, 1, 1, 1, 1, 1], (2, 1)))
+
+
+def test_a_wall_on_both_sides_loses_the_pose(reference_cell):
+    cell = reference_cell
+    q = np.tile(cell.base_posture, (2, 1))
+    q[:, 0] = np.deg2rad([10.0, 20.0])
+    ways = shut_from_below(both=True)
+    found = Router(cell.robot, ways, cell.passing, cell.base_posture, SAME_SIDE).route(q)
+    assert found.lost == {1: "cannot be approached from one side: a wall"}
+    assert found.order.tolist() == [0]

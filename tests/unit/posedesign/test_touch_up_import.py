@@ -17,8 +17,7 @@ from posedesign.pose_programs import (
     program_options,
     write_program,
 )
-from posedesign.pose_programs.frames import arm_of
-from posedesign.pose_programs.from_plan import with_approaches
+from posedesign.pose_programs.from_plan import arm_of, with_approaches
 from posedesign.programs import PoseProgram, ProgramPose, write
 from posedesign.simulation import SimulatedRobot
 

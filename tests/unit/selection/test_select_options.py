@@ -10,6 +10,7 @@ from posedesign.selection import (
     Candidates,
     Criterion,
     criterion_by_name,
+    mean_deviation,
     select,
     select_fewest,
 )
@@ -168,7 +169,24 @@ def test_a_threshold_out_of_reach_is_refused_at_once(name):
     np.testing.assert_array_equal(select(J, 8, name, threshold=within).indices, found.indices)
 
 
+@pytest.mark.parametrize(("written", "meant"), [("c_g", "C_G"), ("o5", "O5"), ("COND_2", "cond_2")])
+def test_names_in_any_case(written, meant):
+    assert criterion_by_name(written, 3, 5).name == meant
+
+
+def test_functions_of_other_parameters_or_of_none():
+    with pytest.raises(InputError, match="functions of 4 parameters, blocks of 3"):
+        select(blocks(p=3), 5, mean_deviation(np.ones((1, 1, 4))))
+    with pytest.raises(InputError, match="zero"):
+        mean_deviation(np.zeros((1, 1, 3)))
+
+
 def test_a_pool_that_hides_parameters_names_them():
+    hidden = blocks(12)
+    hidden[..., 2] = 0.0
+    with pytest.raises(NotIdentifiableError) as alone:
+        select(hidden, 5, names=["a", "b", "tool.z", "c"])
+    assert alone.value.parameters == ("tool.z",)
     J = blocks(12)
     J[:, :, 3] = 2.0 * J[:, :, 1]
     with pytest.raises(NotIdentifiableError) as told:

@@ -1,14 +1,16 @@
-"""What the postures of a pool touch: one target or several, each with its own view."""
+"""Postures to choose from, with what each of them touches: one target or several."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.errors import InputError
+from calib.errors import InputError, near_names
+from calib.model import CalibrationModel, Linearisation, Setup
+from calib.model.parameters import TargetPoints
 from calib.se3 import BoolArray, FloatArray, IntArray
 from posedesign.cell import Cell
 from posedesign.constraints import Checker
@@ -100,3 +102,83 @@ def _checked(targets: FloatArray, name: str, hint: str) -> FloatArray:
     if (apart < APART_M).any():
         raise InputError("two targets are the same point", hint="give it once", name=name)
     return targets
+
+
+@dataclass(frozen=True, eq=False)
+class CandidatePoses:
+    """Postures that keep every constraint of a cell, no two of them the same.
+
+    ``postures`` (N, n): [rad]. ``orientations`` (N, 3, 3): of the tip, in the base frame.
+    ``target`` (N,): what each touches, or looks at: an index into the targets. ``targets_m`` (K,
+    3): targets [m] in the base frame. ``target_names``: their labels in a model. ``tried``: poses,
+    or postures, that were looked at. ``description``: how they were made, in words.
+    """
+
+    postures: FloatArray
+    orientations: FloatArray
+    target: IntArray
+    targets_m: FloatArray
+    target_names: tuple[str, ...]
+    tried: int
+    description: str
+
+    def __len__(self) -> int:
+        return len(self.postures)
+
+    @property
+    def touched_m(self) -> FloatArray:
+        """Place of what each posture touches, ``(N, 3)`` [m] in the base frame."""
+        return np.asarray(self.targets_m[self.target])
+
+    @property
+    def of_each(self) -> IntArray:
+        """Number of postures of each target, ``(K,)``."""
+        return np.bincount(self.target, minlength=len(self.targets_m))
+
+    def take(self, rows: ArrayLike) -> CandidatePoses:
+        """Some of the postures, in the order given: indices, or booleans ``(N,)``."""
+        index = np.asarray(rows)
+        index = np.flatnonzero(index) if index.dtype == bool else index.astype(np.intp)
+        return replace(
+            self,
+            postures=self.postures[index],
+            orientations=self.orientations[index],
+            target=self.target[index],
+        )
+
+    def target_points(self, *, free: bool = True, prior_m: float | None = None) -> TargetPoints:
+        """The targets as a model takes them, see :class:`~calib.model.parameters.TargetPoints`."""
+        return TargetPoints(self.targets_m, self.target_names, free, prior_m)
+
+    def setup(self, model: CalibrationModel) -> Setup:
+        """Which target of a model each posture touches: by name, or the only one of both.
+
+        Raises InputError: the model has no target of that name.
+        """
+        if len(self.targets_m) == len(model.targets) == 1:
+            return Setup.of(len(self), target=self.target)
+        for name in self.target_names:
+            if name not in model.targets:
+                raise InputError(
+                    f"the model has no target {name!r}, which the pool touches",
+                    hint=near_names(name, model.targets) or "build it with pool.target_points()",
+                    name=name,
+                )
+        index = np.array([model.targets.index(name) for name in self.target_names], dtype=np.intp)
+        return Setup.of(len(self), target=index[self.target])
+
+    def linearise(self, model: CalibrationModel) -> Linearisation:
+        """What a model makes of the postures at its nominal parameters."""
+        return model.linearise(self.postures, setup=self.setup(model))
+
+    def white(self, model: CalibrationModel) -> FloatArray:
+        """Blocks ``(N, m, p)`` over the noise: what a selection chooses among."""
+        return self.linearise(model).white_jacobian
+
+    def summary(self) -> str:
+        """How many postures of what, in words."""
+        said = f"{self.description}: {len(self)} postures from {self.tried} tried"
+        if len(self.targets_m) == 1:
+            return said
+        each = zip(self.target_names, self.of_each.tolist(), strict=True)
+        return f"{said}; " + ", ".join(f"{name} {count}" for name, count in each)

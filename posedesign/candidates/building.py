@@ -1,0 +1,384 @@
+"""Candidates that keep the tool point on a target, that see it, or that a cell asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import InputError, UnreachableError
+from calib.model import CalibrationModel
+from calib.robots import InverseSolutions
+from calib.se3 import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    inverse,
+    rotation_exp,
+    transform,
+    wpr_from_rotation,
+)
+from posedesign.candidates.candidate_poses import CandidatePoses, checkers_of, targets_of
+from posedesign.candidates.postures import (
+    IN_WORDS,
+    MOST_PER_POSE,
+    asked_for,
+    check_configurations,
+    check_count,
+    even_points,
+    evenly,
+    feasible_postures,
+    no_pose,
+    no_posture,
+    once,
+)
+from posedesign.cell import (
+    Cell,
+    TaskBox,
+    cone_rotations_at,
+    touching_poses,
+    wpr_rotations,
+)
+from posedesign.cell.task_box import BOX_OF_REACH, box_functions
+
+LEVELS = 16
+"""Grids of W, P and R, from the first to the widest angles: 417 poses."""
+
+_SAME_TURN_RAD = 1e-8
+"""Orientations of which no entry differs by more are one; forming them rounds 1e-15."""
+
+LARGEST_TURN_RAD = np.pi
+"""Of a joint from the base posture: beyond it the arm is where it has been, a full turn apart."""
+
+_FEWEST, _MOST = 1_000, 20_000
+"""Draws made at once."""
+
+COORDINATES = 6
+"""Of a view: the place in the image (2), the distance, and what :func:`cone_rotations_at` takes."""
+
+
+def grid_candidates(
+    cell: Cell,
+    levels: int = LEVELS,
+    configurations: str = "nearest",
+    *,
+    targets_m: ArrayLike | None = None,
+    target_names: Sequence[str] | None = None,
+) -> CandidatePoses:
+    """Postures of all W P R grids of a cell, from its first angles to its largest.
+
+    ``levels``: number of grids (Eq. 13 of [Watanabe2006]_), their angles evenly spaced.
+    ``configurations``: see :data:`~posedesign.candidates.Configurations`. ``targets_m`` (K, 3):
+    targets [m] in the base frame; each pose touches one, and each grid is laid at each. That of the
+    cell by default. ``target_names``: their labels in a model. Raises InputError: an argument
+    cannot be used. UnreachableError: no pose at all can be taken.
+    """
+    levels = check_count(levels)
+    section = cell.config.variations
+    start, largest = np.deg2rad([section.start_deg, section.largest_deg])
+    wpr = wpr_from_rotation(_base_rotation(cell))
+    grids = [wpr_rotations(wpr, angles) for angles in np.linspace(start, largest, levels)]
+    rotations = np.concatenate(grids)
+    # the base pose is in every grid, and so are all poses of an angle that is held
+    rotations = rotations[_distinct(rotations)]
+    angles = " to ".join(
+        ", ".join(f"{angle:g}" for angle in given)
+        for given in (section.start_deg, section.largest_deg)
+    )
+    return _touching(
+        cell,
+        lambda: rotations,
+        f"W P R varied by {angles} deg in {levels} levels",
+        configurations,
+        (targets_m, target_names),
+    )
+
+
+def cone_candidates(
+    cell: Cell,
+    tilt: float,
+    count: int,
+    rng: np.random.Generator,
+    configurations: str = "front",
+    *,
+    targets_m: ArrayLike | None = None,
+    target_names: Sequence[str] | None = None,
+) -> CandidatePoses:
+    """Postures with the tool tilted up to an angle against the base pose and rolled freely.
+
+    ``tilt``: largest angle between the tool's z and that of the base pose [rad]. ``count``:
+    orientations tried at each target; each gives as many postures as it can be taken in. ``rng``:
+    scrambles the orientations, which fill the cone evenly. ``configurations``: see
+    :data:`~posedesign.candidates.Configurations`. A redundant arm gives at most
+    :data:`~posedesign.candidates.postures.MOST_PER_POSE` of each pose. ``targets_m``,
+    ``target_names``: see :func:`grid_candidates`. Raises InputError: an argument cannot be used.
+    UnreachableError: no pose at all can be taken.
+    """
+    if not 0.0 < tilt <= np.pi:
+        raise InputError(
+            f"a cone of {tilt:g} rad: its tilt is above 0 and at most pi",
+            hint="give it in radians",
+            name="tilt",
+            value=tilt,
+            bound=(0.0, np.pi),
+        )
+    count, base = check_count(count), _base_rotation(cell)
+    return _touching(
+        cell,
+        lambda: cone_rotations_at(base, tilt, even_points(count, 3, rng)),
+        f"cone of {np.rad2deg(tilt):g} deg, rolled freely",
+        configurations,
+        (targets_m, target_names),
+    )
+
+
+def _touching(
+    cell: Cell,
+    orient: Callable[[], FloatArray],
+    orientations: str,
+    configurations: str,
+    asked: tuple[ArrayLike | None, Sequence[str] | None],
+) -> CandidatePoses:
+    """The pool of orientations ``(M, 3, 3)`` that are called for anew at each target."""
+    chosen = check_configurations(configurations)
+    targets_m, names = targets_of(cell, *asked)
+    checkers = checkers_of(cell, targets_m)
+    poses = [touching_poses(orient(), cell.tool_m, target_m) for target_m in targets_m]
+    found = [
+        feasible_postures(checker, part, cell.base_posture, chosen)
+        for checker, part in zip(checkers, poses, strict=True)
+    ]
+    postures = np.concatenate([q for q, _ in found])
+    if not len(postures):
+        raise no_pose(
+            checkers[0],
+            poses[0],
+            cell.base_posture,
+            lambda solutions: asked_for(solutions, chosen),
+            (
+                "only with the first joint on the other side of the base posture",
+                'take configurations = "all"',
+            ),
+        )
+    turned = [part[pose, :3, :3] for part, (_, pose) in zip(poses, found, strict=True)]
+    target = np.repeat(np.arange(len(targets_m)), [len(q) for q, _ in found])
+    pool = CandidatePoses(
+        postures=postures,
+        orientations=np.concatenate(turned),
+        target=target,
+        targets_m=targets_m,
+        target_names=names,
+        tried=sum(len(part) for part in poses),
+        description=f"{orientations}, {IN_WORDS[chosen]}",
+    )
+    return pool.take(once(postures))
+
+
+def _base_rotation(cell: Cell) -> FloatArray:
+    return np.asarray(cell.robot.fk(cell.base_posture)[:3, :3])
+
+
+def _distinct(rotations: FloatArray) -> IntArray:
+    """First row of each orientation of ``(M, 3, 3)``, ascending."""
+    return np.flatnonzero(once(rotations.reshape(len(rotations), 9), _SAME_TURN_RAD))
+
+
+def joint_candidates(
+    cell: Cell, count: int, rng: np.random.Generator, largest_turn: float = LARGEST_TURN_RAD
+) -> CandidatePoses:
+    """Postures around the base posture that keep every constraint, wherever the tool point is.
+
+    Drawn evenly in the joints; or, where the cell has a camera, evenly in what it sees of its
+    target: over image, distance, tilt and roll, in every branch of the arm within the same bounds.
+    Of the two, that is taken of which more draws are feasible: of a thousand postures in all of the
+    joints' ranges hardly one sees the target.
+
+    ``count``: postures wanted. Where most draws break a constraint, fewer may be given.
+    ``largest_turn``: how far each joint may turn from the base posture [rad]. Raises InputError: an
+    argument cannot be used. UnreachableError: none of the postures drawn keeps every constraint.
+    """
+    count = check_count(count)
+    if not largest_turn > 0.0:
+        raise InputError(
+            f"joints that turn by {largest_turn:g} rad give one posture",
+            hint="give how far each joint may turn from the base posture, in radians",
+            name="largest_turn",
+            value=largest_turn,
+            bound=0.0,
+        )
+    robot, base, camera = cell.robot, cell.base_posture, cell.config.camera
+    lower = np.maximum(robot.lower + cell.margin, base - largest_turn)
+    upper = np.minimum(robot.upper - cell.margin, base + largest_turn)
+    joints_at_once = views_at_once = int(np.clip(count, _FEWEST, _MOST))
+    each = 64
+    if robot.n > 6:  # a redundant arm takes each view in many ways, and long to find them
+        views_at_once, each = int(np.clip(count // MOST_PER_POSE, _FEWEST // 10, _FEWEST)), 8
+
+    def joints() -> FloatArray:
+        return np.asarray(lower + (upper - lower) * even_points(joints_at_once, robot.n, rng))
+
+    def views() -> FloatArray:
+        return viewing_poses(cell, even_points(views_at_once, COORDINATES, rng))
+
+    def within(solutions: InverseSolutions) -> BoolArray:
+        q = solutions.postures
+        return np.asarray(((q >= lower) & (q <= upper)).all(axis=1))
+
+    def seeing() -> FloatArray:
+        solutions = robot.inverse(views(), near=base, margin=cell.margin)
+        rows = np.flatnonzero(solutions.inside & within(solutions))
+        return np.asarray(solutions.postures[rows[evenly(solutions.pose[rows], MOST_PER_POSE)]])
+
+    def feasible(draw: Callable[[], FloatArray]) -> FloatArray:
+        q = draw()
+        return np.asarray(q[cell.checker.check(q, every=False).feasible])
+
+    # how to draw, how many at a time, and how many at most for each posture that is wanted
+    kinds = [(joints, joints_at_once, 64)]
+    if camera is not None:
+        kinds.append((seeing, views_at_once, each))
+    first = [feasible(draw) for draw, _, _ in kinds]
+    best = int(np.argmax([len(q) / kind[1] for q, kind in zip(first, kinds, strict=True)]))
+    (draw, tried, most), found = kinds[best], [first[best]]
+    at_once = tried
+    while sum(map(len, found)) < count and tried < most * max(count, at_once):
+        found.append(feasible(draw))
+        tried += at_once
+    postures = np.concatenate(found)
+    postures = postures[once(postures)][:count]
+    if not len(postures) and camera is None:
+        raise no_posture(cell.checker, joints(), tried)
+    if not len(postures):
+        otherwise = "only with joints turned farther from the base posture", "raise largest_turn"
+        raise no_pose(cell.checker, views(), base, within, otherwise)
+    return CandidatePoses(
+        postures=postures,
+        orientations=robot.fk(postures)[:, :3, :3],
+        target=np.zeros(len(postures), dtype=np.intp),
+        targets_m=cell.target_m[None],
+        target_names=(cell.config.target.name,),
+        tried=tried,
+        description=f"joints within {np.rad2deg(largest_turn):g} deg of the base posture"
+        + ", the target in view" * (camera is not None),
+    )
+
+
+def viewing_poses(cell: Cell, points: FloatArray) -> FloatArray:
+    """Tip poses ``(N, 4, 4)`` that see the target, at points ``(N, 6)`` of the unit cube.
+
+    All that a cell allows its camera: the middle of the target anywhere in the image less its
+    border, at any distance, the face of the target tilted any way, and the camera rolled freely
+    about the line of sight.
+    """
+    camera = cell.config.camera
+    if camera is None:
+        raise InputError("the cell has no camera", name="camera")
+    u, v, distance = points[:, :3].T
+    room_px = np.array(camera.image_px) / 2.0 - camera.border_px
+    across = (2.0 * np.stack([u, v], axis=-1) - 1.0) * room_px / camera.focal_px
+    nearest_m, farthest_m = camera.nearest_mm / 1e3, camera.farthest_mm / 1e3
+    away_m = nearest_m + (farthest_m - nearest_m) * distance
+    # a frame whose z is the line of sight: tilted against the normal, and in the camera's own frame
+    tilt = float(np.deg2rad(camera.largest_tilt_deg))
+    R_base_sight = cone_rotations_at(_with_z(-cell.target_normal), tilt, points[:, 3:])
+    R_camera_sight = _towards(across)
+    R_base_camera = R_base_sight @ np.swapaxes(R_camera_sight, -1, -2)
+    lens = cell.target_m - away_m[:, None] * R_base_sight[:, :, 2]
+    return np.asarray(transform(R_base_camera, lens) @ inverse(cell.T_tip_camera))
+
+
+def _towards(across: FloatArray) -> FloatArray:
+    """Rotations ``(N, 3, 3)`` that turn z to the rays through points ``(N, 2)`` at depth one."""
+    slope = np.linalg.norm(across, axis=1)
+    angle = np.arctan(slope) / np.maximum(slope, np.finfo(float).tiny)
+    axis = np.stack([-across[:, 1], across[:, 0], np.zeros(len(across))], axis=-1)
+    return np.asarray(rotation_exp(axis * angle[:, None]))
+
+
+def _with_z(z: FloatArray) -> FloatArray:
+    """A rotation ``(3, 3)`` with this third column, a unit vector."""
+    x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def candidates_of(cell: Cell) -> CandidatePoses:
+    """Candidates of a cell, by its section ``[pool]``.
+
+    ``auto`` is the view cone for touch-ups, and all W P R grids for a camera that sees a target.
+
+    Raises InputError: postures that do not touch the target, for a measurement that does.
+    UnreachableError: the robot can take none of them.
+    """
+    section = cell.config.pool
+    kind = section.kind
+    if kind == "auto":
+        kind = "wpr" if cell.is_hand_eye else "cone"
+    if kind == "wpr":
+        return grid_candidates(cell, configurations="nearest")
+    rng = np.random.default_rng(section.seed)
+    if kind == "joints":
+        if not cell.is_hand_eye:
+            raise InputError(
+                "postures drawn in the joints do not touch the target, as "
+                f"{cell.config.measurement.kind} needs",
+                hint='set pool.kind = "cone"',
+                name="pool.kind",
+            )
+        return joint_candidates(cell, section.candidates, rng)
+    tilt = float(np.deg2rad(section.tilt_deg))
+    return cone_candidates(cell, tilt, section.candidates, rng, section.configurations)
+
+
+def away_from_singularities(cell: Cell) -> Cell:
+    """The cell with the distance from singularities that chosen poses keep.
+
+    The best poses lie at the edge of what an arm can do. Near full reach a millimetre of correction
+    in a touch-up takes degrees of a joint, or cannot be made at all.
+    """
+    least = cell.config.pool.smallest_singular_value
+    section = cell.config.constraints
+    if cell.is_hand_eye or section.smallest_singular_value >= least:
+        return cell
+    stricter = section.model_copy(update={"smallest_singular_value": least})
+    return replace(cell, config=cell.config.model_copy(update={"constraints": stricter}))
+
+
+def with_kept(cell: Cell, pool: CandidatePoses, postures: FloatArray) -> CandidatePoses:
+    """The pool with poses of the user's own ``(k, n)`` [rad] as its first ones."""
+    k = len(postures)
+    return replace(
+        pool,
+        postures=np.concatenate([postures, pool.postures]),
+        orientations=np.concatenate([cell.robot.fk(postures)[:, :3, :3], pool.orientations]),
+        target=np.concatenate([np.zeros(k, dtype=np.intp), pool.target]),
+        tried=pool.tried + k,
+    )
+
+
+def box_of_cell(cell: Cell) -> tuple[TaskBox, str]:
+    """The task box of a cell, and where it is from in words."""
+    section = cell.config.task_box
+    if section is not None:
+        lowest, highest = np.array(section.lowest_mm) / 1e3, np.array(section.highest_mm) / 1e3
+        return TaskBox(lowest, highest, section.steps), "the task box of the cell"
+    half = BOX_OF_REACH * cell.robot.chain.reach_m
+    words = f"a cube of {2e3 * half:.0f} mm about the target (the cell has no [task_box])"
+    return TaskBox(cell.target_m - half, cell.target_m + half), words
+
+
+def functions_over_box(cell: Cell, model: CalibrationModel) -> tuple[FloatArray, str]:
+    """How the tool point moves with the parameters over the box ``(K, 3, p)``, and which box.
+
+    Without a task box of its own, a cell is judged at the base pose where nothing else is reached.
+    """
+    box, words = box_of_cell(cell)
+    try:
+        return box_functions(cell, model, box), words
+    except UnreachableError:
+        if cell.config.task_box is not None:
+            raise
+    point = TaskBox(cell.target_m, cell.target_m, (1, 1, 1))
+    return box_functions(cell, model, point), "the target alone"

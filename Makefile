@@ -14,7 +14,7 @@ demo: $(VENV)/.installed
 	$(BIN)/posedesign demo
 
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 slow: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto -m "slow and not full"

@@ -311,6 +311,7 @@ def test_good_touch_ups_are_not_suspected(cli, work):
     assert said.err == ""
 
 
+@pytest.mark.slow
 def test_more_wrong_than_right(refuse, change_cell, work):
     path, _ = knocked(work, 0.7, 1.0)
     cell = offsets_only(change_cell({"parameters.loss": '"graduated"'}), judged=True)

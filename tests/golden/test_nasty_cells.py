@@ -80,6 +80,7 @@ class Tally:
                 self.wrong.append(f"{who}: {1e3 * missed:.2f} mm, {1e3 * allowed:.2f} allowed")
 
 
+@pytest.mark.slow
 def test_nothing_wrong_is_reported_as_good():
     """A cell with each kind of trick, about."""
     tally = Tally()
@@ -124,6 +125,7 @@ def outcome(seed: tuple[int, int], kind: str) -> str:
     return "" if is_right(errors) else f"{seed}: {errors}"
 
 
+@pytest.mark.slow
 def test_camera_and_target_are_found_from_nothing():
     """Ten cells."""
     assert not [said for k in range(10) if (said := outcome((0, k), "fast"))]

@@ -104,6 +104,7 @@ def assert_reaches(ratios, deviations):
         assert 1.0 - deviations * chance < ratio < LARGEST, f"{name}: {ratio:.3f} ± {chance:.3f}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on", ["B", "A", "both"])
 @pytest.mark.parametrize("pairs", [5, 20])
 def test_error_reaches_the_bound(pairs, on):
@@ -135,6 +136,7 @@ def test_methods_that_do_not_weigh_by_the_noise_miss_the_bound():
     assert ratios["Z translation"][0] > 2.0
 
 
+@pytest.mark.slow
 def test_noise_that_the_residuals_show_reaches_the_bound():
     """Noise of A in a narrow cone, of unknown size and side: taken for B's it costs twice that."""
     rng = np.random.default_rng(3)

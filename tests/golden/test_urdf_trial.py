@@ -641,6 +641,7 @@ def _tree_of(name: str) -> ET.Element:
     return ET.parse(path).getroot()  # noqa: S314 - our own
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind", "seed", "pinned", "method"),
     [("ur5e", "meshes", 2, False, PLANS[1]), ("lrmate200id", "both", 4, True, PLANS[0])],

@@ -56,6 +56,7 @@ class TestRepeatability:
     @pytest.mark.parametrize(
         "key", ["fast", pytest.param("any side, tenth", marks=pytest.mark.slow)]
     )
+    @pytest.mark.slow
     def test_a_short_run_scatters_as_is_written(self, study, expected, key):
         ((row,), _) = study.run(SHORT, keys=(key,))
         assert_same_scatter(row, expected[key], TOUCH + STEREO, PICTURES)
@@ -160,6 +161,7 @@ class TestParts:
 
 class TestAgainstPin:
     @pytest.mark.usefixtures("few_pictures")
+    @pytest.mark.slow
     def test_the_bias_is_that_of_the_ellipse_and_is_taken_off(self, study):
         trials = 100
         for row in study.against_pin(trials, "fast")["rows"]:

@@ -23,7 +23,7 @@ from posedesign.identification import Identified, results_as_dict
 from posedesign.identification.models import FRAMES_ONLY
 from posedesign.workflow import identify_file
 
-pytestmark = pytest.mark.real_data
+pytestmark = [pytest.mark.real_data, pytest.mark.slow]
 
 STUDIES = Path(__file__).parents[2] / "studies"
 SITES, SOCKETS = ("front", "right", "back-high"), (0, 1)
@@ -162,7 +162,6 @@ def texts_of(done: Done) -> Sequence[str]:
     return [done.content["reason"], *done.warnings, own["message"], *own["notes"]]
 
 
-@pytest.mark.slow
 def test_plates_of_the_panda_have_their_length_or_nothing_is_recommended(panda):
     """50.0 mm, which nobody has told: touch-ups do not see the scale of an arm that is free."""
     done = panda(*SITES)
@@ -171,7 +170,6 @@ def test_plates_of_the_panda_have_their_length_or_nothing_is_recommended(panda):
         assert np.abs(np.array(found) - PLATE_MM).max() <= PLATE_WITHIN_MM, found
 
 
-@pytest.mark.slow
 def test_the_panda_is_recognised(panda):
     """It is the arm of the preset, off by a few degrees at most."""
     done = panda(*SITES)
@@ -180,7 +178,6 @@ def test_the_panda_is_recognised(panda):
     assert any("show a noise of" in line or "incomplete" in line for line in texts_of(done))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "site",
     [

@@ -12,7 +12,7 @@ import pytest
 from calib.robot_world import PairNoise, difference, residuals, solve, solve_batch
 from posedesign.pairs import PairSource
 
-pytestmark = pytest.mark.real_data
+pytestmark = [pytest.mark.real_data, pytest.mark.slow]
 
 FOLDER = Path(__file__).parents[2] / "studies" / "07_real_pairs"
 METHODS = ("ml", "shah", "li-kronecker", "zhuang-literal")
@@ -131,7 +131,6 @@ def test_estimated_noise_goes_with_the_residuals_of_every_half(study, pairs, nam
         assert learn.sum() * square.sum() == pytest.approx(6 * learn.sum() - 12, rel=1e-3)
 
 
-@pytest.mark.slow
 def test_halves_agree_better_by_the_noise_that_shows(study, pairs):
     """X and Z of two halves that share no pair are nearer, and as near as they say."""
     A, B = pairs["UR3e"]

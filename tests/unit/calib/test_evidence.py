@@ -356,6 +356,7 @@ def test_uncertain_sizes_widen_what_rests_on_them():
     assert (np.diag(found.covariance) >= 0.0).all()
 
 
+@pytest.mark.slow
 def test_the_likelihood_over_all_sizes_is_its_integral() -> None:
     """Laplace's approximation against the sum over a grid: sizes usual and not, and noise."""
     groups = [replace(GROUPS[0], usual=8e-4), GROUPS[1]]

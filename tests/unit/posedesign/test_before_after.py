@@ -117,6 +117,7 @@ def measured_by(lab: Any, offset_deg: float, shift_m: float, tmp_path: Path) -> 
     return read_measurements(path, 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("offset_deg", "shift_m", "model", "name"),
     [
@@ -157,6 +158,7 @@ def test_every_unit_has_a_bound():
     assert set(BELIEVABLE) == set(DISPLAY)
 
 
+@pytest.mark.slow
 def test_residuals_of_decimetres_are_of_another_arm(tmp_path, lab, make_cell):
     table = table_of(tmp_path, lab, ["touch-up"], 40)
     rng = np.random.default_rng(3)
@@ -197,6 +199,7 @@ def test_what_is_shown_where_nothing_can_be_judged(tmp_path, lab, make_cell):
     assert content["models"][-1]["name"] == content["reference"] == "everything with priors"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "loss", ["least-squares", pytest.param("graduated", marks=pytest.mark.slow)]
 )

@@ -112,6 +112,7 @@ def test_steady_measurements_say_nothing(table, make_cell):
     assert found.is_of_this_robot
 
 
+@pytest.mark.slow
 def test_a_refusal_is_hinted_at_by_name(table, make_cell):
     """Where the cell asks for what cannot be told, the mistake comes first."""
     asked = {"models": [["zero_offsets"]], "zero_offsets": ["joint_1", "joint_2", "joint_3"]}

@@ -143,6 +143,7 @@ def nees(request) -> FloatArray:
     return scattered(NOISES[request.param], 12, 1000, 1)
 
 
+@pytest.mark.slow
 def test_errors_are_chi_square_by_the_covariance(nees):
     tail = 1e-3
     low, high = chi2.ppf([tail / 2, 1.0 - tail / 2], 12 * len(nees)) / len(nees)
@@ -156,6 +157,7 @@ def test_the_chi_square_test_sees_a_wrong_covariance(nees, ratio):
     assert kstest(nees * ratio, chi2(12).cdf).pvalue < 1e-6
 
 
+@pytest.mark.slow
 def test_errors_with_estimated_noise_are_as_wide_as_few_degrees_of_freedom_make_them():
     """Rotations and translations share 6 N - 12 = 108: an F test of 12 and that many, nearly."""
     nees = scattered(noise_of("B"), 20, 1000, 2, given=False)

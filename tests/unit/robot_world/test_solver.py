@@ -205,6 +205,7 @@ def test_opencv_names_the_same_equation_from_the_other_side(problem):
     assert error.name == "world2cam"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["A", "B", "both"])
 def test_residuals_beyond_the_noise_given_widen_the_deviations(side):
     noise = PairNoise(np.radians(0.1), 1e-3, on=side)

@@ -132,7 +132,6 @@ class CandidatePoses:
 
     @property
     def of_each(self) -> IntArray:
-        """Number of postures of each target, ``(K,)``."""
         return np.bincount(self.target, minlength=len(self.targets_m))
 
     def take(self, rows: ArrayLike) -> CandidatePoses:
@@ -176,7 +175,6 @@ class CandidatePoses:
         return self.linearise(model).white_jacobian
 
     def summary(self) -> str:
-        """How many postures of what, in words."""
         said = f"{self.description}: {len(self)} postures from {self.tried} tried"
         if len(self.targets_m) == 1:
             return said

@@ -45,7 +45,6 @@ class Situation:
         return self.chain.forward(self.q)
 
     def take(self, rows: IntArray) -> Situation:
-        """The same at some of the postures."""
         state = self.__dict__.get("state")
         if state is not None:
             state = ChainState(**{f.name: getattr(state, f.name)[rows] for f in fields(state)})
@@ -105,7 +104,6 @@ class _Limits(Constraint):
         """How far postures are inside each limit ``(S, L)`` [rad]."""
 
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """Which: the limit."""
         margin = self._inside(arm.q) - self._margin
         which = np.argmin(margin, axis=1)
         return margin[np.arange(len(margin)), which], which

@@ -109,7 +109,6 @@ class PoseSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """P01, P02, ..."""
         return tuple(f"{self.letter}{self.first + i:02d}" for i in range(len(self.status)))
 
     @property
@@ -124,7 +123,6 @@ class PoseSet:
         return tuple(name for name, status in pairs if status is not PoseStatus.DROPPED)
 
     def count(self, status: PoseStatus) -> int:
-        """Number of poses with a status."""
         return self.status.count(status)
 
     def without(self, lost: Mapping[int, str]) -> PoseSet:
@@ -209,12 +207,10 @@ class PosePlan(Planned):
 
     @property
     def reached(self) -> bool:
-        """Whether C_G is below the threshold."""
         return self.stop is StopReason.THRESHOLD
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the postures."""
         return tuple(self.poses.kept_names[i] for i in self.route.order)
 
     @property
@@ -224,7 +220,6 @@ class PosePlan(Planned):
 
     @property
     def message(self) -> str:
-        """The outcome in one line."""
         best = self.rounds[self.best]
         angles = "/".join(f"{d:g}" for d in best.variation_deg)
         return (

@@ -272,12 +272,12 @@ def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | No
             hint="leave --approach-deg out, or plan without plan.approach",
             name="approach",
         )
-    # only whether the short ways are clear is asked, so speeds do not matter
-    ways = KnownMotions(
+    # only whether the short motions are clear is asked, so speeds do not matter
+    known = KnownMotions(
         cell.robot, cell.ways, cell.passing, cell.base_posture, np.ones(cell.robot.n)
     )
     angle = float(np.deg2rad(approach_deg))
-    found = find_approaches(poses.measured.postures, angle, cell.passing, ways)
+    found = find_approaches(poses.measured.postures, angle, cell.passing, known)
     if found.lost:
         i, why = next(iter(found.lost.items()))
         raise InputError(f"pose {poses.measured.names[i]} {why}", name="approach")

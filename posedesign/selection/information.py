@@ -76,11 +76,9 @@ class InformationState:
             self.S[:, :, part] = np.einsum("nap,nbp->abn", moved, J[part])
 
     def take(self, row: int) -> None:
-        """Take a candidate in."""
         self._change(row, 1.0)
 
     def drop(self, row: int) -> None:
-        """Put a candidate back."""
         self._change(row, -1.0)
 
     def _change(self, row: int, sign: float) -> None:

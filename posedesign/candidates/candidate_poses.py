@@ -150,10 +150,7 @@ class CandidatePoses:
         return TargetPoints(self.targets_m, self.target_names, free, prior_m)
 
     def setup(self, model: CalibrationModel) -> Setup:
-        """Which target of a model each posture touches: by name, or the only one of both.
-
-        Raises InputError: the model has no target of that name.
-        """
+        """Which target of a model each posture touches: by name, or the only one of both."""
         if len(self.targets_m) == len(model.targets) == 1:
             return Setup.of(len(self), target=self.target)
         for name in self.target_names:

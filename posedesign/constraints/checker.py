@@ -69,11 +69,10 @@ class Constraint(ABC):
 
     @abstractmethod
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """How far each posture is inside the bound, and what comes nearest to breaking it.
+        """How far postures are inside the bound ``(S,)`` [SI], and what is nearest to breaking it.
 
-        Returns ``margin`` (S,): [SI]; negative where the bound is broken, infinite where nothing is
-        near. ``which`` (S,): index of the joint, the pair of bodies, ... that :meth:`reason` will
-        be asked for.
+        Negative where the bound is broken, infinite where nothing is near. What comes nearest is
+        the index of the joint, the pair of bodies, ... that :meth:`reason` will be asked for.
         """
 
     @abstractmethod

@@ -199,9 +199,8 @@ def find_approaches(
     All joints arrive from below where that does for all postures. Otherwise the directions, one a
     joint, are those that do for most postures, with the fewest joints that arrive from above.
 
-    ``postures`` (N, n): [rad]. ``angle_rad``: of the last movement of every joint. ``passing``:
-    what a posture that the arm only passes through must keep. ``known``: the motions from the
-    passed postures must be clear.
+    ``passing`` is what a posture that the arm only passes through must keep; the motions from there
+    must be clear by what is ``known``.
     """
     best: Approaches | None = None
     for direction, bound in islice(_directions(postures, angle_rad, passing), MOST_DIRECTIONS):

@@ -51,10 +51,10 @@ def off_target(cell: Cell, names: Sequence[str], postures: FloatArray, far_m: fl
     ]
 
 
-def refuse_unfit(cell: Cell, poses: PoseList) -> None:
+def check_fit(cell: Cell, poses: PoseList) -> None:
     """Refuse poses that the robot is to be sent to and that do not belong to this cell.
 
-    Raises InputError: A pose outside the joint limits, or with the tool point far from the target.
+    Those are outside the joint limits, or have the tool point far from the target.
     """
     outside = outside_limits(cell, poses.names, poses.postures)
     _refuse(outside, "are these poses of this robot, in URDF signs? FANUC pendants show J3 less J2")
@@ -63,7 +63,7 @@ def refuse_unfit(cell: Cell, poses: PoseList) -> None:
     _refuse(far, "are these poses of this cell, its tool and its target, in URDF signs?")
 
 
-def refuse_hand_eye(cell: Cell, what: str) -> None:
+def check_not_hand_eye(cell: Cell, what: str) -> None:
     """Refuse to do with a cell of hand-eye calibration what needs a robot to be identified."""
     if cell.is_hand_eye:
         raise InputError(
@@ -156,11 +156,10 @@ def _motions(cell: Cell, poses: PoseList) -> MotionVerdicts:
     return MotionVerdicts(clear, motions.travel, part, tuple(reasons))
 
 
-def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ...]:
+def check_clear(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ...]:
     """Refuse poses that break a constraint of the cell, or cannot be reached one from the next.
 
-    Returns tuple of str: those that are let through, each with its reason. Raises InputError:
-    unless ``force`` says that it is meant so.
+    With ``force`` they are let through, and returned, each with its reason.
     """
     broken = [verdict for verdict in check_poses(cell, poses) if not verdict.ok]
     said = tuple(

@@ -86,20 +86,15 @@ class PoseSet:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why each pose is not that of the grid, in words; empty where it is."""
-        lost = "; nothing that keeps all constraints is left to take its place"
-        endings = {
-            PoseStatus.GRID: [""] * len(self.status),
-            PoseStatus.CHOSEN: [""] * len(self.status),
-            PoseStatus.DROPPED: [lost if self.searched else ""] * len(self.status),
-            PoseStatus.REPAIRED: [
-                f"; replaced by a pose turned by {angle:.0f} deg"
-                for angle in np.rad2deg(self.turned)
-            ],
-        }
-        return tuple(
-            why + endings[status][i]
-            for i, (why, status) in enumerate(zip(self.shut_out, self.status, strict=True))
-        )
+        lost = "; nothing that keeps all constraints is left to take its place" * self.searched
+        endings = [
+            {
+                PoseStatus.REPAIRED: f"; replaced by a pose turned by {angle:.0f} deg",
+                PoseStatus.DROPPED: lost,
+            }.get(status, "")
+            for status, angle in zip(self.status, np.rad2deg(self.turned), strict=True)
+        ]
+        return tuple(why + ending for why, ending in zip(self.shut_out, endings, strict=True))
 
     @property
     def dropped(self) -> tuple[str, ...]:

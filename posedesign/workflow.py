@@ -25,11 +25,11 @@ from posedesign.identification.measurement_set_up import check_readings, far_row
 from posedesign.motion.route import Route
 from posedesign.pairs import Pairs, SolverOutcome, read_pairs, solve_pairs, write_pairs
 from posedesign.pairs.tables import write_outcomes
-from posedesign.planning import Margins, PosePlan, displayed, outside_limits, plan, refuse_unfit
+from posedesign.planning import Margins, PosePlan, check_fit, displayed, outside_limits, plan
 from posedesign.planning.loop import Progress
 from posedesign.planning.optimal import NextPoses, OptimalPlan, Request, plan_next, plan_optimal
 from posedesign.planning.optimal.choose import Advance
-from posedesign.planning.optimal.sequential import refuse_cell
+from posedesign.planning.optimal.sequential import check_touch_up_cell
 from posedesign.planning.pose_plan import PoseSet
 from posedesign.planning.poses_file import PoseList, write_poses
 from posedesign.programs import DIALECTS
@@ -127,7 +127,7 @@ def plan_optimal_poses(
     claims = claim_plan(results, *wanted)
     kept = None
     if keep is not None:
-        refuse_unfit(cell, keep)
+        check_fit(cell, keep)
         kept = keep.measured.postures
     result = plan_optimal(cell, request, advance, keep=kept)
     for path, poses, route, indices in zip(
@@ -155,7 +155,9 @@ def plan_next_poses(
     trust_units: bool = False,
 ) -> NextPoses:
     """Choose what to touch up next, after a ``touchups.csv``; write ``poses.csv``."""
-    refuse_cell(cell)  # the file of another kind of cell would be found wrong in other words
+    check_touch_up_cell(
+        cell
+    )  # the file of another kind of cell would be found wrong in other words
     (poses,) = claim_plan(Results.of(out, "next"), NEXT_POSES, inputs=[measurements])
     table = read_measurements(
         measurements,
@@ -225,7 +227,7 @@ def simulate(
     claims = Results.of(out, "simulate").claim(
         "simulated", *([TOUCH_UPS] * touches), *([PAIRS] * cell.has_camera)
     )
-    refuse_unfit(cell, poses)
+    check_fit(cell, poses)
     rng = np.random.default_rng(cell.config.truth.seed if seed is None else seed)
     robot = SimulatedRobot.of(cell)
     poses = poses.measured

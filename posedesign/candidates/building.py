@@ -72,8 +72,7 @@ def grid_candidates(
     ``levels``: number of grids (Eq. 13 of [Watanabe2006]_), their angles evenly spaced.
     ``configurations``: see :data:`~posedesign.candidates.Configurations`. ``targets_m`` (K, 3):
     targets [m] in the base frame; each pose touches one, and each grid is laid at each. That of the
-    cell by default. ``target_names``: their labels in a model. Raises InputError: an argument
-    cannot be used. UnreachableError: no pose at all can be taken.
+    cell by default. ``target_names``: their labels in a model.
     """
     levels = check_count(levels)
     section = cell.config.variations
@@ -113,8 +112,7 @@ def cone_candidates(
     scrambles the orientations, which fill the cone evenly. ``configurations``: see
     :data:`~posedesign.candidates.Configurations`. A redundant arm gives at most
     :data:`~posedesign.candidates.postures.MOST_PER_POSE` of each pose. ``targets_m``,
-    ``target_names``: see :func:`grid_candidates`. Raises InputError: an argument cannot be used.
-    UnreachableError: no pose at all can be taken.
+    ``target_names``: see :func:`grid_candidates`.
     """
     if not 0.0 < tilt <= np.pi:
         raise InputError(
@@ -196,8 +194,7 @@ def joint_candidates(
     joints' ranges hardly one sees the target.
 
     ``count``: postures wanted. Where most draws break a constraint, fewer may be given.
-    ``largest_turn``: how far each joint may turn from the base posture [rad]. Raises InputError: an
-    argument cannot be used. UnreachableError: none of the postures drawn keeps every constraint.
+    ``largest_turn``: how far each joint may turn from the base posture [rad].
     """
     count = check_count(count)
     if not largest_turn > 0.0:

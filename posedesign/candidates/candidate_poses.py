@@ -132,7 +132,6 @@ class CandidatePoses:
 
     @property
     def of_each(self) -> IntArray:
-        """Number of postures of each target, ``(K,)``."""
         return np.bincount(self.target, minlength=len(self.targets_m))
 
     def take(self, rows: ArrayLike) -> CandidatePoses:
@@ -151,10 +150,7 @@ class CandidatePoses:
         return TargetPoints(self.targets_m, self.target_names, free, prior_m)
 
     def setup(self, model: CalibrationModel) -> Setup:
-        """Which target of a model each posture touches: by name, or the only one of both.
-
-        Raises InputError: the model has no target of that name.
-        """
+        """Which target of a model each posture touches: by name, or the only one of both."""
         if len(self.targets_m) == len(model.targets) == 1:
             return Setup.of(len(self), target=self.target)
         for name in self.target_names:
@@ -176,7 +172,6 @@ class CandidatePoses:
         return self.linearise(model).white_jacobian
 
     def summary(self) -> str:
-        """How many postures of what, in words."""
         said = f"{self.description}: {len(self)} postures from {self.tried} tried"
         if len(self.targets_m) == 1:
             return said

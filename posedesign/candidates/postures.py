@@ -66,10 +66,7 @@ _HINT = "make room around the base pose, or choose another base posture"
 
 
 def check_configurations(name: str) -> Configurations:
-    """One of :data:`CONFIGURATIONS`.
-
-    Raises InputError: there is none of that name.
-    """
+    """One of :data:`CONFIGURATIONS`."""
     for known in CONFIGURATIONS:
         if known == name:
             return known
@@ -84,11 +81,10 @@ def check_configurations(name: str) -> Configurations:
 def feasible_postures(
     checker: Checker, T_base_tip: FloatArray, base: FloatArray, configurations: Configurations
 ) -> tuple[FloatArray, IntArray]:
-    """Postures that take poses and keep every constraint, and the pose of each.
+    """Postures ``(S, n)`` [rad] that take poses and keep every constraint, and the pose of each.
 
-    ``T_base_tip`` (N, 4, 4). ``base`` (n,): posture to stay near [rad]: each joint takes that full
-    turn inside the limits which lies nearest to it. Returns ``postures`` (S, n): [rad]. ``pose``
-    (S,): in ascending order.
+    Poses are in ascending order. Each joint takes that full turn inside the limits which lies
+    nearest to ``base`` (n,).
     """
     postures, pose = [np.empty((0, len(base)))], [np.empty(0, dtype=np.intp)]
     for start in range(0, len(T_base_tip), _AT_ONCE):
@@ -261,8 +257,8 @@ def no_pose(
     Of each pose the branch counts that comes nearest to being possible, and of the poses that break
     the same constraint the one that comes nearest is told of.
 
-    ``T_base_tip`` (N, 4, 4). ``base`` (n,): [rad]. ``asked_for``: which postures would have been
-    taken. ``otherwise``: what is to be said where there are only others, and what to do then.
+    ``asked_for`` tells which postures would have been taken; ``otherwise`` is the reason where
+    there are only others, and the hint then.
     """
     some = T_base_tip[_some(len(T_base_tip))]
     solutions = checker.robot.inverse(some, near=base, margin=checker.margin)

@@ -73,8 +73,8 @@ def program(
 ) -> int:
     """Write the robot program that visits the poses."""
     from posedesign.cell import Cell
-    from posedesign.planning import refuse_unfit
-    from posedesign.planning.checks import refuse_blocked
+    from posedesign.planning import check_fit
+    from posedesign.planning.checks import check_clear
     from posedesign.planning.poses_file import read_poses
     from posedesign.pose_programs import chosen_dialect, program_options, write_program
     from posedesign.pose_programs.from_plan import with_approaches
@@ -92,8 +92,8 @@ def program(
     forced: tuple[str, ...] = ()
     if loaded:
         say_what_to_know(loaded)
-        refuse_unfit(loaded, listed)
-        forced = refuse_blocked(loaded, listed, force=force)
+        check_fit(loaded, listed)
+        forced = check_clear(loaded, listed, force=force)
     usual = loaded.config.program.name if loaded else USUAL_NAME
     title = usual if name is None else name
     options = program_options(loaded, listed, form)

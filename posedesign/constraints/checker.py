@@ -45,7 +45,6 @@ class Situation:
         return self.chain.forward(self.q)
 
     def take(self, rows: IntArray) -> Situation:
-        """The same at some of the postures."""
         state = self.__dict__.get("state")
         if state is not None:
             state = ChainState(**{f.name: getattr(state, f.name)[rows] for f in fields(state)})
@@ -70,11 +69,10 @@ class Constraint(ABC):
 
     @abstractmethod
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """How far each posture is inside the bound, and what comes nearest to breaking it.
+        """How far postures are inside the bound ``(S,)`` [SI], and what is nearest to breaking it.
 
-        Returns ``margin`` (S,): [SI]; negative where the bound is broken, infinite where nothing is
-        near. ``which`` (S,): index of the joint, the pair of bodies, ... that :meth:`reason` will
-        be asked for.
+        Negative where the bound is broken, infinite where nothing is near. What comes nearest is
+        the index of the joint, the pair of bodies, ... that :meth:`reason` will be asked for.
         """
 
     @abstractmethod
@@ -105,7 +103,6 @@ class _Limits(Constraint):
         """How far postures are inside each limit ``(S, L)`` [rad]."""
 
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
-        """Which: the limit."""
         margin = self._inside(arm.q) - self._margin
         which = np.argmin(margin, axis=1)
         return margin[np.arange(len(margin)), which], which

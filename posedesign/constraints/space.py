@@ -151,7 +151,7 @@ def _z_along(axis: int, sign: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class MotionVerdicts:
-    """What is to be said of the ways from one posture to another.
+    """What is to be said of the motions from one posture to another.
 
     ``clear`` (W,). ``travel`` (W,): largest joint travel [rad]. ``part`` (W,): where on the way
     something is in the way, from 0 at its start to 1; NaN where nothing is. ``reasons``: empty
@@ -166,10 +166,10 @@ class MotionVerdicts:
 
 @dataclass(frozen=True, eq=False)
 class MotionChecker:
-    """Bounds on ways: distances that are kept all along, and how far a joint may travel.
+    """Bounds on motions: distances that are kept all along, and how far a joint may travel.
 
-    ``collisions``: each with its bodies and the distance they keep; none: ways are not checked for
-    them. ``largest_travel``: [rad]; infinite for no bound.
+    ``collisions``: each with its bodies and the distance they keep; none: motions are not checked
+    for them. ``largest_travel``: [rad]; infinite for no bound.
     """
 
     collisions: tuple[Collision, ...]
@@ -180,11 +180,11 @@ class MotionChecker:
         return int(self.steps_of(np.abs(end - start).max()))
 
     def steps_of(self, travel: FloatArray) -> FloatArray:
-        """Number of moves, a whole one, of ways by their largest joint travel ``(...)`` [rad]."""
+        """Whole number of moves of motions by their largest joint travel ``(...)`` [rad]."""
         return np.asarray(np.maximum(1.0, np.ceil((travel - ROUNDING) / self.largest_travel)))
 
     def check(self, start: FloatArray, end: FloatArray, *, far: bool = False) -> MotionVerdicts:
-        """Verdicts on ways from postures ``(W, n)`` to postures ``(W, n)`` [rad].
+        """Verdicts on motions from postures ``(W, n)`` to postures ``(W, n)`` [rad].
 
         With ``far``, joints may travel as far as they like: there will be stops on the way.
         """

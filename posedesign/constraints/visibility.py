@@ -47,10 +47,6 @@ class TargetView:
         R_base_camera = arm.state.R_base_tip @ self.T_tip_camera[:3, :3]
         return (points - self.lens(arm)[:, None]) @ R_base_camera
 
-    def rim(self) -> FloatArray:
-        """Centre of the target and an octagon about it, ``(K, 3)`` [m] in the base frame."""
-        return self.circle(_RIM, 1.0 / np.cos(np.pi / _RIM))
-
     def circle(self, count: int, part: float = 1.0) -> FloatArray:
         """Centre of the target and points at a part of its radius, ``(K, 3)`` [m] in base axes."""
         if self.radius_m == 0.0:
@@ -128,7 +124,7 @@ class InImage(Constraint):
 
     def margin(self, arm: Situation) -> tuple[FloatArray, IntArray]:
         """Of what is behind the lens, by the angle off the axis."""
-        points = self._view.in_camera(arm, self._view.rim())
+        points = self._view.in_camera(arm, self._view.circle(_RIM, 1.0 / np.cos(np.pi / _RIM)))
         margin = self._view.camera.margin_px(points).min(axis=1)
         behind = self._view.camera.focal_px * self._off_axis(arm)
         margin = np.where(np.isinf(margin), -behind, margin) - self._border_px

@@ -57,7 +57,7 @@ from posedesign.identification.correction_routes import (
 )
 from posedesign.identification.file import IdentifiedModel, read_identification
 from posedesign.identification.models import candidates, model_of
-from posedesign.planning import refuse_hand_eye
+from posedesign.planning import check_not_hand_eye
 from posedesign.planning.pose_plan import PoseStatus
 from posedesign.planning.poses_file import POSE_AXES, PoseList, read_poses
 
@@ -330,7 +330,7 @@ def predict(
         No point of the box can be reached.
     """
     (file,) = Results.of(out, "predict").claim("computed", PREDICTION)
-    refuse_hand_eye(cell, "a prediction over a box")
+    check_not_hand_eye(cell, "a prediction over a box")
     model, q = cell.model(), poses.measured.postures
     data = touch_ups(q, targets=model.targets)
     if name is not None:

@@ -32,12 +32,12 @@ Leg = tuple[FloatArray, FloatArray]
 """From a posture ``(n,)`` to a posture ``(n,)`` [rad]."""
 
 MOST_DIRECTIONS = 16
-"""Combinations of directions whose ways are checked: postures that keep a distance with so short a
-way between them that does not are rare, and every joint can be turned alone within as many."""
+"""Combinations of directions whose motions are checked: postures that keep a distance with so short
+a way between them that does not are rare, and every joint can be turned alone within as many."""
 
 
 class KnownMotions:
-    """Remembers what was found out of ways; each is checked once.
+    """Remembers what was found out of motions; each is checked once.
 
     ``passing``: what a posture that the arm only passes through must keep. ``base`` (n,): posture
     that detours may lead through [rad]. ``speeds`` (n,): of the joints [rad/s]: the quickest detour
@@ -47,13 +47,13 @@ class KnownMotions:
     def __init__(
         self,
         robot: Robot,
-        ways: MotionChecker,
+        motions: MotionChecker,
         passing: Checker,
         base: FloatArray,
         speeds: FloatArray,
     ) -> None:
         self._robot = robot
-        self._ways = ways
+        self._motions = motions
         self._passing = passing
         self._base = base
         self._speeds = speeds
@@ -62,7 +62,7 @@ class KnownMotions:
         self._retreats: dict[bytes, list[FloatArray]] = {}
 
     def check(self, legs: Sequence[Leg]) -> bool:
-        """Check the ways that are not yet known; whether there was one."""
+        """Check the motions that are not yet known; whether there was one."""
         unknown = {_edge(*leg): leg for leg in legs if _edge(*leg) not in self._reasons}
         if unknown:
             starts, ends = (np.array(side) for side in zip(*unknown.values(), strict=True))
@@ -109,9 +109,9 @@ class KnownMotions:
         """The path with stops put in between, so that no joint travels too far at once."""
         stops = [path[0]]
         for a, b in pairwise(path):
-            count = self._ways.steps(a, b)
+            count = self._motions.steps(a, b)
             stops += [a + (b - a) * k / count for k in range(1, count)]
-            stops.append(b)  # as it is: ways are known by the last bit of their ends
+            stops.append(b)  # as it is: motions are known by the last bit of their ends
         return stops
 
     def _over_others(self, places: Sequence[FloatArray]) -> list[FloatArray] | None:
@@ -142,9 +142,9 @@ class KnownMotions:
         return self.detour(start, end) if edge in self._detours else None
 
     def _blocked(self, start: FloatArray, end: FloatArray) -> list[str]:
-        """What is in each of the ways ``(W, n)`` to ``(W, n)`` [rad], stops on them included."""
-        reasons = list(self._ways.check(start, end, far=True).reasons)
-        if np.isfinite(self._ways.largest_travel):
+        """What is in each of the motions ``(W, n)`` to ``(W, n)`` [rad], stops on them included."""
+        reasons = list(self._motions.check(start, end, far=True).reasons)
+        if np.isfinite(self._motions.largest_travel):
             for i in np.flatnonzero([not why for why in reasons]).tolist():
                 stops = self.in_steps([start[i], end[i]])[1:-1]
                 if stops:
@@ -192,23 +192,22 @@ class Approaches:
 
 
 def find_approaches(
-    postures: FloatArray, angle_rad: float, passing: Checker, passages: KnownMotions
+    postures: FloatArray, angle_rad: float, passing: Checker, known: KnownMotions
 ) -> Approaches:
     """Stop short of postures ``(N, n)`` [rad] by an angle in every joint.
 
     All joints arrive from below where that does for all postures. Otherwise the directions, one a
     joint, are those that do for most postures, with the fewest joints that arrive from above.
 
-    ``postures`` (N, n): [rad]. ``angle_rad``: of the last movement of every joint. ``passing``:
-    what a posture that the arm only passes through must keep. ``passages``: the ways from the
-    passed postures must be clear.
+    ``passing`` is what a posture that the arm only passes through must keep; the motions from there
+    must be clear by what is ``known``.
     """
     best: Approaches | None = None
     for direction, bound in islice(_directions(postures, angle_rad, passing), MOST_DIRECTIONS):
         if best is not None and bound <= len(postures) - len(best.lost):
             break
         short = postures - angle_rad * direction
-        lost = _lost(postures, short, passing, passages)
+        lost = _lost(postures, short, passing, known)
         if best is None or len(lost) < len(best.lost):
             best = Approaches(short, direction, lost)
         if not lost:
@@ -237,12 +236,12 @@ def _directions(
 
 
 def _lost(
-    postures: FloatArray, short: FloatArray, passing: Checker, passages: KnownMotions
+    postures: FloatArray, short: FloatArray, passing: Checker, known: KnownMotions
 ) -> dict[int, str]:
     """Postures that a passed posture or the way from it keeps from being approached, and why."""
     verdicts = passing.check(short)
     lost = {i: verdicts.reason(i) for i in np.flatnonzero(~verdicts.feasible).tolist()}
     rows = [i for i in range(len(postures)) if i not in lost]
-    passages.check([(short[i], postures[i]) for i in rows])
-    lost |= {i: why for i in rows if (why := passages.reason(short[i], postures[i]))}
+    known.check([(short[i], postures[i]) for i in rows])
+    lost |= {i: why for i in rows if (why := known.reason(short[i], postures[i]))}
     return {i: f"cannot be approached from one side: {why}" for i, why in sorted(lost.items())}

@@ -72,7 +72,7 @@ def shortest_order(cost: FloatArray, *, closed: bool = False, thorough: bool = T
 
     ``cost`` (N, N): from each place (row) to each; infinite where there is no way. Need not be
     symmetric. ``closed``: whether the way back to place 0 counts. ``thorough``: False: without the
-    library. Returns list of int: all places, 0 first.
+    library. All places are in the order, 0 first.
     """
     ends = _with_end(cost, closed)
     path = _improved(ends, _nearest_next(ends))

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from posedesign.cell import Cell
 
 MOST_ORDERS = 60
-"""Orders tried while ways turn out to be blocked; each try checks only ways not yet known."""
+"""Orders tried while motions turn out to be blocked; each try checks only motions not yet known."""
 
 MOTION_SHARE = 1e-3
 """Of the mean time over the joints, added to that of the slowest: of the many orders that take as
@@ -97,7 +97,6 @@ class Route:
 
     @property
     def timing(self) -> str:
-        """The predicted time in one line."""
         if np.isnan(self.moving_s):
             return "cycle time not known: the robot's description gives no joint speeds"
         return (
@@ -123,7 +122,7 @@ class RouteOptions:
 
 
 class Router:
-    """Finds routes through postures of one cell, and remembers what it has found out of ways.
+    """Finds routes through postures of one cell, and remembers what it has found out of motions.
 
     ``passing``: what a posture that the arm only passes through must keep. ``start`` (n,): posture
     that the arm comes from [rad]. ``retreat``: how the tool comes to each pose along its axis.
@@ -132,13 +131,13 @@ class Router:
     def __init__(
         self,
         robot: Robot,
-        ways: MotionChecker,
+        motions: MotionChecker,
         passing: Checker,
         start: FloatArray,
         options: RouteOptions | None = None,
         retreat: Retreat | None = None,
     ) -> None:
-        self._ways = ways
+        self._motions = motions
         self._passing = passing
         self._start = start
         self._retreat = retreat
@@ -150,7 +149,7 @@ class Router:
         usual = np.median(robot.speed[known]) if self._timed else 1.0
         self._speeds = self.options.speed_share * np.where(known, robot.speed, usual)
         home = start if retreat is None else retreat.back_off(start[None])[0][0]
-        self._passages = KnownMotions(robot, ways, passing, home, self._speeds)
+        self._known = KnownMotions(robot, motions, passing, home, self._speeds)
 
     @classmethod
     def of_cell(cls, cell: Cell) -> Router:
@@ -181,7 +180,7 @@ class Router:
                 order.insert(cut, node)
                 moved.add(node)
             else:
-                why = self._passages.reason(*places.leg(order[cut - 1], node))
+                why = self._known.reason(*places.leg(order[cut - 1], node))
                 lost[node - 1] = f"no clear way to it: {why}"
                 order = self._clear_order(places, order)
         self._led_to.update(postures[row - 1].tobytes() for row in order if row)
@@ -192,9 +191,9 @@ class Router:
 
     def between(self, start: FloatArray, end: FloatArray) -> list[FloatArray] | None:
         """Postures to pass from one ``(n,)`` to another [rad]; None where no clear way is found."""
-        self._passages.check([(start, end)])
-        through = self._passages.through(start, end, [])
-        return None if through is None else self._passages.in_steps([start, *through, end])[1:-1]
+        self._known.check([(start, end)])
+        through = self._known.through(start, end, [])
+        return None if through is None else self._known.in_steps([start, *through, end])[1:-1]
 
     def reached(self, postures: FloatArray) -> BoolArray:
         """Postures ``(N, n)`` [rad] that a clear way leads to.
@@ -205,9 +204,9 @@ class Router:
         found = np.array([i not in lost for i in range(len(postures))], dtype=bool)
         rows = (np.flatnonzero(found) + 1).tolist()
         legs = {i: (places.leg(0, i), places.leg(i, 0)) for i in rows}
-        self._passages.check([leg for both in legs.values() for leg in both])
+        self._known.check([leg for both in legs.values() for leg in both])
         for i, both in legs.items():
-            found[i - 1] = not any(self._passages.reason(*leg) for leg in both)
+            found[i - 1] = not any(self._known.reason(*leg) for leg in both)
         before = np.array([q.tobytes() in self._led_to for q in postures], dtype=bool)
         return np.asarray(found | before)
 
@@ -229,7 +228,7 @@ class Router:
             }
         if not self.options.approach_rad:
             return _Places(at, at, at, closed), {}
-        found = find_approaches(postures, self.options.approach_rad, self._passing, self._passages)
+        found = find_approaches(postures, self.options.approach_rad, self._passing, self._known)
         return _Places(at, at, np.vstack([self._start, found.postures]), closed), dict(found.lost)
 
     def _stops(self, places: _Places, order: list[int]) -> list[Stop]:
@@ -240,7 +239,7 @@ class Router:
         for a, b in legs_of(order, closed=places.closed):
             between = self._through(places, order, (a, b)) or []
             start, end = places.leg(a, b)
-            path = self._passages.in_steps([start, *between, end])
+            path = self._known.in_steps([start, *between, end])
             stops += [Stop(q, None) for q in path[1:-1]]
             if b == 0:
                 stops.append(Stop(end, None, Passing.RETURN))
@@ -258,19 +257,19 @@ class Router:
         There is always a way back to the base posture: if no other, that which led here.
         """
         legs = legs_of(order, closed=places.closed)
-        self._passages.check([places.leg(*leg) for leg in legs])
+        self._known.check([places.leg(*leg) for leg in legs])
         for place, leg in enumerate(legs[: len(order) - 1], start=1):
             if self._through(places, order, leg) is None:
                 return place
         return None
 
     def _place_for(self, places: _Places, order: list[int], node: int) -> int | None:
-        """Where in an order a node can be put with clear ways before and after it."""
+        """Where in an order a node can be put with clear motions before and after it."""
         to = [places.leg(other, node) for other in order]
         onward = [places.leg(node, other) for other in order]
-        self._passages.check([*to, *onward])
-        reachable = [not self._passages.reason(*leg) for leg in to]
-        leads_on = [not self._passages.reason(*leg) for leg in onward]
+        self._known.check([*to, *onward])
+        reachable = [not self._known.reason(*leg) for leg in to]
+        leads_on = [not self._known.reason(*leg) for leg in onward]
         for place in range(1, len(order) + 1):
             following = leads_on[place % len(order)] or (place == len(order) and not places.closed)
             if reachable[place - 1] and following:
@@ -284,26 +283,26 @@ class Router:
         others = [places.leave[row] for row in rows]
         if places.enter is not places.leave:
             others += [places.enter[row] for row in rows if row != 0]
-        return self._passages.through(*places.leg(*leg), others)
+        return self._known.through(*places.leg(*leg), others)
 
     def _clear_order(self, places: _Places, rows: list[int]) -> list[int]:
-        """The quickest order found that avoids blocked ways, where there is one.
+        """The quickest order found that avoids blocked motions, where there is one.
 
         The library has its turn when a quick search has found out what is in the way.
         """
         cost = self._costs(places.leave[rows], places.enter[rows])
         pairs = [(i, j) for i in range(len(rows)) for j in range(len(rows)) if i != j]
         for i, j in pairs:
-            if self._passages.reason(*places.leg(rows[i], rows[j])):
+            if self._known.reason(*places.leg(rows[i], rows[j])):
                 cost[i, j] = np.inf
         thorough = False
         for _ in range(MOST_ORDERS):
             order = shortest_order(cost, closed=places.closed, thorough=thorough)
             steps = legs_of(order, closed=places.closed)
             legs = [places.leg(rows[i], rows[j]) for i, j in steps]
-            asked = self._passages.check(legs)
+            asked = self._known.check(legs)
             blocked = [
-                step for step, leg in zip(steps, legs, strict=True) if self._passages.reason(*leg)
+                step for step, leg in zip(steps, legs, strict=True) if self._known.reason(*leg)
             ]
             for i, j in blocked if asked else ():
                 cost[i, j] = np.inf
@@ -316,9 +315,9 @@ class Router:
         return [rows[i] for i in order]
 
     def _costs(self, leave: FloatArray, enter: FloatArray) -> FloatArray:
-        """Times ``(K, K)`` [s] from leaving each place to being at each, if all ways are clear."""
+        """Times ``(K, K)`` [s] from leaving each place to being at each, all motions clear."""
         moves = np.abs(enter[None] - leave[:, None])
-        count = self._ways.steps_of(moves.max(axis=-1))
+        count = self._motions.steps_of(moves.max(axis=-1))
         times = count * move_times(moves / count[..., None], self._speeds, ACCELERATION_S)
         return np.asarray(times + MOTION_SHARE * (moves / self._speeds).mean(axis=-1))
 
@@ -329,8 +328,8 @@ class _Places:
 
     ``at`` (1 + N, n): postures that the arm is brought to [rad]. ``leave``, ``enter`` (1 + N, n):
     postures from which the arm goes on, and to which it comes first [rad]: the same array where
-    ways are the same in both directions, and as ``at`` where nothing lies in between. ``closed``:
-    whether the arm goes back to place 0 in the end.
+    motions are the same in both directions, and as ``at`` where nothing lies in between.
+    ``closed``: whether the arm goes back to place 0 in the end.
     """
 
     at: FloatArray
@@ -339,5 +338,4 @@ class _Places:
     closed: bool
 
     def leg(self, start: int, end: int) -> Leg:
-        """From one place to another."""
         return self.leave[start], self.enter[end]

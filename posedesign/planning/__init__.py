@@ -2,10 +2,10 @@
 
 from posedesign.planning.checks import (
     NEAR_TARGET_M,
+    check_fit,
+    check_not_hand_eye,
     off_target,
     outside_limits,
-    refuse_hand_eye,
-    refuse_unfit,
 )
 from posedesign.planning.loop import plan, scaling_of
 from posedesign.planning.pose_plan import PosePlan, Round, displayed, fingerprint
@@ -25,6 +25,8 @@ __all__ = [
     "PoseList",
     "PosePlan",
     "Round",
+    "check_fit",
+    "check_not_hand_eye",
     "displayed",
     "fingerprint",
     "off_target",
@@ -32,8 +34,6 @@ __all__ = [
     "plan",
     "read_poses",
     "read_robot_poses",
-    "refuse_hand_eye",
-    "refuse_unfit",
     "scaling_of",
     "write_pose_list",
 ]

@@ -51,10 +51,10 @@ def off_target(cell: Cell, names: Sequence[str], postures: FloatArray, far_m: fl
     ]
 
 
-def refuse_unfit(cell: Cell, poses: PoseList) -> None:
+def check_fit(cell: Cell, poses: PoseList) -> None:
     """Refuse poses that the robot is to be sent to and that do not belong to this cell.
 
-    Raises InputError: A pose outside the joint limits, or with the tool point far from the target.
+    Those are outside the joint limits, or have the tool point far from the target.
     """
     outside = outside_limits(cell, poses.names, poses.postures)
     _refuse(outside, "are these poses of this robot, in URDF signs? FANUC pendants show J3 less J2")
@@ -63,7 +63,7 @@ def refuse_unfit(cell: Cell, poses: PoseList) -> None:
     _refuse(far, "are these poses of this cell, its tool and its target, in URDF signs?")
 
 
-def refuse_hand_eye(cell: Cell, what: str) -> None:
+def check_not_hand_eye(cell: Cell, what: str) -> None:
     """Refuse to do with a cell of hand-eye calibration what needs a robot to be identified."""
     if cell.is_hand_eye:
         raise InputError(
@@ -90,7 +90,7 @@ class PoseVerdict:
     where it says yes or no only. ``unit``: of ``room``. ``says``: the same in words.
     ``distance_mm``: smallest distance between tool, obstacles and arm; None where that is not
     checked. ``nearest``: the same in words, with the two bodies. ``way_clear``: whether the
-    straight joint-space way to the pose keeps what ways must keep: from the pose before, or from
+    straight joint-space way to the pose keeps what motions must keep: from the pose before, or from
     the base posture to the first pose. None where a pose at one of its ends cannot be taken: the
     rest of the way is then not looked at. ``way``: what is wrong with the way; empty where it is
     clear. ``travel_deg``: largest joint travel on the way.
@@ -117,7 +117,7 @@ class PoseVerdict:
 
 def check_poses(cell: Cell, poses: PoseList) -> tuple[PoseVerdict, ...]:
     """Verdicts on poses in the order in which they are visited."""
-    ways = _motions(cell, poses)
+    motions = _motions(cell, poses)
     judged: list[tuple[Verdicts, IntArray]] = []
     # poses that are to blame where a way ends in them: not those that touch, as no way may
     blamed = np.ones(len(poses.names), dtype=bool)
@@ -130,37 +130,36 @@ def check_poses(cell: Cell, poses: PoseList) -> tuple[PoseVerdict, ...]:
         if cell.solid is not cell.solid_passing:
             blamed[rows] = ~verdicts.feasible
     before = np.append(False, blamed[:-1])  # the base posture is none of the list
-    at_a_pose = (ways.part == 1.0) & blamed | (ways.part == 0.0) & before
+    at_a_pose = (motions.part == 1.0) & blamed | (motions.part == 0.0) & before
     found: dict[int, PoseVerdict] = {}
     for verdicts, rows in judged:
-        found |= _judge(verdicts, poses, ways, rows, at_a_pose)
+        found |= _judge(verdicts, poses, motions, rows, at_a_pose)
     return tuple(found[i] for i in range(len(poses.names)))
 
 
 def _motions(cell: Cell, poses: PoseList) -> MotionVerdicts:
     """Verdicts on the motions to each pose; those along the tool to one that touches apart."""
     start, end = np.vstack([cell.base_posture, poses.postures[:-1]]), poses.postures
-    ways = cell.ways.check(start, end)
+    motions = cell.ways.check(start, end)
     if cell.retreat is None:
-        return ways
+        return motions
     from_touch, to_touch = np.append(True, ~poses.via[:-1]), ~poses.via
     away = np.where(to_touch[:, None], start, end)
     touching = np.where(to_touch[:, None], end, start)
     rows = np.flatnonzero((from_touch != to_touch) & cell.retreat.is_along(away, touching))
     along = cell.retreat.check(away[rows], touching[rows])
-    clear, part, reasons = ways.clear.copy(), ways.part.copy(), list(ways.reasons)
+    clear, part, reasons = motions.clear.copy(), motions.part.copy(), list(motions.reasons)
     clear[rows] = along.clear
     part[rows] = np.where(to_touch[rows], along.part, 1.0 - along.part)
     for row, why in zip(rows.tolist(), along.reasons, strict=True):
         reasons[row] = why
-    return MotionVerdicts(clear, ways.travel, part, tuple(reasons))
+    return MotionVerdicts(clear, motions.travel, part, tuple(reasons))
 
 
-def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ...]:
+def check_clear(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ...]:
     """Refuse poses that break a constraint of the cell, or cannot be reached one from the next.
 
-    Returns tuple of str: those that are let through, each with its reason. Raises InputError:
-    unless ``force`` says that it is meant so.
+    With ``force`` they are let through, and returned, each with its reason.
     """
     broken = [verdict for verdict in check_poses(cell, poses) if not verdict.ok]
     said = tuple(
@@ -177,7 +176,11 @@ def refuse_blocked(cell: Cell, poses: PoseList, *, force: bool) -> tuple[str, ..
 
 
 def _judge(
-    verdicts: Verdicts, poses: PoseList, ways: MotionVerdicts, rows: IntArray, at_a_pose: BoolArray
+    verdicts: Verdicts,
+    poses: PoseList,
+    motions: MotionVerdicts,
+    rows: IntArray,
+    at_a_pose: BoolArray,
 ) -> dict[int, PoseVerdict]:
     found = {}
     for i, row in enumerate(rows.tolist()):
@@ -196,9 +199,9 @@ def _judge(
             says=verdicts.reason(i),
             distance_mm=distance_mm,
             nearest=nearest,
-            way_clear=None if at_a_pose[row] else bool(ways.clear[row]),
-            way="" if at_a_pose[row] else _on_the_way(ways, row),
-            travel_deg=float(np.rad2deg(ways.travel[row])),
+            way_clear=None if at_a_pose[row] else bool(motions.clear[row]),
+            way="" if at_a_pose[row] else _on_the_way(motions, row),
+            travel_deg=float(np.rad2deg(motions.travel[row])),
         )
     return found
 
@@ -214,9 +217,9 @@ def _nearest(verdicts: Verdicts, i: int) -> tuple[float | None, str]:
     return None, ""
 
 
-def _on_the_way(ways: MotionVerdicts, row: int) -> str:
-    place = f" at {ways.part[row]:.0%} of the way" if np.isfinite(ways.part[row]) else ""
-    return ways.reasons[row] + place if ways.reasons[row] else ""
+def _on_the_way(motions: MotionVerdicts, row: int) -> str:
+    place = f" at {motions.part[row]:.0%} of the way" if np.isfinite(motions.part[row]) else ""
+    return motions.reasons[row] + place if motions.reasons[row] else ""
 
 
 @dataclass(frozen=True)
@@ -226,7 +229,7 @@ class Score:
     ``sigma`` (name, unit, value): predicted standard deviations as people read them; empty where
     not identifiable. ``problem``: what the poses cannot identify; empty where they can.
     ``not_feasible``: poses that break a constraint of the cell, with the one that is broken most.
-    The ways between them are not looked at: a list that is scored need not be in order.
+    The motions between them are not looked at: a list that is scored need not be in order.
     ``off_target``: poses that do not bring the tool point to the target, with the distance.
     """
 

@@ -173,12 +173,10 @@ def repair(cell: Cell, poses: PoseSet, pool: Replacements) -> PoseSet:
 def farthest_postures(
     pool: FloatArray, chosen: FloatArray, count: int, joint_range: FloatArray
 ) -> FloatArray:
-    """Pick postures one by one, each as far as possible from all chosen before it.
+    """Pick postures [rad] one by one, each as far as possible from all chosen before it.
 
-    ``pool`` (K, n): postures to pick from [rad]. ``chosen`` (N, n): postures already in the set
-    [rad]. ``count``: how many to pick; fewer are returned where the pool runs out. ``joint_range``
-    (n,): joint differences are divided by it, so that every joint counts by how far it can turn.
-    Returns array (count, n): [rad].
+    Fewer than ``count`` where the pool ``(K, n)`` runs out. Joint differences are divided by
+    ``joint_range``, so that every joint counts by how far it can turn.
     """
     points = pool / joint_range
     distance = np.full(len(pool), np.inf)

@@ -86,20 +86,15 @@ class PoseSet:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why each pose is not that of the grid, in words; empty where it is."""
-        lost = "; nothing that keeps all constraints is left to take its place"
-        endings = {
-            PoseStatus.GRID: [""] * len(self.status),
-            PoseStatus.CHOSEN: [""] * len(self.status),
-            PoseStatus.DROPPED: [lost if self.searched else ""] * len(self.status),
-            PoseStatus.REPAIRED: [
-                f"; replaced by a pose turned by {angle:.0f} deg"
-                for angle in np.rad2deg(self.turned)
-            ],
-        }
-        return tuple(
-            why + endings[status][i]
-            for i, (why, status) in enumerate(zip(self.shut_out, self.status, strict=True))
-        )
+        lost = "; nothing that keeps all constraints is left to take its place" * self.searched
+        endings = [
+            {
+                PoseStatus.REPAIRED: f"; replaced by a pose turned by {angle:.0f} deg",
+                PoseStatus.DROPPED: lost,
+            }.get(status, "")
+            for status, angle in zip(self.status, np.rad2deg(self.turned), strict=True)
+        ]
+        return tuple(why + ending for why, ending in zip(self.shut_out, endings, strict=True))
 
     @property
     def dropped(self) -> tuple[str, ...]:
@@ -109,7 +104,6 @@ class PoseSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """P01, P02, ..."""
         return tuple(f"{self.letter}{self.first + i:02d}" for i in range(len(self.status)))
 
     @property
@@ -124,7 +118,6 @@ class PoseSet:
         return tuple(name for name, status in pairs if status is not PoseStatus.DROPPED)
 
     def count(self, status: PoseStatus) -> int:
-        """Number of poses with a status."""
         return self.status.count(status)
 
     def without(self, lost: Mapping[int, str]) -> PoseSet:
@@ -209,12 +202,10 @@ class PosePlan(Planned):
 
     @property
     def reached(self) -> bool:
-        """Whether C_G is below the threshold."""
         return self.stop is StopReason.THRESHOLD
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the postures."""
         return tuple(self.poses.kept_names[i] for i in self.route.order)
 
     @property
@@ -224,7 +215,6 @@ class PosePlan(Planned):
 
     @property
     def message(self) -> str:
-        """The outcome in one line."""
         best = self.rounds[self.best]
         angles = "/".join(f"{d:g}" for d in best.variation_deg)
         return (

@@ -180,7 +180,6 @@ class Margins:
 
     @classmethod
     def of_route(cls, cell: Cell, route: Route) -> Margins:
-        """Margins at the stops of a route."""
         via = np.array([stop.pose is None for stop in route.stops], dtype=bool)
         return cls.of(cell, np.array([stop.posture for stop in route.stops]), via)
 
@@ -254,7 +253,6 @@ class PoseList:
 
     @property
     def measured(self) -> PoseList:
-        """The poses that are measured."""
         kept = np.flatnonzero(~self.via).tolist()
         return replace(
             self,

@@ -97,9 +97,8 @@ def check_recorded_frames(
 ) -> list[str]:
     """Compare the frames of recorded poses with those of the cell; joint positions need none.
 
-    Returns list of str: A warning where the file does not say which frames they are in. Raises
-    InputError: A pose is in a frame of another number, or of a number that the cell knows nothing
-    of.
+    Gives a warning where the file does not say which frames they are in, and refuses poses in a
+    frame of another number, or of a number that the cell knows nothing of.
     """
     section = cell.config.program
     posed = [p for p in positions if p.T_user_tool is not None and p.shown_deg is None]
@@ -250,8 +249,8 @@ def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | No
     """The list with a posture short of each measured pose, so that joints arrive from one side.
 
     ``cell``: whose limits and obstacles tell which side. ``approach_deg``: last movement of every
-    joint; None: the list as it is. Raises InputError: A pose that cannot be approached so, or that
-    the list has approached already, or no cell.
+    joint; None: the list as it is. Refused are poses that cannot be approached so, a list that is
+    approached already, and a list without a cell.
     """
     if approach_deg is None:
         return poses
@@ -272,12 +271,12 @@ def with_approaches(cell: Cell | None, poses: PoseList, approach_deg: float | No
             hint="leave --approach-deg out, or plan without plan.approach",
             name="approach",
         )
-    # only whether the short ways are clear is asked, so speeds do not matter
-    ways = KnownMotions(
+    # only whether the short motions are clear is asked, so speeds do not matter
+    known = KnownMotions(
         cell.robot, cell.ways, cell.passing, cell.base_posture, np.ones(cell.robot.n)
     )
     angle = float(np.deg2rad(approach_deg))
-    found = find_approaches(poses.measured.postures, angle, cell.passing, ways)
+    found = find_approaches(poses.measured.postures, angle, cell.passing, known)
     if found.lost:
         i, why = next(iter(found.lost.items()))
         raise InputError(f"pose {poses.measured.names[i]} {why}", name="approach")
@@ -305,7 +304,7 @@ def stopping_short(cell: Cell, poses: PoseList) -> PoseList:
     return replace(poses, postures=postures)
 
 
-def refuse_doubles(poses: PoseList) -> None:
+def check_names_differ(poses: PoseList) -> None:
     """Refuse a list in which two poses have one name: what comes back could not be told apart."""
     twice = next((name for name, times in Counter(poses.names).items() if times > 1), None)
     if twice is not None:
@@ -332,7 +331,7 @@ def write_program(
     written.
     """
     chosen = find_dialect(dialect)
-    refuse_doubles(poses)
+    check_names_differ(poses)
     backs_off = Passing.RETREAT in poses.reasons or (cell is not None and cell.retreat is not None)
     if backs_off and not chosen.passes:
         raise InputError(

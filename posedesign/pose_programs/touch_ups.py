@@ -26,8 +26,8 @@ from posedesign.planning import NEAR_TARGET_M, fingerprint, off_target, outside_
 from posedesign.planning.poses_file import PoseList, read_poses
 from posedesign.pose_programs.from_plan import (
     arm_of,
+    check_names_differ,
     check_recorded_frames,
-    refuse_doubles,
     stopping_short,
 )
 from posedesign.programs import (
@@ -88,7 +88,7 @@ def exchanged(names: Sequence[str], q: FloatArray, plan: PoseList) -> list[str]:
     return [f"{names[i]}: stands nearer to {known[int(nearest[i])]}" for i in rows.tolist()]
 
 
-def refuse_far(
+def check_near_plan(
     cell: Cell, names: Sequence[str], q: FloatArray, near: FloatArray, path: Path
 ) -> None:
     """Refuse what does not say which plan it is of, and is far from this one."""
@@ -105,8 +105,8 @@ def refuse_far(
 
 def rounding_words(cell: Cell, q: FloatArray, step_rad: float) -> list[str]:
     """What the controller's rounding of joints adds to the noise, where that is worth a word."""
-    robot, controller = cell.robot, cell.robot.controller
-    if not step_rad or controller is None:
+    robot, controller, kind = cell.robot, cell.robot.controller, cell.measurement
+    if not step_rad or controller is None or kind.estimated:
         return []
     state = robot.state(q)
     tip = robot.jacobian(q)  # shape (N, 6, n)
@@ -114,22 +114,14 @@ def rounding_words(cell: Cell, q: FloatArray, step_rad: float) -> list[str]:
     place = tip[:, :3] + np.cross(tip[:, 3:], lever[:, :, None], axis=1)
     shown = place @ np.linalg.inv(controller.pendant_from_joints)
     added_m = float(np.sqrt((shown**2).sum(axis=(1, 2)).mean() * step_rad**2 / 12.0))
-    noise_m = _touch_up_noise_m(cell)
-    if noise_m is None or added_m < WORTH_A_WORD * noise_m:
+    noise_m = float(np.linalg.norm(kind.sigma[: kind.rows - kind.turns]))
+    if added_m < WORTH_A_WORD * noise_m:
         return []
     return [
         f"joints are stored to {np.rad2deg(step_rad):g} deg: that moves the tool point by "
         f"{1e3 * added_m:.2g} mm rms, beside the {1e3 * noise_m:.2g} mm of touching up; raise "
         "measurement.three_sigma_mm, or let measurement.estimate_noise find both"
     ]
-
-
-def _touch_up_noise_m(cell: Cell) -> float | None:
-    """Length of the standard deviation of a touch-up [m]; None where it is not given."""
-    kind = cell.measurement
-    if kind.estimated:
-        return None
-    return float(np.linalg.norm(kind.sigma[: kind.rows - kind.turns]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +177,8 @@ def import_touch_ups(
     warnings: list[str] = []
     parts: list[_Positions] = []
     if plan is not None:
-        refuse_doubles(plan.measured)
-    _refuse_mixed(files, dialect)
+        check_names_differ(plan.measured)
+    _check_together(files, dialect)
     for path in _with_positions(files):
         part = _positions(cell, path, plan, dialect, warnings, keep_untouched=keep_untouched)
         before = {name for other in parts for name in other.names}
@@ -213,24 +205,26 @@ def import_touch_ups(
             name=str(files[0]),
         )
     labels, q = tuple(names[i] for i in kept), q[kept]
-    doubts = summed_up(outside_limits(cell, labels, q), "positions outside the joint limits")
-    doubts += summed_up(off_target(cell, labels, q, NEAR_TARGET_M), "positions far off the target")
+    implausible = summed_up(outside_limits(cell, labels, q), "positions outside the joint limits")
+    implausible += summed_up(
+        off_target(cell, labels, q, NEAR_TARGET_M), "positions far off the target"
+    )
     if plan is not None:
-        doubts += summed_up(exchanged(labels, q, plan), "positions near other poses")
-    warnings += doubts
+        implausible += summed_up(exchanged(labels, q, plan), "positions near other poses")
+    warnings += implausible
     step = max(part.step_rad for part in parts)
     warnings += rounding_words(cell, q, step)
     return Imported(
         Measurements(q, Setup.of(len(q)), names=labels),
         1e3 * tool_moved_m(cell, q, planned[kept]) * (1.0 if plan else np.nan),
         tuple(names[i] for i in np.flatnonzero(unmoved)),
-        _missing(plan, names),
+        tuple(n for n in (plan.measured.names if plan else ()) if n not in names),
         tuple(warnings),
-        bool(doubts),
+        bool(implausible),
     )
 
 
-def _refuse_mixed(files: Sequence[Path], dialect: str | None) -> None:
+def _check_together(files: Sequence[Path], dialect: str | None) -> None:
     """Refuse files of programs that do not belong together, or to what stands beside them."""
     marks = {path: set_mark(head_of(path, MOST_BYTES)) for path in files}
     for path in files:
@@ -254,12 +248,6 @@ def _refuse_mixed(files: Sequence[Path], dialect: str | None) -> None:
                     hint="name the files of one program",
                     name=str(path),
                 )
-
-
-def _missing(plan: PoseList | None, names: Sequence[str]) -> tuple[str, ...]:
-    """Poses of the plan that are not among names."""
-    there = set(names)
-    return tuple(n for n in (plan.measured.names if plan else ()) if n not in there)
 
 
 def _with_positions(files: Sequence[Path]) -> list[Path]:
@@ -383,7 +371,7 @@ def _of_program(
         names = _own_names(positions, first)
     q = postures_of(positions, dialect.seen(arm_of(cell)), near)
     if near is not None and not program.fingerprint:
-        refuse_far(cell, names, q, near, path)
+        check_near_plan(cell, names, q, near, path)
     joint = np.array([p.shown_deg is not None for p in positions])
     unmoved = np.deg2rad(np.where(joint, UNMOVED_DEG, UNMOVED_CARTESIAN_DEG))
     step = float(np.deg2rad(dialect.joint_step_deg)) if joint.any() else 0.0

@@ -107,7 +107,6 @@ class Candidates:
         return other
 
     def take(self, rows: IntArray) -> Candidates:
-        """Some of the candidates, in the same scaling."""
         return self._like(self.J[rows], self._known_rows)
 
     def with_blocks(self, J: FloatArray) -> Candidates:

@@ -69,7 +69,6 @@ class Objective(ABC):
         return (self,)
 
     def state(self, rows: IntArray, count: int) -> InformationState:
-        """A state of a choice, ``count`` of which are to be chosen in the end."""
         return InformationState(self.candidates, rows, count)
 
     @abstractmethod

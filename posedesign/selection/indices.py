@@ -203,7 +203,6 @@ class Indices:
     e: float
 
     def as_dict(self) -> dict[str, float]:
-        """Name to value, in the order of the class."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 

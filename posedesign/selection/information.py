@@ -76,11 +76,9 @@ class InformationState:
             self.S[:, :, part] = np.einsum("nap,nbp->abn", moved, J[part])
 
     def take(self, row: int) -> None:
-        """Take a candidate in."""
         self._change(row, 1.0)
 
     def drop(self, row: int) -> None:
-        """Put a candidate back."""
         self._change(row, -1.0)
 
     def _change(self, row: int, sign: float) -> None:
@@ -100,12 +98,11 @@ class InformationState:
     def change(
         self, part: slice | IntArray, sign: float, right: FloatArray | None = None
     ) -> tuple[FloatArray, BoolArray]:
-        """What each of some candidates changes in the covariance.
+        """What each of some candidates changes in the covariance, and where it can be made.
 
-        ``sign``: +1: taken in; -1: put back. ``right`` (p, r): combinations of the parameters that
-        are of interest; all by default. Returns ``root`` (m, r, n): their covariance becomes
-        ``rightᵀ C right - sign rootᵀ root``. NaN where the change cannot be made. ``possible``
-        (n,).
+        Taken in (``sign`` +1) or put back (-1). The root ``(m, r, n)`` makes the covariance of
+        combinations ``right`` (p, r), all parameters by default, ``rightᵀ C right - sign rootᵀ
+        root``. It is NaN where the change cannot be made.
         """
         CU = self.C if right is None else self.C @ right
         root = CU.T @ self.candidates.by_row[:, :, part]

@@ -66,7 +66,6 @@ class Selection:
 
     @property
     def count(self) -> int:
-        """Number of poses."""
         return len(self.indices)
 
     @property
@@ -85,7 +84,6 @@ class Selection:
 
     @property
     def message(self) -> str:
-        """The outcome in a sentence."""
         name = self.criterion.name
         text = f"{self.count} poses: {name} {self.value:.4g}"
         if self.status == "not identifiable":
@@ -118,7 +116,6 @@ class Fewest:
 
     @property
     def message(self) -> str:
-        """The outcome in a sentence."""
         found, name = self.selection, self.selection.criterion.name
         if not self.reached:
             if not np.isfinite(found.value) or found.status == "not identifiable":
@@ -394,7 +391,6 @@ class _FewestSearch:
     found: dict[int, Selection] = field(default_factory=dict)
 
     def run(self, *, monotone: bool) -> Fewest:
-        """Bracket, halve, report."""
         offered = len(np.union1d(self.pool.distinct(), np.asarray(self.keep, dtype=np.intp)))
         most = offered if monotone else min(offered, MOST_CONDITION_POSES)
         upper = None

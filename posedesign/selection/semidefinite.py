@@ -385,8 +385,8 @@ def _diagonals(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Unknowns of which a diagonal between bounds, up to a common factor, is made.
 
-    Returns ``shape`` (q, p): the diagonal for each unknown. ``rows`` (l, q): of what must not be
-    negative. ``start`` (q,): unknowns in the middle.
+    Returns the diagonal for each unknown ``(q, p)``, rows ``(l, q)`` of what must not be negative,
+    and the unknowns in the middle ``(q,)``.
     """
     p = len(lowest)
     if not np.isfinite(highest).all():

@@ -89,7 +89,6 @@ class VolumeObjective(_AxesObjective):
         return Smooth(float(self._of(C)), P / k, curvature / k)
 
     def certificate_of(self, smooth: Smooth) -> MeanCertificate:
-        """The proof that the derivative at some weights gives."""
         return MeanCertificate(smooth.Z, self.K, 0.0)
 
     def relax(self, count: int, tolerance: float) -> Relaxation:
@@ -165,7 +164,6 @@ class SpectrumObjective(_AxesObjective):
         return Smooth(float(self._mean(1.0 / values)), Z, curvature)
 
     def certificate_of(self, smooth: Smooth) -> MeanCertificate:
-        """The proof that the derivative at some weights gives."""
         return MeanCertificate(smooth.Z, self.K, self._order)
 
     def relax(self, count: int, tolerance: float) -> Relaxation:

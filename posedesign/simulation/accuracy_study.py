@@ -22,7 +22,7 @@ from calib.model.measurements import Measurement, TouchUp, ViewLine
 from calib.robot_world import PAPER_METHODS, solve_batch
 from calib.se3 import FloatArray, apply, inverse, rotation_angle
 from posedesign.cell import Cell
-from posedesign.planning import PosePlan, Round, plan, refuse_hand_eye
+from posedesign.planning import PosePlan, Round, check_not_hand_eye, plan
 from posedesign.simulation.plate import PlateTest, try_plate
 from posedesign.simulation.rehearsal import SimulatedRobot
 
@@ -146,7 +146,7 @@ def accuracy_study(
             value=draws,
             bound=FEWEST_DRAWS,
         )
-    refuse_hand_eye(cell, "the study")
+    check_not_hand_eye(cell, "the study")
     history = plan(to_the_widest(cell))
     sets = improving_rounds(history)
     if not sets:

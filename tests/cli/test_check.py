@@ -9,7 +9,7 @@ import pytest
 
 from posedesign.cell import Cell
 from posedesign.planning.checks import check_poses
-from posedesign.planning.poses_file import read_poses
+from posedesign.planning.poses_file import PoseList, read_poses
 
 
 @pytest.fixture
@@ -68,8 +68,6 @@ def test_a_way_through_the_fixture(make_demo_cell):
     cell = make_demo_cell(obstacle=[wall], camera=None)
     q = np.tile(cell.base_posture, (2, 1))
     q[1, 0] += np.deg2rad(60.0)
-    from posedesign.planning.poses_file import PoseList
-
     there = check_poses(cell, PoseList(("P1", "P2"), q, np.zeros(2, dtype=bool)))
     assert [verdict.feasible for verdict in there] == [True, True]
     assert there[0].way_clear
@@ -93,8 +91,6 @@ def test_the_way_back_to_the_base_posture_is_checked(cli, refuse, work, change_c
 
 
 def test_postures_on_the_way_need_not_see_the_target(make_demo_cell):
-    from posedesign.planning.poses_file import PoseList
-
     cell = make_demo_cell()
     q = cell.base_posture + np.deg2rad([[0.0, 0, 0, 0, 0, 0], [10.0, -10, 0, 0, 40, 0]])
     names = ("P1", "V1")

@@ -330,19 +330,9 @@ def test_next_is_of_touch_ups(refuse, change_cell, work):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ["irb120", "gp7"])
-def test_small_arms(cli, tmp_path, robot):
+@pytest.mark.parametrize("robot", ["irb120", "gp7", "panda"])
+def test_small_arms_and_a_redundant_one(cli, tmp_path, robot):
     text = cli("new", "--robot", robot).out
-    path = tmp_path / "cell.toml"
-    path.write_text(text.replace("candidates = 1500", "candidates = 60"))
-    out = tmp_path / "run"
-    assert cli("plan", path, *EXCHANGE, "--poses", 8, "--out", out).code == 0
-    assert strict_json(cli("check", path, out / "poses.csv", "--json").out)["feasible"] is True
-
-
-@pytest.mark.slow
-def test_a_redundant_arm(cli, tmp_path):
-    text = cli("new", "--robot", "panda").out
     path = tmp_path / "cell.toml"
     path.write_text(text.replace("candidates = 1500", "candidates = 60"))
     out = tmp_path / "run"

@@ -237,7 +237,6 @@ class _Planning:
         self._router = Router.of_cell(cell)
 
     def run(self) -> OptimalPlan:
-        """Pool, choice, refinement, way."""
         self._advance("looking for postures", 0.0)
         pool = with_kept(self._cell, candidates_of(self._cell), self._kept)
         self._check_pool(pool)
@@ -435,7 +434,6 @@ class _Planning:
         )
 
     def _accuracy(self, chosen: CandidatePoses) -> Accuracy:
-        """What poses promise, from their blocks."""
         return accuracy_of(self._model, self._objective, self._box, chosen.linearise(self._model))
 
     def _others(

@@ -167,7 +167,6 @@ class _Refinement:
         return np.asarray(np.arccos(np.clip(R[:, :, 2] @ self._axis, -1.0, 1.0)))
 
     def cost(self) -> float:
-        """Of the poses as they are."""
         return self._objective.cost_of_blocks(self._blocks(self.pool))
 
     def _blocks(self, pool: CandidatePoses) -> FloatArray:

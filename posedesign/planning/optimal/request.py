@@ -86,13 +86,11 @@ class PlanObjective:
         return self.criterion.on(pool).cost(np.arange(pool.N))
 
     def words(self, value: float) -> str:
-        """A value as people read it."""
         if self.criterion.name == SIGMA:
             return f"{value:.4g} times the deviation wanted"
         return f"{self.criterion.name} {self.amount(value)}"
 
     def amount(self, value: float) -> str:
-        """A value as people read it, without the name of the criterion."""
         return f"{value:.4g} {self.unit}".rstrip()
 
     @property
@@ -296,7 +294,6 @@ class Request:
 
     @property
     def has_limit(self) -> bool:
-        """Whether some value is to be reached."""
         return self.accuracy_m is not None or self.threshold is not None or self.wants_sigma
 
     @property

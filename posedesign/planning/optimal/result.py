@@ -138,7 +138,6 @@ class OptimalPlan(Planned):
 
     @property
     def message(self) -> str:
-        """The outcome in one line."""
         if self.fewest is not None:
             said = self._fewest_words(self.fewest)
         else:
@@ -280,12 +279,10 @@ class NextPoses:
 
     @property
     def dropped(self) -> tuple[str, ...]:
-        """Why poses that were asked for cannot be had, one reason each."""
         return self.poses.dropped
 
     @property
     def message(self) -> str:
-        """What to do, in one line."""
         lost = f"; {len(self.dropped)} pose(s) dropped: {self.dropped[0]}" if self.dropped else ""
         return self._advice + lost
 
@@ -307,7 +304,6 @@ class NextPoses:
         return f"go on: {said}; {more} predicted to bring it to {best:.4g} mm"
 
     def rows(self) -> list[dict[str, object]]:
-        """The error after each further pose."""
         rows: list[dict[str, object]] = []
         for k, value in enumerate(self.tcp_m):
             gain = 1.0 - value / self.tcp_m[k - 1] if k else np.nan

@@ -86,7 +86,7 @@ def plan_next(
     UnreachableError
         The robot can take none of the candidates.
     """
-    refuse_cell(cell)
+    check_touch_up_cell(cell)
     if len(data.targets) != 1 or data.observed is not None:
         raise InputError(
             "the next poses are planned for touch-ups of one target, and there are "
@@ -177,7 +177,7 @@ def _last_number(names: Sequence[str]) -> int:
     return max([len(names), *numbers])
 
 
-def refuse_cell(cell: Cell) -> None:
+def check_touch_up_cell(cell: Cell) -> None:
     """Refuse a cell in which nothing is touched up."""
     if cell.is_hand_eye:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Pools of postures: they touch, they keep every constraint, and nothing is left out or twice."""
+"""Candidate poses: what they touch and keep, evenly drawn, none left out or twice; local turns."""
 
 from dataclasses import replace
 
@@ -11,15 +11,19 @@ from scipy.stats import kstest
 
 from calib.errors import CalibError, InputError, UnreachableError
 from calib.model import Setup
-from calib.se3 import FloatArray
+from calib.robots import CoupledLimit
+from calib.se3 import FloatArray, rotation_angle, rotation_exp
 from posedesign.candidates import (
     CONFIGURATIONS,
     CandidatePoses,
     cone_candidates,
     feasible,
     grid_candidates,
+    joint_candidates,
+    local_poses,
     offset_targets,
 )
+from posedesign.candidates.building import viewing_poses
 from posedesign.candidates.postures import even_points, evenly, once
 from posedesign.cell import Cell, cell_template, cone_rotations_at, touching_poses
 from posedesign.cell.orientations import cone_rotations
@@ -401,3 +405,295 @@ def test_even_points_are_in_the_cube_and_apart(count, dimensions, seed):
         # the golden section leaves gaps of at most three lengths (Steinhaus)
         gaps = np.diff(np.sort(points[:, 0]), append=points.min() + 1.0)
         assert len(np.unique(gaps.round(9))) <= 3
+
+
+def brute_force(cell: Cell, half: float, wanted: int) -> FloatArray:
+    """Feasible postures of independent draws around the base posture."""
+    draws, found = rng(1), np.empty((0, cell.robot.n))
+    lower = np.maximum(cell.robot.lower + cell.margin, cell.base_posture - half)
+    upper = np.minimum(cell.robot.upper - cell.margin, cell.base_posture + half)
+    while len(found) < wanted:
+        q = draws.uniform(lower, upper, (50_000, cell.robot.n))
+        found = np.concatenate([found, q[cell.checker.check(q, every=False).feasible]])
+    return found
+
+
+def test_joints_fill_their_ranges(make_cell):
+    cell = make_cell(plan={"limit_margin_deg": 2.0})
+    free = [0, 3, 4, 5]  # joints 2 and 3 have a limit together that cuts a corner off
+    pool = joint_candidates(cell, 800, rng(), largest_turn=1.0)
+    assert len(pool) == 800
+    assert cell.checker.check(pool.postures).feasible.all()
+    lower = np.maximum(cell.robot.lower + cell.margin, cell.base_posture - 1.0)
+    upper = np.minimum(cell.robot.upper - cell.margin, cell.base_posture + 1.0)
+    part = (pool.postures - lower) / (upper - lower)
+    assert part.min() >= 0.0
+    assert part.max() <= 1.0
+    for j in free:
+        assert kstest(part[:, j], "uniform").pvalue > 0.01
+    np.testing.assert_allclose(cell.robot.fk(pool.postures)[:, :3, :3], pool.orientations)
+    assert (pool.target == 0).all()
+
+
+def test_postures_follow_brute_force(make_cell):
+    cell = make_cell(constraints={"smallest_singular_value": 0.12})
+    expected = brute_force(cell, 1.2, 3000)
+    pool = joint_candidates(cell, 3000, rng(), largest_turn=1.2)
+    assert pool.tried > 3500, "the constraint must refuse some"
+    apart = pool.postures.mean(axis=0) - expected.mean(axis=0)
+    sigma = expected.std(axis=0) * np.sqrt(2.0 / 3000)
+    assert (np.abs(apart) < 4.0 * sigma).all()
+
+
+def test_a_view_is_all_that_the_camera_is_allowed(make_demo_cell):
+    cell = make_demo_cell(
+        camera={"wpr_deg": [8.0, -5.0, 30.0], "largest_tilt_deg": 40.0},
+        target={"normal": [0.3, -0.2, 1.0]},
+    )
+    camera = cell.config.camera
+    assert camera is not None
+    T = viewing_poses(cell, even_points(4000, 6, rng())) @ cell.T_tip_camera
+    in_camera = np.einsum("nji,nj->ni", T[:, :3, :3], cell.target_m - T[:, :3, 3])
+    pixels = np.array(camera.image_px) / 2 + camera.focal_px * in_camera[:, :2] / in_camera[:, 2:]
+    away_mm = 1e3 * np.linalg.norm(in_camera, axis=1)
+    sight = (T[:, :3, 3] - cell.target_m) / (away_mm[:, None] / 1e3)
+    normal = np.array([0.3, -0.2, 1.0]) / np.linalg.norm([0.3, -0.2, 1.0])
+    cosine = sight @ normal
+    np.testing.assert_allclose(np.linalg.det(T[:, :3, :3]), 1.0)
+    room = camera.border_px
+    for values, low, high in (
+        (pixels[:, 0], room, camera.image_px[0] - room),
+        (pixels[:, 1], room, camera.image_px[1] - room),
+        (away_mm, camera.nearest_mm, camera.farthest_mm),
+        (cosine, np.cos(np.deg2rad(40.0)), 1.0),
+    ):
+        part = (values - low) / (high - low)
+        assert -1e-9 < part.min() < 0.01
+        assert 0.99 < part.max() < 1.0 + 1e-9
+        assert kstest(part, "uniform").pvalue > 0.01
+    across = np.cross(normal, [1.0, 0.0, 0.0])
+    heading = np.arctan2(sight @ across, sight @ np.cross(across, normal))
+    assert kstest(heading / (2 * np.pi) + 0.5, "uniform").statistic < 0.03
+
+
+def test_the_target_is_in_view_and_nothing_that_is_possible_is_missed(demo_cell):
+    """Every feasible posture of brute force has one of the pool near by."""
+    pool = joint_candidates(demo_cell, 1500, rng(), largest_turn=1.0)
+    assert len(pool) == 1500
+    assert demo_cell.checker.check(pool.postures).feasible.all()
+    assert np.abs(pool.postures - demo_cell.base_posture).max() <= 1.0
+    expected = brute_force(demo_cell, 1.0, 150)
+    apart = np.abs(expected[:, None] - pool.postures).max(axis=-1).min(axis=1)
+    own = np.abs(expected[:, None] - expected).max(axis=-1) + np.eye(len(expected))
+    # no farther off than such postures lie from each other, ten times fewer as they are
+    assert np.quantile(apart, 0.99) < np.quantile(own.min(axis=1), 0.99)
+
+
+def test_the_arm_is_turned_over_its_back_where_the_camera_sees_from_there(make_demo_cell):
+    cell = make_demo_cell(constraints={"collisions": False})
+    pool = joint_candidates(cell, 500, rng())
+    assert (np.abs(pool.postures[:, 0] - cell.base_posture[0]) > np.pi / 2).any()
+    assert np.abs(pool.postures - cell.base_posture).max() <= np.pi
+
+
+def test_close_to_the_base_posture_joints_are_drawn_evenly(demo_cell):
+    """There most of what is drawn in the joints sees the target, and hardly any view is so near."""
+    pool = joint_candidates(demo_cell, 500, rng(), largest_turn=0.01)
+    assert (len(pool), pool.tried) == (500, 1000)
+    part = (pool.postures - demo_cell.base_posture) / 0.02 + 0.5
+    assert min(kstest(column, "uniform").pvalue for column in part.T) > 0.01
+
+
+def test_a_redundant_arm_sees_its_target():
+    cell = Cell.from_text(cell_template("panda"))
+    pool = joint_candidates(cell, 40, rng())
+    assert len(pool) == 40
+    assert cell.checker.check(pool.postures).feasible.all()
+
+
+def test_the_same_generator_gives_the_same_postures(demo_cell, reference_cell):
+    for cell in (demo_cell, reference_cell):
+        one, same, other = (joint_candidates(cell, 30, rng(s)).postures for s in (1, 1, 2))
+        np.testing.assert_array_equal(one, same)
+        assert len(one) == 30
+        assert not np.isin(one, other).any()
+
+
+def test_no_two_postures_are_the_same_without_touch(demo_cell):
+    q = joint_candidates(demo_cell, 300, rng()).postures
+    apart = np.abs(q[:, None] - q).max(axis=-1)
+    assert (apart + np.eye(len(q))).min() > 1e-6
+
+
+def test_wrong_input_is_refused_without_touch(reference_cell):
+    for count in (0, -1, 1.5, np.nan):
+        with pytest.raises(InputError, match="1 to"):
+            joint_candidates(reference_cell, count, rng())  # type: ignore[arg-type]
+    for turn in (0.0, -1.0, np.nan):
+        with pytest.raises(InputError, match="one posture") as caught:
+            joint_candidates(reference_cell, 5, rng(), turn)
+        assert "radians" in caught.value.hint
+
+
+def test_an_empty_pool_without_touch_says_why(make_cell, make_demo_cell):
+    cell = make_cell(constraints={"smallest_singular_value": 0.9})
+    with pytest.raises(UnreachableError, match=r"of them: singularity, e\.g\. smallest") as one:
+        joint_candidates(cell, 5, rng())
+    assert "constraints.smallest_singular_value" in one.value.hint
+    walled = make_demo_cell(constraints={"safety_distance_mm": 700.0})
+    with pytest.raises(UnreachableError, match=r"collision, e\.g\. "):
+        joint_candidates(walled, 5, rng())
+    cell = make_demo_cell(constraints={"collisions": False})
+    aside = replace(cell, base_posture=cell.base_posture + np.eye(6)[0], target_m=cell.target_m)
+    with pytest.raises(UnreachableError, match="turned farther") as other:
+        joint_candidates(aside, 5, rng(), largest_turn=0.1)
+    assert "largest_turn" in other.value.hint
+
+
+def around(cell: Cell, count: int = 300) -> CandidatePoses:
+    return cone_candidates(cell, 0.9, count, np.random.default_rng(4), "all")
+
+
+def turns_of(pool: CandidatePoses, sigma: float) -> FloatArray:
+    return np.random.default_rng(5).normal(0.0, sigma, (len(pool), 3))
+
+
+def test_the_tool_turns_in_its_own_axes_about_what_it_touches(reference_cell):
+    pool = around(reference_cell)
+    turns = turns_of(pool, 0.03)
+    q = local_poses(reference_cell, pool.postures, turns)
+    there = np.isfinite(q).all(axis=1)
+    assert there.mean() > 0.9
+    state = reference_cell.robot.state(q[there])
+    np.testing.assert_allclose(
+        state.R_base_tip, (pool.orientations @ rotation_exp(turns))[there], atol=1e-9
+    )
+    touched = state.point(reference_cell.tool_m)
+    assert np.abs(touched - reference_cell.target_m).max() < 1e-9
+
+
+@pytest.mark.parametrize("sigma", [0.001, 0.01, 0.03])
+def test_it_is_the_nearest_of_all_branches_in_closed_form(reference_cell, sigma):
+    """Where the nearest is another branch, a singularity of the wrist is less than a turn away."""
+    pool = around(reference_cell)
+    turns = turns_of(pool, sigma)
+    q = local_poses(reference_cell, pool.postures, turns, pool.touched_m)
+    poses = touching_poses(
+        pool.orientations @ rotation_exp(turns), reference_cell.tool_m, reference_cell.target_m
+    )
+    solutions = reference_cell.robot.inverse(poses, every_turn=True)
+    nan = same = 0
+    for k, start in enumerate(pool.postures):
+        away = np.linalg.norm(solutions.of(k) - start, axis=1)
+        wrist = np.abs(start[4])
+        if np.isnan(q[k]).any():
+            nan += 1
+            # the limits are in the way: what is left is a turn of a joint away
+            assert away.min(initial=np.inf) > 2.0
+        elif wrist > 10.0 * sigma:
+            same += 1
+            np.testing.assert_allclose(solutions.of(k)[np.argmin(away)], q[k], atol=1e-7)
+    assert same > 0.8 * len(pool)
+    assert nan < 0.1 * len(pool)
+
+
+def test_there_and_back_again(demo_cell):
+    """Followed along the turn no branch is left, however large the turn is."""
+    pool = around(demo_cell)
+    turns = turns_of(pool, 0.25)
+    q = local_poses(demo_cell, pool.postures, turns, pool.touched_m)
+    there = np.isfinite(q).all(axis=1)
+    assert there.mean() > 0.7
+    back = local_poses(demo_cell, q[there], -turns[there], pool.touched_m[there])
+    np.testing.assert_allclose(back, pool.postures[there], atol=1e-6)
+
+
+def test_a_small_turn_moves_the_joints_as_the_jacobian_has_it(reference_cell):
+    pool = around(reference_cell, 50)
+    turns = turns_of(pool, 1e-5)
+    q = local_poses(reference_cell, pool.postures, turns)
+    state = reference_cell.robot.state(pool.postures)
+    J = state.jacobian(state.point(reference_cell.tool_m))
+    twist = np.concatenate(
+        [np.zeros((len(pool), 3)), np.einsum("nij,nj->ni", pool.orientations, turns)], axis=1
+    )
+    expected = np.linalg.solve(J, twist[..., None])[..., 0]
+    gain = np.linalg.norm(np.linalg.inv(J), axis=(1, 2))
+    assert (np.abs(q - pool.postures - expected).max(axis=1) < 1e-8 * gain**3).all()
+
+
+def test_no_turn_is_the_same_posture(demo_cell):
+    pool = around(demo_cell, 50)
+    q = local_poses(demo_cell, pool.postures, np.zeros((len(pool), 3)))
+    np.testing.assert_allclose(q, pool.postures, atol=1e-9)
+
+
+def test_there_is_no_posture_beyond_a_limit(reference_cell):
+    """Joint 6 five degrees below its limit: turned about its own axis by four, and by six."""
+    robot = reference_cell.robot
+    start = reference_cell.base_posture.copy()
+    start[5] = robot.upper[5] - np.deg2rad(5.0)
+    # the tool point stays: only where it is on the axis of joint 6 does no other joint move
+    on_axis = replace(reference_cell, tool_m=np.array([0.0, 0.0, 0.3]))
+    z = robot.fk(start)[:3, 2] @ robot.state(start).axes[5]
+    turns = np.deg2rad([[0.0, 0.0, 4.0 * z], [0.0, 0.0, 6.0 * z]])
+    q = local_poses(on_axis, np.tile(start, (2, 1)), turns)
+    np.testing.assert_allclose(q[0] - start, np.deg2rad([0, 0, 0, 0, 0, 4.0]), atol=1e-9)
+    assert np.isnan(q[1]).all()
+
+
+def test_there_is_no_posture_beyond_a_coupled_limit(reference_cell):
+    pool = around(reference_cell, 100)
+    turns = turns_of(pool, 0.02)
+    free = local_poses(reference_cell, pool.postures, turns)
+    limit = CoupledLimit("J4 plus J6", np.array([0.0, 0, 0, 1, 0, 1]), -1.0, 1.0)
+    robot = replace(reference_cell.robot, coupled_limits=(limit,))
+    q = local_poses(replace(reference_cell, robot=robot), pool.postures, turns)
+    kept = np.abs(free[:, 3] + free[:, 5]) <= 1.0
+    assert 0 < kept.sum() < len(pool)
+    np.testing.assert_array_equal(np.isfinite(q).all(axis=1), kept)
+    np.testing.assert_array_equal(q[kept], free[kept])
+
+
+def test_a_redundant_arm_moves_little():
+    cell = Cell.from_text(cell_template("panda", surroundings=False))
+    pool = cone_candidates(cell, 0.3, 10, np.random.default_rng(4), "front")
+    turns = turns_of(pool, 0.02)
+    q = local_poses(cell, pool.postures, turns, pool.touched_m)
+    there = np.isfinite(q).all(axis=1)
+    assert there.mean() > 0.9
+    state = cell.robot.state(q[there])
+    assert np.abs(state.point(cell.tool_m) - cell.target_m).max() < 1e-9
+    turned = rotation_angle(np.swapaxes(pool.orientations[there], 1, 2) @ state.R_base_tip)
+    np.testing.assert_allclose(turned, np.linalg.norm(turns[there], axis=1), atol=1e-8)
+    assert (q[there] >= cell.robot.lower).all()
+    assert (q[there] <= cell.robot.upper).all()
+    # the pseudo-inverse is the least motion there is
+    start = cell.robot.state(pool.postures[there])
+    J = start.jacobian(start.point(cell.tool_m))
+    twist = np.zeros((there.sum(), 6))
+    twist[:, 3:] = np.einsum("nij,nj->ni", pool.orientations[there], turns[there])
+    least = np.linalg.norm((np.linalg.pinv(J) @ twist[..., None])[..., 0], axis=1)
+    moved = np.linalg.norm(q[there] - pool.postures[there], axis=1)
+    assert np.median(moved / least) < 1.1
+
+
+def test_verdicts_of_many_targets_and_of_none(demo_cell):
+    pool = around(demo_cell, 100)
+    q = local_poses(demo_cell, pool.postures, turns_of(pool, 0.2), pool.touched_m)
+    kept = feasible(demo_cell, q, pool.target, pool.targets_m)
+    there = np.isfinite(q).all(axis=1)
+    assert not kept[~there].any()
+    np.testing.assert_array_equal(kept[there], demo_cell.checker.check(q[there]).feasible)
+    assert 0 < kept.sum() < len(pool)
+
+
+def test_wrong_turns_are_refused(reference_cell):
+    q = np.tile(reference_cell.base_posture, (2, 1))
+    for turns in (np.zeros((1, 3)), np.zeros(3), np.full((2, 3), np.nan)):
+        with pytest.raises(InputError, match="rotation vector"):
+            local_poses(reference_cell, q, turns)
+    with pytest.raises(InputError, match="touch places"):
+        local_poses(reference_cell, q, np.zeros((2, 3)), np.zeros(3))
+    with pytest.raises(InputError, match="6 joints"):
+        local_poses(reference_cell, q[:, 1:], np.zeros((2, 3)))

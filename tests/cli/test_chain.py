@@ -119,6 +119,7 @@ def test_spreadsheet_round_trip_changes_nothing(cli, work):
     assert one == two
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["#1", "=T1", "-1", "Zapfen 3, links", 'the "old" one', "'x"])
 def test_any_target_name_survives_the_files(cli, change_cell, work, name):
     cell = offsets_only(change_cell({"target.name": json.dumps(name)}))

@@ -128,6 +128,7 @@ def check(said: Any, words: object) -> None:
     assert all(len(line) < 2000 for line in errors), words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_a_damaged_file(cli, damaged, tmp_path, monkeypatch, name):
     rng = np.random.default_rng(sorted(FILES).index(name))

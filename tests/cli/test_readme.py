@@ -6,6 +6,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from posedesign.cell import Cell
 from posedesign.planning.poses_file import read_poses
 from posedesign.pose_programs import program_options
@@ -31,6 +33,7 @@ def touched_up(poses: Path, program: Path) -> None:
     write(PoseProgram("CALIB01", taught, program_options(cell, listed)), "fanuc-ls", program.parent)
 
 
+@pytest.mark.slow
 def test_commands_and_python_of_the_readme(cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (steps,) = (block for block in blocks() if block.startswith("posedesign new"))

@@ -42,6 +42,7 @@ def full_of(rows: pd.DataFrame) -> pd.DataFrame:
     return full
 
 
+@pytest.mark.slow
 def test_spread_is_that_of_the_full_run(short):
     _, rows, _ = short
     full = full_of(rows)

@@ -243,6 +243,7 @@ def ratios(case: Case, trials: int) -> np.ndarray:
     return found
 
 
+@pytest.mark.slow
 def test_scatter_is_the_bound(case):
     """Within what these draws tell: each parameter, its mean, and all of them together (NEES)."""
     error, covariance = scatter(case, FEW)

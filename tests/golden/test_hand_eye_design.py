@@ -100,6 +100,7 @@ def planned():
     return cell, plan_fewest(cell, 5e-5, np.deg2rad(0.02))
 
 
+@pytest.mark.slow
 def test_the_poses_chosen_reach_what_was_wanted(planned):
     """Pairs of a simulated camera, solved for the likeliest X and Z."""
     cell, chosen = planned

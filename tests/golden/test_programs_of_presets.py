@@ -47,6 +47,7 @@ def test_every_preset_but_the_panda_has_a_controller_with_a_dialect() -> None:
     assert set(preset_names()) - own == {"panda"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("preset", "dialect", "form"), own_dialects())
 def test_a_plan_is_written_checked_and_as_good_as_before(
     preset: str, dialect: str, form: str, tmp_path: Path

@@ -83,6 +83,7 @@ def found(load_study, data_folder, tmp_path_factory) -> dict[str, tuple[float, f
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", [POSES, DESCRIPTION, MASTERING, AS_IT_IS])
 def test_the_table_is_true_of_configurations_kept_back(found, way):
     left, said = found[way]

@@ -20,6 +20,7 @@ ARMS = (
 RADII_MM = {"irb6640_185_280": [300, 200, 250, 200, 100, 100]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_plan_reaches_the_threshold(data_folder, tmp_path, capsys, arm):
     urdf = data_folder / "urdf" / f"{arm}.urdf"

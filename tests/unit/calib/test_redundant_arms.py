@@ -136,6 +136,7 @@ def nearest_by_search(robot: Robot, pose: np.ndarray, near: np.ndarray, starts: 
     return best
 
 
+@pytest.mark.slow
 def test_the_nearest_is_the_nearest_of_the_self_motion(robot):
     near = (robot.lower + robot.upper) / 2 + 0.2
     for i, q in enumerate(postures_of(robot, 3, seed=4)):
@@ -161,6 +162,7 @@ def test_at_rest_the_nearest_is_pulled_only_across_the_self_motion(robot):
     np.testing.assert_allclose(along[free], 0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_poses_do_not_disturb_each_other(robot):
     poses = robot.fk(postures_of(robot, 70, seed=6))  # more than are swept at once
     poses[3, :3, 3] += 9.0

@@ -132,6 +132,7 @@ def test_files_say_the_same(whole):
     np.testing.assert_allclose(back.measurement.sigma, done.sigma_m, rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "moves", [pytest.param(n, marks=pytest.mark.slow) for n in (1, 20, 130)] + [60, 170]
 )

@@ -25,6 +25,7 @@ CLOSE = Camera(160, 120, 400.0, distortion=(-0.2, 0.0, 0.0, 0.0, 0.0))
 TRIALS = 300
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt_deg", [0.0, 35.0])
 def test_both_agree(tilt_deg, target, looking):
     """Means within 3 standard errors of both, standard deviations within 15 %.

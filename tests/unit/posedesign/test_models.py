@@ -238,6 +238,7 @@ def rebuilt(cell: Cell, table: MeasurementTable) -> list[tuple[CalibrationModel,
     return [(c.model, model_of(cell, c.model.names)) for c in candidates(cell, table)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", [["touch-up"], ["pose"], ["point", "touch-up"]], ids="+".join)
 def test_models_from_names(tmp_path, lab, make_cell, kinds):
     """The arm that a file of results speaks of moves as the one that was identified."""

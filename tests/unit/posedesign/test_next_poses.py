@@ -88,6 +88,7 @@ def test_each_pose_gains_and_none_of_the_rest_would_have_gained_more(cell, six):
         assert np.argmin(errors) == 0
 
 
+@pytest.mark.slow
 def test_a_first_pose_is_the_best_of_the_pool(cell, six):
     data, _ = six
     found = plan_next(cell, data, 1)

@@ -280,6 +280,7 @@ def test_what_no_way_leads_to_is_left_out(cell, monkeypatch):
     assert found.pool_size == len(candidates_of(cell)) - sum(cut)
 
 
+@pytest.mark.slow
 def test_an_arm_half_of_whose_postures_are_out_of_the_way(make_cell):
     """A UR10e folds its wrist into branches that no clear motion leads to: others take their place.
 

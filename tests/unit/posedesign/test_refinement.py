@@ -76,6 +76,7 @@ def refined(reference):
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_refined_poses_are_better_and_keep_every_constraint(reference, refined, criterion):
     cell, _ = reference

@@ -61,6 +61,7 @@ def identified(
     return measured, identify_models(cell, read_measurements(path, 6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MIXTURES)
 def test_exact_without_noise(tmp_path, lab, make_cell, name):
     each = TARGETS.get(name, 1)

@@ -266,6 +266,7 @@ def test_an_external_axis_may_not_carry_the_arm() -> None:
     assert len(parse(both.replace("ENDMODULE", home + "ENDMODULE")).positions) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "line",
     [

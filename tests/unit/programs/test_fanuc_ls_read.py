@@ -257,6 +257,7 @@ def test_a_huge_file_is_refused(tmp_path: Path) -> None:
         read(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "line",
     [

@@ -326,6 +326,7 @@ def test_a_huge_file_is_refused(tmp_path: Path) -> None:
         DIALECT.read(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "line",
     [
@@ -422,6 +423,7 @@ def check_damaged(source: str, count: int, seed: int) -> None:
     assert 0.2 * count < read < 0.95 * count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", [SMALL, POSED, LOG])
 def test_damaged_files_are_refused_or_read_right(source: str) -> None:
     check_damaged(source, 500, seed=1)
@@ -433,6 +435,7 @@ def test_many_damaged_files_are_refused_or_read_right(source: str) -> None:
     check_damaged(source, 5000, seed=2)
 
 
+@pytest.mark.slow
 def test_damaged_generated_scripts_raise_nothing_else() -> None:
     for damaged, _ in mutations(POLYSCOPE, 500, seed=3):
         read_or_refused(damaged.encode("latin-1"))

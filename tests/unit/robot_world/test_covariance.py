@@ -53,6 +53,7 @@ def assert_agrees(predicted, observed, trials):
     assert ratio[-1] < (1.0 + spread) ** 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "on", [*(pytest.param(side, marks=pytest.mark.slow) for side in "AB"), "both"]
 )
@@ -100,6 +101,7 @@ def test_covariance_grows_with_the_square_of_the_noise_and_adds_over_the_sides()
     np.testing.assert_allclose(both, 4.0 * (single["A"] + single["B"]), rtol=1e-9, atol=1e-26)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["andreff", "li-kronecker-literal", "shah", "daniilidis", "ml"])
 def test_standard_deviations_cover_the_errors_where_a_target_stays_in_view(method):
     """A method's own bias is part of them: without it those of the first two cover a half.

@@ -174,6 +174,7 @@ def chi_squares(noise, pairs, trials, seed, scale=1.0):
     return [solve(a, b, "ml", claimed) for a, b in zip(A, B, strict=True)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on", ["B", "A", "both"])
 def test_probabilities_of_chi_square_are_uniform(on):
     found = chi_squares(noise_of(on), 6, 200, 3)

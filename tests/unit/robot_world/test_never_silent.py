@@ -126,6 +126,7 @@ def test_one_pair_slightly_off_is_named(method, pairs):
         assert "pair 4 (counted from 1) is more than 4 times as far off as the median" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cone_deg", [None, 40.0])
 @pytest.mark.parametrize("pairs", [5, 10, 30])
 def test_good_pairs_raise_no_doubts(pairs, cone_deg):
@@ -239,6 +240,7 @@ def silent(seed, count):
     return [hostile.what for hostile in hostile_sets(seed, count) if is_silently_wrong(hostile)]
 
 
+@pytest.mark.slow
 def test_hardly_any_mistake_is_silent():
     """Three of each kind but of what moves meanwhile; 1,000 in the slow stage."""
     found = silent(3, 3 * len(SPOILT))

@@ -40,6 +40,7 @@ def without_the_bad(A, B, bad):
     return A[keep].reshape(shape), B[keep].reshape(shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize(
     ("pairs", "largest"),
@@ -110,6 +111,7 @@ def test_small_gross_errors_are_found_too():
     assert np.mean([result.used.sum() for result in found]) > 18.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("pairs", [10, 30])
 def test_good_pairs_are_hardly_ever_left_out(pairs, given):

@@ -57,6 +57,7 @@ def test_the_scale_is_corrected_on_request(method, noise):
     assert result.translation_rms_m < 3e-3
 
 
+@pytest.mark.slow
 def test_a_scale_of_one_is_rarely_doubted():
     """In one of 10,000 sets by chance; here in none of 100."""
     results = [solve(*looking(100 + seed)[:2]) for seed in range(100)]
@@ -77,6 +78,7 @@ def test_a_scale_of_one_is_rarely_doubted_of_many(on):
     assert named <= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["ml", "shah"])
 def test_covariance_with_the_scale_is_the_scatter(method):
     rng = np.random.default_rng(3)

@@ -44,6 +44,7 @@ def test_independent_errors_change_nothing(pairs):
     assert 0.93 < covered(problems, solve_batch(problems.A, B)) < 0.975
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("alike", "pairs", "least"), [(0.8, 20, 0.91), (0.8, 60, 0.92)])
 def test_errors_that_follow_each_other_are_covered(alike, pairs, least):
     problems, B = sequences(1, 150, pairs, alike)

@@ -119,8 +119,7 @@ def covariance_of(
     """Covariance ``(12, 12)`` of one solution, the residuals being ``excess`` times the noise.
 
     By the noise, given or not, and by runs of pairs whose errors follow each other: see
-    :mod:`calib.robot_world.serial`. Those widen what any method says by as much as maximum
-    likelihood.
+    :func:`following`. Those widen what any method says by as much as maximum likelihood.
     """
     if noise is None:
         return None

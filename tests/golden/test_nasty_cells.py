@@ -2,7 +2,7 @@
 
 What is allowed of a further touch-up: the true target is on the true tip of the virtual pin to half
 a millimetre, what the tilt of the circle does to its ellipse (``r² / d`` at most, see
-:mod:`calib.vision.camera.circle_pose`), and a tenth of a pixel of its size.
+:mod:`calib.vision.camera.conic`), and a tenth of a pixel of its size.
 """
 
 from collections import Counter

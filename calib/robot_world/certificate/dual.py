@@ -1,7 +1,7 @@
 """Lower bounds of the cost over all rotations, by Lagrangian duality.
 
-The equations of two rotations (:mod:`~calib.robot_world.certificate.constraints`), each times any
-multiplier, can be added to the cost without changing it on rotations::
+The equations of two rotations, each times any multiplier, can be added to the cost without changing
+it on rotations::
 
     f(u) = constant + 2 ρ·u + uᵀ S u,    ρ = linear - Σ λ slope,   S = quadratic - Σ λ bend
 

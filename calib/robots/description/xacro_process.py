@@ -11,7 +11,7 @@ Python with its built-in functions taken away still leads back to all of them:
 * an audit hook, which nothing can take off again, ends it at any other deed: an import, a socket,
   code run by ``eval``, a file opened elsewhere (Python documentation, "Audit events table");
 * the functions of the xacro package that open, evaluate and substitute are replaced by ones that
-  keep to :mod:`calib.robots.description.packages` and :mod:`calib.robots.description.expression`;
+  keep to :mod:`calib.robots.description.packages` and to :func:`evaluate`;
 * XML entities and document types are refused in every file.
 
 Run by :func:`calib.robots.description.xacro_file.expand_xacro` only.

@@ -3,7 +3,7 @@
 A pose leaves such an arm one freedom: its postures lie on curves, the self-motions. Held at one
 angle, a well-chosen joint leaves a six-axis arm with a closed form, so the curves are cut at
 every angle of a sweep. From the cuts the nearest posture to a reference is walked to
-(:mod:`calib.robots.inverse.self_motion`).
+(:func:`move_near`).
 """
 
 from __future__ import annotations

@@ -23,17 +23,15 @@ _NAMED = 0.1
 
 
 class Candidates:
-    """A pool of poses.
+    """The poses to choose from.
 
-    Columns are divided by their root mean square over the pool, so that parameters in any units
-    meet as equals in the arithmetic. All that takes or gives matrices ``(p, p)`` is in these
-    scaled parameters; :attr:`scale` leads back.
+    They are made of whitened blocks ``(N, m, p)``, rows of unit variance (for condition numbers, of
+    the identification Jacobian), and of rows of the same kind that are known anyway: poses already
+    measured, priors. ``names`` of the parameters are for errors.
 
-    ``blocks`` (N, m, p): whitened Jacobians, rows of unit variance; for condition numbers, the
-    regressor. ``known`` (M, p): rows of the same kind that are there anyway: poses already
-    measured, priors. ``names``: of the parameters, for errors. ``J`` (N, m, p): scaled blocks.
-    ``known`` (p, p): scaled information that is there anyway. ``scale`` (p,): what the columns were
-    divided by. Raises InputError: another shape, or numbers that are not finite.
+    Columns are divided by their root mean square over all, ``scale`` (p,), so that parameters in
+    any units meet as equals in the arithmetic. All that takes or gives matrices ``(p, p)`` is in
+    these scaled parameters, as are the blocks ``J`` (N, m, p) and the information ``known`` (p, p).
     """
 
     def __init__(

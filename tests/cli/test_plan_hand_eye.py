@@ -155,16 +155,6 @@ def test_turning_about_one_axis_is_refused(refuse, change_cell, words):
     refuse("plan", path, *words).says("cannot identify target.T1.z, target.T1.rz", "absorbed by")
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0])
-def test_an_accuracy_is_above_zero(refuse, cell, value):
-    refuse("plan", cell, f"--wanted-sigma-mm={value}").says("not above zero")
-
-
-def test_unweighted_estimates_cannot_be_planned_for_an_accuracy(refuse, change_cell):
-    path = change_cell({"measurement.weighted": "false"})
-    refuse("plan", path, "--wanted-sigma-mm", 1.0).says("measurement.weighted = true")
-
-
 def test_camera_poses_are_weighted(refuse, change_cell):
     path = change_cell(CAMERA | {"measurement.weighted": "false"})
     refuse("plan", path).says("mm and deg have no common unit", "measurement")

@@ -125,8 +125,6 @@ def test_a_condition_number_needs_no_noise(cli, change_cell, tmp_path):
         (("--poses", "abc"), ("'abc' is no number of poses",)),
         (("--poses", ""), ("'' is no number of poses",)),
         (("--poses", "auto"), ("none is given", "--target-accuracy 0.2mm")),
-        (("--poses", "3"), ("9 equations for 10 parameters", "4 poses or more")),
-        (("--poses", "400"), ("400 poses of", "candidates")),
         (("--target-accuracy", "0"), ("'0' is no accuracy", "such as 0.2mm")),
         (("--target-accuracy", "nan"), ("'nan' is no accuracy",)),
         (("--target-accuracy", "-1mm"), ("'-1mm' is no accuracy",)),
@@ -140,10 +138,6 @@ def test_a_condition_number_needs_no_noise(cli, change_cell, tmp_path):
         (
             ("--criterion", "C_G", "--poses", "27", "--threshold", "850"),
             ("no set of 27 poses from this pool can be below 850",),
-        ),
-        (
-            ("--poses", "9", "--wanted-sigma-mm", "0.001"),
-            ("no 9 poses of this pool reach the deviations wanted", "times them"),
         ),
         (
             ("--target-accuracy", "1mm", "--criterion", "D"),
@@ -164,8 +158,8 @@ def test_a_condition_number_needs_no_noise(cli, change_cell, tmp_path):
         (("--method", "WPR", "--validation", "5"), ("--validation does not go with",)),
         (("--method", "wpr", "--keep", "poses.csv"), ("--keep does not go with",)),
         ((*EXCHANGE, "--validation", "-1"), ("-1 poses for validation", "0 to 1000")),
-        ((*EXCHANGE, "--validation", "900"), ("900 for validation of", "pool.candidates")),
         ((*EXCHANGE, "--robust", "wurst"), ("no robustness 'wurst'", "worst")),
+        (("--wanted-sigma-mm", "0"), ("wanted standard deviation is not above zero",)),
         (("--wanted-sigma-mm", "nan"), ("wanted standard deviation is not above zero",)),
     ],
     ids=lambda value: " ".join(value) if value[0].startswith("--") else "",

@@ -259,11 +259,6 @@ def test_what_this_pool_cannot_give_is_refused(cell, monkeypatch, asked, words):
     refused.match(words)
 
 
-def test_touch_ups_are_not_chosen_where_nothing_is_touched(make_cell):
-    with pytest.raises(InputError, match="do not touch the target"):
-        plan_optimal(make_cell(pool=POOL | {"kind": "joints"}), Request())
-
-
 def test_what_no_way_leads_to_is_left_out(cell, monkeypatch):
     route, cut = Router.route, []
 
@@ -469,14 +464,6 @@ def test_the_pool_is_all_grids_that_can_be_taken(camera_cell):
     assert off_target(camera_cell, found.poses.names, kept, 1e-9) == []
     assert camera_cell.checker.check(kept).feasible.all()
     assert sorted(found.route.order) == list(range(len(kept)))
-
-
-def test_an_angle_that_is_held_is_in_the_pool_once(make_cell):
-    cell = make_cell(
-        measurement={"kind": "camera-pose"},
-        variations={"start_deg": (5.0, 5.0, 0.0), "largest_deg": (45.0, 45.0, 0.0)},
-    )
-    assert plan_fewest(cell, 1e-3).tried == 16 * 8 + 1
 
 
 def test_others_take_the_place_of_poses_that_no_way_leads_to(camera_cell, monkeypatch):

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from scipy.optimize import minimize
@@ -345,13 +345,7 @@ def _with(plain: LinearEvidence, held: Held, effect: Effect) -> LinearEvidence:
     )
 
 
-Cause = Literal[
-    "step",
-    "drift",
-    "warm-up",
-    "scale",
-    "reach",
-    "harmonic",
+_Gross = Literal[
     "sign",
     "zero",
     "sign and zero",
@@ -367,31 +361,16 @@ Cause = Literal[
     "inverted pose",
     "shifted rows",
     "shifted labels",
-    "swapped rows",
-    "swapped labels",
-    "wrong label",
 ]
+
+Cause = (
+    Literal["step", "drift", "warm-up", "scale", "reach", "harmonic"]
+    | Literal["swapped rows", "swapped labels", "wrong label"]
+    | _Gross
+)
 """Of residuals, as a measurement goes wrong."""
 
-GROSS: frozenset[Cause] = frozenset(
-    {
-        "sign",
-        "zero",
-        "sign and zero",
-        "coupling",
-        "swapped joints",
-        "all signs",
-        "joint unit",
-        "reading unit",
-        "mirrored axis",
-        "swapped axes",
-        "turned axes",
-        "inverted rotation",
-        "inverted pose",
-        "shifted rows",
-        "shifted labels",
-    }
-)
+GROSS: frozenset[Cause] = frozenset(get_args(_Gross))
 """Causes that all rows suffer from: with them nothing that was identified is of the robot."""
 
 MODEL: frozenset[Cause] = frozenset({"reach", "harmonic"})

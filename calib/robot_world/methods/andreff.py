@@ -27,18 +27,7 @@ from calib.se3 import FloatArray
 
 
 def estimate(pairs: PairSets) -> Estimate:
-    """X and Z of T problems at once, from the motions of all pairs of poses in both directions.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3. The answer depends on their unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``.
-    """
+    """X and Z of T problems at once, from the motions of all pairs of poses in both directions."""
     solution = least_squares(*_rows(pairs))
     V = solution[:, :9].reshape(-1, 3, 3)
     sign = np.where(np.linalg.det(V) < 0.0, -1.0, 1.0)[:, None, None]

@@ -29,18 +29,7 @@ from calib.robot_world.results import Estimate
 
 
 def estimate(pairs: PairSets) -> Estimate:
-    """X and Z of T problems at once, rotation and translation of X together.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3. The answer depends on their unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``, from the motions of all pairs of poses.
-    """
+    """X and Z of T problems at once, rotation and translation of X together."""
     T = pairs.T
     a, b = pairs.quaternions
     a_dual, b_dual = dual_part(pairs.A[..., :3, 3], a), dual_part(pairs.B[..., :3, 3], b)

@@ -36,34 +36,12 @@ PAPER_WEIGHTS = Weights(rotation=1.0, translation=1.0)
 
 
 def estimate(pairs: PairSets) -> Estimate:
-    """X and Z of T problems at once in closed form, the rotations first, then the translations.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``.
-    """
+    """X and Z of T problems at once in closed form, the rotations first, then the translations."""
     return Estimate(*assemble(pairs, *rotations(pairs)))
 
 
 def estimate_nonlinear(pairs: PairSets) -> Estimate:
-    """X and Z of T problems at once, rotations and translations together, by iteration.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3. The answer depends on their unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``, and the steps of Newton's method to a minimum near the closed form.
-    """
+    """X and Z of T problems at once, rotations and translations together, by iteration."""
     found = minimise(pairs.A, pairs.B, *rotations(pairs), PAPER_WEIGHTS)
     return Estimate(found.X, found.Z, found.iterations, found.converged)
 

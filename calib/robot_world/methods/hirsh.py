@@ -58,19 +58,7 @@ _WHOLE = 1.0 - 1e-15
 
 
 def estimate(pairs: PairSets) -> Estimate:
-    """X and Z of T problems at once, by the iteration with consistent signs.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``, and the cycles that bring the half-angle error of z from its start,
-        the identity, below :data:`TOLERANCE_RAD`.
-    """
+    """X and Z of T problems at once, by the iteration with consistent signs."""
     iteration = _prepare(pairs)
     count = _count_cycles(iteration, TOLERANCE_RAD)
     z = apply_matrix(iteration.basis, iteration.after(count))
@@ -89,17 +77,6 @@ def estimate_literal(pairs: PairSets) -> Estimate:
     Section 2.2 takes every quaternion with a scalar part >= 0 and averages these. The proof of
     convergence needs that of the *error* quaternions instead, which are unknown, so that this form
     often settles elsewhere, up to π/2 from the answer, on data without noise.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``, and the cycles until z stands still within :data:`TOLERANCE_RAD`,
-        :data:`LITERAL_CYCLE_LIMIT` at most. To stand still is not to have arrived.
     """
     x, z, count, converged = iterate_literal(pairs, LITERAL_CYCLE_LIMIT)
     R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)

@@ -35,35 +35,13 @@ _NO_AXIS = 1e-12
 
 
 def estimate(pairs: PairSets) -> Estimate:
-    """X and Z of T problems at once, by the quaternions of the motions of all pairs of poses.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``.
-    """
+    """X and Z of T problems at once, by the quaternions of the motions of all pairs of poses."""
     R_X, _ = dornaika_horaud.rotations(pairs)
     return complete(pairs, R_X, translation(pairs, R_X))
 
 
 def estimate_literal(pairs: PairSets) -> Estimate:
-    """X and Z of T problems at once as printed, by the unit axes of the motions.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``. The time grows with the square of N, the memory does not.
-    """
+    """X and Z of T problems at once as printed, by the unit axes of the motions."""
     R_X = rotation_between_axes(pairs, _unit)
     return complete(pairs, R_X, translation(pairs, R_X))
 

@@ -37,16 +37,6 @@ def estimate(pairs: PairSets) -> Estimate:
     from their centre, both seen from the target: the length that the rotation of Z turns. The
     translations are solved again after the rotations have been made orthonormal, which removes
     most of the loss that the printed form suffers there.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``.
     """
     p_B = pairs.B[..., :3, 3]
     from_centre = p_B - p_B.mean(axis=1, keepdims=True)
@@ -64,16 +54,6 @@ def estimate_literal(pairs: PairSets) -> Estimate:
 
     The rotations are made orthonormal by singular value decomposition; the "Rodrigues' formula"
     of the paper cannot do that.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3. The answer depends on their unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``.
     """
     A, B = pairs.A, pairs.B
     vec_X, vec_Z, p_X = _solve_rows(pairs, np.ones(pairs.T))

@@ -24,18 +24,7 @@ from calib.se3 import FloatArray
 
 
 def estimate(pairs: PairSets) -> Estimate:
-    """X and Z of T problems at once, the rotations first, from the motions of all pairs of poses.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``. The time grows with the square of N, the memory does not.
-    """
+    """X and Z of T problems at once, the rotations first, from the motions of all pairs."""
     R_X = rotation_between_axes(pairs, _angle)
     return complete(pairs, R_X, translation(pairs, R_X))
 

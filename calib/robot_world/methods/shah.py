@@ -18,16 +18,5 @@ from calib.robot_world.results import Estimate
 
 
 def estimate(pairs: PairSets) -> Estimate:
-    """X and Z of T problems at once, the rotations first, then the translations.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``.
-    """
+    """X and Z of T problems at once, the rotations first, then the translations."""
     return Estimate(*pairs.rotations_first)

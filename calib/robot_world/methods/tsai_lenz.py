@@ -32,18 +32,7 @@ from calib.robot_world.results import Estimate
 
 
 def estimate(pairs: PairSets) -> Estimate:
-    """X and Z of T problems at once, the rotations first, from the motions of all pairs of poses.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``.
-    """
+    """X and Z of T problems at once, the rotations first, from the motions of all pairs."""
     i, j = few_motions(np.concatenate(pairs.quaternions, axis=-1))
     rows = vector_rows(relative(i[:4], j[:4]), relative(i[4:], j[4:])).reshape(pairs.T, -1, 4)
     ratio = least_squares(rows[..., 1:], -rows[..., 0])

@@ -78,16 +78,6 @@ def estimate_literal(pairs: PairSets) -> Estimate:
 
     Only the signs of the quaternions are made consistent. Fails where some A or Z is close to half
     a turn.
-
-    Parameters
-    ----------
-    pairs : PairSets
-        Measured pairs, N >= 3, in any unit of length.
-
-    Returns
-    -------
-    Estimate
-        X and Z ``(T, 4, 4)``.
     """
     x, z = _solve_quaternions(*pairs.quaternions, divide=True)
     R_X, R_Z = se3.rotation_from_quaternion(x), se3.rotation_from_quaternion(z)

@@ -363,11 +363,18 @@ _Gross = Literal[
     "shifted labels",
 ]
 
-Cause = (
-    Literal["step", "drift", "warm-up", "scale", "reach", "harmonic"]
-    | Literal["swapped rows", "swapped labels", "wrong label"]
-    | _Gross
-)
+Cause = Literal[
+    _Gross,
+    "step",
+    "drift",
+    "warm-up",
+    "scale",
+    "reach",
+    "harmonic",
+    "swapped rows",
+    "swapped labels",
+    "wrong label",
+]
 """Of residuals, as a measurement goes wrong."""
 
 GROSS: frozenset[Cause] = frozenset(get_args(_Gross))

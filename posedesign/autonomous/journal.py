@@ -296,7 +296,6 @@ class KeptStation(Station):
         return super().image_px if self._image_px is None else self._image_px
 
     def look(self, name: str, q: FloatArray) -> Views:
-        """See :meth:`Station.look`."""
 
         def measure() -> dict[str, Any]:
             seen = super(KeptStation, self).look(name, q)
@@ -315,7 +314,6 @@ class KeptStation(Station):
     def jacobian(
         self, name: str, q: FloatArray, relation: Relation, step_m: float, *, both_ways: bool
     ) -> MeasuredJacobian:
-        """See :meth:`Station.jacobian`."""
 
         def measure() -> dict[str, Any]:
             found = super(KeptStation, self).jacobian(
@@ -341,7 +339,6 @@ class KeptStation(Station):
         loop: Loop,
         bias: Bias | None = None,
     ) -> TouchUps:
-        """See :meth:`Station.touch_up`."""
 
         def measure() -> dict[str, Any]:
             done = super(KeptStation, self).touch_up(name, q, jacobian, loop, bias)
@@ -393,7 +390,6 @@ class KeptStation(Station):
         self._passing.append((name, q))
 
     def rest(self) -> None:
-        """See :meth:`Station.rest`."""
         if self._has_moved:
             self._pass()
 

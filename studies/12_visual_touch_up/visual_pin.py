@@ -46,7 +46,6 @@ class CircleRelation(Relation):
     normal: tuple[float, float, float] = (0.0, 0.0, -1.0)
 
     def error(self, ellipses: FloatArray, bias: ArrayLike = 0.0) -> FloatArray:
-        """See :meth:`Relation.error`."""
         right, down = self.center_px
         camera = Camera(
             round(2 * right), round(2 * down), self.focal_px, principal_px=self.center_px

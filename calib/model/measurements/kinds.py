@@ -223,7 +223,6 @@ class TouchUp(Contact):
     def differentiate(
         self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
     ) -> FloatArray:
-        """See :meth:`Measurement.differentiate`."""
         return view.in_target(motion[..., :3, :])
 
     def whiten(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
@@ -238,11 +237,9 @@ class TouchUp(Contact):
         return turn_back(self._columns(view) / self.sigma[:, None, None], moved)
 
     def colour(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Measurement.colour`."""
         return view.in_target(turn(self._columns(view), rows * self.sigma[:, None]))
 
     def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Contact.lift`."""
         return view.out_of_target(rows)
 
     def _columns(self, view: MeasurementContext) -> FloatArray:
@@ -307,7 +304,6 @@ class PlaneContact(Contact):
     def differentiate(
         self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
     ) -> FloatArray:
-        """See :meth:`Measurement.differentiate`."""
         return along(view.target[2], motion[:, :3])[:, None]
 
     def lift(self, rows: FloatArray, view: MeasurementContext) -> FloatArray:
@@ -332,7 +328,6 @@ class Point(Measurement):
     rows = 3
 
     def predict(self, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Measurement.predict`."""
         return view.in_target(view.error)
 
     def differentiate(
@@ -360,7 +355,6 @@ class Pose(Measurement):
     sees_rotation = True
 
     def predict(self, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Measurement.predict`."""
         vector = rotation_log(matrices_of(view.in_target(view.tool))).T
         return np.concatenate([view.in_target(view.error), vector])
 
@@ -369,13 +363,11 @@ class Pose(Measurement):
         return _pose_difference(predicted, observed)
 
     def disturb(self, readings: FloatArray, noise: FloatArray) -> FloatArray:
-        """See :meth:`Measurement.disturb`."""
         return _pose_disturbed(readings, noise)
 
     def differentiate(
         self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
     ) -> FloatArray:
-        """See :meth:`Measurement.differentiate`."""
         turned = _log_derivative(view.in_target(motion[:, 3:]), rows)
         return np.concatenate([view.in_target(motion[:, :3]), turned], axis=1)
 
@@ -395,7 +387,6 @@ class CameraPose(Measurement):
     sees_rotation = True
 
     def predict(self, view: MeasurementContext) -> FloatArray:
-        """See :meth:`Measurement.predict`."""
         target = np.broadcast_to(view.target, view.tool.shape)
         vector = rotation_log(matrices_of(turn_back(view.tool, target))).T
         return np.concatenate([turn_back(view.tool, -view.error), vector])
@@ -405,7 +396,6 @@ class CameraPose(Measurement):
         return _pose_difference(predicted, observed)
 
     def disturb(self, readings: FloatArray, noise: FloatArray) -> FloatArray:
-        """See :meth:`Measurement.disturb`."""
         return _pose_disturbed(readings, noise)
 
     def differentiate(
@@ -441,7 +431,6 @@ class Distance(Measurement):
     def differentiate(
         self, motion: FloatArray, view: MeasurementContext, rows: FloatArray
     ) -> FloatArray:
-        """See :meth:`Measurement.differentiate`."""
         return along(view.distance()[1], motion[:, :3])[:, None]
 
 

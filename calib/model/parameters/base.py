@@ -160,7 +160,6 @@ class Part(ParameterBlock):
 
     @property
     def nominal(self) -> FloatArray:
-        """See :meth:`ParameterBlock.nominal`."""
         return self.whole.nominal[self._kept]
 
     def _all(self, values: FloatArray) -> FloatArray:
@@ -171,15 +170,12 @@ class Part(ParameterBlock):
         return every
 
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        """See :meth:`ParameterBlock.displace`."""
         self.whole.displace(self._all(values), errors, q, setup)
 
     def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
-        """See :meth:`ParameterBlock.move`."""
         every = np.zeros((self.whole.size, *out.shape[1:]))
         self.whole.move(self._all(values), view, every)
         out[...] = every[self._kept]
 
     def scaling(self, values: FloatArray) -> FloatArray:
-        """See :meth:`ParameterBlock.scaling`."""
         return self.whole.scaling(self._all(values[:, None])[:, 0])[self._kept]

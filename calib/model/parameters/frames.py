@@ -141,11 +141,9 @@ class OnTool(Frames):
         self.tools = self.labels
 
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        """See :meth:`ParameterBlock.displace`."""
         errors.tools += self.features(values)
 
     def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
-        """See :meth:`ParameterBlock.move`."""
         per_frame = out.reshape(len(self.labels), len(self._axes), *out.shape[1:])
         for frame, (label, rows) in enumerate(zip(self.labels, per_frame, strict=True)):
             mask = view.tiled(view.setup.tool, view.tools.index(label))
@@ -174,7 +172,6 @@ class AroundArm(Frames):
         self.targets = self.labels
 
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        """See :meth:`ParameterBlock.displace`."""
         errors.targets += self.features(values)
 
     def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
@@ -339,14 +336,12 @@ class ToolBody(ParameterBlock):
         return np.append(self.T_nominal[:3, 3], np.zeros(3))
 
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        """See :meth:`ParameterBlock.displace`."""
         columns = columns_of(self.T_nominal[:3, :3] @ rotation_exp(values[3:].T))
         errors.tools += [
             Feature(values[:3] + turn(columns, place[:, None]), columns) for place in self._places
         ]
 
     def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
-        """See :meth:`ParameterBlock.move`."""
         about = product(view.tool, columns_of(right_jacobian(values[3:].T)))
         for label, place in zip(self.tools, self._places, strict=True):
             mask = view.tiled(view.setup.tool, view.tools.index(label))
@@ -476,7 +471,6 @@ class LengthOffsets(ParameterBlock):
         return np.zeros(self.size)
 
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        """See :meth:`ParameterBlock.displace`."""
         errors.lengths |= dict(zip(self.labels, values, strict=True))
 
     def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:

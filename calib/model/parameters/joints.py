@@ -54,7 +54,6 @@ class JointErrors(ParameterBlock):
         """The function of each parameter at postures ``(n, S)``: ``(size, S)`` or ``(size, 1)``."""
 
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        """See :meth:`ParameterBlock.displace`."""
         added = values * self.functions(q, setup)
         width = np.broadcast_shapes(added[0].shape, errors.joints[0].shape) if self.size else (1,)
         if self.size and errors.joints.shape[1:] != width:
@@ -63,7 +62,6 @@ class JointErrors(ParameterBlock):
             errors.joints[joint] += added[k]
 
     def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
-        """See :meth:`ParameterBlock.move`."""
         weights = self.functions(view.q, view.setup)
         done: dict[int, int] = {}
         for k, joint in enumerate(self._joints):
@@ -215,7 +213,6 @@ class JointCompliance(JointErrors):
 
     @property
     def nominal(self) -> FloatArray:
-        """See :meth:`ParameterBlock.nominal`."""
         return self._nominal
 
     def functions(self, q: FloatArray, setup: Setup) -> FloatArray:

@@ -87,12 +87,10 @@ class LinkGeometry(ParameterBlock):
         return six
 
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        """See :meth:`ParameterBlock.displace`."""
         for joint in self._joints:
             errors.displace(joint, self.displacement(values, joint))
 
     def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
-        """See :meth:`ParameterBlock.move`."""
         for joint in self._joints:
             columns = [axis for _, axis in self._rows[joint]]
             if min(columns) < 3:  # along the axes of the frame before it is turned
@@ -187,7 +185,6 @@ class BearingCompliance(ParameterBlock):
         return out
 
     def displace(self, values: FloatArray, errors: ArmErrors, q: FloatArray, setup: Setup) -> None:
-        """See :meth:`ParameterBlock.displace`."""
         tilts = values * self.torques(q, setup)
         for i, joint in enumerate(self._joints):
             six = np.zeros((6, q.shape[1]))
@@ -195,7 +192,6 @@ class BearingCompliance(ParameterBlock):
             errors.displace(joint, six)
 
     def move(self, values: FloatArray, view: MeasurementContext, out: FloatArray) -> None:
-        """See :meth:`ParameterBlock.move`."""
         torque = self.torques(view.q, view.setup)
         for i, joint in enumerate(self._joints):
             about = view.frame_axes(joint)

@@ -66,7 +66,6 @@ class ClosedForm(InverseKinematics):
     def solve(
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
     ) -> InverseSolutions:
-        """See :meth:`InverseKinematics.solve`."""
         count = len(T_base_tip)
         postures, pose = every_branch(self._solver, T_base_tip, self._chain.n)
         distance, angle, straight = compare(self._ideal, postures, T_base_tip, pose)

@@ -90,7 +90,6 @@ class RedundantArm(InverseKinematics):
     def solve(
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
     ) -> InverseSolutions:
-        """See :meth:`InverseKinematics.solve`."""
         gap_m = np.full(len(T_base_tip), np.nan)
         postures, pose = [np.empty((0, 7))], [np.empty(0, dtype=np.intp)]
         for start in range(0, len(T_base_tip), _POSES_AT_ONCE):

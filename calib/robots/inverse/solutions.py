@@ -232,7 +232,6 @@ class DampedIteration(InverseKinematics):
     def solve(
         self, T_base_tip: FloatArray, bounds: Bounds, near: FloatArray, every_turn: bool = False
     ) -> InverseSolutions:
-        """See :meth:`InverseKinematics.solve`."""
         postures, pose = [np.empty((0, self._chain.n))], [np.empty(0, dtype=np.intp)]
         gap_m = np.full(len(T_base_tip), np.nan)
         for start in range(0, len(T_base_tip), _POSES_AT_ONCE):

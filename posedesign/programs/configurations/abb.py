@@ -52,7 +52,6 @@ class AbbConfiguration(Configuration):
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
-        """See :meth:`Configuration.of`."""
         arm = arm_positions(robot, postures, cls.maker)
         angles = arm.pendant_deg[:, [0, 3, 5]]
         negative = arm.pendant_deg[:, 4] < -EXACT_DEG

@@ -60,7 +60,6 @@ class FanucConfiguration(Configuration):
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
-        """See :meth:`Configuration.of`."""
         arm = arm_positions(robot, postures, cls.maker)
         angles = arm.pendant_deg[:, [0, 3, 5]]
         columns = (

@@ -61,7 +61,6 @@ class KukaConfiguration(Configuration):
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
-        """See :meth:`Configuration.of`."""
         arm = arm_positions(robot, postures, cls.maker)
         angles = arm.pendant_deg
         flipped = np.floor((angles[:, 4] + EXACT_DEG) / 180.0) % 2 == 1

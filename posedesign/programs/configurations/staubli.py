@@ -56,7 +56,6 @@ class StaubliConfiguration(Configuration):
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
-        """See :meth:`Configuration.of`."""
         arm = arm_positions(robot, postures, cls.maker)
         columns = arm.behind_axis_1, arm.behind_line, arm.pendant_deg[:, 4] < -EXACT_DEG
         return [cls(*flags) for flags in zip(*(c.tolist() for c in columns), strict=True)]

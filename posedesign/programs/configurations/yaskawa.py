@@ -68,7 +68,6 @@ class YaskawaConfiguration(Configuration):
 
     @classmethod
     def of(cls, robot: Robot, postures: FloatArray) -> list[Self]:
-        """See :meth:`Configuration.of`."""
         arm = arm_positions(robot, postures, cls.maker)
         r, turning = arm.pendant_deg[:, [3]], arm.pendant_deg[:, [3, 5, 0]]
         numbers = (

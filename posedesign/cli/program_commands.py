@@ -25,6 +25,7 @@ from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite,
 if TYPE_CHECKING:
     from posedesign.pose_programs import WrittenProgram
     from posedesign.pose_programs.touch_ups import Imported
+    from posedesign.programs import Level
 
 
 USUAL_NAME = "CALIB01"
@@ -134,6 +135,14 @@ def validate(
     dialect: Annotated[
         str | None, typer.Option("--format", help="Of the files; default: what they look like.")
     ] = None,
+    measuring: Annotated[
+        bool | None,
+        typer.Option(
+            "--measuring/--running",
+            help="Ask for what a measuring program needs, or only for what a controller does; "
+            "default: the first of programs that posedesign wrote.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Check program files strictly against the rules of their controllers."""
@@ -142,7 +151,13 @@ def validate(
     found = []
     for path in files:
         chosen = dialect_of(path, dialect)
-        found.append((path, chosen, chosen.validate(path)))
+        levels: list[Level] | None = None
+        if measuring is not None:
+            levels = ["error", "measuring"] if measuring else ["error"]
+        problems = chosen.validate(path, levels)
+        found.append((path, chosen, problems))
+        for remark in chosen.validate(path, ["note"]):
+            note(f"{path}: note: {remark}")
     good = not any(problems for _, _, problems in found)
     if as_json:
         print_json(

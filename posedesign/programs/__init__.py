@@ -4,6 +4,7 @@ from posedesign.programs.arm import Arm, Load
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.recorded import (
+    Level,
     PlanMark,
     Problem,
     RecordedPosition,
@@ -16,6 +17,7 @@ __all__ = [
     "DIALECTS",
     "Arm",
     "Dialect",
+    "Level",
     "Load",
     "PlanMark",
     "PoseProgram",

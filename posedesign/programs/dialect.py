@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar, get_args
@@ -15,8 +15,15 @@ from posedesign.files import Results, encoded
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import Form, PoseProgram
 from posedesign.programs.reading import read_program_bytes
-from posedesign.programs.recorded import Problem, RecordedProgram
-from posedesign.programs.sets import MOST_PARTS, claim_set, marked_as_set, strangers, write_set
+from posedesign.programs.recorded import Level, Problem, RecordedProgram
+from posedesign.programs.sets import (
+    MOST_PARTS,
+    claim_set,
+    marked_as_set,
+    set_mark,
+    strangers,
+    write_set,
+)
 from posedesign.programs.writing import NameRule
 
 
@@ -92,9 +99,9 @@ class Dialect(ABC):
 
     @abstractmethod
     def check(self, data: bytes, path: Path) -> list[Problem]:
-        """What the controller would refuse, or run in another way than meant.
+        """What the controller would refuse, or run in another way than meant; notes as well.
 
-        Shares no code with the writer and the reader. Never fails, whatever the content.
+        Shares no code with the writer. Never fails, whatever the content.
         """
 
     def most_poses(self, program: PoseProgram) -> int | None:
@@ -183,17 +190,30 @@ class Dialect(ABC):
         """
         return self.parse(read_program_bytes(path), path)
 
-    def validate(self, path: Path) -> list[Problem]:
-        """Check a file strictly against the controller's rules; an empty list is a good file.
+    def validate(self, path: Path, levels: Collection[Level] | None = None) -> list[Problem]:
+        """Check a file against the controller's rules; an empty list is a good file.
+
+        Parameters
+        ----------
+        path : Path
+        levels : collection of {"error", "measuring", "note"}, optional
+            Of the problems that are told. By default errors; of programs that carry the mark of a
+            plan also what would not measure as planned.
 
         Raises
         ------
         FileFormatError
             The file cannot be opened or is far too large.
         """
-        found = self.check(read_program_bytes(path), path)
+        data = read_program_bytes(path)
+        told: Collection[Level] = ("error", "measuring") if set_mark(data) else ("error",)
+        if levels is not None:
+            told = levels
+        found = self.check(data, path)
         found += [Problem(1, "set", said) for said in self.strangers(path)]
-        return sorted(found, key=lambda p: (p.line, p.rule, p.message))
+        return sorted(
+            (p for p in found if p.level in told), key=lambda p: (p.line, p.rule, p.message)
+        )
 
     def strangers(self, path: Path) -> list[str]:
         """Files beside one of this dialect that it does not belong to, in words."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, inverse
 from posedesign.programs.arm import Arm
 from posedesign.programs.configuration import Configuration
+
+Level = Literal["error", "measuring", "note"]
+"""How much a problem weighs; see `Problem`."""
 
 _MARK = re.compile(r"PLAN ([0-9a-f]{4,16}) (\d{1,7})(?: \d{1,3} [0-9a-f]{8})?")
 """What stands behind it is of the files of the program: :mod:`.sets`."""
@@ -223,11 +227,15 @@ class Problem:
         Name of the rule it breaks.
     message : str
         What is wrong.
+    level : {"error", "measuring", "note"}
+        ``error``: a controller would refuse it, or move in another way than meant. ``measuring``:
+        it runs, but may not measure what was planned. ``note``: cannot be known from the file.
     """
 
     line: int
     rule: str
     message: str
+    level: Level = "error"
 
     def __str__(self) -> str:
         return f"line {self.line}: {self.message} [{self.rule}]"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from os import PathLike
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from posedesign.programs.fanuc_ls import FanucLs
 from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.program import Planned, PoseProgram, ProgramOptions
 from posedesign.programs.reading import read_program_bytes
-from posedesign.programs.recorded import Problem, RecordedProgram
+from posedesign.programs.recorded import Level, Problem, RecordedProgram
 from posedesign.programs.robodk_csv import RobodkCsv
 from posedesign.programs.ros import MoveitJoints, RobotCalibration, RosTrajectory
 from posedesign.programs.staubli_val3 import StaubliVal3
@@ -105,8 +106,10 @@ def read(path: Path | str, dialect: str | None = None) -> RecordedProgram:
     return dialect_of(Path(path), dialect).read(Path(path))
 
 
-def validate(path: Path | str, dialect: str | None = None) -> list[Problem]:
-    """Check a program file strictly against the rules of its controller.
+def validate(
+    path: Path | str, dialect: str | None = None, levels: Collection[Level] | None = None
+) -> list[Problem]:
+    """Check a program file against the rules of its controller.
 
     Parameters
     ----------
@@ -114,6 +117,9 @@ def validate(path: Path | str, dialect: str | None = None) -> list[Problem]:
         The file.
     dialect : str, optional
         Name of its format; by default the ending of the file tells.
+    levels : collection of {"error", "measuring", "note"}, optional
+        Of the problems that are told. By default errors; of programs that carry the mark of a plan
+        also what would not measure as planned.
 
     Returns
     -------
@@ -128,7 +134,7 @@ def validate(path: Path | str, dialect: str | None = None) -> list[Problem]:
         The file cannot be opened.
     """
     check_type(path, (str, PathLike), "path")
-    return dialect_of(Path(path), dialect).validate(Path(path))
+    return dialect_of(Path(path), dialect).validate(Path(path), levels)
 
 
 def find_dialect(name: str) -> Dialect:

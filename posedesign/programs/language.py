@@ -1,0 +1,310 @@
+"""One grammar a language: the text of a program as a list of statements, each with its tree.
+
+The grammars are written for lark (LALR), one ``grammar.lark`` in the folder of each dialect, and
+parse one statement at a time: a line, or what the dialect's `Language.joined` makes one. A line
+that is wrong then spoils no other, blocks are told by :func:`block_faults`, and statements that
+differ in their numbers, texts in quotes and blanks only are parsed once: a table of ten thousand
+positions costs one parse a kind of line, and gives the same trees.
+
+For that a grammar must not tell numbers of one form (``7``, ``7.5``, ``.5``) or texts in
+quotation marks apart: how large a number may be is for the rules.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.resources import files
+from typing import Any
+
+from lark import Lark, Token, Tree, UnexpectedCharacters, UnexpectedInput
+from lark.lexer import PatternStr
+
+from posedesign.programs.recorded import Problem
+
+MOST_FAULTS = 1000
+"""Statements that are told to be wrong; a file with more is no program, and is read no further."""
+
+MOST_LENGTH = 20_000
+"""Characters of a statement that is parsed: of programs they have a few hundred at most."""
+
+_MOST_SHAPES = 2000
+_MOST_DEPTH = 60
+
+_LINE = re.compile(r"[^\s][^\n]*")
+_PIECE = re.compile(
+    r"""("[^"\n]*")
+    | ([ \t\r]{2,}|[\t\r])
+    | (?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?![\w.])
+    | (?<=[A-Za-z_])\d+(?![\w.])""",
+    re.ASCII | re.VERBOSE,
+)
+"""Texts in quotes, runs of blanks, numbers, and numbers behind a name: ``XP12``."""
+
+_FORM = re.compile(r"\d+")
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a file, or several that are one statement: where it begins, and its text."""
+
+    row: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What one line says.
+
+    Attributes
+    ----------
+    row : int
+        Line of the file where it begins, counted from 1.
+    text : str
+        As it stands there.
+    tree : Tree
+        What the grammar makes of it; a tree of the name ``fault`` where nothing.
+    fault : str
+        What is wrong with it, in words; empty for nothing.
+    """
+
+    row: int
+    text: str
+    tree: Tree[Token]
+    fault: str = ""
+
+    @property
+    def kind(self) -> str:
+        """Name of the grammar's rule."""
+        return str(self.tree.data)
+
+    def all(self, *names: str) -> Iterator[Tree[Token]]:
+        """Subtrees of these names, from the left."""
+        return nodes(self.tree, *names)
+
+    def one(self, name: str) -> Tree[Token] | None:
+        """The first subtree of this name."""
+        return next(nodes(self.tree, name), None)
+
+    def words(self, *types: str) -> list[str]:
+        """Texts of all tokens of these terminals, from the left."""
+        return words(self.tree, *types)
+
+    def word(self, name: str) -> str:
+        """The first of them; empty for none."""
+        return next(iter(words(self.tree, name)), "")
+
+
+def nodes(tree: Tree[Token], *names: str) -> Iterator[Tree[Token]]:
+    """Subtrees of these names, itself included, from the left."""
+    if tree.data in names:
+        yield tree
+    for child in tree.children:
+        if isinstance(child, Tree):
+            yield from nodes(child, *names)
+
+
+def words(tree: Tree[Token], *types: str) -> list[str]:
+    """Texts of all tokens of these terminals in a tree, from the left."""
+    found: list[str] = []
+    for child in tree.children:
+        if isinstance(child, Tree):
+            found += words(child, *types)
+        elif child.type in types:
+            found.append(str(child))
+    return found
+
+
+def text_of(tree: Tree[Token]) -> str:
+    """All tokens of a tree as one text without blanks, for messages and comparisons."""
+    return "".join(text_of(c) if isinstance(c, Tree) else str(c) for c in tree.children)
+
+
+Build = Callable[[Sequence[str]], Any]
+
+NOTHING: Tree[Token] = Tree("fault", [])
+"""What a grammar makes of a statement that is none."""
+
+
+@dataclass
+class Language:
+    """A language of robot programs.
+
+    Parameters
+    ----------
+    package : str
+        Of the dialect, whose folder holds ``grammar.lark``.
+    joined : callable, optional
+        Makes one statement of several lines, or several of one.
+    start : str
+        Rule of a statement.
+    name : str
+        File of the grammar.
+    """
+
+    package: str
+    joined: Callable[[Iterator[Line]], Iterator[Line]] | None = None
+    start: str = "statement"
+    name: str = "grammar.lark"
+    _builders: dict[str, Build] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def parser(self) -> Lark:
+        """The parser; made when it is first needed."""
+        grammar = files(self.package).joinpath(self.name).read_text(encoding="ascii")
+        parser = Lark(grammar, parser="lalr", start=self.start, maybe_placeholders=False)
+        for terminal in parser.terminals:
+            pattern = terminal.pattern
+            if isinstance(pattern, PatternStr) and re.search(r"[A-Za-z_]\d+$", pattern.value):
+                # such a keyword would be taken for one with another number
+                raise ValueError(f"{self.package}: the keyword {pattern.value} ends in a number")
+        return parser
+
+    def statements(self, text: str) -> list[Statement]:
+        """All statements of a text that are not blank; none behind the thousandth fault."""
+        lines = _lines(text)
+        found: list[Statement] = []
+        faults = 0
+        for line in self.joined(lines) if self.joined else lines:
+            found.append(self.statement(line))
+            faults += bool(found[-1].fault)
+            if faults >= MOST_FAULTS:
+                break
+        return found
+
+    def statement(self, line: Line) -> Statement:
+        """The statement of one line."""
+        if len(line.text) > MOST_LENGTH:
+            fault = f"{len(line.text)} characters in one statement"
+            return Statement(line.row, line.text[:100], NOTHING, fault)
+        slots: list[str] = []
+
+        def slot(found: re.Match[str]) -> str:
+            if found[2]:
+                return " "
+            slots.append(found[0])
+            return '""' if found[1] else _FORM.sub("0", found[0])
+
+        shape = _PIECE.sub(slot, line.text).strip()
+        build = self._builders.get(shape)
+        if build is None:
+            text = _PIECE.sub(lambda found: " " if found[2] else found[0], line.text).strip()
+            if _depth(text) > _MOST_DEPTH:
+                return Statement(line.row, line.text, NOTHING, "brackets are too deep")
+            try:
+                tree = self.parser.parse(text)
+            except UnexpectedInput as error:
+                return Statement(line.row, line.text, NOTHING, _fault(text, error, self.parser))
+            spans = [found.span() for found in _PIECE.finditer(text) if not found[2]]
+            if len(self._builders) >= _MOST_SHAPES:
+                self._builders.clear()
+            self._builders[shape] = build = _builder(tree, spans)
+        return Statement(line.row, line.text, build(slots))
+
+
+def _depth(text: str) -> int:
+    """How deep brackets stand in each other."""
+    depth = most = 0
+    for mark in re.finditer(r"[([{]|[)\]}]", text):
+        depth += 1 if mark[0] in "([{" else -1
+        most = max(most, depth)
+    return most
+
+
+def _lines(text: str) -> Iterator[Line]:
+    row, last = 1, 0
+    for found in _LINE.finditer(text):
+        row += text.count("\n", last, found.start())
+        last = found.start()
+        yield Line(row, found[0].rstrip())
+
+
+def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build:
+    """A function that builds the node from the texts of the slots."""
+    if isinstance(node, Tree):
+        children = [_builder(child, spans) for child in node.children]
+        name = node.data
+        return lambda slots: Tree(name, [child(slots) for child in children])
+    start, end = node.start_pos or 0, node.end_pos or 0
+    inside = [k for k, (a, b) in enumerate(spans) if a >= start and b <= end]
+    if not inside:
+        return lambda slots: node
+    kind = node.type
+    if len(inside) == 1 and spans[inside[0]] == (start, end):
+        only = inside[0]
+        return lambda slots: Token(kind, slots[only])
+    text = str(node)
+    first, *cuts = (spans[k] for k in inside)
+    fixed = [text[: first[0] - start]]
+    ends = [first, *cuts]
+    for (_, a), (b, _) in zip(ends, [*cuts, (end, end)], strict=True):
+        fixed.append(text[a - start : b - start])
+
+    def build(slots: Sequence[str]) -> Token:
+        parts = [fixed[0]]
+        for k, rest in zip(inside, fixed[1:], strict=True):
+            parts += [slots[k], rest]
+        return Token(kind, "".join(parts))
+
+    return build
+
+
+def _fault(text: str, error: UnexpectedInput, parser: Lark) -> str:
+    at = (error.pos_in_stream or 0) if isinstance(error, UnexpectedCharacters) else None
+    if at is None:
+        token = getattr(error, "token", None)
+        at = len(text) if token is None or token.type == "$END" else token.start_pos
+    rest = text[at : at + 24]
+    expected = getattr(error, "allowed", None) or getattr(error, "expected", None) or set()
+    known = {t.name: t.pattern for t in parser.terminals}
+    keywords = sorted(
+        known[name].value for name in expected if isinstance(known.get(name), PatternStr)
+    )
+    hint = f"; one of {' '.join(keywords)} can" if 0 < len(keywords) <= 5 else ""
+    if not rest:
+        return f"{text[-30:]!a} is not complete" + hint
+    return f"{rest!a} cannot stand behind {text[max(0, at - 20) : at]!a}" + hint
+
+
+@dataclass(frozen=True)
+class Block:
+    """Statements that open, divide and close a block, by the names of their rules."""
+
+    closes: str
+    divides: tuple[str, ...] = ()
+
+
+def block_faults(
+    statements: Sequence[Statement], blocks: Mapping[str, Block], rule: str = "block"
+) -> Iterator[Problem]:
+    """Blocks that nothing closes, and what closes or divides none.
+
+    ``blocks`` has them by the rule that opens them, e.g. ``{"if_": Block("endif", ("else_",))}``.
+    """
+    closing = {block.closes for block in blocks.values()}
+    dividing = {name for block in blocks.values() for name in block.divides}
+    opened: list[Statement] = []
+    for statement in statements:
+        kind = statement.kind
+        top = blocks[opened[-1].kind] if opened else None
+        if kind in closing and top is not None and top.closes == kind:
+            opened.pop()
+        elif kind in closing:
+            reason = f"{statement.text[:30].strip()!a} closes nothing"
+            if top is not None:
+                line = opened[-1].row
+                reason = f"{statement.text[:30].strip()!a} does not close what line {line} opens"
+                if any(blocks[other.kind].closes == kind for other in opened):
+                    while blocks[opened.pop().kind].closes != kind:
+                        pass
+            yield Problem(statement.row, rule, reason)
+        elif kind in dividing and (top is None or kind not in top.divides):
+            yield Problem(
+                statement.row, rule, f"{statement.text[:30].strip()!a} is in no such block"
+            )
+        if kind in blocks:
+            opened.append(statement)
+    for statement in opened:
+        yield Problem(statement.row, rule, f"{statement.text[:30].strip()!a} is never closed")

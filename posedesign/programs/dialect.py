@@ -206,9 +206,8 @@ class Dialect(ABC):
             The file cannot be opened or is far too large.
         """
         data = read_program_bytes(path)
-        told: Collection[Level] = ("error", "measuring") if set_mark(data) else ("error",)
-        if levels is not None:
-            told = levels
+        told: list[Level] = ["error", "measuring"] if set_mark(data) else ["error"]
+        told = told if levels is None else [*levels]
         found = self.check(data, path)
         found += [Problem(1, "set", said) for said in self.strangers(path)]
         return sorted(

@@ -20,7 +20,7 @@ from importlib.resources import files
 from typing import Any
 
 from lark import Lark, Token, Tree, UnexpectedCharacters, UnexpectedInput
-from lark.lexer import PatternStr
+from lark.lexer import PatternStr, TerminalDef
 
 from posedesign.programs.recorded import Problem
 
@@ -142,25 +142,42 @@ class Language:
         Rule of a statement.
     name : str
         File of the grammar.
+    letters : str
+        Characters of names, as in a set of a regular expression. None of them can stand behind a
+        keyword then; empty where words are not separated, as in ``CNT50``.
     """
 
     package: str
     joined: Callable[[Iterator[Line]], Iterator[Line]] | None = None
     start: str = "statement"
     name: str = "grammar.lark"
+    letters: str = ""
     _builders: dict[str, Build] = field(default_factory=dict, repr=False)
 
     @cached_property
     def parser(self) -> Lark:
         """The parser; made when it is first needed."""
         grammar = files(self.package).joinpath(self.name).read_text(encoding="ascii")
-        parser = Lark(grammar, parser="lalr", start=self.start, maybe_placeholders=False)
+        parser = Lark(
+            grammar,
+            parser="lalr",
+            start=self.start,
+            maybe_placeholders=False,
+            edit_terminals=self._end_keyword if self.letters else None,
+        )
         for terminal in parser.terminals:
             pattern = terminal.pattern
             if isinstance(pattern, PatternStr) and re.search(r"[A-Za-z_]\d+$", pattern.value):
                 # such a keyword would be taken for one with another number
                 raise ValueError(f"{self.package}: the keyword {pattern.value} ends in a number")
         return parser
+
+    def _end_keyword(self, terminal: TerminalDef) -> None:
+        pattern = terminal.pattern
+        if isinstance(pattern, PatternStr) and re.search(r"[A-Za-z_]$", pattern.value):
+            # the text stays, by which lark tells keywords from names
+            whole = pattern.to_regexp() + f"(?![{self.letters}])"
+            pattern.to_regexp = lambda: whole  # type: ignore[method-assign]
 
     def statements(self, text: str) -> list[Statement]:
         """All statements of a text that are not blank; none behind the thousandth fault."""

@@ -140,6 +140,8 @@ class Language:
         Makes one statement of several lines, or several of one.
     start : str
         Rule of a statement.
+    others : tuple of str
+        Rules that `statement` can be asked for besides: sections with a syntax of their own.
     name : str
         File of the grammar.
     letters : str
@@ -150,6 +152,7 @@ class Language:
     package: str
     joined: Callable[[Iterator[Line]], Iterator[Line]] | None = None
     start: str = "statement"
+    others: tuple[str, ...] = ()
     name: str = "grammar.lark"
     letters: str = ""
     _builders: dict[str, Build] = field(default_factory=dict, repr=False)
@@ -161,7 +164,7 @@ class Language:
         parser = Lark(
             grammar,
             parser="lalr",
-            start=self.start,
+            start=[self.start, *self.others],
             maybe_placeholders=False,
             edit_terminals=self._end_keyword if self.letters else None,
         )
@@ -191,8 +194,9 @@ class Language:
                 break
         return found
 
-    def statement(self, line: Line) -> Statement:
-        """The statement of one line."""
+    def statement(self, line: Line, rule: str = "") -> Statement:
+        """The statement of one line; by another rule than `start` where one is named."""
+        rule = rule or self.start
         if len(line.text) > MOST_LENGTH:
             fault = f"{len(line.text)} characters in one statement"
             return Statement(line.row, line.text[:100], NOTHING, fault)
@@ -204,14 +208,14 @@ class Language:
             slots.append(found[0])
             return '""' if found[1] else _FORM.sub("0", found[0])
 
-        shape = _PIECE.sub(slot, line.text).strip()
+        shape = f"{rule} {_PIECE.sub(slot, line.text).strip()}"
         build = self._builders.get(shape)
         if build is None:
             text = _PIECE.sub(lambda found: " " if found[2] else found[0], line.text).strip()
             if _depth(text) > _MOST_DEPTH:
                 return Statement(line.row, line.text, NOTHING, "brackets are too deep")
             try:
-                tree = self.parser.parse(text)
+                tree = self.parser.parse(text, start=rule)
             except UnexpectedInput as error:
                 return Statement(line.row, line.text, NOTHING, _fault(text, error, self.parser))
             spans = [found.span() for found in _PIECE.finditer(text) if not found[2]]

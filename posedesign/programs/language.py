@@ -246,7 +246,7 @@ def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build:
     """A function that builds the node from the texts of the slots."""
     if isinstance(node, Tree):
         children = [_builder(child, spans) for child in node.children]
-        name = node.data
+        name = str(node.data)  # a plain text is compared faster than a token
         return lambda slots: Tree(name, [child(slots) for child in children])
     start, end = node.start_pos or 0, node.end_pos or 0
     inside = [k for k, (a, b) in enumerate(spans) if a >= start and b <= end]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from lark import Token, Tree
 
@@ -85,10 +86,15 @@ class Listing:
     stray: list[tuple[int, str]] = field(default_factory=list)
     unclear: list[tuple[int, str]] = field(default_factory=list)  # of /ATTR
     attributes: list[tuple[int, str, str]] = field(default_factory=list)  # line, name, its text
-    instructions: list[Instruction] = field(default_factory=list)
+    lines: list[Line] = field(default_factory=list)  # of /MN
     positions: list[Position] = field(default_factory=list)
     faults: list[tuple[int, str]] = field(default_factory=list)  # in /POS, outside of positions
     rows: int = 1
+
+    @cached_property
+    def instructions(self) -> list[Instruction]:
+        """Instructions of /MN, as many as there are up to the thousandth fault."""
+        return list(_instructions(self.lines))
 
 
 def read_listing(text: str) -> Listing:
@@ -117,7 +123,7 @@ def read_listing(text: str) -> Listing:
             listing.unclear.append((line.row, statement.fault))
         elif statement is not None:
             listing.attributes.append((line.row, statement.word("KEY"), line.text))
-    listing.instructions.extend(_instructions(bodies["MN"]))
+    listing.lines = bodies["MN"]
     positions = _PositionReader(listing)
     for line in bodies["POS"]:
         if line.text.strip() and len(listing.faults) <= MOST_FAULTS:

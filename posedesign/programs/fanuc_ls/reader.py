@@ -27,6 +27,7 @@ EXTENDED = ("E1", "E2", "E3")
 
 _RELATIVE = {f"R{axis}" for axis in (*PLACE, *TURN)}
 _ON_THE_PENDANT = "on the pendant choose POSITION, REPRE, Joint for it, and save the program again"
+_MARK = re.compile(r"[ \t]*\d{0,9}[ \t]*:[ \t]*!([^;]{0,99});?[ \t]*")
 _LISTING = "name a program saved in ASCII, .LS"
 
 
@@ -67,8 +68,8 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         positions.append(recorded(*where, group, path))
     check_other_axes({position.label: position.groups for position in listing.positions}, path)
     comment = next((text for _, key, text in listing.attributes if key in _COMMENT), '""')
-    remarks = (i.code.strip()[1:] for i in listing.instructions if i.kind == "remark")
-    marks = (PlanMark.found_in(remark) for remark in remarks)
+    marked = (_MARK.fullmatch(line.text) for line in listing.lines)
+    marks = (PlanMark.found_in(found[1]) for found in marked if found)
     mark = next((mark for mark in marks if mark), PlanMark())
     return RecordedProgram(name, comment.split('"')[1].strip(), mark, tuple(positions), "fanuc")
 

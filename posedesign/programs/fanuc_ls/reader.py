@@ -18,7 +18,7 @@ from calib.errors import InputError
 from calib.se3 import rotation_from_wpr, transform
 from posedesign.programs.configurations import FanucConfiguration
 from posedesign.programs.fanuc_ls.listing import Group, Listing, read_listing
-from posedesign.programs.reading import at_rest, joint_deg, millimetres, refuse, text_lines
+from posedesign.programs.reading import at_rest, joint_deg, millimetres, refuse, text_of
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 JOINTS = tuple(f"J{j}" for j in range(1, 7))
@@ -45,8 +45,7 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         The file is not a FANUC program in ASCII, is cut off, or holds a position that is neither
         six joint angles nor a pose.
     """
-    text_lines(data, path, "save a binary .TP as .LS")
-    listing = read_listing(data.decode("latin-1"))
+    listing = read_listing(text_of(data, path, "save a binary .TP as .LS"))
     name = _name(listing, path)
     for row, fault in listing.faults:
         refuse(fault, path, row)

@@ -20,7 +20,7 @@ from importlib.resources import files
 from typing import Any
 
 from lark import Lark, Token, Tree, UnexpectedCharacters, UnexpectedInput
-from lark.lexer import PatternStr
+from lark.lexer import PatternStr, TerminalDef
 
 from posedesign.programs.recorded import Problem
 
@@ -140,27 +140,47 @@ class Language:
         Makes one statement of several lines, or several of one.
     start : str
         Rule of a statement.
+    others : tuple of str
+        Rules that `statement` can be asked for besides: sections with a syntax of their own.
     name : str
         File of the grammar.
+    letters : str
+        Characters of names, as in a set of a regular expression. None of them can stand behind a
+        keyword then; empty where words are not separated, as in ``CNT50``.
     """
 
     package: str
     joined: Callable[[Iterator[Line]], Iterator[Line]] | None = None
     start: str = "statement"
+    others: tuple[str, ...] = ()
     name: str = "grammar.lark"
+    letters: str = ""
     _builders: dict[str, Build] = field(default_factory=dict, repr=False)
 
     @cached_property
     def parser(self) -> Lark:
         """The parser; made when it is first needed."""
         grammar = files(self.package).joinpath(self.name).read_text(encoding="ascii")
-        parser = Lark(grammar, parser="lalr", start=self.start, maybe_placeholders=False)
+        parser = Lark(
+            grammar,
+            parser="lalr",
+            start=[self.start, *self.others],
+            maybe_placeholders=False,
+            edit_terminals=self._end_keyword if self.letters else None,
+        )
         for terminal in parser.terminals:
             pattern = terminal.pattern
             if isinstance(pattern, PatternStr) and re.search(r"[A-Za-z_]\d+$", pattern.value):
                 # such a keyword would be taken for one with another number
                 raise ValueError(f"{self.package}: the keyword {pattern.value} ends in a number")
         return parser
+
+    def _end_keyword(self, terminal: TerminalDef) -> None:
+        pattern = terminal.pattern
+        if isinstance(pattern, PatternStr) and re.search(r"[A-Za-z_]$", pattern.value):
+            # the text stays, by which lark tells keywords from names
+            whole = pattern.to_regexp() + f"(?![{self.letters}])"
+            pattern.to_regexp = lambda: whole  # type: ignore[method-assign]
 
     def statements(self, text: str) -> list[Statement]:
         """All statements of a text that are not blank; none behind the thousandth fault."""
@@ -174,8 +194,9 @@ class Language:
                 break
         return found
 
-    def statement(self, line: Line) -> Statement:
-        """The statement of one line."""
+    def statement(self, line: Line, rule: str = "") -> Statement:
+        """The statement of one line; by another rule than `start` where one is named."""
+        rule = rule or self.start
         if len(line.text) > MOST_LENGTH:
             fault = f"{len(line.text)} characters in one statement"
             return Statement(line.row, line.text[:100], NOTHING, fault)
@@ -187,14 +208,14 @@ class Language:
             slots.append(found[0])
             return '""' if found[1] else _FORM.sub("0", found[0])
 
-        shape = _PIECE.sub(slot, line.text).strip()
+        shape = f"{rule} {_PIECE.sub(slot, line.text).strip()}"
         build = self._builders.get(shape)
         if build is None:
             text = _PIECE.sub(lambda found: " " if found[2] else found[0], line.text).strip()
             if _depth(text) > _MOST_DEPTH:
                 return Statement(line.row, line.text, NOTHING, "brackets are too deep")
             try:
-                tree = self.parser.parse(text)
+                tree = self.parser.parse(text, start=rule)
             except UnexpectedInput as error:
                 return Statement(line.row, line.text, NOTHING, _fault(text, error, self.parser))
             spans = [found.span() for found in _PIECE.finditer(text) if not found[2]]
@@ -225,7 +246,7 @@ def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build:
     """A function that builds the node from the texts of the slots."""
     if isinstance(node, Tree):
         children = [_builder(child, spans) for child in node.children]
-        name = node.data
+        name = str(node.data)  # a plain text is compared faster than a token
         return lambda slots: Tree(name, [child(slots) for child in children])
     start, end = node.start_pos or 0, node.end_pos or 0
     inside = [k for k, (a, b) in enumerate(spans) if a >= start and b <= end]

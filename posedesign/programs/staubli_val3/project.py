@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from defusedxml import DefusedXmlException, ElementTree
 from lark import Token, Tree
 
-from posedesign.programs.language import Language, Line, Statement, nodes, text_of
+from posedesign.programs.language import Language, Line, Statement, text_of
 
 MOST_NODES = 300_000
 """Elements of a file that are read: ten times those of 10,000 poses."""
@@ -115,7 +115,7 @@ def _without_remarks(lines: Iterator[Line]) -> Iterator[Line]:
 
 _REMARK = re.compile(r'"[^"\n]*"|//.*')
 
-LANGUAGE = Language(__package__ or "", joined=_without_remarks)
+LANGUAGE = Language(__package__ or "", joined=_without_remarks, letters=r"\w")
 
 
 def statements_of(code: Node) -> list[Statement]:
@@ -129,22 +129,52 @@ MOVES = {"movej": 1, "movel": 1, "movec": 2}
 """Functions that move the arm, with how many targets they begin."""
 
 
-def move_targets(statement: Statement) -> Iterator[Tree[Token]]:
-    """What a statement moves to."""
-    for function in statement.all("function"):
-        name, *given = (child for child in function.children if isinstance(child, Tree))
-        yield from given[: MOVES.get(text_of(name).lower(), 0)]
+@dataclass(slots=True)
+class Names:
+    """What a statement names: functions and programs that are called, and variables."""
+
+    function: list[Tree[Token]] = field(default_factory=list)
+    routine: list[Tree[Token]] = field(default_factory=list)
+    place: list[Tree[Token]] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, statement: Statement) -> Names:
+        """In one pass, from the left."""
+        found, waiting = cls(), [statement.tree]
+        kinds = {"function": found.function, "routine": found.routine, "place": found.place}
+        while waiting:
+            tree = waiting.pop()
+            if tree.data in kinds:
+                kinds[tree.data].append(tree)
+            waiting.extend(child for child in reversed(tree.children) if isinstance(child, Tree))
+        return found
+
+    def targets(self) -> Iterator[Tree[Token]]:
+        """What the statement moves to."""
+        for function in self.function:
+            most = MOVES.get(name_of(function).lower(), 0)
+            yield from arguments_of(function)[:most]
 
 
-def place_of(tree: Tree[Token]) -> tuple[str, str]:
-    """Name of a variable, and its index; empty where that is computed.
+def name_of(tree: Tree[Token]) -> str:
+    """Name of a function, program or variable; with its library before a colon."""
+    first, *more = tree.children[:2]
+    own = [str(child) for child in more if isinstance(child, Token) and child.type == "NAME"]
+    return ":".join([str(first), *own])
 
-    A variable without an index is its first element.
-    """
-    name = text_of(tree.children[0])
-    index = next(nodes(tree, "index"), None)
+
+def arguments_of(tree: Tree[Token]) -> list[Tree[Token]]:
+    """Arguments of a call."""
+    return [child for child in tree.children if isinstance(child, Tree)]
+
+
+def index_of(place: Tree[Token]) -> str:
+    """Index of a variable: 0 without one, empty where it is computed."""
+    index = next((child for child in place.children if isinstance(child, Tree)), None)
     if index is None:
-        return name, "0"
-    number = index.children[0]
-    whole = text_of(number) if isinstance(number, Tree) and number.data == "number" else ""
-    return name, str(int(whole)) if re.fullmatch(r"\d{1,6}", whole) else whole
+        return "0"
+    found = _INDEX.fullmatch(text_of(index))
+    return found[1] if found else ""
+
+
+_INDEX = re.compile(r"0*(\d{1,9})", re.ASCII)

@@ -28,11 +28,12 @@ from posedesign.programs.configurations import StaubliConfiguration
 from posedesign.programs.reading import joint_deg, millimetres, read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 from posedesign.programs.staubli_val3.project import (
+    Names,
     Node,
     XmlFault,
-    move_targets,
+    index_of,
+    name_of,
     parse_xml,
-    place_of,
     statements_of,
 )
 
@@ -191,9 +192,9 @@ def _moved(path: Path) -> Iterator[tuple[str, str]]:
         return
     for code in root.all("Code", "code"):
         for statement in statements_of(code):
-            for target in move_targets(statement):
+            for target in Names.of(statement).targets():
                 if target.data == "place":
-                    yield place_of(target)
+                    yield name_of(target), index_of(target)
 
 
 def _recorded(

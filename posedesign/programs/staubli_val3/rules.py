@@ -47,16 +47,18 @@ from pathlib import Path
 from lark import Token, Tree
 
 from calib.errors import FileFormatError
-from posedesign.programs.language import Block, Statement, block_faults, text_of
+from posedesign.programs.language import Block, block_faults, text_of
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.staubli_val3.project import (
     MOVES,
+    Names,
     Node,
     XmlFault,
-    move_targets,
+    arguments_of,
+    index_of,
+    name_of,
     parse_xml,
-    place_of,
     statements_of,
 )
 from posedesign.programs.staubli_val3.words import (
@@ -257,14 +259,15 @@ def _check_code(root: Node, path: Path) -> Iterator[Problem]:
             if statement.fault:
                 yield Problem(statement.row, "syntax", statement.fault)
                 continue
-            for rule, reason, level in project.faults(statement):
+            names = Names.of(statement)
+            for rule, reason, level in project.faults(names):
                 yield Problem(statement.row, rule, reason, level)
-            called = {text_of(name).lower() for name in _called(statement)}
+            called = {name_of(function).lower() for function in names.function}
             if not stands and (statement.kind == "call" or "herej" in called):
                 reason = "no waitEndMove() since the last move"
                 yield Problem(statement.row, "wait-to-measure", reason, "measuring")
             stands = "waitendmove" in called or (stands and not called & MOVES.keys())
-            moved |= {place_of(t) for t in move_targets(statement) if t.data == "place"}
+            moved |= {(name_of(t), index_of(t)) for t in names.targets() if t.data == "place"}
         own = next((name for name in ("jPose", "pPose") if name in project.known), "")
         if path.stem == "start" and own and "sPlan" in project.known:
             size = project.known[own][1] or 0
@@ -272,12 +275,6 @@ def _check_code(root: Node, path: Path) -> Iterator[Problem]:
             if left > 0:
                 reason = f"{left} of {size} positions in {own} are never moved to"
                 yield Problem(code.text_line, "unused", reason, "measuring")
-
-
-def _called(statement: Statement) -> Iterator[Tree[Token]]:
-    for function in statement.all("function"):
-        if isinstance(function.children[0], Tree):
-            yield function.children[0]
 
 
 Fault = tuple[str, str, Level]
@@ -292,36 +289,34 @@ class _Project:
         self.programs: dict[str, int | None] = {}
         beside = _data_beside(path)
         self.whole = beside is not None
-        own = root.all("Parameter", "Local", "param", "local")
-        for node in [*(beside or []), *own]:
-            size = node.attributes.get("size", "")
+        for node in [*(beside or []), *root.all("Parameter", "Local", "param", "local")]:
+            size = node.get("size")
             whole = int(size) if re.fullmatch(r"\d{1,6}", size, re.ASCII) else None
             self.known[node.get("name")] = node.get("type") or node.name, whole
 
-    def faults(self, statement: Statement) -> Iterator[Fault]:
+    def faults(self, names: Names) -> Iterator[Fault]:
         """What is wrong with the names in a statement."""
-        for function in statement.all("function"):
+        for function in names.function:
             yield from self._of_function(function)
-        for place in statement.all("place"):
-            yield from self._of_place(place)
-        for routine in statement.all("routine"):
+        for routine in names.routine:
             yield from self._of_routine(routine)
+        for place in names.place:
+            yield from self._of_place(place)
 
     def _of_function(self, function: Tree[Token]) -> Iterator[Fault]:
-        name, *given = (child for child in function.children if isinstance(child, Tree))
-        word = text_of(name)
-        least, most = FUNCTIONS.get(word.lower(), (0, 99))
-        if len(name.children) > 1 or word.startswith("$"):
+        name, given = name_of(function), arguments_of(function)
+        word = name.lower()
+        if ":" in name or name.startswith("$"):
             return  # of a library
-        if word.lower() not in FUNCTIONS:
-            level = _level(word.lower(), FUNCTIONS)
-            yield "function", f"{word[:40]} is no function of VAL 3", level
+        least, most = FUNCTIONS.get(word, (0, 99))
+        if word not in FUNCTIONS:
+            yield "function", f"{name[:40]} is no function of VAL 3", _level(word, FUNCTIONS)
         elif not least <= len(given) <= most:
             takes = str(least) if least == most else f"{least} to {most}"
-            yield "function", f"{word} takes {takes} arguments, not {len(given)}", "error"
-        elif word.lower() in MOVES:
-            targets = JOINT_TARGETS if word.lower() == "movej" else TARGETS
-            kinds = [targets] * MOVES[word.lower()] + [("tool",), ("mdesc",)]
+            yield "function", f"{name} takes {takes} arguments, not {len(given)}", "error"
+        elif word in MOVES:
+            targets = JOINT_TARGETS if word == "movej" else TARGETS
+            kinds = [targets] * MOVES[word] + [("tool",), ("mdesc",)]
             for tree, types in zip(given, kinds, strict=True):
                 kind = self._type(tree)
                 if kind and kind not in types:
@@ -332,36 +327,35 @@ class _Project:
         """Type of a value; empty where that is not looked into."""
         if tree.data in ("number", "text", "signed"):
             return str(tree.data)
-        fields = any(isinstance(child, Token) for child in tree.children)
-        if tree.data != "place" or fields:
+        if tree.data != "place" or any(getattr(c, "type", "") == "FIELD" for c in tree.children):
             return ""
-        return self.known.get(place_of(tree)[0], ("",))[0]
+        return self.known.get(name_of(tree), ("",))[0]
 
     def _of_place(self, place: Tree[Token]) -> Iterator[Fault]:
-        name, index = place_of(place)
+        name = name_of(place)
+        word = name.lower()
         if ":" in name:
             return  # of a library
-        if name.lower() in KEYWORDS or name.lower() in FUNCTIONS:
+        if word in KEYWORDS or word in FUNCTIONS:
             yield "name", f"{name[:40]} is a word of VAL 3, and no variable", "error"
-        elif name not in self.known and name.lower() not in PREDEFINED and self.whole:
+        elif name not in self.known and word not in PREDEFINED and self.whole:
             level = _level(name, [*self.known, *PREDEFINED])
             yield "name", f"{name[:40]} is neither in the data file nor a local", level
         size = self.known.get(name, ("", None))[1]
-        if size is not None and index.isdecimal() and int(index) >= size:
-            yield "target", f"{name}[{index[:20]}] is beyond its size {size}", "error"
+        if size is not None and int(index_of(place) or 0) >= size:
+            yield "target", f"{text_of(place)[:40]} is beyond its size {size}", "error"
 
     def _of_routine(self, routine: Tree[Token]) -> Iterator[Fault]:
-        name, *given = (child for child in routine.children if isinstance(child, Tree))
-        word = text_of(name)
-        if ":" in word or not self.whole:
-            return
-        if word not in self.programs:
-            self.programs[word] = _parameters(self.path.with_name(f"{word}.pgx"))
-        takes = self.programs[word]
+        name, given = name_of(routine), len(arguments_of(routine))
+        if ":" in name or not self.whole:
+            return  # of a library, or of a project that is not there
+        if name not in self.programs:
+            self.programs[name] = _parameters(self.path.with_name(f"{name}.pgx"))
+        takes = self.programs[name]
         if takes is None:
-            yield "target", f"there is no program {word[:40]}", "error"
-        elif takes != len(given):
-            yield "target", f"{word[:40]} takes {takes} arguments, not {len(given)}", "error"
+            yield "target", f"there is no program {name[:40]}", "error"
+        elif takes != given:
+            yield "target", f"{name[:40]} takes {takes} arguments, not {given}", "error"
 
 
 def _parameters(path: Path) -> int | None:

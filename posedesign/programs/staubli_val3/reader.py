@@ -187,9 +187,13 @@ def _others(arrays: dict[str, _Array], path: Path) -> list[RecordedPosition]:
 def _moved(path: Path) -> Iterator[tuple[str, str]]:
     """What the program beside a data file moves to: name and index, empty where it is computed."""
     try:
-        root = parse_xml(read_program_bytes(path.with_name("start.pgx")))
-    except (FileFormatError, XmlFault):
+        data = read_program_bytes(path.with_name("start.pgx"))
+    except FileFormatError:
         return
+    try:
+        root = parse_xml(data)
+    except XmlFault:  # the code alone
+        root = Node(1, "Code", "", {}, text=data.decode("latin-1"), text_line=1)
     for code in root.all("Code", "code"):
         for statement in statements_of(code):
             for target in Names.of(statement).targets():

@@ -16,7 +16,7 @@ rule                   what it asks
 ``number``             plain numbers: no NaN, no 1_0
 ``range``              joints within +-720 deg, coordinates within 100 m, angles within +-360 deg
 ``father``             fatherId is world, flange, a frame or tool of the file, or of a library
-``project-files``      each file once; start.pgx, stop.pgx and a data file, which a library need
+``project-files``      each file once, and there; start.pgx and stop.pgx, which a library need
                        not have, are noted
 ``program-name``       one program, with the name of its file
 ``syntax``             every line of code is a statement
@@ -30,7 +30,7 @@ rule                   what it asks
 =====================  ==========================================================================
 
 Elements, attributes, types and functions that are not known, and not nearly one that is, are noted.
-What a program names is looked for where the one data file of its project lies beside it.
+What a program names is looked for where its project, which lists it, and the data lie beside.
 """
 
 from __future__ import annotations
@@ -80,8 +80,11 @@ MOST_PROBLEMS = 1000
 _OLD_ROOTS = ("{DataNameSpace}dataList", "{ProjectNameSpace}project")
 _OLD_PROGRAMS = "{ProgramNameSpace}programList"
 _SPACE = re.compile(r"\{http://www\.staubli\.com/robotics/VAL3/(?:Data|Project|Program|Param)/\d\}")
+_DECLARATION = re.compile(
+    rb"""<\?xml version=.1\.[01]. encoding=.(utf-8|us-ascii|iso-8859-1). ?\?>""", re.I
+)
+_XSI = b'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
 _LENGTH = 15
-_IDENTIFIER = re.compile(r"[A-Za-z]\w{0,99}", re.ASCII)
 _KEY = re.compile(r"\d{1,6}(?:,\d{1,6}){0,2}", re.ASCII)
 _NUMBER = re.compile(r"-?\d{1,9}(?:\.\d{0,20})?(?:[eE][-+]?\d{1,3})?", re.ASCII)
 _FATHER = re.compile(r"(?:([A-Za-z]\w{0,99}):)?([A-Za-z]\w{0,99})\[\d{1,4}\]", re.ASCII)
@@ -101,6 +104,10 @@ def check_staubli_val3(data: bytes, path: Path) -> list[Problem]:
         root = parse_xml(data)
     except XmlFault as fault:
         return [Problem(fault.line, "xml", fault.reason)]
+    if b"<?" in data[:8] and not _DECLARATION.search(data[:200]):
+        return [Problem(1, "xml", f"begins with {data[:40]!a}")]
+    if b"xmlns:xsi=" in data[:1000] and _XSI not in data[:1000]:
+        return [Problem(root.line, "root", "xsi is none of the namespaces of VAL 3")]
     return list(islice(_check(root, Path(path)), MOST_PROBLEMS))
 
 
@@ -123,24 +130,30 @@ def _check(root: Node, path: Path) -> Iterator[Problem]:
 
 def _level(word: str, known: Collection[str]) -> Level:
     """Error where a word is nearly a known one: it may otherwise be of a library or newer."""
-    return "error" if difflib.get_close_matches(word, known, 1, 0.75) else "note"
+    return "error" if difflib.get_close_matches(word, known, 1, 0.7) else "note"
 
 
 def _check_elements(root: Node, elements: dict[str, tuple[str, str]]) -> Iterator[Problem]:
     waiting = [root]
     while waiting:
         node = waiting.pop()
-        attributes, inside = elements[node.name]
+        attributes, content = elements[node.name]
+        inside = {name.rstrip("!*"): name[-1] for name in content.split()}
         yield from _check_attributes(node, attributes, node.get("name"))
         if "type" in node.attributes:
             yield from _check_array(node)
         if node.text.strip() and node.name not in ("Code", "Description"):
             yield Problem(node.line, "xml", f"{node.text.strip()[:30]!a} stands in {node.name}")
+        counts = Counter(child.name for child in node.children)
+        for name, mark in inside.items():
+            if counts[name] != 1 and (mark == "!" or (mark != "*" and counts[name])):
+                yield Problem(node.line, "xml", f"{node.name} has {counts[name]} {name}, not one")
         for child in node.children:
-            if child.name not in inside.split() or not _SPACE.match(child.tag):
-                reason = f"{child.tag[-60:]!a} stands in {node.name}"
-                level = _level(child.name, ["Value", *elements])
-                yield Problem(child.line, "xml", reason, level)
+            if child.name not in inside or not _SPACE.match(child.tag):
+                # parts of a project or a program may be newer
+                known = child.name in elements or node.name not in ("Project", "Program")
+                level = "error" if known else _level(child.name, elements)
+                yield Problem(child.line, "xml", f"{child.tag[-60:]!a} is in {node.name}", level)
             elif child.name == "Value":
                 waiting += [field for field in child.children if field.name == "Field"]
             else:
@@ -161,7 +174,9 @@ def _check_attributes(node: Node, known: str, label: str) -> Iterator[Problem]:
     for name, text in node.attributes.items():
         said = f"{label[:40]}: {name[-40:]} is {text[:30]!a}"
         if name not in names:
-            yield Problem(node.line, "attributes", f"{said}, of no meaning", _level(name, names))
+            # of a position all are known
+            level = "error" if names.keys() & LIMITS.keys() else _level(name, names)
+            yield Problem(node.line, "attributes", f"{said}, of no meaning", level)
         elif name in LIMITS:
             if not _NUMBER.fullmatch(text):
                 yield Problem(node.line, "number", f"{said}, not a plain number")
@@ -223,23 +238,24 @@ def _check_data(root: Node, path: Path) -> Iterator[Problem]:
 
 
 def _check_project(root: Node, path: Path) -> Iterator[Problem]:
-    programs = [node.get("file") for node in root.all("Program")]
-    data = [node.get("file") for node in root.all("Data")]
-    for file, count in Counter(programs + data).items():
-        ending = ".pgx" if file in programs else ".dtx"
-        stem = file.rpartition("\\")[2].removesuffix(ending)
-        if count > 1 or not file.endswith(ending) or not _IDENTIFIER.fullmatch(stem):
-            reason = f"{file[:40]!a} is there twice" if count > 1 else f"{file[:40]!a} is no file"
-            yield Problem(root.line, "project-files", reason)
-    missing = {"start.pgx", "stop.pgx"} - set(programs)
-    if missing or len(data) != 1:
-        reason = f"missing {sorted(missing)}, {len(data)} data files"
+    files = [node.get("file") for node in root.all("Program", "Data")]
+    beside = [other.name for other in path.parent.iterdir()] if path.is_file() else []
+    beside = [name for name in beside if name != path.name]
+    for file, count in Counter(files).items():
+        if count > 1:
+            yield Problem(root.line, "project-files", f"{file[:40]!a} is there twice")
+        near = difflib.get_close_matches(file, beside, 1, 0.85)
+        if near and near[0] != file and file not in beside:
+            yield Problem(root.line, "project-files", f"{file[:40]!a} is not there")
+    missing = {"start.pgx", "stop.pgx"} - set(files)
+    if missing:
+        reason = f"has no {' and '.join(sorted(missing))}"
         yield Problem(root.line, "project-files", reason, "note")
 
 
 def _check_programs(root: Node, path: Path) -> Iterator[Problem]:
     names = [node.get("name") for node in root.all("Program")]
-    if names != [path.stem]:
+    if [name.lower() for name in names] != [path.stem.lower()]:
         yield Problem(root.line, "program-name", f"{path.name} holds {names[:5]!a}")
     yield from _check_code(root, path)
 
@@ -286,13 +302,15 @@ class _Project:
     def __init__(self, path: Path, root: Node) -> None:
         self.path = path
         self.known: dict[str, tuple[str, int | None]] = {}
-        self.programs: dict[str, int | None] = {}
-        beside = _data_beside(path)
-        self.whole = beside is not None
-        for node in [*(beside or []), *root.all("Parameter", "Local", "param", "local")]:
+        project, data = _files_beside(path)
+        listed = [node.get("file").replace("\\", "/") for node in project.all("Program", "program")]
+        files = [Path(file) for file in listed if re.fullmatch(FORMS["file"], file, re.ASCII)]
+        self.whole = path.name in [file.name for file in files]
+        for node in [*data, *root.all("Parameter", "Local", "param", "local")]:
             size = node.get("size")
             whole = int(size) if re.fullmatch(r"\d{1,6}", size, re.ASCII) else None
             self.known[node.get("name")] = node.get("type") or node.name, whole
+        self.programs = {f.stem: _parameters(path.parent / f) for f in files if self.whole}
 
     def faults(self, names: Names) -> Iterator[Fault]:
         """What is wrong with the names in a statement."""
@@ -309,7 +327,9 @@ class _Project:
         if ":" in name or name.startswith("$"):
             return  # of a library
         least, most = FUNCTIONS.get(word, (0, 99))
-        if word not in FUNCTIONS:
+        if name in self.programs:
+            yield "function", f"{name[:40]} is a program, and needs a call", "error"
+        elif word not in FUNCTIONS:
             yield "function", f"{name[:40]} is no function of VAL 3", _level(word, FUNCTIONS)
         elif not least <= len(given) <= most:
             takes = str(least) if least == most else f"{least} to {most}"
@@ -320,8 +340,8 @@ class _Project:
             for tree, types in zip(given, kinds, strict=True):
                 kind = self._type(tree)
                 if kind and kind not in types:
-                    reason = f"{text_of(tree)[:40]} is of type {kind[:20]}"
-                    yield "target", f"{reason}, not {' or '.join(types[:2])}", "error"
+                    reason = f"{_shown(tree)} is of type {kind[:20]}, not {' or '.join(types)}"
+                    yield "target", reason, "error"
 
     def _type(self, tree: Tree[Token]) -> str:
         """Type of a value; empty where that is not looked into."""
@@ -339,23 +359,29 @@ class _Project:
         if word in KEYWORDS or word in FUNCTIONS:
             yield "name", f"{name[:40]} is a word of VAL 3, and no variable", "error"
         elif name not in self.known and word not in PREDEFINED and self.whole:
-            level = _level(name, [*self.known, *PREDEFINED])
-            yield "name", f"{name[:40]} is neither in the data file nor a local", level
+            yield "name", f"{name[:40]} is neither in the data file nor a local", "error"
         size = self.known.get(name, ("", None))[1]
         if size is not None and int(index_of(place) or 0) >= size:
-            yield "target", f"{text_of(place)[:40]} is beyond its size {size}", "error"
+            yield "target", f"{_shown(place)} is beyond its size {size}", "error"
 
     def _of_routine(self, routine: Tree[Token]) -> Iterator[Fault]:
         name, given = name_of(routine), len(arguments_of(routine))
         if ":" in name or not self.whole:
             return  # of a library, or of a project that is not there
         if name not in self.programs:
-            self.programs[name] = _parameters(self.path.with_name(f"{name}.pgx"))
+            yield "target", f"{name[:40]} is no program of the project", "error"
+            return
         takes = self.programs[name]
         if takes is None:
-            yield "target", f"there is no program {name[:40]}", "error"
+            yield "target", f"there is no file {name[:40]}.pgx", "error"
         elif takes != given:
             yield "target", f"{name[:40]} takes {takes} arguments, not {given}", "error"
+
+
+def _shown(value: Tree[Token]) -> str:
+    if value.data != "place":
+        return text_of(value)[:40]
+    return name_of(value)[:40] + f"[{index_of(value)}]" * (len(value.children) > 1)
 
 
 def _parameters(path: Path) -> int | None:
@@ -367,15 +393,12 @@ def _parameters(path: Path) -> int | None:
     return sum(1 for _ in root.all("Parameter", "param"))
 
 
-def _data_beside(path: Path) -> list[Node] | None:
-    """Data of the project; None where there is not one file of them beside."""
+def _files_beside(path: Path) -> tuple[Node, list[Node]]:
+    """The project, and its data, where there is one file of each beside; else nothing in them."""
     try:
-        files = sorted(path.parent.glob("*.dtx"))
-        root = parse_xml(read_program_bytes(files[0])) if len(files) == 1 else None
-    except (OSError, FileFormatError, XmlFault):
-        return None
-    if root is None:
-        return None
-    if root.name == "dataList":
-        return [data for section in root.children for data in section.children]
-    return list(root.all("Data"))
+        (project,), (data,) = (sorted(path.parent.glob(f"*.{end}")) for end in ("pjx", "dtx"))
+        roots = [parse_xml(read_program_bytes(file)) for file in (project, data)]
+    except (OSError, ValueError, FileFormatError, XmlFault):
+        return Node(1, "", "", {}), []
+    old = [array for section in roots[1].children for array in section.children]
+    return roots[0], old if roots[1].tag in _OLD_ROOTS else list(roots[1].all("Data"))

@@ -214,8 +214,8 @@ def _check_array(array: Node) -> Iterator[Problem]:
             yield Problem(value.line, "number", f"{label} is {text[:30]!a}, not a plain number")
         if kind == "bool" and text not in ("", "true", "false"):
             yield Problem(value.line, "attributes", f"{label} is {text[:30]!a}")
-    if kind in JOINT_TARGETS and len(bounds) == 1 and len(seen) < bounds[0]:
-        reason = f"{name} has {len(seen)} positions, its size is {bounds[0]}"
+    if kind in JOINT_TARGETS and len(bounds) == 1 and len(array.children) < bounds[0]:
+        reason = f"{name} has {len(array.children)} positions, its size is {bounds[0]}"
         yield Problem(array.line, "keys", reason, "measuring")
 
 
@@ -285,7 +285,8 @@ def _check_code(root: Node, path: Path) -> Iterator[Problem]:
             stands = "waitendmove" in called or (stands and not called & MOVES.keys())
             moved |= {(name_of(t), index_of(t)) for t in names.targets() if t.data == "place"}
         own = next((name for name in ("jPose", "pPose") if name in project.known), "")
-        if path.stem == "start" and own and "sPlan" in project.known:
+        whole = not any(statement.fault for statement in statements)
+        if path.stem == "start" and own and "sPlan" in project.known and whole:
             size = project.known[own][1] or 0
             left = size - sum(name == own for name, _ in moved)
             if left > 0:

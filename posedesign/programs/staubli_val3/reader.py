@@ -16,7 +16,8 @@ position is ``same`` or not said are taken without one. XML with a DTD or entiti
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,18 +27,38 @@ from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.programs.configurations import StaubliConfiguration
 from posedesign.programs.reading import joint_deg, millimetres, read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
-from posedesign.programs.staubli_val3.database import DataArray, Element, read_database
+from posedesign.programs.staubli_val3.project import (
+    Names,
+    Node,
+    XmlFault,
+    index_of,
+    name_of,
+    parse_xml,
+    statements_of,
+)
+
+MOST_ELEMENTS = 100_000
+"""Largest size of an array that is believed."""
 
 _JOINTS = ("j1", "j2", "j3", "j4", "j5", "j6")
 _POINT = ("x", "y", "z", "rx", "ry", "rz")
 _CONFIG = ("shoulder", "elbow", "wrist")
 _KINDS = {"jointRx": "joint", "joint": "joint", "pointRx": "point", "point": "point"}
-_MOVED = re.compile(
-    r"\bmove[jlc]\s{0,9}\(\s{0,9}([A-Za-z]\w{0,31})(?:\s{0,9}\[\s{0,9}(\d{1,6})\s{0,9}\])?"
-)
 _ELEMENT = re.compile(r"([A-Za-z]\w{0,31})\[(\d{1,6})\]", re.ASCII)
 _DEEPEST = 20  # frames in frames
-_PLAIN_WHOLE = re.compile(r"\d{1,6}", re.ASCII)
+_WHOLE = re.compile(r"\d{1,6}", re.ASCII)
+_SEVERAL = re.compile(r"\d{1,6}(?: \d{1,6}){1,2}", re.ASCII)
+
+
+@dataclass(frozen=True)
+class _Array:
+    """A ``Data`` and its values by key."""
+
+    line: int
+    name: str
+    type: str
+    size: int
+    elements: dict[int, Node] = field(default_factory=dict)
 
 
 def parse_staubli_val3(data: bytes, path: Path | str) -> RecordedProgram:
@@ -51,7 +72,7 @@ def parse_staubli_val3(data: bytes, path: Path | str) -> RecordedProgram:
     path = Path(path)
     if path.suffix.lower() in (".pjx", ".pgx"):
         refuse("holds no positions", path, None, "name the project's data file, NAME.dtx")
-    arrays = read_database(data, path)
+    arrays = _arrays(data, path)
     title = _string(arrays, "sTitle")
     plan = _string(arrays, "sPlan")
     empty = False
@@ -66,12 +87,43 @@ def parse_staubli_val3(data: bytes, path: Path | str) -> RecordedProgram:
     return RecordedProgram(path.stem, title, mark, found, "staubli", empty_registers=empty)
 
 
-def _string(arrays: dict[str, DataArray], name: str) -> str:
+def _arrays(data: bytes, path: Path) -> dict[str, _Array]:
+    """Arrays of a data file by name, in their order."""
+    try:
+        root = parse_xml(data)
+    except XmlFault as fault:
+        refuse(fault.reason, path, fault.line, fault.hint)
+    if root.name != "Database":
+        hint = "name the project's data file, NAME.dtx"
+        refuse("is no data file of a VAL 3 project", path, root.line, hint)
+    arrays: dict[str, _Array] = {}
+    for node in root.all("Data"):
+        name, size = node.get("name"), node.attributes.get("size", "1")
+        if not name or name in arrays:
+            reason = f"{name[:30]!a} is there twice" if name else "an array has no name"
+            refuse(reason, path, node.line)
+        if _SEVERAL.fullmatch(size) and node.get("type") not in _KINDS:
+            continue  # a table of several dimensions holds no positions
+        if not _WHOLE.fullmatch(size) or int(size) > MOST_ELEMENTS:
+            refuse(f"{name[:30]} has the size {size[:20]!a}", path, node.line)
+        array = arrays[name] = _Array(node.line, name, node.get("type"), int(size))
+        for value in node.children:
+            key = value.attributes.get("key", "0")
+            if value.name != "Value" or not _WHOLE.fullmatch(key):
+                continue  # a collection has words for keys, and is no array of positions
+            if int(key) >= array.size or int(key) in array.elements:
+                reason = "is there twice" if int(key) in array.elements else "is beyond its size"
+                refuse(f"{name}[{int(key)}] {reason}", path, value.line)
+            array.elements[int(key)] = value
+    return arrays
+
+
+def _string(arrays: dict[str, _Array], name: str) -> str:
     first = arrays[name].elements.get(0) if name in arrays else None
-    return first.attributes.get("value", "") if first else ""
+    return first.get("value") if first else ""
 
 
-def _own(arrays: dict[str, DataArray], path: Path) -> tuple[list[RecordedPosition], bool]:
+def _own(arrays: dict[str, _Array], path: Path) -> tuple[list[RecordedPosition], bool]:
     """Positions of a project as it is written, by their numbers.
 
     And whether it has a place of its own for touched-up ones, with none in it.
@@ -94,51 +146,63 @@ def _own(arrays: dict[str, DataArray], path: Path) -> tuple[list[RecordedPositio
     names = arrays["sPose"].elements if "sPose" in arrays else {}
     listed = []
     for k, (source, key) in sorted(sources.items(), key=lambda item: item[0]):
-        name = names[k].attributes.get("value", "") if k in names else ""
+        name = names[k].get("value") if k in names else ""
         listed.append((k + 1, name, source, key))
     return _in_frames(_recorded(listed, arrays, path), arrays.get("tTool"), path), empty
 
 
-def _is_empty(array: DataArray, key: int) -> bool:
+def _is_empty(array: _Array, key: int) -> bool:
     """Whether an element has no joint value but zeros, or is not there."""
     element = array.elements.get(key)
     texts = [] if element is None else [element.attributes.get(j, "0") for j in _JOINTS]
     return not any(re.search(r"[^-+.0]", text) for text in texts)
 
 
-def _first(arrays: dict[str, DataArray], path: Path) -> int:
+def _first(arrays: dict[str, _Array], path: Path) -> int:
     element = arrays["nFirst"].elements.get(0) if "nFirst" in arrays else None
-    text = element.attributes.get("value", "") if element else ""
-    if not _PLAIN_WHOLE.fullmatch(text) or int(text) < 1:
+    text = element.get("value") if element else ""
+    if not _WHOLE.fullmatch(text) or int(text) < 1:
         row = element.line if element else None
         refuse(f"nFirst is {text[:20]!r}, not a number from 1 on", path, row)
     return int(text) - 1
 
 
-def _others(arrays: dict[str, DataArray], path: Path) -> list[RecordedPosition]:
+def _others(arrays: dict[str, _Array], path: Path) -> list[RecordedPosition]:
     """Positions of somebody's project."""
-    taught = {name: array for name, array in arrays.items() if array.type in _KINDS}
-    moved = [(n, k) for n, k in _moved(path) if n in taught and k in taught[n].elements]
-    keys = moved or [(name, k) for name, array in taught.items() for k in sorted(array.elements)]
+    taught = {name: sorted(a.elements) for name, a in arrays.items() if a.type in _KINDS}
+    moved = {
+        (name, k): None
+        for name, key in _moved(path)
+        for k in taught.get(name, [])
+        if key in ("", str(k))
+    }
+    keys = [*moved] or [(name, k) for name, ks in taught.items() for k in ks]
     return _recorded(
-        [(i, f"{name}[{k}]", taught[name], k) for i, (name, k) in enumerate(keys, start=1)],
+        [(i, f"{name}[{k}]", arrays[name], k) for i, (name, k) in enumerate(keys, start=1)],
         arrays,
         path,
     )
 
 
-def _moved(path: Path) -> list[tuple[str, int]]:
-    """What the program beside a data file moves to, each once."""
+def _moved(path: Path) -> Iterator[tuple[str, str]]:
+    """What the program beside a data file moves to: name and index, empty where it is computed."""
     try:
-        text = read_program_bytes(path.with_name("start.pgx")).decode("latin-1")
+        data = read_program_bytes(path.with_name("start.pgx"))
     except FileFormatError:
-        return []
-    code = re.sub(r"//[^\n]*", "", text)
-    return list(dict.fromkeys((name, int(key or 0)) for name, key in _MOVED.findall(code)))
+        return
+    try:
+        root = parse_xml(data)
+    except XmlFault:  # the code alone
+        root = Node(1, "Code", "", {}, text=data.decode("latin-1"), text_line=1)
+    for code in root.all("Code", "code"):
+        for statement in statements_of(code):
+            for target in Names.of(statement).targets():
+                if target.data == "place":
+                    yield name_of(target), index_of(target)
 
 
 def _recorded(
-    listed: list[tuple[int, str, DataArray, int]], arrays: dict[str, DataArray], path: Path
+    listed: list[tuple[int, str, _Array, int]], arrays: dict[str, _Array], path: Path
 ) -> list[RecordedPosition]:
     """Positions of elements: number, name, array and key of each."""
     out: list[RecordedPosition] = []
@@ -187,7 +251,7 @@ def _transforms(points: list[list[float]]) -> FloatArray:
     return transform(np.swapaxes(turned, -1, -2), values[:, :3] * 1e-3)
 
 
-def _frame(father: str, arrays: dict[str, DataArray], path: Path) -> FloatArray | None:
+def _frame(father: str, arrays: dict[str, _Array], path: Path) -> FloatArray | None:
     """The frame of this name in the world, by the values in the file; None where it is not."""
     T = np.eye(4)
     for _ in range(_DEEPEST):
@@ -205,7 +269,7 @@ def _frame(father: str, arrays: dict[str, DataArray], path: Path) -> FloatArray 
 
 
 def _in_frames(
-    positions: list[RecordedPosition], tool: DataArray | None, path: Path
+    positions: list[RecordedPosition], tool: _Array | None, path: Path
 ) -> list[RecordedPosition]:
     """Poses with the tool of the project, where it is on the flange."""
     element = tool.elements.get(0) if tool is not None and tool.type == "tool" else None
@@ -215,13 +279,13 @@ def _in_frames(
     return [replace(p, T_tip_tool=T_tip_tool) if p.shown_deg is None else p for p in positions]
 
 
-def _value(element: Element, name: str, label: str, path: Path) -> float:
+def _value(element: Node, name: str, label: str, path: Path) -> float:
     text = element.attributes.get(name, "0")
     read = millimetres if name in ("x", "y", "z") else joint_deg
     return read(text, f"{label}: {name}", path, element.line)
 
 
-def _configuration(element: Element, label: str, path: Path) -> StaubliConfiguration | None:
+def _configuration(element: Node, label: str, path: Path) -> StaubliConfiguration | None:
     words = [element.attributes.get(name, "") for name in _CONFIG]
     if not all(words) or any(word.endswith("same") for word in words):
         return None

@@ -162,6 +162,11 @@ def test_five_thousand_damaged_programs(name: str, form: str) -> None:
 
 FREE = {
     "fanuc-ls": r'!.*|"[^"]*"|/PROG.*|MEASURE|MNEDITOR',
+    "ur-script": r'#.*|"[^"]*"',
+    "staubli-val3": r'//.*|<!--.*-->|"[^"]*"|MUTATED',
+    "yaskawa-jbi": r"//NAME.*|///COMM.*|'.*|MEASURE",
+    "kuka-krl": r";.*|&.*|MEASURE",
+    "abb-rapid": r'!.*|"[^"]*"|MEASURE',
 }
 """Comments, texts and names of the user, in which a mutant is a legal program."""
 

@@ -45,7 +45,7 @@ class Node:
 
 
 class XmlFault(Exception):
-    """A file is no XML that is read."""
+    """A file is no XML that is read: its line, what is wrong, and a hint."""
 
     def __init__(self, line: int, reason: str, hint: str) -> None:
         super().__init__(reason)
@@ -103,17 +103,17 @@ class _Builder:
         """Take the end of the file."""
 
 
+_REMARK = re.compile(r'"[^"\n]*"|//.*')
+
+
 def _without_remarks(lines: Iterator[Line]) -> Iterator[Line]:
     for line in lines:
         text = line.text
         if "//" in text:
             text = _REMARK.sub(lambda found: "" if found[0].startswith("//") else found[0], text)
-            if not text.strip():
-                continue
-        yield Line(line.row, text)
+        if text.strip():
+            yield Line(line.row, text)
 
-
-_REMARK = re.compile(r'"[^"\n]*"|//.*')
 
 LANGUAGE = Language(__package__ or "", joined=_without_remarks, letters=r"\w")
 
@@ -128,53 +128,43 @@ def statements_of(code: Node) -> list[Statement]:
 MOVES = {"movej": 1, "movel": 1, "movec": 2}
 """Functions that move the arm, with how many targets they begin."""
 
+_INDEX = re.compile(r"0*(\d{1,9})", re.ASCII)
 
-@dataclass(slots=True)
-class Names:
-    """What a statement names: functions and programs that are called, and variables."""
 
-    function: list[Tree[Token]] = field(default_factory=list)
-    routine: list[Tree[Token]] = field(default_factory=list)
-    place: list[Tree[Token]] = field(default_factory=list)
+def parts_of(statement: Statement) -> dict[str, list[Tree[Token]]]:
+    """Functions and routines that a statement calls, and places: variables that it names."""
+    found: dict[str, list[Tree[Token]]] = {"function": [], "routine": [], "place": []}
+    waiting = [statement.tree]
+    while waiting:
+        tree = waiting.pop()
+        if tree.data in found:
+            found[tree.data].append(tree)
+        waiting.extend(child for child in reversed(tree.children) if isinstance(child, Tree))
+    return found
 
-    @classmethod
-    def of(cls, statement: Statement) -> Names:
-        """In one pass, from the left."""
-        found, waiting = cls(), [statement.tree]
-        kinds = {"function": found.function, "routine": found.routine, "place": found.place}
-        while waiting:
-            tree = waiting.pop()
-            if tree.data in kinds:
-                kinds[tree.data].append(tree)
-            waiting.extend(child for child in reversed(tree.children) if isinstance(child, Tree))
-        return found
 
-    def targets(self) -> Iterator[Tree[Token]]:
-        """What the statement moves to."""
-        for function in self.function:
-            most = MOVES.get(name_of(function).lower(), 0)
-            yield from arguments_of(function)[:most]
+def targets_of(functions: list[Tree[Token]]) -> Iterator[tuple[str, str]]:
+    """Variables that calls move to: name, and index; see :func:`index_of`."""
+    for function in functions:
+        for target in arguments_of(function)[: MOVES.get(name_of(function).lower(), 0)]:
+            if target.data == "place":
+                yield name_of(target), index_of(target)
 
 
 def name_of(tree: Tree[Token]) -> str:
-    """Name of a function, program or variable; with its library before a colon."""
+    """Name of a function, program or variable, with its library before a colon."""
     first, *more = tree.children[:2]
     own = [str(child) for child in more if isinstance(child, Token) and child.type == "NAME"]
     return ":".join([str(first), *own])
 
 
 def arguments_of(tree: Tree[Token]) -> list[Tree[Token]]:
-    """Arguments of a call."""
+    """Arguments of a call, or indices of a variable."""
     return [child for child in tree.children if isinstance(child, Tree)]
 
 
 def index_of(place: Tree[Token]) -> str:
-    """Index of a variable: 0 without one, empty where it is computed."""
-    index = next((child for child in place.children if isinstance(child, Tree)), None)
-    if index is None:
-        return "0"
-    found = _INDEX.fullmatch(text_of(index))
-    return found[1] if found else ""
-
-
-_INDEX = re.compile(r"0*(\d{1,9})", re.ASCII)
+    """First index of a variable: 0 without one, empty where it is computed."""
+    indices = arguments_of(place)
+    found = _INDEX.fullmatch(text_of(indices[0])) if indices else None
+    return "" if indices and not found else found[1] if found else "0"

@@ -50,29 +50,8 @@ from calib.errors import FileFormatError
 from posedesign.programs.language import Block, block_faults, text_of
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Level, Problem
-from posedesign.programs.staubli_val3.project import (
-    MOVES,
-    Names,
-    Node,
-    XmlFault,
-    arguments_of,
-    index_of,
-    name_of,
-    parse_xml,
-    statements_of,
-)
-from posedesign.programs.staubli_val3.words import (
-    ELEMENTS,
-    FORMS,
-    FUNCTIONS,
-    JOINT_TARGETS,
-    KEYWORDS,
-    LIMITS,
-    PREDEFINED,
-    TARGETS,
-    VALUES,
-    XSI_TYPE,
-)
+from posedesign.programs.staubli_val3 import project, words
+from posedesign.programs.staubli_val3.project import Node, arguments_of, index_of, name_of
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check."""
@@ -80,11 +59,10 @@ MOST_PROBLEMS = 1000
 _OLD_ROOTS = ("{DataNameSpace}dataList", "{ProjectNameSpace}project")
 _OLD_PROGRAMS = "{ProgramNameSpace}programList"
 _SPACE = re.compile(r"\{http://www\.staubli\.com/robotics/VAL3/(?:Data|Project|Program|Param)/\d\}")
-_DECLARATION = re.compile(
-    rb"""<\?xml version=.1\.[01]. encoding=.(utf-8|us-ascii|iso-8859-1). ?\?>""", re.I
-)
+_HEAD = re.compile(rb"<\?xml version=.1\.[01]. encoding=.(utf-8|us-ascii|iso-8859-1). ?\?>", re.I)
 _XSI = b'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
 _LENGTH = 15
+_WHOLE = re.compile(r"\d{1,6}", re.ASCII)
 _KEY = re.compile(r"\d{1,6}(?:,\d{1,6}){0,2}", re.ASCII)
 _NUMBER = re.compile(r"-?\d{1,9}(?:\.\d{0,20})?(?:[eE][-+]?\d{1,3})?", re.ASCII)
 _FATHER = re.compile(r"(?:([A-Za-z]\w{0,99}):)?([A-Za-z]\w{0,99})\[\d{1,4}\]", re.ASCII)
@@ -101,10 +79,10 @@ _BLOCKS = {
 def check_staubli_val3(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file, at most 1000; none is a good file. Never fails."""
     try:
-        root = parse_xml(data)
-    except XmlFault as fault:
+        root = project.parse_xml(data)
+    except project.XmlFault as fault:
         return [Problem(fault.line, "xml", fault.reason)]
-    if b"<?" in data[:8] and not _DECLARATION.search(data[:200]):
+    if b"<?" in data[:8] and not _HEAD.search(data[:200]):
         return [Problem(1, "xml", f"begins with {data[:40]!a}")]
     if b"xmlns:xsi=" in data[:1000] and _XSI not in data[:1000]:
         return [Problem(root.line, "root", "xsi is none of the namespaces of VAL 3")]
@@ -112,25 +90,21 @@ def check_staubli_val3(data: bytes, path: Path) -> list[Problem]:
 
 
 def _check(root: Node, path: Path) -> Iterator[Problem]:
-    if root.tag in _OLD_ROOTS:
-        return
+    suffix = path.suffix.lower() if path.suffix.lower() in words.ELEMENTS else ".dtx"
+    expected = next(iter(words.ELEMENTS[suffix]))
     if root.tag == _OLD_PROGRAMS:
         yield from _check_code(root, path)
-        return
-    suffix = path.suffix.lower() if path.suffix.lower() in ELEMENTS else ".dtx"
-    expected = next(iter(ELEMENTS[suffix]))
-    if root.name != expected or not _SPACE.match(root.tag):
+    elif root.name == expected and _SPACE.match(root.tag):
+        yield from _check_elements(root, words.ELEMENTS[suffix])
+        special = {".dtx": _check_data, ".pjx": _check_project, ".pgx": _check_programs}
+        yield from special[suffix](root, path)
+    elif root.tag not in _OLD_ROOTS:
         yield Problem(root.line, "root", f"{root.tag[:80]!a} is not {expected} of VAL 3")
-        return
-    yield from _check_elements(root, ELEMENTS[suffix])
-    yield from {".dtx": _check_data, ".pjx": _check_project, ".pgx": _check_programs}[suffix](
-        root, path
-    )
 
 
-def _level(word: str, known: Collection[str]) -> Level:
+def _level(word: str, known: Collection[str], alike: float = 0.7) -> Level:
     """Error where a word is nearly a known one: it may otherwise be of a library or newer."""
-    return "error" if difflib.get_close_matches(word, known, 1, 0.7) else "note"
+    return "error" if difflib.get_close_matches(word, known, 1, alike) else "note"
 
 
 def _check_elements(root: Node, elements: dict[str, tuple[str, str]]) -> Iterator[Problem]:
@@ -168,54 +142,51 @@ def _names(known: str) -> dict[str, bool]:
 
 def _check_attributes(node: Node, known: str, label: str) -> Iterator[Problem]:
     names = _names(known)
-    for name, needed in names.items():
-        if needed and name not in node.attributes:
-            yield Problem(node.line, "attributes", f"{label[:40]}: {name} is missing")
+    for name in [name for name, needed in names.items() if needed and name not in node.attributes]:
+        yield Problem(node.line, "attributes", f"{label[:40]}: {name[-40:]} is missing")
     for name, text in node.attributes.items():
         said = f"{label[:40]}: {name[-40:]} is {text[:30]!a}"
         if name not in names:
             # of a position all are known
-            level = "error" if names.keys() & LIMITS.keys() else _level(name, names)
+            level = "error" if names.keys() & words.LIMITS.keys() else _level(name, names)
             yield Problem(node.line, "attributes", f"{said}, of no meaning", level)
-        elif name in LIMITS:
-            if not _NUMBER.fullmatch(text):
-                yield Problem(node.line, "number", f"{said}, not a plain number")
-            elif not abs(float(text)) <= LIMITS[name]:
-                yield Problem(node.line, "range", said)
-        elif name in FORMS and not re.fullmatch(FORMS[name], text, re.ASCII):
+        elif name in words.FORMS and not re.fullmatch(words.FORMS[name], text, re.ASCII):
             yield Problem(node.line, "attributes", said)
+        elif name in words.LIMITS and not _NUMBER.fullmatch(text):
+            yield Problem(node.line, "number", f"{said}, not a plain number")
+        elif name in words.LIMITS and not abs(float(text)) <= words.LIMITS[name]:
+            yield Problem(node.line, "range", said)
 
 
 def _check_array(array: Node) -> Iterator[Problem]:
     """Type, size and values of data, a field, a local or a parameter."""
     name, kind = array.get("name")[:40], array.get("type")
-    own = kind not in VALUES and kind not in ("joint", "point")
-    if own and not any(value.children for value in array.children):
+    known = kind in words.VALUES or kind in ("joint", "point")
+    if not known and not any(value.children for value in array.children):
         reason = f"{name} is of type {kind[:30]!a}"
-        yield Problem(array.line, "data-type", reason, _level(kind, VALUES))
-    if array.get(XSI_TYPE) == "collection":
+        yield Problem(array.line, "data-type", reason, _level(kind, words.VALUES))
+    size = re.fullmatch(words.FORMS["size"], array.attributes.get("size", "1"), re.ASCII)
+    if array.get(words.XSI_TYPE) == "collection" or not size:
         return
-    size = re.fullmatch(FORMS["size"], array.attributes.get("size", "1"), re.ASCII)
-    bounds = [int(text) for text in size[0].split()] if size else []
-    known = "key! " + VALUES.get(kind, "")
+    bounds = [int(text) for text in size[0].split()]
     seen: set[str] = set()
     for value in array.children:
-        key = value.get("key")
+        key, text = value.get("key"), value.get("value")
         label = f"{name}[{key[:20]}]"
-        parts = [int(text) for text in key.split(",")] if _KEY.fullmatch(key) else []
+        parts = [int(part) for part in key.split(",")] if _KEY.fullmatch(key) else []
         inside = len(parts) == len(bounds) and all(map(operator.lt, parts, bounds))
-        if size and (not inside or key in seen):
+        if not inside or key in seen:
             yield Problem(value.line, "keys", f"{label} is none of {size[0]}, or there twice")
         seen.add(key)
-        if not own:
-            yield from _check_attributes(value, known, label)
-        text = value.get("value")
+        if known:
+            yield from _check_attributes(value, "key! " + words.VALUES.get(kind, ""), label)
         if kind == "num" and text and not _NUMBER.fullmatch(text):
             yield Problem(value.line, "number", f"{label} is {text[:30]!a}, not a plain number")
         if kind == "bool" and text not in ("", "true", "false"):
             yield Problem(value.line, "attributes", f"{label} is {text[:30]!a}")
-    if kind in JOINT_TARGETS and len(bounds) == 1 and len(array.children) < bounds[0]:
-        reason = f"{name} has {len(array.children)} positions, its size is {bounds[0]}"
+    count = len(array.children)
+    if kind in words.JOINT_TARGETS and len(bounds) == 1 and count < bounds[0]:
+        reason = f"{name} has {count} positions, its size is {bounds[0]}"
         yield Problem(array.line, "keys", reason, "measuring")
 
 
@@ -244,8 +215,7 @@ def _check_project(root: Node, path: Path) -> Iterator[Problem]:
     for file, count in Counter(files).items():
         if count > 1:
             yield Problem(root.line, "project-files", f"{file[:40]!a} is there twice")
-        near = difflib.get_close_matches(file, beside, 1, 0.85)
-        if near and near[0] != file and file not in beside:
+        if file not in beside and _level(file, beside, 0.85) == "error":
             yield Problem(root.line, "project-files", f"{file[:40]!a} is not there")
     missing = {"start.pgx", "stop.pgx"} - set(files)
     if missing:
@@ -261,83 +231,93 @@ def _check_programs(root: Node, path: Path) -> Iterator[Problem]:
 
 
 def _check_code(root: Node, path: Path) -> Iterator[Problem]:
-    project = _Project(path, root)
+    scope = _Scope(path, root)
     for code in root.all("Code", "code"):
-        statements = statements_of(code)
+        statements = project.statements_of(code)
         kinds = [statement.kind for statement in statements]
-        ends = kinds[:1] + kinds[1:][-1:]
-        if ends != ["begin", "end"] or kinds.count("begin") + kinds.count("end") != 2:
+        if kinds[:1] + kinds[-1:] + sorted(k for k in kinds if k in ("begin", "end")) != _ENDS:
             reason = "the code does not begin with begin and end with end, once each"
             yield Problem(code.text_line, "code", reason)
         yield from block_faults(statements, _BLOCKS, "code")
-        stands, moved = True, set()
+        stands, whole, moved = True, True, set()
         for statement in statements:
             if statement.fault:
                 yield Problem(statement.row, "syntax", statement.fault)
+                whole = False
                 continue
-            names = Names.of(statement)
-            for rule, reason, level in project.faults(names):
+            parts = project.parts_of(statement)
+            for rule, reason, level in scope.faults(parts):
                 yield Problem(statement.row, rule, reason, level)
-            called = {name_of(function).lower() for function in names.function}
+            called = {name_of(function).lower() for function in parts["function"]}
             if not stands and (statement.kind == "call" or "herej" in called):
                 reason = "no waitEndMove() since the last move"
                 yield Problem(statement.row, "wait-to-measure", reason, "measuring")
-            stands = "waitendmove" in called or (stands and not called & MOVES.keys())
-            moved |= {(name_of(t), index_of(t)) for t in names.targets() if t.data == "place"}
-        own = next((name for name in ("jPose", "pPose") if name in project.known), "")
-        whole = not any(statement.fault for statement in statements)
-        if path.stem == "start" and own and "sPlan" in project.known and whole:
-            size = project.known[own][1] or 0
+            stands = "waitendmove" in called or (stands and not called & project.MOVES.keys())
+            moved |= set(project.targets_of(parts["function"]))
+        own = next((name for name in ("jPose", "pPose") if name in scope.known), "")
+        if path.stem == "start" and own and "sPlan" in scope.known and whole:
+            size = scope.known[own][1] or 0
             left = size - sum(name == own for name, _ in moved)
             if left > 0:
                 reason = f"{left} of {size} positions in {own} are never moved to"
                 yield Problem(code.text_line, "unused", reason, "measuring")
 
 
+_ENDS = ["begin", "end", "begin", "end"]
+
 Fault = tuple[str, str, Level]
 
 
-class _Project:
-    """What a program can name: data and programs of its project, its parameters and locals."""
+class _Scope:
+    """What a program can name: data and programs of its project, its parameters and locals.
+
+    Attributes
+    ----------
+    known : dict
+        Types of variables, and their sizes where they have one.
+    whole : bool
+        Whether the project is there, so that a name that is not known is wrong.
+    programs : dict
+        Numbers of arguments of the programs; None where the file is not there.
+    """
 
     def __init__(self, path: Path, root: Node) -> None:
-        self.path = path
-        self.known: dict[str, tuple[str, int | None]] = {}
-        project, data = _files_beside(path)
-        listed = [node.get("file").replace("\\", "/") for node in project.all("Program", "program")]
-        files = [Path(file) for file in listed if re.fullmatch(FORMS["file"], file, re.ASCII)]
+        listed, data = _files_beside(path)
+        files = [Path(f) for f in listed if re.fullmatch(words.FORMS["file"], f, re.ASCII)]
         self.whole = path.name in [file.name for file in files]
-        for node in [*data, *root.all("Parameter", "Local", "param", "local")]:
-            size = node.get("size")
-            whole = int(size) if re.fullmatch(r"\d{1,6}", size, re.ASCII) else None
-            self.known[node.get("name")] = node.get("type") or node.name, whole
         self.programs = {f.stem: _parameters(path.parent / f) for f in files if self.whole}
+        self.known: dict[str, tuple[str, int | None]] = {}
+        for node in [*data, *root.all("Parameter", "Local", "param", "local")]:
+            size = int(node.get("size")) if _WHOLE.fullmatch(node.get("size")) else None
+            self.known[node.get("name")] = node.get("type") or node.name, size
 
-    def faults(self, names: Names) -> Iterator[Fault]:
+    def faults(self, parts: dict[str, list[Tree[Token]]]) -> Iterator[Fault]:
         """What is wrong with the names in a statement."""
-        for function in names.function:
-            yield from self._of_function(function)
-        for routine in names.routine:
-            yield from self._of_routine(routine)
-        for place in names.place:
-            yield from self._of_place(place)
+        for kind, check in (
+            ("function", self._of_function),
+            ("routine", self._of_routine),
+            ("place", self._of_place),
+        ):
+            for tree in parts[kind]:
+                if ":" not in name_of(tree):  # else of a library
+                    yield from check(tree)
 
     def _of_function(self, function: Tree[Token]) -> Iterator[Fault]:
         name, given = name_of(function), arguments_of(function)
         word = name.lower()
-        if ":" in name or name.startswith("$"):
-            return  # of a library
-        least, most = FUNCTIONS.get(word, (0, 99))
+        if name.startswith("$"):
+            return  # of an option
+        least, most = words.FUNCTIONS.get(word, (0, 99))
         if name in self.programs:
             yield "function", f"{name[:40]} is a program, and needs a call", "error"
-        elif word not in FUNCTIONS:
-            yield "function", f"{name[:40]} is no function of VAL 3", _level(word, FUNCTIONS)
+        elif word not in words.FUNCTIONS:
+            yield "function", f"{name[:40]} is no function of VAL 3", _level(word, words.FUNCTIONS)
         elif not least <= len(given) <= most:
             takes = str(least) if least == most else f"{least} to {most}"
             yield "function", f"{name} takes {takes} arguments, not {len(given)}", "error"
-        elif word in MOVES:
-            targets = JOINT_TARGETS if word == "movej" else TARGETS
-            kinds = [targets] * MOVES[word] + [("tool",), ("mdesc",)]
+        elif word in project.MOVES:
+            targets = words.JOINT_TARGETS if word == "movej" else words.TARGETS
+            kinds = [targets] * project.MOVES[word] + [("tool",), ("mdesc",)]
             for tree, types in zip(given, kinds, strict=True):
                 kind = self._type(tree)
                 if kind and kind not in types:
@@ -355,11 +335,9 @@ class _Project:
     def _of_place(self, place: Tree[Token]) -> Iterator[Fault]:
         name = name_of(place)
         word = name.lower()
-        if ":" in name:
-            return  # of a library
-        if word in KEYWORDS or word in FUNCTIONS:
+        if word in words.KEYWORDS or word in words.FUNCTIONS:
             yield "name", f"{name[:40]} is a word of VAL 3, and no variable", "error"
-        elif name not in self.known and word not in PREDEFINED and self.whole:
+        elif name not in self.known and word not in words.PREDEFINED and self.whole:
             yield "name", f"{name[:40]} is neither in the data file nor a local", "error"
         size = self.known.get(name, ("", None))[1]
         if size is not None and int(index_of(place) or 0) >= size:
@@ -367,15 +345,10 @@ class _Project:
 
     def _of_routine(self, routine: Tree[Token]) -> Iterator[Fault]:
         name, given = name_of(routine), len(arguments_of(routine))
-        if ":" in name or not self.whole:
-            return  # of a library, or of a project that is not there
-        if name not in self.programs:
+        takes = self.programs.get(name)
+        if self.whole and takes is None:
             yield "target", f"{name[:40]} is no program of the project", "error"
-            return
-        takes = self.programs[name]
-        if takes is None:
-            yield "target", f"there is no file {name[:40]}.pgx", "error"
-        elif takes != given:
+        elif takes not in (None, given):
             yield "target", f"{name[:40]} takes {takes} arguments, not {given}", "error"
 
 
@@ -388,18 +361,19 @@ def _shown(value: Tree[Token]) -> str:
 def _parameters(path: Path) -> int | None:
     """Number of arguments of a program; None where it is not there."""
     try:
-        root = parse_xml(read_program_bytes(path))
-    except (FileFormatError, XmlFault):
+        root = project.parse_xml(read_program_bytes(path))
+    except (FileFormatError, project.XmlFault):
         return None
     return sum(1 for _ in root.all("Parameter", "param"))
 
 
-def _files_beside(path: Path) -> tuple[Node, list[Node]]:
-    """The project, and its data, where there is one file of each beside; else nothing in them."""
+def _files_beside(path: Path) -> tuple[list[str], list[Node]]:
+    """Programs of the project, and its data, where there is one file of each beside; else none."""
     try:
-        (project,), (data,) = (sorted(path.parent.glob(f"*.{end}")) for end in ("pjx", "dtx"))
-        roots = [parse_xml(read_program_bytes(file)) for file in (project, data)]
-    except (OSError, ValueError, FileFormatError, XmlFault):
-        return Node(1, "", "", {}), []
+        (listed,), (data,) = (sorted(path.parent.glob(f"*.{end}")) for end in ("pjx", "dtx"))
+        roots = [project.parse_xml(read_program_bytes(file)) for file in (listed, data)]
+    except (OSError, ValueError, FileFormatError, project.XmlFault):
+        return [], []
+    files = [node.get("file").replace("\\", "/") for node in roots[0].all("Program", "program")]
     old = [array for section in roots[1].children for array in section.children]
-    return roots[0], old if roots[1].tag in _OLD_ROOTS else list(roots[1].all("Data"))
+    return files, old if roots[1].tag in _OLD_ROOTS else list(roots[1].all("Data"))

@@ -82,6 +82,8 @@ def join_lines(lines: Iterator[Line]) -> Iterator[Line]:
     row, parts, opened, length = 0, [""], 0, 0
     for line in lines:
         code = line.text
+        if code[0] == "#":
+            continue
         if "#" in code:
             code = _QUOTED_OR_REMARK.sub(lambda found: found[1] or "", code)
         bare = _QUOTED_OR_REMARK.sub("", code) if '"' in code else code

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from lark import Tree
 
 from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.programs.kuka_krl.syntax import (
@@ -55,6 +54,12 @@ class Frames:
     base: Frame = UNKNOWN
     external_tool: bool = False
 
+    def having(self, kind: str, frame: Frame) -> Frames:
+        """These, with another ``TOOL`` or ``BASE``."""
+        if kind == "TOOL":
+            return replace(self, tool=frame)
+        return replace(self, base=frame) if kind == "BASE" else self
+
     @classmethod
     def of_fdat(cls, fields: Mapping[str, str]) -> Frames:
         """The frames that the data of an inline form name."""
@@ -73,13 +78,12 @@ class ActiveFrames:
         """Follow a statement; return whether it does nothing else than to set frames."""
         kind = statement.kind
         if kind == "call":
-            command, value = bas_of(statement)
-            if command not in ("TOOL", "BASE", "FRAMES"):
-                return False
-            for name in ("TOOL", "BASE"):
-                if command in (name, "FRAMES"):
-                    self._activate(name, _of_number(value) if command == name else UNKNOWN)
-            return True
+            command, number = bas_of(statement)
+            if command in ("TOOL", "BASE"):
+                self._activate(command, _of_number(number))
+            elif command == "FRAMES":
+                self.frames = replace(self.frames, tool=UNKNOWN, base=UNKNOWN)
+            return command in ("TOOL", "BASE", "FRAMES")
         if kind == "assignment":
             variable, value = statement.tree.children
             return self._take_assignment(key_of(variable), value)
@@ -90,8 +94,7 @@ class ActiveFrames:
         """The frames of a motion."""
         found = self.frames
         for name, _ in settings_of(statement):  # from the data of its inline form
-            if name in ("$TOOL", "$BASE"):
-                found = replace(found, **{name[1:].lower(): UNKNOWN})
+            found = found.having(name.removeprefix("$"), UNKNOWN)
         return found
 
     def _take_assignment(self, name: str, value: Node) -> bool:
@@ -99,8 +102,7 @@ class ActiveFrames:
         if whole in ("$TOOL", "$BASE"):
             self._activate(whole[1:], UNKNOWN if part else _frame(value))
         elif whole == "FDAT_ACT":
-            known = isinstance(value, Tree) and value.data == "aggregate" and not part
-            fdat = Frames.of_fdat(dict(fields_of(value))) if known else Frames()  # type: ignore[arg-type]
+            fdat = Frames.of_fdat(dict(fields_of(value)))
             self.frames = replace(self.frames, tool=fdat.tool, base=fdat.base)
         elif whole == "$IPO_MODE":
             self.frames = replace(self.frames, external_tool=str(value).upper() == "#TCP")
@@ -109,7 +111,7 @@ class ActiveFrames:
         return True
 
     def _activate(self, name: str, frame: Frame) -> None:
-        self.frames = replace(self.frames, **{name.lower(): frame})
+        self.frames = self.frames.having(name, frame)
 
     def _follow_blocks(self, kind: str) -> None:
         """What one branch sets is not known behind it."""
@@ -119,9 +121,10 @@ class ActiveFrames:
             before = self._opened[-1] if self._opened else Frames()
             if kind in _CLOSE and self._opened:
                 self._opened.pop()
-            for name in ("tool", "base"):
-                if getattr(before, name) != getattr(self.frames, name):
-                    self._activate(name, UNKNOWN)
+            if before.tool != self.frames.tool:
+                self._activate("TOOL", UNKNOWN)
+            if before.base != self.frames.base:
+                self._activate("BASE", UNKNOWN)
 
 
 def _of_number(text: str) -> Frame:
@@ -135,7 +138,7 @@ def _frame(value: Node) -> Frame:
         return _of_number(name[10:-1])
     if name == "$NULLFRAME":
         return Frame(value=np.eye(4))
-    fields = fields_of(value) if isinstance(value, Tree) and value.data == "aggregate" else []
+    fields = fields_of(value)
     values = {axis: as_number(text) for axis, text in fields}
     if len(fields) != 6 or set(values) != set(POSE) or any(map(math.isnan, values.values())):
         return UNKNOWN  # KRL leaves values that are not given as they are

@@ -42,6 +42,7 @@ from posedesign.programs.kuka_krl.syntax import (
     name_of,
     name_of_module,
     type_of,
+    word_of,
     words_of,
 )
 from posedesign.programs.language import MOST_FAULTS, Statement
@@ -213,8 +214,7 @@ class _Reader:
         row, items = statement.row, list(statement.all("item"))
         kind = type_of(statement)
         for item in items:
-            name, value = item.children[0], item.children[-1]
-            assert isinstance(name, Token)
+            name, value = str(item.children[0]), item.children[-1]
             if kind == "FDAT" and _is_aggregate(value):
                 self.fdat[name.upper()] = Frames.of_fdat(dict(fields_of(value)))
             elif kind not in TYPES_OF_POSITIONS:
@@ -225,9 +225,8 @@ class _Reader:
             elif len(item.children) == 1 == len(items) and self.is_data:
                 if _NUMBERED.fullmatch(name):
                     refuse(f"{name} has no value", self.path, row, "touch the position up")
-            elif not isinstance(value, Tree) or value.data != "index":
-                if len(item.children) > 1:
-                    refuse(f"{name}: cannot make sense of {words_of(value)[:30]!r}", self.path, row)
+            elif len(item.children) > 1 and not _is_index(value):
+                refuse(f"{name}: cannot make sense of {words_of(value)[:30]!r}", self.path, row)
 
     def _take_assignment(self, statement: Statement) -> None:
         """Add a position that is given its values; refuse what changes one in another way."""
@@ -248,11 +247,10 @@ class _Reader:
             refuse(f"cannot make sense of {statement.text[:30]!r}", self.path, statement.row)
 
     def _take_motion(self, statement: Statement) -> None:
-        word, target = statement.tree.children[:2]
-        row = statement.row
-        if word.type != "STRAIGHT" or word.upper() == "SPL":
-            reason = f"{word.upper()}: only PTP and LIN can be read"
-            refuse(reason, self.path, row, "name the .dat of the program")
+        word, target, row = word_of(statement), statement.tree.children[1], statement.row
+        if word not in ("PTP", "SPTP", "LIN", "SLIN"):
+            hint = "name the .dat of the program"
+            refuse(f"{word}: only PTP and LIN can be read", self.path, row, hint)
         if isinstance(target, Tree) and target.data == "place":
             refuse("a position with an offset cannot be read", self.path, row)
         if _is_aggregate(target):
@@ -325,6 +323,10 @@ class _Reader:
 
 def _is_aggregate(node: Node) -> TypeGuard[Tree[Token]]:
     return isinstance(node, Tree) and node.data == "aggregate"
+
+
+def _is_index(node: Node) -> bool:
+    return isinstance(node, Tree) and node.data == "index"
 
 
 def _holds_position(node: Node) -> TypeGuard[Tree[Token]]:

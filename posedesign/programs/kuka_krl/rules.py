@@ -45,12 +45,14 @@ rule                       what it asks
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
+from typing import TypeGuard
 
 from lark import Token, Tree
 
@@ -75,6 +77,7 @@ from posedesign.programs.kuka_krl.syntax import (
     name_of_module,
     settings_of,
     type_of,
+    word_of,
     words_of,
 )
 from posedesign.programs.language import Block, Statement, block_faults
@@ -88,9 +91,16 @@ MOST_LENGTH, MOST_LENGTH_OF_DATA = 119, 255
 """Characters of a line of a ``.src`` and of a ``.dat``, which the pendant writes itself."""
 
 _OF_THE_PENDANT = re.compile(
-    r"\s*(?:;\s*(?:END)?FOLD|;\s*Params|&)|.* WITH \$|DECL (?:GLOBAL )?(?:MODULEPARAM_T|\w+_SUGG_T) ",
+    r"\s*(?:;\s*(?:END)?FOLD|;\s*Params|&)|.* WITH \$"
+    r"|\s*DECL (?:GLOBAL )?(?:MODULEPARAM_T|\w+_SUGG_T) ",
     re.IGNORECASE | re.ASCII,
 )
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
 _BLOCKS = {
     "if_": Block("endif", ("else_",)),
     "for_": Block("endfor"),
@@ -101,24 +111,25 @@ _BLOCKS = {
     "spline": Block("endspline"),
 }
 _DECLARE = ("declaration", "external", "structure", "enumeration", "signal", "import_")
-_COMMANDS = frozenset(
+_COMMANDS = _words(
     """INITMOV ACC_CP ACC_PTP ACC_GLUE VEL_CP VEL_PTP TOOL BASE EX_BASE PTP_DAT CP_DAT PTP_PARAMS
-    CP_PARAMS OUT_SYNC OUT_ASYNC GROUP FRAMES""".split()
+    CP_PARAMS OUT_SYNC OUT_ASYNC GROUP FRAMES"""
 )
-_TYPES = frozenset(
+_TYPES = _words(
     """INT REAL BOOL CHAR AXIS E3AXIS E6AXIS POS E3POS E6POS FRAME LOAD INERTIA FDAT PDAT LDAT
-    BAS_COMMAND""".split()
+    BAS_COMMAND"""
 )
 _STATES = frozenset(("FDAT_ACT", "PDAT_ACT", "LDAT_ACT"))
-_ROUTINES = frozenset(("PULSE", "BAS"))
-_WORDS = frozenset(
+_WORDS = _words(
     """CASE CIRC CONFIRM CONTINUE DECL DEFAULT DEFDAT DEFFCT ELSE ENDDAT ENDFCT ENDFOR ENDIF ENDLOOP
     ENDSWITCH ENDWHILE ENUM EXIT EXTFCT FALSE GLOBAL GOTO HALT IMPORT INTERRUPT LOOP REPEAT RESUME
-    RETURN SCIRC SIGNAL SLIN SPLINE SPTP STRUC SWITCH TRIGGER TRUE UNTIL WAIT WHILE""".split()
+    RETURN SCIRC SIGNAL SLIN SPLINE SPTP STRUC SWITCH TRIGGER TRUE UNTIL WAIT WHILE"""
 )
-_SYSTEM = frozenset(
+_CALLED = _WORDS | {"BAS", "PULSE"}
+_TYPES_OR_WORDS = _TYPES | _WORDS | {"PTP", "LIN"}
+_SYSTEM = _words(
     """$OUT $TOOL $BASE $LOAD $AXIS_ACT $POS_ACT $BWDSTART $IPO_MODE $STOPMESS $NULLFRAME $ADVANCE
-    $H_POS $VEL_AXIS $ACC_AXIS""".split()
+    $H_POS $VEL_AXIS $ACC_AXIS"""
 )
 _KEPT = frozenset(("$AXIS_ACT", "$POS_ACT", "$AXIS_ACT_MEAS", "$POS_ACT_MES"))
 _CONSTANTS = ("BOOLEAN", "STRING", "ENUM")
@@ -208,22 +219,25 @@ class _Module:
                 name = str(item.children[0]).upper()
                 self.declared.setdefault(name, []).append((row, of_type))
                 value = item.children[-1]
-                if of_type in TYPES_OF_POSITIONS and isinstance(value, Tree):
-                    if value.data == "aggregate":
-                        self.aggregates.append((row, name, of_type, value))
+                if of_type in TYPES_OF_POSITIONS and _is_aggregate(value):
+                    self.aggregates.append((row, name, of_type, value))
         elif kind in ("motion", "assignment"):
             self._take_aggregate(statement)
 
     def _take_aggregate(self, statement: Statement) -> None:
         motion = statement.kind == "motion"
-        name = "" if motion else key_of(statement.tree.children[0])
+        variable = "" if motion else key_of(statement.tree.children[0])
         for value in statement.tree.children[1:]:
-            if not isinstance(value, Tree) or value.data != "aggregate":
+            if not _is_aggregate(value):
                 continue
-            names = {field for field, _ in fields_of(value)}
+            names = {name for name, _ in fields_of(value)}
             known = kind_of(value) in TYPES_OF_POSITIONS or names & {"A1", "S", "T"}
-            if motion or (known and "$" not in name):
-                self.aggregates.append((statement.row, name, kind_of(value), value))
+            if motion or (known and "$" not in variable):
+                self.aggregates.append((statement.row, variable, kind_of(value), value))
+
+
+def _is_aggregate(node: Node) -> TypeGuard[Tree[Token]]:
+    return isinstance(node, Tree) and node.data == "aggregate"
 
 
 def _companion(path: Path, module: _Module) -> tuple[_Module | None, Iterator[Problem]]:
@@ -390,41 +404,41 @@ def is_near(word: str, known: frozenset[str]) -> str:
 
 def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
     """Rules ``word``, ``call``, ``constant`` and ``routine``."""
-    known = module.names | (other.names if other else set())
-    told: set[str] = set()
-
-    def check(word: str, words: frozenset[str], row: int) -> Iterator[Problem]:
-        if word in told or word in known:
-            return
-        told.add(word)
-        near = is_near(word, words)
-        if near:
-            yield Problem(row, "word", f"{word} is no word that is known here: {near}?")
-
+    declared = module.names | (other.names if other else set())
+    told: set[tuple[str, frozenset[str]]] = set()
     for statement in module.statements:
-        row, kind = statement.row, statement.kind
-        for name in statement.words("NAME"):
-            if name[0] == "$":
-                yield from check(name.upper(), _SYSTEM, row)
-            elif name.upper() in ("NAN", "INF", "INFINITY") and name.upper() not in known:
-                yield Problem(row, "number", "NaN and infinity are no numbers of KRL")
-        if kind == "declaration":
-            words = _TYPES if statement.words("DECL", "GLOBAL", "CONST") else _TYPES | _WORDS
-            yield from check(type_of(statement), words | {"PTP", "LIN"}, row)
-        elif kind == "assignment":
-            variable, value = statement.tree.children
-            yield from check(key_of(variable), _STATES, row)
-            yield from check(key_of(value), _WORDS, row)
-        elif kind == "call":
-            yield from _check_call(statement)
-            name = key_of(statement.tree.children[0])
-            yield from check(name, _ROUTINES | _WORDS, row)
-            for argument in arguments_of(statement):
-                yield from check(key_of(argument), _WORDS, row)
-            if name not in told and name not in known | _ROUTINES:
-                told.add(name)
-                yield Problem(row, "routine", f"{name} stands in another file", "note")
+        row = statement.row
         yield from _check_constants(statement)
+        if statement.kind == "call":
+            yield from _check_call(statement)
+        for word, known in _spelt(statement):
+            if not word or word in declared or word in known or (word, known) in told:
+                continue
+            told.add((word, known))
+            near = is_near(word, known)
+            if near:
+                yield Problem(row, "word", f"{word} is no word that is known here: {near}?")
+            elif known is _CALLED:
+                yield Problem(row, "routine", f"{word} stands in another file", "note")
+
+
+def _spelt(statement: Statement) -> Iterator[tuple[str, frozenset[str]]]:
+    """Names of a statement in capitals, each with the words that it could be meant to be."""
+    for name in statement.words("NAME"):
+        if name[0] == "$":
+            yield name.upper(), _SYSTEM
+    kind = statement.kind
+    if kind == "declaration":
+        plain = statement.words("DECL", "GLOBAL", "CONST")
+        yield type_of(statement), _TYPES if plain else _TYPES_OR_WORDS
+    elif kind == "assignment":
+        variable, value = statement.tree.children
+        yield key_of(variable), _STATES
+        yield key_of(value), _WORDS
+    elif kind == "call":
+        yield key_of(statement.tree.children[0]), _CALLED
+        for argument in arguments_of(statement):
+            yield key_of(argument), _WORDS
 
 
 def _check_call(statement: Statement) -> Iterator[Problem]:
@@ -437,9 +451,10 @@ def _check_call(statement: Statement) -> Iterator[Problem]:
             yield Problem(row, "call", "BAS takes #INITMOV, #VEL_PTP or the like, and a number")
         elif len(given) == 2 and _is_constant(given[1]):
             yield Problem(row, "call", f"BAS(#{command}): {value[:20]} is no number")
-    elif name == "PULSE":
-        if len(given) not in (2, 3) or not words_of(given[0]) or _is_constant(given[-1]):
-            yield Problem(row, "call", "PULSE takes an output, its state, and a time")
+    elif name == "PULSE" and (
+        len(given) != 3 or "" in map(words_of, given) or _is_constant(given[2])
+    ):
+        yield Problem(row, "call", "PULSE takes an output, its state, and a time")
 
 
 def _is_constant(node: Node) -> bool:
@@ -447,9 +462,10 @@ def _is_constant(node: Node) -> bool:
 
 
 def _check_constants(statement: Statement) -> Iterator[Problem]:
-    if statement.kind == "wait" and not statement.text.upper().split("SEC")[0].strip("WAIT "):
-        if _is_constant(statement.tree.children[0]):
-            yield Problem(statement.row, "constant", "the time is no number")
+    if any(name.upper() in ("NAN", "INF", "INFINITY") for name in statement.words("NAME")):
+        yield Problem(statement.row, "number", "NaN and infinity are no numbers of KRL")
+    if statement.kind == "wait_sec" and _is_constant(statement.tree.children[0]):
+        yield Problem(statement.row, "constant", "the time is no number")
     for index in statement.all("index"):
         if any(_is_constant(child) for child in index.children):
             yield Problem(statement.row, "constant", "an index is no number")
@@ -495,7 +511,7 @@ def _number_fault(name: str, text: str, is_data: bool) -> tuple[str, Level]:
         fault = f"is not from 0 to {_LARGEST[name]}" if value > _LARGEST[name] else ""
         return fault, "measuring"
     number = as_number(text)
-    if number != number:  # noqa: PLR0124 - only NaN does
+    if math.isnan(number):
         plain = not is_data and not re.match(r"[-+.\d\"#']|TRUE\b|FALSE\b", text, re.IGNORECASE)
         return ("" if plain else "is not a plain number"), "error"
     if name in ("A", "B", "C") and abs(number) > 180.0:
@@ -547,18 +563,17 @@ def _check_motions(src: _Module, dat: _Module | None) -> Iterator[Problem]:
         if kind in BEGINS:
             stands, approximated = True, False  # whoever calls the routine sees to that
         elif kind == "motion":
-            word, target = statement.tree.children[:2]
+            word, target = word_of(statement), statement.tree.children[1]
             ready |= {name[1:] for name, _ in settings_of(statement)}
-            fields = names.get(_target(statement), set())
-            if isinstance(target, Tree) and target.data == "aggregate":
-                fields = {name for name, _ in fields_of(target)}
+            fields = set(names.get(_target(statement), ()))
+            fields |= {name for name, _ in fields_of(target)}
             if not moved:
-                yield from _check_first(row, str(word).upper(), fields, ready)
-            if "A1" in fields and str(word).upper() not in ("PTP", "SPTP", "PTP_REL", "SPTP_REL"):
+                yield from _check_first(row, word, fields, ready)
+            if "A1" in fields and word not in ("PTP", "SPTP", "PTP_REL", "SPTP_REL"):
                 yield Problem(row, "motion", f"{word} goes to a pose, not to joint values")
             moved, stands = True, False
             approximated = bool(statement.word("APPROXIMATION"))
-        elif kind in ("wait", "halt"):
+        elif kind in ("wait_sec", "wait_for", "halt"):
             stands = True
         elif kind == "call":
             command, _ = bas_of(statement)
@@ -601,9 +616,8 @@ def _check_settings(src: _Module) -> Iterator[Problem]:
         if statement.kind == "call":
             command, text = bas_of(statement)
             value = as_number(text)
-            if command in ("VEL_PTP", "ACC_PTP", "PTP_PARAMS") and not (
-                value != value or 1 <= value <= 100  # noqa: PLR0124 - only NaN does
-            ):
+            of_ptp = command in ("VEL_PTP", "ACC_PTP", "PTP_PARAMS")
+            if of_ptp and not (math.isnan(value) or 1 <= value <= 100):
                 yield Problem(row, "speed", f"{command} {text}: not from 1 to 100 percent")
             elif command in ("TOOL", "BASE"):
                 yield from _check_frame(row, command, text)
@@ -614,10 +628,8 @@ def _check_settings(src: _Module) -> Iterator[Problem]:
                 continue
             if name.startswith(("TOOL_DATA[", "BASE_DATA[")):
                 yield from _check_frame(row, name[:4], name[10:-1])
-            elif isinstance(given, Tree) and given.data == "aggregate":
-                fields = fields_of(given)
-                numbers = [as_number(text) for _, text in fields]
-                if sorted(n for n, _ in fields) != sorted(POSE) or numbers != numbers[:]:
+            elif _is_aggregate(given):
+                if sorted(axis for axis, _ in fields_of(given)) != sorted(POSE):
                     reason = f"${key} has not X Y Z A B C: the others stay as they are"
                     yield Problem(row, "frame-value", reason, "measuring")
 

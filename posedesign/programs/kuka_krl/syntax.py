@@ -81,11 +81,11 @@ def key_of(node: Node) -> str:
     return name_of(node).upper()
 
 
-def fields_of(aggregate: Tree[Token]) -> list[tuple[str, str]]:
-    """Names in capitals and values as text of what stands between braces."""
+def fields_of(node: Node) -> list[tuple[str, str]]:
+    """Names in capitals and values as text of what stands between braces; none of another node."""
     names: list[str] = []
     values: list[str] = []
-    for child in aggregate.children:
+    for child in node.children if isinstance(node, Tree) and node.data == "aggregate" else ():
         if not isinstance(child, Tree) and child.type == "FIELD":
             names.append(child.upper())
             values.append("")
@@ -108,7 +108,8 @@ def as_number(text: str) -> float:
 
 def arguments_of(statement: Statement) -> list[Node]:
     """What a call is given; empty brackets are none."""
-    found = list(statement.tree.children[1].children)
+    brackets = statement.tree.children[1]
+    found = list(brackets.children) if isinstance(brackets, Tree) else []
     return [] if len(found) == 1 and words_of(found[0]) == "" else found
 
 
@@ -140,3 +141,8 @@ def kind_of(node: Node) -> str:
 def name_of_module(begin: Statement) -> str:
     """Name of the module or routine that a statement begins."""
     return next(str(child) for child in begin.tree.children if name_of(child))
+
+
+def word_of(motion: Statement) -> str:
+    """The word of a motion, in capitals: ``PTP``, ``LIN_REL``."""
+    return words_of(motion.tree.children[0]).upper()

@@ -32,6 +32,7 @@ MOST_LENGTH = 20_000
 """Characters of a statement that is parsed: of programs they have a few hundred at most."""
 
 _MOST_SHAPES = 2000
+_MOST_KEPT = 100
 _MOST_DEPTH = 60
 
 _LINE = re.compile(r"[^\s][^\n]*")
@@ -164,6 +165,7 @@ class Language:
     signed: bool = False
     letters: str = ""
     _builders: dict[str, Build] = field(default_factory=dict, repr=False)
+    _trees: dict[tuple[str, str], Tree[Token]] = field(default_factory=dict, repr=False)
 
     @cached_property
     def parser(self) -> Lark:
@@ -205,6 +207,9 @@ class Language:
     def statement(self, line: Line, rule: str = "") -> Statement:
         """The statement of one line; by another rule than `start` where one is named."""
         rule = rule or self.start
+        same = self._trees.get((rule, line.text))
+        if same is not None:
+            return Statement(line.row, line.text, same)
         if len(line.text) > MOST_LENGTH:
             fault = f"{len(line.text)} characters in one statement"
             return Statement(line.row, line.text[:100], NOTHING, fault)
@@ -234,7 +239,12 @@ class Language:
                 self._builders.clear()
             build = _builder(tree, spans) or (lambda slots: tree)
             self._builders[shape] = build
-        return Statement(line.row, line.text, build(slots))
+        tree = build(slots)
+        if len(line.text) <= _MOST_KEPT:
+            if len(self._trees) >= _MOST_SHAPES:
+                self._trees.clear()
+            self._trees[rule, line.text] = tree
+        return Statement(line.row, line.text, tree)
 
 
 def _depth(text: str) -> int:
@@ -277,7 +287,7 @@ def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build |
     if first == last:
         return None
     if spans[first:last] == [(start, end)]:
-        return lambda slots: Token(kind, slots[first])
+        return lambda slots: _token(kind, slots[first])
     edges = [start, *(edge for span in spans[first:last] for edge in span), end]
     fixed = [text[a - start : b - start] for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
@@ -285,9 +295,16 @@ def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build |
         parts = [fixed[0]]
         for slot, rest in zip(slots[first:last], fixed[1:], strict=True):
             parts += [slot, rest]
-        return Token(kind, "".join(parts))
+        return _token(kind, "".join(parts))
 
     return build
+
+
+def _token(kind: str, text: str) -> Token:
+    """A token that does not know where it stands: half the time of making one that does."""
+    token = str.__new__(Token, text)
+    token.type, token.value = kind, text
+    return token
 
 
 def _fault(text: str, error: UnexpectedInput, parser: Lark) -> str:

@@ -39,14 +39,15 @@ _LINE = re.compile(r"[^\s][^\n]*")
 _FORM_OF_PIECES = r"""("[^"\n]*")
     | ([ \t\r]{2,}|[\t\r])
     | SIGN(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?![\w.])
-    | (?<=[A-Za-z_])\d+(?![\w.])"""
+    | (?<=[A-Za-z_])(?!(?<=\W[AEJaej])\d\b)\d+(?![\w.])"""
 
 _PIECE, _SIGNED_PIECE = (
     re.compile(_FORM_OF_PIECES.replace("SIGN", sign), re.ASCII | re.VERBOSE)
     for sign in ("", r"(?:(?:(?<=[\[(,=])|(?<=[\[(,=]\ ))-)?")
 )
-"""Texts in quotes, runs of blanks, numbers, and numbers behind a name: ``XP12``. A minus sign
-behind a bracket, a comma or an equals sign belongs to the number where a language says so."""
+"""Texts in quotes, runs of blanks, numbers, and numbers behind a name: ``XP12``, but for joints,
+``A1``, which are few. A minus sign behind a bracket, a comma or an equals sign belongs to the
+number where a language says so."""
 
 _FORM = re.compile(r"\d+")
 
@@ -288,6 +289,9 @@ def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build |
         return None
     if spans[first:last] == [(start, end)]:
         return lambda slots: _token(kind, slots[first])
+    if last == first + 1 and spans[first][1] == end:
+        head = text[: spans[first][0] - start]
+        return lambda slots: _token(kind, head + slots[first])
     edges = [start, *(edge for span in spans[first:last] for edge in span), end]
     fixed = [text[a - start : b - start] for a, b in zip(edges[::2], edges[1::2], strict=True)]
 

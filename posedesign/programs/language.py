@@ -39,7 +39,7 @@ _LINE = re.compile(r"[^\s][^\n]*")
 _FORM_OF_PIECES = r"""("[^"\n]*")
     | ([ \t\r]{2,}|[\t\r])
     | SIGN(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?![\w.])
-    | (?<=[A-Za-z_])(?!(?<=\W[AEJaej])\d\b)\d+(?![\w.])"""
+    | (?<=[A-Za-z_])(?!(?<=[AEJaej])(?<!\w[AEJaej])\d\b)\d+(?![\w.])"""
 
 _PIECE, _SIGNED_PIECE = (
     re.compile(_FORM_OF_PIECES.replace("SIGN", sign), re.ASCII | re.VERBOSE)

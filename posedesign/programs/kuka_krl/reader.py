@@ -37,6 +37,7 @@ from posedesign.programs.kuka_krl.syntax import (
     TYPES_OF_POSITIONS,
     Node,
     fields_of,
+    items_of,
     key_of,
     kind_of,
     name_of,
@@ -211,7 +212,7 @@ class _Reader:
             self._check_no_position(statement)
 
     def _take_declaration(self, statement: Statement) -> None:
-        row, items = statement.row, list(statement.all("item"))
+        row, items = statement.row, items_of(statement)
         kind = type_of(statement)
         for item in items:
             name, value = str(item.children[0]), item.children[-1]

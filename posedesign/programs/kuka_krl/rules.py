@@ -72,6 +72,7 @@ from posedesign.programs.kuka_krl.syntax import (
     as_number,
     bas_of,
     fields_of,
+    items_of,
     key_of,
     kind_of,
     name_of_module,
@@ -125,6 +126,7 @@ _WORDS = _words(
     ENDSWITCH ENDWHILE ENUM EXIT EXTFCT FALSE GLOBAL GOTO HALT IMPORT INTERRUPT LOOP REPEAT RESUME
     RETURN SCIRC SIGNAL SLIN SPLINE SPTP STRUC SWITCH TRIGGER TRUE UNTIL WAIT WHILE"""
 )
+_BAS = frozenset(("BAS",))
 _CALLED = _WORDS | {"BAS", "PULSE"}
 _TYPES_OR_WORDS = _TYPES | _WORDS | {"PTP", "LIN"}
 _SYSTEM = _words(
@@ -132,6 +134,29 @@ _SYSTEM = _words(
     $H_POS $VEL_AXIS $ACC_AXIS"""
 )
 _KEPT = frozenset(("$AXIS_ACT", "$POS_ACT", "$AXIS_ACT_MEAS", "$POS_ACT_MES"))
+_GLOBALS = frozenset(
+    (
+        "FDAT_ACT",
+        "PDAT_ACT",
+        "LDAT_ACT",
+        "XHOME",
+        "HOME",
+        "FHOME",
+        "PDEFAULT",
+        "TOOL_DATA",
+        "BASE_DATA",
+        "LOAD_DATA",
+        "SVEL_JOINT",
+        "STOOL",
+        "SBASE",
+        "SLOAD",
+        "SACC_JOINT",
+        "SAPO_PTP",
+        "SIPO_MODE",
+        "SGEAR_JERK",
+        "USE_CM_PRO_VALUES",
+    )
+)
 _CONSTANTS = ("BOOLEAN", "STRING", "ENUM")
 _LARGEST = {"S": 31, "T": 63}
 
@@ -172,13 +197,21 @@ class _Module:
     aggregates: list[tuple[int, str, str, Tree[Token]]] = field(default_factory=list)
     """Positions between braces: line, variable, type, tree."""
 
+    kinds: dict[str, list[Statement]] = field(default_factory=dict)
+
     @classmethod
     def of(cls, data: bytes) -> _Module:
         text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")  # any byte is a character
         module = cls(text, LANGUAGE.statements(text))
         for statement in module.statements:
+            module.kinds.setdefault(statement.kind, []).append(statement)
             module._take(statement)
         return module
+
+    def of_kind(self, *kinds: str) -> Iterator[Statement]:
+        """Statements of these kinds, one kind behind the other."""
+        for kind in kinds:
+            yield from self.kinds.get(kind, ())
 
     @cached_property
     def begins(self) -> list[Statement]:
@@ -206,16 +239,17 @@ class _Module:
     def names(self) -> set[str]:
         """All that is declared here: variables, types, routines and their parameters."""
         found = set(self.declared)
-        for statement in self.statements:
-            if statement.kind in BEGINS or statement.kind in _DECLARE[1:]:
-                found.update(map(str.upper, statement.words("NAME")))
+        for statement in self.of_kind(*BEGINS, *_DECLARE[2:]):
+            found.update(map(str.upper, statement.words("NAME")))
+        for statement in self.of_kind("external"):
+            found.add(key_of(_own_name(statement)))
         return found
 
     def _take(self, statement: Statement) -> None:
         kind, row = statement.kind, statement.row
         if kind == "declaration":
             of_type = type_of(statement)
-            for item in statement.all("item"):
+            for item in items_of(statement):
                 name = str(item.children[0]).upper()
                 self.declared.setdefault(name, []).append((row, of_type))
                 value = item.children[-1]
@@ -236,6 +270,11 @@ class _Module:
                 self.aggregates.append((statement.row, variable, kind_of(value), value))
 
 
+def _own_name(external: Statement) -> Token:
+    """Name of the routine that is declared."""
+    return next(child for child in external.tree.children if isinstance(child, Token))
+
+
 def _is_aggregate(node: Node) -> TypeGuard[Tree[Token]]:
     return isinstance(node, Tree) and node.data == "aggregate"
 
@@ -251,6 +290,8 @@ def _companion(path: Path, module: _Module) -> tuple[_Module | None, Iterator[Pr
         except FileFormatError as error:
             return None, _measuring(1, "companion", f"{name.name}: {error.message}")
         mine, its = module.name.upper(), other.name.upper()
+        if not mine or not its:
+            return None, iter(())
         if mine != its or module.is_data == other.is_data:
             reason = f"{name.name} is the module {its[:40]!a}, not the other file of {mine[:40]!a}"
             return None, _measuring(1, "companion", reason)
@@ -370,7 +411,7 @@ def _check_unique(module: _Module) -> Iterator[Problem]:
         seen: set[str] = set()
         for statement in routine:
             if statement.kind == "declaration":
-                names = [str(item.children[0]).upper() for item in statement.all("item")]
+                names = [str(item.children[0]).upper() for item in items_of(statement)]
             elif statement.kind == "external":
                 names = ["EXT " + statement.word("NAME").upper()]
             elif statement.kind == "assignment" and module.is_data:
@@ -378,6 +419,8 @@ def _check_unique(module: _Module) -> Iterator[Problem]:
             else:
                 continue
             for name in names:
+                if name in _TYPES:
+                    yield Problem(statement.row, "word", f"{name} is a type, no name")
                 if name in seen:
                     label = name.removeprefix("EXT ").removeprefix("=")
                     yield Problem(statement.row, "unique", f"{label} is defined twice")
@@ -386,20 +429,21 @@ def _check_unique(module: _Module) -> Iterator[Problem]:
 
 def is_near(word: str, known: frozenset[str]) -> str:
     """The known word that differs in one letter, or by two that are swapped; empty for none."""
-    if len(word) < 3 or word in known:
-        return ""
-    letters = "ABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789$"
-    cuts = [(word[:k], word[k:]) for k in range(len(word) + 1)]
-    for left, right in cuts:
-        for made in (
-            left + right[1:],
-            left + right[1:2] + right[:1] + right[2:],
-            *(left + letter + right for letter in letters),
-            *(left + letter + right[1:] for letter in letters if right),
-        ):
-            if made in known:
-                return made
+    for other in known:
+        if abs(len(other) - len(word)) > 1 or len(other) < 3:
+            continue
+        left, right = _behind_same(word, other)
+        left, right = _behind_same(left[::-1], right[::-1])
+        if max(len(left), len(right)) == 1 or (len(left) == 2 and left == right[::-1]):
+            return other
     return ""
+
+
+def _behind_same(one: str, other: str) -> tuple[str, str]:
+    """What is left of two texts behind the characters that they begin with both."""
+    pairs = zip(one, other, strict=False)
+    same = next((k for k, (a, b) in enumerate(pairs) if a != b), min(len(one), len(other)))
+    return one[same:], other[same:]
 
 
 def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
@@ -408,9 +452,15 @@ def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
     told: set[tuple[str, frozenset[str]]] = set()
     for statement in module.statements:
         row = statement.row
-        yield from _check_constants(statement)
+        yield from _check_constants(statement, module.is_data)
         if statement.kind == "call":
             yield from _check_call(statement)
+        elif statement.kind == "external":
+            is_bas = key_of(_own_name(statement)) == "BAS"
+            if not is_bas and "BAS_COMMAND" in statement.text.upper():
+                yield Problem(row, "word", "what takes a BAS_COMMAND is BAS")
+        if statement.kind == "declaration" and type_of(statement).startswith("DECL"):
+            yield Problem(row, "word", "no blank behind DECL")
         for word, known in _spelt(statement):
             if not word or word in declared or word in known or (word, known) in told:
                 continue
@@ -424,21 +474,29 @@ def _check_words(module: _Module, other: _Module | None) -> Iterator[Problem]:
 
 def _spelt(statement: Statement) -> Iterator[tuple[str, frozenset[str]]]:
     """Names of a statement in capitals, each with the words that it could be meant to be."""
-    for name in statement.words("NAME"):
-        if name[0] == "$":
-            yield name.upper(), _SYSTEM
     kind = statement.kind
     if kind == "declaration":
         plain = statement.words("DECL", "GLOBAL", "CONST")
         yield type_of(statement), _TYPES if plain else _TYPES_OR_WORDS
+    elif kind == "external":
+        types = [words_of(child.children[0]).upper() for child in statement.all("type")]
+        yield from ((name, _TYPES) for name in types)
     elif kind == "assignment":
         variable, value = statement.tree.children
-        yield key_of(variable), _STATES
-        yield key_of(value), _WORDS
+        yield _base_of(variable), _STATES
+        yield _base_of(value), _WORDS
     elif kind == "call":
         yield key_of(statement.tree.children[0]), _CALLED
         for argument in arguments_of(statement):
-            yield key_of(argument), _WORDS
+            yield _base_of(argument), _WORDS
+    for name in statement.words("NAME"):
+        if name[0] == "$":
+            yield name.upper(), _SYSTEM
+
+
+def _base_of(node: Node) -> str:
+    """The variable in capitals, without indices and components."""
+    return re.split(r"[\[.]", key_of(node))[0]
 
 
 def _check_call(statement: Statement) -> Iterator[Problem]:
@@ -451,8 +509,13 @@ def _check_call(statement: Statement) -> Iterator[Problem]:
             yield Problem(row, "call", "BAS takes #INITMOV, #VEL_PTP or the like, and a number")
         elif len(given) == 2 and _is_constant(given[1]):
             yield Problem(row, "call", f"BAS(#{command}): {value[:20]} is no number")
+    elif given and words_of(given[0]).upper().lstrip("# ") in _COMMANDS and is_near(name, _BAS):
+        yield Problem(row, "word", f"{name} is no word that is known here: BAS?")
     elif name == "PULSE" and (
-        len(given) != 3 or "" in map(words_of, given) or _is_constant(given[2])
+        len(given) != 3
+        or "" in map(words_of, given)
+        or _is_constant(given[2])
+        or key_of(given[0]).endswith("[]")
     ):
         yield Problem(row, "call", "PULSE takes an output, its state, and a time")
 
@@ -461,7 +524,7 @@ def _is_constant(node: Node) -> bool:
     return isinstance(node, Token) and node.type in _CONSTANTS
 
 
-def _check_constants(statement: Statement) -> Iterator[Problem]:
+def _check_constants(statement: Statement, is_data: bool) -> Iterator[Problem]:
     if any(name.upper() in ("NAN", "INF", "INFINITY") for name in statement.words("NAME")):
         yield Problem(statement.row, "number", "NaN and infinity are no numbers of KRL")
     if statement.kind == "wait_sec" and _is_constant(statement.tree.children[0]):
@@ -469,6 +532,11 @@ def _check_constants(statement: Statement) -> Iterator[Problem]:
     for index in statement.all("index"):
         if any(_is_constant(child) for child in index.children):
             yield Problem(statement.row, "constant", "an index is no number")
+    if is_data and statement.kind == "declaration" and type_of(statement) != "CHAR":
+        for item in items_of(statement):
+            size = item.children[1] if len(item.children) > 1 else None
+            if isinstance(size, Tree) and size.data == "index" and not size.children:
+                yield Problem(statement.row, "constant", "the size of the array is missing")
     if statement.kind == "assignment":
         variable, value = statement.tree.children
         if key_of(variable).endswith("[]") and not (
@@ -531,19 +599,18 @@ def _check_use(dat: _Module, src: _Module | None) -> Iterator[Problem]:
 
 
 def _check_targets(src: _Module, dat: _Module | None) -> Iterator[Problem]:
+    """Rule ``position-defined``: of all variables, where a program has its data beside it."""
     if dat is None:
         return
-    known = src.names | dat.names
-    for statement in src.statements:
-        wanted = _target(statement)
-        if statement.kind == "assignment" and key_of(statement.tree.children[0]) in _STATES:
-            wanted = key_of(statement.tree.children[1])
-        name = re.split(r"[\[.]", wanted)[0]
-        if name and name not in known and name not in ("FHOME", "PDEFAULT"):
-            # it may be global, of a file that is not here
-            yield Problem(
-                statement.row, "position-defined", f"{name[:40]} is not defined", "measuring"
-            )
+    known = {*src.names, *dat.names, *_GLOBALS}
+    for statement in src.of_kind("motion", "assignment", "call"):
+        names = statement.words("NAME")[statement.kind == "call" :]
+        for name in names:
+            if name[0] != "$" and name.upper() not in known:
+                # it may be global, of a file that is not here
+                known.add(name.upper())
+                reason = f"{name[:40]} is not defined"
+                yield Problem(statement.row, "position-defined", reason, "measuring")
 
 
 def _check_motions(src: _Module, dat: _Module | None) -> Iterator[Problem]:
@@ -611,7 +678,7 @@ def _check_first(row: int, word: str, fields: set[str], ready: set[str]) -> Iter
 
 def _check_settings(src: _Module) -> Iterator[Problem]:
     """Rules ``speed`` and ``frame-value``."""
-    for statement in src.statements:
+    for statement in src.of_kind("call", "assignment"):
         row = statement.row
         if statement.kind == "call":
             command, text = bas_of(statement)
@@ -626,12 +693,13 @@ def _check_settings(src: _Module) -> Iterator[Problem]:
             key, name = key_of(variable)[1:], key_of(given)
             if key not in ("TOOL", "BASE"):
                 continue
+            if isinstance(given, Tree) and any(map(_is_constant, given.children)):
+                yield Problem(row, "frame-value", f"${key} has a value that is no number")
             if name.startswith(("TOOL_DATA[", "BASE_DATA[")):
                 yield from _check_frame(row, name[:4], name[10:-1])
-            elif _is_aggregate(given):
-                if sorted(axis for axis, _ in fields_of(given)) != sorted(POSE):
-                    reason = f"${key} has not X Y Z A B C: the others stay as they are"
-                    yield Problem(row, "frame-value", reason, "measuring")
+            elif _is_aggregate(given) and {axis for axis, _ in fields_of(given)} != set(POSE):
+                reason = f"${key} has not X Y Z A B C: the others stay as they are"
+                yield Problem(row, "frame-value", reason, "measuring")
 
 
 def _check_frame(row: int, kind: str, text: str) -> Iterator[Problem]:
@@ -646,17 +714,14 @@ def _check_frame(row: int, kind: str, text: str) -> Iterator[Problem]:
 
 def _check_bounds(module: _Module, dat: _Module, src: _Module) -> Iterator[Problem]:
     sizes: dict[str, int] = {}
-    for statement in [*dat.statements, *src.statements]:
-        if statement.kind == "declaration":
-            for item in statement.all("item"):
-                index = item.children[1] if len(item.children) > 1 else None
-                if isinstance(index, Tree) and index.data == "index" and len(index.children) == 1:
-                    text = words_of(index)
-                    if text.isdigit() and len(text) < 8:
-                        sizes[str(item.children[0]).upper()] = int(text)
-    for statement in module.statements if sizes else ():
-        if statement.kind == "declaration":
-            continue
+    for statement in [*dat.of_kind("declaration"), *src.of_kind("declaration")]:
+        for item in items_of(statement):
+            index = item.children[1] if len(item.children) > 1 else None
+            if isinstance(index, Tree) and index.data == "index":
+                text = words_of(index)
+                if text.isdigit() and len(text) < 8:
+                    sizes[str(item.children[0]).upper()] = int(text)
+    for statement in module.of_kind("assignment", "call", "motion") if sizes else ():
         for variable in statement.all("variable"):
             found = re.fullmatch(r"(\w+)\[(\d{1,7})\].*", key_of(variable))
             most = sizes.get(found[1]) if found else None

@@ -83,9 +83,14 @@ def key_of(node: Node) -> str:
 
 def fields_of(node: Node) -> list[tuple[str, str]]:
     """Names in capitals and values as text of what stands between braces; none of another node."""
+    if not isinstance(node, Tree) or node.data != "aggregate":
+        return []
+    every, other = node.children[::2], node.children[1::2]
+    if len(every) == len(other) and all(isinstance(c, Token) and c.type == "FIELD" for c in every):
+        return [(str(c).upper(), words_of(v)) for c, v in zip(every, other, strict=True)]
     names: list[str] = []
     values: list[str] = []
-    for child in node.children if isinstance(node, Tree) and node.data == "aggregate" else ():
+    for child in node.children:
         if not isinstance(child, Tree) and child.type == "FIELD":
             names.append(child.upper())
             values.append("")
@@ -129,7 +134,15 @@ def settings_of(statement: Statement) -> Iterator[tuple[str, Node]]:
 
 def type_of(declaration: Statement) -> str:
     """Type of what is declared, in capitals."""
-    return next(iter(declaration.words("NAME"))).upper()
+    children = declaration.tree.children
+    given = next(c for c in children if isinstance(c, Tree) or c.type == "NAME")
+    return str(given.children[0] if isinstance(given, Tree) else given).upper()
+
+
+def items_of(declaration: Statement) -> list[Tree[Token]]:
+    """What is declared: each has a name, and perhaps an index and a value."""
+    children = declaration.tree.children
+    return [c for c in children if isinstance(c, Tree) and c.data == "item"]
 
 
 def kind_of(node: Node) -> str:

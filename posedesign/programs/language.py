@@ -195,7 +195,7 @@ class Language:
 
     def statements(self, text: str) -> list[Statement]:
         """All statements of a text that are not blank; none behind the thousandth fault."""
-        lines = _lines(text)
+        lines = lines_of(text)
         found: list[Statement] = []
         faults = 0
         for line in self.joined(lines) if self.joined else lines:
@@ -257,12 +257,19 @@ def _depth(text: str) -> int:
     return most
 
 
-def _lines(text: str) -> Iterator[Line]:
+def lines_of(text: str, *, indented: bool = False) -> Iterator[Line]:
+    """Lines of a text that are not blank, without the blanks before them where those say nothing.
+
+    Lines without anything cost nothing.
+    """
     row, last = 1, 0
     for found in _LINE.finditer(text):
-        row += text.count("\n", last, found.start())
+        start = found.start()
+        row += text.count("\n", last, start)
+        if indented:
+            start = text.rfind("\n", last, start) + 1 if row > 1 else 0
         last = found.start()
-        yield Line(row, found[0].rstrip())
+        yield Line(row, text[start : found.end()].rstrip())
 
 
 def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build | None:

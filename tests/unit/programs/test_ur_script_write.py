@@ -39,11 +39,13 @@ OPTIONS = ProgramOptions(
 EXPECTED = """\
 def Calpose():
   # Title: cell 7
-  # PLAN abcdef12 2 1 b4b57d06
+  # PLAN abcdef12 2 1 362f5872
   def MEASURE(number):
     textmsg("measuring ", number)
     freedrive_mode()
-    popup("Bring the tool to its target, then continue", title="MEASURE", blocking=True)
+    while not request_boolean_from_primary_client("Is the tool at its target?"):
+      sync()
+    end
     end_freedrive_mode()
     sleep(0.300)
   end

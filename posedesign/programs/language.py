@@ -45,14 +45,15 @@ _LINE = re.compile(r"[^\s][^\n]*")
 _FORM_OF_PIECES = r"""("[^"\n]*")
     | ([ \t\r]{2,}|[\t\r])
     | SIGN(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?![\w.])
-    | (?<=[A-Za-z_])\d+(?![\w.])"""
+    | (?<=[A-Za-z_])(?!(?<=[AEJaej])(?<!\w[AEJaej])\d\b)\d+(?![\w.])"""
 
 _PIECE, _SIGNED_PIECE = (
     re.compile(_FORM_OF_PIECES.replace("SIGN", sign), re.ASCII | re.VERBOSE)
     for sign in ("", r"(?:(?:(?<=[\[(,=])|(?<=[\[(,=]\ ))-)?")
 )
-"""Texts in quotes, runs of blanks, numbers, and numbers behind a name: ``XP12``. A minus sign
-behind a bracket, a comma or an equals sign belongs to the number where a language says so."""
+"""Texts in quotes, runs of blanks, numbers, and numbers behind a name: ``XP12``, but for joints,
+``A1``, which are few. A minus sign behind a bracket, a comma or an equals sign belongs to the
+number where a language says so."""
 
 _FORM = re.compile(r"\d+")
 
@@ -204,7 +205,7 @@ class Language:
 
         What stands behind the most statements, or the most kinds of them, is a fault each.
         """
-        lines = _lines(text)
+        lines = lines_of(text)
         found: list[Statement] = []
         faults = 0
         self._parsed = 0
@@ -272,12 +273,19 @@ def _depth(text: str) -> int:
     return most
 
 
-def _lines(text: str) -> Iterator[Line]:
+def lines_of(text: str, *, indented: bool = False) -> Iterator[Line]:
+    """Lines of a text that are not blank, without the blanks before them where those say nothing.
+
+    Lines without anything cost nothing.
+    """
     row, last = 1, 0
     for found in _LINE.finditer(text):
-        row += text.count("\n", last, found.start())
+        start = found.start()
+        row += text.count("\n", last, start)
+        if indented:
+            start = text.rfind("\n", last, start) + 1 if row > 1 else 0
         last = found.start()
-        yield Line(row, found[0].rstrip())
+        yield Line(row, text[start : found.end()].rstrip())
 
 
 def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build | None:
@@ -304,6 +312,9 @@ def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build |
         return None
     if spans[first:last] == [(start, end)]:
         return lambda slots: _token(kind, slots[first])
+    if last == first + 1 and spans[first][1] == end:
+        head = text[: spans[first][0] - start]
+        return lambda slots: _token(kind, head + slots[first])
     edges = [start, *(edge for span in spans[first:last] for edge in span), end]
     fixed = [text[a - start : b - start] for a, b in zip(edges[::2], edges[1::2], strict=True)]
 

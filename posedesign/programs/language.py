@@ -13,6 +13,7 @@ quotation marks apart: how large a number may be is for the rules.
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -31,17 +32,21 @@ MOST_LENGTH = 20_000
 """Characters of a statement that is parsed: of programs they have a few hundred at most."""
 
 _MOST_SHAPES = 2000
+_MOST_KEPT = 100
 _MOST_DEPTH = 60
 
 _LINE = re.compile(r"[^\s][^\n]*")
-_PIECE = re.compile(
-    r"""("[^"\n]*")
+_FORM_OF_PIECES = r"""("[^"\n]*")
     | ([ \t\r]{2,}|[\t\r])
-    | (?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?![\w.])
-    | (?<=[A-Za-z_])\d+(?![\w.])""",
-    re.ASCII | re.VERBOSE,
+    | SIGN(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?![\w.])
+    | (?<=[A-Za-z_])\d+(?![\w.])"""
+
+_PIECE, _SIGNED_PIECE = (
+    re.compile(_FORM_OF_PIECES.replace("SIGN", sign), re.ASCII | re.VERBOSE)
+    for sign in ("", r"(?:(?:(?<=[\[(,=])|(?<=[\[(,=]\ ))-)?")
 )
-"""Texts in quotes, runs of blanks, numbers, and numbers behind a name: ``XP12``."""
+"""Texts in quotes, runs of blanks, numbers, and numbers behind a name: ``XP12``. A minus sign
+behind a bracket, a comma or an equals sign belongs to the number where a language says so."""
 
 _FORM = re.compile(r"\d+")
 
@@ -144,6 +149,9 @@ class Language:
         Rules that `statement` can be asked for besides: sections with a syntax of their own.
     name : str
         File of the grammar.
+    signed : bool
+        Numbers behind a bracket, a comma or an equals sign may have a minus sign anywhere: then
+        they are parsed once as well, and the sign is in the number.
     letters : str
         Characters of names, as in a set of a regular expression. None of them can stand behind a
         keyword then; empty where words are not separated, as in ``CNT50``.
@@ -154,8 +162,10 @@ class Language:
     start: str = "statement"
     others: tuple[str, ...] = ()
     name: str = "grammar.lark"
+    signed: bool = False
     letters: str = ""
     _builders: dict[str, Build] = field(default_factory=dict, repr=False)
+    _trees: dict[tuple[str, str], Tree[Token]] = field(default_factory=dict, repr=False)
 
     @cached_property
     def parser(self) -> Lark:
@@ -197,32 +207,44 @@ class Language:
     def statement(self, line: Line, rule: str = "") -> Statement:
         """The statement of one line; by another rule than `start` where one is named."""
         rule = rule or self.start
+        same = self._trees.get((rule, line.text))
+        if same is not None:
+            return Statement(line.row, line.text, same)
         if len(line.text) > MOST_LENGTH:
             fault = f"{len(line.text)} characters in one statement"
             return Statement(line.row, line.text[:100], NOTHING, fault)
+        pieces = _SIGNED_PIECE if self.signed else _PIECE
         slots: list[str] = []
 
         def slot(found: re.Match[str]) -> str:
             if found[2]:
                 return " "
             slots.append(found[0])
-            return '""' if found[1] else _FORM.sub("0", found[0])
+            return '""' if found[1] else _FORM.sub("0", found[0].lstrip("-"))
 
-        shape = f"{rule} {_PIECE.sub(slot, line.text).strip()}"
+        shape = f"{rule} {pieces.sub(slot, line.text).strip()}"
         build = self._builders.get(shape)
         if build is None:
-            text = _PIECE.sub(lambda found: " " if found[2] else found[0], line.text).strip()
+            text = pieces.sub(
+                lambda found: " " if found[2] else found[0].lstrip("-"), line.text
+            ).strip()
             if _depth(text) > _MOST_DEPTH:
                 return Statement(line.row, line.text, NOTHING, "brackets are too deep")
             try:
                 tree = self.parser.parse(text, start=rule)
             except UnexpectedInput as error:
                 return Statement(line.row, line.text, NOTHING, _fault(text, error, self.parser))
-            spans = [found.span() for found in _PIECE.finditer(text) if not found[2]]
+            spans = [found.span() for found in pieces.finditer(text) if not found[2]]
             if len(self._builders) >= _MOST_SHAPES:
                 self._builders.clear()
-            self._builders[shape] = build = _builder(tree, spans)
-        return Statement(line.row, line.text, build(slots))
+            build = _builder(tree, spans) or (lambda slots: tree)
+            self._builders[shape] = build
+        tree = build(slots)
+        if len(line.text) <= _MOST_KEPT:
+            if len(self._trees) >= _MOST_SHAPES:
+                self._trees.clear()
+            self._trees[rule, line.text] = tree
+        return Statement(line.row, line.text, tree)
 
 
 def _depth(text: str) -> int:
@@ -242,34 +264,47 @@ def _lines(text: str) -> Iterator[Line]:
         yield Line(row, found[0].rstrip())
 
 
-def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build:
-    """A function that builds the node from the texts of the slots."""
+def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build | None:
+    """A function that builds the node from the texts of the slots; None where it holds none."""
     if isinstance(node, Tree):
-        children = [_builder(child, spans) for child in node.children]
-        name = str(node.data)  # a plain text is compared faster than a token
-        return lambda slots: Tree(name, [child(slots) for child in children])
+        name = node.data = str(node.data)  # a plain text is compared faster than a token
+        built = [(k, _builder(child, spans)) for k, child in enumerate(node.children)]
+        parts = [(k, part) for k, part in built if part is not None]
+        children = node.children
+
+        def build_tree(slots: Sequence[str]) -> Tree[Token]:
+            own = children.copy()
+            for k, part in parts:
+                own[k] = part(slots)
+            return Tree(name, own)
+
+        return build_tree if parts else None
     start, end = node.start_pos or 0, node.end_pos or 0
-    inside = [k for k, (a, b) in enumerate(spans) if a >= start and b <= end]
-    if not inside:
-        return lambda slots: node
-    kind = node.type
-    if len(inside) == 1 and spans[inside[0]] == (start, end):
-        only = inside[0]
-        return lambda slots: Token(kind, slots[only])
-    text = str(node)
-    first, *cuts = (spans[k] for k in inside)
-    fixed = [text[: first[0] - start]]
-    ends = [first, *cuts]
-    for (_, a), (b, _) in zip(ends, [*cuts, (end, end)], strict=True):
-        fixed.append(text[a - start : b - start])
+    first = last = bisect_left(spans, (start, start))
+    while last < len(spans) and spans[last][1] <= end:
+        last += 1
+    kind, text = node.type, str(node)
+    if first == last:
+        return None
+    if spans[first:last] == [(start, end)]:
+        return lambda slots: _token(kind, slots[first])
+    edges = [start, *(edge for span in spans[first:last] for edge in span), end]
+    fixed = [text[a - start : b - start] for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
     def build(slots: Sequence[str]) -> Token:
         parts = [fixed[0]]
-        for k, rest in zip(inside, fixed[1:], strict=True):
-            parts += [slots[k], rest]
-        return Token(kind, "".join(parts))
+        for slot, rest in zip(slots[first:last], fixed[1:], strict=True):
+            parts += [slot, rest]
+        return _token(kind, "".join(parts))
 
     return build
+
+
+def _token(kind: str, text: str) -> Token:
+    """A token that does not know where it stands: half the time of making one that does."""
+    token = str.__new__(Token, text)
+    token.type, token.value = kind, text
+    return token
 
 
 def _fault(text: str, error: UnexpectedInput, parser: Lark) -> str:

@@ -153,7 +153,7 @@ def test_what_the_cell_says_is_in_the_program(
     )
     assert cli("program", work / "poses.csv", "--cell", cell, "--out", work).code == 0
     text = (work / "CALIB01.LS").read_text()
-    for word in ("DO[12]=PULSE,.20sec", "CALL MEASURE(5)", "PR[37]=LPOS", "CONFIG : 'N U T, 0, 0"):
+    for word in ("DO[12]=PULSE,0.2sec", "CALL MEASURE(5)", "PR[37]=LPOS", "CONFIG : 'N U T, 0, 0"):
         assert word in text
     assert "J1=" not in text
     form = cli("program", work / "poses.csv", "--cell", cell, "--form", "joint", "--out", work)

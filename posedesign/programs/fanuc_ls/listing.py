@@ -1,162 +1,230 @@
-"""FANUC ``.LS`` as the strict validator sees it: lines sorted into sections, nothing interpreted.
+"""FANUC ``.LS``: a file sorted into its sections, its lines as trees; nothing is judged here.
 
-This shares no code with the reader and the writer, so that a mistake in one of them shows.
+What the reader takes and what the validator checks is this one listing.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-_SECTION = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)(?![A-Za-z_])")
-_MOTION = re.compile(r"[JLCAS](?= )")
-_HEADER = re.compile(r'P\[(\d{1,6})(?::"[^"\[\]]{0,99}")?\] ?\{')
-_GROUP = re.compile(r"GP(\d):")
-_FRAMES = re.compile(r"UF : (\d{1,3}|F), UT : (\d{1,3}|F)(?:,\s{0,9}CONFIG : '([^']{0,99})')?,")
-_FIELD = re.compile(r"\s*([JXYZWPRE]\d?) ?=\s*(\S+?)\s*(deg|mm)\s*")
-_SUB_LINE = re.compile(r" {5,20}(?:\d{1,4}| *)")
+from lark import Token, Tree
+
+from posedesign.programs.language import MOST_FAULTS, Language, Line, Statement, words
+
+LANGUAGE = Language(
+    "posedesign.programs.fanuc_ls", start="instruction", others=("position_line", "attribute_line")
+)
+
+_SECTION = re.compile(r"\s*/(PROG|ATTR|APPL|MN|POS|END)(?![A-Za-z_])[ \t]*(.*)")
+_NUMBERED = re.compile(r"([ \t]*)(\d{0,9})[ \t]*:(.*)", re.DOTALL)
+_SUB_LINE = re.compile(r" {5,20}\d{1,4}")
+_INSIDE = "       ---"
+_VALUES = ("active", "config", "field")
 
 
 @dataclass(frozen=True)
 class Instruction:
-    """A numbered line of /MN with its continuation lines; ``fault`` says what is malformed."""
+    """A numbered line of /MN with its continuation lines.
 
-    line: int
+    ``number`` is None where the file has none; ``head`` what stands before the colon; ``inner``
+    whether it stands inside of another one (TC_ONLINE, motions of German controllers), with a
+    number of its own.
+    """
+
+    row: int
     number: int | None
-    motion: str
+    head: str
     code: str
-    fault: str
+    closed: bool
+    statement: Statement
+    inner: bool = False
+
+    @property
+    def kind(self) -> str:
+        """Name of the grammar's rule."""
+        return self.statement.kind
+
+
+@dataclass
+class Group:
+    """One motion group of a position.
+
+    ``fields`` hold for each name the text of the value, its unit, and its line; ``frames`` the
+    numbers of UF and UT, None where the file leaves them open (F).
+    """
+
+    row: int
+    frames: dict[str, int | None] = field(default_factory=dict)
+    fields: dict[str, tuple[str, str, int]] = field(default_factory=dict)
+    config: str | None = None
 
 
 @dataclass
 class Position:
-    """A position of /POS: frames, CONFIG and fields of its first group, all values of all.
+    """A position of /POS; ``faults`` are lines and what is malformed in them."""
 
-    A frame is None where the file leaves it open (F).
-    """
-
-    line: int
+    row: int
     number: int
-    frames: tuple[int | None, int | None] | None = None
-    config: str | None = None
-    values: list[tuple[int, str, str]] = field(default_factory=list)  # line, name, text
-    own: list[tuple[int, str, str, str]] = field(default_factory=list)  # and unit, of GP1
-    joints: set[str] = field(default_factory=set)
+    name: str
+    groups: dict[int, Group] = field(default_factory=dict)
     faults: list[tuple[int, str]] = field(default_factory=list)
+
+    @property
+    def label(self) -> str:
+        """Its name in the program."""
+        return f"P[{self.number}]"
 
 
 @dataclass
 class Listing:
-    """A whole file: for each section the lines between its heading and the next."""
+    """A whole file."""
 
-    headings: list[tuple[int, str, str]] = field(default_factory=list)  # line, section, text
-    stray: list[int] = field(default_factory=list)
-    attributes: list[tuple[int, str]] = field(default_factory=list)
+    headings: list[tuple[int, str, str]] = field(default_factory=list)  # line, section, rest
+    stray: list[tuple[int, str]] = field(default_factory=list)
+    unclear: list[tuple[int, str]] = field(default_factory=list)  # of /ATTR
+    attributes: list[tuple[int, str, str]] = field(default_factory=list)  # line, name, its text
     instructions: list[Instruction] = field(default_factory=list)
     positions: list[Position] = field(default_factory=list)
-    faults: list[tuple[int, str]] = field(default_factory=list)
+    faults: list[tuple[int, str]] = field(default_factory=list)  # in /POS, outside of positions
+    rows: int = 1
 
 
-def split_listing(text: str) -> Listing:
+def read_listing(text: str) -> Listing:
     """Sort the lines of a file into its sections; never fails."""
-    listing = Listing()
-    bodies: dict[str, list[tuple[int, str]]] = {"ATTR": listing.attributes, "MN": [], "POS": []}
+    listing = Listing(rows=text.count("\n") + 1)
+    bodies: dict[str, list[Line]] = {"ATTR": [], "MN": [], "POS": []}
     section = ""
-    for row, raw in enumerate(text.split("\n"), start=1):
-        line = raw.rstrip("\r")
-        heading = _SECTION.match(line)
+    row, last = 1, 0
+    for found in re.finditer(r"[^\r\n][^\n]*", text):
+        row += text.count("\n", last, found.start())
+        last = found.start()
+        content = found[0].rstrip("\r")
+        heading = _SECTION.fullmatch(content)
         if heading:
             section = heading[1]
-            listing.headings.append((row, section, line))
+            listing.headings.append((row, section, heading[2]))
         elif section in bodies:
-            bodies[section].append((row, line))
-        elif section != "APPL" and line.strip():
-            listing.stray.append(row)
-    _split_instructions(bodies["MN"], listing)
-    _split_positions(bodies["POS"], listing)
+            bodies[section].append(Line(row, content))
+        elif section != "APPL" and content.strip():
+            listing.stray.append((row, content))
+        if len(listing.stray) > MOST_FAULTS:
+            break
+    for line in bodies["ATTR"]:
+        statement = LANGUAGE.statement(line, "attribute_line") if line.text.strip() else None
+        if statement is not None and statement.fault:
+            listing.unclear.append((line.row, statement.fault))
+        elif statement is not None:
+            listing.attributes.append((line.row, statement.word("KEY"), line.text))
+    listing.instructions.extend(_instructions(bodies["MN"]))
+    positions = _PositionReader(listing)
+    for line in bodies["POS"]:
+        if line.text.strip() and len(listing.faults) <= MOST_FAULTS:
+            positions.take_line(line)
+    positions.finish()
     return listing
 
 
-def _split_instructions(lines: list[tuple[int, str]], listing: Listing) -> None:
-    joined: list[tuple[int, str, list[str]]] = []  # line, text before the colon, texts behind it
-    for row, line in lines:
-        head, colon, body = line.partition(":")
-        if colon and not head.strip() and joined:
-            # A long instruction goes on in lines that have a colon, but no number.
-            joined[-1][2].append(body.strip())
-        elif joined and (_SUB_LINE.fullmatch(head) if colon else line.startswith("       ---")):
-            continue  # instructions inside an instruction (TC_ONLINE) have numbers of their own
-        else:
-            joined.append((row, head, [body.rstrip()]) if colon else (row, "", [line]))
-    listing.instructions.extend(_instruction(row, head, " ".join(b)) for row, head, b in joined)
+def _instructions(lines: list[Line]) -> Iterator[Instruction]:
+    """Instructions of /MN; a long one goes on in lines that have a colon, but no number."""
+    faults = 0
+    joined: list[list[str]] = []  # of the open instruction
+    head: tuple[int, str, int | None] = (0, "", None)
+    for line in [*lines, Line(0, "0:")]:
+        found = _NUMBERED.fullmatch(line.text)
+        if found and not found[2] and joined and not joined[-1][0].rstrip().endswith(";"):
+            joined.append([found[3]])
+            continue
+        if joined and faults < MOST_FAULTS:
+            made = _instruction(*head, " ".join(body for (body,) in joined))
+            faults += bool(made.statement.fault) or not made.closed
+            yield made
+        joined = []
+        if line.text.startswith(_INSIDE) or not line.text.strip():
+            continue
+        number = int(found[2]) if found and found[2] else None
+        head = (line.row, found[1] + found[2] if found else line.text, number)
+        joined = [[found[3] if found else ""]]
 
 
-def _instruction(row: int, head: str, body: str) -> Instruction:
-    number = int(head) if re.fullmatch(r" *\d{1,9}", head) else None
-    fault = ""
-    if number is None or head != f"{number:4d}":
-        fault = "a line starts with its number, right-aligned in four characters, and a colon"
-    elif not body.rstrip().endswith(";"):
-        fault = "a line ends in ' ;'"
-    motion = _MOTION.match(body)
-    if not fault and not motion and not body.startswith("  "):
-        fault = "behind the colon stands a motion letter, or two spaces and an instruction"
-    code = body.rstrip().removesuffix(";").strip()
-    if code.startswith(("!", "//", "--")):
-        code = ""  # a remark, or a line that is switched off
-    # Names inside brackets and quotes are free text: they must not be taken for instructions.
-    code = re.sub(r"'[^']*'", "''", re.sub(r":[^\[\]:]{0,64}\]", "]", code))
-    return Instruction(row, number, motion[0] if motion else "", code, fault)
+def _instruction(row: int, head: str, number: int | None, body: str) -> Instruction:
+    closed = body.rstrip().endswith(";")
+    code = body.rstrip().removesuffix(";").rstrip()
+    statement = LANGUAGE.statement(Line(row, code.strip() or "!"))
+    return Instruction(row, number, head, code, closed, statement, bool(_SUB_LINE.fullmatch(head)))
 
 
-def _split_positions(lines: list[tuple[int, str]], listing: Listing) -> None:
+@dataclass
+class _PositionReader:
+    """Collects the positions of /POS, one element at a time, whatever lines they stand on."""
+
+    listing: Listing
     position: Position | None = None
-    group, comma = "", True
-    for row, line in lines:
-        text = line.strip()
-        header, heading = _HEADER.fullmatch(text), _GROUP.fullmatch(text)
-        if header:
+    group: Group | None = None
+    comma: bool = True  # whether a value may follow
+
+    def take_line(self, line: Line) -> None:
+        """Take one more line of the section."""
+        statement = LANGUAGE.statement(line, "position_line")
+        faults = self.listing.faults if self.position is None else self.position.faults
+        if statement.fault:
+            faults.append((line.row, statement.fault))
+            self.comma = True
+            return
+        for element in statement.tree.children:
+            if isinstance(element, Tree) and not self._take(line.row, element):
+                reason = f"{line.text.strip()[:30]!a} is outside a position"
+                self.listing.faults.append((line.row, reason))
+                return
+
+    def finish(self) -> None:
+        """End of the section: no position may be open."""
+        if self.position is not None:
+            self.position.faults.append((self.position.row, "is not closed by };"))
+
+    def _take(self, row: int, element: Tree[Token]) -> bool:
+        """Add an element to the open position; False where none is open."""
+        kind, position = element.data, self.position
+        if kind == "header":
             if position is not None:
                 position.faults.append((row, "is not closed by };"))
-            position = Position(row, int(header[1]))
-            listing.positions.append(position)
-            group, comma = "", True
+            name = "".join(words(element, "NAME_TEXT")).lstrip(": ").strip(' "')
+            number = int(words(element, "INT")[0][:9])
+            self.position, self.group, self.comma = Position(row, number, name), None, True
+            self.listing.positions.append(self.position)
         elif position is None:
-            if text:
-                listing.faults.append((row, f"{text[:30]!a} is outside a position"))
-        elif text == "};":
-            if comma and position.values:
+            return False
+        elif kind == "close":
+            if self.comma and self.group is not None and self.group.fields:
                 position.faults.append((row, "has a comma behind its last value"))
-            position = None
-        elif heading:
-            group, comma = heading[1], True
-        elif group:
-            comma = _take_fields(position, row, text, group == "1", comma)
-        else:
-            position.faults.append((row, "has no group GP1: before its values"))
-    if position is not None:
-        position.faults.append((position.line, "is not closed by };"))
-
-
-def _take_fields(position: Position, row: int, text: str, first: bool, comma: bool) -> bool:
-    """Add one line of values to a position; return whether it ends in a comma."""
-    frames = _FRAMES.fullmatch(text)
-    if frames:
-        if first:
-            user, tool = (None if f == "F" else int(f) for f in frames.groups()[:2])
-            position.frames, position.config = (user, tool), frames[3]
+            self.position = None
+        elif kind == "group":
+            number = int(words(element, "GROUP")[0][2:5])
+            if number in position.groups:
+                position.faults.append((row, f"has GP{number} twice"))
+            self.group, self.comma = Group(row), True
+            position.groups[number] = self.group
+        elif self.group is None:
+            position.faults.append((row, "has a value outside a group"))
+        elif kind == "comma" or kind in _VALUES:
+            if self.comma == (kind == "comma"):
+                reason = "has a comma too many" if self.comma else "has no comma before a value"
+                position.faults.append((row, reason))
+            self.comma = kind == "comma"
+            if not self.comma:
+                _take_value(position, self.group, row, element)
         return True
-    if not comma:
-        position.faults.append((row, "has no comma before this line"))
-    parts = text.split(",")
-    ends_in_comma = parts[-1] == ""
-    for part in parts[:-1] if ends_in_comma else parts:
-        found = _FIELD.fullmatch(part)
-        if not found:
-            position.faults.append((row, f"cannot be understood: {part.strip()[:30]!a}"))
-            continue
-        position.values.append((row, found[1], found[2]))
-        if first:
-            position.joints.add(found[1])
-            position.own.append((row, found[1], found[2], found[3]))
-    return ends_in_comma
+
+
+def _take_value(position: Position, group: Group, row: int, element: Tree[Token]) -> None:
+    tokens = {t.type: str(t) for t in element.children if isinstance(t, Token)}
+    if element.data == "active":
+        group.frames[tokens["FRAME"]] = None if "OPEN" in tokens else int(tokens["INT"][:5])
+    elif element.data == "config":
+        group.config = tokens["TEXT"].strip("'\"")
+    elif tokens["FIELD"] in group.fields:
+        position.faults.append((row, f"has {tokens['FIELD']} twice"))
+    else:
+        value = tokens.get("NUMBER", tokens.get("STARS", ""))
+        group.fields[tokens["FIELD"]] = (value, tokens.get("LENGTH", ""), row)

@@ -1,27 +1,33 @@
-"""FANUC teach pendant programs in ASCII (``.LS``): the reader of what controllers export.
+"""FANUC ``.LS``: positions of what controllers export.
 
-Only ``/POS`` is interpreted, so programs with any instructions, in any language of the controller,
-can be read. Fields may stand in any order and on any lines. Of several motion groups the first,
-GP1, is the arm; the others have to rest. Positions are joint values, or poses of the tool with
-their CONFIG. What would be read wrong in silence is refused with its line: increments, positions
-without a value, an extended axis that carries the arm from one position to another.
+Programs with any instructions, in any language of the controller, can be read: of them only the
+mark of the plan is taken. Of several motion groups the first, GP1, is the arm; the others have to
+rest. What would be read wrong in silence is refused with its line: increments, positions without a
+value, an extended axis that carries the arm from one position to another.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
-from posedesign.programs.fanuc_ls.positions import PositionParser, StoredPosition
-from posedesign.programs.fanuc_ls.stored import StoredGroup, check_other_axes, recorded
-from posedesign.programs.reading import refuse, text_lines
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import rotation_from_wpr, transform
+from posedesign.programs.configurations import FanucConfiguration
+from posedesign.programs.fanuc_ls.listing import Group, Listing, read_listing
+from posedesign.programs.reading import at_rest, joint_deg, millimetres, refuse, text_lines
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
-_SECTION = re.compile(r"\s*/(PROG|ATTR|APPL|MN|POS|END)(?![A-Za-z_])\s*(\S*)")
-_COMMENT = re.compile(r'COMMENT\s*=\s*"([^"]*)"')
-_REMARK = re.compile(r"\s*\d+\s*:\s*!([^;]{0,99})")
+JOINTS = tuple(f"J{j}" for j in range(1, 7))
+PLACE, TURN = ("X", "Y", "Z"), ("W", "P", "R")
+EXTENDED = ("E1", "E2", "E3")
+
+_RELATIVE = {f"R{axis}" for axis in (*PLACE, *TURN)}
+_ON_THE_PENDANT = "on the pendant choose POSITION, REPRE, Joint for it, and save the program again"
 _LISTING = "name a program saved in ASCII, .LS"
-_TEXT = "save a binary .TP as .LS"
 
 
 def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
@@ -38,43 +44,140 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         The file is not a FANUC program in ASCII, is cut off, or holds a position that is neither
         six joint angles nor a pose.
     """
-    lines = text_lines(data, path, _TEXT)
-    name = section = comment = ""
-    mark: PlanMark | None = None
-    parser = PositionParser(path)
-    for row, line in enumerate(lines, start=1):
-        heading = _SECTION.match(line)
-        if heading:
-            if section == "POS":
-                parser.finish(row)
-            section = heading[1]
-            name = name or (heading[2] if section == "PROG" else "")
-            if section == "END":
-                break
-        elif section == "POS":
-            parser.feed(line, row)
-        elif section == "ATTR" and not comment:
-            found = _COMMENT.match(line)
-            comment = found[1].strip() if found else ""
-        elif section == "MN" and mark is None:
-            remark = _REMARK.match(line)
-            mark = PlanMark.found_in(remark[1]) if remark else None
-        elif not section and line.strip():
-            refuse("is no FANUC program: it does not start with /PROG", path, row, _LISTING)
-    if not name:
-        refuse("is no FANUC program: there is no name behind /PROG", path, 1, _LISTING)
-    if section != "END":
-        refuse("is cut off: there is no /END", path, len(lines), "copy the file again")
-    if not parser.positions:
+    text_lines(data, path, "save a binary .TP as .LS")
+    listing = read_listing(data.decode("latin-1"))
+    name = _name(listing, path)
+    for row, fault in listing.faults:
+        refuse(fault, path, row)
+    for position in listing.positions:
+        for row, fault in position.faults:
+            refuse(f"{position.label} {fault}", path, row)
+    if not listing.positions:
         refuse("holds no positions", path, hint="save the program that was touched up")
-    positions = tuple(_position(position, path) for position in parser.positions)
-    check_other_axes({f"P[{p.number}]": p.groups for p in parser.positions}, path)
-    return RecordedProgram(name, comment, mark or PlanMark(), positions, "fanuc")
+    positions = []
+    seen: set[int] = set()
+    for position in listing.positions:
+        if position.number in seen:
+            refuse(f"{position.label} is there twice", path, position.row, "remove one of them")
+        seen.add(position.number)
+        group = position.groups.get(1)
+        if group is None:
+            refuse(f"{position.label} has no motion group GP1", path, position.row)
+        where = (position.label, position.number, position.name, position.row)
+        positions.append(recorded(*where, group, path))
+    check_other_axes({position.label: position.groups for position in listing.positions}, path)
+    comment = next((text for _, key, text in listing.attributes if key in _COMMENT), '""')
+    remarks = (i.code.strip()[1:] for i in listing.instructions if i.kind == "remark")
+    marks = (PlanMark.found_in(remark) for remark in remarks)
+    mark = next((mark for mark in marks if mark), PlanMark())
+    return RecordedProgram(name, comment.split('"')[1].strip(), mark, tuple(positions), "fanuc")
 
 
-def _position(position: StoredPosition, path: Path | str) -> RecordedPosition:
-    label = f"P[{position.number}]"
-    group: StoredGroup | None = position.groups.get(1)
-    if group is None:
-        refuse(f"{label} has no motion group GP1", path, position.line)
-    return recorded(label, position.number, position.name, position.line, group, path)
+_COMMENT = ("COMMENT", "KOMMENTAR")
+
+
+def _name(listing: Listing, path: Path | str) -> str:
+    """The name behind /PROG; refuses what is no whole program."""
+    first = listing.headings[0][0] if listing.headings else listing.rows + 1
+    if listing.stray and listing.stray[0][0] < first:
+        reason = "is no FANUC program: it does not start with /PROG"
+        refuse(reason, path, listing.stray[0][0], _LISTING)
+    names = [rest.split()[0] for _, section, rest in listing.headings if section == "PROG" and rest]
+    if not names:
+        refuse("is no FANUC program: there is no name behind /PROG", path, 1, _LISTING)
+    if listing.headings[-1][1] != "END":
+        refuse("is cut off: there is no /END", path, listing.rows, "copy the file again")
+    return names[0]
+
+
+def recorded(
+    label: str, number: int, name: str, row: int, group: Group, path: Path | str
+) -> RecordedPosition:
+    """A position from its first group: six joint values, or a pose with its configuration.
+
+    Raises
+    ------
+    FileFormatError
+        A value is missing, is none, or is in another unit.
+    """
+    known = {*JOINTS, *EXTENDED, *PLACE, *TURN}
+    strange = sorted(set(group.fields) - known)
+    if strange:
+        at = group.fields[strange[0]][2]
+        if strange[0] in _RELATIVE:
+            refuse(f"{label} is a matrix or an increment", path, at, _ON_THE_PENDANT)
+        refuse(f"{label}: {strange[0]} is no joint of a six-joint arm", path, at)
+    cartesian = [axis for axis in (*PLACE, *TURN) if axis in group.fields]
+    user, tool = group.frames.get("UF"), group.frames.get("UT")
+    if not cartesian and group.config is None:
+        values = np.array([_number(label, joint, "deg", group, path) for joint in JOINTS])
+        return RecordedPosition(
+            number, name, row, shown_deg=values, user_frame=user, tool_frame=tool
+        )
+    mixed = next((joint for joint in JOINTS if joint in group.fields), None)
+    if mixed is not None:
+        refuse(f"{label} has {mixed} beside X, Y, Z, W, P, R", path, group.fields[mixed][2])
+    place = [_number(label, axis, "mm", group, path) for axis in PLACE]
+    turn = [_number(label, axis, "deg", group, path) for axis in TURN]
+    return RecordedPosition(
+        number,
+        name,
+        row,
+        T_user_tool=transform(rotation_from_wpr(np.deg2rad(turn)), np.array(place) / 1e3),
+        configuration=_configuration(label, group, path),
+        user_frame=user,
+        tool_frame=tool,
+    )
+
+
+def _configuration(label: str, group: Group, path: Path | str) -> FanucConfiguration | None:
+    if group.config is None:
+        return None
+    if set(re.sub(r"[\s,]", "", group.config)) == {"*"}:
+        refuse(f"{label} has no configuration (***)", path, group.row, "touch the position up")
+    try:
+        return FanucConfiguration.parse(group.config)
+    except InputError as error:
+        refuse(f"{label}: {error.message}", path, group.row, error.hint)
+
+
+def _number(label: str, name: str, unit: str, group: Group, path: Path | str) -> float:
+    if name not in group.fields:
+        needed = "J1 to J6" if name in JOINTS else "X Y Z W P R"
+        hint = f"a position of this kind has {needed}"
+        refuse(f"{label}: {name} is missing", path, group.row, hint)
+    text, found, row = group.fields[name]
+    if text.startswith("*"):
+        refuse(f"{label}: {name} has no value (***)", path, row, "touch the position up")
+    if found != unit:
+        refuse(f"{label}: {name} is in {found or 'no unit'}, not in {unit}", path, row)
+    read = joint_deg if unit == "deg" else millimetres
+    return read(text, f"{label}: {name}", path, row)
+
+
+def check_other_axes(groups: Mapping[str, Mapping[int, Group]], path: Path | str) -> None:
+    """Refuse positions between which an extended axis or another motion group moves.
+
+    A rail may be either, and a positioner carries the target. Axes without a value are passed over.
+
+    Raises
+    ------
+    FileFormatError
+        One moves, or is not there in all positions.
+    """
+    owned = {label: set(of[1].fields) & set(EXTENDED) for label, of in groups.items() if 1 in of}
+    first = next(iter(owned), "")
+    for label, axes in owned.items():
+        other = sorted(axes ^ owned[first])
+        if other:
+            refuse(f"{label}: {other[0]} is not there as in {first}", path, groups[label][1].row)
+    at_rest(
+        (
+            (label, axis if number == 1 else f"GP{number} {axis}", text, row)
+            for label, of_position in groups.items()
+            for number, group in of_position.items()
+            for axis, (text, _, row) in group.fields.items()
+            if (axis in EXTENDED or number != 1) and not text.startswith("*")
+        ),
+        path,
+    )

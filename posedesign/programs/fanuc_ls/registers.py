@@ -22,7 +22,8 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from posedesign.programs.fanuc_ls.stored import StoredGroup, check_other_axes, recorded
+from posedesign.programs.fanuc_ls.listing import Group
+from posedesign.programs.fanuc_ls.reader import check_other_axes, recorded
 from posedesign.programs.reading import refuse, text_lines
 from posedesign.programs.recorded import PlanMark, RecordedProgram
 
@@ -40,7 +41,7 @@ class _Register:
     number: int
     name: str
     line: int
-    group: StoredGroup | None = field(default=None)
+    group: Group | None = field(default=None)
 
 
 def parse_registers(data: bytes, path: Path | str) -> RecordedProgram:
@@ -106,14 +107,14 @@ def _token(register: _Register, line: str, at: int, path: Path | str, row: int) 
     group = _GROUP.match(line, at)
     if group:
         if register.group is None:
-            register.group = StoredGroup(row)
+            register.group = Group(row)
         register.group.config = group[2].strip() if group[2] else None
         return group.end()
     value = _JOINT.match(line, at) or _AXIS.match(line, at) or _EXTENDED.match(line, at)
     if value is None:
         refuse(f"{label}: cannot make sense of {line[at:].strip()[:30]!r}", path, row)
     if register.group is None:
-        register.group = StoredGroup(row)
+        register.group = Group(row)
     name, text = value[1], value[2]
     unit = "mm" if name in "XYZ" else "deg"
     if value.re is _EXTENDED:

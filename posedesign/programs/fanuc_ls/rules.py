@@ -1,34 +1,44 @@
-"""FANUC teach pendant programs in ASCII (``.LS``): the strict validator.
+"""FANUC ``.LS``: what a controller refuses, and what would not measure as planned.
 
-Each rule is one that a controller enforces at load, or that a measuring program needs to measure
-what was planned. Sources: programs loaded and run on ROBOGUIDE's virtual controllers
-(LeroyDu56/CrossArm, docs/fanuc_ls_format.md), public post-processors and controller exports.
+Sources: programs loaded and run on ROBOGUIDE's virtual controllers (LeroyDu56/CrossArm,
+docs/fanuc_ls_format.md), public post-processors and controller exports.
 
 =====================  ==========================================================================
 rule                   what it asks
 =====================  ==========================================================================
-``ascii``              plain ASCII characters
-``crlf``               each line ended by CR LF
+``text``               no control characters (note: letters beyond ASCII depend on the controller's
+                       code page)
 ``sections``           /PROG, /ATTR, /APPL (optional), /MN, /POS, /END, in this order
 ``program-name``       a capital letter, then A-Z 0-9 _, 36 in all (R-J3iB: 8, which we write)
+``attribute``          the attributes of controllers, in English or German
 ``line-format``        number, colon, instruction, semicolon
-``line-number``        line numbers consecutive from 1
-``line-count``         LINE_COUNT is the number of lines
-``position-format``    each position complete: frames, six joints or X Y Z W P R, commas, ``};``
-``configuration``      CONFIG with a pose, F or N, U or D, T or B and three turns; none with joints
-``unit``               joints, W P R in deg, X Y Z in mm
-``range``              joints within +-720 deg, W P R in (-180, 180], within 100 m
-``motion``             position, speed, FINE or CNT, known options; none that move elsewhere
-``instruction``        instructions of the base language
-``position-defined``   each position that is used is defined
-``position-unique``    each position is defined once
-``position-used``      each position that is defined is used
-``frame``              a position's UF and UT are the frames active where it is moved to: another
-                       one stops the program (INTP-251, INTP-253)
-``fine-before-call``   the arm stands (FINE) where a program is called
-``number``             plain decimal numbers: no exponent, no NaN, no ``-0.000``
+``line-number``        line numbers consecutive from 1, where there are any
+``instruction``        the syntax of instructions; note: an application's own, which are not known
 ``negative-argument``  negative constants in parentheses: ``CALL X(-1)`` is refused, and
                        ``R[1]<-1`` stops the program
+``block``              IF ... THEN and FOR are closed by ENDIF and ENDFOR
+``label``              a label that is jumped to is there, once
+``speed``              from 1% to 100%
+``position-format``    each position complete: frames, six joints or X Y Z W P R, commas, ``};``
+``configuration``      CONFIG with a pose; none with joints
+``unit``               joints, W P R in deg, X Y Z in mm
+``range``              joints within +-720 deg, W P R within +-180 deg, within 100 m
+``position-defined``   each position that is used is defined
+``position-unique``    each position is defined once
+``frame``              a position's UF and UT are the frames active where it is moved to: another
+                       one stops the program (INTP-251, INTP-253)
+=====================  ==========================================================================
+
+What a measuring program needs besides:
+
+=====================  ==========================================================================
+``crlf``               each line ended by CR LF, as controllers write them
+``line-count``         LINE_COUNT is the number of lines: none is lost
+``position-used``      each position that is defined is used
+``position-value``     each position has values, not ``****``
+``elsewhere``          no motion to another place than that of its position (INC, Offset)
+``frames-set``         UFRAME_NUM and UTOOL_NUM set by number before the motion
+``fine-before-call``   the arm stands (FINE) where a program is called
 =====================  ==========================================================================
 """
 
@@ -36,67 +46,97 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from difflib import get_close_matches
 from itertools import islice
 
-from posedesign.programs.fanuc_ls.instructions import instruction_fault, motion_fault
-from posedesign.programs.fanuc_ls.listing import Listing, Position, split_listing
+from lark import Token, Tree
+
+from posedesign.programs.fanuc_ls.listing import (
+    LANGUAGE,
+    Instruction,
+    Listing,
+    Position,
+    read_listing,
+)
+from posedesign.programs.language import Block, block_faults
 from posedesign.programs.recorded import Problem
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check: a file that is no program has one in each of its lines."""
 
-_PROG = re.compile(r"/PROG  ([A-Z][A-Z0-9_]{0,35})(?:\t  Macro)?")
-_LINE_COUNT = re.compile(r"LINE_COUNT\s*=\s*(\d{1,9})\s*;")
-_USED = re.compile(r"\bP\[(\d{1,6})\]")
-_INDIRECT = re.compile(r"\bP\[(?!\d)")
-_FRAME = re.compile(r"(UFRAME|UTOOL)_NUM\s*=\s*(\d{1,3}$)?")
-_DECIMAL = re.compile(r"-?(?:\d{1,9}(?:\.\d{0,9})?|\.\d{1,9})")
-_NEGATIVE_ZERO = re.compile(r"-0+(?:\.0*)?")
-_ODD_NUMBER = re.compile(
-    r"(?<![\w.])[\d.]{1,40}[eE][-+]?\d|(?:[=(,<>]|WAIT )\s*[-+]?(?:nan|inf)\b", re.IGNORECASE
-)
-_NEGATIVE = re.compile(r"(?:[=<>,]|\bTO|\bCALL \w{1,40}\()\s*-\s*[\d.]")
-
-_CONFIG = re.compile(r"[FN] [UD] [TB], ?-?\d, ?-?\d, ?-?\d")
-_MOST_DEG, _MOST_MM = 720.0, 100_000.0
-
 _ORDER = ["PROG", "ATTR", "MN", "POS", "END"]
-_JOINT_FORM = {"J1", "J2", "J3", "J4", "J5", "J6"}
-_CARTESIAN_FORM = {"X", "Y", "Z", "W", "P", "R"}
+_NAME = re.compile(r"[A-Z_-][A-Z0-9_-]{0,35}(?:\t  (?:Macro|Cond))?[ \t]*")
+_JOINTS = {"J1", "J2", "J3", "J4", "J5", "J6"}
+_POSE = {"X", "Y", "Z", "W", "P", "R"}
+_INCREMENT = {f"R{axis}" for axis in _POSE}
 _EXTENDED = {"E1", "E2", "E3"}
+_CONFIG = re.compile(r"[FN] (?:[LR] )?[UD] [TB](?:, ?-?\d){3}")
+_GERMAN = re.compile(
+    r"(?<![\w$])(?:AUFRUF|WENN|WARTE|DANN|SONST|SPRUNG|MARKE|ENDE|PULS|AN|AUS|sek|WKZ_NUM"
+    r"|BENUTZER_NUM|TRAGLST|ZEIT)(?!\w)"
+)
+_MOST_DEG, _MOST_MM = 720.0, 100_000.0
+_BLOCKS = {"if_": Block("endif", ("else_",)), "for_": Block("endfor")}
+_UNKNOWN = re.compile(r"[A-Za-z][A-Za-z_-]{2,}[0-9]{0,3}")
+_ATTRIBUTE_NAMES = """
+    OWNER COMMENT PROG_SIZE CREATE MODIFIED FILE_NAME VERSION LINE_COUNT MEMORY_SIZE PROTECT
+    STORAGE STACK_SIZE TASK_PRIORITY TIME_SLICE BUSY_LAMP_OFF ABORT_REQUEST PAUSE_REQUEST
+    DEFAULT_GROUP CONTROL_CODE LOCAL_REGISTERS SUB_TYPE INVISIBLE IGNORE_PAUSE
+    EIGN. KOMMENTAR ERSTELL DATEI_NAME ZEILEN SPEICHERGR. SCHUTZ ZEITSCHEIBE BUSY_LAMP_AUS
+    ABORT_ANFRAGE HALT_ANFRAGE DEFAULT_GRUP KONTROLLCODE
+"""
+_ATTRIBUTES = frozenset(_ATTRIBUTE_NAMES.split())
+_SIZES = ("PROG_SIZE", "VERSION", "LINE_COUNT", "MEMORY_SIZE", "PAUSE_REQUEST")
+_TASKS = ("STACK_SIZE", "TASK_PRIORITY", "TIME_SLICE", "BUSY_LAMP_OFF", "ABORT_REQUEST")
+_VALUES = {
+    **dict.fromkeys(_SIZES, r"\d{1,9};"),
+    **dict.fromkeys(_TASKS, r"\d{1,9},"),
+    **dict.fromkeys(("CREATE", "MODIFIED"), r"DATE [\d-]+\s+TIME [\d:]+;"),
+    "OWNER": r"[^,]+;",
+    "COMMENT": r'".*";',
+    "PROTECT": r"(?:READ|READ_WRITE);",
+    "DEFAULT_GROUP": r"[\d*](?:,[\d*]){4,7};",
+    "CONTROL_CODE": r"[\dA-F]{8} [\dA-F]{8};",
+}
+"""What the attributes of English controllers have for a value."""
 
 
 def check_fanuc_ls(data: bytes) -> list[Problem]:
     """Problems in the content of a file, in the order of its lines."""
-    listing = split_listing(data.decode("latin-1"))  # any byte is a character: none is lost
+    listing = read_listing(data.decode("latin-1"))  # any byte is a character: none is lost
     checks = (
         _check_bytes(data),
         _check_headings(listing),
         _check_lines(listing),
+        _check_instructions(listing),
+        block_faults([i.statement for i in listing.instructions], _BLOCKS),
+        _check_labels(listing),
         _check_positions(listing),
         _check_values(listing),
         _check_use(listing),
-        _check_motion(listing),
-        _check_numbers(listing),
+        _check_motions(listing),
     )
     problems = [problem for check in checks for problem in islice(check, MOST_PROBLEMS)]
     return sorted(problems, key=lambda p: (p.line, p.rule, p.message))
 
 
 def _check_bytes(data: bytes) -> Iterator[Problem]:
-    rows = data.split(b"\n")
-    bare = [row for row, line in enumerate(rows[:-1], start=1) if not line.endswith(b"\r")]
-    if rows[-1]:
-        bare.append(len(rows))
+    bare = data.count(b"\n") - data.count(b"\r\n") + (data[-1:] not in (b"", b"\n"))
     if bare:
         # A file has one kind of line end: thousands of equal messages would hide the others.
-        yield Problem(bare[0], "crlf", f"{len(bare)} lines are not ended by CR LF, this the first")
-    for row, line in enumerate(rows, start=1):
-        if b"\r" in line[:-1]:
-            yield Problem(row, "crlf", "there is a CR inside the line")
-        bad = re.search(rb"[^\t\r -~]", line)
+        first = re.search(rb"(?<!\r)\n|(?<!\n)\Z", data)
+        row = data.count(b"\n", 0, first.start()) + 1 if first else 1
+        reason = f"{bare} lines are not ended by CR LF, this the first"
+        yield Problem(row, "crlf", reason, "measuring")
+    for pattern, level in (
+        (rb"[^\t\r\n -~\x80-\xff]|\r(?!\n)", "error"),
+        (rb"[\x80-\xff]", "note"),
+    ):
+        bad = re.search(pattern, data)
         if bad:
-            yield Problem(row, "ascii", f"the byte 0x{bad[0][0]:02x} is not plain ASCII text")
+            row = data.count(b"\n", 0, bad.start()) + 1
+            reason = f"the byte 0x{bad[0][0]:02x} is not plain ASCII text"
+            yield Problem(row, "text", reason, "error" if level == "error" else "note")
 
 
 def _check_headings(listing: Listing) -> Iterator[Problem]:
@@ -110,31 +150,135 @@ def _check_headings(listing: Listing) -> Iterator[Problem]:
         order[i] == "APPL" and order[i - 1] not in ("ATTR", "APPL") for i in range(len(order))
     ):
         yield Problem(listing.headings[-1][0], "sections", "/APPL stands between /ATTR and /MN")
-    for row in listing.stray:
+    for row, _ in listing.stray:
         yield Problem(row, "sections", "the line is in no section")
     for row, section, text in listing.headings:
-        if section == "PROG" and not _PROG.fullmatch(text):
-            reason = "behind /PROG and two spaces: a letter, then A-Z 0-9 _, 36 characters in all"
+        if section == "PROG" and not _NAME.fullmatch(text):
+            reason = "behind /PROG: a letter, then A-Z 0-9 _, 36 characters in all"
             yield Problem(row, "program-name", reason)
+        elif section != "PROG" and text:
+            yield Problem(row, "sections", f"{text[:30]!a} stands behind /{section}")
+    for row, fault in listing.unclear:
+        yield Problem(row, "attribute", fault)
+    for row, name, text in listing.attributes:
+        near = get_close_matches(name, _ATTRIBUTES, 1, 0.75)
+        meant = _VALUES.get(name, "")
+        if name not in _ATTRIBUTES and near and name.isascii():
+            yield Problem(row, "attribute", f"{name} is no attribute: {near[0]} is")
+        elif meant and not re.fullmatch(meant, text.partition("=")[2].strip()):
+            yield Problem(row, "attribute", f"{name} has another value: {text.strip()[-30:]!a}")
 
 
 def _check_lines(listing: Listing) -> Iterator[Problem]:
     expected = 1
-    for instruction in listing.instructions:
-        if instruction.fault:
-            yield Problem(instruction.line, "line-format", instruction.fault)
-        if instruction.number not in (None, expected):
-            reason = f"line number {instruction.number} where {expected} is due"
-            yield Problem(instruction.line, "line-number", reason)
-        expected = (instruction.number or expected) + 1
-    counts = [(row, _LINE_COUNT.fullmatch(line)) for row, line in listing.attributes]
-    stated = [(row, int(found[1])) for row, found in counts if found]
-    count = len(listing.instructions)
-    if not stated:
-        yield Problem(1, "line-count", "/ATTR has no LINE_COUNT")
-    for row, value in stated:
-        if value != count:
-            yield Problem(row, "line-count", f"LINE_COUNT is {value}, /MN has {count} lines")
+    for line in listing.instructions:
+        if line.inner:
+            continue
+        if line.number is None and line.head.strip():
+            reason = "a line starts with its number, right-aligned in four characters, and a colon"
+            yield Problem(line.row, "line-format", reason)
+        elif line.number is not None and line.head != f"{line.number:4d}":
+            reason = "the number is right-aligned in four characters"
+            yield Problem(line.row, "line-format", reason, "measuring")
+        elif not line.closed:
+            yield Problem(line.row, "line-format", "a line ends in ' ;'")
+        if line.number not in (None, expected):
+            reason = f"line number {line.number} where {expected} is due"
+            yield Problem(line.row, "line-number", reason)
+        expected = (line.number or expected) + 1
+    outer = sum(not line.inner for line in listing.instructions)
+    named = ("LINE_COUNT", "ZEILEN")
+    counts = [(row, text.strip()) for row, key, text in listing.attributes if key in named]
+    for row, text in counts or [(1, "there is no LINE_COUNT")]:
+        if "".join(filter(str.isdigit, text)) != str(outer):
+            reason = f"{text[:40]}, /MN has {outer} lines"
+            yield Problem(row, "line-count", reason, "measuring")
+
+
+def _check_instructions(listing: Listing) -> Iterator[Problem]:
+    english = any(name == "LINE_COUNT" for _, name, _ in listing.attributes)
+    for line in listing.instructions:
+        fault = line.statement.fault
+        mixed = _GERMAN.search(re.sub(r"\[[^\[\]]*\]|'[^']*'", "", line.code))
+        if mixed and english and line.kind not in ("remark", "message"):
+            reason = f"{mixed[0]} is a word of German controllers, the program an English one"
+            yield Problem(line.row, "instruction", reason)
+        if fault and re.search(r"(?:[=<>,(]|TO) ?-\s*[\d.]", line.code):
+            reason = f"a negative constant stands in parentheses, (-1): {fault}"
+            yield Problem(line.row, "negative-argument", reason)
+        elif fault:
+            yield Problem(line.row, "instruction", fault)
+        elif line.kind == "other":
+            yield from _unknown(line, line.statement.word("OTHER"), line.statement.word("REST"))
+        elif line.kind == "motion":
+            yield from _check_motion(line)
+        elif not line.inner and line.code.strip() and not line.code.startswith("  "):
+            reason = "two spaces stand between the colon and an instruction"
+            yield Problem(line.row, "line-format", reason, "measuring")
+
+
+def _check_motion(line: Instruction) -> Iterator[Problem]:
+    if line.code.startswith(" "):
+        reason = "the letter of a motion stands right behind the colon"
+        yield Problem(line.row, "line-format", reason, "measuring")
+    for option in line.statement.all("other_option"):
+        yield from _unknown(line, str(option.children[0]), "")
+    percent = re.search(r"\] ?(\d{1,9}(?:\.\d{0,9})?) ?%", line.code)
+    if percent and not 0 < float(percent[1]) <= 100:
+        yield Problem(line.row, "speed", f"a speed of {percent[1]}%: from 1% to 100%")
+    joint = line.code.lstrip().startswith("J")
+    unit = line.statement.word("UNIT")
+    if unit and joint != (unit == "%") and unit not in ("sec", "msec", "sek"):
+        yield Problem(line.row, "speed", f"{unit} is no speed of this kind of motion")
+
+
+def _unknown(line: Instruction, word: str, rest: str) -> Iterator[Problem]:
+    """An instruction or option of an application, or a misspelt one of the language."""
+    known = _known_words()
+    near = [w for w in known if word.upper().startswith(w.upper()) and len(w) > 3]
+    near = near or get_close_matches(word, known, 1, 0.7)
+    if not near and f"{word}(" in line.code:
+        near = ["CALL"]
+    opened = re.sub(r"'[^']*'|\[[^\[\]]*\]", "", rest)
+    if near or not _UNKNOWN.fullmatch(word) or opened.count("(") != opened.count(")"):
+        hint = f": {near[0]} is" if near else ""
+        yield Problem(line.row, "instruction", f"{word[:40]!a} is no instruction{hint}")
+    elif re.search(r"[\[\]]", opened) and "[" not in rest:
+        yield Problem(line.row, "instruction", f"a bracket is not closed: {rest[:40]!a}")
+    else:
+        reason = f"{word[:40]!a} is not known: an application's own is not checked"
+        yield Problem(line.row, "instruction", reason, "note")
+
+
+def _known_words() -> list[str]:
+    """Keywords of the grammar, and the letters of registers and signals."""
+    items = re.findall(r"[A-Za-z_]+", _pattern("ITEM"))
+    words = [str(t.pattern.value) for t in LANGUAGE.parser.terminals if t.pattern.type == "str"]
+    return sorted({w for w in [*items, *words] if re.fullmatch(r"[A-Za-z_]{2,}", w)})
+
+
+def _pattern(name: str) -> str:
+    return next(str(t.pattern.value) for t in LANGUAGE.parser.terminals if t.name == name)
+
+
+def _check_labels(listing: Listing) -> Iterator[Problem]:
+    defined: dict[str, int] = {}
+    jumps: list[tuple[int, str]] = []
+    for line in listing.instructions:
+        for label in line.statement.all("label"):
+            (index,) = label.children
+            number = next(iter(index.children), None) if isinstance(index, Tree) else None
+            if not isinstance(number, Token) or number.type != "INT":
+                continue  # a register chooses the label
+            if line.kind != "label_":
+                jumps.append((line.row, number[:9]))
+            elif number[:9] in defined:
+                yield Problem(line.row, "label", f"LBL[{number[:9]}] is there twice")
+            else:
+                defined[number[:9]] = line.row
+    for row, target in jumps:
+        if target not in defined:
+            yield Problem(row, "label", f"LBL[{target}] is not there")
 
 
 def _check_positions(listing: Listing) -> Iterator[Problem]:
@@ -142,113 +286,144 @@ def _check_positions(listing: Listing) -> Iterator[Problem]:
         yield Problem(row, "position-format", fault)
     seen: set[int] = set()
     for position in listing.positions:
-        label = f"P[{position.number}]"
+        label = position.label
         for row, fault in position.faults:
             yield Problem(row, "position-format", f"{label} {fault}")
-        if position.frames is None:
-            yield Problem(position.line, "position-format", f"{label} has no UF and UT in GP1")
-        if position.joints - _EXTENDED not in (_JOINT_FORM, _CARTESIAN_FORM):
-            found = " ".join(sorted(position.joints)) or "nothing"
-            reason = f"{label} has {found}, not J1 to J6 or X Y Z W P R"
-            yield Problem(position.line, "position-format", reason)
         if position.number in seen:
-            yield Problem(position.line, "position-unique", f"{label} is defined twice")
+            yield Problem(position.row, "position-unique", f"{label} is defined twice")
         seen.add(position.number)
+        first = position.groups.get(1)
+        if first is None:
+            reason = f"{label} has no GP1: the arm stays where it is"
+            yield Problem(position.row, "position-format", reason, "measuring")
+            continue
+        if {*first.frames} != {"UF", "UT"}:
+            reason = f"{label} has no UF and UT in GP1"
+            yield Problem(position.row, "position-format", reason)
+        names = {*first.fields} - _EXTENDED
+        if names not in (_JOINTS, _POSE, _INCREMENT) and not position.faults:
+            found = " ".join(sorted(names)) or "nothing"
+            other_arm = names == {f"J{j + 1}" for j in range(len(names))} and len(names) != 6
+            reason = f"{label} has {found}, not J1 to J6 or X Y Z W P R"
+            whole = other_arm and len(names) in (3, 4, 5, 7, 8, 9)
+            yield Problem(
+                position.row, "position-format", reason, "measuring" if whole else "error"
+            )
 
 
 def _check_values(listing: Listing) -> Iterator[Problem]:
     """Units, ranges and CONFIG of the first group of each position."""
     for position in listing.positions:
-        label = f"P[{position.number}]"
-        cartesian = bool(position.joints & _CARTESIAN_FORM)
-        if position.frames is not None and cartesian != (position.config is not None):
+        group, label = position.groups.get(1), position.label
+        if group is None:
+            continue
+        cartesian = bool({*group.fields} & (_POSE | _INCREMENT))
+        if group.frames and group.fields and cartesian != (group.config is not None):
             reason = f"{label} has {'no' if cartesian else 'a'} CONFIG"
-            yield Problem(position.line, "configuration", reason)
-        elif position.config is not None and not _CONFIG.fullmatch(position.config):
-            reason = f"{label}: there is no CONFIG {position.config[:30]!a}"
-            yield Problem(position.line, "configuration", reason)
-        for row, name, text, unit in position.own:
-            wanted = "mm" if name in "XYZ" else "deg"
-            if name not in _EXTENDED and unit != wanted:
-                yield Problem(row, "unit", f"{label}: {name} is in {unit}, not in {wanted}")
-            elif _DECIMAL.fullmatch(text) and not _in_range(name, float(text)):
-                yield Problem(row, "range", f"{label}: {name} is {text}")
+            yield Problem(position.row, "configuration", reason)
+        elif group.config is not None and not _CONFIG.fullmatch(group.config.strip()):
+            unset = not group.config.translate(str.maketrans("", "", "*, "))
+            reason = f"{label}: there is no CONFIG {group.config[:30]!a}"
+            yield Problem(position.row, "configuration", reason, "measuring" if unset else "error")
+        for name, (text, unit, row) in group.fields.items():
+            wanted = "mm" if name.lstrip("R") in ("X", "Y", "Z") else "deg"
+            if text.startswith("*"):
+                yield Problem(row, "position-value", f"{label}: {name} has no value", "measuring")
+            elif unit != wanted and not (name in _EXTENDED and unit):
+                reason = f"{label}: {name} is in {unit or 'no unit'}, not in {wanted}"
+                yield Problem(row, "unit", reason)
+            elif len(text) > 20 or not _in_range(name, float(text)):
+                yield Problem(row, "range", f"{label}: {name} is {text[:20]}")
 
 
 def _in_range(name: str, value: float) -> bool:
     if name in ("W", "P", "R"):
-        return -180.0 < value <= 180.0
-    return abs(value) <= (_MOST_MM if name in "XYZ" or name in _EXTENDED else _MOST_DEG)
+        return abs(value) <= 180.0
+    far = name.lstrip("R") in ("X", "Y", "Z") or name in _EXTENDED
+    return abs(value) <= (_MOST_MM if far else _MOST_DEG)
 
 
 def _check_use(listing: Listing) -> Iterator[Problem]:
     defined = {position.number for position in listing.positions}
     used: set[int] = set()
-    for instruction in listing.instructions:
-        numbers = {int(number) for number in _USED.findall(instruction.code)}
+    indirect = False
+    for line in listing.instructions:
+        numbers, chosen = _positions_of(line)
+        indirect = indirect or chosen
         for number in sorted(numbers - defined):
-            yield Problem(instruction.line, "position-defined", f"P[{number}] is not defined")
+            yield Problem(line.row, "position-defined", f"P[{number}] is not defined")
         used |= numbers
-    if any(_INDIRECT.search(instruction.code) for instruction in listing.instructions):
-        return  # a register chooses the position: any may be used
     for position in listing.positions:
-        if position.number not in used:
-            reason = f"P[{position.number}] is never used"
-            yield Problem(position.line, "position-used", reason)
+        if position.number not in used and not indirect:
+            reason = f"{position.label} is never used"
+            yield Problem(position.row, "position-used", reason, "measuring")
 
 
-def _check_motion(listing: Listing) -> Iterator[Problem]:
-    """Rules that follow the program line by line: active frames, and whether the arm stands."""
+def _positions_of(line: Instruction) -> tuple[set[int], bool]:
+    """Numbers of the positions that an instruction names, and whether a register chooses one."""
+    numbers: set[int] = set()
+    chosen = False
+    if line.kind in ("remark", "message", "fault"):
+        return numbers, chosen
+    for tree in line.statement.all("target", "indexed"):
+        head = tree.children[0]
+        token = head if isinstance(head, Token) else head.children[0]
+        index = tree.children[1]
+        if not isinstance(token, Token) or token.type != "P" or not isinstance(index, Tree):
+            continue
+        first = index.children[0]
+        if isinstance(first, Token) and first.type == "INT":
+            numbers.add(int(first[:9]))
+        else:
+            chosen = True
+    return numbers, chosen
+
+
+def _check_motions(listing: Listing) -> Iterator[Problem]:
+    """Rules that follow the program line by line: active frames, and whether the arm stands.
+
+    Behind a label, a call or the end of a block nobody knows from the file which frames are
+    active: a frame that differs from the one set last is an error only where none is between.
+    """
     stored = {position.number: position for position in listing.positions}
-    active: dict[str, int | None] = {"UFRAME": None, "UTOOL": None}
+    active: dict[str, int | None] = {"UF": None, "UT": None}
+    sure: dict[str, bool] = {"UF": False, "UT": False}
     stands = False
-    for instruction in listing.instructions:
-        frame = _FRAME.search(instruction.code)
-        if frame:
-            active[frame[1]] = int(frame[2]) if frame[2] else None
-        motion = instruction.motion
-        fault = "" if instruction.fault else _fault(motion, instruction.code)
-        if fault:
-            yield Problem(instruction.line, "motion" if motion else "instruction", fault)
-        if motion:
-            stands = re.search(r"\bFINE\b", instruction.code) is not None
-            for number in _USED.findall(instruction.code):
-                reason = _frame_fault(stored.get(int(number)), active)
-                if reason:
-                    yield Problem(instruction.line, "frame", reason)
-        if not stands and re.search(r"\bCALL\b", instruction.code):
+    for line in listing.instructions:
+        kind = line.kind
+        if kind == "frame":
+            tree = line.statement.tree
+            letters = "UF" if line.statement.one("uframe") is not None else "UT"
+            number = [t for t in tree.children if isinstance(t, Token) and t.type == "INT"]
+            active[letters] = int(number[0][:9]) if number else None
+            sure[letters] = bool(number)
+        elif kind in ("label_", "call", "run", "else_", "endif", "endfor", "branch", "select"):
+            sure = {"UF": False, "UT": False}
+        elif kind == "motion":
+            stands = line.statement.one("fine") is not None
+            for number_of in _positions_of(line)[0]:
+                yield from _frame_problems(line.row, stored.get(number_of), active, sure)
+            if line.statement.one("elsewhere") is not None:
+                reason = f"moves to another place than its position: {line.code.strip()[-40:]}"
+                yield Problem(line.row, "elsewhere", reason, "measuring")
+        if kind == "call" and not stands:
             reason = "no motion to a standstill (FINE) before the CALL"
-            yield Problem(instruction.line, "fine-before-call", reason)
+            yield Problem(line.row, "fine-before-call", reason, "measuring")
 
 
-def _fault(motion: str, code: str) -> str:
-    return motion_fault(motion, code) if motion else instruction_fault(code)
-
-
-def _frame_fault(position: Position | None, active: dict[str, int | None]) -> str:
-    if position is None or position.frames is None:
-        return ""  # other rules say so
-    for name, letters, frame in zip(active, ("UF", "UT"), position.frames, strict=True):
+def _frame_problems(
+    row: int, position: Position | None, active: dict[str, int | None], sure: dict[str, bool]
+) -> Iterator[Problem]:
+    group = position.groups.get(1) if position is not None else None
+    if position is None or group is None:
+        return  # other rules say so
+    for letters, name in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
+        frame = group.frames.get(letters)
         if frame is None:
             continue  # left open: whatever is active
-        if letters == "UT" and frame == 0:
-            return f"P[{position.number}] has UT 0: tool frames count from 1"
-        if active[name] is None:
-            return f"{name}_NUM is not set to a number before the motion"
-        if active[name] != frame:
-            return f"P[{position.number}] has {letters} {frame}, {name}_NUM is {active[name]}"
-    return ""
-
-
-def _check_numbers(listing: Listing) -> Iterator[Problem]:
-    for position in listing.positions:
-        for row, name, text in position.values:
-            if not _DECIMAL.fullmatch(text) or _NEGATIVE_ZERO.fullmatch(text):
-                reason = f"P[{position.number}]: {name} is {text[:30]!a}, not a plain number"
-                yield Problem(row, "number", reason)
-    for instruction in listing.instructions:
-        if _ODD_NUMBER.search(instruction.code):
-            yield Problem(instruction.line, "number", "exponents and NaN are refused")
-        if _NEGATIVE.search(instruction.code):
-            reason = "a negative constant stands in parentheses: (-1)"
-            yield Problem(instruction.line, "negative-argument", reason)
+        if active[letters] is None:
+            reason = f"{name} is not set to a number before the motion"
+            yield Problem(row, "frames-set", reason, "measuring")
+        elif active[letters] != frame:
+            reason = f"{position.label} has {letters} {frame}, {name} is {active[letters]}"
+            yield Problem(row, "frame", reason, "error" if sure[letters] else "measuring")

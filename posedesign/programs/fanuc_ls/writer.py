@@ -95,7 +95,7 @@ def lines_besides(program: PoseProgram) -> tuple[int, int]:
 def _check_options(program: PoseProgram) -> None:
     options = program.options
     in_range("user_frame", options.user_frame, 0, MOST_USER_FRAME)
-    in_range("tool_frame", options.tool_frame, 1, MOST_TOOL_FRAME)
+    in_range("tool_frame", options.tool_frame, 0, MOST_TOOL_FRAME)
     in_range("settle_s", options.settle_s, 0, LONGEST_WAIT_S)
     if options.measure_output is not None:
         in_range("measure_pulse_s", options.measure_pulse_s, SHORTEST_PULSE_S, LONGEST_PULSE_S)
@@ -142,8 +142,9 @@ def _at_pose(
     if options.settle_s > 0:
         lines.append(f"  WAIT {_seconds(options.settle_s):>6}(sec)")
     if options.measure_output is not None:
-        pulse = _seconds(options.measure_pulse_s)
-        lines.append(f"  DO[{options.measure_output}]=PULSE,{pulse}sec")
+        # tenths of a second with a zero before the point, as controllers export it
+        pulse = max(options.measure_pulse_s, SHORTEST_PULSE_S)
+        lines.append(f"  DO[{options.measure_output}]=PULSE,{pulse:.1f}sec")
     if options.measure_call is not None:
         argument = options.argument(number)
         # a negative constant stands in parentheses of its own

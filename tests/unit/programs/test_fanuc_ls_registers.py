@@ -113,6 +113,6 @@ def test_an_output_is_pulsed_and_the_argument_is_the_users() -> None:
         (text,) = dialect.files(program).values()
         return text
 
-    assert "  DO[3]=PULSE,.25sec ;" in body(measure_output=3, measure_pulse_s=0.25)
+    assert "  DO[3]=PULSE,0.5sec ;" in body(measure_output=3, measure_pulse_s=0.5)
     assert "CALL MEASURE ;" in body(measure_argument=None)
     assert "CALL MEASURE((-4)) ;" in body(measure_argument=-4)

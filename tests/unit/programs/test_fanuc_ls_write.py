@@ -259,7 +259,7 @@ def test_every_proposed_name_is_legal(name: str) -> None:
     [
         ({"user_frame": 10}, "user_frame is 10, outside 0 to 9"),
         ({"user_frame": -1}, "user_frame is -1"),
-        ({"tool_frame": 0}, "tool_frame is 0, outside 1 to 10"),
+        ({"tool_frame": -1}, "tool_frame is -1, outside 0 to 10"),
         ({"tool_frame": 11}, "tool_frame is 11"),
         ({"settle_s": 327.68}, "settle_s is 327.68"),
         ({"comment": "seventeen letters"}, "comment 'seventeen letters' cannot stand"),

@@ -1,0 +1,324 @@
+"""FANUC .LS: each rule of the strict validator, by a file that breaks it and no other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posedesign.programs import (
+    DIALECTS,
+    PoseProgram,
+    Problem,
+    ProgramOptions,
+    ProgramPose,
+    validate,
+)
+from posedesign.programs.fanuc_ls import rules
+from posedesign.programs.fanuc_ls.rules import MOST_PROBLEMS, check_fanuc_ls
+
+(GOOD,) = (
+    DIALECTS["fanuc-ls"]
+    .files(
+        PoseProgram(
+            "CALPOSE",
+            (
+                ProgramPose("T1", np.radians([1, 2, 3, 4, 5, 6])),
+                ProgramPose("T2", np.radians([-1, -2, -3, -4, -5, -6])),
+            ),
+            ProgramOptions(fingerprint="abcdef12"),
+        )
+    )
+    .values()
+)
+LINES = GOOD.splitlines()
+P2 = GOOD[GOOD.index("P[2:") : GOOD.index("/END")]
+
+CARTESIAN = """\
+\tUF : 0, UT : 1,\t\tCONFIG : 'N U T, 0, 0, 0',
+\tX =   900.000  mm,\tY =     0.000  mm,\tZ =   500.000  mm,
+\tW =   180.000 deg,\tP =     0.000 deg,\tR =   180.000 deg,
+\tE1=   -10.000  mm
+   GP2:
+\tUF : 3, UT : 4,\t
+\tJ1=     -.001 deg,\tJ2=    45.000 deg
+};
+"""
+
+
+def check(text: str, *levels: str) -> list[Problem]:
+    """Problems of these levels; of all but notes, where none are named."""
+    problems = check_fanuc_ls(text.replace("\n", "\r\n").encode("latin-1"))
+    return [p for p in problems if p.level in (levels or ("error", "measuring"))]
+
+
+def line_of(text: str) -> int:
+    (row,) = [i for i, line in enumerate(LINES, start=1) if text in line]
+    return row
+
+
+def test_a_good_file_has_no_problems(tmp_path: Path) -> None:
+    assert check(GOOD) == []
+    path = tmp_path / "CALPOSE.LS"
+    path.write_bytes(GOOD.replace("\n", "\r\n").encode())
+    assert validate(path) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("/PROG  CALPOSE", "/PROG  CALPOSE\t  Macro"),
+        ("/MN\n", "/APPL\n/APPL\n\nAUTO_SINGULARITY_HEADER;\n/MN\n"),
+        ("J P[1] 10% FINE    ;", "J P[1:T1 CNT -1] 10% FINE;"),
+        ("WAIT   1.00(sec) ;\n   6:", "WAIT R[1:CALL X(-1)]                  ;\n   6:"),
+        ("!PLAN abcdef12 2", "!CALL X(-1) at 1e5"),
+        ("!PLAN abcdef12 2", "//CALL X(-1)"),
+        ("!PLAN abcdef12 2", "WAIT (R[1]<(-2.5))"),
+        ("!PLAN abcdef12 2", "R[1]=R[2]-1"),
+        ("!PLAN abcdef12 2", "MESSAGE[a]"),
+        ("MEASURE(1)", "MEASURE((-1))"),
+        ("MEASURE(1)", "MEASURE('it, -1, was 1e5')"),
+        ("J P[1] 10% FINE    ;", "C P[1]    \n    :  P[1] 10mm/sec FINE    ;"),
+        (P2[P2.index("\tUF") :], CARTESIAN),
+    ],
+)
+def test_what_controllers_write_too_is_accepted(old: str, new: str) -> None:
+    assert GOOD.count(old) == 1
+    assert check(GOOD.replace(old, new)) == []
+
+
+ERRORS = [
+    ("text", "!PLAN", "!PL\0N", "0x00"),
+    ("sections", "/END\n", "", "/PROG /ATTR /MN /POS"),
+    ("sections", "/END\n", "/END\n/END\n", "/END /END"),
+    ("sections", "/END\n", "/END\nmore\n", "in no section"),
+    ("sections", "/PROG", "first\n/PROG", "in no section"),
+    ("sections", "/POS\n", "/APPL\n/POS\n", "/APPL stands between"),
+    ("sections", "/MN\n", "/MN x\n", "'x' stands behind /MN"),
+    ("program-name", "/PROG  CALPOSE", "/PROG  " + 37 * "C", "36 characters"),
+    ("program-name", "/PROG  CALPOSE", "/PROG  calpose", "a letter"),
+    ("program-name", "/PROG  CALPOSE", "/PROG  7CAL", "a letter"),
+    ("attribute", "PROTECT", "PROTCT", "PROTECT is"),
+    ("attribute", "READ_WRITE", "READ_WRIT", "another value"),
+    ("attribute", "VERSION\t\t= 0;", "VERSION\t\t= 0", "not complete"),
+    ("line-format", "   5:  WAIT", "   X:  WAIT", "its number"),
+    ("line-number", "   5:  WAIT", "   4:  WAIT", "line number 4 where 5 is due"),
+    ("instruction", "!PLAN abcdef12 2", "WAIT", "'WAIT' is not complete"),
+    ("instruction", "WAIT   1.00(sec) ;\n   6", "WAIT SAC 1.00(sec) ;\n   6", "SAC"),
+    ("instruction", "WAIT   1.00(sec) ;\n   6", "WAIT   1_0(sec) ;\n   6", "_0"),
+    ("instruction", "!PLAN abcdef12 2", "WAIT 0.5 sec", "'sec' cannot stand behind"),
+    ("instruction", "CALL MEASURE(2)", "CALL", "'CALL' is not complete"),
+    ("instruction", "CALL MEASURE(2)", "CALLMEASURE(2)", "CALL is"),
+    ("instruction", "CALL MEASURE(2)", "MEASURE(2)", "CALL is"),
+    ("instruction", "!PLAN abcdef12 2", "UFRAM_NUM=0", "UFRAME_NUM is"),
+    ("instruction", "!PLAN abcdef12 2", "DO[1]=AN", "German"),
+    ("instruction", "!PLAN abcdef12 2", "R[1]=1.5E-6", "cannot stand"),
+    ("instruction", "P[1] 10% FINE", "P[1] FINE", "FINE"),
+    ("instruction", "P[1] 10% FINE", "P[1] 10% FINE FINE", "FINE is"),
+    ("negative-argument", "MEASURE(1)", "MEASURE(-1)", "(-1)"),
+    ("negative-argument", "MEASURE(1)", "MEASURE(1,-1)", "(-1)"),
+    ("negative-argument", "!PLAN abcdef12 2", "IF (R[1]<-2.5),ABORT", "(-1)"),
+    ("negative-argument", "!PLAN abcdef12 2", "FOR R[1]=1 TO -2", "(-1)"),
+    ("block", "!PLAN abcdef12 2", "IF (R[1]=1) THEN", "never closed"),
+    ("block", "!PLAN abcdef12 2", "ENDFOR", "closes nothing"),
+    ("label", "!PLAN abcdef12 2", "JMP LBL[7]", "LBL[7] is not there"),
+    ("speed", "P[1] 10% FINE", "P[1] 0% FINE", "from 1% to 100%"),
+    ("speed", "P[1] 10% FINE", "P[1] 150% FINE", "from 1% to 100%"),
+    ("speed", "P[1] 10% FINE", "P[1] 10mm/sec FINE", "no speed of this kind"),
+    ("position-format", "};\nP[2", "P[2", r"P[1] is not closed"),
+    ("position-format", "};\n/END", "/END", r"P[2] is not closed"),
+    ("position-format", "J1=     1.000 deg,\t", "", "J2 J3 J4 J5 J6, not J1 to J6"),
+    ("position-format", "J3=     1.000 deg,\n", "J3=     1.000 deg\n", "no comma before"),
+    ("position-format", "J6=     6.000 deg", "J6=     6.000 deg,", "comma behind its last"),
+    ("position-format", "J6=     6.000 deg", "J6=     6.000 deg; rubbish", "cannot stand"),
+    ("position-format", "1.000 deg,\tJ2=    -2", "1e0 deg,\tJ2=    -2", "cannot stand"),
+    ("position-format", "1.000 deg,\tJ2=     2", "NaN deg,\tJ2=     2", "cannot stand"),
+    ("configuration", "UT : 1,\t", "UT : 1,\tCONFIG : 'N U T, 0, 0, 0',", "P[1] has a CONFIG"),
+    ("unit", "J1=     1.000 deg", "J1=     1.000  mm", "J1 is in mm, not in deg"),
+    ("range", "J1=     1.000", "J1=   721.000", "J1 is 721.000"),
+    ("position-defined", "!PLAN abcdef12 2", "PR[1]=P[3]", "P[3] is not defined"),
+    ("position-unique", "/END", P2 + "/END", "P[2] is defined twice"),
+    ("frame", "UFRAME_NUM=0", "UFRAME_NUM=1", "P[1] has UF 0, UFRAME_NUM is 1"),
+    ("frame", "UTOOL_NUM=1", "UTOOL_NUM=2", "P[1] has UT 1, UTOOL_NUM is 2"),
+    ("frame", "  CALL MEASURE(1)", "  UTOOL_NUM=2", "P[2] has UT 1, UTOOL_NUM is 2"),
+]
+MEASURING = [
+    ("crlf", "OWNER", "\rOWNER", ""),
+    ("line-count", "LINE_COUNT\t= 9;", "LINE_COUNT\t= 8;", "/MN has 9 lines"),
+    ("line-count", "LINE_COUNT\t= 9;\n", "", "no LINE_COUNT"),
+    ("line-format", "   5:  WAIT", "5:  WAIT", "right-aligned"),
+    ("line-format", "   5:  WAIT", "   5: WAIT", "two spaces"),
+    ("position-used", "/END", P2.replace("P[2", "P[3") + "/END", "P[3] is never used"),
+    ("position-value", "J1=     1.000", "J1=  ********", "J1 has no value"),
+    ("elsewhere", "P[1] 10% FINE", "P[1] 10% FINE INC", "moves to another place"),
+    ("elsewhere", "P[1] 10% FINE", "P[1] 10% FINE Offset,PR[1]", "moves to another place"),
+    ("frames-set", "UTOOL_NUM=1", "UTOOL_NUM=R[1]", "UTOOL_NUM is not set"),
+    ("fine-before-call", "P[1] 10% FINE", "P[1] 10% CNT0", "standstill (FINE) before the CALL"),
+    ("fine-before-call", "!PLAN abcdef12 2", "CALL INIT", "standstill"),
+]
+
+
+@pytest.mark.parametrize(("rule", "old", "new", "message"), ERRORS)
+def test_what_a_controller_refuses(rule: str, old: str, new: str, message: str) -> None:
+    text = GOOD.replace(old, new, 1)
+    assert text != GOOD
+    problems = check(text, "error")
+    assert {problem.rule for problem in problems} == {rule}
+    assert message in " ".join(problem.message for problem in problems)
+
+
+@pytest.mark.parametrize(("rule", "old", "new", "message"), MEASURING[1:])
+def test_what_would_not_measure_as_planned(rule: str, old: str, new: str, message: str) -> None:
+    text = GOOD.replace(old, new, 1)
+    assert check(text, "error") == []
+    problems = check(text, "measuring")
+    assert {problem.rule for problem in problems} == {rule}
+    assert message in " ".join(problem.message for problem in problems)
+
+
+@pytest.mark.parametrize(
+    ("rule", "old", "new", "message"),
+    [
+        ("configuration", "\t\tCONFIG : 'N U T, 0, 0, 0',", "", "P[2] has no CONFIG"),
+        ("configuration", "'N U T", "'Q U T", "no CONFIG 'Q U T"),
+        ("configuration", "'N U T", "'N T", "no CONFIG 'N T"),
+        ("range", "180.000 deg,\tP", "270.000 deg,\tP", "W is 270.000"),
+        ("unit", "900.000  mm", "900.000 deg", "X is in deg, not in mm"),
+        ("frame", "UF : 0, UT : 1,\t\tCON", "UF : 0, UT : 0,\t\tCON", "P[2] has UT 0"),
+    ],
+)
+def test_a_pose_that_breaks_one_rule(rule: str, old: str, new: str, message: str) -> None:
+    text = GOOD.replace(P2[P2.index("\tUF") :], CARTESIAN)
+    assert text.count(old) == 1
+    (problem,) = [p for p in check(text.replace(old, new)) if p.rule == rule]
+    assert message in problem.message
+
+
+def test_every_rule_has_such_a_file() -> None:
+    documented = {
+        line[2 : line.index("``", 2)]
+        for line in (rules.__doc__ or "").splitlines()
+        if line.startswith("``")
+    }
+    assert documented == {rule for rule, *_ in ERRORS + MEASURING}
+
+
+EXPORT = """\
+/PROG  UP001
+/ATTR
+EIGN.\t\t= MNEDITOR;
+KOMMENTAR\t= "Anfahren";
+PROG_GR\u00d6\u00dfE\t= 1250;
+ERSTELL\t\t= TAG 17-02-10  ZEIT 15:34:18;
+DATEI_NAME\t= ;
+ZEILEN\t\t= 6;
+SCHUTZ\t\t= LESEN_SCHREIB;
+TCD:  STACK_GR\u00d6\u00dfE\t= 500,
+      HALT_ANFRAGE\t= 0;
+DEFAULT_GRUP\t= 1,1,*,*,*;
+/APPL
+/MN
+   1:  BENUTZER_NUM=0 ;
+   2:  WKZ_NUM=1 ;
+   3:  TRAGLST[1] ;
+   4:J P[1] 10% CNT0 ACC100 ZEIT VOR   0.00sek,P-SPS    ;
+      1:  WENN (A[12]),AUFRUF MAKRO998 ;
+      2:  FB-PSPS (M[1] [&] !E[30]) ;
+      3:  WARTE (E[9])    ;
+      4:  AUFRUF VW_USER(Basic1,ProgNr=99, ,S-Punkt=31,EIN/AUS=AN) ;
+       ------ ;
+   5:  !Lib. de Herramientas ;
+   6:J P[1] 100% CNT0 ACC100 ZEIT VOR    .10sek,P-SPS Offset,PR[11]    ;
+/POS
+P[1]{
+   GP1:
+\tUF : 0, UT : 1,\t\tKONFIG : 'N U T, 0, 0, 0',
+\tX =   900.000  mm,\tY =     -.000  mm,\tZ =   500.000  mm,
+\tW =  -180.000 deg,\tP =     0.000 deg,\tR =  -180.000 deg
+   GP2:
+\tUF : 0, UT : 1,\t
+\tJ1=   100.000  mm
+};
+/END
+"""
+"""In the manner of exports of a German controller of a car maker."""
+
+
+def test_the_export_of_a_german_controller_is_valid() -> None:
+    assert check(EXPORT, "error") == []
+    assert {p.rule for p in check(EXPORT, "note")} == {"text", "instruction"}
+    assert "an application's own" in " ".join(p.message for p in check(EXPORT, "note"))
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "IF (!F[1:ON :Part in Grip]),JMP LBL[1] ;\n  11:  LBL[1:go on]",
+        "IF (R[100:*Sts ID]<>10 AND R[100:*Sts ID]<>(-11)),R[1]=(R[1]+1)",
+        "WAIT DI[193:OFF:Retract]=ON AND DI[194:ON :Extend]=OFF TIMEOUT,LBL[1] ;\n  11:  LBL[1]",
+        "SELECT R[20:Num]=1,CALL SUB_1 ;\n  11:         =2,CALL SUB_2 ;\n  12:         ELSE,ABORT",
+        "PR[GP1:1,7:Trolley]=PR[GP1:1,7:Trolley]+R[15:Trolley INC]",
+        "GO[10:CurTCPX]=(PR[84,1:CurrentToolData]*10)",
+        "R[37]=$MNUTOOLNUM[1]",
+        "DO[43:Fin Prise]=PULSE,0.5sec",
+        "FOR R[1]=1 TO R[2:count] ;\n  11:  ENDFOR",
+        "CALL FAULT_MESSAGE('Machine failed to start.','Check it')",
+        "MESSAGE[Fin du programme.]",
+        "PROGRAM VERIFY(8)",
+        "Arc Start[1]",
+        "VISION RUN_FIND 'FIND1'",
+    ],
+)
+def test_what_exported_programs_hold_is_no_error(code: str) -> None:
+    number = len(code.split("\n")) + 9
+    text = GOOD.replace("\n/POS", f"\n  10:  {code} ;\n/POS")
+    text = text.replace("LINE_COUNT\t= 9", f"LINE_COUNT\t= {number}")
+    assert check(text, "error") == []
+
+
+def test_lines_without_numbers_are_instructions_of_their_own() -> None:
+    text = GOOD
+    for number in range(1, 10):
+        text = text.replace(f"\n{number:4d}:", "\n    :")
+    assert check(text, "error") == []
+    wrong = text.replace("UTOOL_NUM=1", "UTOOL_NUM=2")
+    assert {p.rule for p in check(wrong, "error")} == {"frame"}
+
+
+def test_behind_a_label_or_a_call_frames_are_not_known() -> None:
+    text = GOOD.replace("UTOOL_NUM=1", "UTOOL_NUM=2").replace("!PLAN abcdef12 2", "LBL[1]")
+    assert {p.rule for p in check(text, "error")} == {"frame"}
+    text = GOOD.replace("UTOOL_NUM=1 ;", "UTOOL_NUM=2 ;\n   4:  LBL[1] ;")
+    assert {p.rule for p in check(text, "error")} == {"line-number"}
+
+
+def test_the_level_of_a_file_is_that_of_its_maker(tmp_path: Path) -> None:
+    path = tmp_path / "CALPOSE.LS"
+    path.write_bytes(GOOD.replace("P[1] 10% FINE", "P[1] 10% CNT50").replace("\n", "\r\n").encode())
+    assert [p.rule for p in validate(path)] == ["fine-before-call"]
+    path.write_bytes(path.read_bytes().replace(b"!PLAN abcdef12 2", b"!by hand"))
+    assert validate(path) == []
+    assert [p.rule for p in validate(path, levels=["measuring"])] == ["fine-before-call"]
+
+
+def test_line_ends() -> None:
+    said = f"{len(LINES)} lines are not ended by CR LF, this the first"
+    assert check_fanuc_ls(GOOD.encode()) == [Problem(1, "crlf", said, "measuring")]
+
+
+def test_a_gap_in_the_numbers_is_told_once() -> None:
+    text = GOOD
+    for number in range(9, 4, -1):
+        text = text.replace(f"{number:4d}:", f"{number + 2:4d}:")
+    assert [(p.line, p.rule) for p in check(text)] == [(line_of("   5:"), "line-number")]
+
+
+def test_a_position_chosen_by_a_register_may_be_any() -> None:
+    assert check(GOOD.replace("J P[2]", "J P[R[1:next]]")) == []
+
+
+def test_a_file_of_rubbish_is_not_told_line_by_line() -> None:
+    problems = check("/PROG  A\n/MN\n" + "rubbish\n" * 5000)
+    assert len(problems) < 3 * MOST_PROBLEMS
+    assert {p.rule for p in check_fanuc_ls(b"")} == {"sections", "line-count"}

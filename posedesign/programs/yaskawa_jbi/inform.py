@@ -5,10 +5,11 @@ The reader and the validator take both from here, so that neither understands a 
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import islice
 
 from lark import Token, Tree
 
@@ -45,6 +46,10 @@ Name = tuple[str, int]
 
 _OF_POS = ("npos", "tool", "user", "postype", "pulse", "rectan", "rconf", "stored", "heading")
 _MOST_NUMBER = 99_999
+_MOST_LINES = 100_000
+"""Read of a job: 9,999 steps and positions of all kinds have half of them. A longer file has no
+END then."""
+
 _WHOLE_JOB = {"job": "/JOB", "pos": "//POS", "inst": "//INST", "end": "END"}
 
 
@@ -69,7 +74,10 @@ class Stored:
 
 @dataclass
 class Job:
-    """A job: the statements that begin a section, those in each, and the positions."""
+    """A job: the statements that begin a section, those in each, and the positions.
+
+    ``kinds`` has those of //INST by their kind.
+    """
 
     marks: list[Statement] = field(default_factory=list)
     head: list[Statement] = field(default_factory=list)
@@ -77,6 +85,7 @@ class Job:
     inst: list[Statement] = field(default_factory=list)
     after: list[Statement] = field(default_factory=list)
     stored: list[Stored] = field(default_factory=list)
+    kinds: dict[str, list[Statement]] = field(default_factory=lambda: defaultdict(list))
 
 
 def read_job(text: str) -> Job:
@@ -92,6 +101,8 @@ def read_job(text: str) -> Job:
             part = parts[kind]
             continue
         part.append(statement)
+        if part is job.inst:
+            job.kinds[kind].append(statement)
         if part is not job.pos:
             continue
         if kind == "stored":
@@ -116,11 +127,12 @@ def faults_of(job: Job) -> Iterator[Problem]:
             yield Problem(statement.row, "syntax", statement.fault)
         elif statement.kind not in _OF_POS:
             yield Problem(statement.row, "sections", f"{statement.text[:30]!a} is not of //POS")
-        for word in statement.words("HEADING"):
-            if word not in HEADINGS:
-                meant = near(word, HEADINGS)
-                reason = f"{word[:30]!a} is no heading" + f"; did you mean {meant}?" * bool(meant)
-                yield Problem(statement.row, "header", reason, "error" if meant else "note")
+    for statement in (*job.pos, *job.kinds["heading"]):
+        word = statement.word("HEADING") if statement.kind == "heading" else ""
+        if word and word not in HEADINGS:
+            meant = near(word, HEADINGS)
+            reason = f"{word[:30]!a} is no heading" + f"; did you mean {meant}?" * bool(meant)
+            yield Problem(statement.row, "header", reason, "error" if meant else "note")
     seen: set[Name] = set()
     for stored in job.stored:
         if stored.name in seen or stored.name[1] > _MOST_NUMBER:
@@ -130,9 +142,13 @@ def faults_of(job: Job) -> Iterator[Problem]:
         if not stored.form or (stored.form == "PULSE") != (stored.frame == "PULSE"):
             reason = f"{stored.label} is neither in pulses nor in a frame: ///POSTYPE and ///PULSE "
             yield Problem(stored.row, "position-format", reason + "or ///RECTAN are due above")
+    yield from _count_faults(job)
+
+
+def _count_faults(job: Job) -> Iterator[Problem]:
     counts = [statement for statement in job.pos if statement.kind == "npos"]
     if len(counts) != 1:
-        row = counts[1].row if counts else next((m.row for m in marks if m.kind == "pos"), 1)
+        row = counts[1].row if counts else next((m.row for m in job.marks if m.kind == "pos"), 1)
         yield Problem(row, "npos", f"//POS has {'a second' if counts else 'no'} ///NPOS")
         return
     there = Counter(stored.name[0] for stored in job.stored)
@@ -178,7 +194,7 @@ def _is_one_edit(a: str, b: str) -> bool:
 def _without_argument_names(lines: Iterator[Line]) -> Iterator[Line]:
     """What people call the arguments of a job, behind ///COMMENT of //ARGINFO, is any text."""
     inside = told = False
-    for line in lines:
+    for line in islice(lines, _MOST_LINES):
         if not (inside and told) or line.text.startswith("//"):
             yield line
             told = line.text == "///COMMENT"
@@ -186,4 +202,4 @@ def _without_argument_names(lines: Iterator[Line]) -> Iterator[Line]:
                 inside = line.text == "//ARGINFO"
 
 
-INFORM = Language(__package__, joined=_without_argument_names, letters=r"\w$-")
+INFORM = Language(__package__, joined=_without_argument_names, signed=True, letters=r"\w$-")

@@ -95,7 +95,7 @@ def parse_yaskawa_jbi(
     positions = reader.positions()
     if not positions:
         refuse("holds no positions", path, job.marks[1].row, "save the job that was touched up")
-    comment = next((s.word("TEXT").strip() for s in job.inst if s.kind == "comm"), "")
+    comment = next((s.word("TEXT").strip() for s in job.kinds["comm"]), "")
     return RecordedProgram(
         name, comment, reader.mark, positions, "yaskawa", empty_registers=reader.untouched
     )
@@ -116,6 +116,7 @@ class _Reader:
         self.axes: dict[Name, tuple[int, list[Name]]] = {}  # line, base and station variables
         self._pose: tuple[int, str, int] | None = None
         self._at: Name | None = None
+        self._ratios: tuple[float, ...] = ()
 
     @property
     def untouched(self) -> bool:
@@ -265,8 +266,8 @@ class _Reader:
 
     def _joints_deg(self, stored: Stored) -> FloatArray:
         values = []
-        ratios = self._all_ratios(stored.row)
-        for axis, text, ratio in zip(AXES, self._six(stored), ratios, strict=True):
+        self._ratios = self._ratios or self._all_ratios(stored.row)
+        for axis, text, ratio in zip(AXES, self._six(stored), self._ratios, strict=True):
             if not _WHOLE.fullmatch(text):
                 reason = f"{stored.label}: {axis} is {text[:30]!a}, not a whole number"
                 self.refuse(reason, stored.row)

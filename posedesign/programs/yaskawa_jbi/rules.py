@@ -44,11 +44,11 @@ from collections import Counter
 from collections.abc import Iterator
 from datetime import datetime
 from functools import lru_cache
-from itertools import islice
+from itertools import chain, islice
 
 from lark import Token, Tree
 
-from posedesign.programs.language import Block, Statement, block_faults, nodes, text_of
+from posedesign.programs.language import Block, Statement, block_faults, text_of
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.yaskawa_jbi.inform import (
     INSTRUCTIONS,
@@ -78,8 +78,9 @@ _PULSES = re.compile(r"0|-?[1-9]\d{0,9}", re.ASCII)
 _DECIMALS = re.compile(r"[-+]?\d{0,9}(?:\.(\d{0,9}))?", re.ASCII)
 _RCONF = re.compile(r"[01](?:,[01]){5}((?:,\d){2}|(?:,\d){18})?", re.ASCII)
 _NUMBER = re.compile(r"[-+]?[\d.]+", re.ASCII)
-_DIGITS = re.compile(
-    r"\$?(?:L?(?:[BIDRSP]|PX|BP|EX)\d{3,5}|[BE]?C\d{5}|\$(?!PX|[BIDRSP]\d)[A-Z]+\d*)", re.ASCII
+_FEW_DIGITS = re.compile(
+    r"(?<![\w#])(?:\$?L?(?:[BIDRSP]|PX|BP|EX)\d{1,2}|[BE]?C\d{1,4}|\$(?:PX|[BIDRS])[A-Z]\w*)(?!\w)",
+    re.ASCII,
 )
 _OPTION = re.compile(r"(?!POSE|PLAN|PULSES)[A-Z][A-Z_-]{2}[A-Z0-9_-]{0,29}", re.ASCII)
 """First words of the steps of options, and their flags; those of our comments are none."""
@@ -87,6 +88,7 @@ _OPTION = re.compile(r"(?!POSE|PLAN|PULSES)[A-Z][A-Z_-]{2}[A-Z0-9_-]{0,29}", re.
 Found = tuple[str, str, Level]
 """Rule, message and level of a problem."""
 
+_WITH_VARIABLES = ("move", "also", "set", "gets", "element")
 _SPEEDS = frozenset(("VJ=", "V=", "VR=", "VE="))
 _TAGS = frozenset(("PL=", "CR=", "ACC=", "DEC=", "CTP=", "TM=", "MT=", "SRCH=", "DIS="))
 _FLAGS = frozenset(("NWAIT", "ENWAIT", "FPT", "CV", "UF", "TL"))
@@ -120,29 +122,31 @@ def check_yaskawa_jbi(data: bytes) -> list[Problem]:
 def _check_bytes(data: bytes) -> Iterator[Problem]:
     bare = data.count(b"\n") - data.count(b"\r\n") + (data[-1:] != b"\n")
     asked: tuple[tuple[str, bytes, str, Level], ...] = (
-        ("crlf", rb"(?<!\r)\n|[^\n]\Z", f"{bare} lines are not ended by CR LF", "measuring"),
+        ("crlf", rb"(?<!\r)\n", f"{bare} lines are not ended by CR LF", "measuring"),
         ("crlf", rb"\r(?!\n)", "CR inside the line", "error"),
         ("ascii", rb"[^\t\r\n -~\x80-\xff]", "the byte 0x{:02x} is not text", "error"),
         ("ascii", rb"[\x80-\xff]", "the byte 0x{:02x} is not plain ASCII text", "note"),
     )
     for rule, pattern, reason, level in asked:
-        found = re.search(pattern, data)
+        # behind the last line nothing tells that it is not ended
+        found = re.search(pattern, data + b"\n" * (rule == "crlf" and data[-1:] != b"\n"))
         if found:
             row = data.count(b"\n", 0, found.start()) + 1
             yield Problem(row, rule, reason.format(found[0][0]), level)
 
 
 def _check_sections(job: Job) -> Iterator[Problem]:
-    steps = [s for s in job.inst if s.kind not in _OF_INST]
+    steps = [s for s in job.inst if s.kind not in _OF_INST and not s.fault]
+    first = steps[0].row if steps else 0
     strays = [s for s in job.head if s.kind != "name"] + job.after
-    strays += [s for s in steps if s.kind in _NOT_OF_INST]
-    strays += [s for s in job.inst if s.kind in _OF_INST and steps and s.row > steps[0].row]
+    strays += [s for kind in _NOT_OF_INST for s in job.kinds[kind]]
+    strays += [s for kind in _OF_INST for s in job.kinds[kind] if s.row > first > 0]
     strays += [m for k, m in enumerate(job.marks) if m.kind == "arginfo" and k != 2]
     for statement in strays:
         if not statement.fault:
             yield Problem(statement.row, "sections", f"{statement.text[:30]!a} belongs nowhere")
     if not steps or steps[0].kind != "nop":
-        yield Problem(steps[0].row if steps else 1, "sections", "NOP is due as the first step")
+        yield Problem(first or 1, "sections", "NOP is due as the first step")
     if len(steps) >= _MOST_STEPS:
         reason = f"{len(steps) + 1} steps, at most {_MOST_STEPS} fit"
         yield Problem(steps[_MOST_STEPS - 1].row, "length", reason)
@@ -153,14 +157,14 @@ def _check_sections(job: Job) -> Iterator[Problem]:
 
 
 def _check_header(job: Job) -> Iterator[Problem]:
-    of = {kind: [s for s in job.inst if s.kind == kind] for kind in _OF_INST}
+    of = job.kinds
     for kind in ("date", "comm", "attr", "frame"):
         for statement in of[kind][1:]:
             yield Problem(statement.row, "header", f"{statement.text[:10]!a} is there twice")
         if not of[kind] and kind in ("date", "attr"):
             yield Problem(1, "header", f"///{kind.upper()} is missing")
     groups = [s.word("NUMBER") for s in of["group"]]
-    moves = any(s.kind in ("move", "also") for s in job.inst)
+    moves = bool(of["move"] or of["also"])
     if groups != [str(k + 1) for k in range(len(groups))] or (moves and not groups):
         row = of["group"][0].row if groups else 1
         yield Problem(row, "header", "///GROUP1 is due, and then 2 and 3 for further ones")
@@ -188,8 +192,8 @@ def _is_date(text: str) -> bool:
 
 def _check_positions(job: Job) -> Iterator[Problem]:
     width = next((len(s.values) for s in job.stored if s.name[0] in "CP"), 0)
-    relative = any("RJ" in s.words("ATTRIBUTE") for s in job.inst if s.kind == "attr")
-    frame = " ".join(w for s in job.inst if s.kind == "frame" for w in map(str, s.tree.children))
+    relative = any("RJ" in s.words("ATTRIBUTE") for s in job.kinds["attr"])
+    frame = " ".join(str(word) for s in job.kinds["frame"] for word in s.tree.children)
     for stored in job.stored:
         for fault in _frame_faults(stored.frame, stored.tool, stored.user):
             yield Problem(stored.row, "position-format", f"{stored.label} {fault}")
@@ -255,23 +259,24 @@ def _number_faults(stored: Stored) -> Iterator[Problem]:
 def _check_use(job: Job) -> Iterator[Problem]:
     there = {stored.name for stored in job.stored}
     used: set[Name] = set()
-    for statement in (*job.pos, *job.inst):
-        if statement.kind in ("move", "also"):
-            moves = [statement.tree, *nodes(statement.tree, "also")]
-            names = {name for move in moves for name in names_in(move) if "C" in name[0]}
+    for statement in (*job.kinds["move"], *job.kinds["also"]):
+        moves = [part for part in statement.tree.children if isinstance(part, Tree)]
+        for move in (statement.tree, *(part for part in moves if part.data == "also")):
+            names = {name for name in names_in(move) if "C" in name[0]}
             for name in sorted(names - there):
                 yield Problem(statement.row, "position-defined", f"{label_of(name)} is not there")
             used |= names
-        elif statement.kind == "other":
-            used |= {name_of(word) for word in statement.words("POINT")}
-        for word in statement.words("POINT", "VARIABLE", "SYSTEM"):
-            if statement.kind != "other" and not _DIGITS.fullmatch(word):
-                reason = f"{word[:30]!a} has not the digits of B000, P00000 or C00000"
-                yield Problem(statement.row, "argument", reason, "measuring")
+    for statement in job.kinds["other"]:
+        used |= {name_of(word) for word in statement.words("POINT")}
     for stored in job.stored:
         if "C" in stored.name[0] and stored.name not in used:
             reason = f"{stored.label} is never moved to"
             yield Problem(stored.row, "position-used", reason, "measuring")
+    for statement in chain(job.pos, *(job.kinds[kind] for kind in _WITH_VARIABLES)):
+        found = _FEW_DIGITS.search(statement.text)
+        if found:
+            reason = f"{found[0]!a} has not the digits of B000, P00000 or C00000"
+            yield Problem(statement.row, "argument", reason, "measuring")
 
 
 def _check_steps(job: Job) -> Iterator[Problem]:
@@ -361,7 +366,8 @@ def _set_faults(statement: Statement) -> Iterator[str]:
 
 
 def _gets_faults(statement: Statement) -> Iterator[str]:
-    system, variable = statement.word("SYSTEM"), statement.word("VARIABLE")
+    system, place = statement.word("SYSTEM"), statement.one("place")
+    variable = text_of(place) if place is not None else ""
     if system and variable.lstrip("L").startswith("PX") != system.startswith("$PX"):
         yield f"{system[:20]} is stored in {variable[:20]}"
 

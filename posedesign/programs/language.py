@@ -31,6 +31,12 @@ MOST_FAULTS = 1000
 MOST_LENGTH = 20_000
 """Characters of a statement that is parsed: of programs they have a few hundred at most."""
 
+MOST_STATEMENTS = 300_000
+"""Of a program: one of 10,000 positions has a hundred thousand."""
+
+MOST_KINDS = 20_000
+"""Statements of a program that differ in more than numbers and texts in quotes."""
+
 _MOST_SHAPES = 2000
 _MOST_KEPT = 100
 _MOST_DEPTH = 60
@@ -39,14 +45,15 @@ _LINE = re.compile(r"[^\s][^\n]*")
 _FORM_OF_PIECES = r"""("[^"\n]*")
     | ([ \t\r]{2,}|[\t\r])
     | SIGN(?<![\w.])(?:\d+(?:\.\d*)?|\.\d+)(?![\w.])
-    | (?<=[A-Za-z_])\d+(?![\w.])"""
+    | (?<=[A-Za-z_])(?!(?<=[AEJaej])(?<!\w[AEJaej])\d\b)\d+(?![\w.])"""
 
 _PIECE, _SIGNED_PIECE = (
     re.compile(_FORM_OF_PIECES.replace("SIGN", sign), re.ASCII | re.VERBOSE)
     for sign in ("", r"(?:(?:(?<=[\[(,=])|(?<=[\[(,=]\ ))-)?")
 )
-"""Texts in quotes, runs of blanks, numbers, and numbers behind a name: ``XP12``. A minus sign
-behind a bracket, a comma or an equals sign belongs to the number where a language says so."""
+"""Texts in quotes, runs of blanks, numbers, and numbers behind a name: ``XP12``, but for joints,
+``A1``, which are few. A minus sign behind a bracket, a comma or an equals sign belongs to the
+number where a language says so."""
 
 _FORM = re.compile(r"\d+")
 
@@ -165,6 +172,7 @@ class Language:
     signed: bool = False
     letters: str = ""
     _builders: dict[str, Build] = field(default_factory=dict, repr=False)
+    _parsed: int = field(default=0, repr=False)
     _trees: dict[tuple[str, str], Tree[Token]] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -193,12 +201,20 @@ class Language:
             pattern.to_regexp = lambda: whole  # type: ignore[method-assign]
 
     def statements(self, text: str) -> list[Statement]:
-        """All statements of a text that are not blank; none behind the thousandth fault."""
-        lines = _lines(text)
+        """All statements of a text that are not blank; none behind the thousandth fault.
+
+        What stands behind the most statements, or the most kinds of them, is a fault each.
+        """
+        lines = lines_of(text)
         found: list[Statement] = []
         faults = 0
+        self._parsed = 0
         for line in self.joined(lines) if self.joined else lines:
-            found.append(self.statement(line))
+            if len(found) < MOST_STATEMENTS and self._parsed < MOST_KINDS:
+                found.append(self.statement(line))
+            else:
+                fault = "the program is too long to be read so far"
+                found.append(Statement(line.row, line.text[:MOST_LENGTH], NOTHING, fault))
             faults += bool(found[-1].fault)
             if faults >= MOST_FAULTS:
                 break
@@ -228,6 +244,7 @@ class Language:
             text = pieces.sub(
                 lambda found: " " if found[2] else found[0].lstrip("-"), line.text
             ).strip()
+            self._parsed += 1
             if _depth(text) > _MOST_DEPTH:
                 return Statement(line.row, line.text, NOTHING, "brackets are too deep")
             try:
@@ -256,12 +273,19 @@ def _depth(text: str) -> int:
     return most
 
 
-def _lines(text: str) -> Iterator[Line]:
+def lines_of(text: str, *, indented: bool = False) -> Iterator[Line]:
+    """Lines of a text that are not blank, without the blanks before them where those say nothing.
+
+    Lines without anything cost nothing.
+    """
     row, last = 1, 0
     for found in _LINE.finditer(text):
-        row += text.count("\n", last, found.start())
+        start = found.start()
+        row += text.count("\n", last, start)
+        if indented:
+            start = text.rfind("\n", last, start) + 1 if row > 1 else 0
         last = found.start()
-        yield Line(row, found[0].rstrip())
+        yield Line(row, text[start : found.end()].rstrip())
 
 
 def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build | None:
@@ -288,6 +312,9 @@ def _builder(node: Tree[Token] | Token, spans: list[tuple[int, int]]) -> Build |
         return None
     if spans[first:last] == [(start, end)]:
         return lambda slots: _token(kind, slots[first])
+    if last == first + 1 and spans[first][1] == end:
+        head = text[: spans[first][0] - start]
+        return lambda slots: _token(kind, head + slots[first])
     edges = [start, *(edge for span in spans[first:last] for edge in span), end]
     fixed = [text[a - start : b - start] for a, b in zip(edges[::2], edges[1::2], strict=True)]
 

@@ -47,8 +47,8 @@ def read_program_bytes(path: Path | str) -> bytes:
     return read_bytes_bounded(path, most_bytes=MOST_BYTES)
 
 
-def text_lines(data: bytes, path: Path | str, hint: str = "") -> list[str]:
-    """Lines of a file, without their ends, after checking that it is text.
+def text_of(data: bytes, path: Path | str, hint: str = "") -> str:
+    """Text of a file, after checking that it is one.
 
     Comments of people may have letters of any language: bytes that are not ASCII are one character
     each, whatever the controller's code page.
@@ -66,7 +66,12 @@ def text_lines(data: bytes, path: Path | str, hint: str = "") -> list[str]:
             data.count(b"\n", 0, bad.start()) + 1,
             hint,
         )
-    return [line.rstrip("\r") for line in data.decode("latin-1").split("\n")]
+    return data.decode("latin-1")
+
+
+def text_lines(data: bytes, path: Path | str, hint: str = "") -> list[str]:
+    """Lines of a file, without their ends; see `text_of`."""
+    return [line.rstrip("\r") for line in text_of(data, path, hint).split("\n")]
 
 
 def number(text: str, what: str, path: Path | str, row: int, most: float, unit: str = "") -> float:

@@ -8,10 +8,18 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from lark import Token, Tree
 
-from posedesign.programs.language import MOST_FAULTS, Language, Line, Statement, words
+from posedesign.programs.language import (
+    MOST_FAULTS,
+    Language,
+    Line,
+    Statement,
+    lines_of,
+    words,
+)
 
 LANGUAGE = Language(
     "posedesign.programs.fanuc_ls", start="instruction", others=("position_line", "attribute_line")
@@ -20,6 +28,9 @@ LANGUAGE = Language(
 _SECTION = re.compile(r"\s*/(PROG|ATTR|APPL|MN|POS|END)(?![A-Za-z_])[ \t]*(.*)")
 _NUMBERED = re.compile(r"([ \t]*)(\d{0,9})[ \t]*:(.*)", re.DOTALL)
 _SUB_LINE = re.compile(r" {5,20}\d{1,4}")
+MOST_LINES = 100_000
+"""Of /MN that are looked at: line numbers have four digits, lines inside of others not many."""
+
 _INSIDE = "       ---"
 _VALUES = ("active", "config", "field")
 
@@ -85,45 +96,47 @@ class Listing:
     stray: list[tuple[int, str]] = field(default_factory=list)
     unclear: list[tuple[int, str]] = field(default_factory=list)  # of /ATTR
     attributes: list[tuple[int, str, str]] = field(default_factory=list)  # line, name, its text
-    instructions: list[Instruction] = field(default_factory=list)
+    lines: list[Line] = field(default_factory=list)  # of /MN
     positions: list[Position] = field(default_factory=list)
     faults: list[tuple[int, str]] = field(default_factory=list)  # in /POS, outside of positions
     rows: int = 1
+
+    @cached_property
+    def instructions(self) -> list[Instruction]:
+        """Instructions of /MN, as many as there are up to the thousandth fault."""
+        return list(_instructions(self.lines))
 
 
 def read_listing(text: str) -> Listing:
     """Sort the lines of a file into its sections; never fails."""
     listing = Listing(rows=text.count("\n") + 1)
-    bodies: dict[str, list[Line]] = {"ATTR": [], "MN": [], "POS": []}
+    positions = _PositionReader(listing)
     section = ""
-    row, last = 1, 0
-    for found in re.finditer(r"[^\r\n][^\n]*", text):
-        row += text.count("\n", last, found.start())
-        last = found.start()
-        content = found[0].rstrip("\r")
-        heading = _SECTION.fullmatch(content)
+    for line in lines_of(text, indented=True):
+        heading = _SECTION.fullmatch(line.text)
         if heading:
             section = heading[1]
-            listing.headings.append((row, section, heading[2]))
-        elif section in bodies:
-            bodies[section].append(Line(row, content))
-        elif section != "APPL" and content.strip():
-            listing.stray.append((row, content))
-        if len(listing.stray) > MOST_FAULTS:
-            break
-    for line in bodies["ATTR"]:
-        statement = LANGUAGE.statement(line, "attribute_line") if line.text.strip() else None
-        if statement is not None and statement.fault:
-            listing.unclear.append((line.row, statement.fault))
-        elif statement is not None:
-            listing.attributes.append((line.row, statement.word("KEY"), line.text))
-    listing.instructions.extend(_instructions(bodies["MN"]))
-    positions = _PositionReader(listing)
-    for line in bodies["POS"]:
-        if line.text.strip() and len(listing.faults) <= MOST_FAULTS:
+            listing.headings.append((line.row, section, heading[2]))
+        elif section == "ATTR":
+            _take_attribute(listing, line)
+        elif section == "MN" and len(listing.lines) < MOST_LINES:
+            listing.lines.append(line)
+        elif section == "POS":
             positions.take_line(line)
+        elif section != "APPL":
+            listing.stray.append((line.row, line.text))
+        if max(len(listing.stray), len(listing.unclear), positions.faults) > MOST_FAULTS:
+            break
     positions.finish()
     return listing
+
+
+def _take_attribute(listing: Listing, line: Line) -> None:
+    statement = LANGUAGE.statement(line, "attribute_line")
+    if statement.fault:
+        listing.unclear.append((line.row, statement.fault))
+    else:
+        listing.attributes.append((line.row, statement.word("KEY"), line.text))
 
 
 def _instructions(lines: list[Line]) -> Iterator[Instruction]:
@@ -163,19 +176,22 @@ class _PositionReader:
     position: Position | None = None
     group: Group | None = None
     comma: bool = True  # whether a value may follow
+    faults: int = 0  # lines that are none of a position
 
     def take_line(self, line: Line) -> None:
         """Take one more line of the section."""
         statement = LANGUAGE.statement(line, "position_line")
-        faults = self.listing.faults if self.position is None else self.position.faults
         if statement.fault:
+            faults = self.listing.faults if self.position is None else self.position.faults
             faults.append((line.row, statement.fault))
             self.comma = True
+            self.faults += 1
             return
         for element in statement.tree.children:
             if isinstance(element, Tree) and not self._take(line.row, element):
                 reason = f"{line.text.strip()[:30]!a} is outside a position"
                 self.listing.faults.append((line.row, reason))
+                self.faults += 1
                 return
 
     def finish(self) -> None:
@@ -183,12 +199,16 @@ class _PositionReader:
         if self.position is not None:
             self.position.faults.append((self.position.row, "is not closed by };"))
 
+    def _tell(self, position: Position, row: int, fault: str) -> None:
+        position.faults.append((row, fault))
+        self.faults += 1
+
     def _take(self, row: int, element: Tree[Token]) -> bool:
         """Add an element to the open position; False where none is open."""
         kind, position = element.data, self.position
         if kind == "header":
             if position is not None:
-                position.faults.append((row, "is not closed by };"))
+                self._tell(position, row, "is not closed by };")
             name = "".join(words(element, "NAME_TEXT")).lstrip(": ").strip(' "')
             number = int(words(element, "INT")[0][:9])
             self.position, self.group, self.comma = Position(row, number, name), None, True
@@ -197,20 +217,20 @@ class _PositionReader:
             return False
         elif kind == "close":
             if self.comma and self.group is not None and self.group.fields:
-                position.faults.append((row, "has a comma behind its last value"))
+                self._tell(position, row, "has a comma behind its last value")
             self.position = None
         elif kind == "group":
             number = int(words(element, "GROUP")[0][2:5])
             if number in position.groups:
-                position.faults.append((row, f"has GP{number} twice"))
+                self._tell(position, row, f"has GP{number} twice")
             self.group, self.comma = Group(row), True
             position.groups[number] = self.group
         elif self.group is None:
-            position.faults.append((row, "has a value outside a group"))
+            self._tell(position, row, "has a value outside a group")
         elif kind == "comma" or kind in _VALUES:
             if self.comma == (kind == "comma"):
                 reason = "has a comma too many" if self.comma else "has no comma before a value"
-                position.faults.append((row, reason))
+                self._tell(position, row, reason)
             self.comma = kind == "comma"
             if not self.comma:
                 _take_value(position, self.group, row, element)

@@ -18,7 +18,7 @@ from calib.errors import InputError
 from calib.se3 import rotation_from_wpr, transform
 from posedesign.programs.configurations import FanucConfiguration
 from posedesign.programs.fanuc_ls.listing import Group, Listing, read_listing
-from posedesign.programs.reading import at_rest, joint_deg, millimetres, refuse, text_lines
+from posedesign.programs.reading import at_rest, joint_deg, millimetres, refuse, text_of
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 JOINTS = tuple(f"J{j}" for j in range(1, 7))
@@ -27,6 +27,7 @@ EXTENDED = ("E1", "E2", "E3")
 
 _RELATIVE = {f"R{axis}" for axis in (*PLACE, *TURN)}
 _ON_THE_PENDANT = "on the pendant choose POSITION, REPRE, Joint for it, and save the program again"
+_MARK = re.compile(r"[ \t]*\d{0,9}[ \t]*:[ \t]*!([^;]{0,99});?[ \t]*")
 _LISTING = "name a program saved in ASCII, .LS"
 
 
@@ -44,8 +45,7 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         The file is not a FANUC program in ASCII, is cut off, or holds a position that is neither
         six joint angles nor a pose.
     """
-    text_lines(data, path, "save a binary .TP as .LS")
-    listing = read_listing(data.decode("latin-1"))
+    listing = read_listing(text_of(data, path, "save a binary .TP as .LS"))
     name = _name(listing, path)
     for row, fault in listing.faults:
         refuse(fault, path, row)
@@ -67,8 +67,8 @@ def parse_fanuc_ls(data: bytes, path: Path | str) -> RecordedProgram:
         positions.append(recorded(*where, group, path))
     check_other_axes({position.label: position.groups for position in listing.positions}, path)
     comment = next((text for _, key, text in listing.attributes if key in _COMMENT), '""')
-    remarks = (i.code.strip()[1:] for i in listing.instructions if i.kind == "remark")
-    marks = (PlanMark.found_in(remark) for remark in remarks)
+    marked = (_MARK.fullmatch(line.text) for line in listing.lines)
+    marks = (PlanMark.found_in(found[1]) for found in marked if found)
     mark = next((mark for mark in marks if mark), PlanMark())
     return RecordedProgram(name, comment.split('"')[1].strip(), mark, tuple(positions), "fanuc")
 

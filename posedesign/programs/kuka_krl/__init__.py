@@ -1,5 +1,5 @@
 """KUKA KRL programs (``.src`` and ``.dat``): writer, reader and validator."""
 
-from posedesign.programs.kuka_krl.dialect import KukaKrl
+from posedesign.programs.kuka_krl.spec import KukaKrl
 
 __all__ = ["KukaKrl"]

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import re
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from calib.se3 import FloatArray, rotation_from_wpr, transform
-
-_FLAGS = re.IGNORECASE | re.ASCII
-_BAS = re.compile(r"BAS\s*\(\s*#(TOOL|BASE)\s*,\s*(\w{1,24})\s*\)", _FLAGS)
-_SET = re.compile(r"\$(TOOL|BASE)\b\s*(\.\s*\w{1,24}\s*)?=\s*(.*)", _FLAGS)
-_OF_NUMBER = re.compile(r"(TOOL|BASE)_DATA\s*\[\s*(\d{1,3})\s*\]", _FLAGS)
-_ALL = re.compile(r"FDAT_ACT\b|BAS\s*\(\s*#FRAMES\b", _FLAGS)
-_ALL_NUMBER = re.compile(r"\b(TOOL|BASE)_NO\s+(\d{1,3})\b", _FLAGS)
-_MODE = re.compile(r"\$IPO_MODE\s*=\s*(#\w{1,24})?", _FLAGS)
-_FIELD = re.compile(
-    r"\s*([XYZABC])\s+([-+]?(?:\d{1,6}\.?\d{0,20}|\.\d{1,20})(?:E[-+]?\d{1,2})?)\s*", _FLAGS
+from posedesign.programs.kuka_krl.syntax import (
+    POSE,
+    Node,
+    as_number,
+    bas_of,
+    fields_of,
+    key_of,
+    settings_of,
 )
-_OPENS = re.compile(r"(?:IF|FOR|WHILE|LOOP|REPEAT|SWITCH)\b", _FLAGS)
-_PARTS = re.compile(r"(?:ELSE|CASE|DEFAULT)\b", _FLAGS)
-_CLOSES = re.compile(r"(?:ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b", _FLAGS)
+from posedesign.programs.language import Statement
+
+_OPEN = ("if_", "for_", "while_", "loop", "repeat", "switch")
+_PARTS = ("else_", "case", "default")
+_CLOSE = ("endif", "endfor", "endwhile", "endloop", "until", "endswitch")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,79 +54,93 @@ class Frames:
     base: Frame = UNKNOWN
     external_tool: bool = False
 
-    def with_frame(self, kind: str, frame: Frame) -> Frames:
-        """These, with another tool or base."""
-        if kind.upper() == "TOOL":
+    def having(self, kind: str, frame: Frame) -> Frames:
+        """These, with another ``TOOL`` or ``BASE``."""
+        if kind == "TOOL":
             return replace(self, tool=frame)
-        return replace(self, base=frame)
+        return replace(self, base=frame) if kind == "BASE" else self
+
+    @classmethod
+    def of_fdat(cls, fields: Mapping[str, str]) -> Frames:
+        """The frames that the data of an inline form name."""
+        tool, base = (_of_number(fields.get(name, "")) for name in ("TOOL_NO", "BASE_NO"))
+        return cls(tool, base, fields.get("IPO_FRAME", "").upper() == "#TCP")
 
 
 @dataclass
 class ActiveFrames:
-    """Tool and base, line by line of a routine."""
+    """Tool and base, statement by statement of a routine."""
 
     frames: Frames = field(default_factory=Frames)
     _opened: list[Frames] = field(default_factory=list)
 
-    def give(self, tool: int, base: int) -> None:
-        """Make frames of these numbers active."""
-        self.frames = Frames(Frame(tool), Frame(base))
+    def take(self, statement: Statement) -> bool:
+        """Follow a statement; return whether it does nothing else than to set frames."""
+        kind = statement.kind
+        if kind == "call":
+            command, number = bas_of(statement)
+            if command in ("TOOL", "BASE"):
+                self._activate(command, _of_number(number))
+            elif command == "FRAMES":
+                self.frames = replace(self.frames, tool=UNKNOWN, base=UNKNOWN)
+            return command in ("TOOL", "BASE", "FRAMES")
+        if kind == "assignment":
+            variable, value = statement.tree.children
+            return self._take_assignment(key_of(variable), value)
+        self._follow_blocks(kind)
+        return False
 
-    def take(self, code: str) -> bool:
-        """Follow an instruction; return whether it does nothing else than to set frames."""
-        by_bas, is_set, mode = _BAS.match(code), _SET.match(code), _MODE.match(code)
-        if by_bas:
-            known = by_bas[2].isdigit() and len(by_bas[2]) <= 3
-            self._activate(by_bas[1], Frame(int(by_bas[2])) if known else UNKNOWN)
-        elif is_set:
-            self._activate(is_set[1], UNKNOWN if is_set[2] else _frame(is_set[3]))
-        elif mode:
-            tcp = (mode[1] or "").upper() == "#TCP"
-            self.frames = replace(self.frames, external_tool=tcp)
-        elif _ALL.match(code):
-            numbers = {kind.upper(): Frame(int(n)) for kind, n in _ALL_NUMBER.findall(code)}
-            for kind in ("TOOL", "BASE"):
-                self._activate(kind, numbers.get(kind, UNKNOWN))
+    def of_motion(self, statement: Statement) -> Frames:
+        """The frames of a motion."""
+        found = self.frames
+        for name, _ in settings_of(statement):  # from the data of its inline form
+            found = found.having(name.removeprefix("$"), UNKNOWN)
+        return found
+
+    def _take_assignment(self, name: str, value: Node) -> bool:
+        whole, _, part = name.partition(".")
+        if whole in ("$TOOL", "$BASE"):
+            self._activate(whole[1:], UNKNOWN if part else _frame(value))
+        elif whole == "FDAT_ACT":
+            fdat = Frames.of_fdat(dict(fields_of(value)))
+            self.frames = replace(self.frames, tool=fdat.tool, base=fdat.base)
+        elif whole == "$IPO_MODE":
+            self.frames = replace(self.frames, external_tool=str(value).upper() == "#TCP")
         else:
-            self._follow_blocks(code)
             return False
         return True
 
-    def of_motion(self, rest: str) -> Frames:
-        """The frames of a motion; ``rest`` is what stands behind its target."""
-        found = self.frames
-        for kind in ("TOOL", "BASE"):
-            if "$" + kind in rest.upper():  # WITH $TOOL=...: from the data of its inline form
-                found = found.with_frame(kind, UNKNOWN)
-        return found
+    def _activate(self, name: str, frame: Frame) -> None:
+        self.frames = self.frames.having(name, frame)
 
-    def _activate(self, kind: str, frame: Frame) -> None:
-        self.frames = self.frames.with_frame(kind, frame)
-
-    def _follow_blocks(self, code: str) -> None:
+    def _follow_blocks(self, kind: str) -> None:
         """What one branch sets is not known behind it."""
-        if _OPENS.match(code):
+        if kind in _OPEN:
             self._opened.append(self.frames)
-        elif _PARTS.match(code) or _CLOSES.match(code):
+        elif kind in _PARTS or kind in _CLOSE:
             before = self._opened[-1] if self._opened else Frames()
-            if _CLOSES.match(code) and self._opened:
+            if kind in _CLOSE and self._opened:
                 self._opened.pop()
-            for kind in ("tool", "base"):
-                if getattr(before, kind) != getattr(self.frames, kind):
-                    self._activate(kind, UNKNOWN)
+            if before.tool != self.frames.tool:
+                self._activate("TOOL", UNKNOWN)
+            if before.base != self.frames.base:
+                self._activate("BASE", UNKNOWN)
 
 
-def _frame(text: str) -> Frame:
+def _of_number(text: str) -> Frame:
+    return Frame(int(text)) if text.isdigit() and len(text) <= 3 else UNKNOWN
+
+
+def _frame(value: Node) -> Frame:
     """What is assigned to $TOOL or $BASE: a frame of a number, or all its six values."""
-    number = _OF_NUMBER.fullmatch(text.strip())
-    if number:
-        return Frame(int(number[2]))
-    if text.strip().upper() == "$NULLFRAME":
+    name = key_of(value)
+    if name.startswith(("TOOL_DATA[", "BASE_DATA[")):
+        return _of_number(name[10:-1])
+    if name == "$NULLFRAME":
         return Frame(value=np.eye(4))
-    inside = re.fullmatch(r"\{\s*(?:FRAME\s*:)?([^{}]*)\}", text.strip(), _FLAGS)
-    fields = [_FIELD.fullmatch(part) for part in inside[1].split(",")] if inside else []
-    values = {f[1].upper(): float(f[2]) for f in fields if f}
-    if len(fields) != 6 or len(values) != 6:
+    fields = fields_of(value)
+    values = {axis: as_number(text) for axis, text in fields}
+    if len(fields) != 6 or set(values) != set(POSE) or any(map(math.isnan, values.values())):
         return UNKNOWN  # KRL leaves values that are not given as they are
     angles = np.deg2rad([values[axis] for axis in "CBA"])
     place = np.array([values[axis] for axis in "XYZ"])

@@ -19,6 +19,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
+from posedesign.programs.kuka_krl.syntax import AXES, MOST_BASE, MOST_TOOL
 from posedesign.programs.program import PoseProgram, in_range
 from posedesign.programs.writing import (
     NameRule,
@@ -42,9 +43,6 @@ TO TRIGGER TRUE UNTIL WAIT WHEN WHILE WITH XM
 
 NAMES = NameRule("a KUKA program name", 24, small=True, reserved=frozenset(_RESERVED.split()))
 """Names of modules; letters of either case are the same."""
-
-MOST_TOOL, MOST_BASE = 16, 32
-"""Frames that controllers have as delivered. 0 is the flange, and the world."""
 
 LONGEST_WAIT_S = 3600.0
 """No arm takes longer to settle: a larger number is in another unit."""
@@ -178,7 +176,7 @@ def _measuring(program: PoseProgram, number: int) -> list[str]:
 
 def _joint_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
     rows = shown_deg(arm, program.poses)
-    return ["{" + _fields(_AXES, plain_all(row, JOINT_DECIMALS)) + "}" for row in rows]
+    return ["{" + _fields(AXES, plain_all(row, JOINT_DECIMALS)) + "}" for row in rows]
 
 
 def _pose_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
@@ -187,9 +185,6 @@ def _pose_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
     placed = _frames(arm.tool_poses(postures))
     words = arm.configurations(postures)
     return ["{" + fields + f",{at.words}" + "}" for fields, at in zip(placed, words, strict=True)]
-
-
-_AXES = ("A1", "A2", "A3", "A4", "A5", "A6")
 
 
 def _frames(T: FloatArray) -> list[str]:

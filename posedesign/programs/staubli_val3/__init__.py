@@ -1,5 +1,5 @@
 """Staubli VAL 3 projects."""
 
-from posedesign.programs.staubli_val3.dialect import StaubliVal3
+from posedesign.programs.staubli_val3.spec import StaubliVal3
 
 __all__ = ["StaubliVal3"]

@@ -16,7 +16,8 @@ position is ``same`` or not said are taken without one. XML with a DTD or entiti
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,18 +27,45 @@ from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.programs.configurations import StaubliConfiguration
 from posedesign.programs.reading import joint_deg, millimetres, read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
-from posedesign.programs.staubli_val3.database import DataArray, Element, read_database
+from posedesign.programs.staubli_val3 import project
+from posedesign.programs.staubli_val3.project import Node
+
+MOST_ELEMENTS = 100_000
+"""Largest size of an array that is believed."""
 
 _JOINTS = ("j1", "j2", "j3", "j4", "j5", "j6")
 _POINT = ("x", "y", "z", "rx", "ry", "rz")
 _CONFIG = ("shoulder", "elbow", "wrist")
 _KINDS = {"jointRx": "joint", "joint": "joint", "pointRx": "point", "point": "point"}
-_MOVED = re.compile(
-    r"\bmove[jlc]\s{0,9}\(\s{0,9}([A-Za-z]\w{0,31})(?:\s{0,9}\[\s{0,9}(\d{1,6})\s{0,9}\])?"
-)
 _ELEMENT = re.compile(r"([A-Za-z]\w{0,31})\[(\d{1,6})\]", re.ASCII)
 _DEEPEST = 20  # frames in frames
-_PLAIN_WHOLE = re.compile(r"\d{1,6}", re.ASCII)
+_WHOLE = re.compile(r"\d{1,6}", re.ASCII)
+
+
+@dataclass(frozen=True)
+class _Array:
+    """A ``Data`` and its values by key."""
+
+    line: int
+    name: str
+    type: str
+    size: int
+    elements: dict[int, Node] = field(default_factory=dict)
+
+
+class _Data(dict[str, _Array]):
+    """Arrays of a data file by name, in their order."""
+
+    path: Path
+
+    def first(self, name: str) -> Node | None:
+        """First value of an array."""
+        return self[name].elements.get(0) if name in self else None
+
+    def string(self, name: str) -> str:
+        """First value as text."""
+        first = self.first(name)
+        return first.get("value") if first else ""
 
 
 def parse_staubli_val3(data: bytes, path: Path | str) -> RecordedProgram:
@@ -51,96 +79,127 @@ def parse_staubli_val3(data: bytes, path: Path | str) -> RecordedProgram:
     path = Path(path)
     if path.suffix.lower() in (".pjx", ".pgx"):
         refuse("holds no positions", path, None, "name the project's data file, NAME.dtx")
-    arrays = read_database(data, path)
-    title = _string(arrays, "sTitle")
-    plan = _string(arrays, "sPlan")
-    empty = False
-    if "sPlan" in arrays:
-        positions, empty = _own(arrays, path)
-    else:
-        positions = _others(arrays, path)
+    arrays = _arrays(data, path)
+    own = "sPlan" in arrays
+    listed, empty = _own(arrays) if own else (_others(arrays), False)
+    positions = _recorded(listed, arrays, arrays.first("tTool") if own else None)
     if not positions:
         refuse("holds no positions", path, None, "save the application that was touched up")
-    mark = PlanMark.found_in(plan) or PlanMark()
-    found = tuple(positions)
-    return RecordedProgram(path.stem, title, mark, found, "staubli", empty_registers=empty)
+    mark = PlanMark.found_in(arrays.string("sPlan")) or PlanMark()
+    title = arrays.string("sTitle")
+    return RecordedProgram(path.stem, title, mark, positions, "staubli", empty_registers=empty)
 
 
-def _string(arrays: dict[str, DataArray], name: str) -> str:
-    first = arrays[name].elements.get(0) if name in arrays else None
-    return first.attributes.get("value", "") if first else ""
+def _arrays(data: bytes, path: Path) -> _Data:
+    try:
+        root = project.parse_xml(data)
+    except project.XmlFault as fault:
+        refuse(fault.reason, path, fault.line, fault.hint)
+    if root.name != "Database":
+        hint = "name the project's data file, NAME.dtx"
+        refuse("is no data file of a VAL 3 project", path, root.line, hint)
+    arrays = _Data()
+    arrays.path = path
+    for node in root.all("Data"):
+        name, kind, size = node.get("name"), node.get("type"), node.attributes.get("size", "1")
+        if not name or name in arrays:
+            reason = f"{name[:30]!a} is there twice" if name else "an array has no name"
+            refuse(reason, path, node.line)
+        if " " in size and kind not in _KINDS:
+            continue  # a table of several dimensions holds no positions
+        if not _WHOLE.fullmatch(size) or int(size) > MOST_ELEMENTS:
+            refuse(f"{name[:30]} has the size {size[:20]!a}", path, node.line)
+        array = arrays[name] = _Array(node.line, name, kind, int(size))
+        for value in node.children:
+            key = value.attributes.get("key", "0")
+            if value.name != "Value" or not _WHOLE.fullmatch(key):
+                continue  # a collection has words for keys, and is no array of positions
+            if int(key) >= array.size or int(key) in array.elements:
+                reason = "is there twice" if int(key) in array.elements else "is beyond its size"
+                refuse(f"{name}[{int(key)}] {reason}", path, value.line)
+            array.elements[int(key)] = value
+    return arrays
 
 
-def _own(arrays: dict[str, DataArray], path: Path) -> tuple[list[RecordedPosition], bool]:
+_Listed = list[tuple[int, str, _Array, int]]
+"""Number and name of positions, and where they are: array and key."""
+
+
+def _own(arrays: _Data) -> tuple[_Listed, bool]:
     """Positions of a project as it is written, by their numbers.
 
     And whether it has a place of its own for touched-up ones, with none in it.
     """
-    array = arrays.get("jPose") or arrays.get("pPose")
+    array, actual = arrays.get("jPose") or arrays.get("pPose"), arrays.get("jActual")
+    hint = "save the application again"
     if array is None or array.type not in _KINDS:
-        refuse("has sPlan, but no jPose and no pPose", path, None, "save the application again")
+        refuse("has sPlan, but no jPose and no pPose", arrays.path, None, hint)
     sources = {k: (array, k) for k in range(array.size)}
-    actual, empty = arrays.get("jActual"), False
+    stored = None
     if actual is not None:
         if _KINDS.get(actual.type) != "joint":
             reason = f"jActual is of type {actual.type[:20]!a}, not jointRx"
-            refuse(reason, path, actual.line, "save the application again")
-        first = _first(arrays, path)
+            refuse(reason, arrays.path, actual.line, hint)
+        first = _first(arrays)
         kept = range(min(actual.size - first, array.size))
         stored = {k: (actual, first + k) for k in kept if not _is_empty(actual, first + k)}
-        empty = not stored
         if stored:
-            sources = {k: own for k, own in sources.items() if k not in kept} | stored
+            passed = {k: own for k, own in sources.items() if k not in kept}
+            sources = dict(sorted((passed | stored).items()))
     names = arrays["sPose"].elements if "sPose" in arrays else {}
-    listed = []
-    for k, (source, key) in sorted(sources.items(), key=lambda item: item[0]):
-        name = names[k].attributes.get("value", "") if k in names else ""
-        listed.append((k + 1, name, source, key))
-    return _in_frames(_recorded(listed, arrays, path), arrays.get("tTool"), path), empty
+    named = {k: names[k].get("value") if k in names else "" for k in sources}
+    return [(k + 1, named[k], *source) for k, source in sources.items()], stored == {}
 
 
-def _is_empty(array: DataArray, key: int) -> bool:
+def _is_empty(array: _Array, key: int) -> bool:
     """Whether an element has no joint value but zeros, or is not there."""
     element = array.elements.get(key)
     texts = [] if element is None else [element.attributes.get(j, "0") for j in _JOINTS]
     return not any(re.search(r"[^-+.0]", text) for text in texts)
 
 
-def _first(arrays: dict[str, DataArray], path: Path) -> int:
-    element = arrays["nFirst"].elements.get(0) if "nFirst" in arrays else None
-    text = element.attributes.get("value", "") if element else ""
-    if not _PLAIN_WHOLE.fullmatch(text) or int(text) < 1:
+def _first(arrays: _Data) -> int:
+    """Element of the first pose that is kept."""
+    element, text = arrays.first("nFirst"), arrays.string("nFirst")
+    if not _WHOLE.fullmatch(text) or int(text) < 1:
         row = element.line if element else None
-        refuse(f"nFirst is {text[:20]!r}, not a number from 1 on", path, row)
+        refuse(f"nFirst is {text[:20]!r}, not a number from 1 on", arrays.path, row)
     return int(text) - 1
 
 
-def _others(arrays: dict[str, DataArray], path: Path) -> list[RecordedPosition]:
+def _others(arrays: _Data) -> _Listed:
     """Positions of somebody's project."""
     taught = {name: array for name, array in arrays.items() if array.type in _KINDS}
-    moved = [(n, k) for n, k in _moved(path) if n in taught and k in taught[n].elements]
-    keys = moved or [(name, k) for name, array in taught.items() for k in sorted(array.elements)]
-    return _recorded(
-        [(i, f"{name}[{k}]", taught[name], k) for i, (name, k) in enumerate(keys, start=1)],
-        arrays,
-        path,
-    )
+    everything = [(name, k) for name, array in taught.items() for k in sorted(array.elements)]
+    moved: dict[tuple[str, int], None] = {}
+    computed: set[str] = set()
+    for name, key in dict.fromkeys(_moved(arrays.path)):
+        if name in taught and not key and name not in computed:
+            computed.add(name)
+            moved.update((own, None) for own in everything if own[0] == name)
+        elif name in taught and key and int(key) in taught[name].elements:
+            moved[name, int(key)] = None
+    keys = [*moved] or everything
+    return [(i, f"{name}[{k}]", arrays[name], k) for i, (name, k) in enumerate(keys, start=1)]
 
 
-def _moved(path: Path) -> list[tuple[str, int]]:
-    """What the program beside a data file moves to, each once."""
+def _moved(path: Path) -> Iterator[tuple[str, str]]:
+    """What the program beside a data file moves to: name and index, empty where it is computed."""
     try:
-        text = read_program_bytes(path.with_name("start.pgx")).decode("latin-1")
+        data = read_program_bytes(path.with_name("start.pgx"))
     except FileFormatError:
-        return []
-    code = re.sub(r"//[^\n]*", "", text)
-    return list(dict.fromkeys((name, int(key or 0)) for name, key in _MOVED.findall(code)))
+        return
+    try:
+        root = project.parse_xml(data)
+    except project.XmlFault:  # the code alone
+        root = Node(1, "Code", "", {}, text=data.decode("latin-1"), text_line=1)
+    for code in root.all("Code", "code"):
+        for statement in project.statements_of(code):
+            yield from project.targets_of(project.parts_of(statement)["function"])
 
 
-def _recorded(
-    listed: list[tuple[int, str, DataArray, int]], arrays: dict[str, DataArray], path: Path
-) -> list[RecordedPosition]:
-    """Positions of elements: number, name, array and key of each."""
+def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[RecordedPosition, ...]:
+    """Positions of elements; poses with the tool of the project where it is on the flange."""
     out: list[RecordedPosition] = []
     points: list[list[float]] = []
     father = ""
@@ -148,36 +207,38 @@ def _recorded(
         element = array.elements.get(key)
         label = f"{array.name}[{key}]"
         if element is None:
-            refuse(f"{label} is not there", path, array.line, "save the application again")
+            hint = "save the application again"
+            refuse(f"{label} is not there", arrays.path, array.line, hint)
         if _KINDS[array.type] == "joint":
-            shown = np.array([_value(element, j, label, path) for j in _JOINTS])
+            shown = np.array(_values(element, _JOINTS, label, arrays.path))
             out.append(RecordedPosition(number, name, element.line, shown))
             continue
         own = element.attributes.get("fatherId", "world[0]")
         if own != (father or own):
             reason = f"{label} is in {own[:30]!a}, points before in {father[:30]!a}"
-            refuse(reason, path, element.line, "teach all points in one frame")
+            refuse(reason, arrays.path, element.line, "teach all points in one frame")
         father = own
-        points.append([_value(element, name, label, path) for name in _POINT])
-        configuration = _configuration(element, label, path)
-        out.append(RecordedPosition(number, name, element.line, None, _EMPTY, configuration))
-    return _with_poses(out, points, _frame(father, arrays, path)) if points else out
-
-
-_EMPTY = np.empty((4, 4))
-"""Stands for a pose until all are made at once."""
-
-
-def _with_poses(
-    out: list[RecordedPosition], points: list[list[float]], T_world_user: FloatArray | None
-) -> list[RecordedPosition]:
+        points.append(_values(element, _POINT, label, arrays.path))
+        configuration = _configuration(element, label, arrays.path)
+        out.append(RecordedPosition(number, name, element.line, None, None, configuration))
+    if not points:
+        return tuple(out)
+    T_world_user, T_tip_tool = _frame(father, arrays), None
+    on_flange = tool is not None and tool.attributes.get("fatherId", "flange[0]") == "flange[0]"
+    if tool is not None and on_flange and arrays["tTool"].type == "tool":
+        T_tip_tool = _transforms([_values(tool, _POINT, "tTool[0]", arrays.path)])[0]
     poses = iter(_transforms(points))
-    return [
+    return tuple(
         position
         if position.shown_deg is not None
-        else replace(position, T_user_tool=next(poses), T_world_user=T_world_user)
+        else replace(
+            position,
+            T_user_tool=next(poses),
+            T_world_user=T_world_user,
+            T_tip_tool=T_tip_tool,
+        )
         for position in out
-    ]
+    )
 
 
 def _transforms(points: list[list[float]]) -> FloatArray:
@@ -187,7 +248,7 @@ def _transforms(points: list[list[float]]) -> FloatArray:
     return transform(np.swapaxes(turned, -1, -2), values[:, :3] * 1e-3)
 
 
-def _frame(father: str, arrays: dict[str, DataArray], path: Path) -> FloatArray | None:
+def _frame(father: str, arrays: _Data) -> FloatArray | None:
     """The frame of this name in the world, by the values in the file; None where it is not."""
     T = np.eye(4)
     for _ in range(_DEEPEST):
@@ -198,31 +259,23 @@ def _frame(father: str, arrays: dict[str, DataArray], path: Path) -> FloatArray 
         element = array.elements.get(int(named[2])) if named and array is not None else None
         if array is None or array.type != "frame" or element is None:
             return None
-        values = [_value(element, name, father, path) for name in _POINT]
-        T = _transforms([values])[0] @ T
+        T = _transforms([_values(element, _POINT, father, arrays.path)])[0] @ T
         father = element.attributes.get("fatherId", "world[0]")
     return None
 
 
-def _in_frames(
-    positions: list[RecordedPosition], tool: DataArray | None, path: Path
-) -> list[RecordedPosition]:
-    """Poses with the tool of the project, where it is on the flange."""
-    element = tool.elements.get(0) if tool is not None and tool.type == "tool" else None
-    if element is None or element.attributes.get("fatherId", "flange[0]") != "flange[0]":
-        return positions
-    T_tip_tool = _transforms([[_value(element, name, "tTool[0]", path) for name in _POINT]])[0]
-    return [replace(p, T_tip_tool=T_tip_tool) if p.shown_deg is None else p for p in positions]
+def _values(element: Node, names: tuple[str, ...], label: str, path: Path) -> list[float]:
+    """Numbers of an element [mm, deg]; what is left out is zero."""
+    return [
+        (millimetres if name in "xyz" else joint_deg)(
+            element.attributes.get(name, "0"), f"{label}: {name}", path, element.line
+        )
+        for name in names
+    ]
 
 
-def _value(element: Element, name: str, label: str, path: Path) -> float:
-    text = element.attributes.get(name, "0")
-    read = millimetres if name in ("x", "y", "z") else joint_deg
-    return read(text, f"{label}: {name}", path, element.line)
-
-
-def _configuration(element: Element, label: str, path: Path) -> StaubliConfiguration | None:
-    words = [element.attributes.get(name, "") for name in _CONFIG]
+def _configuration(element: Node, label: str, path: Path) -> StaubliConfiguration | None:
+    words = [element.get(name) for name in _CONFIG]
     if not all(words) or any(word.endswith("same") for word in words):
         return None
     try:

@@ -1,273 +1,379 @@
-"""Staubli VAL 3 projects: the strict validator of one file (``.dtx``, ``.pjx``, ``.pgx``).
+"""Staubli VAL 3 projects: the rules that a file (``.dtx``, ``.pjx``, ``.pgx``) is checked by.
 
-Sources: the maker's XML format as public post-processors, example projects and ros-industrial's
-driver use it. Nothing was loaded on a controller.
+Nothing was loaded on a controller. Files of VAL 3 s6 have another XML: of them the code is checked.
 
 =====================  ==========================================================================
 rule                   what it asks
 =====================  ==========================================================================
-``xml``                well-formed XML without DTD and entities
+``xml``                well-formed XML without DTD and entities, with the elements of VAL 3
+``attributes``         those that an element needs, and words such as lefty, off, public in them
 ``root``               Database, Project or Programs of VAL 3, as the ending of the file says
-``data-name``          names of data: a letter, then letters, digits, _, 15 in all; each once
-``data-type``          a type of VAL 3, ``xsi:type="array"``, a size
-``keys``               values with keys from 0 to size - 1, each once
-``attributes``         joints have j1 to j6, points x y z rx ry rz (where they are not zero), arm
-                       position and fatherId, and no others
-``number``             plain decimal numbers: no exponent, no NaN
-``range``              joints within +-720 deg, coordinates within 10 m, angles in (-180, 180]
-``config``             lefty, righty; epositive, enegative; wpositive, wnegative; free, same
-``father``             fatherId is world, flange, or a frame or tool of the file
-``project-files``      a project has start.pgx, stop.pgx, and one data file; each file once
+``data-name``          names of data are identifiers, each once; more than 15 characters, which
+                       controllers before s8 refuse, are noted
+``data-type``          a type of VAL 3; one that a user may have made is noted
+``keys``               values have keys inside the size, each once; positions that were never
+                       taught would not measure
+``number``             plain numbers: no NaN, no 1_0
+``range``              joints within +-720 deg, coordinates within 100 m, angles within +-360 deg
+``father``             fatherId is world, flange, a frame or tool of the file, or of a library
+``project-files``      each file once, and there; start.pgx and stop.pgx, which a library need
+                       not have, are noted
 ``program-name``       one program, with the name of its file
-``code``               begin first, end last, each if, for, while, switch closed
-``identifier``         names in calls and moves have at most 15 characters
-``instruction``        lines of code are assignments, calls, or begin with words of VAL 3
-``target``             where the data file lies beside: movej moves to joints or points, movel and
-                       movec to points, that are in it, with a tool and a motion of it, and calls
-                       are of programs beside
-``wait-to-measure``    waitEndMove() between a move and a call or herej()
+``syntax``             every line of code is a statement
+``code``               begin first, end last, each if, for, while, do, switch closed
+``function``           functions of VAL 3 with their number of arguments
+``name``               variables are declared: data, locals, parameters; not words of VAL 3
+``target``             movej goes to joints or points, movel and movec to points, with a tool and
+                       a motion; an index is inside the size; called programs are there
+``wait-to-measure``    waitEndMove() between a move and a call or herej(), to measure
+``unused``             start moves to all planned positions, to measure
 =====================  ==========================================================================
+
+Elements, attributes, types and functions that are not known, and not nearly one that is, are noted.
+What a program names is looked for where its project, which lists it, and the data lie beside.
 """
 
 from __future__ import annotations
 
+import difflib
+import operator
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from functools import cache
 from itertools import islice
 from pathlib import Path
 
+from lark import Token, Tree
+
 from calib.errors import FileFormatError
+from posedesign.programs.language import Block, block_faults, text_of
 from posedesign.programs.reading import read_program_bytes
-from posedesign.programs.recorded import Problem
-from posedesign.programs.staubli_val3.instructions import line_fault
-from posedesign.programs.staubli_val3.listing import NAMESPACE, Node, parsed
+from posedesign.programs.recorded import Level, Problem
+from posedesign.programs.staubli_val3 import project, words
+from posedesign.programs.staubli_val3.project import Node, arguments_of, index_of, name_of
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check."""
 
-_ROOTS = {
-    ".dtx": ("Database", "Data"),
-    ".pjx": ("Project", "Project"),
-    ".pgx": ("Programs", "Program"),
+_OLD_ROOTS = ("{DataNameSpace}dataList", "{ProjectNameSpace}project")
+_OLD_PROGRAMS = "{ProgramNameSpace}programList"
+_SPACE = re.compile(r"\{http://www\.staubli\.com/robotics/VAL3/(?:Data|Project|Program|Param)/\d\}")
+_HEAD = re.compile(rb"<\?xml version=.1\.[01]. encoding=.(utf-8|us-ascii|iso-8859-1). ?\?>", re.I)
+_XSI = b'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
+_LENGTH = 15
+_WHOLE = re.compile(r"\d{1,6}", re.ASCII)
+_KEY = re.compile(r"\d{1,6}(?:,\d{1,6}){0,2}", re.ASCII)
+_NUMBER = re.compile(r"-?\d{1,9}(?:\.\d{0,20})?(?:[eE][-+]?\d{1,3})?", re.ASCII)
+_FATHER = re.compile(r"(?:([A-Za-z]\w{0,99}):)?([A-Za-z]\w{0,99})\[\d{1,4}\]", re.ASCII)
+
+_BLOCKS = {
+    "if_": Block("endif", ("elseif", "else_")),
+    "for_": Block("endfor"),
+    "while_": Block("endwhile"),
+    "do": Block("until"),
+    "switch": Block("endswitch", ("case", "default")),
 }
-_XSI_TYPE = "{http://www.w3.org/2001/XMLSchema-instance}type"
-_NAMES_OF_TYPES = (
-    "aio bool config dio frame jointRs jointRx mdesc num pointRs pointRx screen sio string tool "
-    "trsf"
-)
-_TYPES = frozenset(_NAMES_OF_TYPES.split())
-_IDENTIFIER = re.compile(r"[A-Za-z]\w{0,14}", re.ASCII)
-_WHOLE = re.compile(r"0|[1-9]\d{0,5}", re.ASCII)
-_NUMBER = re.compile(r"-?\d{1,6}(?:\.\d{0,12})?", re.ASCII)
-_JOINTS = ("j1", "j2", "j3", "j4", "j5", "j6")
-_COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
-_CONFIG = {
-    "shoulder": ("lefty", "righty", "sfree", "ssame"),
-    "elbow": ("epositive", "enegative", "efree", "esame"),
-    "wrist": ("wpositive", "wnegative", "wfree", "wsame"),
-}
-_EXPECTED = {
-    "jointRx": frozenset(["key", *_JOINTS]),
-    "pointRx": frozenset(["key", *_COORDINATES, *_CONFIG, "fatherId"]),
-}
-_CLOSERS = {"if": "endif", "for": "endfor", "while": "endwhile", "switch": "endswitch"}
-_MOVE = re.compile(r"\bmove[jlc]\s*\(\s*(\w+)", re.ASCII)
-_WHOLE_MOVE = re.compile(r"\bmove([jlc])\s*\(([^()]*)\)", re.ASCII)
-_VARIABLE = re.compile(
-    r"([A-Za-z]\w{0,31})\s{0,9}(?:\[\s{0,9}([^\[\]]{1,40}?)\s{0,9}\])?", re.ASCII
-)
-_CALL = re.compile(r"call\s+(\w+)", re.ASCII)
 
 
 def check_staubli_val3(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file, at most 1000; none is a good file. Never fails."""
-    root, line, fault = parsed(data)
-    if root is None:
-        return [Problem(max(line, 1), "xml", fault or "there is nothing in it")]
-    suffix = Path(path).suffix.lower()
-    name, part = _ROOTS.get(suffix, _ROOTS[".dtx"])
-    if not re.fullmatch(rf"{re.escape(NAMESPACE)}/{part}/\d}}{name}", root.tag):
-        return [Problem(root.line, "root", f"{root.tag[:80]!a} is not {name} of VAL 3")]
-    checks = {".pjx": _check_project, ".pgx": _check_programs}
-    found = checks.get(suffix, _check_database)(root, Path(path))
-    return list(islice(found, MOST_PROBLEMS))
+    try:
+        root = project.parse_xml(data)
+    except project.XmlFault as fault:
+        return [Problem(fault.line, "xml", fault.reason)]
+    if b"<?" in data[:8] and not _HEAD.search(data[:200]):
+        return [Problem(1, "xml", f"begins with {data[:40]!a}")]
+    if b"xmlns:xsi=" in data[:1000] and _XSI not in data[:1000]:
+        return [Problem(root.line, "root", "xsi is none of the namespaces of VAL 3")]
+    return list(islice(_check(root, Path(path)), MOST_PROBLEMS))
 
 
-def _check_database(root: Node, path: Path) -> Iterator[Problem]:
-    arrays = list(root.all("Data"))
-    counts = Counter(array.attributes.get("name", "") for array in arrays)
-    frames = {
-        a.attributes.get("name", "")
-        for a in arrays
-        if a.attributes.get("type") in ("frame", "tool")
-    }
-    for array in arrays:
-        name = array.attributes.get("name", "")
-        if not _IDENTIFIER.fullmatch(name) or counts[name] > 1:
-            reason = f"{name[:40]!a} is no name, or there twice"
-            yield Problem(array.line, "data-name", reason)
-        yield from _check_array(array, name, frames)
+def _check(root: Node, path: Path) -> Iterator[Problem]:
+    suffix = path.suffix.lower() if path.suffix.lower() in words.ELEMENTS else ".dtx"
+    expected = next(iter(words.ELEMENTS[suffix]))
+    if root.tag == _OLD_PROGRAMS:
+        yield from _check_code(root, path)
+    elif root.name == expected and _SPACE.match(root.tag):
+        yield from _check_elements(root, words.ELEMENTS[suffix])
+        special = {".dtx": _check_data, ".pjx": _check_project, ".pgx": _check_programs}
+        yield from special[suffix](root, path)
+    elif root.tag not in _OLD_ROOTS:
+        yield Problem(root.line, "root", f"{root.tag[:80]!a} is not {expected} of VAL 3")
 
 
-def _check_array(array: Node, name: str, frames: set[str]) -> Iterator[Problem]:
-    kind, size = array.attributes.get("type", ""), array.attributes.get("size", "")
-    whole = _WHOLE.fullmatch(size) is not None
-    if kind not in _TYPES or array.attributes.get(_XSI_TYPE) != "array" or not whole:
-        yield Problem(array.line, "data-type", f"{name[:15]}: {kind[:20]!a} of size {size[:20]!a}")
-    seen: set[str] = set()
-    for value in array.all("Value"):
-        key = value.attributes.get("key", "")
-        if not _WHOLE.fullmatch(key) or (whole and int(key) >= int(size)) or key in seen:
-            yield Problem(value.line, "keys", f"{name[:15]}[{key[:20]}] is none of {size[:20]}")
-        seen.add(key)
-        for rule, reason in _value_faults(kind, value.attributes, frames):
-            yield Problem(value.line, rule, f"{name[:15]}[{key[:20]}] {reason}")
-    if whole and kind in _EXPECTED and len(seen) < int(size):
-        yield Problem(array.line, "keys", f"{name[:15]} has {len(seen)} values, its size is {size}")
+def _level(word: str, known: Collection[str], alike: float = 0.7) -> Level:
+    """Error where a word is nearly a known one: it may otherwise be of a library or newer."""
+    return "error" if difflib.get_close_matches(word, known, 1, alike) else "note"
 
 
-def _value_faults(
-    kind: str, attributes: dict[str, str], frames: set[str]
-) -> Iterator[tuple[str, str]]:
-    expected = _EXPECTED.get(kind)
-    zeros = {*_JOINTS, *_COORDINATES} - set(attributes)  # what is left out is zero
-    if expected is not None and set(attributes) | (expected & zeros) != expected:
-        wrong = " ".join(sorted((set(attributes) | (expected & zeros)) ^ expected))
-        yield "attributes", f"lacks or should not have {wrong[:80]}"
-    for name in (*_JOINTS, *_COORDINATES):
-        if name in attributes:
-            yield from _number_faults(name, attributes[name])
-    for name, known in _CONFIG.items():
-        if kind == "pointRx" and attributes.get(name, known[0]) not in known:
-            yield "config", f"has {name} {attributes[name][:20]!a}"
-    father = attributes.get("fatherId")
-    if father is not None:
-        own = re.fullmatch(r"([A-Za-z]\w{0,14})\[\d{1,4}\]", father, re.ASCII)
-        if own is None or own[1] not in {"world", "flange", *frames}:
-            yield "father", f"is in {father[:30]!a}, which is not there"
+def _check_elements(root: Node, elements: dict[str, tuple[str, str]]) -> Iterator[Problem]:
+    waiting = [root]
+    while waiting:
+        node = waiting.pop()
+        attributes, content = elements[node.name]
+        inside = {name.rstrip("!*"): name[-1] for name in content.split()}
+        yield from _check_attributes(node, attributes, node.get("name"))
+        if "type" in node.attributes:
+            yield from _check_array(node)
+        if node.text.strip() and node.name not in ("Code", "Description"):
+            yield Problem(node.line, "xml", f"{node.text.strip()[:30]!a} stands in {node.name}")
+        counts = Counter(child.name for child in node.children)
+        for name, mark in inside.items():
+            if counts[name] != 1 and (mark == "!" or (mark != "*" and counts[name])):
+                yield Problem(node.line, "xml", f"{node.name} has {counts[name]} {name}, not one")
+        for child in node.children:
+            if child.name not in inside or not _SPACE.match(child.tag):
+                # parts of a project or a program may be newer
+                known = child.name in elements or node.name not in ("Project", "Program")
+                level = "error" if known else _level(child.name, elements)
+                yield Problem(child.line, "xml", f"{child.tag[-60:]!a} is in {node.name}", level)
+            elif child.name == "Value":
+                waiting += [field for field in child.children if field.name == "Field"]
+            else:
+                waiting.append(child)
 
 
-def _number_faults(name: str, text: str) -> Iterator[tuple[str, str]]:
-    if not _NUMBER.fullmatch(text):
-        yield "number", f"{name} is {text[:30]!a}, not a plain number"
+@cache
+def _names(known: str) -> dict[str, bool]:
+    """Attributes of a table, and whether they must be there."""
+    return {name.rstrip("!"): name.endswith("!") for name in known.split()}
+
+
+def _check_attributes(node: Node, known: str, label: str) -> Iterator[Problem]:
+    names = _names(known)
+    for name in [name for name, needed in names.items() if needed and name not in node.attributes]:
+        yield Problem(node.line, "attributes", f"{label[:40]}: {name[-40:]} is missing")
+    for name, text in node.attributes.items():
+        said = f"{label[:40]}: {name[-40:]} is {text[:30]!a}"
+        if name not in names:
+            # of a position all are known
+            level = "error" if names.keys() & words.LIMITS.keys() else _level(name, names)
+            yield Problem(node.line, "attributes", f"{said}, of no meaning", level)
+        elif name in words.FORMS and not re.fullmatch(words.FORMS[name], text, re.ASCII):
+            yield Problem(node.line, "attributes", said)
+        elif name in words.LIMITS and not _NUMBER.fullmatch(text):
+            yield Problem(node.line, "number", f"{said}, not a plain number")
+        elif name in words.LIMITS and not abs(float(text)) <= words.LIMITS[name]:
+            yield Problem(node.line, "range", said)
+
+
+def _check_array(array: Node) -> Iterator[Problem]:
+    """Type, size and values of data, a field, a local or a parameter."""
+    name, kind = array.get("name")[:40], array.get("type")
+    known = kind in words.VALUES or kind in ("joint", "point")
+    if not known and not any(value.children for value in array.children):
+        reason = f"{name} is of type {kind[:30]!a}"
+        yield Problem(array.line, "data-type", reason, _level(kind, words.VALUES))
+    size = re.fullmatch(words.FORMS["size"], array.attributes.get("size", "1"), re.ASCII)
+    if array.get(words.XSI_TYPE) == "collection" or not size:
         return
-    value = float(text)
-    if name in _JOINTS:
-        good = abs(value) <= 720.0
-    elif name.startswith("r"):
-        good = -180.0 < value <= 180.0
-    else:
-        good = abs(value) <= 10_000.0
-    if not good:
-        yield "range", f"{name} is {text[:30]}"
+    bounds = [int(text) for text in size[0].split()]
+    seen: set[str] = set()
+    for value in array.children:
+        key, text = value.get("key"), value.get("value")
+        label = f"{name}[{key[:20]}]"
+        parts = [int(part) for part in key.split(",")] if _KEY.fullmatch(key) else []
+        inside = len(parts) == len(bounds) and all(map(operator.lt, parts, bounds))
+        if not inside or key in seen:
+            yield Problem(value.line, "keys", f"{label} is none of {size[0]}, or there twice")
+        seen.add(key)
+        if known:
+            yield from _check_attributes(value, "key! " + words.VALUES.get(kind, ""), label)
+        if kind == "num" and text and not _NUMBER.fullmatch(text):
+            yield Problem(value.line, "number", f"{label} is {text[:30]!a}, not a plain number")
+        if kind == "bool" and text not in ("", "true", "false"):
+            yield Problem(value.line, "attributes", f"{label} is {text[:30]!a}")
+    count = len(array.children)
+    if kind in words.JOINT_TARGETS and len(bounds) == 1 and count < bounds[0]:
+        reason = f"{name} has {count} positions, its size is {bounds[0]}"
+        yield Problem(array.line, "keys", reason, "measuring")
+
+
+def _check_data(root: Node, path: Path) -> Iterator[Problem]:
+    arrays = list(root.all("Data"))
+    counts = Counter(array.get("name") for array in arrays)
+    frames = {a.get("name") for a in arrays if a.get("type") in ("frame", "tool")}
+    for array in arrays:
+        name = array.get("name")
+        if counts[name] > 1:
+            yield Problem(array.line, "data-name", f"{name[:40]!a} is there twice")
+        if len(name) > _LENGTH:
+            reason = f"{name[:40]!a} has more than {_LENGTH} characters"
+            yield Problem(array.line, "data-name", reason, "note")
+        for value in array.children:
+            father = value.attributes.get("fatherId", "world[0]")
+            found = _FATHER.fullmatch(father)
+            if not found or not (found[1] or found[2] in {"world", "flange", *frames}):
+                yield Problem(value.line, "father", f"{father[:40]!a} is not there")
 
 
 def _check_project(root: Node, path: Path) -> Iterator[Problem]:
-    programs = [node.attributes.get("file", "") for node in root.all("Program")]
-    data = [node.attributes.get("file", "") for node in root.all("Data")]
-    twice = [file for file, count in Counter(programs + data).items() if count > 1]
-    missing = {"start.pgx", "stop.pgx"} - set(programs)
-    if missing or twice or len(data) != 1:
-        reason = f"missing {sorted(missing)}, twice {twice[:5]!a}, {len(data)} data files"
-        yield Problem(root.line, "project-files", reason)
-    for node in root.all("Program"):
-        file = node.attributes.get("file", "")
-        stem, dot, ending = file.rpartition(".")
-        if not dot or ending != "pgx" or not _IDENTIFIER.fullmatch(stem):
-            yield Problem(node.line, "project-files", f"{file[:40]!a} is no program")
+    files = [node.get("file") for node in root.all("Program", "Data")]
+    beside = [other.name for other in path.parent.iterdir()] if path.is_file() else []
+    beside = [name for name in beside if name != path.name]
+    for file, count in Counter(files).items():
+        if count > 1:
+            yield Problem(root.line, "project-files", f"{file[:40]!a} is there twice")
+        if file not in beside and _level(file, beside, 0.85) == "error":
+            yield Problem(root.line, "project-files", f"{file[:40]!a} is not there")
+    missing = {"start.pgx", "stop.pgx"} - set(files)
+    if missing:
+        reason = f"has no {' and '.join(sorted(missing))}"
+        yield Problem(root.line, "project-files", reason, "note")
 
 
 def _check_programs(root: Node, path: Path) -> Iterator[Problem]:
-    programs = list(root.all("Program"))
-    names = [node.attributes.get("name", "") for node in programs]
-    if names != [path.stem] or not _IDENTIFIER.fullmatch(path.stem):
+    names = [node.get("name") for node in root.all("Program")]
+    if [name.lower() for name in names] != [path.stem.lower()]:
         yield Problem(root.line, "program-name", f"{path.name} holds {names[:5]!a}")
-    for code in root.all("Code"):
-        lines = [line.partition("//")[0].strip() for line in code.text.split("\n")]
-        numbered = [(row, line) for row, line in enumerate(lines, code.text_line) if line]
-        yield from _check_code(numbered, code.line)
-        yield from _check_targets(numbered, path)
+    yield from _check_code(root, path)
 
 
-def _check_code(lines: list[tuple[int, str]], row: int) -> Iterator[Problem]:
-    if len(lines) < 2 or lines[0][1] != "begin" or lines[-1][1] != "end":
-        at = lines[0][0] if lines else row
-        yield Problem(at, "code", "the code does not begin with begin and end with end")
-    opened: list[tuple[int, str]] = []
-    waited = True
-    for at, line in lines:
-        word = re.split(r"[^A-Za-z]", line, maxsplit=1)[0].lower()
-        if word in _CLOSERS:
-            opened.append((at, _CLOSERS[word]))
-        elif word in _CLOSERS.values() and (not opened or opened.pop()[1] != word):
-            yield Problem(at, "code", f"{word} closes nothing")
-        moved, called = _MOVE.search(line), _CALL.match(line)
-        for name in (moved, called):
-            if name and not _IDENTIFIER.fullmatch(name[1]):
-                yield Problem(at, "identifier", f"{name[1][:40]!a} is no name")
-        if not waited and (called or "herej(" in line):
-            yield Problem(at, "wait-to-measure", "no waitEndMove() since the last move")
-        waited = "waitEndMove(" in line or (waited and not moved)
-    for at, line in lines[1:-1]:
-        fault = line_fault(line)
-        if fault:
-            yield Problem(at, "instruction", fault)
-    for at, word in opened:
-        yield Problem(at, "code", f"{word} is missing")
+def _check_code(root: Node, path: Path) -> Iterator[Problem]:
+    scope = _Scope(path, root)
+    for code in root.all("Code", "code"):
+        statements = project.statements_of(code)
+        kinds = [statement.kind for statement in statements]
+        if kinds[:1] + kinds[-1:] + sorted(k for k in kinds if k in ("begin", "end")) != _ENDS:
+            reason = "the code does not begin with begin and end with end, once each"
+            yield Problem(code.text_line, "code", reason)
+        yield from block_faults(statements, _BLOCKS, "code")
+        stands, whole, moved = True, True, set()
+        for statement in statements:
+            if statement.fault:
+                yield Problem(statement.row, "syntax", statement.fault)
+                whole = False
+                continue
+            parts = project.parts_of(statement)
+            for rule, reason, level in scope.faults(parts):
+                yield Problem(statement.row, rule, reason, level)
+            called = {name_of(function).lower() for function in parts["function"]}
+            if not stands and (statement.kind == "call" or "herej" in called):
+                reason = "no waitEndMove() since the last move"
+                yield Problem(statement.row, "wait-to-measure", reason, "measuring")
+            stands = "waitendmove" in called or (stands and not called & project.MOVES.keys())
+            moved |= set(project.targets_of(parts["function"]))
+        own = next((name for name in ("jPose", "pPose") if name in scope.known), "")
+        if path.stem == "start" and own and "sPlan" in scope.known and whole:
+            size = scope.known[own][1] or 0
+            left = size - sum(name == own for name, _ in moved)
+            if left > 0:
+                reason = f"{left} of {size} positions in {own} are never moved to"
+                yield Problem(code.text_line, "unused", reason, "measuring")
 
 
-def _check_targets(lines: list[tuple[int, str]], path: Path) -> Iterator[Problem]:
-    beside = _data_beside(path)
-    if beside is None:
-        return
-    for at, line in lines:
-        moved, called = _WHOLE_MOVE.search(line), _CALL.match(line)
-        if called and not path.with_name(f"{called[1]}.pgx").is_file():
-            yield Problem(at, "target", f"there is no program {called[1][:30]}")
-        if not moved:
-            continue
-        given = [part.strip() for part in moved[2].split(",")]
-        targets = 2 if moved[1] == "c" else 1
-        kinds = [("pointRx", "jointRx") if moved[1] == "j" else ("pointRx",)] * targets
-        kinds += [("tool",), ("mdesc",)]
-        if len(given) != len(kinds):
-            yield Problem(at, "target", f"move{moved[1]} takes {len(kinds)} arguments")
-            continue
-        for text, known in zip(given, kinds, strict=True):
-            fault = _data_fault(text, known, beside)
-            if fault:
-                yield Problem(at, "target", fault)
+_ENDS = ["begin", "end", "begin", "end"]
+
+Fault = tuple[str, str, Level]
 
 
-def _data_fault(text: str, kinds: tuple[str, ...], beside: dict[str, tuple[str, int]]) -> str:
-    """What is wrong with an argument of a move; expressions are not looked into."""
-    named = _VARIABLE.fullmatch(text)
-    if named is None or named[1] in ("flange",):
-        return "" if text and (named or not text[0].isdigit()) else f"{text[:30]!a} is no target"
-    if named[1] not in beside:
-        return f"{named[1]} is not in the data file"
-    kind, size = beside[named[1]]
-    if kind not in kinds:
-        return f"{named[1]} is of type {kind[:20]}, not {' or '.join(kinds)}"
-    index = named[2] or "0"
-    if index.isdecimal() and int(index) >= size:
-        return f"{named[1]}[{index}] is beyond its size {size}"
-    return ""
+class _Scope:
+    """What a program can name: data and programs of its project, its parameters and locals.
+
+    Attributes
+    ----------
+    known : dict
+        Types of variables, and their sizes where they have one.
+    whole : bool
+        Whether the project is there, so that a name that is not known is wrong.
+    programs : dict
+        Numbers of arguments of the programs; None where the file is not there.
+    """
+
+    def __init__(self, path: Path, root: Node) -> None:
+        listed, data = _files_beside(path)
+        files = [Path(f) for f in listed if re.fullmatch(words.FORMS["file"], f, re.ASCII)]
+        self.whole = path.name in [file.name for file in files]
+        self.programs = {f.stem: _parameters(path.parent / f) for f in files if self.whole}
+        self.known: dict[str, tuple[str, int | None]] = {}
+        for node in [*data, *root.all("Parameter", "Local", "param", "local")]:
+            size = int(node.get("size")) if _WHOLE.fullmatch(node.get("size")) else None
+            self.known[node.get("name")] = node.get("type") or node.name, size
+
+    def faults(self, parts: dict[str, list[Tree[Token]]]) -> Iterator[Fault]:
+        """What is wrong with the names in a statement."""
+        for kind, check in (
+            ("function", self._of_function),
+            ("routine", self._of_routine),
+            ("place", self._of_place),
+        ):
+            for tree in parts[kind]:
+                if ":" not in name_of(tree):  # else of a library
+                    yield from check(tree)
+
+    def _of_function(self, function: Tree[Token]) -> Iterator[Fault]:
+        name, given = name_of(function), arguments_of(function)
+        word = name.lower()
+        if name.startswith("$"):
+            return  # of an option
+        least, most = words.FUNCTIONS.get(word, (0, 99))
+        if name in self.programs:
+            yield "function", f"{name[:40]} is a program, and needs a call", "error"
+        elif word not in words.FUNCTIONS:
+            yield "function", f"{name[:40]} is no function of VAL 3", _level(word, words.FUNCTIONS)
+        elif not least <= len(given) <= most:
+            takes = str(least) if least == most else f"{least} to {most}"
+            yield "function", f"{name} takes {takes} arguments, not {len(given)}", "error"
+        elif word in project.MOVES:
+            targets = words.JOINT_TARGETS if word == "movej" else words.TARGETS
+            kinds = [targets] * project.MOVES[word] + [("tool",), ("mdesc",)]
+            for tree, types in zip(given, kinds, strict=True):
+                kind = self._type(tree)
+                if kind and kind not in types:
+                    reason = f"{_shown(tree)} is of type {kind[:20]}, not {' or '.join(types)}"
+                    yield "target", reason, "error"
+
+    def _type(self, tree: Tree[Token]) -> str:
+        """Type of a value; empty where that is not looked into."""
+        if tree.data in ("number", "text", "signed"):
+            return str(tree.data)
+        if tree.data != "place" or any(getattr(c, "type", "") == "FIELD" for c in tree.children):
+            return ""
+        return self.known.get(name_of(tree), ("",))[0]
+
+    def _of_place(self, place: Tree[Token]) -> Iterator[Fault]:
+        name = name_of(place)
+        word = name.lower()
+        if word in words.KEYWORDS or word in words.FUNCTIONS:
+            yield "name", f"{name[:40]} is a word of VAL 3, and no variable", "error"
+        elif name not in self.known and word not in words.PREDEFINED and self.whole:
+            yield "name", f"{name[:40]} is neither in the data file nor a local", "error"
+        size = self.known.get(name, ("", None))[1]
+        if size is not None and int(index_of(place) or 0) >= size:
+            yield "target", f"{_shown(place)} is beyond its size {size}", "error"
+
+    def _of_routine(self, routine: Tree[Token]) -> Iterator[Fault]:
+        name, given = name_of(routine), len(arguments_of(routine))
+        takes = self.programs.get(name)
+        if self.whole and takes is None:
+            yield "target", f"{name[:40]} is no program of the project", "error"
+        elif takes not in (None, given):
+            yield "target", f"{name[:40]} takes {takes} arguments, not {given}", "error"
 
 
-def _data_beside(path: Path) -> dict[str, tuple[str, int]] | None:
-    """Type and size of the data of the project by name; None where its file is not beside."""
+def _shown(value: Tree[Token]) -> str:
+    if value.data != "place":
+        return text_of(value)[:40]
+    return name_of(value)[:40] + f"[{index_of(value)}]" * (len(value.children) > 1)
+
+
+def _parameters(path: Path) -> int | None:
+    """Number of arguments of a program; None where it is not there."""
     try:
-        files = sorted(path.parent.glob("*.dtx"))
-        root = parsed(read_program_bytes(files[0]))[0] if len(files) == 1 else None
-    except (OSError, FileFormatError):
+        root = project.parse_xml(read_program_bytes(path))
+    except (FileFormatError, project.XmlFault):
         return None
-    if root is None:
-        return None
-    out = {}
-    for array in root.all("Data"):
-        size = array.attributes.get("size", "1")
-        whole = int(size) if _WHOLE.fullmatch(size) else 0
-        out[array.attributes.get("name", "")] = (array.attributes.get("type", ""), whole)
-    return out
+    return sum(1 for _ in root.all("Parameter", "param"))
+
+
+def _files_beside(path: Path) -> tuple[list[str], list[Node]]:
+    """Programs of the project, and its data, where there is one file of each beside; else none."""
+    try:
+        (listed,), (data,) = (sorted(path.parent.glob(f"*.{end}")) for end in ("pjx", "dtx"))
+        roots = [project.parse_xml(read_program_bytes(file)) for file in (listed, data)]
+    except (OSError, ValueError, FileFormatError, project.XmlFault):
+        return [], []
+    files = [node.get("file").replace("\\", "/") for node in roots[0].all("Program", "program")]
+    old = [array for section in roots[1].children for array in section.children]
+    return files, old if roots[1].tag in _OLD_ROOTS else list(roots[1].all("Data"))

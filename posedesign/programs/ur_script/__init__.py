@@ -1,5 +1,5 @@
 """Universal Robots URScript programs."""
 
-from posedesign.programs.ur_script.dialect import UrScript
+from posedesign.programs.ur_script.spec import UrScript
 
 __all__ = ["UrScript"]

@@ -25,25 +25,143 @@ What the robot did is in the log of a run, not in the script: see :mod:`.log`.
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from lark import Token, Tree
 
 from calib.se3 import FloatArray, rotation_exp, transform
-from posedesign.programs.reading import refuse
+from posedesign.programs.language import (
+    MOST_FAULTS,
+    MOST_LENGTH,
+    Block,
+    Language,
+    Line,
+    Statement,
+    text_of,
+    words,
+)
+from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM, number, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
-from posedesign.programs.ur_script.targets import Target, Variables, by_name, split_arguments
-from posedesign.programs.ur_script.values import decoded, joints_deg, pose_values
+from posedesign.programs.ur_script.functions import MOVES, PARAMETERS
 
-_DEF = re.compile(r"\s*def\s+([A-Za-z]\w{0,63})\s*\(", re.ASCII)
-_OPENS = re.compile(r"\s*(?:def|thread|if|while|for|sec|switch)\b.*:\s*", re.ASCII)
-_ENDS = re.compile(r"\s*end\b", re.ASCII)
-_MOVE = re.compile(r"(?<![\w.])(movej|movel|movep|movec)\s*\(", re.ASCII)
-_SET_TCP = re.compile(r"(?<![\w.])set_tcp\s*\(", re.ASCII)
+Node = Tree[Token] | Token
+
+JOINTS = 6
+MOST_JOINT_RAD = float(np.radians(MOST_JOINT_DEG))
+
+BLOCKS = {
+    "define": Block("end"),
+    "thread": Block("end"),
+    "secondary": Block("end"),
+    "if_": Block("end", ("elif_", "else_")),
+    "while_": Block("end"),
+}
+
+_MOST_LINES = 300
+"""Of one statement."""
+
+_CONTROL = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]")
+_QUOTED_OR_REMARK = re.compile(r'("[^"\n]*")|#([^\n]*)')
+_KEYWORD_FIRST = re.compile(r"\s*(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b")
+_OPENS = re.compile(r"\s*(?:def|thread|if|while|for|sec|switch)\b.*:\s*")
+_MATTERS = re.compile(r"\b(?:move[jlpc]|set_tcp)\b|[\[=]")
+"""A statement that may hold a position or change a frame, where it cannot be read."""
+_LONG = 100
+"""Characters of a statement that may hold anything."""
+
+_DEGREES = re.compile(r"d2r\(([-+.\deE]{1,40})\)", re.ASCII)
 _POSE = re.compile(r"\s*POSE\s+(\d{1,6})(?!\w)\s*(.*)", re.ASCII)
 _TITLE = re.compile(r"\s*Title:\s*(.*)")
-_STRING = re.compile(r'"[^"]*"')
+_STEM = re.compile(r"(.+)_[qp]")
+
+
+def join_lines(lines: Iterator[Line]) -> Iterator[Line]:
+    """Leave remarks out, and make one statement of lines while a bracket is open."""
+    row, parts, opened, length = 0, [""], 0, 0
+    for line in lines:
+        code = line.text
+        if code[0] == "#":
+            continue
+        if "#" in code:
+            code = _QUOTED_OR_REMARK.sub(lambda found: found[1] or "", code)
+        bare = _QUOTED_OR_REMARK.sub("", code) if '"' in code else code
+        goes_on = opened > 0 and length < MOST_LENGTH and len(parts) < _MOST_LINES
+        if not goes_on or _KEYWORD_FIRST.match(code):
+            yield from _whole(row, parts)
+            row, parts, opened, length = line.row, [], 0, 0
+        parts.append(code)
+        length += len(code)
+        opened += bare.count("(") + bare.count("[") - bare.count(")") - bare.count("]")
+    yield from _whole(row, parts)
+
+
+def _whole(row: int, parts: list[str]) -> Iterator[Line]:
+    text = parts[0] if len(parts) == 1 else " ".join(parts)
+    if text and not text.isspace():
+        yield Line(row, text)
+
+
+LANGUAGE = Language(__package__, joined=join_lines, signed=True)
+
+
+def decoded(data: bytes, path: Path | str) -> str:
+    """Text of a file; comments may be in any language, control characters are refused."""
+    data = data.replace(b"\r\n", b"\n")
+    bad = _CONTROL.search(data)
+    if bad:
+        row = data.count(b"\n", 0, bad.start()) + 1
+        refuse(f"holds the byte 0x{bad[0][0]:02x}: it is no text", path, row, "name a text file")
+    return data.decode("latin-1")
+
+
+def arguments(call: Tree[Token]) -> list[tuple[str, Node]]:
+    """Keywords, empty for none, and expressions of the arguments of a call."""
+    given: list[tuple[str, Node]] = []
+    for argument in call.children:
+        if isinstance(argument, Tree) and argument.data == "argument":
+            *keyword, value = argument.children
+            given.append((str(keyword[0]) if keyword else "", value))
+    return given
+
+
+def by_name(name: str, given: Sequence[tuple[str, Node]]) -> dict[str, Node]:
+    """Arguments of a function by the names of its parameters; a move has its target as ``q``."""
+    parameters = PARAMETERS[name][1]
+    out = {}
+    for k, (keyword, value) in enumerate(given):
+        if keyword or k < len(parameters):
+            out[keyword or parameters[k]] = value
+    if name in MOVES and "pose" in out:
+        out.setdefault("q", out.pop("pose"))
+    return out
+
+
+def shown(node: Node | None) -> str:
+    """An expression as it stands, for messages."""
+    return text_of(node) if isinstance(node, Tree) else str(node or "")
+
+
+def elements(node: Tree[Token]) -> list[Node]:
+    """What stands between the brackets and commas of a list or a pose."""
+    return node.children[1:-1:2]
+
+
+def six(parts: Sequence[str], what: str, most: float, path: Path | str, row: int) -> list[float]:
+    """Six numbers within ``+-most`` of the elements of a list or a pose [rad, m]."""
+    if len(parts) != JOINTS:
+        refuse(f"{what} has {len(parts)} values, not six", path, row, "is this another robot's?")
+    values = []
+    for j, part in enumerate(parts, start=1):
+        degrees = _DEGREES.fullmatch(part) if part.startswith("d2r") else None
+        value = number(degrees[1] if degrees else part, f"{what}: value {j}", path, row, 1e9)
+        values.append(float(np.radians(value)) if degrees else value)
+        if abs(values[-1]) > most:
+            reason = f"{what}: value {j} is {part[:30]}, beyond +-{most:.4g}"
+            refuse(reason, path, row, "joints are in radians, coordinates in metres")
+    return values
 
 
 def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
@@ -54,12 +172,21 @@ def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
     FileFormatError
         The file is no script, is cut off, or holds a position that cannot be read.
     """
-    reader = _ScriptReader(path)
-    lines = decoded(data, path).split("\n")
-    for row, line in enumerate(lines, start=1):
-        reader.feed(line, row)
+    text = decoded(data, path)
+    reader = _Reader(path)
+    remarks = [*_remarks(text)][::-1]
+    statements = LANGUAGE.statements(text)
+    if sum(1 for statement in statements if statement.fault) >= MOST_FAULTS:
+        refuse("is no script: hardly a line of it can be read", path, statements[0].row)
+    for statement in statements:
+        while remarks and remarks[-1][0] <= statement.row:
+            reader.remark(*remarks.pop())
+        reader.take(statement)
+    for remark in reversed(remarks):
+        reader.remark(*remark)
     if reader.depth > 0:
-        refuse("is cut off: a def, if, while, ... has no end", path, len(lines), "copy it again")
+        row = text.count("\n") + 1
+        refuse("is cut off: a def, if, while, ... has no end", path, row, "copy it again")
     positions = reader.positions()
     if not positions:
         refuse("holds no positions", path, None, "name a script with movej, or the log of its run")
@@ -67,8 +194,45 @@ def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
     return RecordedProgram(name, reader.title, reader.mark, positions, "ur")
 
 
-class _ScriptReader:
-    """Goes through the statements, one line at a time."""
+def _remarks(text: str) -> Iterator[tuple[int, str]]:
+    """Lines and texts of the remarks."""
+    row, last = 1, 0
+    for found in _QUOTED_OR_REMARK.finditer(text):
+        if found[2]:
+            row += text.count("\n", last, found.start())
+            last = found.start()
+            yield row, found[2]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A list of joints, or a pose, or both: in a variable, where that has a name.
+
+    ``frames`` are those that the pose is in, from the base frame on; ``tcp`` is the TCP that is
+    brought there, where the script says which.
+    """
+
+    row: int
+    variable: str
+    joints: Tree[Token] | None = None
+    pose: Tree[Token] | None = None
+    frames: tuple[Tree[Token], ...] = ()
+    tcp: Tree[Token] | None = None
+
+    @property
+    def name(self) -> str:
+        """The variable's name without PolyScope's _q and _p."""
+        stem = _STEM.fullmatch(self.variable)
+        return stem[1] if stem else self.variable
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Tells it from all others."""
+        return self.variable, self.row
+
+
+class _Reader:
+    """Goes through the statements."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = path
@@ -76,38 +240,137 @@ class _ScriptReader:
         self.mark = PlanMark()
         self.depth = 0
         self._is_program = False
-        self._variables = Variables()
-        self._tcp: str | None = None
+        self._lists: dict[str, Target] = {}
+        self._changed: tuple[str, int] | None = None
+        self._tcp: Tree[Token] | None = None
         self._found: dict[tuple[str, int], Target] = {}
         self._poses: dict[tuple[str, int], tuple[int, str]] = {}
         self._numbers: dict[int, tuple[str, int]] = {}
         self._pose: tuple[int, str, int] | None = None
         self._unknown: tuple[str, int] | None = None
 
-    def feed(self, line: str, row: int) -> None:
-        """Take one more line."""
-        # texts in quotes may hold anything
-        code, mark, comment = (_STRING.sub('""', line) if '"' in line else line).partition("#")
-        if mark:
-            self._comment(comment, row)
-        if not code or code.isspace():
-            return
-        definition = _DEF.match(code)
-        if definition and not self.name:
-            self.name = definition[1]
-        if _OPENS.fullmatch(code):
+    def remark(self, row: int, text: str) -> None:
+        """Take what stands behind a hash."""
+        pose, title = _POSE.fullmatch(text), _TITLE.fullmatch(text)
+        if pose:
+            self._no_pose_left()
+            self._pose = (int(pose[1]), pose[2].strip(), row)
+        elif title:
+            self.title = self.title or title[1].strip()
+        elif text.lstrip().startswith("PLAN") and not self.mark.fingerprint:
+            self.mark = PlanMark.found_in(text) or self.mark
+
+    def take(self, statement: Statement) -> None:
+        """Take one more statement."""
+        row, text = statement.row, statement.text
+        if statement.fault and (len(text) >= _LONG or _MATTERS.search(text)):
+            refuse(statement.fault, self.path, row)
+        opens = statement.kind in BLOCKS or (statement.fault and _OPENS.fullmatch(text))
+        if opens:
             self.depth += 1
             self._is_program = True
-        elif _ENDS.match(code):
+        elif statement.kind == "end":
             self.depth -= 1
-        move = _MOVE.search(code)
-        tcp = _SET_TCP.search(code) if "set_tcp" in code else None
-        if tcp:
-            self._set_tcp(code, tcp.end(), row)
-        if move:
-            self._move(move[1], code, move.end(), row)
-        else:
-            self._variables.assign(code, row)
+        elif statement.kind == "assign":
+            self._assign(statement)
+        if statement.kind == "define" and not self.name:
+            self.name = statement.word("NAME")
+        if "move" not in text and "set_tcp" not in text:
+            return
+        for call in statement.all("call"):
+            if call.children[0] == "set_tcp":
+                self._set_tcp(call, row)
+            elif call.children[0] in (*MOVES, "movec"):
+                self._move(call, row)
+
+    def _assign(self, statement: Statement) -> None:
+        """Keep a list; one that an element of is assigned to is not known any more."""
+        place, value = statement.tree.children
+        if isinstance(place, Token):
+            kept = self._target(value, statement.row)
+            if isinstance(value, Tree) and value.data in ("list", "pose") and kept is not None:
+                self._lists[place] = replace(kept, variable=str(place))
+            else:
+                self._lists.pop(place, None)
+            return
+        names = words(place, "NAME", "POSE") if isinstance(place, Tree) else []
+        name = names[0].rstrip(" [") if names else ""
+        if self._lists.pop(name, None):
+            self._changed = self._changed or (name, statement.row)
+
+    def _target(self, node: Node | None, row: int, *, planned: bool = False) -> Target | None:
+        """What an expression is; None where its text does not tell.
+
+        ``planned``: joints beside a pose in the move itself are those of the pose.
+        """
+        if not isinstance(node, Tree):
+            return self._lists.get(str(node))
+        if node.data == "list":
+            return Target(row, "", joints=node)
+        if node.data == "pose":
+            return Target(row, "", pose=node)
+        if node.data != "call" or node.children[0] not in ("pose_trans", "get_inverse_kin"):
+            return None
+        given = by_name(str(node.children[0]), arguments(node))
+        if node.children[0] == "get_inverse_kin":
+            return self._inverse(given, row, planned=planned)
+        frame = self._target(given.get("p_from"), row)
+        inner = self._target(given.get("p_from_to"), row)
+        if inner is None or inner.pose is None or frame is None or frame.pose is None:
+            return None
+        return replace(inner, frames=(*frame.frames, frame.pose, *inner.frames))
+
+    def _inverse(self, given: dict[str, Node], row: int, *, planned: bool) -> Target | None:
+        pose = self._target(given.get("x"), row)
+        if pose is None or pose.pose is None:
+            return None
+        if shown(given.get("tcp")) not in ("", "active_tcp", '""', '"active_tcp"'):
+            named = self._target(given["tcp"], row)
+            if named is None or named.pose is None or named.frames:
+                return None
+            pose = replace(pose, tcp=named.pose)
+        near = self._target(given.get("qnear"), row)
+        if near is None or near.joints is None:
+            return pose
+        pair = (f"{pose.name}_p", f"{pose.name}_q")
+        in_pair = bool(pose.variable) and (pose.variable, near.variable) == pair
+        in_move = planned and not pose.variable and not near.variable
+        return replace(pose, joints=near.joints) if in_pair or in_move else pose
+
+    def _set_tcp(self, call: Tree[Token], row: int) -> None:
+        target = self._target(by_name("set_tcp", arguments(call)).get("pose"), row)
+        tcp = target.pose if target is not None and not target.frames else None
+        # inside a branch, a loop or a function nobody knows when it is set
+        self._tcp = tcp if self.depth <= 1 or tcp == self._tcp else None
+
+    def _move(self, call: Tree[Token], row: int) -> None:
+        kind = str(call.children[0])
+        place = by_name(kind, arguments(call)).get("q") if kind in MOVES else None
+        target = self._target(place, row, planned=self._pose is not None)
+        if target is None:
+            self._no_pose_left()
+            self._unknown = self._unknown or (shown(place or call), row)
+            return
+        if target.pose is not None and target.tcp is None:
+            target = replace(target, tcp=self._tcp)
+        if self._found.setdefault(target.key, target).tcp != target.tcp:
+            reason = f"moves to {target.variable[:30]} with another TCP than before"
+            refuse(reason, self.path, row, "give it one TCP, or move to joints")
+        if self._pose is None:
+            return
+        n, name, line = self._pose
+        self._pose = None
+        if self._poses.setdefault(target.key, (n, name))[0] != n:
+            refuse("is the position of two poses", self.path, line, "give each its own")
+        if n < 1:
+            refuse("poses are counted from 1", self.path, line)
+        if self._numbers.setdefault(n, target.key) != target.key:
+            refuse(f"POSE {n} is there twice", self.path, line, "remove one of them")
+
+    def _no_pose_left(self) -> None:
+        if self._pose is not None:
+            reason = f"POSE {self._pose[0]} is not followed by a move to a position"
+            refuse(reason, self.path, self._pose[2], "put the move back, or remove the comment")
 
     def positions(self) -> tuple[RecordedPosition, ...]:
         """All positions, numbered."""
@@ -126,44 +389,52 @@ class _ScriptReader:
             last += key not in self._poses
             number, name = self._poses.get(key, (last, target.name))
             what = f"position {number}"
-            shown = None
+            joints = None
             if target.joints is not None:
-                shown = joints_deg(target.joints, what, self.path, target.row)
+                values = [shown(node) for node in elements(target.joints)]
+                joints = np.degrees(six(values, what, MOST_JOINT_RAD, self.path, target.row))
             if target.pose is not None:
                 posed.append((len(out), target))
                 if target.frames != frames:
                     reason = f"{what} is in another frame than positions before"
                     hint = "use one frame in pose_trans, or joints"
                     refuse(reason, self.path, target.row, hint)
-            out.append(RecordedPosition(number, name, target.row, shown))
+            out.append(RecordedPosition(number, name, target.row, joints))
         if posed:
             self._add_poses(out, posed, frames)
         return tuple(out)
 
     def _listed(self) -> dict[tuple[str, int], Target]:
-        """Lists of joints of a file without moves."""
-        if self._variables.forgotten is not None:
-            name, row = self._variables.forgotten
+        """Lists of joints of a file without moves, each with the pose that PolyScope stores."""
+        if self._changed is not None:
+            name, row = self._changed
             reason = f"an element of {name[:30]} is changed: what it is then is not known"
             refuse(reason, self.path, row, "give whole lists")
-        return self._variables.joint_targets(of_polyscope=self._is_program)
+        out = {}
+        for name, target in self._lists.items():
+            named = name.endswith("_q")
+            if target.joints is None or (self._is_program and not named):
+                continue
+            if len(elements(target.joints)) == JOINTS:
+                beside = self._lists.get(f"{target.name}_p") if named else None
+                out[target.key] = replace(target, pose=beside.pose if beside else None)
+        return out
 
     def _add_poses(
         self,
         out: list[RecordedPosition],
         posed: list[tuple[int, Target]],
-        frames: tuple[str, ...],
+        frames: tuple[Tree[Token], ...],
     ) -> None:
         """Give positions their poses and frames, all in the same user frame."""
         T_world_user = np.eye(4)
-        for text in frames:
-            T_world_user = (
-                T_world_user @ self._transforms([(text, "the frame", posed[0][1].row)])[0]
-            )
+        for frame in frames:
+            (T,) = self._transforms([(frame, "the frame", posed[0][1].row)])
+            T_world_user = T_world_user @ T
         rows = {target.tcp: target.row for _, target in reversed(posed) if target.tcp is not None}
         tools = {tcp: self._transforms([(tcp, "the TCP", row)])[0] for tcp, row in rows.items()}
         poses = self._transforms(
-            [(t.pose or "", f"position {out[i].number}", t.row) for i, t in posed]
+            [(t.pose, f"position {out[i].number}", t.row) for i, t in posed if t.pose is not None]
         )
         for (i, target), pose in zip(posed, poses, strict=True):
             out[i] = replace(
@@ -173,61 +444,13 @@ class _ScriptReader:
                 T_tip_tool=None if target.tcp is None else tools[target.tcp],
             )
 
-    def _transforms(self, texts: list[tuple[str, str, int]]) -> FloatArray:
-        """Poses ``(N, 4, 4)`` of what stands in brackets, with what it is and its line."""
-        values = np.stack([pose_values(text, what, self.path, row) for text, what, row in texts])
+    def _transforms(self, poses: Sequence[tuple[Tree[Token], str, int]]) -> FloatArray:
+        """Poses ``(N, 4, 4)`` with what they are and their lines."""
+        most = MOST_POSITION_MM / 1e3
+        values = np.array(
+            [
+                six([shown(node) for node in elements(pose)], what, most, self.path, row)
+                for pose, what, row in poses
+            ]
+        )
         return transform(rotation_exp(values[:, 3:]), values[:, :3])
-
-    def _comment(self, text: str, row: int) -> None:
-        pose, title = _POSE.fullmatch(text), _TITLE.fullmatch(text)
-        if pose:
-            self._no_pose_left()
-            self._pose = (int(pose[1]), pose[2].strip(), row)
-        elif title:
-            self.title = self.title or title[1].strip()
-        elif text.lstrip().startswith("PLAN") and not self.mark.fingerprint:
-            self.mark = PlanMark.found_in(text) or self.mark
-
-    def _no_pose_left(self) -> None:
-        if self._pose is not None:
-            reason = f"POSE {self._pose[0]} is not followed by a move to a position"
-            refuse(reason, self.path, self._pose[2], "put the move back, or remove the comment")
-
-    def _set_tcp(self, code: str, start: int, row: int) -> None:
-        arguments = split_arguments(code, start) or [""]
-        given = by_name(arguments, ("pose",)).get("pose", "")
-        target = self._variables.target(given, row)
-        known = target is not None and not target.frames
-        tcp = target.pose if target is not None and known else None
-        # inside a branch, a loop or a function nobody knows when it is set
-        self._tcp = tcp if self.depth <= 1 or tcp == self._tcp else None
-
-    def _move(self, kind: str, code: str, start: int, row: int) -> None:
-        arguments = split_arguments(code, start)
-        if arguments is None:
-            refuse(f"{kind} has no closing bracket", self.path, row)
-        given = by_name(arguments, ("q",))
-        text = given.get("q", given.get("pose", arguments[0]))
-        target = None
-        if kind != "movec":
-            target = self._variables.target(text, row, planned=self._pose is not None)
-        if target is None:
-            self._no_pose_left()
-            self._unknown = self._unknown or (text.strip(), row)
-            return
-        if target.pose is not None and target.tcp is None:
-            target = replace(target, tcp=self._tcp)
-        key = (target.variable, target.row)
-        if self._found.setdefault(key, target).tcp != target.tcp:
-            reason = f"moves to {target.variable[:30]} with another TCP than before"
-            refuse(reason, self.path, row, "give it one TCP, or move to joints")
-        if self._pose is None:
-            return
-        number, name, line = self._pose
-        self._pose = None
-        if self._poses.setdefault(key, (number, name))[0] != number:
-            refuse("is the position of two poses", self.path, line, "give each its own")
-        if number < 1:
-            refuse("poses are counted from 1", self.path, line)
-        if self._numbers.setdefault(number, key) != key:
-            refuse(f"POSE {number} is there twice", self.path, line, "remove one of them")

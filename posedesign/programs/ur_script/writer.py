@@ -13,8 +13,11 @@ start ``PROGRAM NAME PLAN 1a2b3c4d 27``; the saved log is read back (:mod:`.log`
 either value of ``keep``. How many digits the log shows is the controller's choice.
 
 URScript refuses functions that it does not know: the measuring call is defined in the script. As
-written it lets the arm be guided by hand (freedrive), holds the program with a popup, and ends the
-freedrive when the operator goes on; put another body there to trigger an instrument instead.
+written it lets the arm be guided by hand (freedrive) until the operator answers that the tool is
+where it belongs; put another body there to trigger an instrument instead. ``freedrive_mode()`` is
+called once: it holds until ``end_freedrive_mode()``, while the program runs on (the loops around it
+in public code keep their program from ending). The question is no blocking popup, which suspends
+the program by the manual's words, and of which nothing public says that the arm stays free.
 
 Facts: the URScript manual's functions, public post-processors (RoboDK) and scripts that PolyScope
 generates. Nothing was run on a controller.
@@ -205,10 +208,9 @@ def _measuring(program: PoseProgram) -> Iterator[str]:
     if argument:
         yield '  textmsg("measuring ", number)'
     yield "  freedrive_mode()"
-    yield (
-        f'  popup("Bring the tool to its target, then continue", title="{options.measure_call}", '
-        "blocking=True)"
-    )
+    yield '  while not request_boolean_from_primary_client("Is the tool at its target?"):'
+    yield "    sync()"
+    yield "  end"
     yield "  end_freedrive_mode()"
     if options.settle_s > 0:
         yield f"  sleep({_seconds(options.settle_s)})"

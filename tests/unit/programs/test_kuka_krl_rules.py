@@ -83,9 +83,9 @@ def test_what_controllers_and_people_write_too_is_accepted(
     text = text.replace(old, new, 1)
     pair = (text, SRC) if which == ".dat" else (DAT, text)
     problems = check(tmp_path, *pair, which)
-    if "XHOME" in new:
-        problems = [p for p in problems if p.rule != "position-used"]
-    assert problems == []
+    # the home and other names may be those of another file
+    assert [p for p in problems if p.rule not in ("position-used", "position-defined")] == []
+    assert all(p.level == "measuring" for p in problems)
 
 
 ONE_RULE = [
@@ -98,58 +98,80 @@ ONE_RULE = [
     ("module", ".src", "END\n", "END\nEND\n", "END closes nothing"),
     ("module", ".src", "END\n", "END\nHALT\n", "in no routine"),
     ("module", ".src", "DEF CAL", "HALT\nDEF CAL", "in no routine"),
-    ("module", ".src", "DEF CAL( )", "DEF CAL", "'' behind the name"),
-    ("module", ".src", "END\n", "DEF B( )\nEND\n", "DEF before END"),
-    ("module", ".dat", "DEFDAT CAL", "DEFDAT CAL LOCAL", "'LOCAL' behind the name"),
-    ("module-name", ".src", "END\n", "END\nDEF 1B( )\nEND\n", "'1B' is no name"),
-    ("module-name", ".src", "END\n", "END\nDEF WAIT( )\nEND\n", "'WAIT' is no name"),
-    ("module-name", ".src", "END\n", f"END\nDEF {'B' * 25}( )\nEND\n", "24 in all"),
-    ("brackets", ".src", "MEASURE(1)", "MEASURE(1", "( is not closed"),
-    ("brackets", ".src", "MEASURE(1)", "MEASURE(1))", ") closes nothing"),
-    ("brackets", ".src", "MEASURE(1)", "MEASURE([1)]", ") closes nothing"),
-    ("brackets", ".src", "MEASURE(1)", 'MEASURE("1)', "a quote is not closed"),
-    ("block", ".src", "END\n", "LOOP\nEND\n", "LOOP has no ENDLOOP"),
-    ("block", ".src", "END\n", "ENDIF\nEND\n", "ENDIF closes nothing"),
-    ("block", ".src", "END\n", "IF A==1 THEN\nLOOP\nENDIF\nENDLOOP\nEND\n", "closes nothing"),
-    ("instruction", ".src", "MEASURE(1)", "WAITSEC 1", "'WAITSEC 1' is no instruction"),
-    ("instruction", ".src", "MEASURE(1)", "MEASURE 1", "'MEASURE 1' is no instruction"),
-    ("instruction", ".dat", "EXT BAS", "HALT\nEXT BAS", "HALT in a data list"),
-    ("instruction", ".dat", "EXT BAS", "1 = 2\nEXT BAS", "is no instruction"),
+    ("module", ".src", "DEF CAL( )", "DEF CAL", "no brackets behind the name"),
+    ("module", ".src", "END\n", "DEF B( )\nEND\n", "'DEF B( )' before END"),
+    ("module-name", ".src", "END\n", f"END\nDEF {'B' * 25}( )\nEND\n", "24"),
+    ("syntax", ".src", "MEASURE(1)", "MEASURE(1", "is not complete"),
+    ("syntax", ".src", "MEASURE(1)", "MEASURE(1))", "cannot stand"),
+    ("syntax", ".src", "MEASURE(1)", "MEASURE([1)]", "cannot stand"),
+    ("syntax", ".src", "MEASURE(1)", 'MEASURE("1)', "cannot stand"),
+    ("block", ".src", "END\n", "LOOP\nEND\n", "'LOOP' is never closed"),
+    ("block", ".src", "END\n", "ENDIF\nEND\n", "'ENDIF' closes nothing"),
+    ("block", ".src", "END\n", "IF A==1 THEN\nLOOP\nENDIF\nENDLOOP\nEND\n", "does not close"),
+    ("syntax", ".src", "MEASURE(1)", "WAITSEC 1", "behind 'WAITSEC '"),
+    ("syntax", ".src", "MEASURE(1)", "MEASURE 1", "behind 'MEASURE '"),
+    ("data", ".dat", "EXT BAS", "HALT\nEXT BAS", "'HALT' in a data list"),
+    ("syntax", ".dat", "EXT BAS", "1 = 2\nEXT BAS", "cannot stand behind"),
     ("declarations-first", ".src", "PTP XP1", "DECL INT I\nPTP XP1", "behind an instruction"),
-    ("position-format", ".dat", "A2 -90.00000,", "", "XP1 has A1 A3 A4 A5 A6, not A1 to A6"),
+    ("position-format", ".dat", "A2 -90.00000,", "", "XP1 has A1 A3 A4 A5 A6: the others stay"),
     ("position-format", ".dat", "A2 -90.00000", "A1 -90.00000", "XP1 has A1 twice"),
-    ("position-format", ".dat", "A2 -90.00000", "A2", "'A2' is no name and value"),
-    ("position-format", ".dat", "6.00000}", "6.00000,}", "'' is no name and value"),
+    ("position-format", ".dat", "A2 -90.00000", "X -90.00000", "XP1 has A1 X A3"),
+    ("syntax", ".dat", "A2 -90.00000", "A2", "cannot stand behind"),
+    ("syntax", ".dat", "6.00000}", "6.00000,}", "cannot stand behind"),
     ("position-format", ".dat", "DECL E6AXIS XP1", "DECL E6POS XP1", "E6POS of A1"),
     ("position-format", ".src", "END\n", "PTP {A1 1}\nEND\n", "the position has A1"),
     ("position-defined", ".src", "END\n", "PTP XP4\nEND\n", "XP4 is not defined"),
-    ("position-unique", ".dat", "ENDDAT", f"DECL E6AXIS {P1}\nENDDAT", "XP1 is defined twice"),
+    ("unique", ".dat", "ENDDAT", f"DECL E6AXIS {P1}\nENDDAT", "XP1 is defined twice"),
     ("position-used", ".dat", "ENDDAT", f"DECL E6AXIS {P1}\nENDDAT".replace("P1", "P4"), "XP4"),
-    ("number", ".dat", "A2 -90.00000", "A2 -0.000", "A2 '-0.000' is not a plain number"),
-    ("number", ".dat", "A2 -90.00000", "A2 ******", "A2 '******' is not a plain number"),
-    ("position-format", ".dat", "A2 -90.00000", "A2 1,5", "no name and value"),
+    ("number", ".dat", "A2 -90.00000", "A2 TRUE", "A2 'TRUE' is not a plain number"),
+    ("number", ".dat", "E6AXIS " + P1, POSE.replace("S 2", "S 2.5"), "S '2.5' is no whole"),
+    ("syntax", ".dat", "A2 -90.00000", "A2 ******", "cannot stand behind"),
+    ("syntax", ".dat", "A2 -90.00000", "A2 1,5", "cannot stand behind"),
+    ("syntax", ".dat", "A2 -90.00000", "A2 1.2.3", "cannot stand behind"),
+    ("syntax", ".src", "WAIT SEC 1.00", "WAIT SAC 1.00", "cannot stand behind 'WAIT '"),
+    ("syntax", ".src", "WAIT SEC 1.00", "WAIT SEC 1_0", "cannot stand behind 'WAIT SEC '"),
+    ("syntax", ".src", "WAIT SEC 1.00", "WAIT SEC1.00", "cannot stand behind 'WAIT '"),
+    ("syntax", ".src", "TRUE,0.50)", "TRUE,-)", "cannot stand behind"),
+    ("syntax", ".src", "=$AXIS_ACT\n", "=$AXIS_ACTWAIT SEC 0.50\n", "cannot stand behind"),
+    ("syntax", ".dat", "ENDDAT\n", "ENDDAT ENDDAT\n", "cannot stand behind"),
+    ("call", ".src", "BAS(#INITMOV,0)", "BAS(#INITMOV,0)\nBAS(#INITMOV,,0)", "BAS takes"),
+    ("call", ".src", "BAS(#VEL_PTP,10)", "BAS(#VELPTP,10)", "BAS takes"),
+    ("call", ".src", "BAS(#VEL_PTP,10)", "BAS(#VEL_PTP,TRUE)", "TRUE is no number"),
+    ("call", ".src", "OUT[3]", "OUT[]", "PULSE takes"),
+    ("constant", ".src", "WAIT SEC 1.00", "WAIT SEC TRUE", "the time is no number"),
+    ("constant", ".src", "OUT[3]", "OUT[TRUE]", "an index is no number"),
+    ("constant", ".src", "XM[2]=", "XM[]=", "a whole array is given one value"),
+    ("constant", ".dat", "XM[2]", "XM[]", "the size of the array is missing"),
+    ("word", ".src", "PULSE(", "PULS(", "PULSE?"),
+    ("word", ".src", "$OUT", "$OT", "$OT is no word that is known here: $OUT?"),
+    ("word", ".src", "BAS(#VEL_PTP,10)", "BSA(#VEL_PTP,10)", "BAS?"),
+    ("word", ".dat", "DECL E6AXIS XP1", "DECLE6AXIS XP1", "no blank behind DECL"),
+    ("word", ".dat", "REAL", "RAEL", "REAL?"),
+    ("word", ".dat", "EXT BAS", "EXT AS", "what takes a BAS_COMMAND is BAS"),
+    ("data", ".dat", "EXT BAS", "MEASURE(1)\nEXT BAS", "in a data list"),
     ("number", ".dat", "E6AXIS " + P1, POSE.replace("A 4.0", "A 180.1"), "beyond +-180"),
     ("number", ".dat", "E6AXIS " + P1, POSE.replace("S 2", "S 32"), "S '32' is not from 0 to 31"),
     ("number", ".dat", "E6AXIS " + P1, POSE.replace("T 35", "T 64"), "T '64' is not from 0 to 63"),
     ("number", ".src", "WAIT SEC 1.00", "WAIT SEC nan", "NaN"),
+    ("position-defined", ".src", "MEASURE(1)", "MEASURE(N)", "N is not defined"),
     ("first-move", ".src", "PTP XP1", f"LIN {PLACE}\nPTP XP1", "LIN is the first motion"),
     ("first-move", ".dat", "E6AXIS " + P1, POSE.replace(",S 2,T 35", ""), "no S and T"),
     ("number", ".dat", "A2 -90.00000", "A2 -720.1", "beyond +-720"),
-    ("motion", ".src", "PTP XP3", "PTP XP3 XP1", "is not a target"),
-    ("motion", ".src", "PTP XP3", "PTP XP3 C_FOO", "is not a target"),
-    ("motion", ".src", "PTP XP3", "PTP XP3,XP1", "is not a target"),
-    ("motion", ".src", "PTP XP3", "PTP XP3 10", "is not a target"),
-    ("motion", ".src", "PTP XP3", "PTP\nPTP XP3", "is not a target"),
-    ("motion", ".src", "PTP XP3", f"CIRC {PLACE}\nPTP XP3", "is not a target"),
+    ("syntax", ".src", "PTP XP3", "PTP XP3 XP1", "cannot stand behind"),
+    ("syntax", ".src", "PTP XP3", "PTP XP3 C_FOO", "cannot stand behind"),
+    ("syntax", ".src", "PTP XP3", "PTP XP3,XP1", "cannot stand behind"),
+    ("syntax", ".src", "PTP XP3", "PTP XP3 10", "cannot stand behind"),
+    ("syntax", ".src", "PTP XP3", "PTP\nPTP XP3", "is not complete"),
+    ("syntax", ".src", "PTP XP3", f"CIRC {PLACE}\nPTP XP3", "is not complete"),
     ("motion", ".src", "PTP XP3", "LIN XP3", "goes to a pose"),
     ("motion", ".src", "PTP XP3", "LIN {A1 1,A2 1,A3 1,A4 1,A5 1,A6 1}\nPTP XP3", "to a pose"),
     ("speed", ".src", "#VEL_PTP,10", "#VEL_PTP,500", "VEL_PTP 500: not from 1 to 100"),
     ("speed", ".src", "#VEL_PTP,10", "#VEL_PTP,0", "VEL_PTP 0: not from"),
     ("frame-value", ".src", "#TOOL,1", "#TOOL,17", "TOOL 17: controllers have 0 to 16"),
-    ("frame-value", ".src", "#BASE,0", "#BASE,-1", "BASE -1"),
+    ("frame-value", ".src", "#BASE,0", "#BASE,-1", "numbered from 0"),
     ("frame-value", ".src", "BAS(#TOOL,1)", "$TOOL=TOOL_DATA[99]", "TOOL 99"),
     ("frame-value", ".src", "BAS(#TOOL,1)", "$TOOL={X 0,Y 0,Z 0}", "$TOOL has not X Y Z A B C"),
-    ("frame-value", ".src", "BAS(#TOOL,1)", "$TOOL={X 0,Y 0,Z 0,A 0,B 0,C x}", "$TOOL has not"),
+    ("frame-value", ".src", "BAS(#TOOL,1)", "$TOOL={X 0,Y 0,Z 0,A 0,B 0,C TRUE}", "no number"),
     ("initialised", ".src", "BAS(#INITMOV,0)\n", "", "no BAS(#INITMOV,0)"),
     ("frame", ".src", "BAS(#TOOL,1)\n", "", "$TOOL is not set"),
     ("frame", ".src", "BAS(#BASE,0)\n", "", "$BASE is not set"),
@@ -172,7 +194,9 @@ def test_a_file_that_breaks_one_rule(
     problems = check(tmp_path, *pair, which)
     if rule == "first-move" and which == ".dat":
         problems = validate(tmp_path / "CAL.src")
-    assert {p.rule for p in problems} == {rule}, problems
+    found = {p.rule for p in problems}
+    # a line that is no statement may leave out what others ask for
+    assert found == {rule} or (rule == "syntax" and rule in found), problems
     assert any(message in p.message for p in problems)
 
 
@@ -221,7 +245,7 @@ def test_the_name_is_that_of_the_file(tmp_path: Path) -> None:
 
 def test_every_rule_of_the_table_is_broken_by_a_file() -> None:
     told = set(re.findall(r"^``([a-z-]+)``", rules.__doc__ or "", re.M))
-    assert told == {rule for rule, *_ in ONE_RULE} | {"companion"}
+    assert told == {rule for rule, *_ in ONE_RULE} | {"companion", "routine"}
 
 
 def test_problems_are_told_up_to_a_number() -> None:

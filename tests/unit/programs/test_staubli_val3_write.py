@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from calib.errors import InputError
 from calib.robots import Robot
@@ -152,12 +150,6 @@ def test_a_whole_project(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.postures(arm)[1], POSES[2].posture_rad, atol=1e-12)
 
 
-def test_it_is_written_again_over_itself(tmp_path: Path) -> None:
-    for _ in range(2):
-        paths = DIALECT.write(PoseProgram("Calpose", POSES, OPTIONS), tmp_path)
-    assert all(path.is_file() for path in paths)
-
-
 def test_poses_of_the_tool() -> None:
     arm = replace(ARM, T_world_user=T_USER, T_tip_tool=T_TOOL)
     program = PoseProgram("Calpose", POSES, replace(OPTIONS, form="cartesian"))
@@ -174,21 +166,6 @@ def test_poses_of_the_tool() -> None:
     expected = arm.tool_poses(program.postures_rad[order])
     for position, pose in zip(back.positions, expected, strict=True):
         np.testing.assert_allclose(position.T_user_tool, pose, atol=3e-7)
-
-
-def test_angles_are_those_of_another_library() -> None:
-    robomath = pytest.importorskip("robodk.robomath", reason="compares with RoboDK's conventions")
-    rng = np.random.default_rng(1)
-    poses = tuple(ProgramPose(f"P{i}", rng.uniform(-1, 1, 6)) for i in range(20))
-    program = PoseProgram("Calpose", poses, ProgramOptions(form="cartesian"))
-    rows = re.findall(
-        r'<Value key="\d+" x="(.*?)" y="(.*?)" z="(.*?)" rx="(.*?)" ry="(.*?)" rz="(.*?)" should',
-        data_of(program),
-    )
-    for row, pose in zip(rows, ARM.tool_poses(program.postures_rad), strict=True):
-        theirs = np.array(robomath.Staubli_2_Pose([float(v) for v in row]).Rows())
-        np.testing.assert_allclose(theirs[:3, :3], pose[:3, :3], atol=3e-7)
-        np.testing.assert_allclose(theirs[:3, 3], pose[:3, 3] * 1e3, atol=1e-4)
 
 
 def test_no_settling_no_call_and_no_argument() -> None:
@@ -262,12 +239,6 @@ def test_what_val3_would_refuse(options: dict[str, object], message: str) -> Non
     assert caught.value.hint
 
 
-@pytest.mark.parametrize("comment", ["]]>", "\u00e9", "a\nb", "x" * 61])
-def test_remarks_that_cannot_stand_in_a_project(comment: str) -> None:
-    with pytest.raises(InputError, match="comment of pose 'T 1'"):
-        files_of(PoseProgram("Calpose", (replace(POSES[0], comment=comment),), OPTIONS))
-
-
 def test_names_that_cannot_stand_in_a_project_are_left_out() -> None:
     poses = tuple(replace(POSES[0], name=name) for name in ("]]>", "\u00e9", "a\nb", "x" * 61))
     files = files_of(PoseProgram("Calpose", poses, OPTIONS))
@@ -296,57 +267,19 @@ def test_no_minus_zero() -> None:
         assert '"-0.0' not in data_of(PoseProgram("Calpose", tiny, replace(OPTIONS, form=form)))
 
 
-seeds = st.integers(0, 2**32 - 1)
-
-
-def random_program(seed: int, form: str, count: int) -> tuple[PoseProgram, Arm]:
-    rng = np.random.default_rng(seed)
+def test_poses_lead_back_to_the_postures() -> None:
     robot = ARM.robot
     assert robot is not None
+    rng = np.random.default_rng(5)
     poses = tuple(
-        ProgramPose(f"T{i}", q, via=bool(rng.random() < 0.3))
-        for i, q in enumerate(rng.uniform(robot.lower, robot.upper, (count, 6)))
+        ProgramPose(f"T{i}", q, via=i % 3 == 0)
+        for i, q in enumerate(rng.uniform(robot.lower, robot.upper, (30, 6)))
     )
     arm = replace(ARM, T_world_user=T_USER, T_tip_tool=T_TOOL)
-    return PoseProgram("Calpose", poses, replace(OPTIONS, form=form)), arm
-
-
-def check_round_trip(seed: int, form: str, count: int) -> None:
-    program, arm = random_program(seed, form, count)
-    files = files_of(program, arm)
-    for name, text in files.items():
-        assert DIALECT.check(text.encode("ascii"), Path(Path(name).name)) == []
-    back = DIALECT.parse(files["Calpose/Calpose.dtx"].encode(), PATH)
-    order = np.argsort(program.numbers)
-    assert [p.number for p in back.positions] == list(range(1, count + 1))
-    assert [p.name for p in back.positions] == [program.poses[i].name for i in order]
-    postures = program.postures_rad[order]
-    if form == "joint":
-        np.testing.assert_allclose(back.postures(arm), postures, atol=np.radians(0.6e-5))
-        return
-    words = arm.configurations(postures)
-    for position, pose, word in zip(back.positions, arm.tool_poses(postures), words, strict=True):
-        np.testing.assert_allclose(position.T_user_tool, pose, atol=4e-7)
-        assert position.configuration == word
-
-
-@settings(max_examples=40, deadline=None)
-@given(seed=seeds, form=st.sampled_from(["joint", "cartesian"]), count=st.integers(1, 12))
-def test_what_is_written_is_valid_and_read_back(seed: int, form: str, count: int) -> None:
-    check_round_trip(seed, form, count)
-
-
-@pytest.mark.slow
-@settings(max_examples=1000, deadline=None)
-@given(seed=seeds, form=st.sampled_from(["joint", "cartesian"]), count=st.integers(1, 12))
-def test_what_is_written_is_valid_and_read_back_often(seed: int, form: str, count: int) -> None:
-    check_round_trip(seed, form, count)
-
-
-def test_poses_lead_back_to_the_postures() -> None:
-    program, arm = random_program(5, "cartesian", 30)
+    program = PoseProgram("Calpose", poses, replace(OPTIONS, form="cartesian"))
     back = DIALECT.parse(data_of(program, arm).encode(), PATH)
     expected = program.postures_rad[np.argsort(program.numbers)]
+    assert [p.configuration for p in back.positions] == arm.configurations(expected)
     found = postures_of(back.positions, arm, near=expected)
     # rounding of 5e-5 mm and 5e-6 deg, made larger where the arm is nearly stretched
     np.testing.assert_allclose(found, expected, atol=2e-5)

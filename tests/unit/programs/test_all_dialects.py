@@ -1,8 +1,16 @@
-"""Damaged programs of every dialect: a clear error, or numbers that really stand in the file."""
+"""Programs of every dialect: damaged, mutated, hostile; what is special to one is tested beside.
+
+Damaged ones end in a clear error, or in numbers that really stand in the file. A mutant has one
+token broken, as a slip of the hand or of a transfer breaks it; all are refused that are no legal
+programs.
+"""
 
 from __future__ import annotations
 
 import re
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -150,6 +158,105 @@ def test_damaged_programs(name: str, form: str) -> None:
 @pytest.mark.parametrize(("name", "form"), CASES)
 def test_five_thousand_damaged_programs(name: str, form: str) -> None:
     run(name, form, 5000 // len(DIALECTS[name].forms))
+
+
+FREE = {
+    "fanuc-ls": r'!.*|"[^"]*"|/PROG.*|MEASURE|MNEDITOR',
+    "ur-script": r'#.*|"[^"]*"|not|request_boolean_from_primary_client',
+}
+"""Comments, texts and names of the user, in which a mutant is a legal program."""
+
+WORD = re.compile(r"[A-Za-z_]\w*|\d+(?:\.\d*)?|\.\d+|[^\w\s]")
+
+
+def mutants(text: str, count: int, free: re.Pattern[str]) -> Iterator[tuple[str, str]]:
+    """The changed line and the whole text of so many mutants."""
+    rng = np.random.default_rng(3)
+    lines = text.split("\n")
+    tokens = [
+        (row, *token.span())
+        for row, line in enumerate(lines)
+        for token in WORD.finditer(line)
+        if not any(a <= token.start() < b for a, b in (f.span() for f in free.finditer(line)))
+    ]
+    while count:
+        row, start, end = tokens[int(rng.integers(len(tokens)))]
+        changed = mutant(lines[row], start, end, int(rng.integers(5)), rng)
+        if changed not in ("", lines[row]):
+            count -= 1
+            yield changed, "\n".join([*lines[:row], changed, *lines[row + 1 :]])
+
+
+def mutant(line: str, start: int, end: int, how: int, rng: np.random.Generator) -> str:
+    """The line with one token broken; empty where this way does not fit the token."""
+    before, mark, behind = line[:start], line[start:end], line[end:]
+    word, number = mark[0].isalpha(), mark[0].isdigit() or mark[0] == "."
+    if how == 0 and not number and not (mark == "-" and behind[:1].isdigit()):
+        return before + behind
+    if how == 1:
+        return before + mark + (" " if word or number else "") + mark + behind
+    if how == 2 and word and len(mark) > 2:
+        at = int(rng.integers(len(mark)))
+        return before + mark[:at] + mark[at + 1 :] + behind
+    if how == 3 and number:
+        return before + mark + str(rng.choice(["_0", ".1.2", "e", "x"])) + behind
+    if how == 4 and not word and not number:
+        return before + str(rng.choice([*"()[]{},:=%#?"])) + behind
+    return ""
+
+
+def passing_mutants(name: str, form: str, count: int, folder: Path) -> list[str]:
+    """Lines of the mutants that a validator takes for good programs."""
+    dialect = DIALECTS[name]
+    robot = Robot.preset(ARMS[dialect.maker])
+    postures = (robot.lower + robot.upper) / 2.0 + np.array([[0.1], [0.2], [-0.3]])
+    poses = tuple(ProgramPose(f"P0{i}", q, via=i == 1) for i, q in enumerate(postures))
+    options = ProgramOptions(form=form, fingerprint="abcdef12", pulses_per_deg=PULSES)  # type: ignore[arg-type]
+    program = PoseProgram("MUTATED", poses, options, Arm.of(robot))
+    paths = dialect.write(program, folder)
+    passing = []
+    for path in paths:
+        text = path.read_bytes().decode()
+        assert [p for p in dialect.check(text.encode(), path) if p.level != "note"] == []
+        for changed, whole in mutants(text, count, re.compile(FREE[name])):
+            found = dialect.check(whole.encode(), path)
+            if not [p for p in found if p.level != "note"]:
+                passing.append(changed)
+    return passing
+
+
+@pytest.mark.parametrize(("name", "form"), [case for case in CASES if case[0] in FREE])
+def test_light_mutants_are_refused(name: str, form: str, tmp_path: Path) -> None:
+    assert passing_mutants(name, form, 100, tmp_path) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "form"), [case for case in CASES if case[0] in FREE])
+def test_a_thousand_light_mutants_are_refused(name: str, form: str, tmp_path: Path) -> None:
+    assert passing_mutants(name, form, 1000, tmp_path) == []
+
+
+BOMBS = [b"\n" * 18_000_000, b"," * 3_000_000, b",\n" * 1_500_000, b"X1=" + b"9" * 400 + b"\n"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DIALECTS)
+@pytest.mark.parametrize("data", BOMBS, ids=range(len(BOMBS)))
+def test_hostile_files_end_soon_and_small(name: str, data: bytes) -> None:
+    dialect = DIALECTS[name].reading(PULSES)
+    path = Path(f"X{dialect.suffixes[0]}")
+    file, text = written(name, dialect.forms[0])
+    middle = text.index("\n", len(text) // 2) + 1
+    inside = text[:middle].encode() + data + text[middle:].encode()
+    tracemalloc.start()
+    try:
+        for hostile, place in ((data, path), (inside, Path(file))):
+            assert isinstance(dialect.check(hostile, place), list)
+            with suppress(FileFormatError, InputError):
+                dialect.parse(hostile, place)
+        assert tracemalloc.get_traced_memory()[1] < 300e6
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("name", DIALECTS)

@@ -1,4 +1,4 @@
-"""KUKA KRL programs: writer, reader and validator as one dialect."""
+"""KUKA KRL programs: the dialect, and what its controllers have."""
 
 from __future__ import annotations
 

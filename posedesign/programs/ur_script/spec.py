@@ -37,7 +37,7 @@ class UrScript(Dialect):
         return parse_log(data, path) if is_log(data) else parse_ur_script(data, path)
 
     def check(self, data: bytes, path: Path) -> list[Problem]:
-        """Check a script strictly; see `rules`."""
+        """Check a script; see `rules`."""
         return check_ur_script(data)
 
     def recognises(self, data: bytes) -> bool:

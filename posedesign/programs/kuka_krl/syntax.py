@@ -1,0 +1,161 @@
+"""KUKA KRL: the statements of a file by its grammar, and what reader and validator ask of them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+
+from lark import Token, Tree
+
+from posedesign.programs.language import Language, Line, Statement, nodes, text_of
+
+AXES = ("A1", "A2", "A3", "A4", "A5", "A6")
+POSE = ("X", "Y", "Z", "A", "B", "C")
+EXTERNAL = ("E1", "E2", "E3", "E4", "E5", "E6")
+CONFIGURATION = ("S", "T")
+
+TYPES_OF_POSITIONS = {"E6AXIS": AXES, "AXIS": AXES, "E6POS": POSE, "POS": POSE}
+"""Types that hold where the arm is to be, with what they have at least."""
+
+MOST_TOOL, MOST_BASE = 16, 32
+"""Frames that controllers have as delivered. 0 is the flange, and the world."""
+
+BEGINS = {"begin": "end", "begin_function": "end_function", "begin_data": "end_data"}
+"""Statements that begin a module or routine, with those that end it."""
+
+
+def code_of(lines: Iterator[Line]) -> Iterator[Line]:
+    """Lines without comments and without the header (``&ACCESS``)."""
+    for line in lines:
+        text = line.text
+        if text[0] in ";&":
+            continue
+        if ";" in text:
+            text = _without_comment(text).rstrip()
+        if text:
+            yield Line(line.row, text)
+
+
+def _without_comment(text: str) -> str:
+    if '"' not in text:
+        return text.partition(";")[0]
+    at = 0
+    for k, piece in enumerate(text.split('"')):
+        if k % 2 == 0 and ";" in piece:
+            return text[: at + piece.index(";")]
+        at += len(piece) + 1
+    return text
+
+
+LANGUAGE = Language("posedesign.programs.kuka_krl", joined=code_of, letters=r"\w$")
+"""The grammar; one for all files, so that it is made once."""
+
+
+Node = Tree[Token] | Token
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?\d{1,2})?", re.IGNORECASE | re.ASCII)
+
+
+def name_of(node: Node) -> str:
+    """A variable as one word: ``XP1``, ``TABLE[2]``, ``$TOOL.X``, ``P[?]``; empty for no variable.
+
+    An index that is computed is a question mark: of which element nobody knows.
+    """
+    if not isinstance(node, Tree):
+        return str(node) if node.type == "NAME" else ""
+    if node.data != "variable":
+        return ""
+    name = ""
+    for child in node.children:
+        if not isinstance(child, Tree):
+            name += f".{child}" if name else str(child)
+        elif all(isinstance(i, Token) and i.isdigit() for i in child.children):
+            name += f"[{','.join(map(str, child.children))}]"
+        else:
+            name += "[?]"
+    return name
+
+
+def key_of(node: Node) -> str:
+    """The same in capitals: letters of either case are the same."""
+    return name_of(node).upper()
+
+
+def fields_of(node: Node) -> list[tuple[str, str]]:
+    """Names in capitals and values as text of what stands between braces; none of another node."""
+    if not isinstance(node, Tree) or node.data != "aggregate":
+        return []
+    every, other = node.children[::2], node.children[1::2]
+    if len(every) == len(other) and all(isinstance(c, Token) and c.type == "FIELD" for c in every):
+        return [(str(c).upper(), words_of(v)) for c, v in zip(every, other, strict=True)]
+    names: list[str] = []
+    values: list[str] = []
+    for child in node.children:
+        if not isinstance(child, Tree) and child.type == "FIELD":
+            names.append(child.upper())
+            values.append("")
+        elif isinstance(child, Tree) and child.data == "index":
+            names[-1] += "[]"
+        elif names:
+            values[-1] += words_of(child)
+    return list(zip(names, values, strict=True))
+
+
+def words_of(node: Node) -> str:
+    """What stands there, without blanks."""
+    return text_of(node) if isinstance(node, Tree) else str(node)
+
+
+def as_number(text: str) -> float:
+    """A plain decimal number of at most 40 characters; NaN for anything else."""
+    return float(text) if len(text) <= 40 and _NUMBER.fullmatch(text) else math.nan
+
+
+def arguments_of(statement: Statement) -> list[Node]:
+    """What a call is given; empty brackets are none."""
+    brackets = statement.tree.children[1]
+    found = list(brackets.children) if isinstance(brackets, Tree) else []
+    return [] if len(found) == 1 and words_of(found[0]) == "" else found
+
+
+def bas_of(statement: Statement) -> tuple[str, str]:
+    """Command and value of a call of BAS, in capitals: ``TOOL``, ``1``; empty for another call."""
+    if key_of(statement.tree.children[0]) != "BAS":
+        return "", ""
+    command, value = [*map(words_of, arguments_of(statement)), "", ""][:2]
+    return command.upper().lstrip("# "), value.upper()
+
+
+def settings_of(statement: Statement) -> Iterator[tuple[str, Node]]:
+    """Variables that a motion sets for itself (``WITH``), and their values."""
+    for setting in statement.all("setting"):
+        yield key_of(setting.children[0]), setting.children[1]
+
+
+def type_of(declaration: Statement) -> str:
+    """Type of what is declared, in capitals."""
+    children = declaration.tree.children
+    given = next(c for c in children if isinstance(c, Tree) or c.type == "NAME")
+    return str(given.children[0] if isinstance(given, Tree) else given).upper()
+
+
+def items_of(declaration: Statement) -> list[Tree[Token]]:
+    """What is declared: each has a name, and perhaps an index and a value."""
+    children = declaration.tree.children
+    return [c for c in children if isinstance(c, Tree) and c.data == "item"]
+
+
+def kind_of(node: Node) -> str:
+    """Type that braces name for themselves, in capitals: ``FRAME`` of ``{FRAME: X 1}``."""
+    kinds = nodes(node, "kind") if isinstance(node, Tree) else iter(())
+    return next((words_of(kind).upper() for kind in kinds), "")
+
+
+def name_of_module(begin: Statement) -> str:
+    """Name of the module or routine that a statement begins."""
+    return next(str(child) for child in begin.tree.children if name_of(child))
+
+
+def word_of(motion: Statement) -> str:
+    """The word of a motion, in capitals: ``PTP``, ``LIN_REL``."""
+    return words_of(motion.tree.children[0]).upper()

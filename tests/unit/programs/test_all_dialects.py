@@ -164,7 +164,7 @@ FREE = {
     "fanuc-ls": r'!.*|"[^"]*"|/PROG.*|MEASURE|MNEDITOR',
     "ur-script": r'#.*|"[^"]*"|not |request_boolean_from_primary_client',
     "staubli-val3": r'//.*|popUpMsg\("[^"]*"|(?:link|version)="[^"]*"|(?<= value=)"[^"]*"|xmlns.*'
-    r'|(?<=Data name=)"[^"]*"|(?:ioLink|size|xsi)="[^"]*"',
+    r'|(?<=Data name=)"[^"]*"|(?<=Parameter name=)"[^"]*"|(?:ioLink|size|xsi)="[^"]*"',
     "kuka-krl": r";.*|&.*|MEASURE|DECL|(?<=AXIS )XP\d|(?<=POS )XP\d",
     "abb-rapid": r'!.*|"[^"]*"|MEASURE|9E9|LOCAL|MUTATED\w*|speeddata.*|ConfJ.On',
 }

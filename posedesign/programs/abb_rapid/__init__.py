@@ -1,5 +1,5 @@
 """ABB RAPID modules (``.mod``, ``.modx``): writer, reader and validator."""
 
-from posedesign.programs.abb_rapid.dialect import AbbRapid
+from posedesign.programs.abb_rapid.spec import AbbRapid
 
 __all__ = ["AbbRapid"]

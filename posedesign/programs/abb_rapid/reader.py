@@ -2,74 +2,349 @@
 
 All jointtargets and robtargets that are declared with a value are read, arrays of them too, and
 those that stand in MoveAbsJ, MoveJ and MoveL themselves. ``p3`` and ``jp3`` are position 3; other
-names are numbered behind, in the order of the file. Statements may be divided among lines in any
-way. Where a program keeps the touched-up positions in ``jMeasured``, those stand in the place of
-the planned ones, and poses not yet measured are left out as soon as one is measured. Poses have the
-frames of the motion to them, where the module declares those with their values.
+names are numbered behind, in the order of the file. Where a program keeps the touched-up positions
+in ``jMeasured``, those stand in the place of the planned ones, and poses not yet measured are left
+out as soon as one is measured. Poses have the frames of the motion to them, where the module
+declares those with their values.
 
 What would be read wrong in silence is refused with its line: circles, positions without a value,
-an external axis that moves, a pose in two frames, or of a part that the arm holds.
+an external axis that moves, a pose in two frames, or of a part that the arm holds. A statement that
+the grammar does not know is passed over only where it has nothing to do with any of that.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from posedesign.programs.abb_rapid.frames import MotionFrames
-from posedesign.programs.abb_rapid.stored import (
-    StoredPosition,
+import numpy as np
+from lark import Token, Tree
+
+from calib.errors import InputError
+from calib.se3 import FloatArray, rotation_from_quaternion, transform
+from posedesign.programs.abb_rapid.module import (
+    FRAMES,
+    LANGUAGE,
+    SHAPES,
+    Data,
+    Node,
+    calls,
+    declared,
+    inside,
+    is_a,
+    name_of,
     nested,
-    recorded,
-    stored,
+    shape,
 )
+from posedesign.programs.configurations import AbbConfiguration
+from posedesign.programs.language import Statement
 from posedesign.programs.numbering import Numbering
-from posedesign.programs.reading import refuse
-from posedesign.programs.recorded import PlanMark, RecordedProgram
+from posedesign.programs.reading import at_rest, joint_deg, millimetres, number, refuse, text_lines
+from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+
+NORM_WITHIN = 2e-3
+"""Of a quaternion's norm from 1, as people type them; the controller asks for less."""
 
 _FLAGS = re.IGNORECASE | re.ASCII
-_NAME = r"[A-Z]\w{0,99}"
-_PIECE = re.compile(r'"[^"\n]*"?|![^\n]*|;')
-_HEADER = re.compile(r"\s{0,99}%%%[^%]{0,999}%%%")
-_MODULE = re.compile(rf"\s*MODULE\s+({_NAME})(?:\s?\([\w ,]{{0,99}}\))?(?=\s|$)", _FLAGS)
-_END = re.compile(r"\bENDMODULE\s*$", _FLAGS)
-_DECLARED = re.compile(
-    rf"\b(CONST|PERS|VAR) (jointtarget|robtarget) ({_NAME}) ?(\{{[^}}]{{0,40}}\}})? ?(:= ?)?",
-    _FLAGS,
-)
-_MOTION = re.compile(r"\b(MoveAbsJ|MoveJ|MoveL|MoveC)(?:\\\w+(?::=\w+)?)* ?,? ?(?=\[)", _FLAGS)
-_QUAD, _SIX = (rf"\[(?:[^\[\],]{{1,30}},){{{n}}}[^\[\],]{{1,30}}\]" for n in (3, 5))
-_LOST = re.compile(rf"\[ ?{_SIX} ?, ?{_SIX} ?\]|{_QUAD} ?, ?{_QUAD} ?, ?{_SIX}", _FLAGS)
-_NUMBERS = re.compile(r"\bnum\b", _FLAGS)
-_ROUTINE = re.compile(rf"\b(?:PROC|FUNC {_NAME}) {_NAME} ?\([^()]*\)", _FLAGS)
-_PLACE = re.compile(
-    r"\b(?:CONST|PERS|VAR|MoveAbsJ|MoveJ|MoveL|MoveC|PDispOn|PDispSet)\b|:=", _FLAGS
-)
+_REMARK = re.compile(r'"[^"\n]*"?|!([^\n]*)')
 _POSE_NAME = re.compile(r"P(\d{1,6}) (.*)")
 _FIRST_REGISTER = re.compile(r"jMeasured\{(\d{1,6})\} IS P(\d{1,6})\s*")
 _NUMBERED = re.compile(r"[JR]?P(\d{1,6})", _FLAGS)
 _ELEMENT = re.compile(r"JMEASURED\{(\d{1,6})\}", _FLAGS)
-_BINARY = re.compile(rb"[^\t\r\n -~\x80-\xff]")
+_UNCONNECTED = re.compile(r"9\.?0*E\+?0*9", re.IGNORECASE)
+_MATTERS = re.compile(r"jointtarget|robtarget|tooldata|wobjdata|move|pdisp|\[", _FLAGS)
+_WORD = re.compile(r"[a-z]\w*", _FLAGS)
 _WHAT = "name a RAPID module saved as text: .mod or .modx"
+_MOTIONS = {"MOVEABSJ": "jointtarget", "MOVEJ": "robtarget", "MOVEL": "robtarget"}
+
+
+@dataclass(eq=False)
+class StoredPosition:
+    """One position as it stands in the file.
+
+    ``variable`` is empty for one that stands in a motion instruction; ``parts`` are the texts of
+    its numbers. ``other``: no numbered position of the program. The frames are those of the motion
+    to it, where the module gives their values.
+    """
+
+    variable: str
+    line: int
+    kind: str
+    parts: list[list[str]]
+    name: str = ""
+    other: bool = False
+    T_world_user: FloatArray | None = None
+    T_tip_tool: FloatArray | None = None
+
+    @classmethod
+    def of(
+        cls, variable: str, line: int, kind: str, node: Node, path: Path | str
+    ) -> StoredPosition:
+        """A position as its value stands in the file; FileFormatError where it is of no such."""
+        value = nested(node)
+        if shape(value) != SHAPES[kind]:
+            wanted = ", ".join(map(str, SHAPES[kind]))
+            label = variable or "the position"
+            reason = f"{label} has not the lists of {wanted} numbers of a {kind}"
+            refuse(reason, path, line)
+        return cls(variable, line, kind, value)  # type: ignore[arg-type]
+
+    @property
+    def label(self) -> str:
+        """What to call it in messages."""
+        return self.variable or "the position"
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it is a place for a position and no position of the arm."""
+        if self.kind == "jointtarget":
+            return all(map(_UNCONNECTED.fullmatch, self.parts[0]))
+        return set(self.parts[1]) == {"0"}
+
+    @property
+    def external(self) -> list[tuple[str, str, str, int]]:
+        """Label, name, value and line of the external axes that are connected."""
+        return [
+            (self.label, f"eax_{letter}", text, self.line)
+            for letter, text in zip("abcdef", self.parts[-1], strict=True)
+            if not _UNCONNECTED.fullmatch(text)
+        ]
+
+    def joints(self, path: Path | str) -> FloatArray:
+        """Joint values [deg]."""
+        values = []
+        for j, text in enumerate(self.parts[0], start=1):
+            what = f"{self.label}: axis {j}"
+            if _UNCONNECTED.fullmatch(text):
+                refuse(f"{what} has no value (9E9)", path, self.line, "is it a six-axis arm?")
+            values.append(joint_deg(text, what, path, self.line))
+        return np.array(values)
+
+    def configuration(self, path: Path | str) -> AbbConfiguration:
+        """The arm position that takes the pose."""
+        try:
+            return AbbConfiguration.parse(f"[{','.join(self.parts[2])}]")
+        except InputError as error:
+            refuse(f"{self.label}: {error.message}", path, self.line, error.hint)
+
+
+def place_of(label: str, row: int, lists: Sequence[list[str]], path: Path | str) -> list[float]:
+    """x, y, z [mm] and q1 to q4 of a pose; FileFormatError where they are none."""
+    names = zip("xyz", lists[0], strict=True)
+    place = [millimetres(text, f"{label}: {axis}", path, row) for axis, text in names]
+    turn = [
+        number(text, f"{label}: q{k}", path, row, 1.0 + NORM_WITHIN)
+        for k, text in enumerate(lists[1], start=1)
+    ]
+    norm = float(np.linalg.norm(turn))
+    if abs(norm - 1.0) > NORM_WITHIN:
+        refuse(f"{label}: the quaternion's norm is {norm:.4f}, not 1", path, row)
+    return [*place, *turn]
+
+
+def _transforms(places: list[list[float]]) -> FloatArray:
+    """Transforms ``(N, 4, 4)`` [m] of places."""
+    if not places:
+        return np.empty((0, 4, 4))
+    values = np.array(places)
+    return transform(rotation_from_quaternion(values[:, 3:]), values[:, :3] / 1e3)
+
+
+def frames_of(data: Data, path: Path | str) -> FloatArray:
+    """Frames ``(1 or 2, 4, 4)`` [m] of a tool or work object; FileFormatError where it has none."""
+    name, row, value = data.name.upper(), data.row, nested(data.value) if data.value else ""
+    tool = data.kind == "tooldata"
+    if isinstance(value, str) or len(value) != (3 if tool else 5):
+        refuse(f"{name} has not the parts of {data.kind}", path, row)
+    places = []
+    for part in value[1:2] if tool else value[3:]:
+        if shape(part) != (3, 4):
+            refuse(f"{name} has not the lists of 3, 4 numbers of a frame", path, row)
+        places.append(place_of(name, row, part, path))  # type: ignore[arg-type]
+    return _transforms(places)
 
 
 @dataclass
-class _Module:
-    """What a file says, statement by statement."""
+class _Reader:
+    """What a module says, statement by statement."""
 
-    name: str
-    comment: str = ""
-    mark: PlanMark | None = None
+    path: Path | str
     positions: list[StoredPosition] = field(default_factory=list)
-    variables: set[str] = field(default_factory=set)
-    pose_names: dict[int, str] = field(default_factory=dict)
-    first_register: tuple[int, int] | None = None
-    frames: MotionFrames = field(default_factory=MotionFrames)
+    names: set[str] = field(default_factory=set)
+    frames: dict[str, Data] = field(default_factory=dict)
+    motions: list[tuple[str, str, str, int]] = field(default_factory=list)
+    changes: list[tuple[str, bool, int]] = field(default_factory=list)
+    displaced: int | None = None
+
+    def take(self, statements: Sequence[Statement]) -> None:
+        """Take positions, frames, motions, and what changes them."""
+        for data in declared(statements):
+            if data.kind in SHAPES:
+                self._take_positions(data)
+            elif data.kind != "num":
+                for label, value in data.values:
+                    self._refuse_lost(value, data.row, f"{data.storage} {data.kind} {label}")
+                if data.kind in FRAMES and data.value and not data.size:
+                    self.frames[data.name.upper()] = data
+        for statement in statements:
+            if statement.kind in ("call", "compact_if", "assignment"):
+                self._take_instruction(statement)
+            elif statement.fault:
+                self._take_fault(statement)
+
+    def _take_positions(self, data: Data) -> None:
+        name, row = data.name, data.row
+        numbered = data.storage != "VAR" or data.values
+        missing = bool(numbered and _NUMBERED.fullmatch(name))
+        if data.values and name.upper() in self.names:
+            refuse(f"{name} is there twice", self.path, row, "remove one of them")
+        if data.values:
+            self.names.add(name.upper())
+        if data.size and data.values and (not data.whole or data.count != len(data.values)):
+            size = inside(data.size)
+            refuse(f"{name}{{{size}}} has {len(data.values)} elements", self.path, row)
+        for label, value in data.values:
+            position = StoredPosition.of(label, row, data.kind, value, self.path)
+            if not position.is_empty:
+                self.positions.append(position)
+                missing = False
+        if missing and not (data.size and data.values):
+            refuse(f"{name} has no value", self.path, row, "touch the position up")
+
+    def _take_instruction(self, statement: Statement) -> None:
+        row = statement.row
+        for node in statement.all("assignment") if ":=" in statement.text else ():
+            variable = node.children[0]
+            in_part = any(isinstance(c, Token) for c in variable.children[1:])  # type: ignore[union-attr]
+            self.changes.append((name_of(variable), in_part, row))
+        motion = False
+        for word, given in calls(statement):
+            if word in ("PDISPON", "PDISPSET"):
+                self.displaced = self.displaced or row
+            values = [(value, switches) for value, switches in given if value is not None]
+            if word == "MOVEC" and values and is_a(values[0][0], "list"):
+                refuse("MoveC: only MoveAbsJ, MoveJ and MoveL can be read", self.path, row)
+            motion = motion or word in (*_MOTIONS, "MOVEC")
+            if word in _MOTIONS and values:
+                frames = values[3] if len(values) == 4 else None
+                self._take_motion(_MOTIONS[word], values[0][0], row)
+                self._take_frames(values[0][0], frames, row)
+        if not motion and "[" in statement.text:
+            self._refuse_lost(statement.tree, row, statement.text)
+
+    def _take_motion(self, kind: str, target: Node | None, row: int) -> None:
+        # a list that has a name in the place of a part is calculated: no position of the file
+        if is_a(target, "list") and all(
+            isinstance(c, Token) or c.data == "list"
+            for c in target.children  # type: ignore[union-attr]
+        ):
+            self.positions.append(StoredPosition.of("", row, kind, target, self.path))  # type: ignore[arg-type]
+
+    def _take_frames(
+        self,
+        target: Node | None,
+        last: tuple[Node | None, dict[str, Node | None]] | None,
+        row: int,
+    ) -> None:
+        name = str(nested(target)).upper() if is_a(target, "variable") and target else f"[{row}"
+        if last is None or not (is_a(target, "variable") or is_a(target, "list")):
+            return  # Offs(p1,...): no motion to a position of the file
+        tool, switches = last
+        work_object = name_of(switches["WOBJ"]) if "WOBJ" in switches else "WOBJ0"
+        self.motions.append((name, name_of(tool), work_object, row))
+
+    def _refuse_lost(self, tree: Node, row: int, text: str) -> None:
+        """Refuse lists of numbers that are a position, and stand where none is read."""
+        for node in tree.iter_subtrees() if isinstance(tree, Tree) else ():
+            if node.data == "list" and len(node.children) > 1:
+                found = shape(nested(node))
+                if found == (6, 6) or (4, 4, 6) in zip(found, found[1:], found[2:], strict=False):
+                    refuse(f"cannot make sense of {text[:30]!r}", self.path, row)
+
+    def _take_fault(self, statement: Statement) -> None:
+        """Refuse a statement that is none, where it may be about positions or frames."""
+        known = self.names | self.frames.keys()
+        words = {word.upper() for word in _WORD.findall(statement.text)}
+        if _MATTERS.search(statement.text) or words & known or "characters" in statement.fault:
+            reason = f"cannot make sense of {statement.text[:30]!r}: {statement.fault}"
+            refuse(reason, self.path, statement.row)
+
+    def give_frames(self) -> None:
+        """Give poses the frames of the motions that go to them.
+
+        Raises
+        ------
+        FileFormatError
+            A pose is used in two frames, or in one that is not that of a tool at the flange, or is
+            changed by the program.
+        """
+        posed = [p for p in self.positions if p.kind == "robtarget"]
+        poses = {p.variable.upper() or f"[{p.line}": p for p in posed}
+        if poses and self.displaced is not None:
+            hint = "measure without a program displacement"
+            refuse("displaced positions (PDispOn) cannot be read", self.path, self.displaced, hint)
+        labels = {p.variable.upper().partition("{")[0]: p.label for p in self.positions}
+        for name, in_part, row in self.changes:
+            if in_part and name in labels:
+                reason = f"{labels[name]} is changed in part"
+                refuse(reason, self.path, row, "store the position whole")
+        values: dict[str, FloatArray | None] = {"TOOL0": np.eye(4), "WOBJ0": np.eye(4)}
+        values |= {name: None for name, _, _ in self.changes}
+        used: dict[str, tuple[str, str]] = {}
+        for target, tool, work_object, row in self.motions:
+            position = poses.get(target)
+            if position is None:
+                continue
+            if used.setdefault(target, (tool, work_object)) != (tool, work_object):
+                reason = f"{position.label} is used in other frames than before"
+                hint = "use each position with one tool and one work object"
+                refuse(reason, self.path, row, hint)
+            for name, kind in zip((tool, work_object), FRAMES, strict=True):
+                if name not in values:
+                    values[name] = self._frame(name, kind)
+            position.T_tip_tool, position.T_world_user = values[tool], values[work_object]
+
+    def _frame(self, name: str, kind: str) -> FloatArray | None:
+        """The frame ``(4, 4)`` [m] of a tool or work object; None where it is another module's."""
+        data = self.frames.get(name)
+        if data is None or data.kind != kind:
+            return None
+        # robhold; of a work object also ufprog: it stands where the program says
+        usual = ["TRUE"] if kind == "tooldata" else ["FALSE", "TRUE"]
+        value = nested(data.value) if data.value else ""
+        if [str(part).upper() for part in value[: len(usual)]] != usual:
+            what = (
+                "a tool that stands in the cell" if len(usual) == 1 else "a work object that moves"
+            )
+            refuse(f"{name} is {what}", self.path, data.row, "measure with the tool at the flange")
+        frames = frames_of(data, self.path)
+        return np.asarray(frames[0] if len(frames) == 1 else frames[0] @ frames[1])
+
+    def recorded(self, numbered: list[tuple[int, StoredPosition]]) -> tuple[RecordedPosition, ...]:
+        """Stored positions with their numbers as recorded ones."""
+        path = self.path
+        own = [p for _, p in numbered if not p.other] or [p for _, p in numbered]
+        at_rest((value for p in own for value in p.external), path)
+        posed = [p for _, p in numbered if p.kind == "robtarget"]
+        poses = iter(_transforms([place_of(p.label, p.line, p.parts, path) for p in posed]))
+        return tuple(
+            RecordedPosition(
+                n,
+                p.name,
+                p.line,
+                shown_deg=p.joints(path) if p.kind == "jointtarget" else None,
+                T_user_tool=next(poses) if p.kind == "robtarget" else None,
+                configuration=p.configuration(path) if p.kind == "robtarget" else None,
+                T_world_user=p.T_world_user,
+                T_tip_tool=p.T_tip_tool,
+            )
+            for n, p in numbered
+        )
 
 
-def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
+def parse_module(data: bytes, path: Path | str) -> RecordedProgram:
     """Program in the content of a file; ``path`` is for the messages.
 
     Raises
@@ -78,147 +353,42 @@ def parse_abb_rapid(data: bytes, path: Path | str) -> RecordedProgram:
         The file is no RAPID module, is cut off, or holds no positions, or one that is neither a
         jointtarget nor a robtarget.
     """
-    bad = _BINARY.search(data)
-    if bad:
-        row = data.count(b"\n", 0, bad.start()) + 1
-        refuse(f"holds the byte 0x{bad[0][0]:02x}, which is not text", path, row, _WHAT)
-    text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1").replace("\r\n", "\n")
-    header = _HEADER.match(text)
-    before = text[: header.end()].count("\n") if header else 0
-    statements, remarks = _divided(text[header.end() :] if header else text, before + 1)
-    begins = _MODULE.match(statements[0][1]) if statements else None
-    if begins is None:
+    text = "\n".join(text_lines(data.removeprefix(b"\xef\xbb\xbf"), path, _WHAT))
+    statements = LANGUAGE.statements(text)
+    if not statements or statements[0].kind != "module":
         refuse("is no RAPID module: it does not begin with MODULE", path, 1, _WHAT)
-    if not _END.search(statements[-1][1]):
+    if statements[-1].kind != "endmodule":
         reason = "is cut off: ENDMODULE is not its end"
         refuse(reason, path, text.count("\n") + 1, "copy the file again")
-    module = _Module(begins[1])
-    for remark in remarks:
-        _take_remark(module, remark)
-    for row, statement in statements:
-        place = _PLACE.search(statement)
-        at = row + statement.count("\n", 0, place.start()) if place else row
-        _take(module, _ROUTINE.sub("", " ".join(statement.split())), path, at)
-    if not module.positions:
+    reader = _Reader(path)
+    reader.take(statements)
+    if not reader.positions:
         refuse("holds no positions", path, hint="name the module that was touched up")
-    module.frames.give(module.positions, path)
-    numbering = Numbering(
-        _NUMBERED, _ELEMENT, module.mark, module.pose_names, module.first_register
-    )
+    reader.give_frames()
+    comment, mark, names, first = _remarks(text)
+    numbering = Numbering(_NUMBERED, _ELEMENT, mark, names, first)
     return RecordedProgram(
-        module.name,
-        module.comment,
-        module.mark or PlanMark(),
-        recorded(numbering.of(module.positions, path), path),
+        statements[0].word("NAME"),
+        comment,
+        mark or PlanMark(),
+        reader.recorded(numbering.of(reader.positions, path)),
         "abb",
-        empty_registers=numbering.is_untouched(module.positions),
+        empty_registers=numbering.is_untouched(reader.positions),
     )
 
 
-def _divided(text: str, row: int) -> tuple[list[tuple[int, str]], list[str]]:
-    """Statements with the line that each begins in, and remarks; strings become empty ones."""
-    statements: list[tuple[int, str]] = []
-    remarks: list[str] = []
-    parts: list[str] = []
-    begun, last = row, 0
-    for at, end, mark in _pieces(text):
-        between = text[last:at]
-        code = between.lstrip()
-        if not parts and (code or mark == '"'):
-            begun = row + between.count("\n", 0, len(between) - len(code))
-            between = code
-        if parts or code:
-            parts.append(between)
-        row += text.count("\n", last, at)
-        last = end
-        if mark == ";":
-            statements.append((begun, "".join(parts)))
-            parts = []
-        elif mark == "!":
-            remarks.append(text[at + 1 : end].strip())
-        elif mark == '"':
-            parts.append('""')
-    statements.append((begun if parts else row, "".join(parts)))
-    return statements, remarks
-
-
-def _pieces(text: str) -> Iterator[tuple[int, int, str]]:
-    """Where strings, remarks and semicolons begin and end, and the end of the text."""
-    for piece in _PIECE.finditer(text):
-        yield piece.start(), piece.end(), piece[0][0]
-    yield len(text), len(text), ""
-
-
-def _take_remark(module: _Module, remark: str) -> None:
-    named, register = _POSE_NAME.fullmatch(remark), _FIRST_REGISTER.fullmatch(remark)
-    if remark.startswith("PLAN ") and module.mark is None:
-        module.mark = PlanMark.found_in(remark)
-    elif named:
-        module.pose_names.setdefault(int(named[1]), named[2].strip())
-    elif register:
-        module.first_register = int(register[1]), int(register[2])
-    elif not (remark.startswith("* ") or module.comment or module.mark or module.pose_names):
-        module.comment = remark
-
-
-def _take(module: _Module, code: str, path: Path | str, row: int) -> None:
-    """Add the positions of one statement."""
-    declared = list(_DECLARED.finditer(code))
-    if len(declared) == 1:
-        _take_declaration(module, declared[0], code, path, row)
-        return
-    module.frames.take(code, row)
-    motion = _MOTION.search(code)
-    if declared or (motion is None and _LOST.search(code) and not _NUMBERS.search(code)):
-        refuse(f"cannot make sense of {code[:30]!r}", path, row)
-    if motion is None:
-        return
-    if motion[1].upper() == "MOVEC":
-        refuse("MoveC: only MoveAbsJ, MoveJ and MoveL can be read", path, row)
-    text = _brackets(code[motion.end() :])
-    value = nested(text, "the position", path, row)
-    kind = "jointtarget" if motion[1].upper() == "MOVEABSJ" else "robtarget"
-    module.positions.append(stored("", kind, value, path, row))
-
-
-def _brackets(text: str) -> str:
-    """The text up to the bracket that closes its first one."""
-    depth = 0
-    for mark in re.finditer(r"[\[\]]", text):
-        depth += 1 if mark[0] == "[" else -1
-        if depth == 0:
-            return text[: mark.end()]
-    return text
-
-
-def _take_declaration(
-    module: _Module, declared: re.Match[str], code: str, path: Path | str, row: int
-) -> None:
-    storage, kind, name, size = (declared[k] for k in range(1, 5))
-    if not declared[5]:
-        rest = code[declared.end() :].strip()
-        if rest:
-            refuse(f"{name}: cannot make sense of {rest[:30]!r}", path, row)
-        if storage.upper() != "VAR" and _NUMBERED.fullmatch(name):
-            refuse(f"{name} has no value", path, row, "touch the position up")
-        return
-    value = nested(code[declared.end() :], name, path, row)
-    if name.upper() in module.variables:
-        refuse(f"{name} is there twice", path, row, "remove one of them")
-    module.variables.add(name.upper())
-    if not size:
-        position = stored(name, kind.lower(), value, path, row)
-        if not position.is_empty:
-            module.positions.append(position)
-        elif _NUMBERED.fullmatch(name):
-            refuse(f"{name} has no value", path, row, "touch the position up")
-        return
-    count = re.fullmatch(r"\{ ?(\d{1,6}) ?\}", size)
-    if count is None or int(count[1]) != len(value):
-        refuse(f"{name}{size} has {len(value)} elements", path, row)
-    for k, item in enumerate(value, start=1):
-        if not isinstance(item, list):
-            refuse(f"{name}{{{k}}}: cannot make sense of {item!r}", path, row)
-        position = stored(f"{name}{{{k}}}", kind.lower(), item, path, row)
-        if not position.is_empty:
-            module.positions.append(position)
+def _remarks(text: str) -> tuple[str, PlanMark | None, dict[int, str], tuple[int, int] | None]:
+    """Title, mark, names of poses by number, and element and number of the first kept one."""
+    comment, mark, first = "", None, None
+    names: dict[int, str] = {}
+    for remark in (found[1].strip() for found in _REMARK.finditer(text) if found[1] is not None):
+        named, register = _POSE_NAME.fullmatch(remark), _FIRST_REGISTER.fullmatch(remark)
+        if remark.startswith("PLAN ") and mark is None:
+            mark = PlanMark.found_in(remark)
+        elif named:
+            names.setdefault(int(named[1]), named[2].strip())
+        elif register:
+            first = int(register[1]), int(register[2])
+        elif not (remark.startswith("* ") or comment or mark or names):
+            comment = remark
+    return comment, mark, names, first

@@ -1,217 +1,460 @@
-r"""ABB RAPID modules (``.mod``, ``.modx``): the strict validator.
+r"""ABB RAPID modules (``.mod``, ``.modx``): the validator's rules of what the grammar cannot say.
 
-Each rule is one that a controller enforces, or that a measuring program needs to measure what was
-planned. Sources: RAPID's manual, Basic characteristics; public post-processors. Nothing was loaded
-into a controller. A module that uses data of other modules has problems here: they cannot be seen.
+Sources: ABB's manuals (RAPID kernel; Instructions, Functions and Data types; Basic
+characteristics) and public programs. Nothing was loaded into a controller.
 
-=======================  ========================================================================
-rule                     what it asks
-=======================  ========================================================================
-``encoding``             plain ASCII characters; in a ``.modx`` UTF-8 in remarks and strings
-``module``               MODULE name ... ENDMODULE, and nothing before or behind
-``identifier``           names: a letter, then letters, digits, ``_``, 32 in all, no word of RAPID
-``string``               strings closed on their line, at most 80 characters
-``semicolon``            each declaration and instruction ended by ``;``
-``statement``            each statement is a declaration, an assignment, or an instruction
-``brackets``             each bracket closed in its statement
-``block``                each PROC, FUNC, TRAP, IF, FOR, WHILE, TEST closed by its own end
-``declarations-first``   data before the instructions of a routine, and before all routines
-``position-format``      jointtarget [[6],[6]], robtarget [[3],[4],[4],[6]]; arrays of them
-``position-defined``     each position moved to is declared
-``unique``               each name is declared once
-``position-used``        each position ``p1``, ``jp1``, ... is used
-``number``               plain numbers: no NaN, no ``-0.0``; 9E9 for axes that are not there
-``quaternion``           norm 1 within 0.00001
-``confdata``             whole numbers, the last from 0 to 7
-``frame-format``         tooldata and wobjdata: PERS, complete, quaternions of norm 1, mass above 0
-``frame``                tool and work object of a motion are declared, or tool0 and wobj0
-``motion``               MoveAbsJ to a jointtarget, MoveJ, MoveL, MoveC to robtargets; then a speed,
-                         a zone and a tool of these types, each with its own switches only
-``wait``                 WaitTime: \InPos, or nothing, and a time
-``speed``                VelSet from 1 to 100 percent
-``standstill``           between a motion and a call, a pulse or the keeping of a position: WaitTime
-                         \InPos, and the motion to a stop point (fine)
-``array-bounds``         indices within the declared array
-=======================  ========================================================================
+A module has data, routines and types of other modules, and signals of the controller: what is not
+declared is a note. A module with the mark of a plan was written whole: there it is an error.
+
+====================  ===========================================================================
+rule                  what it asks
+====================  ===========================================================================
+``syntax``            statements of the grammar
+``encoding``          text; in a ``.modx`` UTF-8
+``module``            MODULE name ... ENDMODULE, and nothing before or behind
+``block``             each block closed by its own end
+``place``             instructions in routines; data in front of the instructions of a routine, and
+                      of all routines
+``name``              names of at most 32 characters, none of a type; each declared once; words
+                      known, or not one letter beside a known one
+``string``            at most 80 characters
+``position``          jointtarget [[6],[6]], robtarget [[3],[4],[4],[6]] of plain numbers, lists
+                      complete; quaternions of norm 1; confdata. Measuring: the norm within 0.00001,
+                      confdata of a six-axis arm
+``frame``             the same of tooldata and wobjdata
+``argument``          number, types and switches of the arguments of motions and waits; tools and
+                      work objects of motions: PERS, with a mass; indices within the list
+``standstill``        measuring: between a motion and a call, a pulse or the keeping of a position:
+                      WaitTime\InPos, and the motion to a stop point (fine)
+``position-used``     measuring: each position ``p1``, ``jp1``, ... is used
+====================  ===========================================================================
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 
-from posedesign.programs.abb_rapid.data_rules import (
-    check_arrays,
-    check_frames,
-    check_motions,
-    check_names,
-    check_positions,
-    check_use,
+from lark import Token, Tree
+
+from calib.errors import FileFormatError
+from posedesign.programs.abb_rapid import words
+from posedesign.programs.abb_rapid.module import (
+    FRAMES,
+    LANGUAGE,
+    ROUTINES,
+    SHAPES,
+    Data,
+    Nested,
+    Node,
+    calls,
+    declared,
+    inside,
+    is_a,
+    name_of,
+    nested,
+    shape,
 )
-from posedesign.programs.abb_rapid.listing import Listing, split_listing
-from posedesign.programs.abb_rapid.motion_rules import check_words
-from posedesign.programs.recorded import Problem
+from posedesign.programs.abb_rapid.reader import StoredPosition, frames_of, place_of
+from posedesign.programs.language import Block, Statement, block_faults, text_of
+from posedesign.programs.language import words as token_texts
+from posedesign.programs.recorded import Level, Problem
+from posedesign.programs.sets import set_mark
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check: a file that is no program has one in each of its lines."""
 
-MOST_STRING = 80
-"""Characters of a string."""
+MOST_NAME, MOST_STRING = 32, 80
+WRITTEN_WITHIN = 1e-5
+"""Of the norm of a quaternion from 1, as it is written for measuring."""
 
-_IGNORE = re.IGNORECASE | re.ASCII
-_INSTRUCTION = re.compile(
-    r"[A-Z]\w*(?: *\{[^{}]*\})*(?:\.[A-Z]\w*)* ?(?::=.*|:|(?:[\\ ].*)?)", _IGNORE
-)
-_OPERATOR = re.compile(r" (?:AND|OR|XOR|DIV|MOD|WITH)(?= )| NOT\b", _IGNORE)
-_AGAIN = re.compile(r":=.*[^ ] (?:CONST|PERS|VAR) \w+ \w", _IGNORE)
-_ADJACENT = re.compile(r"[\w)\]}\"] [\w\"]")
-_ODD_NUMBER = re.compile(r"(?:[\[(,=]|:=|\b[A-Z]\w{0,31} )\s?-?(?:nan|inf)\b", _IGNORE)
-_NEGATIVE_ZERO = re.compile(r"(?<![\w.)\]}])-0+(?:\.0*)?(?![\d.])")
-_BLOCKS = {"PROC", "FUNC", "TRAP", "RECORD", "FOR", "WHILE", "TEST", "MODULE"}
-_CLOSING = {")": "(", "]": "[", "}": "{"}
-_ROUTINES = ("PROC", "FUNC", "TRAP")
+_BLOCKS = {
+    **{kind: Block(f"end{kind}", ("error", "undo", "backward")) for kind in ROUTINES},
+    **{kind: Block(f"end{kind}") for kind in ("module", "record", "for", "while")},
+    "if": Block("endif", ("elseif", "else")),
+    "test": Block("endtest", ("case", "default")),
+}
+_DECLARING = ("declaration", "array", "element", "array_end")
+_NAMED_POSITION = re.compile(r"J?P\d+", re.IGNORECASE | re.ASCII)
+_NUMBER = re.compile(r"[-+]?[\d.]+(?:E[-+]?\d+)?", re.IGNORECASE | re.ASCII)
+_TYPED = {"WOBJ": "wobjdata", "PLENGTH": "num", "V": "num", "T": "num", "Z": "num"}
 
 
-def check_abb_rapid(data: bytes, path: Path) -> list[Problem]:
+def check_module(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file; never fails."""
-    utf8 = path.suffix.lower() == ".modx"
-    # any byte is a character: none is lost
-    listing = split_listing(data.decode("latin-1"))
+    text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")
+    statements = LANGUAGE.statements(text)
+    checker = _Checker(statements, whole=set_mark(data) is not None)
     checks = (
-        _check_bytes(data, listing, utf8=utf8),
-        _check_module(listing),
-        check_names(listing),
-        _check_strings(listing),
-        _check_statements(listing),
-        _check_brackets(listing),
-        _check_blocks(listing),
-        _check_order(listing),
-        _check_numbers(listing),
-        check_positions(listing),
-        check_use(listing),
-        check_frames(listing),
-        check_motions(listing),
-        check_words(listing),
-        check_arrays(listing),
+        _check_bytes(data, utf8=path.suffix.lower() == ".modx"),
+        (Problem(s.row, "syntax", s.fault) for s in statements if s.fault),
+        _check_module(statements),
+        block_faults(statements, _BLOCKS),
+        _check_places(statements),
+        checker.check_names(),
+        checker.check_data(),
+        checker.check_instructions(),
+        checker.check_standstill(),
     )
     problems = [problem for check in checks for problem in islice(check, MOST_PROBLEMS)]
     return sorted(problems, key=lambda p: (p.line, p.rule, p.message))[:MOST_PROBLEMS]
 
 
-def _check_bytes(data: bytes, listing: Listing, *, utf8: bool) -> Iterator[Problem]:
+def _check_bytes(data: bytes, *, utf8: bool) -> Iterator[Problem]:
     if utf8:
         try:
             data.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             row = data.count(b"\n", 0, error.start) + 1
             yield Problem(row, "encoding", "a .modx is UTF-8, and this is not")
-    for row, line in enumerate(listing.lines, start=1):
-        bad = re.search(r"[^\t -~\x80-\xff]" if utf8 else r"[^\t -~]", line)
-        if bad:
-            yield Problem(row, "encoding", f"the byte 0x{ord(bad[0]):02x} is no plain character")
+    row, last = 1, 0
+    for bad in re.finditer(rb"[^\t\r\n -~\x80-\xff]", data):
+        row += data.count(b"\n", last, bad.start())
+        last = bad.start()
+        yield Problem(row, "encoding", f"the byte 0x{bad[0][0]:02x} is no plain character")
 
 
-def _check_module(listing: Listing) -> Iterator[Problem]:
-    found = [s for s in listing.statements if s.code]
-    begins = [s for s in found if s.word == "MODULE"]
-    ends = [s for s in found if s.word == "ENDMODULE"]
-    if not found or not begins or found[0] is not begins[0]:
-        yield Problem(found[0].row if found else 1, "module", "MODULE is not the first word")
-    elif not ends or found[-1] is not ends[-1]:
-        yield Problem(found[-1].row, "module", "ENDMODULE is not the last word")
-    elif len(begins) > 1 or len(ends) > 1:
-        yield Problem((begins + ends)[1].row, "module", "a file holds one module")
+def _check_module(statements: Sequence[Statement]) -> Iterator[Problem]:
+    begins = [s for s in statements if s.kind == "module"]
+    if not begins or statements[0] is not begins[0]:
+        row = statements[0].row if statements else 1
+        yield Problem(row, "module", "MODULE is not the first word")
+    elif statements[-1].kind != "endmodule":
+        yield Problem(statements[-1].row, "module", "ENDMODULE is not the last word")
+    elif len(begins) > 1:
+        yield Problem(begins[1].row, "module", "a file holds one module")
 
 
-def _check_strings(listing: Listing) -> Iterator[Problem]:
-    for row, string in listing.strings:
-        if len(string) < 2 or not string.endswith('"'):
-            yield Problem(row, "string", "a string is not closed on its line")
-        elif len(string) - 2 > MOST_STRING:
-            yield Problem(row, "string", f"a string of {len(string) - 2} characters")
-
-
-def _check_statements(listing: Listing) -> Iterator[Problem]:
-    declared = {data.row for data in listing.data}
-    for statement in listing.statements:
-        if statement.end == "line" or not statement.code:
-            continue
-        row, code = statement.row, statement.code
-        declares = statement.word in ("CONST", "PERS", "VAR")
-        # behind its first word an instruction has no two words with nothing between them
-        rest = "" if declares else _OPERATOR.sub("+", code.partition(" ")[2])
-        if not statement.end or _ADJACENT.search(rest) or (declares and _AGAIN.search(code)):
-            yield Problem(row, "semicolon", f"{code[:30]!a} is not ended by a semicolon")
-        elif not declares and not _INSTRUCTION.fullmatch(code):
-            yield Problem(row, "statement", f"{code[:30]!a} is no statement")
-        elif declares and row not in declared:
-            yield Problem(row, "statement", f"{code[:30]!a} is no declaration")
-
-
-def _check_brackets(listing: Listing) -> Iterator[Problem]:
-    for statement in listing.statements:
-        opened: list[str] = []
-        fault = ""
-        for mark in re.finditer(r"[\[\](){}]", statement.code):
-            if mark[0] in "[({":
-                opened.append(mark[0])
-            elif not opened or opened.pop() != _CLOSING[mark[0]]:
-                fault = f"{mark[0]} closes nothing"
-                break
-        if opened and not fault:
-            fault = f"{opened[-1]} is not closed"
-        if fault:
-            yield Problem(statement.row, "brackets", fault)
-
-
-def _check_blocks(listing: Listing) -> Iterator[Problem]:
-    opened: list[tuple[int, str]] = []
-    for statement in listing.statements:
-        word = statement.word
-        if statement.end != "line":
-            continue
-        if word in _BLOCKS or (word == "IF" and re.search(r"\bTHEN$", statement.code, _IGNORE)):
-            opened.append((statement.row, word))
-        elif word.startswith("END"):
-            if opened and word == "END" + opened[-1][1]:
-                opened.pop()
-            elif word == "ENDMODULE":
-                yield from _unclosed(opened[1:])
-                opened = []
-            else:
-                yield Problem(statement.row, "block", f"{word} closes nothing")
-    yield from _unclosed(opened[1:])
-
-
-def _unclosed(opened: list[tuple[int, str]]) -> Iterator[Problem]:
-    for row, word in opened:
-        yield Problem(row, "block", f"{word} has no END{word}")
-
-
-def _check_order(listing: Listing) -> Iterator[Problem]:
-    inside = begun = routines = False
-    for statement in listing.statements:
-        word = statement.word
-        if statement.end == "line" and word in _ROUTINES:
-            inside, begun, routines = True, False, True
-        elif statement.end == "line" and word in ("ENDPROC", "ENDFUNC", "ENDTRAP"):
-            inside = False
-        elif word in ("CONST", "PERS", "VAR"):
-            if begun and inside:
+def _check_places(statements: Sequence[Statement]) -> Iterator[Problem]:
+    place, begun, routines = "", False, False
+    for s in statements:
+        kind, reason = s.kind, ""
+        if kind in ("module", "endmodule", "record", *ROUTINES):
+            if kind in ROUTINES and place != "module":
+                reason = "a routine in a routine"
+            place, begun, routines = kind, False, routines or kind in ROUTINES
+        elif kind in ("endproc", "endfunc", "endtrap", "endrecord"):
+            place = "module"
+        elif kind in ("declaration", "array"):
+            if place in ROUTINES and begun:
                 reason = "a declaration behind an instruction"
-                yield Problem(statement.row, "declarations-first", reason)
-            elif routines and not inside:
+            elif place in ROUTINES and s.one("scope"):
+                reason = "LOCAL and TASK are for data of the module"
+            elif place == "module" and routines:
                 reason = "data of the module behind a routine"
-                yield Problem(statement.row, "declarations-first", reason)
+        elif place in ROUTINES:
+            begun = begun or kind not in _DECLARING
+        elif kind not in (*_DECLARING, "alias", "fault") and (place, kind) != ("record", "call"):
+            reason = "an instruction outside of all routines"
+        if reason:
+            yield Problem(s.row, "place", f"{s.text[:30].strip()!a}: {reason}")
+
+
+class _Checker:
+    """Rules that need what the whole module declares.
+
+    ``names`` has type and declaration of data by routine, counted from 1, and name in capitals;
+    those of the module are in routine 0.
+    """
+
+    def __init__(self, statements: Sequence[Statement], *, whole: bool) -> None:
+        self.statements, self.whole = statements, whole
+        self.data = list(declared(statements))
+        self.calls = [list(calls(s)) for s in statements]
+        self.called = {word for made in self.calls for word, _ in made}
+        self.names: dict[tuple[int, str], tuple[str, Data | None]] = {}
+        self.routines: list[int] = []
+        self.own: set[str] = set()
+        self.types: set[str] = set()
+        self.told: set[str] = set()
+        self.known = words.DATA.keys() | {"TRUE", "FALSE"}
+        self.routine = 0
+
+    def check_names(self) -> Iterator[Problem]:
+        """Names that are declared; takes them."""
+        data, seen, count = iter(self.data), dict[tuple[int, str], int](), 0
+        for s in self.statements:
+            new: list[tuple[int, str, str, Data | None]] = []
+            if s.kind in ROUTINES:
+                count += 1
+                self.routine = count
+            if s.kind in ("module", "record", "alias", *ROUTINES):
+                name = str([c for c in s.tree.children if isinstance(c, Token)][-1])
+                new.append((-1 if s.kind == "module" else 0, name, s.kind, None))
+                kind = self.own if s.kind in ROUTINES else self.types
+                kind.add(name.upper() if s.kind != "module" else "")
+                for parameter in s.all("parameter"):
+                    type_, name = (str(c) for c in parameter.children if _is_name(c))
+                    new.append((self.routine, name, type_.lower(), None))
+            elif s.kind in ("declaration", "array"):
+                found = next(data)
+                new.append((self.routine, found.name, found.kind, found))
+            elif s.kind == "for":
+                self.names.setdefault((self.routine, s.word("NAME").upper()), ("num", None))
+            for where, name, known, declaration in new:
+                key = where, name.upper()
+                if len(name) > MOST_NAME or name.upper() in words.TYPES | {"TASK"}:
+                    reason = f"{name[:40]!a} is no name: at most 32 characters, none of a type"
+                    yield Problem(s.row, "name", reason)
+                if key in seen:
+                    yield Problem(s.row, "name", f"{name} is declared in line {seen[key]} too")
+                seen.setdefault(key, s.row)
+                self.names.setdefault(key, (known, declaration))
+            self.routine = 0 if s.kind in ("endproc", "endfunc", "endtrap") else self.routine
+            self.routines.append(self.routine)
+
+        self.known |= {name for _, name in self.names if self.whole and len(name) > 4}
+
+    def check_data(self) -> Iterator[Problem]:
+        """What is declared, and strings."""
+        before = ""
+        for s in self.statements:
+            if s.kind in ("element", "array_end") and before not in ("array", "element"):
+                yield Problem(s.row, "position", "an element of no list")
+            before = s.kind
+            for string in s.words("STRING") if len(s.text) > MOST_STRING else ():
+                if len(string) - 2 > MOST_STRING:
+                    yield Problem(s.row, "string", f"a string of {len(string) - 2} characters")
+        for data in self.data:
+            kind = data.kind.upper()
+            if kind not in words.TYPES and kind not in self.types | self.told:
+                self.told.add(kind)
+                yield from self._unknown(data.row, kind, words.TYPES, "type")
+            elements = len(data.elements)
+            if not data.whole or (elements and data.count not in (None, elements)):
+                reason = f"{data.name}{{{inside(data.size)[:20]}}} has {elements} elements"
+                yield Problem(data.row, "position", reason + ", and no end" * (not data.whole))
+            check = self._check_speed if data.kind == "speeddata" else self._check_position
+            if data.kind in (*SHAPES, "speeddata"):
+                for label, value in data.values:
+                    yield from check(data.row, label, data.kind, value)
+            elif data.kind in FRAMES and is_a(data.value, "list") and not data.size:
+                yield from self._check_frame(data)
+
+    def _check_speed(self, row: int, name: str, kind: str, value: Node) -> Iterator[Problem]:
+        """Four numbers; also of a speed in a motion."""
+        if isinstance(value, Tree) and value.data == "list":
+            texts = nested(value)
+            named = any(map(self._has_names, texts)) and not self._has_odd(value)
+            if len(texts) != 4 or not (named or all(map(_is_number, texts))):
+                yield Problem(row, "argument", f"{name} has not the four numbers of a {kind}")
+
+    def _check_frame(self, data: Data) -> Iterator[Problem]:
+        flags = len(token_texts(data.value, "BOOL")) if isinstance(data.value, Tree) else 0
+        if self._has_odd(data.value) or flags > FRAMES.index(data.kind) + 1:
+            yield Problem(data.row, "frame", f"{data.name} has not plain numbers")
+        elif data.value is not None and not self._has_names(nested(data.value)):
+            try:
+                frames_of(data, "")
+            except FileFormatError as error:
+                yield Problem(data.row, "frame", _reason(error))
+
+    def _has_names(self, value: Nested | str) -> bool:
+        """Whether a part of a value has a name, or is calculated, and may be right."""
+        if isinstance(value, str):
+            return not _NUMBER.fullmatch(value) and value.upper() not in ("TRUE", "FALSE")
+        return not self.whole and any(map(self._has_names, value))
+
+    def _has_odd(self, value: Node | None) -> bool:
+        """Whether a list has a word that stands for no number."""
+        if not isinstance(value, Tree):
+            return False
+        found = {name_of(node) for node in value.iter_subtrees()} - {""}
+        return bool(found & words.DATA.keys() or (found and self.whole))
+
+    def _check_position(self, row: int, label: str, kind: str, node: Node) -> Iterator[Problem]:
+        """Numbers of a position; parts of it may have names."""
+        value = nested(node)
+        if isinstance(node, Token) or node.data != "list":
+            if isinstance(node, Token):
+                yield Problem(row, "position", f"{label}: {str(node)[:30]!a} is no {kind}")
+            return
+        if self._has_odd(node) or token_texts(node, "BOOL", "STRING"):
+            yield Problem(row, "position", f"{label} has not plain numbers")
+            return
+        named = [isinstance(part, str) and self._has_names(part) for part in value]
+        if any(named) and len(value) == len(SHAPES[kind]):
+            found = zip(named, shape(value), SHAPES[kind], strict=True)
+            if any(n != wanted for skip, n, wanted in found if not skip):
+                yield Problem(row, "position", f"{label} has not the lists of a {kind}")
+            return
+        level: Level = "error"
+        try:
+            position = StoredPosition.of(label, row, kind, node, "")
+            if position.is_empty or any(map(self._has_names, value)):
+                return
+            if kind == "jointtarget":
+                position.joints("")
+                return
+            norm = math.hypot(*place_of(label, row, position.parts, "")[3:])
+            if abs(norm - 1.0) > WRITTEN_WITHIN:
+                reason = f"{label}: the quaternion's norm is {norm:.6g}"
+                yield Problem(row, "position", reason, "measuring")
+            if all(re.fullmatch(r"[-+]?\d{1,4}", text) for text in position.parts[2]):
+                level = "measuring"  # of an arm of another kind
+            position.configuration("")
+        except FileFormatError as error:
+            yield Problem(row, "position", _reason(error), level)
+
+    def check_instructions(self) -> Iterator[Problem]:
+        """Names and arguments, statement by statement."""
+        used: set[str] = set()
+        for i, (s, made) in enumerate(zip(self.statements, self.calls, strict=True)):
+            self.routine = self.routines[i]
+            for node in s.all("variable", "function"):
+                name = str(node.children[0]).upper()
+                if s.kind not in _DECLARING:
+                    used.add(name)
+                if node.data == "function":
+                    yield from self._check_called(s.row, name, words.FUNCTIONS, words.INSTRUCTIONS)
+                else:
+                    yield from self._check_variable(s.row, name, node)
+            for word, given in made:
+                yield from self._check_called(s.row, word, words.INSTRUCTIONS, words.FUNCTIONS)
+                if word in words.SIGNATURES and word not in self.own:
+                    yield from self._check_arguments(s.row, word, given)
+        for data in self.data:
+            numbered = data.kind in SHAPES and _NAMED_POSITION.fullmatch(data.name)
+            if numbered and data.name.upper() not in used:
+                reason = f"{data.name} is never used"
+                yield Problem(data.row, "position-used", reason, "measuring")
+
+    def _find(self, name: str) -> tuple[str, Data | None] | None:
+        return self.names.get((self.routine, name)) or self.names.get((0, name))
+
+    def _unknown(self, row: int, name: str, known: frozenset[str], what: str) -> Iterator[Problem]:
+        """A word that is not known: a note, or an error where it is nearly a known one."""
+        near = words.misspelt(name, known, 4 if self.whole else 6)
+        reason = f"{name[:40]} is no {what} that is known" + f": {near}?" * bool(near)
+        yield Problem(row, "name", reason, "error" if near else "note")
+
+    def _check_called(
+        self, row: int, name: str, known: frozenset[str], others: frozenset[str]
+    ) -> Iterator[Problem]:
+        if name in known or name in self.own or name in self.told:
+            return
+        what = "instruction" if known is words.INSTRUCTIONS else "function"
+        if self._find(name) or name in others:
+            yield Problem(row, "name", f"{name} is no {what}")
         else:
-            begun = begun or (inside and bool(statement.code))
+            self.told.add(name)
+            yield from self._unknown(row, name, known, what)
+
+    def _check_variable(self, row: int, name: str, node: Tree[Token]) -> Iterator[Problem]:
+        found = self._find(name)
+        for index in node.children[1:2]:
+            text = inside(index) if isinstance(index, Tree) else ""
+            most = found[1].count if found and found[1] else None
+            if most is not None and text.isdigit() and not 1 <= int(text[:9]) <= most:
+                yield Problem(row, "argument", f"{name}{{{text[:12]}}} of {most}")
+            if text.upper() in words.DATA:
+                yield Problem(row, "argument", f"{text} is no index")
+        if found or name in words.DATA or name in self.told:
+            return
+        routines = words.FUNCTIONS | words.INSTRUCTIONS | words.TYPES | self.own
+        if name in routines or (self.whole and name in self.called):
+            yield Problem(row, "name", f"{name} is no value")
+            return
+        self.told.add(name)
+        near = words.misspelt(name, self.known)
+        if near:
+            yield Problem(row, "name", f"{name} is not known: {near}?")
+
+    def _check_arguments(
+        self, row: int, word: str, given: list[tuple[Node | None, dict[str, Node | None]]]
+    ) -> Iterator[Problem]:
+        """The arguments of an instruction whose signature is known."""
+        taken = [(value, dict(switches)) for value, switches in given[:1]]
+        for value, switches in given[1:]:
+            if value is None:  # a switch behind a comma is of the argument before it
+                taken[-1][1].update(switches)
+            else:
+                taken.append((value, dict(switches)))
+        wanted = [pair for pair in words.SIGNATURES[word] if pair[0]]
+        if taken and taken[0][0] is None:
+            wanted = [pair for pair in words.SIGNATURES[word][:1] if not pair[0]] + wanted
+        if len(taken) != len(wanted):
+            reason = f"{word} has {len(taken)} arguments, not {len(wanted)}"
+            yield Problem(row, "argument", reason)
+            return
+        for (value, switches), (kind, known) in zip(taken, wanted, strict=True):
+            for switch, inner in switches.items():
+                if switch not in known:
+                    yield Problem(row, "argument", f"\\{switch[:30]} is no switch there")
+                elif inner is not None and switch in _TYPED:
+                    yield from self._check_value(row, inner, _TYPED[switch])
+            if value is not None:
+                yield from self._check_value(row, value, kind)
+            if word == "VELSET" and isinstance(value, Token) and not 0 < float(value) <= 10_000:
+                yield Problem(row, "argument", f"VelSet: {str(value)[:20]} is no speed")
+
+    def _check_value(self, row: int, value: Node, kind: str) -> Iterator[Problem]:
+        """The type of an argument, as far as it is known."""
+        if is_a(value, "list") and kind in SHAPES:
+            yield from self._check_position(row, "the position", kind, value)
+        if kind == "speeddata":
+            yield from self._check_speed(row, "the speed", kind, value)
+        number = is_a(value, "operation") or (isinstance(value, Token) and value.type == "NUMBER")
+        plain = isinstance(value, Token) or value.data in ("operation", "list")
+        if plain and number != (kind == "num") and not (is_a(value, "list") and kind != "num"):
+            said = str(value) if isinstance(value, Token) else text_of(value)
+            yield Problem(row, "argument", f"{said[:40]!a} is no {kind}")
+        name = name_of(value)
+        if not name or any(map(_is_name, value.children[1:])):  # type: ignore[union-attr]
+            return
+        known, data = self._find(name) or (words.DATA.get(name, ""), None)
+        if not known and kind not in ("num", "signaldo"):
+            level: Level = "error" if self.whole else "note"
+            yield Problem(row, "name", f"{name} is no {kind} of this module", level)
+        elif known != kind and known.upper() in words.TYPES and (known, kind) != ("dnum", "num"):
+            yield Problem(row, "argument", f"{name} is a {known}, not a {kind}")
+        elif data and bool(data.size) != (len(value.children) > 1):  # type: ignore[union-attr]
+            yield Problem(row, "argument", f"{name} is {'a' if data.size else 'no'} list")
+        elif data and kind in FRAMES:
+            load = nested(data.value)[2:] if is_a(data.value, "list") else []  # type: ignore[arg-type]
+            mass = load[0][0] if kind == "tooldata" and load and isinstance(load[0], list) else "1"
+            if data.storage != "PERS":
+                yield Problem(row, "argument", f"{name}: the {kind} of a motion is PERS")
+            elif isinstance(mass, str) and _NUMBER.fullmatch(mass) and float(mass) <= 0:
+                yield Problem(row, "argument", f"{name} has no mass above 0")
+
+    def check_standstill(self) -> Iterator[Problem]:
+        """What is measured while the arm stands."""
+        stands = stopped = True
+        for s, made in zip(self.statements, self.calls, strict=True):
+            if s.kind in ROUTINES:
+                stands = stopped = True  # whoever calls it sees to that
+            acts = s.kind == "late_call"
+            for word, given in made:
+                switches = {switch for _, found in given for switch in found}
+                if word.startswith("MOVE") and len(given) > 2:
+                    zone = [value for value, _ in given if value is not None][-2:-1]
+                    stopped, stands = [name_of(node) for node in zone] == ["FINE"], False
+                elif word in ("WAITTIME", "WAITROB") and switches & {"INPOS", "ZEROSPEED"}:
+                    stands = True
+                else:
+                    acts = acts or word not in words.QUIET
+            if s.kind == "assignment":
+                called = {str(node.children[0]).upper() for node in s.all("function")}
+                acts = bool(called & {"CJOINTT", "CROBT"})
+            if acts and not (stands and stopped):
+                reason = "no WaitTime\\InPos between the motion and this: the arm may still move"
+                if not stopped:
+                    reason = "the motion before it has no stop point (fine)"
+                yield Problem(s.row, "standstill", reason, "measuring")
 
 
-def _check_numbers(listing: Listing) -> Iterator[Problem]:
-    for statement in listing.statements:
-        if _ODD_NUMBER.search(statement.code):
-            yield Problem(statement.row, "number", "NaN and infinity are no numbers of RAPID")
-        if _NEGATIVE_ZERO.search(statement.code):
-            yield Problem(statement.row, "number", "a zero with a sign")
+def _is_name(node: Node) -> bool:
+    return isinstance(node, Token) and node.type == "NAME"
+
+
+def _is_number(text: Nested | str) -> bool:
+    return isinstance(text, str) and _NUMBER.fullmatch(text) is not None
+
+
+def _reason(error: FileFormatError) -> str:
+    """A refusal of the reader without file and line."""
+    return error.message.partition(": ")[2]

@@ -9,6 +9,13 @@ has a stand-in, with a comment that asks to set it on the pendant.
 
 All motions go to a stop point (``fine``), and ``WaitTime\InPos``, with 0 where no time is asked
 for, waits until the arm stands. A digital output is the signal ``do`` with its number.
+
+The routine has the module's name and ``_run``, and is started with PP to Routine or called: a task
+has one global ``main``, and a second one beside that of a loaded MainModule stops it with "Global
+routine name main ambiguous" (as users of IRC5 and OmniCore report). RAPID knows no percentage of
+joint speeds: speeds are of the tool [mm/s] and of its rotation [deg/s] in joint motions too, so
+that ``speed_percent`` is that of ``vmax``. They are data of the module and not VelSet: that is a
+state of the task, which an aborted program leaves changed for whatever goes on from there.
 """
 
 from __future__ import annotations
@@ -35,14 +42,14 @@ ALIAS AND BACKWARD BASE CASE CJOINTT CONFJ CONNECT CONST DEFAULT DIV DO ELSE ELS
 ENDIF ENDMODULE ENDPROC ENDRECORD ENDTEST ENDTRAP ENDWHILE ERROR EXIT FALSE FINE FOR FROM FUNC GOTO
 IF INOUT JMEASURED JOINTTARGET LOCAL MAIN MOD MODULE MOVEABSJ MOVEC MOVEJ MOVEL NOSTEPIN NOT NOVIEW
 OR PERS PROC PULSEDO RAISE READONLY RECORD RETRY RETURN ROBTARGET STEP SYSMODULE TASK TCALIB TEST
-THEN TO TOOL0 TOOLDATA TRAP TRUE TRYNEXT UNDO USER VAR VELSET VIEWONLY VMAX WAITTIME WCALIB WHILE
-WITH WOBJ0 WOBJDATA XOR
+THEN TO TOOL0 TOOLDATA TRAP TRUE TRYNEXT UNDO USER VAR VCALIB VELSET VIEWONLY VMAX WAITTIME WCALIB
+WHILE WITH WOBJ0 WOBJDATA XOR
 """
 
 NAMES = NameRule("a RAPID name", 32, small=True, reserved=frozenset(_RESERVED.split()))
 """Names of modules and routines; letters of either case are the same."""
 
-TOOL, WORK_OBJECT, MEASURED = "tCalib", "wCalib", "jMeasured"
+TOOL, WORK_OBJECT, SPEED, MEASURED = "tCalib", "wCalib", "vCalib", "jMeasured"
 """Names of what the module declares beside positions."""
 
 TEXT_LENGTH = 80
@@ -54,8 +61,8 @@ LONGEST_WAIT_S = 3600.0
 SHORTEST_PULSE_S, LONGEST_PULSE_S = 0.001, 2000.0
 """Pulses that PulseDO gives."""
 
-FASTEST_MM_S = 5000
-"""Limit of the tool's speed that VelSet leaves: that of ``vmax``."""
+FASTEST = 5000, 500, 5000, 1000
+"""Of the tool [mm/s], of its rotation [deg/s], and of external axes [mm/s, deg/s]: ``vmax``."""
 
 LEAST_MASS_KG = 0.001
 """The controller refuses a tool without mass."""
@@ -72,7 +79,7 @@ _LEAST_LOAD = f"[{LEAST_MASS_KG},[0,0,0.001],[1,0,0,0],0,0,0]"
 _IDENTITY_WITHIN = 1e-12
 
 
-def render_abb_rapid(program: PoseProgram, arm: Arm) -> str:
+def render_module(program: PoseProgram, arm: Arm) -> str:
     r"""Text of the module, its lines ended by ``\n``.
 
     Joints are rounded to five decimals, by at most 0.000005 deg; poses to 0.00005 mm and 1e-9 of
@@ -96,7 +103,10 @@ def render_abb_rapid(program: PoseProgram, arm: Arm) -> str:
         + _positions(program, arm)
         + _measured(program)
     )
-    lines += ["  PROC main()", f"    VelSet {options.speed_percent},{FASTEST_MM_S};"]
+    speeds = ",".join(f"{fastest * options.speed_percent / 100:g}" for fastest in FASTEST)
+    lines.append(f"  LOCAL CONST speeddata {SPEED}:=[{speeds}];")
+    routine = run_name(program.name)
+    lines += [f"  ! * start it with PP to Routine {routine}", f"  PROC {routine}()"]
     if options.form == "cartesian":
         lines.append("    ConfJ\\On;")
     for number, pose in zip(program.numbers, program.poses, strict=True):
@@ -104,13 +114,18 @@ def render_abb_rapid(program: PoseProgram, arm: Arm) -> str:
         if pose.comment:
             lines.append(f"    ! {pose.comment}")
         if options.form == "joint":
-            lines.append(f"    MoveAbsJ jp{number}\\NoEOffs,vmax,fine,{tool};")
+            lines.append(f"    MoveAbsJ jp{number}\\NoEOffs,{SPEED},fine,{tool};")
         else:
-            lines.append(f"    MoveJ p{number},vmax,fine,{tool}\\WObj:={work_object};")
+            lines.append(f"    MoveJ p{number},{SPEED},fine,{tool}\\WObj:={work_object};")
         if not pose.via:
             lines += [f"    {line}" for line in _measuring(program, number)]
-    lines += [f"    VelSet 100,{FASTEST_MM_S};", "  ENDPROC", "ENDMODULE"]
+    lines += ["  ENDPROC", "ENDMODULE"]
     return "\n".join(lines) + "\n"
+
+
+def run_name(name: str) -> str:
+    """The routine of a module: its name, shortened where it is long, and ``_run``."""
+    return name[: NAMES.length - 4] + "_run"
 
 
 def _check_options(program: PoseProgram) -> None:
@@ -122,6 +137,7 @@ def _check_options(program: PoseProgram) -> None:
     for pose in program.poses:
         check_text(f"comment of pose {pose.name!r}", pose.comment, TEXT_LENGTH)
     check_call(NAMES, options, program.name, _POSITION)
+    check_call(NAMES, options, run_name(program.name))
 
 
 def _tool_name(arm: Arm, form: Form) -> str:

@@ -19,6 +19,7 @@ from posedesign.programs import (
     Arm,
     Load,
     PoseProgram,
+    Problem,
     ProgramOptions,
     ProgramPose,
     RecordedProgram,
@@ -27,7 +28,7 @@ from posedesign.programs import (
     write,
 )
 from posedesign.programs.abb_rapid import AbbRapid
-from posedesign.programs.abb_rapid.writer import render_abb_rapid
+from posedesign.programs.abb_rapid.writer import render_module
 
 IRB120 = Robot.preset("irb120")
 AT_FULL_REACH = 5e-5
@@ -59,7 +60,7 @@ JOINT = PoseProgram(
 
 JOINT_MODULE = r"""MODULE CalPose
   ! after service
-  ! PLAN 00c0ffee 2 1 2191dcd1
+  ! PLAN 00c0ffee 2 1 f4a15b5e
   ! P1 T1
   LOCAL CONST jointtarget jp1:=[[10.00000,-5.00000,20.00000,0.00000,45.00000,30.00000],[#]];
   LOCAL CONST jointtarget jp2:=[[-10.00000,20.00000,10.00000,-5.00000,35.00000,130.00000],[#]];
@@ -70,26 +71,31 @@ JOINT_MODULE = r"""MODULE CalPose
     [[#],[#]],
     [[#],[#]],
     [[#],[#]]];
-  PROC main()
-    VelSet 20,5000;
+  LOCAL CONST speeddata vCalib:=[1000,100,1000,200];
+  ! * start it with PP to Routine CalPose_run
+  PROC CalPose_run()
     ! P1 T1
-    MoveAbsJ jp1\NoEOffs,vmax,fine,tool0;
+    MoveAbsJ jp1\NoEOffs,vCalib,fine,tool0;
     WaitTime\InPos,1.50;
     PulseDO\PLength:=0.500,do7;
     MEASURE -4;
     jMeasured{2}:=CJointT();
     ! P3 way
-    MoveAbsJ jp3\NoEOffs,vmax,fine,tool0;
+    MoveAbsJ jp3\NoEOffs,vCalib,fine,tool0;
     ! mind the jig
-    MoveAbsJ jp2\NoEOffs,vmax,fine,tool0;
+    MoveAbsJ jp2\NoEOffs,vCalib,fine,tool0;
     WaitTime\InPos,1.50;
     PulseDO\PLength:=0.500,do7;
     MEASURE -4;
     jMeasured{3}:=CJointT();
-    VelSet 100,5000;
   ENDPROC
 ENDMODULE
 """.replace("#", "9E9,9E9,9E9,9E9,9E9,9E9")
+
+
+def problems(text: str) -> list[Problem]:
+    found = AbbRapid().check(text.encode(), Path("CAL.mod"))
+    return [problem for problem in found if problem.level != "note"]
 
 
 def test_a_joint_program_word_by_word(tmp_path: Path) -> None:
@@ -105,7 +111,7 @@ def test_a_cartesian_program_word_by_word() -> None:
     arm = Arm.of(IRB120, transform(np.eye(3), [0.3, 0, 0]), transform(np.eye(3), [0, 0, 0.1]))
     half = "0.707106781,0.000000000,0.707106781,0.000000000"
     one = "1.000000000,0.000000000,0.000000000,0.000000000"
-    assert render_abb_rapid(PoseProgram("CAL", (pose,), options), arm) == (
+    assert render_module(PoseProgram("CAL", (pose,), options), arm) == (
         "MODULE CAL\n"
         "  ! the load of tCalib is not known: set its mass and centre\n"
         f"  TASK PERS tooldata tCalib:=[TRUE,[[0.0000,0.0000,100.0000],[{one}]],"
@@ -115,14 +121,16 @@ def test_a_cartesian_program_word_by_word() -> None:
         "  ! P1 T1\n"
         f"  LOCAL CONST robtarget p1:=[[174.0000,0.0000,630.0000],[{half}],[0,0,0,0],"
         "[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
-        "  PROC main()\n    VelSet 10,5000;\n    ConfJ\\On;\n    ! P1 T1\n"
-        "    MoveJ p1,vmax,fine,tCalib\\WObj:=wCalib;\n    WaitTime\\InPos,0;\n    MEASURE;\n"
-        "    VelSet 100,5000;\n  ENDPROC\nENDMODULE\n"
+        "  LOCAL CONST speeddata vCalib:=[500,50,500,100];\n"
+        "  ! * start it with PP to Routine CAL_run\n"
+        "  PROC CAL_run()\n    ConfJ\\On;\n    ! P1 T1\n"
+        "    MoveJ p1,vCalib,fine,tCalib\\WObj:=wCalib;\n    WaitTime\\InPos,0;\n    MEASURE;\n"
+        "  ENDPROC\nENDMODULE\n"
     )
 
 
 def test_frames_of_faceplate_and_world_have_their_own_names() -> None:
-    text = render_abb_rapid(
+    text = render_module(
         PoseProgram("CAL", POSES, ProgramOptions(form="cartesian")), Arm.of(IRB120)
     )
     assert "tooldata" not in text
@@ -134,7 +142,7 @@ LOADED = Arm.of(IRB120, USER, TOOL, Load(2.3456, np.array([0.01, -0.0021, 0.05])
 
 
 def test_the_tool_of_a_joint_program_is_no_made_up_one() -> None:
-    text = render_abb_rapid(PoseProgram("CAL", POSES), ARM)
+    text = render_module(PoseProgram("CAL", POSES), ARM)
     assert "tooldata" not in text  # MoveAbsJ knows no tool frame, and the load is not known
     assert "wobjdata" not in text  # nor a work object
     assert text.count("fine,tool0;") == 3
@@ -143,20 +151,20 @@ def test_the_tool_of_a_joint_program_is_no_made_up_one() -> None:
 @pytest.mark.parametrize("form", ["joint", "cartesian"])
 def test_the_tool_has_the_load_of_the_arm(form: Any) -> None:
     program = PoseProgram("CAL", POSES, ProgramOptions(form=form))
-    text = render_abb_rapid(program, LOADED)
+    text = render_module(program, LOADED)
     tool = re.search(r"PERS tooldata tCalib:=(.*);", text)
     assert tool
     assert tool[1].startswith("[TRUE,[[10.0000,-20.0000,150.0000],[0.707106781,")
     assert tool[1].endswith(",[2.346,[10.00,-2.10,50.00],[1,0,0,0],0,0,0]]")
     assert "not known" not in text
     assert text.count("fine,tCalib") == 3
-    assert AbbRapid().check(text.encode(), Path("CAL.mod")) == []
+    assert problems(text) == []
     # at the faceplate, too: tool0 carries nothing
-    assert "fine,tCalib" in render_abb_rapid(program, replace(LOADED, T_tip_tool=np.eye(4)))
-    nothing = render_abb_rapid(program, replace(LOADED, load=Load(0.0, np.zeros(3))))
+    assert "fine,tCalib" in render_module(program, replace(LOADED, T_tip_tool=np.eye(4)))
+    nothing = render_module(program, replace(LOADED, load=Load(0.0, np.zeros(3))))
     assert ("tool0" in nothing) == (form == "joint")
     assert ("[0.001,[0,0,0.001]," in nothing) == (form == "cartesian")
-    assert AbbRapid().check(nothing.encode(), Path("CAL.mod")) == []
+    assert problems(nothing) == []
 
 
 def random_program(seed: int, **options: Any) -> PoseProgram:
@@ -221,7 +229,7 @@ def test_round_trip_long(tmp_path_factory: pytest.TempPathFactory, seed: int, fo
 def test_quaternions_are_those_of_another_library() -> None:
     robomath = pytest.importorskip("robodk.robomath", reason="compares with RoboDK's conventions")
     program = random_program(3, form="cartesian")
-    text = render_abb_rapid(program, ARM)
+    text = render_module(program, ARM)
     found = re.findall(r"robtarget p\d+:=\[\[(.*?)\],\[(.*?)\]", text)
     for (place, turn), posture in zip(found, by_number(program), strict=True):
         pose = robomath.quaternion_2_pose([float(q) for q in turn.split(",")])
@@ -234,12 +242,12 @@ def test_numbers_are_plain() -> None:
     tiny = np.array([1e-9, -1e-9, 0.0, -0.0, 1e-7, -1e-7])
     for form in ("joint", "cartesian"):
         program = PoseProgram("CAL", (ProgramPose("T", tiny),), ProgramOptions(form=form))
-        text = render_abb_rapid(program, ARM).replace("9E9", "")
+        text = render_module(program, ARM).replace("9E9", "")
         assert not re.search(r"-0\.?0*(?![\d.])|\d[eE]|nan\b|\binf\b", text)
 
 
 def test_quaternions_have_norm_one() -> None:
-    text = render_abb_rapid(random_program(9, form="cartesian"), ARM)
+    text = render_module(random_program(9, form="cartesian"), ARM)
     found = re.findall(r"\],\[(-?[\d.]+,-?[\d.]+,-?[\d.]+,-?[\d.]+)\],\[-?\d", text)
     assert found
     for turn in found:
@@ -249,8 +257,8 @@ def test_quaternions_have_norm_one() -> None:
 
 def test_names_that_no_comment_holds_are_left_out() -> None:
     poses = [ProgramPose(name, np.zeros(6)) for name in ("Ö", "a\nb", "", "x" * 81, 'a "b"; !')]
-    text = render_abb_rapid(PoseProgram("CAL", tuple(poses)), Arm.usual("abb"))
-    assert AbbRapid().check(text.encode(), Path("CAL.mod")) == []
+    text = render_module(PoseProgram("CAL", tuple(poses)), Arm.usual("abb"))
+    assert problems(text) == []
     found = AbbRapid().parse(text.encode(), Path("CAL.mod"))
     assert [p.name for p in found.positions] == ["", "", "", "", 'a "b"; !']
 
@@ -267,6 +275,7 @@ def test_names_that_no_comment_holds_are_left_out() -> None:
         ({"measure_call": "main"}, "is not a RAPID name"),
         ({"measure_call": "jP3"}, "is the name of a position"),
         ({"measure_call": "cal"}, "would call itself"),
+        ({"measure_call": "CAL_run"}, "would call itself"),
         ({"settle_s": 1e6}, "settle_s"),
         ({"measure_output": 1, "measure_pulse_s": 0.0}, "measure_pulse_s"),
     ],
@@ -312,7 +321,7 @@ def test_cartesian_needs_the_robot(tmp_path: Path) -> None:
 
 def test_nothing_is_called_or_waited_for_where_nothing_is_asked() -> None:
     options = ProgramOptions(measure_call=None, settle_s=0.001)
-    text = render_abb_rapid(PoseProgram("CAL", POSES, options), Arm.usual("abb"))
+    text = render_module(PoseProgram("CAL", POSES, options), Arm.usual("abb"))
     assert "MEASURE" not in text
     assert "PulseDO" not in text
     assert text.count("WaitTime\\InPos,0.01;") == 2  # a wait asked for does not round to none
@@ -340,3 +349,18 @@ def test_touched_up_positions_stand_in_the_place_of_the_planned_ones() -> None:
     half = value.replace("-10.5", "9E9")
     with pytest.raises(Exception, match="axis 1 has no value"):
         touched_up(JOINT_MODULE.replace(empty, half))
+
+
+def test_the_routine_of_the_longest_name_is_no_longer(tmp_path: Path) -> None:
+    (file,) = write(PoseProgram("C" * 32, POSES[:1]), "abb-rapid", tmp_path)
+    assert f"PROC {'C' * 28}_run()" in file.read_text()
+    assert problems(file.read_text()) == []
+
+
+def test_programs_of_older_versions_are_read() -> None:
+    old = JOINT_MODULE.replace("PROC CalPose_run()", "PROC main()\n    VelSet 20,5000;")
+    old = old.replace("  LOCAL CONST speeddata vCalib:=[1000,100,1000,200];\n", "")
+    old = old.replace("vCalib", "vmax").replace("  ENDPROC", "    VelSet 100,5000;\n  ENDPROC")
+    assert problems(old) == []
+    shown = [p.shown_deg for p in touched_up(old).positions]
+    np.testing.assert_array_equal(shown, [p.shown_deg for p in touched_up(JOINT_MODULE).positions])

@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 from typing import ClassVar
 
-from posedesign.programs.abb_rapid.reader import parse_abb_rapid
-from posedesign.programs.abb_rapid.rules import check_abb_rapid
-from posedesign.programs.abb_rapid.writer import NAMES, render_abb_rapid
+from posedesign.programs.abb_rapid.reader import parse_module
+from posedesign.programs.abb_rapid.rules import check_module
+from posedesign.programs.abb_rapid.writer import NAMES, render_module
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.program import PoseProgram
@@ -29,16 +29,16 @@ class AbbRapid(Dialect):
     newline: ClassVar[str] = "\r\n"
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
-        """The module; see `render_abb_rapid` for what is refused."""
-        return {f"{program.name}.mod": render_abb_rapid(program, arm)}
+        """The module; see `render_module` for what is refused."""
+        return {f"{program.name}.mod": render_module(program, arm)}
 
     def parse(self, data: bytes, path: Path) -> RecordedProgram:
         """The positions of a module; see `reader`."""
-        return parse_abb_rapid(data, path)
+        return parse_module(data, path)
 
     def check(self, data: bytes, path: Path) -> list[Problem]:
         """Check a module strictly; see `rules`."""
-        return check_abb_rapid(data, path)
+        return check_module(data, path)
 
     def recognises(self, data: bytes) -> bool:
         """Whether there is a line that begins a module."""

@@ -612,6 +612,10 @@ def _check_forms(module: _Module) -> Iterator[Problem]:
                     fault = f"is no name of {of_type}"
                 elif name in _FORM_WORDS:
                     fault = "" if text[:1] == "#" else f"is {text[:20]}, no name with #"
+                    if name == "IPO_FRAME" and text.upper() not in ("#BASE", "#TCP"):
+                        fault = fault or f"is {text[:20]}, not #BASE or #TCP"
+                elif name == "TQ_STATE" and text.upper() not in _TRUTHS:
+                    fault = f"is {text[:20]}, not TRUE or FALSE"
                 elif name in known - {"POINT2[]", "TQ_STATE"} and math.isnan(as_number(text)):
                     fault = f"is {text[:20]}, no number"
                 if fault:

@@ -64,7 +64,6 @@ from posedesign.programs.kuka_krl.syntax import (
     BEGINS,
     CONFIGURATION,
     EXTERNAL,
-    LANGUAGE,
     MOST_BASE,
     MOST_TOOL,
     POSE,
@@ -79,6 +78,7 @@ from posedesign.programs.kuka_krl.syntax import (
     kind_of,
     name_of_module,
     settings_of,
+    statements_of,
     type_of,
     word_of,
     words_of,
@@ -214,7 +214,7 @@ class _Module:
     @classmethod
     def of(cls, data: bytes) -> _Module:
         text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")  # any byte is a character
-        module = cls(text, LANGUAGE.statements(text))
+        module = cls(text, statements_of(text))
         for statement in module.statements:
             module.kinds.setdefault(statement.kind, []).append(statement)
             module._take(statement)

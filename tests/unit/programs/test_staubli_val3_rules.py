@@ -224,7 +224,7 @@ def test_what_cannot_be_known_is_noted() -> None:
 
 
 # free text: remarks, messages, links, marks and names of poses, the version of the language
-FREE = re.compile(r'//.*|popUpMsg\("[^"]*"|(?:link|version)="[^"]*"|(?<= value=)"[^"]*"|xmlns.*')
+FREE = re.compile(r'//.*|popUpMsg\("[^"]*"|(?:[lL]ink|version)="[^"]*"|(?<= value=)"[^"]*"|xmlns.*')
 # names that are of the user alone: nothing else mentions them
 OWN = re.compile(r'name="(?:sTitle|sPose|nFirst|x_nNumber)"|xsi="[^"]*"')
 

@@ -74,7 +74,8 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
     r"""Text of the job, its lines ended by ``\n``.
 
     Pulses are whole: joint values are rounded by at most half a pulse. Poses are rounded by at
-    most 0.0005 mm and 0.00005 deg. A pose's name is left out where it does not fit into its comment.
+    most 0.0005 mm and 0.00005 deg. A pose's name is left out where it does not fit into its
+    comment.
 
     Parameters
     ----------

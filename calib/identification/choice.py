@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t
 
+from calib.chance import student_quantile
 from calib.identification.least_squares import equal_sigma
 from calib.identification.left_out import FEWEST_TARGETS, free_points, with_noise_of
 from calib.identification.prediction import ExpectedError
@@ -367,7 +367,7 @@ class _Errors:
             if few < 2:
                 return more, np.inf, np.inf
             chances.append((float(np.sqrt(few / (few - 1) * float(sums @ sums))) / count, few))
-        reaches = [error * float(t.ppf(1.0 - CHANCE, n - 1)) for error, n in chances]
+        reaches = [error * student_quantile(1.0 - CHANCE, n - 1) for error, n in chances]
         widest = int(np.argmax(reaches))
         return more, chances[widest][0], reaches[widest]
 

@@ -21,8 +21,8 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import gammaln
-from scipy.stats import chi2
 
+from calib.chance import chi2_quantile
 from calib.errors import InputError
 from calib.model import CalibrationModel, Linearisation
 from calib.model.measurements import Measurements
@@ -177,7 +177,7 @@ def spread(model: CalibrationModel, data: Measurements, s2: FloatArray) -> Float
     found = []
     for k, kind in enumerate(model.measurements):
         own = s2[data.setup.kind == k]
-        found.append(float(np.median(own) / chi2.median(kind.rows)) if own.size else 1.0)
+        found.append(float(np.median(own) / chi2_quantile(0.5, kind.rows)) if own.size else 1.0)
     return _at_least_given(model, found)[data.setup.kind]
 
 
@@ -190,7 +190,7 @@ def limits(
     """
     scales = noise_scales(model, data, x, good.astype(float))
     variances = _at_least_given(model, [float(np.mean(scale**2)) for scale in scales])
-    chance = chi2.ppf(1.0 - OUTLIER_CHANCE, rows_of(model, data))
+    chance = chi2_quantile(1.0 - OUTLIER_CHANCE, rows_of(model, data))
     return chance * variances[data.setup.kind], scales
 
 
@@ -200,7 +200,7 @@ def suspects(model: CalibrationModel, data: Measurements, x: FloatArray) -> Bool
     By the noise given, or that of the residuals of the others where this is larger.
     """
     s2 = distances2(model, data, x)
-    chance = chi2.ppf(1.0 - OUTLIER_CHANCE, rows_of(model, data))
+    chance = chi2_quantile(1.0 - OUTLIER_CHANCE, rows_of(model, data))
     good = s2 <= chance * spread(model, data, s2)
     for _ in range(_ROUNDS):
         limit, _ = limits(model, data, x, good)
@@ -244,7 +244,7 @@ def _least_squares(s2: FloatArray, rows: IntArray) -> FloatArray:
 
 
 def _huber(s2: FloatArray, rows: IntArray) -> FloatArray:
-    s, knee = np.sqrt(s2), np.sqrt(chi2.ppf(_EFFICIENCY, rows))
+    s, knee = np.sqrt(s2), np.sqrt(chi2_quantile(_EFFICIENCY, rows))
     return np.asarray(np.where(s <= knee, 1.0, knee / np.maximum(s, _TINY)))
 
 
@@ -296,7 +296,7 @@ def variance_factor(loss: Loss, rows: int, share: float = 1.0) -> float:
 @cache
 def _expected(loss: Loss, rows: int, share: float) -> tuple[float, float, float]:
     """Means of w, w s²/m and w² s²/m for s² of m Gaussian rows; w of ``share`` of the s²."""
-    s2 = chi2.ppf((np.arange(_NODES) + 0.5) / _NODES, rows)
+    s2 = chi2_quantile((np.arange(_NODES) + 0.5) / _NODES, rows)
     w = WEIGHTS[loss](share * s2, np.full(_NODES, rows))
     return float(w.mean()), float(np.mean(w * s2)) / rows, float(np.mean(w**2 * s2)) / rows
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.stats import norm, t
 
+from calib.chance import normal_quantile, student_quantile
 from calib.model.parameters import Unit
 from calib.se3 import BoolArray, FloatArray
 
@@ -146,7 +146,8 @@ class IdentificationResult:
         tail = 0.5 + CONFIDENCE / 2.0
         taken = any(kind.estimated or kind.doubted for kind in self.noise)
         free = self.degrees_of_freedom
-        reach = float(t.ppf(tail, free)) if taken and free > 0 else float(norm.ppf(tail))
+        by_student = taken and free > 0
+        reach = student_quantile(tail, free) if by_student else normal_quantile(tail)
         return np.asarray(self.values + reach * self.sigma * np.array([[-1.0], [1.0]]))
 
     @property

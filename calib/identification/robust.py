@@ -16,8 +16,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import chi2
 
+from calib.chance import chi2_quantile
 from calib.errors import ConvergenceError, InputError
 from calib.identification.least_squares import ITERATIONS, minimise
 from calib.identification.noise import (
@@ -255,7 +255,7 @@ def choose(
 
 
 def _chance(model: CalibrationModel, data: Measurements) -> FloatArray:
-    return np.asarray(chi2.ppf(1.0 - OUTLIER_CHANCE, rows_of(model, data)))
+    return chi2_quantile(1.0 - OUTLIER_CHANCE, rows_of(model, data))
 
 
 def _graduate(model: CalibrationModel, data: Measurements, x: FloatArray) -> FloatArray:

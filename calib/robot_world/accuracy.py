@@ -17,11 +17,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
-from scipy.stats import norm
 
 from calib import se3
 from calib.batch_last import columns_of, turn
+from calib.chance import chi2_tail, normal_quantile
 from calib.robot_world.adjustment import adjust
 from calib.robot_world.errors_of_pairs import Fit, derivatives
 from calib.robot_world.identifiability import examine
@@ -90,7 +89,7 @@ def judged(chi2: FloatArray, freedom: FloatArray | int) -> tuple[FloatArray, Flo
 
     1 where chance may have made them as large.
     """
-    probability = np.asarray(chi2_distribution.sf(chi2, freedom))
+    probability = chi2_tail(chi2, freedom)
     return probability, np.where(probability > NOISE_DOUBT, 1.0, np.sqrt(chi2 / freedom))
 
 
@@ -307,7 +306,7 @@ class Following:
     @property
     def is_certain(self) -> bool:
         """Whether independent errors would hardly be as alike."""
-        return bool(self.significance > norm.isf(CHANCE))
+        return bool(self.significance > -normal_quantile(CHANCE))
 
 
 def following(fit: Fit, trial: int, used: BoolArray) -> Following:

@@ -20,10 +20,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from calib import se3
+from calib.chance import chi2_tail, f_bound, f_tail
 from calib.robot_world.adjustment import linear_rows
 from calib.robot_world.algebra import kronecker_mean
 from calib.robot_world.errors_of_pairs import ErrorModel, Fit
@@ -263,7 +262,7 @@ def _motion_sizes(motion: Motion) -> str:
 @lru_cache(maxsize=_FEW)
 def _believed(N: int) -> float:
     """Tilt, in residual rotations per axis, that noise on N pairs hardly ever makes up."""
-    return float(np.sqrt(f_distribution.isf(_CHANCE, 2 * (N - 2), 3 * N - 6)))
+    return float(np.sqrt(f_bound(_CHANCE, 2 * (N - 2), 3 * N - 6)))
 
 
 def _tilt_rad(T: FloatArray) -> float:
@@ -326,7 +325,7 @@ class _Sequence:
         neighbours = float((left[1:] * left[:-1]).sum()) / float((left**2).sum())
         alike = float(np.clip(neighbours, 0.0, _MOST_ALIKE))
         size = score / variance * (1.0 - alike) / (1.0 + alike)
-        return float(min(chi2.sf(size, freedom) * tried, 1.0))
+        return float(min(float(chi2_tail(size, freedom)) * tried, 1.0))
 
     def chance_of_few(self, left: FloatArray) -> float:
         """Probability of what three numbers explain of the translations, given the rows left.
@@ -342,7 +341,7 @@ class _Sequence:
         neighbours = float((left[1:] * left[:-1]).sum()) / square
         alike = float(np.clip(neighbours, 0.0, _MOST_ALIKE))
         ratio = (float((whole**2).sum()) - square) / 3.0 / (square / freedom)
-        return float(f_distribution.sf(ratio * (1.0 - alike) / (1.0 + alike), 3, freedom))
+        return f_tail(ratio * (1.0 - alike) / (1.0 + alike), 3, freedom)
 
     def without(self, rows: FloatArray) -> FloatArray:
         """Rows ``(n, 6, k)`` less what X and Z can explain of them."""

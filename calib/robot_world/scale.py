@@ -14,10 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t as student
 
 from calib import se3
 from calib.batch_last import columns_of, turn
+from calib.chance import student_tail
 from calib.robot_world.accuracy import judged, widening
 from calib.robot_world.adjustment import adjust
 from calib.robot_world.algebra import apply_matrix, least_squares
@@ -92,7 +92,7 @@ class Scale:
     @property
     def probability(self) -> float:
         """Of a factor as far from 1 by chance, by Student's distribution."""
-        return float(2.0 * student.sf(self.sigmas, max(self.freedom, 1)))
+        return 2.0 * student_tail(self.sigmas, max(self.freedom, 1))
 
     def times(self, factor: float) -> Scale:
         """The scale of pairs that these came from by a factor."""

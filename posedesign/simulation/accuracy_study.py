@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
 
+from calib.chance import chi2_quantile
 from calib.errors import CalibError, InputError
 from calib.identification import DISPLAY, covariance_of, identify_batch
 from calib.model import CalibrationModel
@@ -344,8 +344,8 @@ def spread_interval(spread: float, count: int) -> tuple[float, float]:
         return np.nan, np.nan
     tail = (1.0 - CONFIDENCE) / 2.0
     freedom = count - 1
-    low = freedom / chi2_distribution.ppf(1.0 - tail, freedom)
-    high = freedom / chi2_distribution.ppf(tail, freedom)
+    low = freedom / chi2_quantile(1.0 - tail, freedom)
+    high = freedom / chi2_quantile(tail, freedom)
     return spread * float(np.sqrt(low)), spread * float(np.sqrt(high))
 
 

@@ -1,9 +1,11 @@
 """The command line as a person types it, in this process, with small files to type it on."""
 
 import csv
+import io
 import json
 import re
 from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -139,6 +141,25 @@ def work(_work, tmp_path) -> Path:
 def demo_work(_demo_work, tmp_path) -> Path:
     """The same with gun, camera, fixture and floor."""
     return copied(_demo_work, tmp_path)
+
+
+@dataclass(frozen=True)
+class Identified:
+    """An identification that was made once: what was said, and what stands in the file."""
+
+    said: Said
+    content: dict[str, Any]
+
+
+@pytest.fixture(scope="session")
+def identified_once(_work, tmp_path_factory) -> Identified:
+    """What ``identify`` makes of the touch-ups of the reference cell, with all its models."""
+    work = copied(_work, tmp_path_factory.mktemp("identified"))
+    files = [str(work / name) for name in ("cell.toml", "touchups.csv")]
+    with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
+        code = run(["identify", *files, "--out", str(work)])
+    content = strict_json((work / "identification.json").read_text())
+    return Identified(Said(code, out.getvalue(), err.getvalue()), content)
 
 
 def below_comments(text: str) -> str:

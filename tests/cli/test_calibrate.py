@@ -161,8 +161,10 @@ def test_restart_puts_what_was_measured_aside(cli, cell, rehearsed, tmp_path):
     }
 
 
-@pytest.mark.parametrize("name", ["touchups.csv", "poses.csv", "found_cell.toml"])
-@pytest.mark.parametrize("words", [[], ["--restart"]])
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [([], "touchups.csv"), ([], "poses.csv"), (["--restart"], "found_cell.toml")],
+)
 def test_what_a_person_measured_is_never_replaced(refuse, cell, rehearsed, tmp_path, words, name):
     """Beside a journal of ours, imported or by hand; nothing is moved either."""
     out = tmp_path / "run"
@@ -182,6 +184,7 @@ def test_pairs_that_a_person_measured(refuse, cell, tmp_path, words):
     refuse("calibrate", cell, "--out", out, *words).says("pairs.csv", "is not replaced by")
 
 
+@pytest.mark.slow
 def test_what_a_person_changed_is_kept_under_another_name(cli, refuse, cell, rehearsed, tmp_path):
     out = tmp_path / "run"
     shutil.copytree(rehearsed.out, out)
@@ -205,8 +208,16 @@ def _linked(out: Path, elsewhere: Path) -> None:
     out.symlink_to(elsewhere)
 
 
-@pytest.mark.parametrize("done", [_removed, _linked])
-@pytest.mark.parametrize("at", ["touch-up S03", "planning", "touch-up P02", "identifying", ""])
+@pytest.mark.parametrize(
+    ("at", "done"),
+    [
+        ("touch-up S03", _linked),
+        pytest.param("planning", _linked, marks=pytest.mark.slow),
+        ("touch-up P02", _removed),
+        pytest.param("identifying", _linked, marks=pytest.mark.slow),
+        ("", _linked),
+    ],
+)
 def test_a_folder_that_is_taken_away_while_it_runs(cell, rehearsed, tmp_path, at, done):
     """It ends with an error, and nothing is written where a link leads to."""
     out, elsewhere = tmp_path / "run", tmp_path / "elsewhere"
@@ -232,6 +243,7 @@ def test_a_folder_that_is_taken_away_while_it_runs(cell, rehearsed, tmp_path, at
     assert out.exists() == (done is _linked)
 
 
+@pytest.mark.slow
 def test_a_journal_that_is_gone_takes_no_touch_ups_with_it(refuse, cli, cell, rehearsed, tmp_path):
     out = tmp_path / "run"
     shutil.copytree(rehearsed.out, out)

@@ -11,7 +11,6 @@ import pytest
 from calib import CalibrationModel, Robot, se3
 from calib.se3 import FloatArray
 from posedesign.cell import Cell
-from posedesign.cli.main import run
 from posedesign.identification.models import model_of
 from posedesign.planning.poses_file import read_poses
 from posedesign.simulation import SimulatedRobot
@@ -21,21 +20,13 @@ WAYS = ["corrected poses", "description", "mastering", "as it is"]
 TEXTS = ("meaning", "joint", "pendant_joint", "name", "status", "reason", "configuration")
 
 
-@pytest.fixture(scope="session")
-def _identified(tmp_path_factory, _work) -> dict[str, Any]:
-    out = tmp_path_factory.mktemp("identified")
-    files = [str(_work / name) for name in ("cell.toml", "touchups.csv")]
-    assert run(["identify", *files, "--out", str(out)]) == 0
-    content: dict[str, Any] = json.loads((out / "identification.json").read_text())
-    content.pop("reference", None)  # what is recommended is corrected by, unless a test says else
-    return content
-
-
 @pytest.fixture
-def identified(work, _identified) -> Path:
+def identified(work, identified_once) -> Path:
     """The file that identify makes, in the working folder."""
+    content = dict(identified_once.content)
+    content.pop("reference", None)  # what is recommended is corrected by, unless a test says else
     path = work / "identification.json"
-    path.write_text(json.dumps(_identified))
+    path.write_text(json.dumps(content))
     return path
 
 

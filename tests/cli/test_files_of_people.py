@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import with_camera
+from tests.cli.conftest import offsets_only, with_camera
 
 OPTIMAL = ("--method", "exchange", "--poses", "8", "--validation", "2")
 COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -92,7 +92,7 @@ def test_convert_does_not_replace(cli, refuse, inputs, tmp_path, form):
 
 
 def test_each_command_runs_over_its_own_files(cli, work):
-    cell, out = work / "cell.toml", work / "out"
+    cell, out = offsets_only(work / "cell.toml", judged=True), work / "out"
     for line in (
         ("plan", cell),
         ("simulate", with_camera(cell), out / "poses.csv"),
@@ -114,7 +114,7 @@ def test_no_camera_is_invented(cli, work):
 
 
 def test_simulated_is_said_in_the_headline(cli, work):
-    cell, out = work / "cell.toml", work / "out"
+    cell, out = offsets_only(work / "cell.toml", judged=True), work / "out"
     assert "SIMULATED" in cli("simulate", with_camera(cell), work / "poses.csv", "--out", out).out
     for line in (
         ("identify", cell, out / "touchups.csv"),

@@ -540,8 +540,13 @@ def test_all_among_other_names(cli, tmp_path, measured):
     assert found == ["shah", *(name for name in METHODS if name != "shah")]
 
 
-@pytest.mark.parametrize("status", ["ambiguous", "doubtful", "misfit", "not converged"])
-@pytest.mark.parametrize("method", ["ml", "ml,shah", "shah,ml", "all"])
+@pytest.mark.parametrize(
+    ("method", "status"),
+    [
+        *(("ml", status) for status in ("ambiguous", "doubtful", "misfit", "not converged")),
+        *((method, "doubtful") for method in ("ml,shah", "shah,ml", "all")),
+    ],
+)
 def test_answer_that_is_not_ok_is_not_done(cli, tmp_path, measured, monkeypatch, method, status):
     """Where it is the one that was asked for first: the others are there to compare."""
 

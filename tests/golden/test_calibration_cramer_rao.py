@@ -79,13 +79,14 @@ def scatter_over_bound(done: Rehearsed) -> FloatArray:
     return np.asarray(fits.x.std(axis=0, ddof=1) / bound)
 
 
-@pytest.mark.parametrize("trials", [150, pytest.param(1500, marks=pytest.mark.slow)])
-def test_within_a_tenth_of_the_bound(trials):
+@pytest.mark.slow
+def test_within_a_tenth_of_the_bound():
     """Weighted by one noise for all poses; the bound knows that of each pose.
 
     A standard deviation of T trials is good to 1 / sqrt(2 T); three of them are allowed on top, and
     the mean over the parameters has to keep the tenth by itself.
     """
+    trials = 1500
     ratio = scatter_over_bound(rehearse(trials))
     chance = 3.0 / np.sqrt(2.0 * trials)
     assert ratio.max() < ALLOWED + chance

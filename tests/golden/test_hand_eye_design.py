@@ -130,6 +130,7 @@ def test_the_poses_chosen_reach_what_was_wanted(planned):
     check_scatter(errors, design.covariance(design.blocks(A[0], X, Z, noise)))
 
 
+@pytest.mark.slow
 def test_what_the_plan_predicts_is_what_the_pairs_predict(planned):
     """The model of the cell and the equation of the pairs are two roads to the same numbers."""
     cell, chosen = planned

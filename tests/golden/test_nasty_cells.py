@@ -138,7 +138,7 @@ def test_camera_and_target_are_found_in_99_of_100_cells():
     assert len(missed) <= 1, missed
 
 
-@pytest.mark.parametrize("seed", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_pictures_and_the_fast_observer_agree(seed):
     """Both find the same camera and target, but for the noise of one and of the other."""
     sight = random_sight(np.random.default_rng([10, seed]), sizes=VGA)

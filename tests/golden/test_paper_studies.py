@@ -180,6 +180,7 @@ def hirsh_short(hirsh_study) -> dict[str, Any]:
 
 
 class TestHirsh:
+    @pytest.mark.slow
     def test_a_short_run_says_what_is_written(self, hirsh_study, hirsh_short):
         full = written(HIRSH)["workspaces"]["all orientations"]
         for views, row in hirsh_short["views"].items():

@@ -45,6 +45,7 @@ def assert_intervals_meet(
 
 
 class TestPairs:
+    @pytest.mark.slow
     def test_errors_are_those_of_the_folder(self, study, written):
         short = study.pairs.errors(study.SETTINGS, FEW)
         keys = ("setting", "pairs", "solver")

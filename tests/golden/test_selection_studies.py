@@ -100,6 +100,7 @@ class TestErrorsOverTheBox:
 
 
 class TestWhatBuys:
+    @pytest.mark.slow
     def test_a_short_run_has_the_figures_that_are_written(self, short):
         full = written(BUYS)
         expected = {row["key"]: row for row in full["arms"][REFERENCE]["rows"]}

@@ -50,7 +50,7 @@ def assert_answers_hold(robot: Robot, poses: np.ndarray, answers: InverseSolutio
 
 
 @pytest.mark.parametrize("robot", SIX, ids=name_of)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(part=postures(6))
 def test_inverse_kinematics_finds_every_posture_again(robot, part):
     """Of singular postures, the pose is taken; which of their neighbours is given is open."""
@@ -71,7 +71,7 @@ def test_inverse_kinematics_finds_every_posture_again(robot, part):
 
 
 @pytest.mark.parametrize("robot", SIX, ids=name_of)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(part=postures(6), margin=st.sampled_from([0.0, 0.1]))
 def test_every_turn_is_all_there_are(robot, part, margin):
     pose = robot.fk(robot.lower + part * robot.joint_range)
@@ -95,7 +95,7 @@ def test_every_turn_is_all_there_are(robot, part, margin):
 
 
 @pytest.mark.parametrize("robot", SEVEN, ids=name_of)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(part=postures(7))
 def test_a_redundant_arm_finds_the_posture_it_is_near_to(robot, part):
     q = robot.lower + part * robot.joint_range
@@ -109,7 +109,7 @@ def test_a_redundant_arm_finds_the_posture_it_is_near_to(robot, part):
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=preset_names())
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_the_order_of_the_poses_is_that_of_the_answers(robot, seed):
     rng = np.random.default_rng(seed)
@@ -122,7 +122,7 @@ def test_the_order_of_the_poses_is_that_of_the_answers(robot, seed):
         np.testing.assert_allclose(after.of(i), before.of(int(pose)), atol=1e-9)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     q=st.floats(-20, 20),
     near=st.floats(-7, 7),
@@ -146,7 +146,7 @@ def test_the_full_turn_is_the_best_of_all(q, near, lower, width):
 
 
 @pytest.mark.parametrize("measurement", [TouchUp([1e-5, 2e-5, 6e-5]), ViewLine([1e-5, 2e-5])])
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(seed=st.integers(0, 10_000), turn=st.floats(-3, 3))
 def test_turning_the_whole_cell_about_the_first_axis_changes_no_certainty(measurement, seed, turn):
     robot = Robot.preset("r2000ic165f")

@@ -11,8 +11,8 @@ from calib.robot_world import METHODS, PairNoise, add_noise, random_problems, so
 from tests.marks import rest_in_full
 
 seeds = st.integers(0, 2**32 - 1)
-many = settings(max_examples=25, deadline=None)
-quick = settings(max_examples=4, deadline=None)
+many = settings(max_examples=8, deadline=None)
+quick = settings(max_examples=2, deadline=None)
 kinds = st.sampled_from(["one axis", "translations", "identical", "two poses", "still target"])
 sides = st.sampled_from(["A", "B", "both"])
 noises = st.one_of(st.just(0.0), st.floats(1e-3, 1.0))

@@ -97,7 +97,7 @@ class PinocchioAlone:
         return np.where(meshes & (found <= 0.0), -CONTACT_M, found)
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(seed=seeds, n=st.integers(2, 7))
 def test_the_smallest_distance_is_that_of_pinocchio(seed, n):
     rng = np.random.default_rng(seed)
@@ -118,7 +118,7 @@ def test_the_smallest_distance_is_that_of_pinocchio(seed, n):
                 assert all_of_them[pair] == pytest.approx(distance, abs=COAL_M)
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(seed=seeds)
 def test_segments_against_points_on_them(seed):
     """The nearest of 101 x 101 points is never nearer, and farther by no more than their step."""
@@ -136,7 +136,7 @@ def test_segments_against_points_on_them(seed):
     assert distance == pytest.approx(float(segment_segment(-apart, b, a)), abs=1e-9)
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(seed=seeds)
 def test_bounds_are_below_the_distance(seed):
     """Of boxes along each other's axes, apart and overlapping, against Pinocchio."""
@@ -181,7 +181,7 @@ def outside(solid: Solid, points: np.ndarray) -> np.ndarray:
     return np.where(deepest > 0, np.linalg.norm(np.maximum(gaps, 0), axis=0), deepest)
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(seed=seeds)
 def test_enclosures_and_reach_against_points_of_the_solid(seed):
     rng = np.random.default_rng(seed)
@@ -216,7 +216,7 @@ def test_enclosures_and_reach_against_points_of_the_solid(seed):
     assert (corners @ direction).max() + grown >= far - 1e-12
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(seed=seeds, n=st.integers(2, 7))
 def test_no_distance_changes_faster_than_its_bound(seed, n):
     rng = np.random.default_rng(seed)
@@ -234,7 +234,7 @@ def test_no_distance_changes_faster_than_its_bound(seed, n):
         assert (np.abs(one - other)[apart] <= limit[apart]).all()
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(seed=seeds, n=st.integers(2, 7))
 def test_clear_ways_keep_their_distance_everywhere(seed, n):
     rng = np.random.default_rng(seed)
@@ -261,7 +261,7 @@ def test_clear_ways_keep_their_distance_everywhere(seed, n):
             )
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(seed=seeds, n=st.integers(2, 7), one=st.booleans())
 def test_sight_against_points_along_the_line(seed, n, one):
     rng = np.random.default_rng(seed)
@@ -291,7 +291,7 @@ def test_sight_against_points_along_the_line(seed, n, one):
                 assert away <= step
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(seed=seeds, n=st.integers(2, 7), one=st.booleans(), flat=st.booleans())
 def test_sight_of_a_beam_is_that_of_all_its_lines(seed, n, one, flat):
     """Each line against each body, without bounds: a disc of 24, or any ends about the middle."""
@@ -325,7 +325,7 @@ def test_sight_of_a_beam_is_that_of_all_its_lines(seed, n, one, flat):
     np.testing.assert_array_equal(found.clear, expected < 0)
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(seed=seeds)
 def test_sight_and_inside_of_a_closed_mesh(seed):
     """A convex one, so that planes tell the truth."""
@@ -358,7 +358,7 @@ def test_sight_and_inside_of_a_closed_mesh(seed):
     np.testing.assert_array_equal(as_box.inside(points), np.where(away < 0, 1, -1))
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(seed=seeds, n=st.integers(2, 7))
 def test_moving_the_whole_cell_changes_nothing(seed, n):
     rng = np.random.default_rng(seed)
@@ -391,7 +391,7 @@ def test_moving_the_whole_cell_changes_nothing(seed, n):
     np.testing.assert_array_equal(ways.clear, others.clear)
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(seed=seeds, n=st.integers(2, 7))
 def test_the_order_of_bodies_changes_nothing(seed, n):
     rng = np.random.default_rng(seed)

@@ -18,7 +18,7 @@ seeds = st.integers(0, 2**32 - 1)
 pair_counts = st.integers(4, 12)
 coordinates = st.floats(-1.0, 1.0)
 vectors = st.tuples(coordinates, coordinates, coordinates)
-quick = settings(max_examples=6, deadline=None)
+quick = settings(max_examples=3, deadline=None)
 
 
 def noisy(seed, pairs, trials=4):

@@ -90,6 +90,7 @@ def test_the_table_is_true_of_configurations_kept_back(found, way):
     assert left == pytest.approx(said, rel=0.15), found
 
 
+@pytest.mark.slow
 def test_each_way_leaves_less_than_the_next(found):
     left = [found[way][0] for way in (POSES, DESCRIPTION, MASTERING, AS_IT_IS)]
     assert left == sorted(left)

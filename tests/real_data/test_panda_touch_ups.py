@@ -78,7 +78,10 @@ def test_offsets_of_joints_2_to_6(panda):
         assert np.linalg.norm(np.subtract(*holes)) == pytest.approx(expected, abs=0.05)
 
 
-@pytest.mark.parametrize(("joints", "hidden"), [((2, 3, 4, 5, 6, 7), 7), ((1, 2, 3, 4, 5, 6), 1)])
+@pytest.mark.parametrize(
+    ("joints", "hidden"),
+    [((2, 3, 4, 5, 6, 7), 7), pytest.param((1, 2, 3, 4, 5, 6), 1, marks=pytest.mark.slow)],
+)
 def test_a_joint_that_the_data_cannot_know_is_refused_by_name(panda, capsys, joints, hidden):
     code, path = panda(*joints)
     said = capsys.readouterr().err

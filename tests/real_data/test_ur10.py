@@ -102,7 +102,7 @@ def test_the_study_is_as_written(found, written):
                 assert row[name] == pytest.approx(old[name], abs=written["tolerance_mm"]), name
 
 
-@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("noise", ["given", pytest.param("estimated", marks=pytest.mark.slow)])
 def test_the_command_line_gives_the_same(found, tables, noise, tmp_path, capsys):
     names = [str(tables / NOISES[noise]), str(tables / "measurements.csv")]
     assert run(["identify", *names, "--out", str(tmp_path)]) == 0

@@ -10,9 +10,8 @@ what the chosen pairs show, made up for what choosing by size cuts off.
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
+from calib.chance import chi2_quantile, chi2_tail, f_bound
 from calib.robot_world.adjustment import adjust, linear_rows
 from calib.robot_world.errors_of_pairs import ErrorModel, Fit
 from calib.robot_world.methods.maximum_likelihood import (
@@ -42,14 +41,14 @@ _ROUNDS = 30
 _SETS_AT_ONCE, _RESIDUALS_AT_ONCE = 4000, 100_000
 
 _KEPT = 1.0 - CHANCE
-WIDENING = float(np.sqrt(_KEPT / chi2.cdf(chi2.ppf(_KEPT, 6), 8)))
+WIDENING = float(np.sqrt(_KEPT / (1.0 - chi2_tail(chi2_quantile(_KEPT, 6), 8))))
 """Standard deviation over what those of six normal numbers show that are left when the sum of their
 squares may not exceed its quantile: E[s | s < c] / 6 = F_8(c) / F_6(c)."""
 
-_MEDIAN = float(np.sqrt(chi2.ppf(0.5, 3)))
+_MEDIAN = float(np.sqrt(chi2_quantile(0.5, 3)))
 """Median length of three normal numbers."""
 
-_MEDIAN_SQUARE = float(chi2.ppf(0.5, 6))
+_MEDIAN_SQUARE = float(chi2_quantile(0.5, 6))
 """Median sum of the squares of six."""
 
 
@@ -204,7 +203,7 @@ def _near(pairs: PairSets, model: ErrorModel, X: FloatArray, Z: FloatArray) -> B
     The candidates are worse than the noise, and a noise given may be too small for all.
     """
     square = (linear_rows(pairs, model, X, Z)[0] ** 2).sum(axis=0)
-    return np.asarray(square <= _more(square) * chi2.ppf(_KEPT, 6))
+    return np.asarray(square <= _more(square) * chi2_quantile(_KEPT, 6))
 
 
 def _explained(
@@ -232,13 +231,13 @@ def _explained(
     spread = np.eye(6) * (1.0 + _TINY_SHARE) + np.where(used, -1.0, 1.0)[..., None, None] * H
     square = (r * _divided(r, spread)).sum(axis=-1)
     if sigma is None:
-        return np.asarray(square <= _more(square) * chi2.ppf(_KEPT, 6))
+        return np.asarray(square <= _more(square) * chi2_quantile(_KEPT, 6))
     # the white rows of the pairs used have a mean square of one: the rest of them shows the noise
     freedom = 6.0 * used.sum(axis=1, keepdims=True) - 12.0
     left = freedom / WIDENING**2 - np.where(used, square, 0.0)
     others = freedom - 6.0 * used
     told = others > 0.0
-    bound = f_distribution.isf(CHANCE, 6.0, np.where(told, others, 1.0))
+    bound = f_bound(CHANCE, 6.0, np.where(told, others, 1.0))
     return np.asarray(~told | (square * others <= 6.0 * bound * np.maximum(left, 0.0)))
 
 

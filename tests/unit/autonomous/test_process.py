@@ -173,6 +173,7 @@ def test_stopped_among_obstacles(make_demo_cell, tmp_path):
         assert second.drive.arms.made <= made - moves + 14
 
 
+@pytest.mark.slow
 def test_a_whole_calibration_is_replayed_without_a_move(cell, whole, tmp_path):
     done, out, _ = whole
     (tmp_path / "journal.jsonl").write_bytes((out / "journal.jsonl").read_bytes())
@@ -283,7 +284,7 @@ class TurnedOn(StoppingArms):
         return np.asarray(self._arms.joints(which) + lies * 2.0 * np.pi * np.eye(6)[1])
 
 
-@pytest.mark.parametrize("lies_from", [0, 1, 22, 61, 140, 180])
+@pytest.mark.parametrize("lies_from", [0, 22, 140])
 def test_a_turn_too_many_ends_it_before_the_next_move(tmp_path, lies_from):
     """At whatever move of a calibration, of an arm that may turn by a whole turn."""
     cell = Cell.from_text(cell_template("ur10e", surroundings=False))

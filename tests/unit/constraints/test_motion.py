@@ -412,7 +412,7 @@ def test_joints_arrive_from_one_side(reference_cell, share):
         assert cell.passing.check(stop.posture[None]).feasible.all()
 
 
-@pytest.mark.parametrize("angle_deg", [0.5, 3.0])
+@pytest.mark.parametrize("angle_deg", [pytest.param(0.5, marks=pytest.mark.slow), 3.0])
 def test_poses_of_a_plan_are_approached(make_demo_cell, angle_deg):
     """Among floor, fixture and gun: passed postures and ways keep what the poses keep."""
     cell = make_demo_cell(plan={"approach": "same-side", "approach_deg": angle_deg})

@@ -97,14 +97,6 @@ def test_long_lists_are_summed_up():
     assert listed(lines[:1], "poses") == "0"
 
 
-def test_targets_seen_once_are_said_in_one_line(tmp_path, lab, make_cell):
-    table = table_of(tmp_path, lab, ["touch-up"], 30, targets_each=3)
-    data = table.data
-    few = [i for i in range(30) if data.setup.target[i] == 0 or i in (1, 2)]
-    found = identify_models(make_cell(**OFFSETS), table.some(np.array(few)))
-    assert found.warnings == ("measured once, which says nothing but where they are: A1, A2",)
-
-
 def measured_by(lab: Any, offset_deg: float, shift_m: float, tmp_path: Path) -> MeasurementTable:
     """Touch-ups of an arm whose first link is off, read for the arm as described."""
     robot = lab.cell.robot

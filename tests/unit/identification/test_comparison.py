@@ -330,6 +330,7 @@ def test_gross_errors_do_not_choose(loss):
     assert result.rms_m < result.leave_one_out_rms_m
 
 
+@pytest.mark.slow
 def test_chance_is_never_taken_for_a_gain_and_a_gain_mostly():
     """Nothing to gain, and four offsets of three standard deviations each: 77 % of 150 draws."""
     truth, taken = model(offsets()), {0.0: 0, 3.0: 0}

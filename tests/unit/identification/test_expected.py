@@ -142,6 +142,7 @@ def test_where_the_base_stands_does_not_count(arm):
     assert arms.error_of(truth, elbow).rms_m > 1e-7
 
 
+@pytest.mark.slow
 def test_expected_errors_are_those_that_come(arm):
     """Mean square of the true error over the expected one, over arms: 1 within its statistics."""
     ratios = []

@@ -69,6 +69,7 @@ def test_a_scale_that_no_arm_is_off_by(size, gross):
     assert is_gross((replace(finding, cause="sign", size=np.nan),))
 
 
+@pytest.mark.slow
 def test_another_arm_is_said_to_be_one(table, make_cell, capsys):
     """Also where a gap of the model is named: that is no reason why it is another arm."""
     cell = make_cell(parameters={"models": [["zero_offsets"]]})

@@ -67,7 +67,7 @@ def test_full_weights_cost_nothing(loss, share):
 def test_the_noise_that_is_estimated_is_that_of_the_good_ones(make_model, trials, loss):
     _, data = trials
     unknown = make_model(measurement=TouchUp(None))
-    used = 30
+    used = 12
     found = [fit_robustly(unknown, data.trials(t), unknown.nominal, loss=loss) for t in range(used)]
     variance = np.mean([solved.model.measurement.sigma[0] ** 2 for solved in found])
     # four standard deviations of the mean of so many chi²

@@ -182,7 +182,9 @@ def test_noise_given_and_unknown(make_cell):
     assert all(kind.estimated for kind in kinds_of(unknown, ["touch-up", "pose"]))
 
 
-@pytest.mark.parametrize("kind", ["touch-up", "point", "distance"])
+@pytest.mark.parametrize(
+    "kind", ["touch-up", *(pytest.param(k, marks=pytest.mark.slow) for k in ("point", "distance"))]
+)
 def test_noise_from_the_residuals(tmp_path, lab, make_cell, kind):
     """150 measurements: the standard deviation is known to about 1 / sqrt(2 x 150)."""
     noise = 5e-5

@@ -20,8 +20,7 @@ def elsewhere(reference_robot) -> np.ndarray:
     return rng.uniform(reference_robot.lower / 2, reference_robot.upper / 2, (12, 6))
 
 
-@pytest.mark.parametrize("against", ["base", "target"])
-@pytest.mark.parametrize("with_compliance", [False, True], ids=["offsets", "compliance"])
+@pytest.mark.parametrize(("against", "with_compliance"), [("base", False), ("target", True)])
 def test_monte_carlo_scatters_as_predicted(
     reference_robot, make_model, touching, elsewhere, with_compliance, against
 ):
@@ -129,8 +128,7 @@ def test_what_is_no_covariance_of_the_model_is_refused(make_model, elsewhere, co
 IDENTIFICATIONS = 600
 
 
-@pytest.mark.parametrize("kind", ["touch-up", "view line"])
-@pytest.mark.parametrize("weighted", [True, False])
+@pytest.mark.parametrize(("kind", "weighted"), [("touch-up", True), ("view line", False)])
 def test_covariance_is_the_scatter_of_the_estimates(make_model, touching, kind, weighted):
     model = make_model()
     if kind == "view line":

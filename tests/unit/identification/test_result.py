@@ -35,7 +35,10 @@ def coverage(model, fitted, q) -> tuple[float, float]:
     return float(np.mean(inside)), float(np.std(inside) / np.sqrt(TRIALS))
 
 
-@pytest.mark.parametrize(("noise", "count"), [("given", 14), ("estimated", 14), ("estimated", 6)])
+@pytest.mark.parametrize(
+    ("noise", "count"),
+    [pytest.param("given", 14, marks=pytest.mark.slow), ("estimated", 6)],
+)
 def test_the_interval_holds_the_truth_in_95_of_100(make_model, touching, noise, count):
     """Student's distribution where the noise is taken from few residuals: 8 degrees of freedom."""
     model = make_model(measurement=TouchUp(7e-6))

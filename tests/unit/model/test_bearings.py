@@ -126,7 +126,7 @@ def test_all_that_displaces_a_frame_adds_up(arm):
         np.testing.assert_allclose(one[posture], alone[0], atol=1e-13)
 
 
-@pytest.mark.parametrize("scale", [0.0, 1.0])
+@pytest.mark.parametrize("scale", [pytest.param(0.0, marks=pytest.mark.slow), 1.0])
 def test_jacobian_against_central_differences(arm, scale):
     rng = np.random.default_rng(4)
     q = rng.uniform(-2.0, 2.0, (5, arm.n))

@@ -49,8 +49,7 @@ def save(tmp_path) -> Save:
     return saved
 
 
-@pytest.mark.parametrize("unit", ["mm", "m"])
-@pytest.mark.parametrize("compress", [True, False])
+@pytest.mark.parametrize(("unit", "compress"), [("mm", True), ("m", False)])
 def test_round_trip(save, unit, compress):
     pairs = some_pairs()
     path = save(compress=compress, B=as_matlab(pairs.B, unit), A=as_matlab(pairs.A, unit), n=3.0)
@@ -61,6 +60,7 @@ def test_round_trip(save, unit, compress):
     assert found.places[2] == "A(:,:,3)"
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_variables_by_name_and_two_files(save):
     pairs = some_pairs()
     hand, cam = as_matlab(pairs.A, "m"), as_matlab(inverse(pairs.B), "m")
@@ -76,6 +76,7 @@ def test_variables_by_name_and_two_files(save):
         np.testing.assert_allclose(found.B, pairs.B, atol=1e-12)
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_single_precision_is_taken_as_the_nearest_rotation(save):
     pairs = some_pairs()
     path = save(A=as_matlab(pairs.A, "m").astype(np.float32), B=as_matlab(pairs.B, "m"))
@@ -113,6 +114,7 @@ POSES: dict[str, tuple[Callable[[FloatArray], FloatArray], tuple[str, ...]]] = {
 }
 
 
+@pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize("kind", POSES)
 def test_matrix_that_is_no_transform(save, kind):
     change, words = POSES[kind]
@@ -121,6 +123,7 @@ def test_matrix_that_is_no_transform(save, kind):
     refused(path, "key B(:,:,5)", *words)
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_variables_that_do_not_fit(save):
     pairs = some_pairs()
     A = as_matlab(pairs.A, "m")
@@ -157,6 +160,7 @@ def test_variables_that_do_not_fit(save):
     refused(save("few.mat", A=A, B=A[:, :, :5]), "key B: has 5 poses, A has 6")
 
 
+@pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
@@ -175,6 +179,7 @@ def test_kind_that_is_none_is_said_without_names(save, kind, words):
         PairSource(a=one, b=alone, unit="m").read()
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_translation_beyond_any_robot(save):
     pairs = some_pairs()
     far = changed(pairs.B, 2, lambda T: T + np.outer([1.0, 0, 0, 0], [0, 0, 0, 1e307]))
@@ -187,6 +192,7 @@ def test_translation_beyond_any_robot(save):
         )
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_unit_that_cannot_be(save):
     pairs = some_pairs()
     for unit, other, words in (("mm", "m", "is longer than"), ("m", "mm", "m long")):
@@ -276,6 +282,7 @@ def test_what_crashes_the_reader_is_damaged(save, monkeypatch):
     refused(path, "damaged or cut off")
 
 
+@pytest.mark.slow
 def test_lengths_inside_that_are_not_true(save):
     """Dimensions of gigabytes over an array of bytes."""
     A = as_matlab(some_pairs().A, "m")

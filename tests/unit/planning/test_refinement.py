@@ -91,8 +91,12 @@ def test_refined_poses_are_better_and_keep_every_constraint(reference, refined, 
 
 @pytest.mark.parametrize(
     ("keys", "tilt_deg"),
-    [({"safety_distance_mm": 60.0}, 40.0), ({"smallest_singular_value": 0.06}, 60.0)],
-    ids=["collisions", "singularities"],
+    [
+        pytest.param({"safety_distance_mm": 60.0}, 40.0, id="collisions"),
+        pytest.param(
+            {"smallest_singular_value": 0.06}, 60.0, id="singularities", marks=pytest.mark.slow
+        ),
+    ],
 )
 def test_what_lies_in_the_way_of_better_poses_is_kept_clear_of(
     make_demo_cell, monkeypatch, keys, tilt_deg
@@ -109,7 +113,7 @@ def test_what_lies_in_the_way_of_better_poses_is_kept_clear_of(
     assert not cell.checker.check(free.postures).feasible.all()
 
 
-@pytest.mark.parametrize("criterion", SMOOTH)
+@pytest.mark.parametrize("criterion", [*SMOOTH[:3], pytest.param("A", marks=pytest.mark.slow)])
 def test_slopes_are_those_of_the_whole_cost(reference, refined, criterion):
     cell, _ = reference
     model, objective, chosen, _ = refined(criterion)

@@ -16,7 +16,7 @@ from posedesign.planning.loop import (
     grid_poses,
     repair,
 )
-from posedesign.planning.pose_plan import PoseStatus, StopReason
+from posedesign.planning.pose_plan import PosePlan, PoseStatus, StopReason
 from posedesign.planning.poses_file import read_poses, write_poses
 from tests.blocked import Blocked
 
@@ -147,7 +147,8 @@ def beyond(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return (np.abs(np.rad2deg([start[:, 3], end[:, 3]])) > 50.0).any(axis=0)
 
 
-@pytest.mark.parametrize("replace", [pytest.param(True, marks=pytest.mark.slow), False])
+@pytest.mark.slow
+@pytest.mark.parametrize("replace", [True, False])
 def test_poses_that_no_way_leads_to(make_demo_cell, replace):
     cell = make_demo_cell(plan={"repair": replace, "condition_threshold": 2e5})
     free = plan(cell)
@@ -171,15 +172,20 @@ def hemmed_in(make_demo_cell) -> Cell:
     return make_demo_cell(constraints={"largest_travel_deg": 40.0})
 
 
-def test_ways_of_a_plan_are_clear(hemmed_in):
-    result = plan(hemmed_in)
+@pytest.fixture(scope="module")
+def hemmed_plan(hemmed_in) -> PosePlan:
+    return plan(hemmed_in)
+
+
+def test_ways_of_a_plan_are_clear(hemmed_in, hemmed_plan):
+    result = hemmed_plan
     stops = np.array([hemmed_in.base_posture, *(stop.posture for stop in result.route.stops)])
     assert hemmed_in.ways.check(stops[:-1], stops[1:]).clear.all()
     assert np.rad2deg(np.abs(np.diff(stops, axis=0))).max() <= 40.0 + 1e-6
 
 
-def test_rounds_count_the_poses_that_are_left(hemmed_in):
-    result = plan(hemmed_in)
+def test_rounds_count_the_poses_that_are_left(hemmed_plan):
+    result = hemmed_plan
     best = result.rounds[result.best]
     assert best.grid + best.repaired == len(result.postures) == len(result.names)
     assert best.dropped == 27 - len(result.postures)
@@ -189,8 +195,8 @@ def test_rounds_count_the_poses_that_are_left(hemmed_in):
         assert (status is PoseStatus.GRID) == (reason == "")
 
 
-def test_what_is_written_is_what_was_planned(hemmed_in, tmp_path):
-    result = plan(hemmed_in)
+def test_what_is_written_is_what_was_planned(hemmed_in, hemmed_plan, tmp_path):
+    result = hemmed_plan
     path = tmp_path / "poses.csv"
     write_poses(path, hemmed_in.robot, result.poses, result.route, hemmed_in.tool_m)
     read = read_poses(path, 6)

@@ -153,7 +153,7 @@ def test_a_pin_is_never_planned_through_its_fixture(planned):
 
 
 def test_chosen_poses_back_off_too(pin_cell):
-    cell = pin_cell(pool={"candidates": 150})
+    cell = pin_cell(pool={"candidates": 60})
     found = plan_optimal(cell, Request(count=10, validation=3))
     for route in (found.route, found.validation_route):
         assert route is not None
@@ -171,7 +171,7 @@ def test_a_pin_along_another_axis(pin_cell):
     assert "pin 3.6 mm from fixture" in reasons[0], "beside the gun it slides along the fixture"
 
 
-@pytest.mark.parametrize("robot", ["ur10e", "tx2_60", "hp3", "panda"])
+@pytest.mark.parametrize("robot", ["ur10e", "panda"])
 def test_arms_back_off_straight_on_their_branch(robot):
     """60 mm along the tool, its orientation kept; a move that the joints would bend is refused."""
     raw = tomllib.loads(cell_template(robot, surroundings=False))

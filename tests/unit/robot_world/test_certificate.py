@@ -109,6 +109,7 @@ def stationary_points(rng, A, B, weights, tries):
             yield *form.transforms(turns[:1], turns[1:]), np.linalg.eigvalsh(at(found.x)[1])[0, 0]
 
 
+@pytest.mark.slow
 def test_a_saddle_is_never_certified():
     rng = np.random.default_rng(4)
     noise = PairNoise(np.radians(1.0), 2e-3, "B")

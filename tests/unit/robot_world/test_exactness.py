@@ -44,11 +44,10 @@ def assert_exact(found, X, Z):
         assert translation_error(estimate, truth).max() < EXACT
 
 
-@pytest.mark.parametrize("cone_deg", [None, 40.0])
-@pytest.mark.parametrize("pairs", [3, 4, 5, 12, 50])
+@pytest.mark.parametrize(("pairs", "cone_deg"), [(3, None), (4, 40.0), (12, 40.0), (50, None)])
 @pytest.mark.parametrize("method", SOUND)
 def test_exact_without_noise(method, pairs, cone_deg):
-    problems = random_problems(np.random.default_rng(pairs), 40, pairs, cone_deg)
+    problems = random_problems(np.random.default_rng(pairs), 15, pairs, cone_deg)
     found = solve_batch(problems.A, problems.B, method)
     assert found.ok.all()
     assert_exact(found, problems.X, problems.Z)

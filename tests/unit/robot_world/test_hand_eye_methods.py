@@ -163,12 +163,12 @@ def plain_Z(A, B, X):
     return Z
 
 
-@pytest.mark.parametrize("pairs", [3, 6, 12, 20])
+@pytest.mark.parametrize("pairs", [3, 12])
 @pytest.mark.parametrize("method", HAND_EYE)
 def test_method_is_its_definition_over_all_motions_both_ways(method, pairs):
-    A, B, _ = noisy(pairs, 3, pairs)
+    A, B, _ = noisy(pairs, 2, pairs)
     found = solve_batch(A, B, method)
-    for trial in range(3):
+    for trial in range(2):
         R, p = PLAIN[method](motions(A[trial], B[trial], both_ways=True))
         np.testing.assert_allclose(found.X[trial, :3, :3], R, atol=1e-9)
         np.testing.assert_allclose(found.X[trial, :3, 3], p, atol=1e-9)
@@ -214,11 +214,11 @@ def of_medium_size(A, B):
 @pytest.mark.parametrize(("method", "pairs"), CASES)
 def test_opencv_takes_each_motion_one_way_only(method, pairs):
     cv2 = pytest.importorskip("cv2", reason="comparison with OpenCV")
-    A, B, _ = noisy(pairs + 100, 100 if pairs == 4 else 5, pairs)
+    A, B, _ = noisy(pairs + 100, 60 if pairs == 4 else 3, pairs)
     if pairs == 4:
         medium = of_medium_size(A, B)
         A, B = A[medium], B[medium]
-        assert len(A) > 5
+        assert len(A) > 3
     found = solve_batch(A, B, method)
     for trial in range(len(A)):
         R, p = opencv(cv2, method, A[trial], B[trial])
@@ -287,7 +287,7 @@ def test_noise_next_to_half_turns_between_poses_does_no_harm(method):
     axes = rng.normal(size=(5, 3))
     axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
     R = se3.rotation_exp(np.concatenate([np.zeros((1, 3)), np.pi * axes]))
-    problems = random_problems(rng, 100, 6)
+    problems = random_problems(rng, 60, 6)
     A = se3.transform(R, problems.A[..., :3, 3])
     B = se3.inverse(problems.Z)[:, None] @ A @ problems.X[:, None]
     A, B = add_noise(rng, A, B, NOISE)

@@ -120,6 +120,7 @@ def test_root_mean_squares_are_of_the_used_pairs():
     assert result.left_out_rotation_rms_rad > result.rotation_rms_rad
 
 
+@pytest.mark.slow
 def test_size_is_that_of_new_poses():
     """What leaving out predicts is what fresh pairs show: a sum over 300 sets, within 5 %."""
     rng = np.random.default_rng(35)

@@ -73,7 +73,6 @@ UNLIKE = np.diag([9.0, 1.0, 4.0, 25.0, 1.0, 1.0]) * np.repeat([4e-6, 1e-7], 3)
 UNLIKE[0, 4] = UNLIKE[4, 0] = 0.5 * np.sqrt(UNLIKE[0, 0] * UNLIKE[4, 4])
 
 
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("pairs", [3, 6])
 @pytest.mark.parametrize(
     "noise",
@@ -87,9 +86,9 @@ UNLIKE[0, 4] = UNLIKE[4, 0] = 0.5 * np.sqrt(UNLIKE[0, 0] * UNLIKE[4, 4])
     ],
     ids=["B", "A", "both", "unlike B", "unlike A", "unlike both"],
 )
-def test_it_is_the_minimum_that_a_general_solver_finds(noise, pairs, seed):
+def test_it_is_the_minimum_that_a_general_solver_finds(noise, pairs):
     """scipy's, with every true pose of A as an unknown of its own where both sides err."""
-    rng = np.random.default_rng([seed, pairs])
+    rng = np.random.default_rng(pairs)
     problems = random_problems(rng, 1, pairs)
     A, B = add_noise(rng, problems.A[0], problems.B[0], noise)
     result = solve(A, B, "ml", noise)

@@ -66,8 +66,13 @@ def what_is_said(A, B, method, noise=None):
     return said
 
 
-@pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 4), marks=pytest.mark.slow)])
-@pytest.mark.parametrize("mistake", MISTAKES)
+@pytest.mark.parametrize(
+    ("mistake", "seeds"),
+    [
+        *((mistake, range(1)) for mistake in ("permuted", "a row of B missing", "two swapped")),
+        *(pytest.param(name, range(3), marks=pytest.mark.slow) for name in MISTAKES),
+    ],
+)
 @pytest.mark.parametrize("method", METHODS)
 def test_no_method_is_silent_about_pairs_in_disorder(method, mistake, seeds):
     for seed in seeds:
@@ -76,15 +81,16 @@ def test_no_method_is_silent_about_pairs_in_disorder(method, mistake, seeds):
 
 
 @pytest.mark.parametrize("mistake", SAID)
-@pytest.mark.parametrize("pairs", [6, 12, 25])
+@pytest.mark.parametrize("pairs", [6, 12])
 def test_the_mistake_is_named(mistake, pairs):
-    for seed in range(3):
+    for seed in range(2):
         for method in ("ml", "shah"):
             A, B = MISTAKES[mistake](*measured(seed, pairs))
             said = what_is_said(A, B, method)
             assert SAID[mistake] in said, said
 
 
+@pytest.mark.slow
 def test_few_pairs_in_disorder_are_seldom_overlooked():
     """Of four pairs some fit by chance; never of six."""
     overlooked = {4: 0, 6: 0}
@@ -99,7 +105,7 @@ def test_few_pairs_in_disorder_are_seldom_overlooked():
 
 @pytest.mark.parametrize("pairs", [8, 12, 20])
 def test_two_swapped_pairs_are_named(pairs):
-    for seed in range(5):
+    for seed in range(2):
         A, B = swapped(*measured(seed, pairs))
         said = what_is_said(A, B, "ml")
         assert "pairs 2, 5 (counted from 1)" in said, said
@@ -119,7 +125,7 @@ def test_one_gross_pair_is_named():
 @pytest.mark.parametrize("pairs", [10, 20])
 @pytest.mark.parametrize("method", ["ml", "shah"])
 def test_one_pair_slightly_off_is_named(method, pairs):
-    for seed in range(10):
+    for seed in range(4):
         A, B = measured(seed, pairs)
         B[3, :3, 3] += [0.08, 0.0, 0.0]
         said = what_is_said(A, B, method)
@@ -194,10 +200,8 @@ def test_noise_does_not_make_it_identifiable(unfit, on):
     rng = np.random.default_rng(2)
     for sigma_deg in (0.01, 0.1, 1.0):
         noise = PairNoise(np.radians(sigma_deg), 1e-3, on)
-        for _ in range(3):
-            measured_pairs = add_noise(rng, A, seen(A), noise)
-            with pytest.raises((NotIdentifiableError, InputError)):
-                solve(*measured_pairs, "ml", noise)
+        with pytest.raises((NotIdentifiableError, InputError)):
+            solve(*add_noise(rng, A, seen(A), noise), "ml", noise)
 
 
 @pytest.mark.parametrize("on", ["A", "B", "both"])
@@ -296,6 +300,6 @@ def test_pairs_that_single_ones_decide_are_not_ok(method):
 
 
 def test_good_pairs_are_ok():
-    for seed in range(40):
+    for seed in range(12):
         result = solve(*looking(seed, 12, PairNoise(np.radians(0.1), 1e-3)))
         assert (result.status, result.warnings) == ("ok", ()), result.message

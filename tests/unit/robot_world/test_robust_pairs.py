@@ -79,7 +79,7 @@ def test_a_fifth_of_gross_errors_raises_the_error_by_less_than_a_fifth(pairs, gi
 
 
 def test_the_spoilt_pairs_do_spoil_the_plain_method():
-    A, B, problems, bad = spoilt(1, 30, 20, 4)
+    A, B, problems, bad = spoilt(1, 12, 20, 4)
     plain = solve_batch(A, B, "ml")
     oracle = solve_batch(*without_the_bad(A, B, bad), "ml")
     assert (rms(errors(plain, problems)) > 10.0 * rms(errors(oracle, problems))).all()
@@ -87,8 +87,8 @@ def test_the_spoilt_pairs_do_spoil_the_plain_method():
 
 @pytest.mark.parametrize("pairs", [8, 20])
 def test_bad_pairs_are_named(pairs):
-    A, B, _, bad = spoilt(2, 10, pairs, 2)
-    for trial in range(10):
+    A, B, _, bad = spoilt(2, 4, pairs, 2)
+    for trial in range(4):
         result = solve(A[trial], B[trial], "ml-robust", NOISE)
         assert not result.used[bad[trial]].any()
         rows = ", ".join(str(i + 1) for i in np.flatnonzero(~result.used))
@@ -103,7 +103,7 @@ def test_bad_pairs_are_named(pairs):
 def test_small_gross_errors_are_found_too():
     """Ten standard deviations in one direction: no median of angles alone would show it."""
     rng = np.random.default_rng(3)
-    problems = random_problems(rng, 20, 20)
+    problems = random_problems(rng, 10, 20)
     A, B = add_noise(rng, problems.A, problems.B, NOISE)
     B[:, 4, 2, 3] += 10.0 * NOISE.translation_m
     found = [solve(a, b, "ml-robust", NOISE) for a, b in zip(A, B, strict=True)]
@@ -131,7 +131,7 @@ def test_good_pairs_are_hardly_ever_left_out(pairs, given):
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("pairs", [8, 20])
 def test_more_bad_pairs_than_good_ones_are_refused(pairs, given):
-    A, B, _, _ = spoilt(5, 6, pairs, pairs // 2 + pairs // 4)
+    A, B, _, _ = spoilt(5, 2, pairs, pairs // 2 + pairs // 4)
     for a, b in zip(A, B, strict=True):
         try:
             result = solve(a, b, "ml-robust", NOISE if given else None)
@@ -155,9 +155,9 @@ def test_pairs_from_another_setup_are_told_where_they_are_the_fewer():
 
 
 def test_a_batch_is_not_ok_where_a_single_problem_is_refused():
-    A, B, _, _ = spoilt(6, 8, 12, 7)
+    A, B, _, _ = spoilt(6, 4, 12, 7)
     batch = solve_batch(A, B, "ml-robust", NOISE)
-    for trial in range(8):
+    for trial in range(4):
         try:
             status = solve(A[trial], B[trial], "ml-robust", NOISE).status
         except (InputError, NotIdentifiableError):
@@ -167,7 +167,7 @@ def test_a_batch_is_not_ok_where_a_single_problem_is_refused():
 
 def test_without_gross_errors_it_is_the_plain_method():
     rng = np.random.default_rng(8)
-    problems = random_problems(rng, 20, 12)
+    problems = random_problems(rng, 8, 12)
     A, B = add_noise(rng, problems.A, problems.B, NOISE)
     same = 0
     for a, b in zip(A, B, strict=True):
@@ -176,7 +176,7 @@ def test_without_gross_errors_it_is_the_plain_method():
             same += 1
             np.testing.assert_allclose(robust.X, plain.X, atol=1e-9)
             np.testing.assert_allclose(robust.covariance, plain.covariance, rtol=1e-5)
-    assert same >= 18
+    assert same >= 7
 
 
 def test_data_without_noise_and_one_gross_error():

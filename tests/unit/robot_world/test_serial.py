@@ -35,7 +35,7 @@ def by_noise_alone(problems, B):
     return maximum_likelihood.estimate(PairSets(problems.A, B)).fit
 
 
-@pytest.mark.parametrize("pairs", [20, 60])
+@pytest.mark.parametrize("pairs", [20, pytest.param(60, marks=pytest.mark.slow)])
 def test_independent_errors_change_nothing(pairs):
     problems, B = sequences(pairs, 150, pairs, 0.0)
     factor = widening(by_noise_alone(problems, B), np.ones((150, pairs), dtype=bool))

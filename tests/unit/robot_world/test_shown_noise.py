@@ -81,7 +81,7 @@ def noisy_robot(seed, pairs):
     return perturb(problems.A[0], noise_of(rng, pairs)), B, X, problems.Z[0]
 
 
-@pytest.mark.parametrize("method", ["ml", "ml-robust"])
+@pytest.mark.parametrize("method", ["ml", pytest.param("ml-robust", marks=pytest.mark.slow)])
 def test_noise_that_shows_is_taken_and_said(method):
     off_by = {"B": [], None: []}
     for seed in range(8):
@@ -150,7 +150,7 @@ def test_a_noise_of_no_kind_is_refused():
         certify(A, B, result.X, result.Z, "B")
 
 
-@pytest.mark.parametrize("inverse", [False, True])
+@pytest.mark.parametrize("inverse", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_noise_that_grows_with_the_distance_is_found_and_used(inverse):
     rng = np.random.default_rng(1)
     plain, weighed, deviations = [], [], []

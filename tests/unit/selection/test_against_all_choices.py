@@ -87,7 +87,7 @@ def shares(kind: str, seeds: range) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_best_of_all_choices(kind):
-    lost, slack = shares(kind, range(5))
+    lost, slack = shares(kind, range(2))
     assert (lost >= 1.0 - 1e-9).all()  # nothing is better than the best: both count alike
     assert np.median(lost) == pytest.approx(1.0, abs=1e-6)
     assert lost.max() < 1.1
@@ -104,7 +104,7 @@ def test_nearly_always_the_best_of_all_choices(kind):
 
 @pytest.mark.parametrize("method", ["detmax", "greedy", "rounding"])
 def test_other_methods_find_no_better_one(method):
-    for seed in range(5):
+    for seed in range(2):
         J, _ = random_pool(np.random.default_rng(seed), 16)
         best = best_value(J, 7, "D")
         found = select(J, 7, "D", method)

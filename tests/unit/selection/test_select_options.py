@@ -25,7 +25,7 @@ def blocks(seed: int = 0, N: int = 30, m: int = 2, p: int = 4) -> np.ndarray:
     return rng.normal(size=(N, m, p)) * np.exp(0.5 * rng.normal(size=(N, 1, 1)))
 
 
-@pytest.mark.parametrize("name", ["D", "A", "E", "C_G", "cond_2", "O4", "O5"])
+@pytest.mark.parametrize("name", ["D", "E", "C_G"])
 def test_kept_poses_are_known_poses(name):
     """Keeping two of a pool is choosing the rest with the two already measured."""
     J = blocks(1)
@@ -72,7 +72,7 @@ def test_nuisances_change_the_choice():
     assert own.criterion.cost_of(own.bound) <= own.value
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", ["D", "C_G", "O4"])
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_by_every_criterion(name, method):
     J = blocks(4)
@@ -90,7 +90,7 @@ def test_every_method_by_every_criterion(name, method):
 def test_excursions_find_what_single_exchanges_miss():
     """From one start; by how much depends on the pool, but never less and sometimes more."""
     gained = []
-    for seed in range(20):
+    for seed in range(8):
         candidates = Candidates(blocks(seed, N=25))
         objective = criterion_by_name("C_G", 4, 8).on(candidates)
         ends = [improve(objective, np.arange(8), NONE) for improve in (exchange, excursions)]
@@ -153,7 +153,7 @@ def test_the_same_choice_every_time():
     assert other.value == pytest.approx(first.value, rel=0.1)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", ["D", "A", "C_G", "O5"])
 def test_a_threshold_out_of_reach_is_refused_at_once(name):
     J = blocks(11)
     found = select(J, 8, name)

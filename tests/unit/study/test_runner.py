@@ -305,6 +305,7 @@ def test_a_task_that_kills_its_worker_is_named(repeated, tmp_path):
         assert store.done() >= set(range(4))  # neighbours of the seventh may be lost with it
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes as Linux has")
 def test_workers_end_soon_after_the_run_they_work_for_was_killed(tmp_path):
     """Even in the middle of a task of ten minutes."""

@@ -43,10 +43,11 @@ def test_cross_does_not_pull_the_rim_of_a_small_circle(size_px, blur_px):
     assert abs(np.mean(off)) < 0.12
 
 
-def test_glares_are_refused_or_harmless():
+@pytest.mark.parametrize("count", [40, pytest.param(120, marks=pytest.mark.slow)])
+def test_glares_are_refused_or_harmless(count):
     """Anywhere on and about a target of 55 px: a seventh of a pixel where it is measured."""
     rng, worst, refused = np.random.default_rng(1), 0.0, 0
-    for _ in range(120):
+    for _ in range(count):
         x, y = CAMERA.center_px + rng.uniform(-44, 44, 2)
         glare = Glare((x, y), rng.uniform(3, 33), rng.uniform(50, 600))
         found, true = measured(55.0, Imaging(glares=(glare,)), rng)
@@ -54,13 +55,14 @@ def test_glares_are_refused_or_harmless():
         if found.is_ok:
             worst = max(worst, np.abs(found.ellipse - true).max())
     assert worst < 0.14
-    assert 0 < refused < 110
+    assert 0 < refused < 0.9 * count
 
 
-def test_what_hides_a_part_of_the_rim_is_refused_or_harmless():
+@pytest.mark.parametrize("count", [40, pytest.param(120, marks=pytest.mark.slow)])
+def test_what_hides_a_part_of_the_rim_is_refused_or_harmless(count):
     """Bars over a target of 55 px, of any grey."""
     rng, worst, refused = np.random.default_rng(2), 0.0, 0
-    for _ in range(120):
+    for _ in range(count):
         middle = CAMERA.center_px + rng.uniform(-44, 44, 2)
         turn, along, across = rng.uniform(0, np.pi), rng.uniform(8, 80), 11.0
         R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -72,4 +74,4 @@ def test_what_hides_a_part_of_the_rim_is_refused_or_harmless():
         if found.is_ok:
             worst = max(worst, np.abs(found.ellipse - true).max())
     assert worst < 0.35
-    assert 0 < refused < 110
+    assert 0 < refused < 0.9 * count

@@ -19,7 +19,8 @@ from posedesign.programs.configurations.geometry import arm_positions
 _FORM = re.compile(r"(?:///RCONF\s+)?(\d(?:\s*,\s*\d)*)")
 
 LENGTHS = (6, 8, 24)
-"""Values of a job up to NX100, and from DX100 on."""
+"""Values of a job: as in the manual of NX100, as controllers of its time save them, and from DX100
+on."""
 
 
 @dataclass(frozen=True)

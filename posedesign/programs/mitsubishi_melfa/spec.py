@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,6 +12,9 @@ from posedesign.programs.mitsubishi_melfa import reader, rules, writer
 from posedesign.programs.program import Form, PoseProgram
 from posedesign.programs.recorded import Problem, RecordedProgram
 from posedesign.programs.writing import NameRule
+
+
+SIGNS = "signs of the joints, which are those of the robot's description: compare the pendant's"
 
 
 class MitsubishiMelfa(Dialect):
@@ -29,8 +33,9 @@ class MitsubishiMelfa(Dialect):
         return writer.MOST_POSES
 
     def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
-        """The file; see `writer`."""
-        return writer.render_mitsubishi_melfa(program, arm)
+        """The file; see `writer`. It says that nobody has compared the signs of the joints."""
+        unknown = replace(program, not_checked=(*program.not_checked, SIGNS))
+        return writer.render_mitsubishi_melfa(unknown, arm)
 
     def parse(self, data: bytes, path: Path) -> RecordedProgram:
         """A program with its positions; see `reader`."""

@@ -13,8 +13,7 @@ from posedesign.programs.program import Form, PoseProgram
 from posedesign.programs.recorded import Problem, RecordedProgram
 from posedesign.programs.writing import NameRule
 
-
-SIGNS = "signs of the joints, which are those of the robot's description: compare the pendant's"
+SIGNS = "signs of the joints, which are those of the robot's description"
 
 
 class MitsubishiMelfa(Dialect):

@@ -44,8 +44,8 @@ J1=(+1.50,+0.00,+90.00,+0.00,+90.00,+0.00,+0.00,+0.00)
 
 def test_a_program_and_the_way_back() -> None:
     lines = TEXT.split("\n")
-    assert lines[5:10] == ["6 'POSE 1 T -1", "7 Mov J1", "8 Dly 1.000", *lines[8:10]]
-    assert lines[8:10] == ["9 M_Out(5)=1 Dly 0.500", '10 CallP "MEASURE",1']
+    assert lines[6:11] == ["7 'POSE 1 T -1", "8 Mov J1", "9 Dly 1.000", *lines[9:11]]
+    assert lines[9:11] == ["10 M_Out(5)=1 Dly 0.500", '11 CallP "MEASURE",1']
     assert DIALECT.check(TEXT.encode(), PATH) == []
     back = DIALECT.parse(TEXT.replace("\n", "\r\n").encode(), PATH)
     assert [(p.number, p.name) for p in back.positions] == [(1, "T -1"), (2, "T 1"), (3, "T 0")]
@@ -89,13 +89,13 @@ def test_what_would_be_read_wrong_is_refused(old: str, new: str, message: str) -
     ("rule", "old", "new"),
     [
         ("syntax", "Cnt 0", "Cnt 0 0"),
-        ("syntax", "4 Cnt", "4 Cntt"),
-        ("step", "8 Dly", "7 Dly"),
+        ("syntax", "5 Cnt", "5 Cntt"),
+        ("step", "9 Dly", "8 Dly"),
         ("position", ",2.00000,", "-2.00000,"),
         ("range", "(-1.00000", "(-721.00000"),
         ("range", "JOvrd 10", "JOvrd 0"),
         ("target", "Mov J1", "Mov J9"),
-        ("wait-to-measure", "8 Dly 1.000", "8 Cnt 0"),
+        ("wait-to-measure", "9 Dly 1.000", "9 Cnt 0"),
         ("unused", "Mov J1", "Mov J2"),
     ],
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
@@ -25,7 +25,6 @@ from posedesign.cli.plan_commands import AsJson, CellFile, OutFolder, Overwrite,
 if TYPE_CHECKING:
     from posedesign.pose_programs import WrittenProgram
     from posedesign.pose_programs.touch_ups import Imported
-    from posedesign.programs import Level
 
 
 USUAL_NAME = "CALIB01"
@@ -146,19 +145,20 @@ def validate(
     as_json: AsJson = False,
 ) -> int:
     """Check program files strictly against the rules of their controllers."""
+    from posedesign.programs import Level
     from posedesign.programs.registry import dialect_of
 
     found = []
     for path in files:
         chosen = dialect_of(path, dialect)
-        levels: list[Level] | None = None
+        levels = chosen.levels_of(path)
         if measuring is not None:
-            levels = ["error", "measuring"] if measuring else ["error"]
-        problems = chosen.validate(path, levels)
-        found.append((path, chosen, problems))
-        for remark in chosen.validate(path, ["note"]):
-            note(f"{path}: note: {remark}")
-    good = not any(problems for _, _, problems in found)
+            levels = ("error", "measuring") if measuring else ("error",)
+        every = chosen.validate(path, get_args(Level))
+        problems = [problem for problem in every if problem.level in levels]
+        notes = [problem for problem in every if problem.level == "note"]
+        found.append((path, chosen, levels, problems, notes))
+    good = not any(problems for _, _, _, problems, _ in found)
     if as_json:
         print_json(
             {
@@ -167,18 +167,23 @@ def validate(
                     {
                         "path": str(path),
                         "format": chosen.name,
+                        "levels": list(levels),
                         "problems": [problem.__dict__ for problem in problems],
+                        "notes": [problem.__dict__ for problem in notes],
                     }
-                    for path, chosen, problems in found
+                    for path, chosen, levels, problems, notes in found
                 ],
             }
         )
         return DONE if good else NOT_REACHED
-    for path, chosen, problems in found:
+    for path, chosen, levels, problems, notes in found:
+        for remark in notes:
+            note(f"{path}: note: {remark}")
         for problem in problems:
             say(f"{path}: {problem}")
+        asked = "" if "measuring" in levels else " that a controller would refuse"
         verdict = f"{len(problems)} problem(s)" if problems else "no problem found"
-        say(f"{path}: {chosen.title}: {verdict}")
+        say(f"{path}: {chosen.title}: {verdict}{asked}")
     return DONE if good else NOT_REACHED
 
 

@@ -197,22 +197,24 @@ class Dialect(ABC):
         ----------
         path : Path
         levels : collection of {"error", "measuring", "note"}, optional
-            Of the problems that are told. By default errors; of programs that carry the mark of a
-            plan also what would not measure as planned.
+            Of the problems that are told; see `levels_of` for the default.
 
         Raises
         ------
         FileFormatError
             The file cannot be opened or is far too large.
         """
-        data = read_program_bytes(path)
-        told: list[Level] = ["error", "measuring"] if set_mark(data) else ["error"]
-        told = told if levels is None else [*levels]
-        found = self.check(data, path)
+        told = self.levels_of(path) if levels is None else levels
+        found = self.check(read_program_bytes(path), path)
         found += [Problem(1, "set", said) for said in self.strangers(path)]
         return sorted(
             (p for p in found if p.level in told), key=lambda p: (p.line, p.rule, p.message)
         )
+
+    @staticmethod
+    def levels_of(path: Path) -> tuple[Level, ...]:
+        """Levels that a file is asked for: one that carries the mark of a plan has to measure."""
+        return ("error", "measuring") if set_mark(read_program_bytes(path)) else ("error",)
 
     def strangers(self, path: Path) -> list[str]:
         """Files beside one of this dialect that it does not belong to, in words."""

@@ -31,6 +31,12 @@ MOST_FAULTS = 1000
 MOST_LENGTH = 20_000
 """Characters of a statement that is parsed: of programs they have a few hundred at most."""
 
+MOST_STATEMENTS = 300_000
+"""Of a program: one of 10,000 positions has a hundred thousand."""
+
+MOST_KINDS = 20_000
+"""Statements of a program that differ in more than numbers and texts in quotes."""
+
 _MOST_SHAPES = 2000
 _MOST_KEPT = 100
 _MOST_DEPTH = 60
@@ -166,6 +172,7 @@ class Language:
     signed: bool = False
     letters: str = ""
     _builders: dict[str, Build] = field(default_factory=dict, repr=False)
+    _parsed: int = field(default=0, repr=False)
     _trees: dict[tuple[str, str], Tree[Token]] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -194,12 +201,20 @@ class Language:
             pattern.to_regexp = lambda: whole  # type: ignore[method-assign]
 
     def statements(self, text: str) -> list[Statement]:
-        """All statements of a text that are not blank; none behind the thousandth fault."""
+        """All statements of a text that are not blank; none behind the thousandth fault.
+
+        What stands behind the most statements, or the most kinds of them, is a fault each.
+        """
         lines = lines_of(text)
         found: list[Statement] = []
         faults = 0
+        self._parsed = 0
         for line in self.joined(lines) if self.joined else lines:
-            found.append(self.statement(line))
+            if len(found) < MOST_STATEMENTS and self._parsed < MOST_KINDS:
+                found.append(self.statement(line))
+            else:
+                fault = "the program is too long to be read so far"
+                found.append(Statement(line.row, line.text[:MOST_LENGTH], NOTHING, fault))
             faults += bool(found[-1].fault)
             if faults >= MOST_FAULTS:
                 break
@@ -229,6 +244,7 @@ class Language:
             text = pieces.sub(
                 lambda found: " " if found[2] else found[0].lstrip("-"), line.text
             ).strip()
+            self._parsed += 1
             if _depth(text) > _MOST_DEPTH:
                 return Statement(line.row, line.text, NOTHING, "brackets are too deep")
             try:

@@ -18,8 +18,9 @@ from posedesign.programs.configurations.geometry import arm_positions
 
 _FORM = re.compile(r"(?:///RCONF\s+)?(\d(?:\s*,\s*\d)*)")
 
-LENGTHS = (8, 24)
-"""Values of a job up to NX100, and from DX100 on."""
+LENGTHS = (6, 8, 24)
+"""Values of a job: as in the manual of NX100, as controllers of its time save them, and from DX100
+on."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class YaskawaConfiguration(Configuration):
     r_beyond: int
     t_beyond: int
     s_beyond: int
-    length: int = field(default=LENGTHS[1], compare=False)
+    length: int = field(default=LENGTHS[-1], compare=False)
     beside: tuple[int, ...] = field(default=(), compare=False, repr=False)
 
     @classmethod
@@ -87,7 +88,7 @@ class YaskawaConfiguration(Configuration):
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read 8 or 24 values, with or without ``///RCONF``.
+        """Read 6, 8 or 24 values, with or without ``///RCONF``.
 
         Raises
         ------
@@ -99,7 +100,7 @@ class YaskawaConfiguration(Configuration):
         if len(values) not in LENGTHS or max(values[:6]) > 1 or any(values[6:]):
             raise InputError(
                 f"RCONF {text!r} is not one of a six-axis Yaskawa arm",
-                hint="write 8 or 24 values, the first six 0 or 1, the others 0: 1,0,0,0,0,0,0,0",
+                hint="write 6, 8 or 24 values, the first six 0 or 1, the others 0: 1,0,0,0,0,0,0,0",
                 name="RCONF",
                 value=text,
             )

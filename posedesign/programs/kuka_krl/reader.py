@@ -32,7 +32,6 @@ from posedesign.programs.kuka_krl.syntax import (
     BEGINS,
     CONFIGURATION,
     EXTERNAL,
-    LANGUAGE,
     POSE,
     TYPES_OF_POSITIONS,
     Node,
@@ -42,6 +41,7 @@ from posedesign.programs.kuka_krl.syntax import (
     kind_of,
     name_of,
     name_of_module,
+    statements_of,
     type_of,
     word_of,
     words_of,
@@ -135,7 +135,7 @@ class _Reader:
         """All that is read."""
         self._take_remarks()
         faults = 0
-        for statement in LANGUAGE.statements(self.text):
+        for statement in statements_of(self.text):
             faults += bool(statement.fault)
             self._take(statement)
         if not self.kind or faults >= MOST_FAULTS:

@@ -26,6 +26,8 @@ rule                       what it asks
                            m: all of them
 ``number``                 numbers in positions; joints within +-720 deg; m: angles of poses within
                            +-180 deg, S from 0 to 31, T from 0 to 63
+``form``                   the data of an inline form (FDAT, PDAT, LDAT) have names that there are,
+                           and numbers where there are numbers
 ``position-defined``    m  each position moved to is defined, with the data of its inline form
 ``position-used``       m  each position ``XP1``, ``XP2``, ... of a ``.dat`` is used
 ``first-move``          m  the first motion is PTP, and to a position that says all: the controller
@@ -62,7 +64,6 @@ from posedesign.programs.kuka_krl.syntax import (
     BEGINS,
     CONFIGURATION,
     EXTERNAL,
-    LANGUAGE,
     MOST_BASE,
     MOST_TOOL,
     POSE,
@@ -77,6 +78,7 @@ from posedesign.programs.kuka_krl.syntax import (
     kind_of,
     name_of_module,
     settings_of,
+    statements_of,
     type_of,
     word_of,
     words_of,
@@ -127,6 +129,7 @@ _WORDS = _words(
     RETURN SCIRC SIGNAL SLIN SPLINE SPTP STRUC SWITCH TRIGGER TRUE UNTIL WAIT WHILE"""
 )
 _BAS = frozenset(("BAS",))
+_TRUTHS = frozenset(("TRUE", "FALSE"))
 _CALLED = _WORDS | {"BAS", "PULSE"}
 _TYPES_OR_WORDS = _TYPES | _WORDS | {"PTP", "LIN"}
 _SYSTEM = _words(
@@ -134,6 +137,14 @@ _SYSTEM = _words(
     $H_POS $VEL_AXIS $ACC_AXIS"""
 )
 _KEPT = frozenset(("$AXIS_ACT", "$POS_ACT", "$AXIS_ACT_MEAS", "$POS_ACT_MES"))
+_FORM_WORDS = _words("IPO_FRAME APO_MODE ORI_TYP CIRC_TYP")
+_FORMS = {
+    "FDAT": _words("TOOL_NO BASE_NO IPO_FRAME POINT2[] TQ_STATE"),
+    "PDAT": _words("VEL ACC APO_DIST APO_MODE GEAR_JERK EXAX_IGN"),
+    "LDAT": _words(
+        "VEL ACC APO_DIST APO_FAC AXIS_VEL AXIS_ACC ORI_TYP CIRC_TYP JERK_FAC GEAR_JERK EXAX_IGN"
+    ),
+}
 _GLOBALS = frozenset(
     (
         "FDAT_ACT",
@@ -173,6 +184,7 @@ def check_kuka_krl(data: bytes, path: Path) -> list[Problem]:
         _check_unique(module),
         _check_words(module, other),
         _check_positions(module),
+        _check_forms(module),
         missing,
     ]
     if module.is_data:
@@ -202,7 +214,7 @@ class _Module:
     @classmethod
     def of(cls, data: bytes) -> _Module:
         text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")  # any byte is a character
-        module = cls(text, LANGUAGE.statements(text))
+        module = cls(text, statements_of(text))
         for statement in module.statements:
             module.kinds.setdefault(statement.kind, []).append(statement)
             module._take(statement)
@@ -484,11 +496,11 @@ def _spelt(statement: Statement) -> Iterator[tuple[str, frozenset[str]]]:
     elif kind == "assignment":
         variable, value = statement.tree.children
         yield _base_of(variable), _STATES
-        yield _base_of(value), _WORDS
+        yield _base_of(value), _TRUTHS
     elif kind == "call":
         yield key_of(statement.tree.children[0]), _CALLED
         for argument in arguments_of(statement):
-            yield _base_of(argument), _WORDS
+            yield _base_of(argument), _TRUTHS
     for name in statement.words("NAME"):
         if name[0] == "$":
             yield name.upper(), _SYSTEM
@@ -587,6 +599,27 @@ def _number_fault(name: str, text: str, is_data: bool) -> tuple[str, Level]:
     if name in AXES and abs(number) > MOST_JOINT_DEG:
         return f"is beyond +-{MOST_JOINT_DEG:g} deg", "error"
     return "", "error"
+
+
+def _check_forms(module: _Module) -> Iterator[Problem]:
+    for statement in module.of_kind("declaration"):
+        of_type = type_of(statement)
+        known = _FORMS.get(of_type, frozenset())
+        for item in items_of(statement) if known else ():
+            for name, text in fields_of(item.children[-1]):
+                fault = ""
+                if name not in known and (of_type == "FDAT" or is_near(name, known)):
+                    fault = f"is no name of {of_type}"
+                elif name in _FORM_WORDS:
+                    fault = "" if text[:1] == "#" else f"is {text[:20]}, no name with #"
+                    if name == "IPO_FRAME" and text.upper() not in ("#BASE", "#TCP"):
+                        fault = fault or f"is {text[:20]}, not #BASE or #TCP"
+                elif name == "TQ_STATE" and text.upper() not in _TRUTHS:
+                    fault = f"is {text[:20]}, not TRUE or FALSE"
+                elif name in known - {"POINT2[]", "TQ_STATE"} and math.isnan(as_number(text)):
+                    fault = f"is {text[:20]}, no number"
+                if fault:
+                    yield Problem(statement.row, "form", f"{item.children[0]}: {name} {fault}")
 
 
 def _check_use(dat: _Module, src: _Module | None) -> Iterator[Problem]:

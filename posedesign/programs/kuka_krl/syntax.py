@@ -26,11 +26,9 @@ BEGINS = {"begin": "end", "begin_function": "end_function", "begin_data": "end_d
 
 
 def code_of(lines: Iterator[Line]) -> Iterator[Line]:
-    """Lines without comments and without the header (``&ACCESS``)."""
+    """Lines without the comments behind them."""
     for line in lines:
         text = line.text
-        if text[0] in ";&":
-            continue
         if ";" in text:
             text = _without_comment(text).rstrip()
         if text:
@@ -50,6 +48,13 @@ def _without_comment(text: str) -> str:
 
 LANGUAGE = Language("posedesign.programs.kuka_krl", joined=code_of, letters=r"\w$")
 """The grammar; one for all files, so that it is made once."""
+
+_REMARKS = re.compile(r"^[ \t]*[;&][^\n]*", re.MULTILINE)
+
+
+def statements_of(text: str) -> list[Statement]:
+    """All statements of a file; lines that are remarks or of the header are passed over at once."""
+    return LANGUAGE.statements(_REMARKS.sub("", text))
 
 
 Node = Tree[Token] | Token

@@ -5,6 +5,12 @@ values of external axes, which KRL then leaves where they are. Joint positions d
 tool and the base; poses of the tool do, so with them the plan's own frames are set by value, behind
 those of the numbers, which bring the load data.
 
+Joint positions stand in inline forms, with the data that these need (FDAT, PDAT), so that they can
+be touched up at the pendant, which then stores a pose in the tool and base of the FDAT. The layout
+is that of KSS 8 exports and of RoboDK's post-processor with a ``.dat``, whose PTP forms have axes,
+too, and are reported to open on pendants. Poses stay without: their form would set the controller's
+own frames of these numbers again, in the place of the plan's.
+
 The first motion is the one to the first position (block coincidence, at reduced speed). No motion
 is approximated, and ``WAIT SEC``, with 0 where no time is asked for, stops the advance run: the
 measuring program is not called while the arm still moves.
@@ -20,7 +26,7 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.kuka_krl.syntax import AXES, MOST_BASE, MOST_TOOL
-from posedesign.programs.program import PoseProgram, in_range
+from posedesign.programs.program import PoseProgram, ProgramOptions, in_range
 from posedesign.programs.writing import (
     NameRule,
     check_call,
@@ -59,7 +65,8 @@ at 180 and at 2000 are 0.00002 and 0.0001."""
 
 _TEXT = re.compile(rf"[ -~]{{1,{TEXT_LENGTH}}}")
 _FOLD = re.compile(r"\s*(?:END)?FOLD", re.IGNORECASE)
-_POSITION = re.compile(r"XP\d+", re.IGNORECASE)
+_POSITION = re.compile(r"[XF]P\d+|PPDAT1", re.IGNORECASE)
+_FORM = ";%{PE}%R 8.3.42,%MKUKATPBASIS,%CMOVE,%VPTP,%P"
 
 
 def render_kuka_krl(program: PoseProgram, arm: Arm) -> tuple[str, str]:
@@ -114,9 +121,14 @@ def _data(program: PoseProgram, arm: Arm) -> str:
         lines.append(f";{program.mark}")
     lines.append(f";TOOL {options.tool_frame} BASE {options.user_frame}")
     lines.append("EXT BAS(BAS_COMMAND :IN,REAL :IN)")
+    forms = options.form == "joint"
+    if forms:
+        speed = f"VEL {options.speed_percent}.0,ACC 100.0,APO_DIST 100.0"
+        lines.append(f"DECL PDAT PPDAT1={{{speed},GEAR_JERK 50.0,EXAX_IGN 0}}")
+    frames = f"TOOL_NO {options.tool_frame},BASE_NO {options.user_frame},IPO_FRAME #BASE"
     kind, aggregates = (
         ("E6AXIS", _joint_aggregates(program, arm))
-        if options.form == "joint"
+        if forms
         else ("E6POS", _pose_aggregates(program, arm))
     )
     stored = zip(program.numbers, program.poses, aggregates, strict=True)
@@ -124,6 +136,8 @@ def _data(program: PoseProgram, arm: Arm) -> str:
         if _TEXT.fullmatch(pose.name):
             lines.append(f";P{number} {pose.name}")
         lines.append(f"DECL {kind} XP{number}={aggregate}")
+        if forms:
+            lines.append(f'DECL FDAT FP{number}={{{frames},POINT2[] " ",TQ_STATE FALSE}}')
     measured = [n for n, pose in zip(program.numbers, program.poses, strict=True) if not pose.via]
     if options.keep == "register" and measured:
         first, last = (options.first_register + n - 1 for n in (measured[0], measured[-1]))
@@ -152,10 +166,29 @@ def _source(program: PoseProgram, arm: Arm) -> str:
             lines.append(f";P{number} {pose.name}")
         if pose.comment:
             lines.append(f";{pose.comment}")
-        lines.append(f"PTP XP{number}")
+        lines += _move(options, number)
         if not pose.via:
             lines += _measuring(program, number)
     return "\n".join([*lines, "END"]) + "\n"
+
+
+def _move(options: ProgramOptions, number: int) -> list[str]:
+    """The motion to a position; in an inline form where it has one."""
+    move = f"PTP XP{number}"
+    if options.form != "joint":
+        return [move]
+    speed = options.speed_percent
+    frames = f"Tool[{options.tool_frame}] Base[{options.user_frame}]"
+    return [
+        f";FOLD PTP P{number} Vel={speed} % PDAT1 {frames}{_FORM} "
+        f"1:PTP, 2:P{number}, 3:, 5:{speed}, 7:PDAT1",
+        "$BWDSTART=FALSE",
+        "PDAT_ACT=PPDAT1",
+        f"FDAT_ACT=FP{number}",
+        f"BAS(#PTP_PARAMS,{speed})",
+        move,
+        ";ENDFOLD",
+    ]
 
 
 def _measuring(program: PoseProgram, number: int) -> list[str]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from posedesign.programs.reading import refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
-from posedesign.programs.ur_script.reader import decoded, joints_deg
+from posedesign.programs.ur_script.reader import MOST_JOINT_RAD, decoded, six
 
 _REPORT = re.compile(
     r"\bPOSE\s{1,9}(\d{1,6})\s{0,9}q\s{0,9}=\s{0,9}(?:\[([^\[\]]{0,999})(\]?))?", re.ASCII
@@ -56,7 +56,7 @@ def parse_log(data: bytes, path: Path | str) -> RecordedProgram:
         if report[2] is None or not report[3]:
             refuse(f"POSE {number} has no whole list of joints", path, row, "save the log again")
         parts = [part.strip() for part in report[2].split(",")]
-        values = joints_deg(parts, f"POSE {number}", path, row)
+        values = np.degrees(six(parts, f"POSE {number}", MOST_JOINT_RAD, path, row))
         if number < 1:
             refuse("poses are counted from 1", path, row)
         earlier = found.get(number)

@@ -50,6 +50,7 @@ from posedesign.programs.ur_script.functions import MOVES, PARAMETERS
 Node = Tree[Token] | Token
 
 JOINTS = 6
+MOST_JOINT_RAD = float(np.radians(MOST_JOINT_DEG))
 
 BLOCKS = {
     "define": Block("end"),
@@ -82,6 +83,8 @@ def join_lines(lines: Iterator[Line]) -> Iterator[Line]:
     row, parts, opened, length = 0, [""], 0, 0
     for line in lines:
         code = line.text
+        if code[0] == "#":
+            continue
         if "#" in code:
             code = _QUOTED_OR_REMARK.sub(lambda found: found[1] or "", code)
         bare = _QUOTED_OR_REMARK.sub("", code) if '"' in code else code
@@ -141,23 +144,13 @@ def shown(node: Node | None) -> str:
     return text_of(node) if isinstance(node, Tree) else str(node or "")
 
 
-def is_list(node: Node | None, kind: str) -> bool:
-    """Whether it is a ``list`` or a ``pose`` that stands there."""
-    return isinstance(node, Tree) and node.data == kind
-
-
 def elements(node: Tree[Token]) -> list[Node]:
     """What stands between the brackets and commas of a list or a pose."""
     return node.children[1:-1:2]
 
 
-def joints_deg(values: Sequence[str], what: str, path: Path | str, row: int) -> FloatArray:
-    """Joint values ``(6,)`` [deg] of the elements of a list [rad]."""
-    most = float(np.radians(MOST_JOINT_DEG))
-    return np.degrees(_six(values, what, most, path, row))
-
-
-def _six(parts: Sequence[str], what: str, most: float, path: Path | str, row: int) -> list[float]:
+def six(parts: Sequence[str], what: str, most: float, path: Path | str, row: int) -> list[float]:
+    """Six numbers within ``+-most`` of the elements of a list or a pose [rad, m]."""
     if len(parts) != JOINTS:
         refuse(f"{what} has {len(parts)} values, not six", path, row, "is this another robot's?")
     values = []
@@ -213,19 +206,10 @@ def _remarks(text: str) -> Iterator[tuple[int, str]]:
 
 @dataclass(frozen=True)
 class Target:
-    """A list of joints, or a pose, or both, as they stand.
+    """A list of joints, or a pose, or both: in a variable, where that has a name.
 
-    Attributes
-    ----------
-    row : int
-        Line on which it stands.
-    variable : str
-        That holds it; empty where it stands in the move itself.
-    joints, pose : Tree or None
-    frames : tuple of Tree
-        Poses of the frames that the pose is in, from the base frame on.
-    tcp : Tree or None
-        Pose of the TCP that is brought there, where the expression says which.
+    ``frames`` are those that the pose is in, from the base frame on; ``tcp`` is the TCP that is
+    brought there, where the script says which.
     """
 
     row: int
@@ -408,7 +392,7 @@ class _Reader:
             joints = None
             if target.joints is not None:
                 values = [shown(node) for node in elements(target.joints)]
-                joints = joints_deg(values, what, self.path, target.row)
+                joints = np.degrees(six(values, what, MOST_JOINT_RAD, self.path, target.row))
             if target.pose is not None:
                 posed.append((len(out), target))
                 if target.frames != frames:
@@ -465,7 +449,7 @@ class _Reader:
         most = MOST_POSITION_MM / 1e3
         values = np.array(
             [
-                _six([shown(node) for node in elements(pose)], what, most, self.path, row)
+                six([shown(node) for node in elements(pose)], what, most, self.path, row)
                 for pose, what, row in poses
             ]
         )

@@ -1,5 +1,5 @@
 """Yaskawa INFORM jobs (``.JBI``)."""
 
-from posedesign.programs.yaskawa_jbi.dialect import YaskawaJbi
+from posedesign.programs.yaskawa_jbi.spec import YaskawaJbi
 
 __all__ = ["YaskawaJbi"]

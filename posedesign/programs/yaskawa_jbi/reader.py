@@ -12,33 +12,48 @@ The numbers of ``///USER`` and ``///TOOL`` go with the positions; frame 0 is the
 Pulses become degrees with the ratios in the comments ``'PULSES S 1638.4``, or with those that the
 dialect was made with. Steps of a second robot (``+MOVJ``) are left out. What would be read wrong in
 silence is refused with its line: base or station axes that stand elsewhere at some of the poses,
-positions in a frame that moves, lost lines.
+positions in a frame that moves, lost lines, steps that are no INFORM and name a position.
 """
 
 from __future__ import annotations
 
-import math
 import re
-from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
 from calib.errors import InputError
-from calib.se3 import rotation_from_wpr, transform
-from posedesign.programs.reading import refuse
-from posedesign.programs.recorded import RecordedPosition, RecordedProgram
-from posedesign.programs.yaskawa_jbi.positions import (
-    PositionSection,
-    pulse_deg,
-    rectangular,
+from calib.se3 import FloatArray, rotation_from_wpr, transform
+from posedesign.programs.configurations import YaskawaConfiguration
+from posedesign.programs.language import Statement, nodes
+from posedesign.programs.reading import MOST_JOINT_DEG, joint_deg, millimetres, refuse
+from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.yaskawa_jbi.inform import (
+    INSTRUCTIONS,
+    Job,
+    Name,
+    Stored,
+    faults_of,
+    label_of,
+    names_in,
+    near,
+    read_job,
 )
-from posedesign.programs.yaskawa_jbi.pulses import AXES, checked
-from posedesign.programs.yaskawa_jbi.steps import Name, StepReader, Steps
+from posedesign.programs.yaskawa_jbi.pulses import AXES, checked, found_in
 
 _CONTROL = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]")
-_JOB = "name a job saved by the controller, .JBI"
-_SECTIONS = ["/JOB", "//POS", "//INST", "END"]
+_WHOLE = re.compile(r"[-+]?\d{1,10}", re.ASCII)
+_FRAME = re.compile(r"\d{1,3}", re.ASCII)
+_POSE = re.compile(r"POSE\s+(\d{1,6})(?!\w)\s*(.*)", re.ASCII)
+_NAMED = re.compile(r"(?<![\w#$])(?:C|BC|EC|P|BP|EX)\d{1,5}(?!\w)", re.ASCII)
+_BASE_FRAMES = ("BASE", "ROBOT")
+"""The frame on the robot's foot; they differ where a base axis carries the robot, whose positions
+are then in BC variables."""
+
+_configuration = lru_cache(maxsize=64)(YaskawaConfiguration.parse)
+"""A job has few different ones."""
 
 
 def parse_yaskawa_jbi(
@@ -60,167 +75,264 @@ def parse_yaskawa_jbi(
         The file is no job, is cut off, or holds no position that can be read.
     """
     data = data.replace(b"\r\n", b"\n")
+    hint = "name a job saved by the controller, .JBI"
     bad = _CONTROL.search(data)
     if bad:
         row = data.count(b"\n", 0, bad.start()) + 1
-        refuse(f"holds the byte 0x{bad[0][0]:02x}: it is no text", path, row, _JOB)
+        refuse(f"holds the byte 0x{bad[0][0]:02x}: it is no text", path, row, hint)
     # comments may be in any language: positions and instructions are in ASCII
-    lines = [line.strip(" \t\r") for line in data.decode("latin-1").split("\n")]
-    headings = [(row, text) for row, text in enumerate(lines, start=1) if text in _SECTIONS]
-    if [text for _, text in headings] != _SECTIONS:
-        found = ", ".join(text for _, text in headings[:8]) or "nothing of it"
-        reason = f"is no whole job: /JOB, //POS, //INST, END are due, there is {found}"
-        refuse(reason, path, headings[-1][0] if headings else 1, _JOB)
-    job, pos, inst, end = (row for row, _ in headings)
-    heads = [line.split(maxsplit=1) for line in lines[job:pos]]
-    name = next((head[1] for head in heads if len(head) > 1 and head[0] == "//NAME"), "")
+    job = read_job(data.decode("latin-1"))
+    for problem in faults_of(job):
+        if problem.level == "error":
+            refuse(problem.message, path, problem.line, hint)
+    reader = _Reader(job, path, pulses_per_deg)
+    name = next((s.word("TEXT") for s in job.head if s.kind == "name"), "")
     if not name:
-        refuse("has no name behind //NAME", path, job)
-    section = PositionSection(path)
-    for row in range(pos + 1, inst):
-        section.feed(lines[row - 1], row)
-    section.finish(pos)
-    comment, steps = "", StepReader(section, path)
-    for row in range(inst + 1, end):
-        line = lines[row - 1]
-        if line.startswith("///COMM "):
-            comment = line[8:].strip()
-        else:
-            steps.feed(line, row)
-    steps.finish()
-    positions = _positions(section, steps.found, pulses_per_deg, path)
+        refuse("has no name behind //NAME", path, job.marks[0].row)
+    for statement in job.inst:
+        reader.take(statement)
+    reader.end_pose()
+    positions = reader.positions()
     if not positions:
-        refuse("holds no positions", path, pos, "save the job that was touched up")
-    empty = _is_untouched(section, steps.found)
-    mark = steps.found.mark
-    return RecordedProgram(name, comment, mark, positions, "yaskawa", empty_registers=empty)
+        refuse("holds no positions", path, job.marks[1].row, "save the job that was touched up")
+    comment = next((s.word("TEXT").strip() for s in job.kinds["comm"]), "")
+    return RecordedProgram(
+        name, comment, reader.mark, positions, "yaskawa", empty_registers=reader.untouched
+    )
 
 
-def _positions(
-    section: PositionSection,
-    steps: Steps,
-    pulses_per_deg: tuple[float, ...],
-    path: Path | str,
-) -> tuple[RecordedPosition, ...]:
-    untouched = _is_untouched(section, steps)
-    wanted = [
-        key
-        for key in section.variables
-        if (key[0] == "C" and not (key in steps.other_robot and key not in steps.used))
-        or (key[0] == "P" and key in steps.used)
-    ]
-    wanted = [key for key in wanted if untouched or steps.kept.get(key, key) in section.variables]
-    _check_carriers(section, steps, wanted, path)
-    ratios: tuple[float, ...] = ()
-    numbers = _numbers(steps, wanted, path)
-    out: list[RecordedPosition] = []
-    posed: list[tuple[int, list[float]]] = []
-    for key in wanted:
-        source = key if untouched else steps.kept.get(key, key)
-        stored = section.variables[source]
-        label = f"{source[0]}{source[1]:05d}"
-        found = RecordedPosition(*numbers[key], stored.line, tool_frame=stored.tool)
-        if stored.form == "PULSE":
-            ratios = ratios or _ratios(steps, pulses_per_deg, path, stored.line)
-            found = replace(found, shown_deg=pulse_deg(stored, label, ratios, path))
-        else:
-            values, configuration, user = rectangular(stored, label, path)
-            posed.append((len(out), values))
-            found = replace(found, configuration=configuration, user_frame=user)
-            if user == 0:  # the base frame is the controller's world, whatever the cell's frame
-                found = replace(found, T_world_user=np.eye(4))
-        out.append(found)
-    return tuple(_with_poses(out, posed))
+class _Reader:
+    """Collects what the steps say of the positions, and then reads those."""
 
+    def __init__(self, job: Job, path: Path | str, given: tuple[float, ...]) -> None:
+        self.stored = {stored.name: stored for stored in job.stored}
+        self.path, self.given = path, given
+        self.mark = PlanMark()
+        self.ratios: dict[str, float] = {}  # pulses/deg of the axes
+        self.used: set[Name] = set()
+        self.other_robot: set[Name] = set()
+        self.poses: dict[Name, tuple[int, str, int]] = {}  # number, name, line of the comment
+        self.kept: dict[Name, Name] = {}  # the variable that a position was stored in
+        self.axes: dict[Name, tuple[int, list[Name]]] = {}  # line, base and station variables
+        self._pose: tuple[int, str, int] | None = None
+        self._at: Name | None = None
+        self._ratios: tuple[float, ...] = ()
 
-def _is_untouched(section: PositionSection, steps: Steps) -> bool:
-    """Whether steps store touched-up positions in variables, and none of these is in the file."""
-    kept = set(steps.kept.values())
-    return bool(kept) and not kept & section.variables.keys()
+    @property
+    def untouched(self) -> bool:
+        """Whether steps store positions in variables, and none of these is in the file."""
+        return bool(self.kept) and not set(self.kept.values()) & self.stored.keys()
 
+    def refuse(self, message: str, row: int, hint: str = "save the job again") -> NoReturn:
+        refuse(message, self.path, row, hint)
 
-def _with_poses(
-    out: list[RecordedPosition], posed: list[tuple[int, list[float]]]
-) -> list[RecordedPosition]:
-    """Turn X, Y, Z [mm], Rx, Ry, Rz [deg] into poses, all at once."""
-    if posed:
-        values = np.array([row for _, row in posed])
+    def take(self, statement: Statement) -> None:
+        """Take one more step."""
+        kind = statement.kind
+        if kind == "comment":
+            self._comment(statement.text[1:].strip(), statement.row)
+        elif kind == "move":
+            self._move(statement)
+        elif kind == "also":
+            self.other_robot.update(names_in(statement.tree))
+        elif kind == "gets" and self._at is not None and statement.word("SYSTEM") == "$PX000":
+            place = statement.word("VARIABLE")
+            if place.startswith("PX"):
+                self.kept[self._at] = ("P", int(place[2:7]))
+        elif kind in ("fault", "other") and _NAMED.search(statement.text):
+            fault = statement.fault
+            if kind == "other" and near(statement.word("WORD"), INSTRUCTIONS):
+                fault = f"{statement.word('WORD')!a} is no instruction"
+            if fault:
+                self.refuse(fault, statement.row, "is it a move?")
+
+    def end_pose(self) -> None:
+        """No comment of a pose may be left without its move."""
+        if self._pose is not None:
+            reason = f"POSE {self._pose[0]} is not followed by a move to a position"
+            self.refuse(reason, self._pose[2], "put the move back, or remove the comment")
+
+    def _comment(self, text: str, row: int) -> None:
+        pose = _POSE.fullmatch(text)
+        ratio = found_in(text)
+        if pose:
+            self.end_pose()
+            self._pose = (int(pose[1]), pose[2].strip(), row)
+        elif ratio:
+            axis, value = ratio
+            if self.ratios.setdefault(axis, value) != value:
+                self.refuse(f"says the pulses/deg of {axis} twice", row)
+        elif text.startswith("PLAN") and not self.mark.fingerprint:
+            self.mark = PlanMark.found_in(text) or self.mark
+
+    def _move(self, statement: Statement) -> None:
+        names = names_in(statement.tree)
+        others = [name for also in nodes(statement.tree, "also") for name in names_in(also)]
+        self.other_robot.update(name for name in others if name[0] in "CP")
+        for name in names:
+            if "C" in name[0] and name not in self.stored:
+                self.refuse(f"{label_of(name)} is moved to, but not there", statement.row)
+        at = self._at = next((name for name in names if name[0] in "CP"), None)
+        if at is None:
+            self.end_pose()
+            return
+        self.used.add(at)
+        self.axes[at] = (statement.row, [name for name in names + others if name[0] not in "CP"])
+        if self._pose is None:
+            return
+        number, _, row = self._pose
+        other = self.poses.setdefault(at, self._pose)
+        self._pose = None
+        if other[0] != number:
+            reason = f"{label_of(at)} is the position of POSE {other[0]} and of POSE {number}"
+            self.refuse(reason, row, "give each its own position")
+        if number < 1:
+            self.refuse("poses are counted from 1", row)
+
+    def positions(self) -> tuple[RecordedPosition, ...]:
+        """All that the robot moves to, with its own C variables."""
+        untouched = self.untouched
+        source = {name: name if untouched else self.kept.get(name, name) for name in self.stored}
+        wanted = [
+            name
+            for name in self.stored
+            if source[name] in self.stored
+            and (name in self.used or (name[0] == "C" and name not in self.other_robot))
+        ]
+        self._check_carriers(wanted)
+        numbers = self._numbers(wanted)
+        taken = [self.stored[source[name]] for name in wanted]
+        posed = {stored.name: self._values(stored) for stored in taken if stored.form != "PULSE"}
+        values = np.array([*posed.values()]).reshape(-1, 6)
         poses = transform(rotation_from_wpr(np.radians(values[:, 3:])), values[:, :3] * 1e-3)
-        for (i, _), pose in zip(posed, poses, strict=True):
-            out[i] = replace(out[i], T_user_tool=pose)
-    return out
-
-
-def _numbers(steps: Steps, wanted: list[Name], path: Path | str) -> dict[Name, tuple[int, str]]:
-    """Number and name of each position: of its comment, else of the variable, or behind all."""
-    named = {key: steps.poses[key] for key in wanted if key in steps.poses}
-    seen: set[int] = set()
-    for number, _, row in named.values():
-        if number in seen:
-            refuse(f"POSE {number} stands before two moves", path, row, "remove one of them")
-        seen.add(number)
-    if not named:
-        last = max((n + 1 for kind, n in wanted if kind == "C"), default=0)
-        numbers = {}
-        for kind, n in wanted:
-            last += kind != "C"
-            numbers[kind, n] = (n + 1 if kind == "C" else last, "")
-        return numbers
-    last = max(*seen, steps.mark.measured or 0)
-    numbers = {}
-    for key in wanted:
-        last += key not in named
-        numbers[key] = named[key][:2] if key in named else (last, "")
-    return numbers
-
-
-def _check_carriers(
-    section: PositionSection, steps: Steps, wanted: list[Name], path: Path | str
-) -> None:
-    """Refuse poses between which a base axis or a station moves: it carries arm or target."""
-    first: tuple[tuple[str, tuple[str, ...]], ...] | None = None
-    for key in wanted:
-        if key not in steps.axes or (steps.poses and key not in steps.poses):
-            continue
-        row, axes = steps.axes[key]
-        values = tuple(
-            (kind, section.variables[kind, n].values)
-            if (kind, n) in section.variables
-            else (f"{kind}{n}", ())
-            for kind, n in axes
+        T_user_tool = dict(zip(posed, poses, strict=True))
+        return tuple(
+            self._position(*numbers[name], stored, T_user_tool.get(stored.name))
+            for name, stored in zip(wanted, taken, strict=True)
         )
-        if first is None:
-            first = values
-        elif values != first:
-            reason = "base or station axes stand elsewhere than at the poses before"
-            refuse(reason, path, row, "measure with these axes at rest")
 
+    def _position(
+        self, number: int, name: str, stored: Stored, T_user_tool: FloatArray | None
+    ) -> RecordedPosition:
+        tool = self._frame("TOOL", stored.tool.split(",")[0], stored.row)
+        row = stored.row
+        if T_user_tool is None:
+            joints = self._joints_deg(stored)
+            return RecordedPosition(number, name, row, shown_deg=joints, tool_frame=tool)
+        user = self._frame("USER", stored.user, row)
+        if stored.frame == "USER" and user is None:
+            self.refuse(f"{stored.label} is in a user frame, and no ///USER says which", row)
+        if stored.frame not in ("USER", *_BASE_FRAMES):
+            reason = f"{stored.label} is in the frame {stored.frame[:20]!a}"
+            self.refuse(reason, row, "store it in pulses, or in the base or a user frame")
+        try:
+            configuration = _configuration(stored.rconf)
+        except InputError as error:
+            said = f"{stored.label}: {error.message}"
+            what = said if stored.rconf else f"{stored.label} has no ///RCONF above"
+            self.refuse(what, row, error.hint)
+        user = user if stored.frame == "USER" else 0
+        return RecordedPosition(
+            number,
+            name,
+            row,
+            T_user_tool=T_user_tool,
+            configuration=configuration,
+            user_frame=user,
+            tool_frame=tool,
+            # the base frame is the controller's world, whatever the cell's frame
+            T_world_user=None if user else np.eye(4),
+        )
 
-def _ratios(
-    steps: Steps, given: tuple[float, ...], path: Path | str, row: int
-) -> tuple[float, ...]:
-    """Pulses/deg of the job, or those given; they must not contradict each other."""
-    missing = [axis for axis in AXES if axis not in steps.ratios]
-    if missing and steps.ratios:
-        refuse(f"the comment 'PULSES {missing[0]} is lost", path, row, "put it back")
-    if missing:
-        if not given:
-            refuse(
+    def _frame(self, word: str, text: str, row: int) -> int | None:
+        if text and not _FRAME.fullmatch(text):
+            self.refuse(f"///{word} {text[:30]!a} is not a number", row)
+        return int(text) if text else None
+
+    def _six(self, stored: Stored) -> tuple[str, ...]:
+        if len(stored.values) != len(AXES):
+            reason = f"{stored.label} has {len(stored.values)} values, a six-axis arm six"
+            self.refuse(reason, stored.row, "is this the job of another robot?")
+        return stored.values
+
+    def _values(self, stored: Stored) -> list[float]:
+        """X, Y, Z [mm], Rx, Ry, Rz [deg]."""
+        label, path, row = stored.label, self.path, stored.row
+        six = self._six(stored)
+        values = [millimetres(six[k], f"{label}: {'XYZ'[k]}", path, row) for k in range(3)]
+        return values + [
+            joint_deg(six[k], f"{label}: R{'xyz'[k - 3]}", path, row) for k in (3, 4, 5)
+        ]
+
+    def _joints_deg(self, stored: Stored) -> FloatArray:
+        values = []
+        self._ratios = self._ratios or self._all_ratios(stored.row)
+        for axis, text, ratio in zip(AXES, self._six(stored), self._ratios, strict=True):
+            if not _WHOLE.fullmatch(text):
+                reason = f"{stored.label}: {axis} is {text[:30]!a}, not a whole number"
+                self.refuse(reason, stored.row)
+            values.append(int(text) / ratio)
+            if abs(values[-1]) > MOST_JOINT_DEG:
+                reason = f"{stored.label}: {axis} is {text} pulses, {values[-1]:.0f} deg"
+                self.refuse(reason, stored.row, "are the pulses/deg those of this arm?")
+        return np.array(values)
+
+    def _all_ratios(self, row: int) -> tuple[float, ...]:
+        """Pulses/deg of the job, or those given; they must not contradict each other."""
+        missing = [axis for axis in AXES if axis not in self.ratios]
+        if missing and self.ratios:
+            self.refuse(f"the comment 'PULSES {missing[0]} is lost", row, "put it back")
+        if missing and not self.given:
+            self.refuse(
                 "positions are in encoder pulses, and the job does not say how many are a degree",
-                path,
                 row,
                 "give the six of S L U R B T as pulses_per_deg (of the cell's program, or of "
                 "YaskawaJbi), or in comments like 'PULSES S 1638.4 of the job; they stand in the "
                 "controller's parameter file",
             )
-        return given
-    ratios = tuple(steps.ratios[axis] for axis in AXES)
-    try:
-        checked(ratios)
-    except InputError as error:
-        refuse(error.message, path, row, error.hint)
-    if given and not all(
-        math.isclose(a, b, rel_tol=1e-6) for a, b in zip(ratios, given, strict=True)
-    ):
-        refuse("the pulses/deg of its comments are not those given", path, row, "which are right?")
-    return ratios
+        if missing:
+            return self.given
+        try:
+            ratios = checked([self.ratios[axis] for axis in AXES])
+        except InputError as error:
+            self.refuse(error.message, row, error.hint)
+        if self.given and not np.allclose(ratios, self.given, rtol=1e-6, atol=0.0):
+            self.refuse(
+                "the pulses/deg of its comments are not those given", row, "which are right?"
+            )
+        return ratios
+
+    def _numbers(self, wanted: list[Name]) -> dict[Name, tuple[int, str]]:
+        """Number and name of each position: of its comment, else of the variable, or behind all."""
+        numbers = {name: self.poses[name][:2] for name in wanted if name in self.poses}
+        seen: set[int] = set()
+        for name in numbers:
+            number, _, row = self.poses[name]
+            if number in seen:
+                self.refuse(f"POSE {number} stands before two moves", row, "remove one of them")
+            seen.add(number)
+        last = max((*seen, self.mark.measured or 0)) if numbers else 0
+        if not numbers:
+            numbers = {(kind, n): (n + 1, "") for kind, n in wanted if kind == "C"}
+            last = max((number for number, _ in numbers.values()), default=0)
+        for name in wanted:
+            if name not in numbers:
+                last += 1
+                numbers[name] = (last, "")
+        return numbers
+
+    def _check_carriers(self, wanted: list[Name]) -> None:
+        """Refuse poses between which a base axis or a station moves: it carries arm or target."""
+        first: list[tuple[str, object]] | None = None
+        for name in wanted:
+            if name not in self.axes or (self.poses and name not in self.poses):
+                continue
+            row, axes = self.axes[name]
+            values: list[tuple[str, object]] = [
+                (axis[0], self.stored[axis].values if axis in self.stored else axis)
+                for axis in axes
+            ]
+            first = values if first is None else first
+            if values != first:
+                reason = "base or station axes stand elsewhere than at the poses before"
+                self.refuse(reason, row, "measure with these axes at rest")

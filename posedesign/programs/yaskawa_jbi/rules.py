@@ -1,34 +1,38 @@
-"""Yaskawa INFORM jobs (``.JBI``): the strict validator.
+"""Yaskawa INFORM jobs (``.JBI``): the validator; what the grammar cannot say.
 
-Sources: "Job data format" of the NX100 and DX100 manuals, the maker's page on INFORM headers,
-public post-processors and jobs. Nothing was loaded on a controller.
+Sources: those of the grammar. Nothing was loaded on a controller. What the jobs of others have, and
+the manuals leave open, is no error.
 
 =====================  ==========================================================================
-rule                   what it asks
+rule                   what it asks (m: of programs that measure; n: only noted)
 =====================  ==========================================================================
-``ascii``              plain ASCII characters
-``crlf``               each line ended by CR LF
+``syntax``             what the grammar says
+``ascii``              no control characters; n: letters of other scripts
+``crlf``               no CR inside a line; m: each line ended by CR LF
 ``sections``           /JOB, //POS, //INST in this order; the steps from NOP to END
-``job-name``           //NAME: a letter or digit, then others, _ and -, 32 in all (DX100 on; NX100
-                       takes 8)
-``header``             ///DATE, ///ATTR with SC and RW or RO, ///GROUP1, and ///COMM of at most 32
-                       characters
+``job-name``           //NAME: letters, digits, _ and -, 32 in all (DX100 on; NX100 takes 8)
+``header``             ///DATE and ///ATTR with SC and one of RW, RO, WO; ///GROUP1 where something
+                       moves; each once; ///COMM of at most 32 characters; n: unknown headings
 ``npos``               ///NPOS: the number of positions of each kind
-``position-format``    each position with tool, ///POSTYPE and ///PULSE or ///RECTAN above, and six
-                       values if it is the robot's; tools and user frames 0 to 63
-``number``             pulses whole; poses with at most 3 decimals of a mm and 4 of a degree; no
-                       exponent, no ``-0.000``; degrees in [-180, 180]
-``rconf``              a pose has ///RCONF of 8 or 24 values, the first six 0 or 1, the others 0
-``relative-job``       poses need RJ in ///ATTR and a ////FRAME that is theirs
-``instruction``        steps begin with instructions of INFORM, and those that move, wait, set,
-                       pulse and store are whole
+``position-format``    each position with tool, ///POSTYPE and ///PULSE or ///RECTAN above; if it
+                       is an arm's six to eight values, as all others; frames 0 to 63
+``number``             pulses whole, of 32 bits; m: at most 3 decimals of a mm and 4 of a degree,
+                       no ``-0.000``, degrees in [-180, 180]
+``rconf``              poses have ///RCONF of 6 (the manual of NX100), 8 or 24 values, the first six
+                       0 or 1; m: the others 0
+``relative-job``       ////FRAME BASE, ROBOT or USER n; m: poses need RJ in ///ATTR and a ////FRAME
+                       that is theirs
+``instruction``        no step begins with what is nearly an instruction, or no word of any; n: with
+                       another unknown word, which an option may know
+``move``               one position of each kind; options that moves have, once each; m: a speed
+``block``              what IFTHEN, WHILE, FOR and SWITCH open is closed
 ``position-unique``    each position is there once
 ``position-defined``   each position that is moved to is there
-``position-used``      each position that is there is moved to
-``stop-before-call``   the last move before a CALL has PL=0: the arm has arrived
-``argument``           VJ= 0.01 to 100.00 with two decimals, times 0.01 to 655.35 s, I variables
-                       within 16 bits, names of called jobs of at most 32 characters
-``comment``            a comment has at most 32 characters
+``position-used``      m: each position that is there is used
+``stop-before-call``   m: the last move before a CALL has PL=0: the arm has arrived
+``argument``           VJ= 0.01 to 100.00, times 0.01 to 655.35 s, B and I variables within 8 and
+                       16 bits, GETS to a variable of the kind, names of jobs of 32 characters
+``comment``            m: a comment has at most 32 characters
 ``length``             at most 9999 steps: the pendant shows four digits
 =====================  ==========================================================================
 """
@@ -38,224 +42,346 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
-from itertools import islice
+from datetime import datetime
+from functools import lru_cache
+from itertools import chain, islice
 
-from posedesign.programs.recorded import Problem
-from posedesign.programs.yaskawa_jbi.instructions import step_fault
-from posedesign.programs.yaskawa_jbi.listing import Data, Listing, split_job
+from lark import Token, Tree
+
+from posedesign.programs.language import Block, Statement, block_faults, text_of
+from posedesign.programs.recorded import Level, Problem
+from posedesign.programs.yaskawa_jbi.inform import (
+    INSTRUCTIONS,
+    Job,
+    Name,
+    Stored,
+    faults_of,
+    label_of,
+    name_of,
+    names_in,
+    near,
+    read_job,
+)
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check: a file that is no job has one in each of its lines."""
 
-_KINDS = ("C", "BC", "EC", "P", "BP", "EX")
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", re.ASCII)
 _MOST_FRAME = 63
-_COUNTS = re.compile(r"\d{1,5}(?:,\d{1,5}){5}")
-_DATE = re.compile(r"///DATE \d{4}/\d\d/\d\d \d\d:\d\d")
-_ATTRIBUTES = re.compile(r"///ATTR SC,R[WO](,RJ)?")
-_GROUP = re.compile(r"///GROUP\d (?:RB|BS|ST)\d(?:,(?:RB|BS|ST)\d)*")
-_FRAME = re.compile(r"/{3,4}FRAME (BASE|ROBOT|USER \d{1,2})")
-_PULSES = re.compile(r"0|-?[1-9]\d{0,9}")
-_DECIMAL = re.compile(r"(-?)(\d{1,6})\.(\d{1,4})")
-_RCONF = re.compile(r"[01](?:,[01]){5}(?:(?:,0){2}|(?:,0){18})")
-_TARGET = re.compile(r"(?<![\w$#])(C|BC|EC)(\d{5})\b")
-_STOPPED = re.compile(r" PL=0\b")
-_CHECKED = {
-    "T=": (re.compile(r"(?:TIMER|PULSE OT#\(\d{1,4}\)) T=(-?[\d.]\S*)"), 0.01, 655.35, 2),
-    "an I variable": (re.compile(r"SET I\d{3} (-?\d\S*)"), -32768, 32767, 0),
+_MOST_STEPS = 9999
+_WIDTHS = (6, 7, 8)
+"""Values of a position of an arm: those of seven axes have more than six."""
+
+_OF_INST = ("date", "comm", "attr", "frame", "group", "heading")
+_NOT_OF_INST = {"npos", "tool", "user", "postype", "pulse", "rectan", "rconf", "stored", "name"}
+_NAME = re.compile(r"[\w\x80-\xff][\w\x80-\xff-]{0,31}", re.ASCII)
+_PULSES = re.compile(r"0|-?[1-9]\d{0,9}", re.ASCII)
+_DECIMALS = re.compile(r"[-+]?\d{0,9}(?:\.(\d{0,9}))?", re.ASCII)
+_RCONF = re.compile(r"[01](?:,[01]){5}((?:,\d){2}|(?:,\d){18})?", re.ASCII)
+_NUMBER = re.compile(r"[-+]?[\d.]+", re.ASCII)
+_FEW_DIGITS = re.compile(
+    r"(?<![\w#])(?:\$?L?(?:[BIDRSP]|PX|BP|EX)\d{1,2}|[BE]?C\d{1,4}|\$(?:PX|[BIDRS])[A-Z]\w*)(?!\w)",
+    re.ASCII,
+)
+_OPTION = re.compile(r"(?!POSE|PLAN|PULSES)[A-Z][A-Z_-]{2}[A-Z0-9_-]{0,29}", re.ASCII)
+"""First words of the steps of options, and their flags; those of our comments are none."""
+
+Found = tuple[str, str, Level]
+"""Rule, message and level of a problem."""
+
+_WITH_VARIABLES = ("move", "also", "set", "gets", "element")
+_SPEEDS = frozenset(("VJ=", "V=", "VR=", "VE="))
+_TAGS = frozenset(("PL=", "CR=", "ACC=", "DEC=", "CTP=", "TM=", "MT=", "SRCH=", "DIS="))
+_FLAGS = frozenset(("NWAIT", "ENWAIT", "FPT", "CV", "UF", "TL"))
+_LIMITS = {"B": (0, 255), "I": (-32768, 32767)}
+_BLOCKS = {
+    "if_": Block("endif", ("elseif", "else_")),
+    "while_": Block("endwhile"),
+    "for_": Block("next"),
+    "switch": Block("endswitch", ("case",)),
 }
-_SPEED = re.compile(r"MOVJ .*?VJ=([-+\d.]\S*)")
-_CALL = re.compile(r"CALL JOB:(\S{1,32})(?: ARGF\S.*| IF .*)?")
 
 
 def check_yaskawa_jbi(data: bytes) -> list[Problem]:
     """Problems in the content of a file, at most 1000; none is a good job. Never fails."""
-    listing = split_job(data.decode("latin-1"))  # any byte is a character: none is lost
+    job = read_job(data.decode("latin-1"))  # any byte is a character: none is lost
+    other = (s for s in (*job.head, *job.inst, *job.after) if s.fault)
     checks = (
+        (Problem(s.row, "syntax", s.fault) for s in other),
+        faults_of(job),
         _check_bytes(data),
-        _check_sections(listing),
-        _check_header(listing),
-        _check_positions(listing),
-        _check_values(listing),
-        _check_frames(listing),
-        _check_use(listing),
-        _check_steps(listing),
+        _check_sections(job),
+        _check_header(job),
+        _check_positions(job),
+        _check_use(job),
+        _check_steps(job),
+        block_faults(job.inst, _BLOCKS),
     )
     return list(islice((problem for check in checks for problem in check), MOST_PROBLEMS))
 
 
 def _check_bytes(data: bytes) -> Iterator[Problem]:
-    lines = data.split(b"\n")
-    bare = [row for row, line in enumerate(lines[:-1], start=1) if not line.endswith(b"\r")]
-    if lines[-1]:
-        bare.append(len(lines))
-    if bare:
-        reason = f"{len(bare)} lines are not ended by CR LF, this the first"
-        yield Problem(bare[0], "crlf", reason)
-    for row, line in enumerate(lines, start=1):
-        body = line.removesuffix(b"\r")
-        if b"\r" in body:
-            yield Problem(row, "crlf", "CR inside the line")
-        bad = re.search(rb"[^\t\r -~]", body)
-        if bad:
-            yield Problem(row, "ascii", f"the byte 0x{bad[0][0]:02x} is not plain ASCII text")
+    bare = data.count(b"\n") - data.count(b"\r\n") + (data[-1:] != b"\n")
+    asked: tuple[tuple[str, bytes, str, Level], ...] = (
+        ("crlf", rb"(?<!\r)\n", f"{bare} lines are not ended by CR LF", "measuring"),
+        ("crlf", rb"\r(?!\n)", "CR inside the line", "error"),
+        ("ascii", rb"[^\t\r\n -~\x80-\xff]", "the byte 0x{:02x} is not text", "error"),
+        ("ascii", rb"[\x80-\xff]", "the byte 0x{:02x} is not plain ASCII text", "note"),
+    )
+    for rule, pattern, reason, level in asked:
+        # behind the last line nothing tells that it is not ended
+        found = re.search(pattern, data + b"\n" * (rule == "crlf" and data[-1:] != b"\n"))
+        if found:
+            row = data.count(b"\n", 0, found.start()) + 1
+            yield Problem(row, rule, reason.format(found[0][0]), level)
 
 
-def _check_sections(listing: Listing) -> Iterator[Problem]:
-    order = [text for _, text in listing.headings]
-    if order != ["/JOB", "//POS", "//INST"]:
-        row = listing.headings[-1][0] if listing.headings else 1
-        yield Problem(row, "sections", f"the sections are {' '.join(order)[:100] or 'none'}")
-    for row, line in listing.faults:
-        yield Problem(row, "sections", f"{line[:30]!a} belongs nowhere")
-    if listing.steps:
-        for place, word in ((0, "NOP"), (-1, "END")):
-            row, text = listing.steps[place]
-            if text != word:
-                yield Problem(row, "sections", f"{text[:30]!a} where {word} is due")
-    else:
-        yield Problem(1, "sections", "there are no steps, not even NOP and END")
-    names = [text for _, text in listing.names]
-    if len(names) != 1 or not _NAME.fullmatch(names[0]):
-        row = listing.names[0][0] if listing.names else 1
+def _check_sections(job: Job) -> Iterator[Problem]:
+    steps = [s for s in job.inst if s.kind not in _OF_INST and not s.fault]
+    first = steps[0].row if steps else 0
+    strays = [s for s in job.head if s.kind != "name"] + job.after
+    strays += [s for kind in _NOT_OF_INST for s in job.kinds[kind]]
+    strays += [s for kind in _OF_INST for s in job.kinds[kind] if s.row > first > 0]
+    strays += [m for k, m in enumerate(job.marks) if m.kind == "arginfo" and k != 2]
+    for statement in strays:
+        if not statement.fault:
+            yield Problem(statement.row, "sections", f"{statement.text[:30]!a} belongs nowhere")
+    if not steps or steps[0].kind != "nop":
+        yield Problem(first or 1, "sections", "NOP is due as the first step")
+    if len(steps) >= _MOST_STEPS:
+        reason = f"{len(steps) + 1} steps, at most {_MOST_STEPS} fit"
+        yield Problem(steps[_MOST_STEPS - 1].row, "length", reason)
+    names = [s for s in job.head if s.kind == "name"]
+    if len(names) != 1 or not _NAME.fullmatch(names[0].word("TEXT")):
         reason = "one //NAME: letters, digits, _ and -, 32 characters in all"
-        yield Problem(row, "job-name", reason)
+        yield Problem(names[0].row if names else 1, "job-name", reason)
 
 
-def _check_header(listing: Listing) -> Iterator[Problem]:
-    lines = [text for _, text in listing.pseudo]
-    for pattern, what in ((_DATE, "///DATE"), (_ATTRIBUTES, "///ATTR"), (_GROUP, "///GROUP1")):
-        found = [row for row, text in listing.pseudo if text.startswith(what)]
-        if not any(pattern.fullmatch(text) for text in lines if text.startswith(what)):
-            row = found[0] if found else 1
-            yield Problem(row, "header", f"{what} is missing or malformed")
-    for row, text in listing.pseudo:
-        if text.startswith("///COMM ") and len(text) > len("///COMM ") + 32:
-            yield Problem(row, "header", "the job's comment is longer than 32 characters")
+def _check_header(job: Job) -> Iterator[Problem]:
+    of = job.kinds
+    for kind in ("date", "comm", "attr", "frame"):
+        for statement in of[kind][1:]:
+            yield Problem(statement.row, "header", f"{statement.text[:10]!a} is there twice")
+        if not of[kind] and kind in ("date", "attr"):
+            yield Problem(1, "header", f"///{kind.upper()} is missing")
+    groups = [s.word("NUMBER") for s in of["group"]]
+    moves = bool(of["move"] or of["also"])
+    if groups != [str(k + 1) for k in range(len(groups))] or (moves and not groups):
+        row = of["group"][0].row if groups else 1
+        yield Problem(row, "header", "///GROUP1 is due, and then 2 and 3 for further ones")
+    for statement in of["date"]:
+        if not _is_date(" ".join(statement.words("DATE", "TIME"))):
+            yield Problem(statement.row, "header", "///DATE is not like 2026/01/31 23:59")
+    for statement in of["attr"]:
+        said = Counter(statement.words("ATTRIBUTE"))
+        access = said["RW"] + said["RO"] + said["WO"]
+        if max(said.values()) > 1 or not said["SC"] or access != 1:
+            reason = "///ATTR is SC, one of RW, RO, WO, and RJ where the job is relative"
+            yield Problem(statement.row, "header", reason)
+    for statement in of["comm"]:
+        if len(statement.word("TEXT")) > 32:
+            yield Problem(statement.row, "header", "the job's comment is longer than 32 characters")
 
 
-def _check_positions(listing: Listing) -> Iterator[Problem]:
-    counts = Counter(data.kind for data in listing.data)
-    found = ",".join(str(counts[kind]) for kind in _KINDS)
-    stated = [text for _, text in listing.counts]
-    if len(stated) != 1 or not _COUNTS.fullmatch(stated[0]) or stated[0] != found:
-        row = listing.counts[0][0] if listing.counts else 1
-        yield Problem(row, "npos", f"///NPOS is {' '.join(stated)[:60]!a}, there are {found}")
-    seen: set[tuple[str, int]] = set()
-    for data in listing.data:
-        in_pulses = data.postype == "PULSE"
-        if not data.tool.split(",")[0].isdecimal():
-            yield Problem(data.line, "position-format", f"{data.label} has no ///TOOL above")
-        for word, texts in (("TOOL", data.tool.split(",")), ("USER", [data.user])):
-            if any(text.isdecimal() and int(text) > _MOST_FRAME for text in texts):
-                reason = (
-                    f"{data.label}: ///{word} is {','.join(texts)[:20]}, not 0 to {_MOST_FRAME}"
-                )
-                yield Problem(data.line, "position-format", reason)
-        if data.form not in ("PULSE", "RECTAN") or in_pulses != (data.form == "PULSE"):
-            reason = f"{data.label} is in {data.postype or 'nothing'} and {data.form or 'nothing'}"
-            yield Problem(data.line, "position-format", reason)
-        if data.kind in ("C", "P") and len(data.values) != 6:
-            reason = f"{data.label} has {len(data.values)} values, not six"
-            yield Problem(data.line, "position-format", reason)
-        if (data.kind, data.number) in seen:
-            yield Problem(data.line, "position-unique", f"{data.label} is there twice")
-        seen.add((data.kind, data.number))
+def _is_date(text: str) -> bool:
+    try:
+        datetime.strptime(text[:16], "%Y/%m/%d %H:%M")
+    except ValueError:
+        return False
+    return True
 
 
-def _check_values(listing: Listing) -> Iterator[Problem]:
-    for data in listing.data:
-        for k, text in enumerate(data.values):
-            fault = _pulse_fault(text) if data.form == "PULSE" else _decimal_fault(text, k)
-            if fault:
-                yield Problem(data.line, "number", f"{data.label}: {text[:30]!a} {fault}")
-                break
-
-
-def _pulse_fault(text: str) -> str:
-    if not _PULSES.fullmatch(text) or abs(int(text)) >= 2**31:
-        return "is not a whole number of pulses"
-    return ""
-
-
-def _decimal_fault(text: str, k: int) -> str:
-    found = _DECIMAL.fullmatch(text)
-    if not found or len(found[3]) > (3 if k < 3 else 4):
-        return "is not a plain number of at most 3 decimals of a mm, 4 of a degree"
-    if found[1] and not (found[2] + found[3]).strip("0"):
-        return "is minus zero"
-    if k >= 3 and not -180.0 <= float(text) <= 180.0:
-        return "is not in [-180, 180] deg"
-    return ""
-
-
-def _check_frames(listing: Listing) -> Iterator[Problem]:
-    relative = any((m := _ATTRIBUTES.fullmatch(t)) and m[1] for _, t in listing.pseudo)
-    frames = [found[1] for _, text in listing.pseudo if (found := _FRAME.fullmatch(text))]
-    for data in listing.data:
-        if data.form != "RECTAN" or data.kind not in ("C", "P"):
+def _check_positions(job: Job) -> Iterator[Problem]:
+    width = next((len(s.values) for s in job.stored if s.name[0] in "CP"), 0)
+    relative = any("RJ" in s.words("ATTRIBUTE") for s in job.kinds["attr"])
+    frame = " ".join(str(word) for s in job.kinds["frame"] for word in s.tree.children)
+    for stored in job.stored:
+        for fault in _frame_faults(stored.frame, stored.tool, stored.user):
+            yield Problem(stored.row, "position-format", f"{stored.label} {fault}")
+        yield from _number_faults(stored)
+        if stored.name[0] not in "CP":
             continue
-        if not _RCONF.fullmatch(data.rconf):
-            reason = f"{data.label}: ///RCONF is {data.rconf[:60]!a}"
-            yield Problem(data.line, "rconf", reason)
-        own = f"USER {data.user}" if data.postype == "USER" else data.postype
-        if data.kind == "C" and (not relative or frames != [own]):
-            frame = f"////FRAME {frames[0]}" if frames else "no ////FRAME"
-            reason = f"{data.label} is in {own}, the job is{' ' if relative else ' not '}relative"
-            yield Problem(data.line, "relative-job", f"{reason} and has {frame}")
-
-
-def _check_use(listing: Listing) -> Iterator[Problem]:
-    there: dict[tuple[str, int], Data] = {(d.kind, d.number): d for d in listing.data}
-    used: set[tuple[str, int]] = set()
-    for row, text in listing.steps:
-        if not text.lstrip(" \t").startswith(("MOV", "SMOV", "+")):
+        if len(stored.values) not in _WIDTHS or len(stored.values) != width:
+            reason = f"{stored.label} has {len(stored.values)} values, not six"
+            yield Problem(stored.row, "position-format", reason)
+        if stored.form != "RECTAN":
             continue
-        names = {(kind, int(number)) for kind, number in _TARGET.findall(text)}
-        for kind, number in sorted(names - there.keys()):
-            yield Problem(row, "position-defined", f"{kind}{number:05d} is not there")
-        used |= names
-    for key, data in there.items():
-        if data.kind in ("C", "BC", "EC") and key not in used:
-            yield Problem(data.line, "position-used", f"{data.label} is never moved to")
-
-
-def _check_steps(listing: Listing) -> Iterator[Problem]:
-    stands = False
-    for row, text in listing.steps:
-        step = text.strip(" \t")
-        if step.startswith("'"):
-            if len(step) > 33:
-                yield Problem(row, "comment", "the comment is longer than 32 characters")
-            continue
-        fault = "" if step.startswith(("*", "+")) else step_fault(step)
+        fault, level = _rconf_fault(stored.rconf)
         if fault:
-            yield Problem(row, "instruction", fault)
-        if step.startswith(("MOV", "SMOV", "IMOV")):
-            stands = _STOPPED.search(step) is not None
-        if step.startswith("CALL "):
-            if not stands:
-                reason = "no move with PL=0 before the CALL: the arm may not have arrived"
-                yield Problem(row, "stop-before-call", reason)
-            if not _CALL.fullmatch(step):
-                yield Problem(row, "argument", f"{step[:60]!a} calls no job")
-        yield from _argument_faults(row, step)
-    if len(listing.steps) > 9999:
-        row = listing.steps[9999][0]
-        yield Problem(row, "length", f"{len(listing.steps)} steps, at most 9999 fit")
+            yield Problem(stored.row, "rconf", f"{stored.label}: {fault}", level)
+        own = f"USER {stored.user}" if stored.frame == "USER" else stored.frame
+        if stored.name[0] == "C" and not (relative and frame == own):
+            reason = f"{stored.label} is in {own}, the job is{' ' if relative else ' not '}relative"
+            reason += f" and has {'////FRAME ' + frame if frame else 'no ////FRAME'}"
+            yield Problem(stored.row, "relative-job", reason, "measuring")
 
 
-def _argument_faults(row: int, step: str) -> Iterator[Problem]:
-    speed = _SPEED.match(step)
-    if speed:
-        good = re.fullmatch(r"\d{1,3}\.\d\d", speed[1], re.ASCII)
-        if not good or not 0.01 <= float(speed[1]) <= 100.0:
-            reason = f"VJ= is {speed[1][:20]!a}, not 0.01 to 100.00 with two decimals"
-            yield Problem(row, "argument", reason)
-    for what, (pattern, least, most, decimals) in _CHECKED.items():
-        found = pattern.match(step)
-        if not found:
+@lru_cache(maxsize=64)
+def _frame_faults(frame: str, tool: str, user: str) -> list[str]:
+    faults = [] if tool else ["has no ///TOOL above"]
+    if frame == "USER" and not user:
+        faults.append("is in a user frame, and no ///USER says which")
+    for word, text in (("TOOL", tool), ("USER", user)):
+        numbers = [number for number in text.split(",") if number]
+        if any(not n.isdecimal() or len(n) > 3 or int(n) > _MOST_FRAME for n in numbers):
+            faults.append(f"has ///{word} {text[:20]}, not 0 to {_MOST_FRAME}")
+    return faults
+
+
+@lru_cache(maxsize=64)
+def _rconf_fault(rconf: str) -> tuple[str, Level]:
+    found = _RCONF.fullmatch(rconf)
+    if not found:
+        return f"///RCONF is {rconf[:60]!a}", "error"
+    other = (found[1] or "").strip(",0")
+    return (f"///RCONF {rconf} is not of a six-axis arm" if other else ""), "measuring"
+
+
+def _number_faults(stored: Stored) -> Iterator[Problem]:
+    """The first value that is no number as the position has them."""
+    in_pulses = stored.form == "PULSE"
+    for k, text in enumerate(stored.values):
+        fault = ""
+        if in_pulses:
+            if not _PULSES.fullmatch(text) or abs(int(text)) >= 2**31:
+                fault = "is not a whole number of pulses"
+        elif not (found := _DECIMALS.fullmatch(text)) or len(found[1] or "") > (3 if k < 3 else 4):
+            fault = "is not a number of at most 3 decimals of a mm, 4 of a degree"
+        elif text[0] == "-" and not text.strip("-0."):
+            fault = "is minus zero"
+        elif 3 <= k < 6 and stored.name[0] in "CP" and not -180.0 <= float(text) <= 180.0:
+            fault = "is not in [-180, 180] deg"
+        if fault:
+            reason = f"{stored.label}: {text[:30]!a} {fault}"
+            yield Problem(stored.row, "number", reason, "error" if in_pulses else "measuring")
+            return
+
+
+def _check_use(job: Job) -> Iterator[Problem]:
+    there = {stored.name for stored in job.stored}
+    used: set[Name] = set()
+    for statement in (*job.kinds["move"], *job.kinds["also"]):
+        moves = [part for part in statement.tree.children if isinstance(part, Tree)]
+        for move in (statement.tree, *(part for part in moves if part.data == "also")):
+            names = {name for name in names_in(move) if "C" in name[0]}
+            for name in sorted(names - there):
+                yield Problem(statement.row, "position-defined", f"{label_of(name)} is not there")
+            used |= names
+    for statement in job.kinds["other"]:
+        used |= {name_of(word) for word in statement.words("POINT")}
+    for stored in job.stored:
+        if "C" in stored.name[0] and stored.name not in used:
+            reason = f"{stored.label} is never moved to"
+            yield Problem(stored.row, "position-used", reason, "measuring")
+    for statement in chain(job.pos, *(job.kinds[kind] for kind in _WITH_VARIABLES)):
+        found = _FEW_DIGITS.search(statement.text)
+        if found:
+            reason = f"{found[0]!a} has not the digits of B000, P00000 or C00000"
+            yield Problem(statement.row, "argument", reason, "measuring")
+
+
+def _check_steps(job: Job) -> Iterator[Problem]:
+    stands = has_speed = False
+    for statement in job.inst:
+        row, kind = statement.row, statement.kind
+        found: list[Found] = []
+        if kind == "comment" and len(statement.text) > 33:
+            found.append(("comment", "the comment is longer than 32 characters", "measuring"))
+        elif kind in ("move", "also"):
+            parts = [child for child in statement.tree.children if isinstance(child, Tree)]
+            if kind == "move":
+                stands = any(p.data == "option" and text_of(p) == "PL=0" for p in parts)
+                if not has_speed and not any(p.data.endswith("speed") for p in parts):
+                    found.append(("move", "no speed, and no SPEED above", "measuring"))
+            for move in (statement.tree, *(p for p in parts if p.data == "also")):
+                found += _move_faults(move)
+        elif kind == "call" and not stands:
+            reason = "no move with PL=0 before the CALL: the arm may not have arrived"
+            found.append(("stop-before-call", reason, "measuring"))
+        elif kind == "other":
+            has_speed |= statement.word("WORD") == "SPEED"
+            stands &= statement.word("WORD") != "IMOV"
+            found += _word_faults(statement)
+        if kind in _ARGUMENTS:
+            found += [("argument", fault, "error") for fault in _ARGUMENTS[kind](statement)]
+        for rule, reason, level in found:
+            yield Problem(row, rule, reason, level)
+
+
+def _move_faults(move: Tree[Token]) -> Iterator[Found]:
+    own = str(move.children[0])
+    names: list[str] = []
+    for part in move.children[1:]:
+        if not isinstance(part, Tree):
             continue
-        form = rf"-?\d{{1,5}}(?:\.\d{{1,{decimals}}})?" if decimals else r"-?\d{1,6}"
-        if not re.fullmatch(form, found[1], re.ASCII) or not least <= float(found[1]) <= most:
-            yield Problem(row, "argument", f"{what} is {found[1][:20]!a}, not {least} to {most}")
+        first = str(part.children[0])
+        if part.data == "target":
+            kind = first.lstrip("L").rstrip("0123456789")
+            names.append("C" if kind == "P" else kind)
+        elif part.data == "joint_speed" and _NUMBER.fullmatch(first):
+            if not 0.01 <= float(first) <= 100.0:
+                yield "argument", f"VJ= is {first[:20]!a}, not 0.01 to 100.00", "error"
+        elif part.data == "option":
+            names.append(first)
+            if first not in _TAGS:
+                wrong = first in _SPEEDS or near(first, _TAGS | _SPEEDS)
+                reason = f"{first[:30]!a} does not belong there in {own}"
+                yield "move", reason, "error" if wrong else "note"
+        elif part.data == "flag" and first not in _FLAGS:
+            other = _OPTION.fullmatch(first) and first not in INSTRUCTIONS
+            wrong = not other or near(first, _FLAGS)
+            yield "move", f"{first[:30]!a} is nothing of {own}", "error" if wrong else "note"
+    if len(set(names)) < len(names):
+        yield "move", f"one of {' '.join(names)[:40]} is there twice in {own}", "error"
+
+
+def _word_faults(statement: Statement) -> Iterator[Found]:
+    """Of steps with other first words than the grammar knows: of an option or a macro, or none."""
+    word, *others = statement.words("WORD")
+    if word in INSTRUCTIONS:
+        return
+    meant = "" if "MJ" in others else near(word, INSTRUCTIONS)
+    typed = statement.words("TAG", "STRING", "POINT", "VARIABLE", "SYSTEM", "ARGUMENT")
+    told = typed or len(statement.tree.children) == 1 or "#(" in statement.text
+    other = _OPTION.fullmatch(word) and told and INSTRUCTIONS.isdisjoint(others)
+    reason = f"{word[:30]!a} is no instruction" + f"; did you mean {meant}?" * bool(meant)
+    yield "instruction", reason, "error" if meant or not other else "note"
+
+
+def _time_faults(statement: Statement) -> Iterator[str]:
+    time = statement.one("time")
+    text = text_of(time) if time is not None else ""
+    if _NUMBER.fullmatch(text):
+        decimals = len(text.partition(".")[2])
+        if decimals > 2 or not 0.01 <= float(text) <= 655.35:
+            yield f"T= is {text[:20]!a}, not 0.01 to 655.35"
+
+
+def _set_faults(statement: Statement) -> Iterator[str]:
+    value = statement.tree.children[-1]
+    if isinstance(value, Token) and value.type == "NUMBER":
+        variable = text_of(statement.tree)[: -len(value)]
+        least, most = _LIMITS.get(variable.lstrip("L")[:1], (-(2**31), 2**31 - 1))
+        if not least <= float(value) <= most:
+            yield f"{variable[:20]} is set to {value[:20]!a}, not {least} to {most}"
+
+
+def _gets_faults(statement: Statement) -> Iterator[str]:
+    system, place = statement.word("SYSTEM"), statement.one("place")
+    variable = text_of(place) if place is not None else ""
+    if system and variable.lstrip("L").startswith("PX") != system.startswith("$PX"):
+        yield f"{system[:20]} is stored in {variable[:20]}"
+
+
+def _call_faults(statement: Statement) -> Iterator[str]:
+    called = statement.word("JOB")[4:]
+    if called and not _NAME.fullmatch(called):
+        yield f"{called[:40]!a} is no name of a job"
+
+
+_ARGUMENTS = {
+    "timer": _time_faults,
+    "pulse_output": _time_faults,
+    "set": _set_faults,
+    "gets": _gets_faults,
+    "call": _call_faults,
+}

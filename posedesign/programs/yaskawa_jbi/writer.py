@@ -5,8 +5,13 @@ are written into comments of the job, because the format has no place for them. 
 (``///RECTAN``) stand in the base frame or in user frame n, in a relative job (``///ATTR SC,RW,RJ``
 and ``////FRAME``).
 
-The layout is that of the makers' manuals ("Job data format" of NX100 and DX100) and of exports;
-names of 8 characters are what NX100 takes. Nothing was loaded on a controller.
+Joint positions are for controllers from NX100 on: nothing in such a job is younger, and names have
+the 8 characters of NX100, which are legal on all later ones (32 from DX100 on). Poses are for DX100
+and later (FS100, DX200, YRC1000): ``///RCONF`` has 24 values and angles four decimals, as in the
+manual of DX100 (HW0482494, 4.1) and in what those controllers save. NX100's manual (HW0481924, 4.1)
+has six values, jobs of its time eight and two decimals: poses are not written for it.
+
+The layout is that of these manuals and of exports. Nothing was loaded on a controller.
 
 * Before each move stands ``'POSE n name``: a controller numbers C variables anew when steps are
   inserted or deleted, so their numbers alone would not say which pose is which.
@@ -40,7 +45,7 @@ from posedesign.programs.writing import (
 from posedesign.programs.yaskawa_jbi.pulses import checked, comments
 
 NAMES = NameRule("a Yaskawa job name", 8)
-"""What every controller takes (NX100; from DX100 on 32 characters)."""
+"""What every controller takes, NX100 too."""
 
 COMMENT_LENGTH = 32
 """Characters of a job's comment and of a comment line."""
@@ -69,8 +74,8 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
     r"""Text of the job, its lines ended by ``\n``.
 
     Pulses are whole: joint values are rounded by at most half a pulse. Poses are rounded by at
-    most 0.0005 mm and 0.00005 deg (controllers up to NX100 keep two decimals of a degree). A
-    pose's name is left out where it does not fit into its comment.
+    most 0.0005 mm and 0.00005 deg. A pose's name is left out where it does not fit into its
+    comment.
 
     Parameters
     ----------

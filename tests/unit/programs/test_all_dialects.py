@@ -162,8 +162,14 @@ def test_five_thousand_damaged_programs(name: str, form: str) -> None:
 
 FREE = {
     "fanuc-ls": r'!.*|"[^"]*"|/PROG.*|MEASURE|MNEDITOR',
+    "yaskawa-jbi": r"'.*|(?<=COMM).*|//NAME.*|JOB:.*|////(?=FRAME)",
+    "ur-script": r'#.*|"[^"]*"|not |request_boolean_from_primary_client',
+    "staubli-val3": r'//.*|popUpMsg\("[^"]*"|(?:link|version)="[^"]*"|(?<= value=)"[^"]*"|xmlns.*'
+    r'|(?<=Data name=)"[^"]*"|(?<=Parameter name=)"[^"]*"|(?:ioLink|size|xsi)="[^"]*"',
+    "kuka-krl": r";.*|&.*|MEASURE|DECL|(?<=AXIS )XP\d|(?<=POS )XP\d",
+    "abb-rapid": r'!.*|"[^"]*"|MEASURE|9E9|LOCAL|MUTATED\w*|speeddata.*|ConfJ.On',
 }
-"""Comments, texts and names of the user, in which a mutant is a legal program."""
+"""Comments, texts, names of the user and words that may be left out: a mutant there is legal."""
 
 WORD = re.compile(r"[A-Za-z_]\w*|\d+(?:\.\d*)?|\.\d+|[^\w\s]")
 

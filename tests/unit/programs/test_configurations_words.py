@@ -293,7 +293,7 @@ def test_fanuc_words_may_stand_in_quotes_and_without_blanks() -> None:
         *[("kuka", t) for t in ("S -1,T 0", "S 2.0,T 0", "S 'B10,T 0")],
         *[("abb", t) for t in ("", "[0,0,0]", "[0,0,0,8]", "[0,0,0,-1]", "0,0,0,0", "[a,0,0,0]")],
         *[("abb", t) for t in ("[0,0,0,0,0]", "[0.5,0,0,0]")],
-        *[("yaskawa", t) for t in ("", "0,0,0,0,0,0", "2,0,0,0,0,0,0,0", "0,0,0,0,0,0,1,0")],
+        *[("yaskawa", t) for t in ("", "0,0,0,0,0", "2,0,0,0,0,0,0,0", "0,0,0,0,0,0,1,0")],
         *[("yaskawa", t) for t in ("1,0,0,0,0,0,0,0,0", "1;0;0;0;0;0;0;0", "RCONF")],
         *[("staubli", t) for t in ("", "lefty", "lefty epositive", "epositive lefty wpositive")],
         *[("staubli", t) for t in ("ssame epositive wpositive", 'shoulder="lefty" elbow="up"')],

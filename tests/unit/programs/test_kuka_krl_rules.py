@@ -65,7 +65,7 @@ def test_a_good_program_has_no_problems(tmp_path: Path, which: str) -> None:
         (".src", "BAS(#INITMOV,0)", "INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )\n"
          "BAS(#INITMOV,0)"),
         (".dat", "EXT BAS", "DECL BASIS_SUGG_T L={POINT1[] \"P1\"}\nEXT BAS"),
-        (".dat", "EXT BAS", "DECL FDAT FP1={TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE}\nEXT BAS"),
+        (".dat", "EXT BAS", "DECL FDAT FP9={TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE}\nEXT BAS"),
         (".dat", "EXT BAS", "INT N=3\nSTRUC MY REAL A,B\nEXT BAS"),
         (".dat", "A2 -90.00000", "A2 -9.0E+01"),
         (".dat", "A6 6.00000}", "A6 6.0,E1 0.0,E2 0.0}"),
@@ -148,6 +148,10 @@ ONE_RULE = [
     ("word", ".dat", "DECL E6AXIS XP1", "DECLE6AXIS XP1", "no blank behind DECL"),
     ("word", ".dat", "REAL", "RAEL", "REAL?"),
     ("word", ".dat", "EXT BAS", "EXT AS", "what takes a BAS_COMMAND is BAS"),
+    ("form", ".dat", "TOOL_NO 1", "TOL_NO 1", "FP1: TOL_NO is no name of FDAT"),
+    ("form", ".dat", "TOOL_NO 1", "TOOL_NO TRUE", "TOOL_NO is TRUE, no number"),
+    ("form", ".dat", "IPO_FRAME #BASE", "IPO_FRAME BASE", "no name with #"),
+    ("form", ".dat", "APO_DIST", "APODIST", "PPDAT1: APODIST is no name of PDAT"),
     ("data", ".dat", "EXT BAS", "MEASURE(1)\nEXT BAS", "in a data list"),
     ("number", ".dat", "E6AXIS " + P1, POSE.replace("A 4.0", "A 180.1"), "beyond +-180"),
     ("number", ".dat", "E6AXIS " + P1, POSE.replace("S 2", "S 32"), "S '32' is not from 0 to 31"),
@@ -173,8 +177,6 @@ ONE_RULE = [
     ("frame-value", ".src", "BAS(#TOOL,1)", "$TOOL={X 0,Y 0,Z 0}", "$TOOL has not X Y Z A B C"),
     ("frame-value", ".src", "BAS(#TOOL,1)", "$TOOL={X 0,Y 0,Z 0,A 0,B 0,C TRUE}", "no number"),
     ("initialised", ".src", "BAS(#INITMOV,0)\n", "", "no BAS(#INITMOV,0)"),
-    ("frame", ".src", "BAS(#TOOL,1)\n", "", "$TOOL is not set"),
-    ("frame", ".src", "BAS(#BASE,0)\n", "", "$BASE is not set"),
     ("standstill", ".src", "WAIT SEC 1.00\n", "", "the arm may still move"),
     ("standstill", ".src", "PTP XP1", "PTP XP1 C_PTP", "approximated"),
     ("array-bounds", ".src", "XM[2]=", "XM[3]=", "XM[3] of 2"),
@@ -217,6 +219,14 @@ def test_the_other_file_is_asked_for(
     assert message in problem.message
 
 
+@pytest.mark.parametrize("name", ["TOOL", "BASE"])
+def test_frames_are_set_before_the_first_motion(tmp_path: Path, name: str) -> None:
+    without = re.sub(rf"BAS\(#{name},.*\n|FDAT_ACT=.*\n", "", SRC)
+    (problem,) = check(tmp_path, DAT, without, ".src")
+    assert (problem.rule, problem.level) == ("frame", "measuring")
+    assert f"${name} is not set" in problem.message
+
+
 def test_a_companion_that_cannot_be_read_is_a_problem(tmp_path: Path) -> None:
     with (tmp_path / "CAL.dat").open("wb") as stream:
         stream.truncate(MOST_BYTES + 1)
@@ -227,7 +237,7 @@ def test_a_companion_that_cannot_be_read_is_a_problem(tmp_path: Path) -> None:
 
 def test_a_source_without_variables_needs_no_other_file(tmp_path: Path) -> None:
     inline = re.sub(r"XM.*\n", "", re.sub(r"XP\d", "{A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}", SRC))
-    assert check(tmp_path, None, inline, ".src") == []
+    assert check(tmp_path, None, re.sub(r"[FP]DAT_ACT.*\n", "", inline), ".src") == []
 
 
 @pytest.mark.parametrize(("which", "text"), [(".dat", SRC), (".src", DAT)])
@@ -245,7 +255,7 @@ def test_the_name_is_that_of_the_file(tmp_path: Path) -> None:
 
 def test_every_rule_of_the_table_is_broken_by_a_file() -> None:
     told = set(re.findall(r"^``([a-z-]+)``", rules.__doc__ or "", re.M))
-    assert told == {rule for rule, *_ in ONE_RULE} | {"companion", "routine"}
+    assert told == {rule for rule, *_ in ONE_RULE} | {"companion", "frame", "routine"}
 
 
 def test_problems_are_told_up_to_a_number() -> None:

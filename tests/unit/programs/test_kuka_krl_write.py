@@ -67,14 +67,18 @@ JOINT_DAT = """\
 &REL 1
 &COMMENT after service
 DEFDAT CalPose
-;PLAN 00c0ffee 2 2 6b650f58
+;PLAN 00c0ffee 2 2 2c916bae
 ;TOOL 2 BASE 3
 EXT BAS(BAS_COMMAND :IN,REAL :IN)
+DECL PDAT PPDAT1={VEL 20.0,ACC 100.0,APO_DIST 100.0,GEAR_JERK 50.0,EXAX_IGN 0}
 ;P1 T1
 DECL E6AXIS XP1={A1 10.00000,A2 -90.00000,A3 90.00000,A4 0.00000,A5 15.50000,A6 -30.00000}
+DECL FDAT FP1={TOOL_NO 2,BASE_NO 3,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}
 DECL E6AXIS XP2={A1 -10.00000,A2 -70.00000,A3 60.00000,A4 -5.00000,A5 35.00000,A6 130.00000}
+DECL FDAT FP2={TOOL_NO 2,BASE_NO 3,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}
 ;P3 way
 DECL E6AXIS XP3={A1 20.00000,A2 -80.00000,A3 70.00000,A4 5.00000,A5 25.12346,A6 0.00000}
+DECL FDAT FP3={TOOL_NO 2,BASE_NO 3,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}
 ;XM[11] IS P1
 DECL E6AXIS XM[12]
 ENDDAT
@@ -84,21 +88,42 @@ JOINT_SRC = """\
 &REL 1
 &COMMENT after service
 DEF CalPose( )
-;PLAN 00c0ffee 2 2 6b650f58
+;PLAN 00c0ffee 2 2 2c916bae
 BAS(#INITMOV,0)
 BAS(#VEL_PTP,20)
 BAS(#TOOL,2)
 BAS(#BASE,3)
 ;P1 T1
+;FOLD PTP P1 Vel=20 % PDAT1 Tool[2] Base[3];%{PE}%R 8.3.42,%MKUKATPBASIS,%CMOVE,%VPTP,%P \
+1:PTP, 2:P1, 3:, 5:20, 7:PDAT1
+$BWDSTART=FALSE
+PDAT_ACT=PPDAT1
+FDAT_ACT=FP1
+BAS(#PTP_PARAMS,20)
 PTP XP1
+;ENDFOLD
 WAIT SEC 1.50
 PULSE($OUT[7],TRUE,0.50)
 MEASURE(1)
 XM[11]=$AXIS_ACT
 ;P3 way
+;FOLD PTP P3 Vel=20 % PDAT1 Tool[2] Base[3];%{PE}%R 8.3.42,%MKUKATPBASIS,%CMOVE,%VPTP,%P \
+1:PTP, 2:P3, 3:, 5:20, 7:PDAT1
+$BWDSTART=FALSE
+PDAT_ACT=PPDAT1
+FDAT_ACT=FP3
+BAS(#PTP_PARAMS,20)
 PTP XP3
+;ENDFOLD
 ;mind the jig
+;FOLD PTP P2 Vel=20 % PDAT1 Tool[2] Base[3];%{PE}%R 8.3.42,%MKUKATPBASIS,%CMOVE,%VPTP,%P \
+1:PTP, 2:P2, 3:, 5:20, 7:PDAT1
+$BWDSTART=FALSE
+PDAT_ACT=PPDAT1
+FDAT_ACT=FP2
+BAS(#PTP_PARAMS,20)
 PTP XP2
+;ENDFOLD
 WAIT SEC 1.50
 PULSE($OUT[7],TRUE,0.50)
 MEASURE(2)
@@ -247,7 +272,8 @@ def test_lines_are_short(tmp_path: Path) -> None:
         )
         program = PoseProgram("N" * 24, poses, options, ARM, first=99_997)
         for file in write(program, "kuka-krl", tmp_path):
-            assert max(map(len, file.read_text().splitlines())) < 120
+            lines = [line for line in file.read_text().splitlines() if line[:5] != ";FOLD"]
+            assert max(map(len, lines)) < 120
             assert validate(file) == []
 
 
@@ -271,6 +297,7 @@ def test_names_that_no_comment_holds_are_left_out() -> None:
         ({"measure_call": "M" * 25}, "is not a KUKA program name"),
         ({"measure_call": "ptp"}, "is not a KUKA program name"),
         ({"measure_call": "Xp3"}, "is the name of a position"),
+        ({"measure_call": "fp12"}, "is the name of a position"),
         ({"measure_call": "cal"}, "would call itself"),
         ({"tool_frame": 17}, "tool_frame is 17"),
         ({"user_frame": -1}, "user_frame is -1"),
@@ -376,6 +403,15 @@ def test_planned_positions_are_no_touch_ups(reference_cell: Cell, tmp_path: Path
     for keep in (False, True):
         with pytest.raises(InputError, match="no register holds a touched-up position"):
             import_touch_ups(reference_cell, [path], keep_untouched=keep)
+
+
+def test_a_position_that_the_pendant_touched_up_is_read_with_its_frames() -> None:
+    pose = "E6POS XP1={X 525.0,Y -10.0,Z 890.25,A 10.5,B -12.0,C 178.5,S 2,T 35}"
+    planned = re.search(r"E6AXIS XP1=.*", JOINT_DAT)
+    assert planned is not None
+    first, second, _ = touched_up(JOINT_DAT.replace(planned[0], pose)).positions
+    assert (first.shown_deg, first.tool_frame, first.user_frame) == (None, 2, 3)
+    assert second.shown_deg is not None
 
 
 def test_touched_up_positions_stand_in_the_place_of_the_planned_ones() -> None:

@@ -12,7 +12,6 @@ from calib.robots import Robot
 from posedesign.programs import Arm, PoseProgram, Problem, ProgramOptions, ProgramPose
 from posedesign.programs.staubli_val3 import StaubliVal3, rules
 from posedesign.programs.staubli_val3.rules import MOST_PROBLEMS, check_staubli_val3
-from tests.unit.programs.mutants import mutants
 
 POSES = tuple(ProgramPose(f"T{i}", np.radians([i, 20, 90, 10, -50, 6])) for i in (1, -1))
 ARM = Arm.of(Robot.preset("tx2_60"))
@@ -221,25 +220,6 @@ def test_what_cannot_be_known_is_noted() -> None:
     assert [p.level for p in check_staubli_val3(text.encode(), Path(CALLED))] == ["note"]
     text = JOINT[DATA].replace('"nTraj"', '"nNameOfTheNextMove"')
     assert [p.level for p in check_staubli_val3(text.encode(), Path(DATA))] == ["note"]
-
-
-# free text: remarks, messages, links, marks and names of poses, the version of the language
-FREE = re.compile(r'//.*|popUpMsg\("[^"]*"|(?:link|version)="[^"]*"|(?<= value=)"[^"]*"|xmlns.*')
-# names that are of the user alone: nothing else mentions them
-OWN = re.compile(r'name="(?:sTitle|sPose|nFirst|x_nNumber)"|xsi="[^"]*"')
-
-
-@pytest.mark.parametrize("form", ["joint", "cartesian"])
-def test_a_broken_token_is_refused(form: str, tmp_path: Path) -> None:
-    files = JOINT if form == "joint" else POSED
-    folder = written(tmp_path, files)
-    skip = re.compile(f"{FREE.pattern}|{OWN.pattern}")
-    rng = np.random.default_rng(6)
-    for name in (DATA, PROJECT, START, CALLED):
-        for before, behind, text in mutants(files[name], 100, rng, skip):
-            (folder / name).write_text(text)
-            assert any(StaubliVal3().validate(folder / other) for other in files), (before, behind)
-        (folder / name).write_text(files[name])
 
 
 def test_a_file_of_rubbish_is_not_told_without_end() -> None:

@@ -257,7 +257,9 @@ def test_poses_are_read_in_the_frames_of_the_script() -> None:
 seeds = st.integers(0, 2**32 - 1)
 
 
-def check_round_trip(seed: int, form: str, count: int) -> None:
+@settings(max_examples=40, deadline=None)
+@given(seed=seeds, form=st.sampled_from(["joint", "cartesian"]), count=st.integers(1, 12))
+def test_what_is_written_is_valid_and_read_back(seed: int, form: str, count: int) -> None:
     rng = np.random.default_rng(seed)
     robot = ARM.robot
     assert robot is not None
@@ -275,16 +277,3 @@ def check_round_trip(seed: int, form: str, count: int) -> None:
     if form == "cartesian":
         for position, pose in zip(back.positions, arm.tool_poses(postures), strict=True):
             np.testing.assert_allclose(position.T_user_tool, pose, atol=3e-7)
-
-
-@settings(max_examples=40, deadline=None)
-@given(seed=seeds, form=st.sampled_from(["joint", "cartesian"]), count=st.integers(1, 12))
-def test_what_is_written_is_valid_and_read_back(seed: int, form: str, count: int) -> None:
-    check_round_trip(seed, form, count)
-
-
-@pytest.mark.slow
-@settings(max_examples=1000, deadline=None)
-@given(seed=seeds, form=st.sampled_from(["joint", "cartesian"]), count=st.integers(1, 12))
-def test_what_is_written_is_valid_and_read_back_often(seed: int, form: str, count: int) -> None:
-    check_round_trip(seed, form, count)

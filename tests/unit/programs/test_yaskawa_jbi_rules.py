@@ -1,7 +1,8 @@
-"""Yaskawa jobs: each rule of the strict validator, by a file that breaks it and no other."""
+"""Yaskawa jobs: each rule of the validator, and what jobs of others have."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -31,122 +32,149 @@ C00001=800.000,0.000,614.000,180.0000,0.0000,0.0000
 ///ATTR SC,RW,RJ
 ////FRAME BASE
 """
-POSES_JOB = GOOD[: GOOD.index("///POSTYPE")] + RECTAN + GOOD[GOOD.index("///GROUP1") :]
+POSED = GOOD[: GOOD.index("///POSTYPE")] + RECTAN + GOOD[GOOD.index("///GROUP1") :]
 
 
 def check(text: str) -> list[Problem]:
     return check_yaskawa_jbi(text.replace("\n", "\r\n").encode("latin-1"))
 
 
-def test_good_files_have_no_problems(tmp_path: Path) -> None:
-    assert check(GOOD) == []
-    assert check(POSES_JOB) == []
-    path = tmp_path / "CALPOSE.JBI"
-    path.write_bytes(GOOD.replace("\n", "\r\n").encode())
-    assert YaskawaJbi().validate(path) == []
+def with_steps(steps: str) -> str:
+    return GOOD.replace("TIMER T=1.00\n", f"TIMER T=1.00\n{steps}\n", 1)
 
 
 @pytest.mark.parametrize(
     ("source", "old", "new"),
     [
-        (GOOD, "///TOOL 1", "///TOOL 1,2"),
+        (GOOD, "", ""),
+        (GOOD, "///TOOL 1", "///TOOL 1,63"),
         (GOOD, "SC,RW", "SC,RO"),
-        (GOOD, "RB1\n", "RB1,BS1\n///GROUP2 ST1\n"),
+        (GOOD, "RB1\n", "RB1,BS1\n///GROUP2 ST1\n///LVARS 2,0,0,0,0,0,0,0\n"),
         (GOOD, "CALPOSE", "TOUCH_UP-OF-CELL-7-AFTER-SERVICE"),
-        (POSES_JOB, "180.0000", "-180.0000"),
-        (POSES_JOB, "180.0000", "-180.00"),
-        (GOOD, "///TOOL 1", "///TOOL 63"),
+        (GOOD, "CALPOSE", "001-home"),
+        (GOOD, "//INST", "//ARGINFO\n///ARGTYPE B,,\n///COMMENT\nTool number\n//INST"),
         (GOOD, "VJ=10.00 PL=0", "VJ=I000 PL=0 NWAIT ACC=20 UNTIL IN#(1)=ON"),
-        (GOOD, "TIMER T=1.00", "*LABEL\nTIMER T=1.00"),
-        (GOOD, "TIMER T=1.00", "MEASURE_7 MJ#(0)\nTIMER T=1.00"),
-        (GOOD, "TIMER T=1.00", "SET D000 EXPRESS D001 + 2\nDOUT OT#(3) ON\nRET"),
-        (GOOD, "TIMER T=1.00", "\tTIMER T=B000"),
-        (GOOD, "SET I000 1", "SET I000 B003"),
+        (GOOD, "VJ=10.00 PL=0", "VJ=50 PL=0  //APPROACH"),
         (GOOD, "CALL JOB:MEASURE", "CALL JOB:measure-1 IF IN#(1)=ON"),
-        (GOOD, "CALL JOB:MEASURE", "CALL JOB:MEASURE ARGF1"),
-        (POSES_JOB, "////FRAME", "///FRAME"),
-        (POSES_JOB, "0,0,0,0,0,0,0\n", "0,0,0,0,0" + ",0" * 18 + "\n"),
+        (GOOD, "CALL JOB:MEASURE", 'CALL JOB:MEASURE ARGF5 ARGFI025 ARGF"1;71"'),
+        (POSED, "180.0000", "-180.00"),
+        (POSED, "////FRAME", "///FRAME"),
+        (POSED, "0,0,0,0,0,0,0\n", "0,0,0,0,0\n"),
+        (POSED, "0,0,0,0,0,0,0\n", "0,0,0,0,0" + ",0" * 18 + "\n"),
         (
-            POSES_JOB.replace("////FRAME BASE", "////FRAME USER 12"),
+            POSED.replace("////FRAME BASE", "////FRAME USER 12"),
             "///POSTYPE BASE",
-            "///USER 12\n///POSTYPE USER",
+            "///POSTYPE USER\n///USER 12",
         ),
     ],
 )
-def test_what_controllers_write_too_is_accepted(source: str, old: str, new: str) -> None:
+def test_what_controllers_write_too(source: str, old: str, new: str) -> None:
     assert old in source
     assert check(source.replace(old, new, 1)) == []
 
 
+@pytest.mark.parametrize(
+    "steps",
+    [
+        # in the manner of jobs that controllers saved: ros-industrial/motoman,
+        # Yaskawa-Global/motoros2, AGSweeney/Motoman_EnIP_ToolChanger, MQCIA/yaskawa-cadcam
+        'SKILLSND "ROS-START"\nSKILLSND SL5 "fetchRecipe"',
+        "PSTART JOB:ROS_R2 SUB1\nPWAIT SUB1\nTSYNC 1",
+        "IF ( IN#(1871)=ON AND IN#(1872)=OFF ) THEN\n CALL JOB:MAIN\nENDIF",
+        "IFTHENEXP B098<>0\n\t RET\nELSEIFEXP B003=1\n\t WAIT IN#(B004)=ON\nELSE\nENDIF",
+        "SET I003  EXPRESS I002 * 1.365 / 2340 * 100\nAOUT AO#(1) I003",
+        "GETARG LB000 IARG#(1)\nGETREG I000 MREG#(560) LOW\nSET B[B000] 3",
+        "SETE P00095 (1) -30000\nGETE D000 P000 (3)\nSETTOOL TL#(9) P00095",
+        "GETS PX000 $PX000\nCNVRT PX000 PX000 UF#(1)\nSFTON P013\nSFTOF\nHPVELON",
+        "MOVL P018 V=50.0 PL=0\nFORMAPR P018 FCF#(1) R=D000 V=50.0\nFORMCUT RB1 FCF#(1)",
+        "*LOOP\nSWITCH I000 CASE 1\nCALL JOB:01\nDEFAULT\nENDSWITCH\nJUMP *LOOP IF D000<3",
+        "FOR I000 = 1 TO 10\nDOUT OG#(26) B009\nPULSE OT#(209)\nNEXT I000",
+        "MOVJ P001 VJ=80.00 PL=0 DEC=20  +MOVJ EX001 VJ=0.78\nWVON WEV#(25)\nSMOVL P002 V=7 PL=0",
+        "TIMER T=LI005\nIMOV LP000 V=201.0\nSPEED VJ=50.00\nMOVJ P[I000] PL=0",
+    ],
+)
+def test_steps_of_others_have_no_errors(steps: str) -> None:
+    assert [p for p in check(with_steps(steps)) if p.level == "error"] == []
+
+
+@pytest.mark.parametrize("step", ["MEASURE_7 MJ#(0) ARGF8", "PI_CALIB", "SRVGRIP GRP#(1) F=3.0"])
+def test_what_an_option_may_know_is_noted(step: str) -> None:
+    assert [(p.rule, p.level) for p in check(with_steps(step))] == [("instruction", "note")]
+
+
+TIMED = "TIMER T=1.00"
 ONE_RULE = [
+    ("syntax", GOOD, TIMED, "TIMER 1.00", "cannot stand behind 'TIMER"),
+    ("syntax", GOOD, "SET I000 1", "SET I000", "is not complete"),
+    ("syntax", GOOD, "PULSE OT#(3)", "PULSE (3)", "cannot stand"),
+    ("syntax", GOOD, "VJ=10.00", "10.00", "cannot stand"),
+    ("syntax", GOOD, "CALL JOB:MEASURE", "CALL MEASURE", "is not complete"),
+    ("syntax", GOOD, "NPOS 2,0,0,0,0,0", "NPOS 2", "is not complete"),
+    ("syntax", GOOD, "SC,RW", "SC,XX", "cannot stand"),
     ("ascii", GOOD, "'PLAN", "'PL\u00e4N", "0xe4"),
     ("ascii", GOOD, "'PLAN", "'PL\0N", "0x00"),
     ("crlf", GOOD, "'PLAN", "'PL\rN", "CR inside"),
-    ("sections", GOOD, "END\n", "", "where END is due"),
-    ("sections", GOOD, "NOP\n", "", "where NOP is due"),
-    ("sections", GOOD, "END\n", "END\nNOP\n", "where END is due"),
-    ("sections", GOOD, "/JOB\n", "/JOB\n//NAM X\n", "belongs nowhere"),
-    ("sections", GOOD, "///TOOL", "///TOL 3\n///TOOL", "belongs nowhere"),
+    ("sections", GOOD, "END\n", "", "END are due"),
+    ("sections", GOOD, "NOP\n", "", "NOP is due"),
+    ("sections", GOOD, "END\n", "END\nNOP\n", "'NOP' belongs nowhere"),
+    ("sections", GOOD, "NOP\n", "NOP\n///LVARS 1,0,0,0,0,0,0,0\n", "belongs nowhere"),
     ("job-name", GOOD, "CALPOSE", "C" * 33, "32 characters"),
     ("job-name", GOOD, "CALPOSE", "CAL POSE", "letters, digits"),
     ("job-name", GOOD, "//NAME CALPOSE\n", "", "one //NAME"),
     ("header", GOOD, "///DATE 2000/01/01 00:00\n", "", "///DATE is missing"),
-    ("header", GOOD, "2000/01/01", "01.01.2000", "///DATE is missing or malformed"),
+    ("header", GOOD, "2000/01/01", "2000/13/01", "///DATE is not like"),
     ("header", GOOD, "SC,RW", "RW", "///ATTR"),
     ("header", GOOD, "///GROUP1 RB1\n", "", "///GROUP1"),
     ("header", GOOD, "cell 7", "c" * 33, "longer than 32"),
-    ("npos", GOOD, "NPOS 2,", "NPOS 3,", "there are 2,0,0,0,0,0"),
-    ("npos", GOOD, "NPOS 2,0,0,0,0,0", "NPOS 2", "there are 2,0,0,0,0,0"),
-    ("npos", GOOD, "///NPOS 2,0,0,0,0,0\n", "", "///NPOS is ''"),
+    ("header", GOOD, "///TOOL", "///TOL 3\n///TOOL", "did you mean ///TOOL?"),
+    ("header", GOOD, "///COMM cell 7\n", "///COMM a\n///COMM b\n", "is there twice"),
+    ("npos", GOOD, "NPOS 2,", "NPOS 3,", "says 3 C positions, there are 2"),
+    ("npos", GOOD, "///NPOS 2,0,0,0,0,0\n", "", "no ///NPOS"),
     ("position-format", GOOD, "///TOOL 1\n", "", "has no ///TOOL"),
-    ("position-format", GOOD, "POSTYPE PULSE", "POSTYPE BASE", "is in BASE and PULSE"),
+    ("position-format", GOOD, "///TOOL 1", "///TOOL 64", "has ///TOOL 64, not 0 to 63"),
+    ("position-format", GOOD, "POSTYPE PULSE", "POSTYPE BASE", "neither in pulses nor"),
     ("position-format", GOOD, "C00001=-1000,", "C00001=", "has 5 values"),
     ("number", GOOD, "C00001=-1000,", "C00001=-1000.5,", "'-1000.5' is not a whole number"),
     ("number", GOOD, "C00001=-1000,", "C00001=-0,", "'-0' is not a whole number"),
-    ("number", GOOD, "C00001=-1000,", "C00001=1e3,", "not a whole number"),
     ("number", GOOD, "C00001=-1000,", "C00001=9999999999,", "not a whole number"),
-    ("number", POSES_JOB, "=800.000", "=800.0000", "at most 3 decimals"),
-    ("number", POSES_JOB, "=800.000", "=8e2", "at most 3 decimals"),
-    ("number", POSES_JOB, "=800.000", "=-0.000", "is minus zero"),
-    ("number", POSES_JOB, "180.0000", "-180.0001", "not in [-180, 180]"),
-    ("rconf", POSES_JOB, "///RCONF 1,0,0,0,0,0,0,0\n", "", "///RCONF is ''"),
-    ("rconf", POSES_JOB, "RCONF 1,", "RCONF 2,", "///RCONF is '2,"),
-    ("rconf", POSES_JOB, "RCONF 1,", "RCONF 1,0,", "///RCONF is '1,0,"),
-    ("relative-job", POSES_JOB, ",RJ\n", "\n", "is not relative"),
-    ("relative-job", POSES_JOB, "////FRAME BASE\n", "", "no ////FRAME"),
-    ("relative-job", POSES_JOB, "FRAME BASE", "FRAME USER 2", "has ////FRAME USER 2"),
-    ("position-defined", GOOD, "MOVJ C00000", "MOVJ C00000 +MOVJ C00002", "C00002 is not there"),
+    ("number", GOOD, "C00001=-1000,", f"C00001={'9' * 5000},", "not a whole number"),
+    ("number", POSED, "=800.000", "=800.0000", "at most 3 decimals"),
+    ("number", POSED, "=800.000", "=-0.000", "is minus zero"),
+    ("number", POSED, "180.0000", "-180.0001", "not in [-180, 180]"),
+    ("rconf", POSED, "///RCONF 1,0,0,0,0,0,0,0\n", "", "///RCONF is ''"),
+    ("rconf", POSED, "RCONF 1,", "RCONF 2,", "///RCONF is '2,"),
+    ("rconf", POSED, "RCONF 1,", "RCONF 1,0,", "///RCONF is '1,0,"),
+    ("rconf", POSED, "0,0\nC", "0,1\nC", "not of a six-axis arm"),
+    ("relative-job", POSED, ",RJ\n", "\n", "is not relative"),
+    ("relative-job", POSED, "////FRAME BASE\n", "", "no ////FRAME"),
+    ("relative-job", POSED, "FRAME BASE", "FRAME USER 2", "has ////FRAME USER 2"),
+    ("position-defined", GOOD, "PL=0", "PL=0 +MOVJ C00002", "C00002 is not there"),
     ("position-used", GOOD, "MOVJ C00001", "MOVJ P001", "C00001 is never moved to"),
+    ("position-unique", GOOD, "C00001=", "C00000=0,0,0,0,0,0\nC00001=", "is there twice"),
     ("stop-before-call", GOOD, " PL=0\nTIMER", "\nTIMER", "no move with PL=0"),
     ("stop-before-call", GOOD, " PL=0\nTIMER", " PL=1\nTIMER", "no move with PL=0"),
     ("stop-before-call", GOOD, "NOP\n", "NOP\nCALL JOB:INIT\n", "no move with PL=0"),
     ("argument", GOOD, "VJ=10.00", "VJ=100.01", "VJ= is '100.01'"),
-    ("argument", GOOD, "VJ=10.00", "VJ=10.0", "with two decimals"),
-    ("argument", GOOD, "VJ=10.00", "VJ=10", "with two decimals"),
     ("argument", GOOD, "VJ=10.00", "VJ=0.00", "VJ= is '0.00'"),
-    ("argument", GOOD, "TIMER T=1.00", "TIMER T=655.36", "T= is '655.36'"),
-    ("argument", GOOD, "TIMER T=1.00", "TIMER T=0.00", "T= is '0.00'"),
+    ("argument", GOOD, TIMED, "TIMER T=655.36", "T= is '655.36'"),
     ("argument", GOOD, "T=0.50", "T=0.505", "T= is '0.505'"),
-    ("argument", GOOD, "SET I000 1", "SET I000 32768", "an I variable is '32768'"),
-    ("argument", GOOD, "JOB:MEASURE", "JOB:" + "M" * 33, "calls no job"),
-    ("argument", GOOD, "JOB:MEASURE", "MEASURE", "calls no job"),
-    ("instruction", GOOD, "SET I000 1", "SETT I000 1", "'SETT' is no instruction"),
-    ("instruction", GOOD, "TIMER T=1.00", "TIMER 1.00", "is not a whole TIMER"),
-    ("instruction", GOOD, "SET I000 1", "SET I000", "is not a whole SET"),
-    ("instruction", GOOD, "PULSE OT#(3)", "PULSE (3)", "is not a whole PULSE"),
-    ("instruction", GOOD, "VJ=10.00", "VJJ=10.00", "'VJJ=10.00' does not belong to MOVJ"),
-    ("instruction", GOOD, "VJ=10.00", "10.00", "'10.00' does not belong to MOVJ"),
-    ("instruction", GOOD, "NOP\n", "NOP\nMOVJJ C00000 VJ=10.00\n", "'MOVJJ' is no"),
-    ("position-format", GOOD, "///TOOL 1", "///TOOL 64", "///TOOL is 64, not 0 to 63"),
+    ("argument", GOOD, "SET I000 1", "SET I000 32768", "I000 is set to '32768'"),
+    ("argument", GOOD, "SET I000 1", "SET B000 256", "not 0 to 255"),
+    ("argument", GOOD, "SET I000 1", "SET I00 1", "'I00' has not the digits"),
+    ("argument", GOOD, TIMED, "GETS P012 $PX000", "$PX000 is stored in P012"),
+    ("argument", GOOD, "JOB:MEASURE", "JOB:" + "M" * 33, "is no name of a job"),
+    ("instruction", GOOD, "SET I000 1", "SETT I000 1", "did you mean SET"),
+    ("instruction", GOOD, "'POSE 1", "POSE 1", "'POSE' is no instruction"),
+    ("instruction", GOOD, TIMED, "OPTION 1 MOVJ", "'OPTION' is no instruction"),
+    ("move", GOOD, "VJ=10.00", "VJJ=10.00", "'VJJ=' does not belong there"),
+    ("move", GOOD, "VJ=10.00", "VJ=10.00 VJ=10.00", "'VJ=' does not belong there"),
+    ("move", GOOD, "VJ=10.00 PL=0", "PL=0", "no speed"),
+    ("move", GOOD, "PL=0", "PL=0 PL=0", "is there twice"),
+    ("move", GOOD, "MOVJ C00000", "MOVJ C00000 C00001", "is there twice"),
+    ("move", GOOD, "PL=0", "PL=0 NWAI", "'NWAI' is nothing of MOVJ"),
+    ("block", GOOD, TIMED, "IFTHENEXP B000=1", "never closed"),
     ("comment", GOOD, "'POSE 1 T1", "'" + "x" * 33, "longer than 32"),
     ("length", GOOD, "NOP\n", "NOP\n" + "'\n" * 10000, "at most 9999"),
-    (
-        "position-unique",
-        GOOD.replace("NPOS 2", "NPOS 3"),
-        "//INST",
-        "C00001=0,0,0,0,0,0\n//INST",
-        "C00001 is there twice",
-    ),
 ]
 
 
@@ -155,49 +183,40 @@ def test_a_file_that_breaks_one_rule(
     rule: str, source: str, old: str, new: str, message: str
 ) -> None:
     assert old in source
-    problems = check(source.replace(old, new, 1))
-    assert {problem.rule for problem in problems} == {rule}
+    text = source.replace(old, new, 1)
+    if rule == "position-unique":
+        text = text.replace("NPOS 2", "NPOS 3")
+    problems = check(text)
+    found = {problem.rule for problem in problems}
+    # one that is not understood is missing elsewhere
+    allowed = {
+        "syntax": {"npos", "header", "position-used", "stop-before-call"},
+        "move": {"position-used"},
+    }
+    assert rule in found
+    assert found - {rule} <= allowed.get(rule, set())
     assert message in " ".join(problem.message for problem in problems)
 
 
 def test_every_rule_has_such_a_file() -> None:
-    documented = {
-        line[2 : line.index("``", 2)]
-        for line in (rules.__doc__ or "").splitlines()
-        if line.startswith("``")
-    }
+    documented = set(re.findall(r"(?m)^``([a-z-]+)``", rules.__doc__ or ""))
     assert documented == {rule for rule, *_ in ONE_RULE}
 
 
-def test_sections_in_another_order() -> None:
-    pos, inst = GOOD.index("//POS"), GOOD.index("//INST")
-    problems = check(GOOD[:pos] + GOOD[inst:] + GOOD[pos:inst])
-    assert {p.rule for p in problems} == {"sections"}
+def test_what_does_not_measure_is_told_of_programs_of_plans(tmp_path: Path) -> None:
+    path = tmp_path / "CALPOSE.JBI"
+    text = GOOD.replace(" PL=0", "").replace("\n", "\r\n")
+    path.write_bytes(text.encode())
+    assert {p.rule for p in YaskawaJbi().validate(path)} == {"stop-before-call"}
+    path.write_bytes(text.replace("'PLAN abcdef12 2", "'").encode())
+    assert YaskawaJbi().validate(path) == []
 
 
-def test_line_ends() -> None:
+def test_line_ends_are_told_once() -> None:
     count = len(GOOD.splitlines())
-    assert check_yaskawa_jbi(GOOD.encode()) == [
-        Problem(1, "crlf", f"{count} lines are not ended by CR LF, this the first")
-    ]
-
-
-def test_problems_name_their_lines(tmp_path: Path) -> None:
-    path = tmp_path / "X.JBI"
-    path.write_bytes(
-        GOOD.replace("SET I000 2", "SET I000 99999")
-        .replace("/JOB\n", "/JOB\nx\n")
-        .replace("\n", "\r\n")
-        .encode()
-    )
-    found = YaskawaJbi().validate(path)
-    line = 1 + next(i for i, text in enumerate(GOOD.splitlines(), 1) if text == "SET I000 2")
-    assert [(p.line, p.rule) for p in found] == [(2, "sections"), (line, "argument")]
+    told = Problem(1, "crlf", f"{count} lines are not ended by CR LF", "measuring")
+    assert check_yaskawa_jbi(GOOD.encode()) == [told]
 
 
 def test_a_file_of_rubbish_is_not_told_without_end() -> None:
     assert len(check("/JOB\n//POS\n" + "rubbish\n" * 5000)) == MOST_PROBLEMS
-
-
-def test_an_empty_file_has_problems() -> None:
-    assert {p.rule for p in check_yaskawa_jbi(b"")} == {"sections", "job-name", "header", "npos"}

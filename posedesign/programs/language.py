@@ -37,6 +37,10 @@ MOST_STATEMENTS = 300_000
 MOST_KINDS = 20_000
 """Statements of a program that differ in more than numbers and texts in quotes."""
 
+MOST_IN_LONG = 3_000_000
+"""Characters in long statements, such as arrays of positions: 20,000 positions."""
+
+_LONG = 1000
 _MOST_SHAPES = 2000
 _MOST_KEPT = 100
 _MOST_DEPTH = 60
@@ -207,10 +211,12 @@ class Language:
         """
         lines = lines_of(text)
         found: list[Statement] = []
-        faults = 0
+        faults = size = 0
         self._parsed = 0
         for line in self.joined(lines) if self.joined else lines:
-            if len(found) < MOST_STATEMENTS and self._parsed < MOST_KINDS:
+            size += len(line.text) if len(line.text) > _LONG else 0
+            few = len(found) < MOST_STATEMENTS and self._parsed < MOST_KINDS
+            if few and size < MOST_IN_LONG:
                 found.append(self.statement(line))
             else:
                 fault = "the program is too long to be read so far"

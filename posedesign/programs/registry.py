@@ -11,6 +11,7 @@ from posedesign.programs.abb_rapid import AbbRapid
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls import FanucLs
 from posedesign.programs.kuka_krl import KukaKrl
+from posedesign.programs.mitsubishi_melfa import MitsubishiMelfa
 from posedesign.programs.program import Planned, PoseProgram, ProgramOptions
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Level, Problem, RecordedProgram
@@ -29,6 +30,7 @@ DIALECTS: dict[str, Dialect] = {
         UrScript(),
         YaskawaJbi(),
         StaubliVal3(),
+        MitsubishiMelfa(),
         RosTrajectory(),
         MoveitJoints(),
         RobotCalibration(),

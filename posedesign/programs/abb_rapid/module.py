@@ -15,7 +15,7 @@ Nested = list["Nested | str"]
 Call = tuple[str, list[tuple[Node | None, dict[str, Node | None]]]]
 """Name of a routine in capitals, and values of its arguments, each with its switches."""
 
-MOST_STATEMENTS = 400_000
+MOST_LINES = MOST_STATEMENTS = 250_000
 """Far more than a controller's memory holds."""
 
 ROUTINES = ("proc", "func", "trap")
@@ -50,7 +50,10 @@ def divided(lines: Iterator[Line]) -> Iterator[Line]:
     """
     divider = _Divider()
     header = count = 0
-    for line in lines:
+    for number, line in enumerate(lines):
+        if count > MOST_STATEMENTS or number > MOST_LINES:
+            yield Line(line.row, ";" * (MOST_LENGTH + 1))  # is refused, as a line so long is
+            return
         marks = 0 if count or header > 1 else line.text.count("%%%")
         if marks or header == 1:  # %%% VERSION:1 ... %%% in front of modules of older controllers
             header += marks
@@ -58,9 +61,8 @@ def divided(lines: Iterator[Line]) -> Iterator[Line]:
         for statement in divider.take(line.row, line.text):
             count += 1
             yield statement
-        if count > MOST_STATEMENTS:
-            yield Line(line.row, ";" * (MOST_LENGTH + 1))
-            return
+            if count > MOST_STATEMENTS:
+                break
     yield from divider.ended()
 
 
@@ -102,7 +104,7 @@ class _Divider:
         last, fresh, stop = 0, True, len(text)
         for piece in _PIECE.finditer(text):
             mark, at = piece[0], piece.start()
-            if mark[0] == "!":
+            if mark[0] == "!" or at - last > MOST_LENGTH:
                 stop = at
                 break
             begins = fresh and not self.parts and not text[last:at].strip()

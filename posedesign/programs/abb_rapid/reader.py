@@ -41,7 +41,7 @@ from posedesign.programs.abb_rapid.module import (
 from posedesign.programs.configurations import AbbConfiguration
 from posedesign.programs.language import Statement
 from posedesign.programs.numbering import Numbering
-from posedesign.programs.reading import at_rest, joint_deg, millimetres, number, refuse, text_lines
+from posedesign.programs.reading import at_rest, joint_deg, millimetres, number, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 NORM_WITHIN = 2e-3
@@ -56,6 +56,8 @@ _ELEMENT = re.compile(r"JMEASURED\{(\d{1,6})\}", _FLAGS)
 _UNCONNECTED = re.compile(r"9\.?0*E\+?0*9", re.IGNORECASE)
 _MATTERS = re.compile(r"jointtarget|robtarget|tooldata|wobjdata|move|pdisp|\[", _FLAGS)
 _WORD = re.compile(r"[a-z]\w*", _FLAGS)
+_MOST_NAME = 99
+_BINARY = re.compile(rb"[^\t\r\n -~\x80-\xff]")
 _WHAT = "name a RAPID module saved as text: .mod or .modx"
 _MOTIONS = {"MOVEABSJ": "jointtarget", "MOVEJ": "robtarget", "MOVEL": "robtarget"}
 
@@ -202,8 +204,10 @@ class _Reader:
             refuse(f"{name} is there twice", self.path, row, "remove one of them")
         if data.values:
             self.names.add(name.upper())
+        if len(name) > _MOST_NAME:
+            refuse(f"{name[:30]}... has {len(name)} characters", self.path, row)
         if data.size and data.values and (not data.whole or data.count != len(data.values)):
-            size = inside(data.size)
+            size = inside(data.size)[:20]
             refuse(f"{name}{{{size}}} has {len(data.values)} elements", self.path, row)
         for label, value in data.values:
             position = StoredPosition.of(label, row, data.kind, value, self.path)
@@ -353,7 +357,11 @@ def parse_module(data: bytes, path: Path | str) -> RecordedProgram:
         The file is no RAPID module, is cut off, or holds no positions, or one that is neither a
         jointtarget nor a robtarget.
     """
-    text = "\n".join(text_lines(data.removeprefix(b"\xef\xbb\xbf"), path, _WHAT))
+    bad = _BINARY.search(data)
+    if bad:
+        row = data.count(b"\n", 0, bad.start()) + 1
+        refuse(f"holds the byte 0x{bad[0][0]:02x}, which is not text", path, row, _WHAT)
+    text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")
     statements = LANGUAGE.statements(text)
     if not statements or statements[0].kind != "module":
         refuse("is no RAPID module: it does not begin with MODULE", path, 1, _WHAT)

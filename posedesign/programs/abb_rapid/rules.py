@@ -350,7 +350,7 @@ class _Checker:
             most = found[1].count if found and found[1] else None
             if most is not None and text.isdigit() and not 1 <= int(text[:9]) <= most:
                 yield Problem(row, "argument", f"{name}{{{text[:12]}}} of {most}")
-            if text.upper() in words.DATA:
+            if text.upper() in words.DATA.keys() | {"TRUE", "FALSE"}:
                 yield Problem(row, "argument", f"{text} is no index")
         if found or name in words.DATA or name in self.told:
             return

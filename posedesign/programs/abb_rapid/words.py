@@ -86,6 +86,13 @@ DATA = {name: kind for kind, names in _DATA.items() for name in _names(names)}
 """Types of the data that every controller has, by name in capitals."""
 
 
+_WITHOUT_MARK = {
+    name + switch: f"{name}\\{switch}"
+    for name, signature in SIGNATURES.items()
+    for switch in signature[0][1]
+}
+"""Instructions that lack what stands in front of a switch: ``ConfJOn``."""
+
 _LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0"
 
 
@@ -95,6 +102,8 @@ def misspelt(word: str, known: Set[str], least: int = 4) -> str:
     A letter is missing, another one, doubled, or behind the next one. Figures at the end are none
     of a mistake: people number what they name.
     """
+    if word in _WITHOUT_MARK:
+        return _WITHOUT_MARK[word]
     if word in known or word.rstrip("0123456789_") in known:
         return ""
     for i in range(len(word) + 1):

@@ -180,7 +180,7 @@ def _check_array(array: Node) -> Iterator[Problem]:
         seen.add(key)
         if known:
             yield from _check_attributes(value, "key! " + words.VALUES.get(kind, ""), label)
-        if kind == "num" and text and not _NUMBER.fullmatch(text):
+        if kind == "num" and "value" in value.attributes and not _NUMBER.fullmatch(text):
             yield Problem(value.line, "number", f"{label} is {text[:30]!a}, not a plain number")
         if kind == "bool" and text not in ("", "true", "false"):
             yield Problem(value.line, "attributes", f"{label} is {text[:30]!a}")

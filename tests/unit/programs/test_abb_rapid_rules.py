@@ -151,6 +151,8 @@ ONE_RULE = [
     ("name", JOINT, "vCalib,", "v55,", "V55 is no speeddata"),
     ("name", JOINT, "VelSet 100", "MovAbsJ jp1,vmax,fine,tool0;\nVelSet 100", "MOVEABSJ?"),
     ("name", JOINT, "VelSet 100", "MoveAbs jp1;\nVelSet 100", "MOVEABSJ?"),
+    ("name", POSE, "ConfJ\\On", "ConfJOn", "CONFJ\\ON?"),
+    ("argument", JOINT, "jMeasured{2}:=CJ", "jMeasured{TRUE}:=CJ", "TRUE is no index"),
     ("name", JOINT, "CJointT()", "CJontT()", "CJOINTT?"),
     ("name", JOINT, "CJointT()", "(CJointT)", "CJOINTT is no value"),
     ("name", POSE, "tooldata tCalib", "tooldat tCalib", "TOOLDATA?"),

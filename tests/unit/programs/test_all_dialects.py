@@ -162,6 +162,7 @@ def test_five_thousand_damaged_programs(name: str, form: str) -> None:
 
 FREE = {
     "fanuc-ls": r'!.*|"[^"]*"|/PROG.*|MEASURE|MNEDITOR',
+    "yaskawa-jbi": r"'.*|(?<=COMM).*|//NAME.*|JOB:.*|////(?=FRAME)",
     "ur-script": r'#.*|"[^"]*"|not |request_boolean_from_primary_client',
     "staubli-val3": r'//.*|popUpMsg\("[^"]*"|(?:link|version)="[^"]*"|(?<= value=)"[^"]*"|xmlns.*'
     r'|(?<=Data name=)"[^"]*"|(?<=Parameter name=)"[^"]*"|(?:ioLink|size|xsi)="[^"]*"',

@@ -1,0 +1,95 @@
+"""MELFA-BASIC programs: the reader.
+
+Positions are the list behind the steps: joints in degrees, poses in mm and degrees. ``J3`` of a
+program that carries the mark of a plan is the pose of number 3; other positions are numbered in
+their order. Poses are taken without their structure flags, of which public sources do not say the
+signs for every arm: the plan settles which posture is meant. That A, B, C turn about fixed X, Y
+and Z is from RoboDK's post-processor alone. Positions that were defined, but never taught, have
+empty flags, ``(,)``, and are left out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from lark import Token, Tree
+
+from calib.se3 import rotation_from_wpr, transform
+from posedesign.programs.language import Language, Line, Statement, text_of
+from posedesign.programs.reading import joint_deg, millimetres, number, refuse, text_lines
+from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+
+_REMARK = re.compile(r"""("[^"\n]*")|'.*""")
+_NOTE = re.compile(r"\d{1,5} ?' ?(.*)")
+_POSE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
+_MOST = 6
+"""Values of a position; those behind are of axes that carry the arm, or a part."""
+
+
+def _without_remarks(lines: Iterator[Line]) -> Iterator[Line]:
+    for line in lines:
+        text = _REMARK.sub(lambda found: found[1] or "", line.text).rstrip()
+        if text and (text == line.text or not text.isdigit()):
+            yield Line(line.row, text)
+
+
+LANGUAGE = Language(
+    __package__ or "", joined=_without_remarks, start="step", signed=True, letters=r"\w"
+)
+
+
+def entry_of(statement: Statement) -> tuple[str, list[Tree[Token]], str]:
+    """Name, values and flags of an entry of the list, which has no number of a step; else empty."""
+    body = cast("list[Tree[Token]]", statement.tree.children)[-1:]
+    if statement.fault or len(statement.tree.children) > 1 or body[0].data != "assignment":
+        return "", [], ""
+    place, value, *flags = cast("list[Tree[Token]]", body[0].children)
+    values = cast("list[Tree[Token]]", value.children) if value.data == "group" else []
+    return text_of(place), values, text_of(flags[0]) if flags else "none"
+
+
+def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
+    """Program in the content of a file; FileFormatError where it holds no position."""
+    lines = text_lines(data, path)
+    notes = [note[1].strip() for line in lines if (note := _NOTE.fullmatch(line))]
+    mark = next((mark for note in notes if (mark := PlanMark.found_in(note))), None)
+    names = {int(pose[1]): pose[2] or "" for note in notes if (pose := _POSE.fullmatch(note))}
+    found: dict[str, RecordedPosition] = {}
+    for statement in LANGUAGE.statements("\n".join(lines)):
+        if statement.fault and re.match(r"\s*[JPjp]\w*[^=\"']*=", statement.text):
+            refuse(f"a position cannot be read: {statement.fault}", path, statement.row)
+        name, values, flags = entry_of(statement)
+        if name[:1].upper() not in ("J", "P") or flags == ",":
+            continue
+        if name.upper() in found:
+            refuse(f"{name} is there twice", path, statement.row)
+        own = re.fullmatch(r"[Jj](\d{1,5})", name) if mark else None
+        n = int(own[1]) if own else len(found) + 1
+        if not all(value.data == "number" for value in values):
+            refuse(f"{name} is no list of numbers", path, statement.row)
+        at = RecordedPosition(n, names.get(n, "") if mark else name, statement.row)
+        found[name.upper()] = _with_values(at, name, [text_of(value) for value in values], path)
+    positions = sorted(found.values(), key=lambda position: position.number)
+    if not positions:
+        refuse("holds no positions", path, None, "save the program with its positions")
+    return RecordedProgram(path.stem, "", mark or PlanMark(), tuple(positions), None)
+
+
+def _with_values(at: RecordedPosition, name: str, texts: list[str], path: Path) -> RecordedPosition:
+    if len(texts) > _MOST + 1:
+        if any(number(text, name, path, at.line, 1e6) for text in texts[_MOST:]):
+            refuse(f"{name} moves additional axes", path, at.line, "measure with them at rest")
+        texts = texts[:_MOST]
+    if len(texts) < (1 if name[0] in "Jj" else _MOST):
+        refuse(f"{name} has {len(texts)} values", path, at.line)
+    if name[0] in "Jj":
+        return replace(at, shown_deg=np.array([joint_deg(t, name, path, at.line) for t in texts]))
+    xyz = [millimetres(text, name, path, at.line) for text in texts[:3]]
+    abc = [joint_deg(text, name, path, at.line) for text in texts[3:_MOST]]
+    pose = transform(rotation_from_wpr(np.radians(abc)), np.array(xyz) * 1e-3)
+    return replace(at, T_user_tool=pose)

@@ -1,0 +1,115 @@
+"""MELFA-BASIC programs: what is special to them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import FileFormatError, InputError
+from calib.robots import Robot
+from posedesign.programs import Arm, PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs.mitsubishi_melfa import MitsubishiMelfa
+from tests.unit.programs.test_all_dialects import mutants
+
+DIALECT = MitsubishiMelfa()
+PATH = Path("CALIB.mb5")
+ROBOT = Robot.preset("lrmate200id")
+POSES = tuple(
+    ProgramPose(f"T {i}", np.radians([i, 2, 3, -4, 5.5, 6]), via=i == 0) for i in (-1, 0, 1)
+)
+OPTIONS = ProgramOptions(fingerprint="abcdef12", measure_output=5, comment="cell 7")
+PROGRAM = PoseProgram("CALIB", POSES, OPTIONS, Arm.of(ROBOT))
+TEXT = next(iter(DIALECT.files(PROGRAM).values()))
+
+# as RT ToolBox saves it
+EXPORT = """\
+1 'Home
+2 Def Pos P_Safe,PTMP
+3 *LOOP
+4 Wait M_Svo=1
+5 M_Out(10128)=1 Dly 0.1
+6 Mov ppick,-50
+7 PTMP.Z=P_Fbc.Z+10 'raise
+8 NVRun #1,C_J03$
+9 Hlt
+ppick=(-120.53,-283.90,+51.22,+90.00,+0.00,+156.09)(4,0)
+PDrop=(+0.00,+0.00,+0.00,+0.00,+0.00,+0.00,+0.00,+0.00)(,)
+J1=(+1.50,+0.00,+90.00,+0.00,+90.00,+0.00,+0.00,+0.00)
+"""
+
+
+def test_a_program_and_the_way_back() -> None:
+    lines = TEXT.split("\n")
+    assert lines[6:11] == ["7 'POSE 1 T -1", "8 Mov J1", "9 Dly 1.000", *lines[9:11]]
+    assert lines[9:11] == ["10 M_Out(5)=1 Dly 0.500", '11 CallP "MEASURE",1']
+    assert DIALECT.check(TEXT.encode(), PATH) == []
+    back = DIALECT.parse(TEXT.replace("\n", "\r\n").encode(), PATH)
+    assert [(p.number, p.name) for p in back.positions] == [(1, "T -1"), (2, "T 1"), (3, "T 0")]
+    assert (back.mark.fingerprint, back.mark.measured) == ("abcdef12", 2)
+    order = np.argsort(PROGRAM.numbers)
+    found = back.postures(DIALECT.seen(Arm.of(ROBOT)))
+    np.testing.assert_allclose(found, PROGRAM.postures_rad[order], atol=1e-7)
+
+
+def test_a_program_of_others() -> None:
+    back = DIALECT.parse(EXPORT.encode(), PATH)
+    assert [p.name for p in back.positions] == ["ppick", "J1"]
+    T = back.positions[0].T_user_tool
+    assert T is not None
+    np.testing.assert_allclose(T[:3, 3], [-0.12053, -0.2839, 0.05122])
+    turned = np.radians(156.09)
+    np.testing.assert_allclose(T[:3, 2], [np.sin(turned), -np.cos(turned), 0], atol=1e-15)
+    assert back.positions[1].shown_deg is not None
+    assert back.positions[1].shown_deg.tolist() == [1.5, 0, 90, 0, 90, 0]
+    levels = {p.level for p in DIALECT.check(EXPORT.encode(), PATH)}
+    assert levels == {"note", "measuring"}  # a command of vision, and J1 is not moved to
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("J1=(+1.50", "J1=(+1_50", "cannot be read"),
+        ("+1.50", "+721", "beyond"),
+        ("J1=", "ppick=", "is there twice"),
+        ("-283.90,", "-283-.90,", "no list of numbers"),
+        ("+0.00,+0.00)\n", "+0.00,+3.00)\n", "additional axes"),
+        (",+90.00,+0.00,+156.09)(4", ")(4", "has 3 values"),
+    ],
+)
+def test_what_would_be_read_wrong_is_refused(old: str, new: str, message: str) -> None:
+    with pytest.raises(FileFormatError, match=message):
+        DIALECT.parse(EXPORT.replace(old, new).encode(), PATH)
+
+
+@pytest.mark.parametrize(
+    ("rule", "old", "new"),
+    [
+        ("syntax", "Cnt 0", "Cnt 0 0"),
+        ("syntax", "5 Cnt", "5 Cntt"),
+        ("step", "9 Dly", "8 Dly"),
+        ("position", ",2.00000,", "-2.00000,"),
+        ("range", "(-1.00000", "(-721.00000"),
+        ("range", "JOvrd 10", "JOvrd 0"),
+        ("target", "Mov J1", "Mov J9"),
+        ("wait-to-measure", "9 Dly 1.000", "9 Cnt 0"),
+        ("unused", "Mov J1", "Mov J2"),
+    ],
+)
+def test_a_program_that_breaks_a_rule(rule: str, old: str, new: str) -> None:
+    assert rule in {p.rule for p in DIALECT.check(TEXT.replace(old, new, 1).encode(), PATH)}
+
+
+def test_what_it_does_not_have_is_refused() -> None:
+    for options in (replace(OPTIONS, keep="register"), replace(OPTIONS, form="cartesian")):
+        with pytest.raises(InputError):
+            DIALECT.files(replace(PROGRAM, options=options))
+
+
+def test_a_broken_token_is_refused() -> None:
+    free = re.compile(r"'.*|MEASURE")
+    for changed, text in mutants(TEXT, 1000, free):
+        assert DIALECT.check(text.encode(), PATH), changed

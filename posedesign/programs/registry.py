@@ -30,11 +30,11 @@ DIALECTS: dict[str, Dialect] = {
         UrScript(),
         YaskawaJbi(),
         StaubliVal3(),
-        MitsubishiMelfa(),
         RosTrajectory(),
         MoveitJoints(),
         RobotCalibration(),
         RobodkCsv(),
+        MitsubishiMelfa(),
     )
 }
 """All dialects by name. A new controller is a new file and one entry here."""

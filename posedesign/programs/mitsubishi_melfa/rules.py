@@ -79,7 +79,7 @@ def _level(text: str) -> Level:
     if word in _OTHERS.split():
         return "note"
     near = difflib.get_close_matches(word, _COMMANDS.split(), 1, 0.7)
-    return "error" if near or not word or re.fullmatch(r"[jpm]\d*", word) else "note"
+    return "error" if near or not word or re.fullmatch(r"[jpm]\d*|on|off", word) else "note"
 
 
 def _check_position(s: Statement, twice: bool) -> Iterator[Problem]:

@@ -166,7 +166,8 @@ FREE = {
     "ur-script": r'#.*|"[^"]*"|not |request_boolean_from_primary_client',
     "staubli-val3": r'//.*|popUpMsg\("[^"]*"|(?:link|version)="[^"]*"|(?<= value=)"[^"]*"|xmlns.*'
     r'|(?<=Data name=)"[^"]*"|(?<=Parameter name=)"[^"]*"|(?:ioLink|size|xsi)="[^"]*"',
-    "kuka-krl": r";.*|&.*|MEASURE|DECL|(?<=AXIS )XP\d|(?<=POS )XP\d",
+    "kuka-krl": r";.*|&.*|MEASURE|DECL|(?<=AXIS )XP\d|(?<=POS )XP\d|(?<=DAT )\w+",
+    "mitsubishi-melfa": r"'.*|MEASURE",
     "abb-rapid": r'!.*|"[^"]*"|MEASURE|9E9|LOCAL|MUTATED\w*|speeddata.*|ConfJ.On',
 }
 """Comments, texts, names of the user and words that may be left out: a mutant there is legal."""

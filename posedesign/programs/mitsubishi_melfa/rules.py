@@ -77,9 +77,9 @@ def _level(text: str) -> Level:
     found = _STEP.fullmatch(text)
     word = found[1].lower() if found else ""
     if word in _OTHERS.split():
-        return "note"
+        return "error" if text.lower().endswith(" on") else "note"  # On says of what
     near = difflib.get_close_matches(word, _COMMANDS.split(), 1, 0.7)
-    return "error" if near or not word or re.fullmatch(r"[jpm]\d*|on|off", word) else "note"
+    return "error" if near or not word or re.fullmatch(r"[jpm]\d*", word) else "note"
 
 
 def _check_position(s: Statement, twice: bool) -> Iterator[Problem]:

@@ -25,6 +25,7 @@ EXTERNAL_AT_REST = 0.01
 """Largest difference of an external axis at rest [mm or deg]: what is shown of it flickers."""
 
 _MOST_EXTERNAL = 1e6
+_ENDS = re.compile(r"(?<!\r)\r++(?=\n|\Z)")
 _NUMBER = re.compile(r"[-+]?(?:\d{1,9}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][-+]?\d{1,3})?", re.ASCII)
 """``float()`` would take more: 1_0, nan, infinity, digits of other scripts."""
 
@@ -71,7 +72,8 @@ def text_of(data: bytes, path: Path | str, hint: str = "") -> str:
 
 def text_lines(data: bytes, path: Path | str, hint: str = "") -> list[str]:
     """Lines of a file, without their ends; see `text_of`."""
-    return [line.rstrip("\r") for line in text_of(data, path, hint).split("\n")]
+    # one list of lines, not two: a file may be nothing but line ends
+    return _ENDS.sub("", text_of(data, path, hint)).split("\n")
 
 
 def number(text: str, what: str, path: Path | str, row: int, most: float, unit: str = "") -> float:

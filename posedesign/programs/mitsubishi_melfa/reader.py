@@ -20,8 +20,9 @@ import numpy as np
 from lark import Token, Tree
 
 from calib.se3 import rotation_from_wpr, transform
-from posedesign.programs.language import Language, Line, Statement, text_of
-from posedesign.programs.reading import joint_deg, millimetres, number, refuse, text_lines
+from posedesign.programs.language import Language, Line, Statement, lines_of, text_of
+from posedesign.programs.reading import joint_deg, millimetres, number, refuse
+from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 _REMARK = re.compile(r"""("[^"\n]*")|'.*""")
@@ -55,12 +56,12 @@ def entry_of(statement: Statement) -> tuple[str, list[Tree[Token]], str]:
 
 def parse_mitsubishi_melfa(data: bytes, path: Path) -> RecordedProgram:
     """Program in the content of a file; FileFormatError where it holds no position."""
-    lines = text_lines(data, path)
-    notes = [note[1].strip() for line in lines if (note := _NOTE.fullmatch(line))]
+    text = text_of_file(data, path)
+    notes = [note[1].strip() for line in lines_of(text) if (note := _NOTE.fullmatch(line.text))]
     mark = next((mark for note in notes if (mark := PlanMark.found_in(note))), None)
     names = {int(pose[1]): pose[2] or "" for note in notes if (pose := _POSE.fullmatch(note))}
     found: dict[str, RecordedPosition] = {}
-    for statement in LANGUAGE.statements("\n".join(lines)):
+    for statement in LANGUAGE.statements(text):
         if statement.fault and re.match(r"\s*[JPjp]\w*[^=\"']*=", statement.text):
             refuse(f"a position cannot be read: {statement.fault}", path, statement.row)
         name, values, flags = entry_of(statement)

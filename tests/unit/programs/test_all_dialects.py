@@ -246,6 +246,7 @@ BOMBS = [b"\n" * 18_000_000, b"," * 3_000_000, b",\n" * 1_500_000, b"X1=" + b"9"
 
 
 @pytest.mark.slow
+@pytest.mark.full  # memory is traced, which takes minutes
 @pytest.mark.parametrize("name", DIALECTS)
 @pytest.mark.parametrize("data", BOMBS, ids=range(len(BOMBS)))
 def test_hostile_files_end_soon_and_small(name: str, data: bytes) -> None:

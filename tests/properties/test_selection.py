@@ -53,7 +53,7 @@ def criterion_of(kind: str, p: int, n: int):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=10)
+@settings(max_examples=25)
 @given(pools())
 def test_no_choice_is_better_than_the_bound(kind, pool):
     J, n, known, keep, _ = pool

@@ -90,17 +90,17 @@ def test_the_mistake_is_named(mistake, pairs):
             assert SAID[mistake] in said, said
 
 
-@pytest.mark.slow
-def test_few_pairs_in_disorder_are_seldom_overlooked():
-    """Of four pairs some fit by chance; never of six."""
+@pytest.mark.parametrize("seeds", [6, pytest.param(25, marks=pytest.mark.slow)])
+def test_few_pairs_in_disorder_are_seldom_overlooked(seeds):
+    """Of four pairs some fit by chance, one in twenty-five; never of six."""
     overlooked = {4: 0, 6: 0}
     for pairs in overlooked:
         for name in ("reversed", "B inverted", "A inverted", "rolled"):
-            for seed in range(25):
+            for seed in range(seeds):
                 A, B = MISTAKES[name](*measured(100 + seed, pairs))
                 overlooked[pairs] += not what_is_said(A, B, "ml")
     assert overlooked[6] == 0
-    assert overlooked[4] <= 4
+    assert overlooked[4] <= max(2, 4 * seeds // 25)
 
 
 @pytest.mark.parametrize("pairs", [8, 12, 20])
@@ -204,6 +204,19 @@ def test_noise_does_not_make_it_identifiable(unfit, on):
             solve(*add_noise(rng, A, seen(A), noise), "ml", noise)
 
 
+def test_few_pairs_whose_second_axis_may_be_noise_are_doubted():
+    """Four poses about one axis but for a degree, of which noise makes a part."""
+    said = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        turns = np.linspace(-1.5, 1.5, 4)[:, None] * [0.0, 0.0, 1.0]
+        A = poses(turns + 0.02 * rng.normal(size=(4, 3)), seed)
+        said.append(
+            what_is_said(*add_noise(rng, A, seen(A), PairNoise(np.radians(0.3), 1e-3)), "ml")
+        )
+    assert sum("4 pairs hardly show how large the noise is" in text for text in said) >= 2
+
+
 @pytest.mark.parametrize("on", ["A", "B", "both"])
 def test_noise_does_not_turn_translations_into_disorder(on):
     """What noise leaves is of the size of what the poses turn, and no sign of wrong pairs."""
@@ -276,6 +289,12 @@ def test_absurd_standard_deviations_are_not_ok(method):
     if result.status == "doubtful" and not result.warnings:
         assert "do not identify X and Z by this method" in result.message
         assert "known least are rotation of" in result.message
+
+
+def test_what_is_known_least_is_named():
+    """Twelve poses that turn by some degrees."""
+    A, B = looking(0, 12, PairNoise(np.radians(0.6), 3e-3), tilt_deg=6.0, roll_deg=3.0)
+    assert "by this method: known least are rotation of" in solve(A, B).message
 
 
 @pytest.mark.parametrize("method", ["ml", "ml-robust"])

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 
-from calib.errors import FileFormatError
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.errors import FileFormatError, InputError
+from calib.se3 import FloatArray, rotation_from_wpr, transform
 from posedesign.files import read_bytes_bounded
+from posedesign.programs.configuration import Configuration
 
 MOST_BYTES = 20_000_000
 """Largest program file read: the largest that a controller holds is far smaller, and 10,000 poses
@@ -23,6 +28,8 @@ MOST_POSITION_MM = 100_000.0
 
 EXTERNAL_AT_REST = 0.01
 """Largest difference of an external axis at rest [mm or deg]: what is shown of it flickers."""
+
+C = TypeVar("C", bound=Configuration)
 
 _MOST_EXTERNAL = 1e6
 _ENDS = re.compile(r"(?<!\r)\r++(?=\n|\Z)")
@@ -48,18 +55,22 @@ def read_program_bytes(path: Path | str) -> bytes:
     return read_bytes_bounded(path, most_bytes=MOST_BYTES)
 
 
-def text_of(data: bytes, path: Path | str, hint: str = "") -> str:
+def text_of(data: bytes, path: Path | str, hint: str = "", *, strict: bool = False) -> str:
     """Text of a file, after checking that it is one.
 
     Comments of people may have letters of any language: bytes that are not ASCII are one character
-    each, whatever the controller's code page.
+    each, whatever the controller's code page. Where it is ``strict``, lines end in LF or CR LF, of
+    which LF stays, and another CR is refused.
 
     Raises
     ------
     FileFormatError
         Naming the first byte that is not, and its line.
     """
-    bad = re.search(rb"[^\t\r\n -~\x80-\xff]", data)
+    if strict:
+        data = data.replace(b"\r\n", b"\n")
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    bad = re.search(rb"[^\t\n -~\x80-\xff]" if strict else rb"[^\t\r\n -~\x80-\xff]", data)
     if bad:
         refuse(
             f"holds the byte 0x{bad[0][0]:02x}, which is not text",
@@ -101,6 +112,30 @@ def joint_deg(text: str, what: str, path: Path | str, row: int) -> float:
 def millimetres(text: str, what: str, path: Path | str, row: int) -> float:
     """A coordinate of a file [mm]."""
     return number(text, what, path, row, MOST_POSITION_MM, "mm")
+
+
+def pose_values(
+    texts: Sequence[str], names: Sequence[str], label: str, path: Path | str, row: int
+) -> list[float]:
+    """Coordinates [mm] and angles [deg] of a pose, by the names of the six."""
+    return [
+        (millimetres if k < 3 else joint_deg)(text, f"{label}: {name}", path, row)
+        for k, (text, name) in enumerate(zip(texts, names, strict=True))
+    ]
+
+
+def poses_of(values: ArrayLike) -> FloatArray:
+    """Transforms ``(N, 4, 4)`` [m] of x, y, z [mm] and angles about the fixed X, Y, Z [deg]."""
+    rows = np.reshape(np.asarray(values, dtype=float), (-1, 6))
+    return transform(rotation_from_wpr(np.deg2rad(rows[:, 3:])), rows[:, :3] / 1e3)
+
+
+def configuration_in(kind: type[C], words: str, label: str, path: Path | str, row: int) -> C:
+    """The arm position that the words of a maker mean; FileFormatError where they are not his."""
+    try:
+        return kind.parse(words)
+    except InputError as error:
+        refuse(f"{label}: {error.message}", path, row, error.hint)
 
 
 def at_rest(values: Iterable[tuple[str, str, str, int]], path: Path | str) -> None:

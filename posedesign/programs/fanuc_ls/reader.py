@@ -14,18 +14,24 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import InputError
-from calib.se3 import rotation_from_wpr, transform
 from posedesign.programs.configurations import FanucConfiguration
 from posedesign.programs.fanuc_ls.listing import Group, Listing, read_listing
-from posedesign.programs.reading import at_rest, joint_deg, millimetres, refuse, text_of
+from posedesign.programs.reading import (
+    at_rest,
+    configuration_in,
+    joint_deg,
+    millimetres,
+    poses_of,
+    refuse,
+    text_of,
+)
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 JOINTS = tuple(f"J{j}" for j in range(1, 7))
 PLACE, TURN = ("X", "Y", "Z"), ("W", "P", "R")
 EXTENDED = ("E1", "E2", "E3")
+RELATIVE = {f"R{axis}" for axis in (*PLACE, *TURN)}
 
-_RELATIVE = {f"R{axis}" for axis in (*PLACE, *TURN)}
 _ON_THE_PENDANT = "on the pendant choose POSITION, REPRE, Joint for it, and save the program again"
 _MARK = re.compile(r"[ \t]*\d{0,9}[ \t]*:[ \t]*!([^;]{0,99});?[ \t]*")
 _LISTING = "name a program saved in ASCII, .LS"
@@ -104,41 +110,26 @@ def recorded(
     strange = sorted(set(group.fields) - known)
     if strange:
         at = group.fields[strange[0]][2]
-        if strange[0] in _RELATIVE:
+        if strange[0] in RELATIVE:
             refuse(f"{label} is a matrix or an increment", path, at, _ON_THE_PENDANT)
         refuse(f"{label}: {strange[0]} is no joint of a six-joint arm", path, at)
     cartesian = [axis for axis in (*PLACE, *TURN) if axis in group.fields]
     user, tool = group.frames.get("UF"), group.frames.get("UT")
     if not cartesian and group.config is None:
         values = np.array([_number(label, joint, "deg", group, path) for joint in JOINTS])
-        return RecordedPosition(
-            number, name, row, shown_deg=values, user_frame=user, tool_frame=tool
-        )
+        return RecordedPosition(number, name, row, values, None, None, user, tool)
     mixed = next((joint for joint in JOINTS if joint in group.fields), None)
     if mixed is not None:
         refuse(f"{label} has {mixed} beside X, Y, Z, W, P, R", path, group.fields[mixed][2])
     place = [_number(label, axis, "mm", group, path) for axis in PLACE]
     turn = [_number(label, axis, "deg", group, path) for axis in TURN]
-    return RecordedPosition(
-        number,
-        name,
-        row,
-        T_user_tool=transform(rotation_from_wpr(np.deg2rad(turn)), np.array(place) / 1e3),
-        configuration=_configuration(label, group, path),
-        user_frame=user,
-        tool_frame=tool,
-    )
-
-
-def _configuration(label: str, group: Group, path: Path | str) -> FanucConfiguration | None:
-    if group.config is None:
-        return None
-    if set(re.sub(r"[\s,]", "", group.config)) == {"*"}:
-        refuse(f"{label} has no configuration (***)", path, group.row, "touch the position up")
-    try:
-        return FanucConfiguration.parse(group.config)
-    except InputError as error:
-        refuse(f"{label}: {error.message}", path, group.row, error.hint)
+    configuration = None
+    if group.config is not None:
+        if set(re.sub(r"[\s,]", "", group.config)) == {"*"}:
+            refuse(f"{label} has no configuration (***)", path, group.row, "touch the position up")
+        configuration = configuration_in(FanucConfiguration, group.config, label, path, group.row)
+    T_user_tool = poses_of([*place, *turn])[0]
+    return RecordedPosition(number, name, row, None, T_user_tool, configuration, user, tool)
 
 
 def _number(label: str, name: str, unit: str, group: Group, path: Path | str) -> float:

@@ -46,11 +46,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from difflib import get_close_matches
-from itertools import islice
 
 from lark import Token, Tree
 
+from posedesign.programs import rules
 from posedesign.programs.fanuc_ls.listing import (
     LANGUAGE,
     Instruction,
@@ -58,24 +57,20 @@ from posedesign.programs.fanuc_ls.listing import (
     Position,
     read_listing,
 )
+from posedesign.programs.fanuc_ls.reader import EXTENDED, JOINTS, PLACE, RELATIVE, TURN
 from posedesign.programs.language import Block, block_faults
+from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM
 from posedesign.programs.recorded import Problem
-
-MOST_PROBLEMS = 1000
-"""Most problems told by one check: a file that is no program has one in each of its lines."""
 
 _ORDER = ["PROG", "ATTR", "MN", "POS", "END"]
 _NAME = re.compile(r"[A-Z_-][A-Z0-9_-]{0,35}(?:\t  (?:Macro|Cond))?[ \t]*")
-_JOINTS = {"J1", "J2", "J3", "J4", "J5", "J6"}
-_POSE = {"X", "Y", "Z", "W", "P", "R"}
-_INCREMENT = {f"R{axis}" for axis in _POSE}
-_EXTENDED = {"E1", "E2", "E3"}
+_POSE = {*PLACE, *TURN}
+_KINDS = ({*JOINTS}, _POSE, RELATIVE)
 _CONFIG = re.compile(r"[FN] (?:[LR] )?[UD] [TB](?:, ?-?\d){3}")
 _GERMAN = re.compile(
     r"(?<![\w$])(?:AUFRUF|WENN|WARTE|DANN|SONST|SPRUNG|MARKE|ENDE|PULS|AN|AUS|sek|WKZ_NUM"
     r"|BENUTZER_NUM|TRAGLST|ZEIT)(?!\w)"
 )
-_MOST_DEG, _MOST_MM = 720.0, 100_000.0
 _BLOCKS = {"if_": Block("endif", ("else_",)), "for_": Block("endfor")}
 _UNKNOWN = re.compile(r"[A-Za-z][A-Za-z_-]{2,}[0-9]{0,3}")
 _ATTRIBUTE_NAMES = """
@@ -104,8 +99,9 @@ _VALUES = {
 def check_fanuc_ls(data: bytes) -> list[Problem]:
     """Problems in the content of a file, in the order of its lines."""
     listing = read_listing(data.decode("latin-1"))  # any byte is a character: none is lost
-    checks = (
-        _check_bytes(data),
+    return rules.told(
+        rules.check_line_ends(data),
+        rules.check_bytes(data, rules.CONTROL, rules.FOREIGN),
         _check_headings(listing),
         _check_lines(listing),
         _check_instructions(listing),
@@ -116,27 +112,6 @@ def check_fanuc_ls(data: bytes) -> list[Problem]:
         _check_use(listing),
         _check_motions(listing),
     )
-    problems = [problem for check in checks for problem in islice(check, MOST_PROBLEMS)]
-    return sorted(problems, key=lambda p: (p.line, p.rule, p.message))
-
-
-def _check_bytes(data: bytes) -> Iterator[Problem]:
-    bare = data.count(b"\n") - data.count(b"\r\n") + (data[-1:] not in (b"", b"\n"))
-    if bare:
-        # A file has one kind of line end: thousands of equal messages would hide the others.
-        first = re.search(rb"(?<!\r)\n|(?<!\n)\Z", data)
-        row = data.count(b"\n", 0, first.start()) + 1 if first else 1
-        reason = f"{bare} lines are not ended by CR LF, this the first"
-        yield Problem(row, "crlf", reason, "measuring")
-    for pattern, level in (
-        (rb"[^\t\r\n -~\x80-\xff]|\r(?!\n)", "error"),
-        (rb"[\x80-\xff]", "note"),
-    ):
-        bad = re.search(pattern, data)
-        if bad:
-            row = data.count(b"\n", 0, bad.start()) + 1
-            reason = f"the byte 0x{bad[0][0]:02x} is not plain ASCII text"
-            yield Problem(row, "text", reason, "error" if level == "error" else "note")
 
 
 def _check_headings(listing: Listing) -> Iterator[Problem]:
@@ -161,10 +136,10 @@ def _check_headings(listing: Listing) -> Iterator[Problem]:
     for row, fault in listing.unclear:
         yield Problem(row, "attribute", fault)
     for row, name, text in listing.attributes:
-        near = get_close_matches(name, _ATTRIBUTES, 1, 0.75)
+        near = rules.near(name, _ATTRIBUTES, alike=0.75)
         meant = _VALUES.get(name, "")
         if name not in _ATTRIBUTES and near and name.isascii():
-            yield Problem(row, "attribute", f"{name} is no attribute: {near[0]} is")
+            yield Problem(row, "attribute", f"{name} is no attribute: {near} is")
         elif meant and not re.fullmatch(meant, text.partition("=")[2].strip()):
             yield Problem(row, "attribute", f"{name} has another value: {text.strip()[-30:]!a}")
 
@@ -235,13 +210,12 @@ def _check_motion(line: Instruction) -> Iterator[Problem]:
 def _unknown(line: Instruction, word: str, rest: str) -> Iterator[Problem]:
     """An instruction or option of an application, or a misspelt one of the language."""
     known = _known_words()
-    near = [w for w in known if word.upper().startswith(w.upper()) and len(w) > 3]
-    near = near or get_close_matches(word, known, 1, 0.7)
-    if not near and f"{word}(" in line.code:
-        near = ["CALL"]
+    begun = (w for w in known if word.upper().startswith(w.upper()) and len(w) > 3)
+    near = next(begun, "") or rules.near(word, known, least=2, alike=0.7)
+    near = near or ("CALL" if f"{word}(" in line.code else "")
     opened = re.sub(r"'[^']*'|\[[^\[\]]*\]", "", rest)
     if near or not _UNKNOWN.fullmatch(word) or opened.count("(") != opened.count(")"):
-        hint = f": {near[0]} is" if near else ""
+        hint = f": {near} is" if near else ""
         yield Problem(line.row, "instruction", f"{word[:40]!a} is no instruction{hint}")
     elif re.search(r"[\[\]]", opened) and "[" not in rest:
         yield Problem(line.row, "instruction", f"a bracket is not closed: {rest[:40]!a}")
@@ -300,8 +274,8 @@ def _check_positions(listing: Listing) -> Iterator[Problem]:
         if {*first.frames} != {"UF", "UT"}:
             reason = f"{label} has no UF and UT in GP1"
             yield Problem(position.row, "position-format", reason)
-        names = {*first.fields} - _EXTENDED
-        if names not in (_JOINTS, _POSE, _INCREMENT) and not position.faults:
+        names = {*first.fields} - {*EXTENDED}
+        if names not in _KINDS and not position.faults:
             found = " ".join(sorted(names)) or "nothing"
             other_arm = names == {f"J{j + 1}" for j in range(len(names))} and len(names) != 6
             reason = f"{label} has {found}, not J1 to J6 or X Y Z W P R"
@@ -317,7 +291,7 @@ def _check_values(listing: Listing) -> Iterator[Problem]:
         group, label = position.groups.get(1), position.label
         if group is None:
             continue
-        cartesian = bool({*group.fields} & (_POSE | _INCREMENT))
+        cartesian = bool({*group.fields} & (_POSE | RELATIVE))
         if group.frames and group.fields and cartesian != (group.config is not None):
             reason = f"{label} has {'no' if cartesian else 'a'} CONFIG"
             yield Problem(position.row, "configuration", reason)
@@ -326,10 +300,10 @@ def _check_values(listing: Listing) -> Iterator[Problem]:
             reason = f"{label}: there is no CONFIG {group.config[:30]!a}"
             yield Problem(position.row, "configuration", reason, "measuring" if unset else "error")
         for name, (text, unit, row) in group.fields.items():
-            wanted = "mm" if name.lstrip("R") in ("X", "Y", "Z") else "deg"
+            wanted = "mm" if name.lstrip("R") in PLACE else "deg"
             if text.startswith("*"):
                 yield Problem(row, "position-value", f"{label}: {name} has no value", "measuring")
-            elif unit != wanted and not (name in _EXTENDED and unit):
+            elif unit != wanted and not (name in EXTENDED and unit):
                 reason = f"{label}: {name} is in {unit or 'no unit'}, not in {wanted}"
                 yield Problem(row, "unit", reason)
             elif len(text) > 20 or not _in_range(name, float(text)):
@@ -337,10 +311,10 @@ def _check_values(listing: Listing) -> Iterator[Problem]:
 
 
 def _in_range(name: str, value: float) -> bool:
-    if name in ("W", "P", "R"):
+    if name in TURN:
         return abs(value) <= 180.0
-    far = name.lstrip("R") in ("X", "Y", "Z") or name in _EXTENDED
-    return abs(value) <= (_MOST_MM if far else _MOST_DEG)
+    far = name.lstrip("R") in PLACE or name in EXTENDED
+    return abs(value) <= (MOST_POSITION_MM if far else MOST_JOINT_DEG)
 
 
 def _check_use(listing: Listing) -> Iterator[Problem]:

@@ -1,0 +1,86 @@
+"""What the validators of all dialects share: limits, bytes, words that are nearly known ones."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
+from itertools import islice
+
+from posedesign.programs.language import Statement
+from posedesign.programs.recorded import Level, Problem
+
+MOST_PROBLEMS = 1000
+"""Most problems told by one check: a file that is no program has one in each of its lines."""
+
+Asked = tuple[str, bytes, str, Level]
+"""A rule, the bytes that break it, what it says of the first of them, and the level."""
+
+CONTROL: Asked = (
+    "text",
+    rb"[^\t\r\n -~\x80-\xff]|\r(?!\n)",
+    "the byte 0x{:02x} is not text",
+    "error",
+)
+LONE_CR: Asked = ("crlf", rb"\r(?!\n)", "CR inside the line", "error")
+FOREIGN: Asked = ("text", rb"[\x80-\xff]", "the byte 0x{:02x} is not plain ASCII text", "note")
+
+
+def told(*checks: Iterable[Problem]) -> list[Problem]:
+    """Problems of several checks in the order of the lines: at most 1000 of each, and in all."""
+    found = [problem for check in checks for problem in islice(check, MOST_PROBLEMS)]
+    return sorted(found, key=lambda p: (p.line, p.rule, p.message))[:MOST_PROBLEMS]
+
+
+def syntax(statements: Iterable[Statement]) -> Iterator[Problem]:
+    """What the grammar says."""
+    return (Problem(s.row, "syntax", s.fault) for s in statements if s.fault)
+
+
+def check_bytes(data: bytes, *asked: Asked) -> Iterator[Problem]:
+    """The first place where each is broken: thousands of equal messages would hide the others."""
+    for rule, pattern, reason, level in asked:
+        found = re.search(pattern, data)
+        if found:
+            row = data.count(b"\n", 0, found.start()) + 1
+            yield Problem(row, rule, reason.format(found[0][0]), level)
+
+
+def check_line_ends(data: bytes) -> Iterator[Problem]:
+    """Rule ``crlf``: each line is ended by CR LF, as controllers write them."""
+    if not data:
+        return iter(())
+    bare = data.count(b"\n") - data.count(b"\r\n") + (data[-1:] != b"\n")
+    reason = f"{bare} lines are not ended by CR LF"
+    # behind the last line nothing tells that it is not ended
+    whole = data if data.endswith(b"\n") else data + b"\n"
+    return check_bytes(whole, ("crlf", rb"(?<!\r)\n", reason, "measuring"))
+
+
+def near(word: str, known: Iterable[str], least: int = 3, alike: float = 1.0) -> str:
+    """The known word that an unknown one was probably meant to be; empty for none.
+
+    Parameters
+    ----------
+    word : str
+    known : iterable of str
+    least : int
+        Letters that a known word has at least.
+    alike : float
+        Below 1: how much of both is the same. Else one letter is dropped, added or changed, or two
+        are swapped.
+    """
+    others = [other for other in known if len(other) >= least]
+    if word in others:
+        return ""
+    if alike < 1.0:
+        return next(iter(get_close_matches(word, others, 1, alike)), "")
+    return min((other for other in others if _is_one_edit(word, other)), default="")
+
+
+def _is_one_edit(a: str, b: str) -> bool:
+    if abs(len(a) - len(b)) > 1:
+        return False
+    same = next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), len(a))
+    a, b = a[same:], b[same:]
+    return a[1:] == b[1:] or a[1:] == b or a == b[1:] or (a[:2] == b[1::-1] and a[2:] == b[2:])

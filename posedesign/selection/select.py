@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, check_type, near_names, one_line
+from calib.one_thread import one_blas_thread
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
 from posedesign.selection.certificate import Relaxation
@@ -147,6 +148,7 @@ class Fewest:
         return int(np.ceil(ratio))
 
 
+@one_blas_thread
 def select(
     blocks: ArrayLike,
     n: int,
@@ -335,6 +337,7 @@ def _check_count(n: int, kept: int, offered: int, N: int) -> None:
         )
 
 
+@one_blas_thread
 def select_fewest(
     blocks: ArrayLike,
     criterion: str | Criterion,

@@ -4,6 +4,9 @@
 Absolute times depend on the machine: they are recorded, and only ratios are asserted.
 """
 
+import os
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -100,3 +103,47 @@ def test_the_bound_is_linear_in_the_candidates():
         objective.relax(30, 1e-3)
         times.append(time.process_time() - start)
     assert times[1] < LINEAR * times[0]
+
+
+_TIMED = """
+import time
+import numpy as np
+from posedesign import select
+J = np.random.default_rng(1).normal(size=({N}, 3, 30))
+select(J[:100], 40)
+start = time.process_time()
+select(J, 48)
+print(time.process_time() - start)
+"""
+
+
+@pytest.mark.parametrize("N", [500, 2_000])
+def test_threads_of_blas_cost_nothing_beside_other_work(capsys, N):
+    """48 of N x 3 x 30 in a process with two threads of BLAS over one with one, cores all busy.
+
+    To be below 1 s for 500. Threads that wait for each other made it 15 times as long.
+    """
+    pytest.importorskip("threadpoolctl")
+    busy = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        for _ in range(os.cpu_count() or 1)
+    ]
+    try:
+        one, two = (
+            float(
+                subprocess.run(
+                    [sys.executable, "-c", _TIMED.format(N=N)],
+                    env=os.environ | {"OMP_NUM_THREADS": count, "OPENBLAS_NUM_THREADS": count},
+                    check=True,
+                    capture_output=True,
+                ).stdout
+            )
+            for count in ("1", "2")
+        )
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    with capsys.disabled():
+        print(f"\n{N} candidates, two threads of BLAS over one: {two:.2f} / {one:.2f} s")
+    assert two < 2.0 * one

@@ -15,6 +15,7 @@ import numpy as np
 from calib.errors import CalibError, InputError
 from calib.identification import check_identifiable
 from calib.model import CalibrationModel
+from calib.one_thread import one_blas_thread
 from calib.se3 import FloatArray, IntArray
 from posedesign.candidates import (
     CandidatePoses,
@@ -162,6 +163,7 @@ def _silent(what: str, part: float) -> None:
     """No progress is shown."""
 
 
+@one_blas_thread
 def plan_optimal(
     cell: Cell, request: Request, advance: Advance = _silent, *, keep: FloatArray | None = None
 ) -> OptimalPlan:
@@ -187,6 +189,7 @@ def plan_optimal(
     return _Planning(cell, request, advance, kept).run()
 
 
+@one_blas_thread
 def plan_fewest(
     cell: Cell,
     sigma_m: float | None = None,

@@ -1,0 +1,221 @@
+"""What the tests of all dialects share: for each one an arm, and how exactly it says what.
+
+A new controller is one entry of `HOW`; every test that is parametrised with it then asks the new
+dialect for what all others do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.robots import Robot
+from calib.se3 import transform
+from posedesign.programs import DIALECTS, Arm, Dialect, PoseProgram, ProgramOptions, ProgramPose
+
+PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)
+"""Per degree: no arm's own, which are in its controller, but of their size and signs."""
+
+TOOL = transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.01, -0.02, 0.15])
+USER = transform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.5, 0.1, -0.05])
+
+
+@dataclass(frozen=True)
+class How:
+    """How a dialect says what all dialects say.
+
+    Attributes
+    ----------
+    preset : str
+        An arm of its maker.
+    joint_deg : float
+        Most that a joint value is rounded by [deg].
+    pose : tuple of float
+        Most that a place [m] and an element of a rotation matrix are rounded by.
+    name, text, remark : int
+        Most characters of a program's name, of its title and of a remark; 0: any number.
+    wait_s : float
+        Longest time to settle [s]; 0: any.
+    most_deg : float
+        Farthest joint value [deg].
+    told : bool
+        The stored arm position says which posture takes a pose, turns and all.
+    by_number : bool
+        Positions stand in the order of their numbers, and not in that of the visit.
+    passes : bool
+        Poses that are only passed through are in the file.
+    registers : bool
+        Touched-up positions can be kept apart from the planned ones.
+    asks : bool
+        Programs call another one, and pulse an output.
+    own_frames : bool
+        A file of poses gives their frames by value.
+    title : bool
+        The title is read back.
+    ascii : bool
+        Texts are ASCII.
+    line : str
+        Pattern of a line where a position begins.
+    fit, unfit : tuple of str
+        Names of poses that come back, and that are left out.
+    """
+
+    preset: str
+    joint_deg: float
+    pose: tuple[float, float] = (0.0, 0.0)
+    name: int = 64
+    text: int = 0
+    remark: int = 0
+    wait_s: float = 0.0
+    most_deg: float = 720.0
+    told: bool = False
+    by_number: bool = False
+    passes: bool = True
+    registers: bool = False
+    asks: bool = True
+    own_frames: bool = False
+    title: bool = True
+    ascii: bool = True
+    line: str = ""
+    fit: tuple[str, ...] = ("T1",)
+    unfit: tuple[str, ...] = ("é", "a\nb")
+
+    def fits(self, name: str) -> bool:
+        """Whether the name of a pose comes back."""
+        return name not in self.unfit and (name.isascii() or not self.ascii)
+
+
+LIST = How("panda", 1e-10, asks=False, ascii=False, fit=("T1", "é: # {x}", "x" * 99), unfit=())
+
+HOW = {
+    "fanuc-ls": How(
+        *("r2000ic165f", 5.001e-4, (5.001e-7, 2.7e-5), 8, 16, 32, 327.67),
+        told=True,
+        by_number=True,
+        registers=True,
+        line=r"P\[\d+",
+        fit=("T1", "sixteen letters.", "a"),
+        unfit=("seventeen letters", "ends in space ", " starts", 'quote"s', "a]b", "é", "a\nb"),
+    ),
+    "kuka-krl": How(
+        *("kr6r900sixx", 5.001e-6, (5.001e-8, 2.7e-7), 24, 80, 80, 3600.0),
+        told=True,
+        by_number=True,
+        registers=True,
+        line=r"DECL E6(AXIS|POS) XP\d+=",
+        fit=("T1", "FOLD; a", "x" * 80),
+        unfit=("Ö", "a\nb", "x" * 81),
+    ),
+    "abb-rapid": How(
+        *("irb120", 5.001e-6, (5.001e-8, 4e-9), 32, 80, 80, 3600.0),
+        told=True,
+        by_number=True,
+        registers=True,
+        own_frames=True,
+        line=r"LOCAL CONST (joint|rob)target j?p\d+",
+        fit=("T1", 'a "b"; !', "x" * 80),
+        unfit=("Ö", "a\nb", "x" * 81),
+    ),
+    "ur-script": How(
+        *("ur5e", 3e-6, (5.2e-8, 3e-7), 32, 80, 80, 1e4, 363.0),
+        own_frames=True,
+        line=r"movej\(",
+        fit=("T 1", "x" * 80),
+        unfit=('a "name"', "é", "a\nb", "x" * 81),
+    ),
+    "yaskawa-jbi": How(
+        *("gp7", 0.51 / 682.0, (5.001e-7, 2.7e-6), 8, 32, 32, 655.35),
+        registers=True,
+        line=r"C\d{5}=",
+        fit=("T 1",),
+        unfit=("a name that is far too long", "é", "a\nb"),
+    ),
+    "staubli-val3": How(
+        *("tx2_60", 5.001e-6, (5.001e-8, 2.7e-7), 15, 60, 60, 1e4),
+        by_number=True,
+        registers=True,
+        own_frames=True,
+        line=r'<Value key="\d" ',
+        fit=("T 1", 'a "q" <&>', "x" * 60),
+        unfit=("]]>", "é", "a\nb", "x" * 61),
+    ),
+    "mitsubishi-melfa": How(
+        *("lrmate200id", 5.001e-6, (0.0, 0.0), 12, 100, 100, 1e4),
+        by_number=True,
+        title=False,
+        line=r"J\d+=\(",
+        fit=("T -1", "x" * 100),
+        unfit=("é", "a\nb", "x" * 101),
+    ),
+    "ros-trajectory": replace(LIST, line=r'- \{"positions"'),
+    "moveit-joints": replace(LIST, passes=False, line=r"- - -?\d"),
+    "robot-calibration": replace(LIST, passes=False, line="- joints:"),
+    "robodk-csv": replace(LIST, joint_deg=5.01e-7, line=r"-?[\d.]+,"),
+}
+
+CASES = [(name, form) for name, dialect in DIALECTS.items() for form in dialect.forms]
+POSED = [name for name, form in CASES if form == "cartesian"]
+each_case = pytest.mark.parametrize(("name", "form"), CASES)
+each_dialect = pytest.mark.parametrize("name", DIALECTS)
+
+
+@cache
+def robot_of(name: str) -> Robot:
+    return Robot.preset(HOW[name].preset)
+
+
+def arm_of(name: str, *, frames: bool = True) -> Arm:
+    """Its arm; where poses can be in them, with frames of a user and a tool."""
+    return Arm.of(robot_of(name), USER, TOOL) if frames else Arm.of(robot_of(name))
+
+
+def dialect_of(name: str) -> Dialect:
+    return DIALECTS[name].reading(PULSES)
+
+
+def options_of(name: str, **changes: Any) -> ProgramOptions:
+    """Options that everything about a program can be said with, one of the register kept apart."""
+    usual: dict[str, Any] = {"fingerprint": "abcdef12", "pulses_per_deg": PULSES, "user_frame": 2}
+    return ProgramOptions(**{**usual, **changes})
+
+
+def program_of(name: str, poses: Any = None, call: str = "CALPOSE", **changes: Any) -> PoseProgram:
+    """A program of poses, by default of one at half the range of the joints."""
+    if poses is None:
+        poses = [ProgramPose("T1", middle(name))]
+    return PoseProgram(call, tuple(poses), options_of(name, **changes), arm_of(name))
+
+
+def middle(name: str) -> np.ndarray:
+    """The posture ``(n,)`` in the middle of all limits, the wrist away from its singularity."""
+    robot = robot_of(name)
+    return (robot.lower + robot.upper) / 2.0 + 0.1
+
+
+def random_poses(name: str, rng: np.random.Generator, *, any_name: bool = True) -> list[Any]:
+    """One to eight poses over the whole range of the joints, some of them passed through."""
+    robot, how = robot_of(name), HOW[name]
+    q = rng.uniform(robot.lower, robot.upper, (int(rng.integers(1, 9)), robot.n)) * 0.99
+    names = [*how.fit, *how.unfit] if any_name else ["T"]
+    letters = [chr(k) for k in range(32, 127) if chr(k) not in "\"';\\"]
+    poses = [
+        ProgramPose(
+            str(rng.choice([f"T{i}", *names])),
+            posture,
+            "".join(rng.choice(letters, rng.choice([0, 1, how.remark or 40]))).strip(),
+            via=bool(rng.random() < 0.25),
+        )
+        for i, posture in enumerate(q)
+    ]
+    if not how.passes:  # something has to be captured
+        poses[0] = replace(poses[0], via=False)
+    return poses
+
+
+def texts_of(program: PoseProgram, name: str) -> str:
+    """The text of all files together."""
+    return "\n".join(DIALECTS[name].files(program).values())

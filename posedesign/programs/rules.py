@@ -16,12 +16,7 @@ MOST_PROBLEMS = 1000
 Asked = tuple[str, bytes, str, Level]
 """A rule, the bytes that break it, what it says of the first of them, and the level."""
 
-CONTROL: Asked = (
-    "text",
-    rb"[^\t\r\n -~\x80-\xff]|\r(?!\n)",
-    "the byte 0x{:02x} is not text",
-    "error",
-)
+CONTROL: Asked = ("text", rb"[^\t\r\n -~\x80-\xff]", "the byte 0x{:02x} is not text", "error")
 LONE_CR: Asked = ("crlf", rb"\r(?!\n)", "CR inside the line", "error")
 FOREIGN: Asked = ("text", rb"[\x80-\xff]", "the byte 0x{:02x} is not plain ASCII text", "note")
 

@@ -96,12 +96,15 @@ _VALUES = {
 """What the attributes of English controllers have for a value."""
 
 
+_LONE_CR: rules.Asked = ("text", *rules.LONE_CR[1:])
+
+
 def check_fanuc_ls(data: bytes) -> list[Problem]:
     """Problems in the content of a file, in the order of its lines."""
     listing = read_listing(data.decode("latin-1"))  # any byte is a character: none is lost
     return rules.told(
         rules.check_line_ends(data),
-        rules.check_bytes(data, rules.CONTROL, rules.FOREIGN),
+        rules.check_bytes(data, rules.CONTROL, _LONE_CR, rules.FOREIGN),
         _check_headings(listing),
         _check_lines(listing),
         _check_instructions(listing),

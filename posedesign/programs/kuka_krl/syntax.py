@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from typing import TypeGuard
 
 from lark import Token, Tree
 
@@ -84,6 +85,16 @@ def name_of(node: Node) -> str:
 def key_of(node: Node) -> str:
     """The same in capitals: letters of either case are the same."""
     return name_of(node).upper()
+
+
+def is_a(node: Node, kind: str) -> bool:
+    """Whether a node is what the grammar calls so."""
+    return isinstance(node, Tree) and node.data == kind
+
+
+def is_aggregate(node: Node) -> TypeGuard[Tree[Token]]:
+    """Whether it stands between braces."""
+    return is_a(node, "aggregate")
 
 
 def fields_of(node: Node) -> list[tuple[str, str]]:

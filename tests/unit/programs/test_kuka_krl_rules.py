@@ -10,9 +10,9 @@ import pytest
 
 from posedesign.programs import Arm, PoseProgram, Problem, ProgramOptions, ProgramPose, validate
 from posedesign.programs.kuka_krl import KukaKrl, rules
-from posedesign.programs.kuka_krl.rules import MOST_PROBLEMS
 from posedesign.programs.kuka_krl.writer import render_kuka_krl
 from posedesign.programs.reading import MOST_BYTES
+from posedesign.programs.rules import MOST_PROBLEMS
 
 POSES = tuple(
     ProgramPose(f"T{i}", np.radians([i + 1, -90, 90, 4, 5, 6]), via=i == 1) for i in range(3)

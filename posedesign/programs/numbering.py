@@ -1,15 +1,18 @@
-"""Numbers of the positions of a file whose positions have names: shared by KUKA and ABB."""
+"""Positions of a file that have names, and their numbers: shared by KUKA and ABB."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
-from posedesign.programs.reading import refuse
-from posedesign.programs.recorded import PlanMark
+import numpy as np
+
+from calib.se3 import FloatArray
+from posedesign.programs.reading import at_rest, refuse
+from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
 
 class Named(Protocol):
@@ -21,10 +24,49 @@ class Named(Protocol):
     other: bool
 
 
+@dataclass(eq=False)
+class Stored:
+    """A position as it stands in a file; ``other``: no numbered position of the program.
+
+    ``variable`` is empty for one that stands in a motion instruction.
+    """
+
+    variable: str
+    line: int
+    name: str = field(default="", kw_only=True)
+    other: bool = field(default=False, kw_only=True)
+
+    @property
+    def label(self) -> str:
+        """What to call it in messages."""
+        return self.variable or "the position"
+
+    @property
+    def cartesian(self) -> bool:
+        """Whether it is a pose of the tool."""
+        raise NotImplementedError
+
+    @property
+    def external(self) -> list[tuple[str, str, str, int]]:
+        """Label, name, value and line of the external axes that it says something of."""
+        raise NotImplementedError
+
+    def numbers(self, path: Path | str) -> list[float]:
+        """Joint values [deg], or what a pose is made of; FileFormatError where they are none."""
+        raise NotImplementedError
+
+    def details(self, path: Path | str) -> dict[str, Any]:
+        """Arm position and frames, as `RecordedPosition` has them."""
+        raise NotImplementedError
+
+
 P = TypeVar("P", bound=Named)
 
+_POSE_NAME = re.compile(r"P(\d{1,6}) (.*)", re.ASCII)
+_FIRST_REGISTER = re.compile(r"\w+[\[{](\d{1,6})[\]}] IS P(\d{1,6})\s*", re.ASCII)
 
-@dataclass(frozen=True)
+
+@dataclass
 class Numbering:
     """How a program numbers its positions, and what its comments say of them.
 
@@ -45,8 +87,54 @@ class Numbering:
     numbered: re.Pattern[str]
     element: re.Pattern[str]
     mark: PlanMark | None = None
-    names: Mapping[int, str] = field(default_factory=dict)
+    names: dict[int, str] = field(default_factory=dict)
     first_register: tuple[int, int] | None = None
+
+    def take(self, remark: str) -> bool:
+        """Take what a comment says, if it is of this."""
+        named, register = _POSE_NAME.fullmatch(remark), _FIRST_REGISTER.fullmatch(remark)
+        if named:
+            self.names.setdefault(int(named[1]), named[2].strip())
+        elif register:
+            self.first_register = int(register[1]), int(register[2])
+        elif remark.startswith("PLAN "):
+            self.mark = self.mark or PlanMark.found_in(remark)
+        else:
+            return False
+        return True
+
+    def program(
+        self,
+        named: tuple[str, str, str],
+        stored: Sequence[Stored],
+        transforms: Callable[[list[list[float]]], FloatArray],
+        path: Path | str,
+    ) -> RecordedProgram:
+        """The program of a name, a title and a maker, with all positions that are stored.
+
+        ``transforms`` makes poses ``(N, 4, 4)`` [m] of their numbers.
+
+        Raises
+        ------
+        FileFormatError
+            A position is none, or an external axis moves from one to the other.
+        """
+        name, title, maker = named
+        numbered = self.of(stored, path)
+        values = [position.numbers(path) for _, position in numbered]
+        own = [position for _, position in numbered if not position.other]
+        at_rest((axis for p in own or [p for _, p in numbered] for axis in p.external), path)
+        posed = [v for v, (_, p) in zip(values, numbered, strict=True) if p.cartesian]
+        poses = iter(transforms(posed))
+        positions = []
+        for (n, p), given in zip(numbered, values, strict=True):
+            of = {"T_user_tool": next(poses)} if p.cartesian else {"shown_deg": np.array(given)}
+            positions.append(RecordedPosition(n, p.name, p.line, **of, **p.details(path)))
+        untouched = self.is_untouched(stored)
+        mark = self.mark or PlanMark()
+        return RecordedProgram(
+            name, title, mark, tuple(positions), maker, empty_registers=untouched
+        )
 
     def of(self, positions: Sequence[P], path: Path | str) -> list[tuple[int, P]]:
         """Positions with their numbers, touched-up ones in the place of the planned ones.

@@ -15,47 +15,31 @@ and lines that the grammar does not know where they could hold a position or cha
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
-import numpy as np
 from lark import Token, Tree
 
-from calib.errors import InputError
-from calib.se3 import rotation_from_wpr, transform
 from posedesign.programs.configurations import KukaConfiguration
+from posedesign.programs.kuka_krl import syntax as krl
 from posedesign.programs.kuka_krl.frames import UNKNOWN, ActiveFrames, Frame, Frames
-from posedesign.programs.kuka_krl.syntax import (
-    AXES,
-    BEGINS,
-    CONFIGURATION,
-    EXTERNAL,
-    POSE,
-    TYPES_OF_POSITIONS,
-    Node,
-    fields_of,
-    items_of,
-    key_of,
-    kind_of,
-    name_of,
-    name_of_module,
-    statements_of,
-    type_of,
-    word_of,
-    words_of,
-)
+from posedesign.programs.kuka_krl.syntax import AXES, BEGINS, CONFIGURATION, EXTERNAL, POSE, Node
 from posedesign.programs.language import MOST_FAULTS, Statement
-from posedesign.programs.numbering import Numbering
-from posedesign.programs.reading import at_rest, joint_deg, millimetres, refuse
-from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.numbering import Numbering, Stored
+from posedesign.programs.reading import (
+    configuration_in,
+    joint_deg,
+    pose_values,
+    poses_of,
+    refuse,
+    text_of,
+)
+from posedesign.programs.recorded import RecordedProgram
 
 _REMARK = re.compile(r"^[ \t]*;[ \t]*((?:PLAN|P\d|TOOL|XM\[).*)", re.MULTILINE | re.ASCII)
 _COMMENT = re.compile(r"^[ \t]*&COMMENT[ \t]+(\S.*)", re.MULTILINE | re.IGNORECASE)
 _ALL_FRAMES = re.compile(r"TOOL\s+(\d{1,3})\s+BASE\s+(\d{1,3})", re.ASCII)
-_POSE_NAME = re.compile(r"P(\d{1,6}) (.*)", re.ASCII)
-_FIRST_REGISTER = re.compile(r"XM\[(\d{1,6})\] IS P(\d{1,6})", re.ASCII)
 _NUMBERED = re.compile(r"X?P(\d{1,6})", re.IGNORECASE | re.ASCII)
 _ELEMENT = re.compile(r"XM\[(\d{1,6})\]", re.IGNORECASE | re.ASCII)
 _MATTERS = re.compile(
@@ -65,35 +49,60 @@ _MATTERS = re.compile(
 )
 """What a line may hold that cannot be passed over, although the grammar does not know the line."""
 
-_BINARY = re.compile(rb"[^\t\r\n -~\x80-\xff]")
 _WHAT = "name the .dat of a KRL program, or a .src with positions in its motions"
 
 
 @dataclass(eq=False)
-class StoredPosition:
+class StoredPosition(Stored):
     """One position as it stands in the file.
 
-    ``variable`` is empty for one that stands in a motion instruction. ``fields`` hold the texts of
-    the values by their names in capitals. ``other``: no numbered position of the program, such as
-    its home. ``frames``: those that it is used in; None where no motion goes to it.
+    ``fields`` hold the texts of the values by their names in capitals. ``frames``: those that it
+    is used in; None where no motion goes to it.
     """
 
-    variable: str
-    line: int
     fields: dict[str, str]
-    name: str = ""
-    other: bool = False
     frames: Frames | None = None
 
     @property
     def cartesian(self) -> bool:
-        """Whether it is a pose of the tool."""
         return not any(axis in self.fields for axis in AXES)
 
     @property
-    def label(self) -> str:
-        """What to call it in messages."""
-        return self.variable or "the position"
+    def external(self) -> list[tuple[str, str, str, int]]:
+        present = [axis for axis in EXTERNAL if axis in self.fields]
+        return [(self.label, axis, self.fields[axis], self.line) for axis in present]
+
+    def numbers(self, path: Path | str) -> list[float]:
+        """Joints A1 to A6 [deg], or X, Y, Z [mm] and C, B, A [deg] of a pose."""
+        label, row, names = self.label, self.line, self.fields.keys()
+        strange = [n for n in names if n not in {*AXES, *POSE, *EXTERNAL, *CONFIGURATION}]
+        if strange:
+            refuse(f"{label}: {strange[0]} is no joint of a six-joint arm", path, row)
+        mixed = [name for name in (*POSE, *CONFIGURATION) if name in names]
+        if mixed and not self.cartesian:
+            refuse(f"{label} has {mixed[0]} beside A1 to A6", path, row)
+        for name in POSE if self.cartesian else AXES:
+            if name not in names:
+                whole = "a pose has X Y Z A B C" if self.cartesian else "a posture has A1 to A6"
+                refuse(f"{label}: {name} is missing", path, row, whole)
+        if self.cartesian:
+            return pose_values([self.fields[a] for a in "XYZCBA"], "XYZCBA", label, path, row)
+        return [joint_deg(self.fields[a], f"{label}: {a}", path, row) for a in AXES]
+
+    def details(self, path: Path | str) -> dict[str, Any]:
+        """Status and Turn, where the position has them, and the frames."""
+        frames = self.frames or Frames()
+        numbers = {"user_frame": frames.base.number, "tool_frame": frames.tool.number}
+        if not self.cartesian:
+            return numbers
+        given = [name for name in CONFIGURATION if name in self.fields]
+        if len(given) == 1:
+            other = "T" if given == ["S"] else "S"
+            refuse(f"{self.label} has {given[0]} and no {other}", path, self.line)
+        words = ",".join(f"{name} {self.fields[name]}" for name in given)
+        meant = given and configuration_in(KukaConfiguration, words, self.label, path, self.line)
+        values = {"T_world_user": frames.base.value, "T_tip_tool": frames.tool.value}
+        return {"configuration": meant or None, **values, **numbers}
 
 
 def parse_kuka_krl(data: bytes, path: Path | str) -> RecordedProgram:
@@ -105,11 +114,7 @@ def parse_kuka_krl(data: bytes, path: Path | str) -> RecordedProgram:
         The file is no KRL module, is cut off, or holds no positions, or one that is neither six
         joint angles nor a pose.
     """
-    bad = _BINARY.search(data)
-    if bad:
-        row = data.count(b"\n", 0, bad.start()) + 1
-        refuse(f"holds the byte 0x{bad[0][0]:02x}, which is not text", path, row, _WHAT)
-    return _Reader(data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"), path).program()
+    return _Reader(text_of(data, path, _WHAT), path).program()
 
 
 @dataclass
@@ -120,22 +125,20 @@ class _Reader:
     path: Path | str
     name: str = ""
     kind: str = ""
-    mark: PlanMark | None = None
     closed: bool = False
+    numbering: Numbering = field(default_factory=lambda: Numbering(_NUMBERED, _ELEMENT))
     positions: list[StoredPosition] = field(default_factory=list)
     variables: dict[str, StoredPosition] = field(default_factory=dict)
-    pose_names: dict[int, str] = field(default_factory=dict)
     fdat: dict[str, Frames] = field(default_factory=dict)
     forgotten: dict[str, int] = field(default_factory=dict)
     frames: ActiveFrames = field(default_factory=ActiveFrames)
-    first_register: tuple[int, int] | None = None
     elsewhere: tuple[str, int] | None = None
 
     def program(self) -> RecordedProgram:
         """All that is read."""
         self._take_remarks()
         faults = 0
-        for statement in statements_of(self.text):
+        for statement in krl.statements_of(self.text):
             faults += bool(statement.fault)
             self._take(statement)
         if not self.kind or faults >= MOST_FAULTS:
@@ -150,16 +153,9 @@ class _Reader:
         if not self.positions:
             refuse("holds no positions", self.path, hint="name the file that was touched up")
         self._take_frames_of_forms()
-        numbering = Numbering(_NUMBERED, _ELEMENT, self.mark, self.pose_names, self.first_register)
         comment = _COMMENT.search(self.text)
-        return RecordedProgram(
-            self.name,
-            comment[1].strip() if comment else "",
-            self.mark or PlanMark(),
-            _recorded(numbering.of(self.positions, self.path), self.path),
-            "kuka",
-            empty_registers=numbering.is_untouched(self.positions),
-        )
+        named = self.name, comment[1].strip() if comment else "", "kuka"
+        return self.numbering.program(named, self.positions, poses_of, self.path)
 
     @property
     def is_data(self) -> bool:
@@ -169,19 +165,15 @@ class _Reader:
     def _take_remarks(self) -> None:
         for found in _REMARK.finditer(self.text):
             remark = found[1].strip()
-            self.mark = self.mark or PlanMark.found_in(remark)
-            if named := _POSE_NAME.fullmatch(remark):
-                self.pose_names.setdefault(int(named[1]), named[2].strip())
-            elif frames := _ALL_FRAMES.fullmatch(remark):
+            frames = _ALL_FRAMES.fullmatch(remark)
+            if not self.numbering.take(remark) and frames:
                 self.frames.frames = Frames(Frame(int(frames[1])), Frame(int(frames[2])))
-            elif register := _FIRST_REGISTER.fullmatch(remark):
-                self.first_register = int(register[1]), int(register[2])
 
     def _take(self, statement: Statement) -> None:
         kind, row, text = statement.kind, statement.row, statement.text
         if kind in BEGINS:
             # a .src has a routine and then its subroutines, each with its END
-            name = name_of_module(statement)
+            name = krl.name_of_module(statement)
             if self.kind and (self.is_data or not self.closed):
                 refuse(f"{name} begins inside {self.name}", self.path, row, "copy the file again")
             self.name, self.kind = self.name or name, self.kind or kind
@@ -212,34 +204,34 @@ class _Reader:
             self._check_no_position(statement)
 
     def _take_declaration(self, statement: Statement) -> None:
-        row, items = statement.row, items_of(statement)
-        kind = type_of(statement)
+        row, items = statement.row, krl.items_of(statement)
+        kind = krl.type_of(statement)
         for item in items:
             name, value = str(item.children[0]), item.children[-1]
-            if kind == "FDAT" and _is_aggregate(value):
-                self.fdat[name.upper()] = Frames.of_fdat(dict(fields_of(value)))
-            elif kind not in TYPES_OF_POSITIONS:
+            if kind == "FDAT" and krl.is_aggregate(value):
+                self.fdat[name.upper()] = Frames.of_fdat(dict(krl.fields_of(value)))
+            elif kind not in krl.TYPES_OF_POSITIONS:
                 if kind not in ("FRAME", "LOAD"):
                     self._check_no_position(statement)
-            elif _is_aggregate(value):
+            elif krl.is_aggregate(value):
                 self._add(name, value, row)
             elif len(item.children) == 1 == len(items) and self.is_data:
                 if _NUMBERED.fullmatch(name):
                     refuse(f"{name} has no value", self.path, row, "touch the position up")
-            elif len(item.children) > 1 and not _is_index(value):
-                refuse(f"{name}: cannot make sense of {words_of(value)[:30]!r}", self.path, row)
+            elif len(item.children) > 1 and not krl.is_a(value, "index"):
+                refuse(f"{name}: cannot make sense of {krl.words_of(value)[:30]!r}", self.path, row)
 
     def _take_assignment(self, statement: Statement) -> None:
         """Add a position that is given its values; refuse what changes one in another way."""
         variable, value = statement.tree.children
-        key = key_of(variable)
+        key = krl.key_of(variable)
         plain = "." not in key and "?" not in key
-        if not plain or not _is_aggregate(value):
+        if not plain or not krl.is_aggregate(value):
             self._forget(key, statement.row)
-        if kind_of(value) in ("FRAME", "LOAD") or key.partition("_DATA[")[1]:
+        if _is_frame(value) or key.partition("_DATA[")[1]:
             return
         if plain and not key.startswith("$") and _holds_position(value):
-            self._add(name_of(variable), value, statement.row)
+            self._add(krl.name_of(variable), value, statement.row)
         else:
             self._check_no_position(statement)
 
@@ -248,18 +240,18 @@ class _Reader:
             refuse(f"cannot make sense of {statement.text[:30]!r}", self.path, statement.row)
 
     def _take_motion(self, statement: Statement) -> None:
-        word, target, row = word_of(statement), statement.tree.children[1], statement.row
+        word, target, row = krl.word_of(statement), statement.tree.children[1], statement.row
         if word not in ("PTP", "SPTP", "LIN", "SLIN"):
             hint = "name the .dat of the program"
             refuse(f"{word}: only PTP and LIN can be read", self.path, row, hint)
         if isinstance(target, Tree) and target.data == "place":
             refuse("a position with an offset cannot be read", self.path, row)
-        if _is_aggregate(target):
+        if krl.is_aggregate(target):
             self._add("", target, row)
             self._use(self.positions[-1], statement)
             return
         self._check_no_position(statement)
-        key = key_of(target)
+        key = krl.key_of(target)
         if key in ("XHOME", "HOME") or key.startswith("$"):
             return  # the home of all programs; $AXIS_ACT, where the arm is
         position = self.variables.get(key)
@@ -267,7 +259,7 @@ class _Reader:
         if position is not None and position.line > changed:
             self._use(position, statement)
         elif self.elsewhere is None:
-            self.elsewhere = key.partition("[")[0] or words_of(target)[:30], row
+            self.elsewhere = key.partition("[")[0] or krl.words_of(target)[:30], row
 
     def _use(self, position: StoredPosition, statement: Statement) -> None:
         """A motion goes to a position: in the frames that are active there."""
@@ -292,7 +284,7 @@ class _Reader:
         self.forgotten[name] = row
 
     def _add(self, variable: str, aggregate: Tree[Token], row: int) -> None:
-        fields = fields_of(aggregate)
+        fields = krl.fields_of(aggregate)
         position = StoredPosition(variable, row, dict(fields))
         if len(position.fields) < len(fields):
             names = [name for name, _ in fields]
@@ -322,97 +314,11 @@ class _Reader:
             )
 
 
-def _is_aggregate(node: Node) -> TypeGuard[Tree[Token]]:
-    return isinstance(node, Tree) and node.data == "aggregate"
-
-
-def _is_index(node: Node) -> bool:
-    return isinstance(node, Tree) and node.data == "index"
-
-
 def _holds_position(node: Node) -> TypeGuard[Tree[Token]]:
     """Whether it begins as a position does."""
-    fields = fields_of(node) if _is_aggregate(node) else []
-    return bool(fields) and fields[0][0] in ("A1", "X") and kind_of(node) not in ("FRAME", "LOAD")
+    fields = krl.fields_of(node)
+    return bool(fields) and fields[0][0] in ("A1", "X") and not _is_frame(node)
 
 
-def _recorded(
-    numbered: Sequence[tuple[int, StoredPosition]], path: Path | str
-) -> tuple[RecordedPosition, ...]:
-    """Stored positions with their numbers as recorded ones."""
-    for _, position in numbered:
-        _check_names(position, path)
-    own = [position for _, position in numbered if not position.other]
-    at_rest(_external_axes(own or [position for _, position in numbered]), path)
-    poses = iter(_poses([position for _, position in numbered if position.cartesian], path))
-    found = []
-    for n, position in numbered:
-        frames, posed = position.frames or Frames(), position.cartesian
-        found.append(
-            RecordedPosition(
-                n,
-                position.name,
-                position.line,
-                shown_deg=None if posed else _joints(position, path),
-                T_user_tool=next(poses) if posed else None,
-                configuration=_configuration(position, path) if posed else None,
-                user_frame=frames.base.number,
-                tool_frame=frames.tool.number,
-                T_world_user=frames.base.value if posed else None,
-                T_tip_tool=frames.tool.value if posed else None,
-            )
-        )
-    return tuple(found)
-
-
-def _check_names(position: StoredPosition, path: Path | str) -> None:
-    label, row, names = position.label, position.line, position.fields.keys()
-    strange = [n for n in names if n not in {*AXES, *POSE, *EXTERNAL, *CONFIGURATION}]
-    if strange:
-        refuse(f"{label}: {strange[0]} is no joint of a six-joint arm", path, row)
-    mixed = [name for name in (*POSE, *CONFIGURATION) if name in names]
-    if mixed and not position.cartesian:
-        refuse(f"{label} has {mixed[0]} beside A1 to A6", path, row)
-    for name in POSE if position.cartesian else AXES:
-        if name not in names:
-            whole = "a pose has X Y Z A B C" if position.cartesian else "a posture has A1 to A6"
-            refuse(f"{label}: {name} is missing", path, row, whole)
-
-
-def _joints(position: StoredPosition, path: Path | str) -> np.ndarray:
-    fields, label, row = position.fields, position.label, position.line
-    return np.array([joint_deg(fields[a], f"{label}: {a}", path, row) for a in AXES])
-
-
-def _poses(positions: Sequence[StoredPosition], path: Path | str) -> np.ndarray:
-    """Poses of the tool ``(N, 4, 4)`` [m]: ``Rz(A) Ry(B) Rx(C)``."""
-    values = np.empty((len(positions), 6))
-    for i, position in enumerate(positions):
-        fields, label, row = position.fields, position.label, position.line
-        place = [millimetres(fields[a], f"{label}: {a}", path, row) for a in "XYZ"]
-        turn = [joint_deg(fields[a], f"{label}: {a}", path, row) for a in "CBA"]
-        values[i] = [*place, *turn]
-    return transform(rotation_from_wpr(np.deg2rad(values[:, 3:])), values[:, :3] / 1e3)
-
-
-def _configuration(position: StoredPosition, path: Path | str) -> KukaConfiguration | None:
-    """Status and Turn; None where the position has neither."""
-    given = [name for name in CONFIGURATION if name in position.fields]
-    if not given:
-        return None
-    if len(given) == 1:
-        other = "T" if given == ["S"] else "S"
-        refuse(f"{position.label} has {given[0]} and no {other}", path, position.line)
-    try:
-        return KukaConfiguration.parse(
-            ",".join(f"{name} {position.fields[name]}" for name in given)
-        )
-    except InputError as error:
-        refuse(f"{position.label}: {error.message}", path, position.line, error.hint)
-
-
-def _external_axes(positions: Sequence[StoredPosition]) -> Iterator[tuple[str, str, str, int]]:
-    for position in positions:
-        for axis in EXTERNAL:
-            if axis in position.fields:
-                yield position.label, axis, position.fields[axis], position.line
+def _is_frame(node: Node) -> bool:
+    return krl.kind_of(node) in ("FRAME", "LOAD")

@@ -12,8 +12,8 @@ from posedesign.programs.language import MOST_LENGTH, Language, Line, Statement,
 
 Node = Tree[Token] | Token
 Nested = list["Nested | str"]
-Call = tuple[str, list[tuple[Node | None, dict[str, Node | None]]]]
-"""Name of a routine in capitals, and values of its arguments, each with its switches."""
+Argument = tuple[Node | None, dict[str, Node | None]]
+"""A value and its switches."""
 
 MOST_LINES = MOST_STATEMENTS = 250_000
 """Far more than a controller's memory holds."""
@@ -202,12 +202,12 @@ def declared(statements: Sequence[Statement]) -> Iterator[Data]:
         yield Data(statement.row, *kinds, str(name), size, value, elements, whole)
 
 
-def calls(statement: Statement) -> Iterator[Call]:
-    """The call of a routine that a statement is, or holds; a list of none or one."""
+def calls(statement: Statement) -> Iterator[tuple[str, list[Argument]]]:
+    """The call that a statement is, or holds: the routine in capitals, and its arguments."""
     if statement.kind not in ("call", "compact_if"):
         return
     for call in statement.all("call"):
-        found: list[tuple[Node | None, dict[str, Node | None]]] = []
+        found: list[Argument] = []
         for argument in call.children[1:]:
             value, switches = None, {}
             for node in argument.children:  # type: ignore[union-attr]

@@ -18,65 +18,51 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from lark import Token, Tree
 
-from calib.errors import InputError
 from calib.se3 import FloatArray, rotation_from_quaternion, transform
-from posedesign.programs.abb_rapid.module import (
-    FRAMES,
-    LANGUAGE,
-    SHAPES,
-    Data,
-    Node,
-    calls,
-    declared,
-    inside,
-    is_a,
-    name_of,
-    nested,
-    shape,
-)
+from posedesign.programs.abb_rapid import module
+from posedesign.programs.abb_rapid.module import FRAMES, LANGUAGE, SHAPES, Data, Node, is_a, nested
 from posedesign.programs.configurations import AbbConfiguration
 from posedesign.programs.language import Statement
-from posedesign.programs.numbering import Numbering
-from posedesign.programs.reading import at_rest, joint_deg, millimetres, number, refuse
-from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.numbering import Numbering, Stored
+from posedesign.programs.reading import (
+    configuration_in,
+    joint_deg,
+    millimetres,
+    number,
+    refuse,
+    text_of,
+)
+from posedesign.programs.recorded import RecordedProgram
 
 NORM_WITHIN = 2e-3
 """Of a quaternion's norm from 1, as people type them; the controller asks for less."""
 
 _FLAGS = re.IGNORECASE | re.ASCII
 _REMARK = re.compile(r'"[^"\n]*"?|!([^\n]*)')
-_POSE_NAME = re.compile(r"P(\d{1,6}) (.*)")
-_FIRST_REGISTER = re.compile(r"jMeasured\{(\d{1,6})\} IS P(\d{1,6})\s*")
 _NUMBERED = re.compile(r"[JR]?P(\d{1,6})", _FLAGS)
 _ELEMENT = re.compile(r"JMEASURED\{(\d{1,6})\}", _FLAGS)
 _UNCONNECTED = re.compile(r"9\.?0*E\+?0*9", re.IGNORECASE)
 _MATTERS = re.compile(r"jointtarget|robtarget|tooldata|wobjdata|move|pdisp|\[", _FLAGS)
 _WORD = re.compile(r"[a-z]\w*", _FLAGS)
 _MOST_NAME = 99
-_BINARY = re.compile(rb"[^\t\r\n -~\x80-\xff]")
 _WHAT = "name a RAPID module saved as text: .mod or .modx"
 _MOTIONS = {"MOVEABSJ": "jointtarget", "MOVEJ": "robtarget", "MOVEL": "robtarget"}
 
 
 @dataclass(eq=False)
-class StoredPosition:
-    """One position as it stands in the file.
+class StoredPosition(Stored):
+    """One position as it stands in the file; ``parts`` are the texts of its numbers.
 
-    ``variable`` is empty for one that stands in a motion instruction; ``parts`` are the texts of
-    its numbers. ``other``: no numbered position of the program. The frames are those of the motion
-    to it, where the module gives their values.
+    The frames are those of the motion to it, where the module gives their values.
     """
 
-    variable: str
-    line: int
     kind: str
     parts: list[list[str]]
-    name: str = ""
-    other: bool = False
     T_world_user: FloatArray | None = None
     T_tip_tool: FloatArray | None = None
 
@@ -86,7 +72,7 @@ class StoredPosition:
     ) -> StoredPosition:
         """A position as its value stands in the file; FileFormatError where it is of no such."""
         value = nested(node)
-        if shape(value) != SHAPES[kind]:
+        if module.shape(value) != SHAPES[kind]:
             wanted = ", ".join(map(str, SHAPES[kind]))
             label = variable or "the position"
             reason = f"{label} has not the lists of {wanted} numbers of a {kind}"
@@ -94,42 +80,44 @@ class StoredPosition:
         return cls(variable, line, kind, value)  # type: ignore[arg-type]
 
     @property
-    def label(self) -> str:
-        """What to call it in messages."""
-        return self.variable or "the position"
+    def cartesian(self) -> bool:
+        return self.kind == "robtarget"
 
     @property
     def is_empty(self) -> bool:
         """Whether it is a place for a position and no position of the arm."""
-        if self.kind == "jointtarget":
-            return all(map(_UNCONNECTED.fullmatch, self.parts[0]))
-        return set(self.parts[1]) == {"0"}
+        if self.cartesian:
+            return set(self.parts[1]) == {"0"}
+        return all(map(_UNCONNECTED.fullmatch, self.parts[0]))
 
     @property
     def external(self) -> list[tuple[str, str, str, int]]:
-        """Label, name, value and line of the external axes that are connected."""
+        """Of the axes that are connected."""
         return [
             (self.label, f"eax_{letter}", text, self.line)
             for letter, text in zip("abcdef", self.parts[-1], strict=True)
             if not _UNCONNECTED.fullmatch(text)
         ]
 
-    def joints(self, path: Path | str) -> FloatArray:
-        """Joint values [deg]."""
+    def numbers(self, path: Path | str) -> list[float]:
+        """Joint values [deg], or x, y, z [mm] and q1 to q4."""
+        if self.cartesian:
+            return place_of(self.label, self.line, self.parts, path)
         values = []
         for j, text in enumerate(self.parts[0], start=1):
             what = f"{self.label}: axis {j}"
             if _UNCONNECTED.fullmatch(text):
                 refuse(f"{what} has no value (9E9)", path, self.line, "is it a six-axis arm?")
             values.append(joint_deg(text, what, path, self.line))
-        return np.array(values)
+        return values
 
-    def configuration(self, path: Path | str) -> AbbConfiguration:
-        """The arm position that takes the pose."""
-        try:
-            return AbbConfiguration.parse(f"[{','.join(self.parts[2])}]")
-        except InputError as error:
-            refuse(f"{self.label}: {error.message}", path, self.line, error.hint)
+    def details(self, path: Path | str) -> dict[str, Any]:
+        if not self.cartesian:
+            return {}
+        words = f"[{','.join(self.parts[2])}]"
+        meant = configuration_in(AbbConfiguration, words, self.label, path, self.line)
+        frames = {"T_world_user": self.T_world_user, "T_tip_tool": self.T_tip_tool}
+        return {"configuration": meant, **frames}
 
 
 def place_of(label: str, row: int, lists: Sequence[list[str]], path: Path | str) -> list[float]:
@@ -148,9 +136,7 @@ def place_of(label: str, row: int, lists: Sequence[list[str]], path: Path | str)
 
 def _transforms(places: list[list[float]]) -> FloatArray:
     """Transforms ``(N, 4, 4)`` [m] of places."""
-    if not places:
-        return np.empty((0, 4, 4))
-    values = np.array(places)
+    values = np.reshape(places, (-1, 7))
     return transform(rotation_from_quaternion(values[:, 3:]), values[:, :3] / 1e3)
 
 
@@ -162,7 +148,7 @@ def frames_of(data: Data, path: Path | str) -> FloatArray:
         refuse(f"{name} has not the parts of {data.kind}", path, row)
     places = []
     for part in value[1:2] if tool else value[3:]:
-        if shape(part) != (3, 4):
+        if module.shape(part) != (3, 4):
             refuse(f"{name} has not the lists of 3, 4 numbers of a frame", path, row)
         places.append(place_of(name, row, part, path))  # type: ignore[arg-type]
     return _transforms(places)
@@ -182,7 +168,7 @@ class _Reader:
 
     def take(self, statements: Sequence[Statement]) -> None:
         """Take positions, frames, motions, and what changes them."""
-        for data in declared(statements):
+        for data in module.declared(statements):
             if data.kind in SHAPES:
                 self._take_positions(data)
             elif data.kind != "num":
@@ -207,7 +193,7 @@ class _Reader:
         if len(name) > _MOST_NAME:
             refuse(f"{name[:30]}... has {len(name)} characters", self.path, row)
         if data.size and data.values and (not data.whole or data.count != len(data.values)):
-            size = inside(data.size)[:20]
+            size = module.inside(data.size)[:20]
             refuse(f"{name}{{{size}}} has {len(data.values)} elements", self.path, row)
         for label, value in data.values:
             position = StoredPosition.of(label, row, data.kind, value, self.path)
@@ -222,9 +208,9 @@ class _Reader:
         for node in statement.all("assignment") if ":=" in statement.text else ():
             variable = node.children[0]
             in_part = any(isinstance(c, Token) for c in variable.children[1:])  # type: ignore[union-attr]
-            self.changes.append((name_of(variable), in_part, row))
+            self.changes.append((module.name_of(variable), in_part, row))
         motion = False
-        for word, given in calls(statement):
+        for word, given in module.calls(statement):
             if word in ("PDISPON", "PDISPSET"):
                 self.displaced = self.displaced or row
             values = [(value, switches) for value, switches in given if value is not None]
@@ -249,21 +235,21 @@ class _Reader:
     def _take_frames(
         self,
         target: Node | None,
-        last: tuple[Node | None, dict[str, Node | None]] | None,
+        last: module.Argument | None,
         row: int,
     ) -> None:
         name = str(nested(target)).upper() if is_a(target, "variable") and target else f"[{row}"
         if last is None or not (is_a(target, "variable") or is_a(target, "list")):
             return  # Offs(p1,...): no motion to a position of the file
         tool, switches = last
-        work_object = name_of(switches["WOBJ"]) if "WOBJ" in switches else "WOBJ0"
-        self.motions.append((name, name_of(tool), work_object, row))
+        work_object = module.name_of(switches["WOBJ"]) if "WOBJ" in switches else "WOBJ0"
+        self.motions.append((name, module.name_of(tool), work_object, row))
 
     def _refuse_lost(self, tree: Node, row: int, text: str) -> None:
         """Refuse lists of numbers that are a position, and stand where none is read."""
         for node in tree.iter_subtrees() if isinstance(tree, Tree) else ():
             if node.data == "list" and len(node.children) > 1:
-                found = shape(nested(node))
+                found = module.shape(nested(node))
                 if found == (6, 6) or (4, 4, 6) in zip(found, found[1:], found[2:], strict=False):
                     refuse(f"cannot make sense of {text[:30]!r}", self.path, row)
 
@@ -326,27 +312,6 @@ class _Reader:
         frames = frames_of(data, self.path)
         return np.asarray(frames[0] if len(frames) == 1 else frames[0] @ frames[1])
 
-    def recorded(self, numbered: list[tuple[int, StoredPosition]]) -> tuple[RecordedPosition, ...]:
-        """Stored positions with their numbers as recorded ones."""
-        path = self.path
-        own = [p for _, p in numbered if not p.other] or [p for _, p in numbered]
-        at_rest((value for p in own for value in p.external), path)
-        posed = [p for _, p in numbered if p.kind == "robtarget"]
-        poses = iter(_transforms([place_of(p.label, p.line, p.parts, path) for p in posed]))
-        return tuple(
-            RecordedPosition(
-                n,
-                p.name,
-                p.line,
-                shown_deg=p.joints(path) if p.kind == "jointtarget" else None,
-                T_user_tool=next(poses) if p.kind == "robtarget" else None,
-                configuration=p.configuration(path) if p.kind == "robtarget" else None,
-                T_world_user=p.T_world_user,
-                T_tip_tool=p.T_tip_tool,
-            )
-            for n, p in numbered
-        )
-
 
 def parse_module(data: bytes, path: Path | str) -> RecordedProgram:
     """Program in the content of a file; ``path`` is for the messages.
@@ -357,11 +322,7 @@ def parse_module(data: bytes, path: Path | str) -> RecordedProgram:
         The file is no RAPID module, is cut off, or holds no positions, or one that is neither a
         jointtarget nor a robtarget.
     """
-    bad = _BINARY.search(data)
-    if bad:
-        row = data.count(b"\n", 0, bad.start()) + 1
-        refuse(f"holds the byte 0x{bad[0][0]:02x}, which is not text", path, row, _WHAT)
-    text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")
+    text = text_of(data, path, _WHAT)
     statements = LANGUAGE.statements(text)
     if not statements or statements[0].kind != "module":
         refuse("is no RAPID module: it does not begin with MODULE", path, 1, _WHAT)
@@ -373,30 +334,10 @@ def parse_module(data: bytes, path: Path | str) -> RecordedProgram:
     if not reader.positions:
         refuse("holds no positions", path, hint="name the module that was touched up")
     reader.give_frames()
-    comment, mark, names, first = _remarks(text)
-    numbering = Numbering(_NUMBERED, _ELEMENT, mark, names, first)
-    return RecordedProgram(
-        statements[0].word("NAME"),
-        comment,
-        mark or PlanMark(),
-        reader.recorded(numbering.of(reader.positions, path)),
-        "abb",
-        empty_registers=numbering.is_untouched(reader.positions),
-    )
-
-
-def _remarks(text: str) -> tuple[str, PlanMark | None, dict[int, str], tuple[int, int] | None]:
-    """Title, mark, names of poses by number, and element and number of the first kept one."""
-    comment, mark, first = "", None, None
-    names: dict[int, str] = {}
+    numbering, title = Numbering(_NUMBERED, _ELEMENT), ""
     for remark in (found[1].strip() for found in _REMARK.finditer(text) if found[1] is not None):
-        named, register = _POSE_NAME.fullmatch(remark), _FIRST_REGISTER.fullmatch(remark)
-        if remark.startswith("PLAN ") and mark is None:
-            mark = PlanMark.found_in(remark)
-        elif named:
-            names.setdefault(int(named[1]), named[2].strip())
-        elif register:
-            first = int(register[1]), int(register[2])
-        elif not (remark.startswith("* ") or comment or mark or names):
-            comment = remark
-    return comment, mark, names, first
+        own = numbering.take(remark) or remark.startswith("* ")
+        if not (own or title or numbering.mark or numbering.names):
+            title = remark
+    named = statements[0].word("NAME"), title, "abb"
+    return numbering.program(named, reader.positions, _transforms, path)

@@ -35,37 +35,31 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
-from itertools import islice
 from pathlib import Path
 
 from lark import Token, Tree
 
 from calib.errors import FileFormatError
-from posedesign.programs.abb_rapid import words
+from posedesign.programs import rules
+from posedesign.programs.abb_rapid import module, words
 from posedesign.programs.abb_rapid.module import (
     FRAMES,
     LANGUAGE,
     ROUTINES,
     SHAPES,
+    Argument,
     Data,
     Nested,
     Node,
-    calls,
-    declared,
-    inside,
     is_a,
     name_of,
     nested,
-    shape,
 )
-from posedesign.programs.abb_rapid.reader import StoredPosition, frames_of, place_of
+from posedesign.programs.abb_rapid.reader import StoredPosition, frames_of
 from posedesign.programs.language import Block, Statement, block_faults, text_of
 from posedesign.programs.language import words as token_texts
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.sets import set_mark
-
-MOST_PROBLEMS = 1000
-"""Most problems told by one check: a file that is no program has one in each of its lines."""
 
 MOST_NAME, MOST_STRING = 32, 80
 WRITTEN_WITHIN = 1e-5
@@ -85,12 +79,12 @@ _TYPED = {"WOBJ": "wobjdata", "PLENGTH": "num", "V": "num", "T": "num", "Z": "nu
 
 def check_module(data: bytes, path: Path) -> list[Problem]:
     """Problems in the content of a file; never fails."""
-    text = data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")
-    statements = LANGUAGE.statements(text)
+    statements = LANGUAGE.statements(data.removeprefix(b"\xef\xbb\xbf").decode("latin-1"))
     checker = _Checker(statements, whole=set_mark(data) is not None)
-    checks = (
-        _check_bytes(data, utf8=path.suffix.lower() == ".modx"),
-        (Problem(s.row, "syntax", s.fault) for s in statements if s.fault),
+    return rules.told(
+        rules.check_bytes(data, ("encoding", *rules.CONTROL[1:])),
+        _check_encoding(data) if path.suffix.lower() == ".modx" else (),
+        rules.syntax(statements),
         _check_module(statements),
         block_faults(statements, _BLOCKS),
         _check_places(statements),
@@ -99,22 +93,14 @@ def check_module(data: bytes, path: Path) -> list[Problem]:
         checker.check_instructions(),
         checker.check_standstill(),
     )
-    problems = [problem for check in checks for problem in islice(check, MOST_PROBLEMS)]
-    return sorted(problems, key=lambda p: (p.line, p.rule, p.message))[:MOST_PROBLEMS]
 
 
-def _check_bytes(data: bytes, *, utf8: bool) -> Iterator[Problem]:
-    if utf8:
-        try:
-            data.decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            row = data.count(b"\n", 0, error.start) + 1
-            yield Problem(row, "encoding", "a .modx is UTF-8, and this is not")
-    row, last = 1, 0
-    for bad in re.finditer(rb"[^\t\r\n -~\x80-\xff]", data):
-        row += data.count(b"\n", last, bad.start())
-        last = bad.start()
-        yield Problem(row, "encoding", f"the byte 0x{bad[0][0]:02x} is no plain character")
+def _check_encoding(data: bytes) -> Iterator[Problem]:
+    try:
+        data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = data.count(b"\n", 0, error.start) + 1
+        yield Problem(row, "encoding", "a .modx is UTF-8, and this is not")
 
 
 def _check_module(statements: Sequence[Statement]) -> Iterator[Problem]:
@@ -162,8 +148,8 @@ class _Checker:
 
     def __init__(self, statements: Sequence[Statement], *, whole: bool) -> None:
         self.statements, self.whole = statements, whole
-        self.data = list(declared(statements))
-        self.calls = [list(calls(s)) for s in statements]
+        self.data = list(module.declared(statements))
+        self.calls = [list(module.calls(s)) for s in statements]
         self.called = {word for made in self.calls for word, _ in made}
         self.names: dict[tuple[int, str], tuple[str, Data | None]] = {}
         self.routines: list[int] = []
@@ -225,7 +211,7 @@ class _Checker:
                 yield from self._unknown(data.row, kind, words.TYPES, "type")
             elements = len(data.elements)
             if not data.whole or (elements and data.count not in (None, elements)):
-                reason = f"{data.name}{{{inside(data.size)[:20]}}} has {elements} elements"
+                reason = f"{data.name}{{{module.inside(data.size)[:20]}}} has {elements} elements"
                 yield Problem(data.row, "position", reason + ", and no end" * (not data.whole))
             check = self._check_speed if data.kind == "speeddata" else self._check_position
             if data.kind in (*SHAPES, "speeddata"):
@@ -277,7 +263,7 @@ class _Checker:
             return
         named = [isinstance(part, str) and self._has_names(part) for part in value]
         if any(named) and len(value) == len(SHAPES[kind]):
-            found = zip(named, shape(value), SHAPES[kind], strict=True)
+            found = zip(named, module.shape(value), SHAPES[kind], strict=True)
             if any(n != wanted for skip, n, wanted in found if not skip):
                 yield Problem(row, "position", f"{label} has not the lists of a {kind}")
             return
@@ -286,16 +272,16 @@ class _Checker:
             position = StoredPosition.of(label, row, kind, node, "")
             if position.is_empty or any(map(self._has_names, value)):
                 return
-            if kind == "jointtarget":
-                position.joints("")
+            numbers = position.numbers("")
+            if not position.cartesian:
                 return
-            norm = math.hypot(*place_of(label, row, position.parts, "")[3:])
+            norm = math.hypot(*numbers[3:])
             if abs(norm - 1.0) > WRITTEN_WITHIN:
                 reason = f"{label}: the quaternion's norm is {norm:.6g}"
                 yield Problem(row, "position", reason, "measuring")
             if all(re.fullmatch(r"[-+]?\d{1,4}", text) for text in position.parts[2]):
                 level = "measuring"  # of an arm of another kind
-            position.configuration("")
+            position.details("")
         except FileFormatError as error:
             yield Problem(row, "position", _reason(error), level)
 
@@ -346,7 +332,7 @@ class _Checker:
     def _check_variable(self, row: int, name: str, node: Tree[Token]) -> Iterator[Problem]:
         found = self._find(name)
         for index in node.children[1:2]:
-            text = inside(index) if isinstance(index, Tree) else ""
+            text = module.inside(index) if isinstance(index, Tree) else ""
             most = found[1].count if found and found[1] else None
             if most is not None and text.isdigit() and not 1 <= int(text[:9]) <= most:
                 yield Problem(row, "argument", f"{name}{{{text[:12]}}} of {most}")
@@ -363,9 +349,7 @@ class _Checker:
         if near:
             yield Problem(row, "name", f"{name} is not known: {near}?")
 
-    def _check_arguments(
-        self, row: int, word: str, given: list[tuple[Node | None, dict[str, Node | None]]]
-    ) -> Iterator[Problem]:
+    def _check_arguments(self, row: int, word: str, given: list[Argument]) -> Iterator[Problem]:
         """The arguments of an instruction whose signature is known."""
         taken = [(value, dict(switches)) for value, switches in given[:1]]
         for value, switches in given[1:]:

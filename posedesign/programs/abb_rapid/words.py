@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Set
 
+from posedesign.programs import rules
+
 _SIGNATURES = r"""
 MoveAbsJ \Conc, jointtarget \ID \NoEOffs, speeddata \V \T, zonedata \Z \Inpos, tooldata \WObj \TLoad
 MoveJ \Conc, robtarget \ID, speeddata \V \T, zonedata \Z \Inpos, tooldata \WObj \TLoad
@@ -93,27 +95,17 @@ _WITHOUT_MARK = {
 }
 """Instructions that lack what stands in front of a switch: ``ConfJOn``."""
 
-_LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0"
-
 
 def misspelt(word: str, known: Set[str], least: int = 4) -> str:
-    """The known word of so many letters that a word in capitals is but for one; empty for none.
+    """The known word that a word in capitals was meant to be; empty for none.
 
-    A letter is missing, another one, doubled, or behind the next one. Figures at the end are none
-    of a mistake: people number what they name.
+    Figures at the end, and added letters that double none, are none of a mistake: people number
+    and lengthen what they name.
     """
     if word in _WITHOUT_MARK:
         return _WITHOUT_MARK[word]
-    if word in known or word.rstrip("0123456789_") in known:
+    if word.rstrip("0123456789_") in known:
         return ""
-    for i in range(len(word) + 1):
-        head, tail = word[:i], word[i:]
-        near = {head + tail[1:2] + tail[:1] + tail[2:]}
-        near |= {head + tail[1:]} if i > 1 and tail[:1] == head[-1:] else set()
-        near |= {
-            head + c + rest for c in "ABCDEFGHIJKLMNOPQRSTUVWXYZ0" for rest in (tail, tail[1:])
-        }
-        for name in near & known:
-            if len(name) >= least:
-                return name
-    return ""
+    halved = {word[:i] + word[i + 1 :] for i in range(2, len(word)) if word[i] == word[i - 1]}
+    longer = [other for other in known if len(other) >= len(word) or other in halved]
+    return rules.near(word, longer, least)

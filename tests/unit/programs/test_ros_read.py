@@ -20,7 +20,7 @@ from posedesign.programs import (
     find_dialect,
 )
 from posedesign.programs.registry import dialect_of
-from posedesign.programs.ros.yaml_reading import MOST_DEPTH
+from posedesign.programs.ros.tree import MOST_DEPTH
 
 LISTS = ("ros-trajectory", "moveit-joints", "robot-calibration")
 PATH = Path("X.yaml")
@@ -161,7 +161,7 @@ points:
         ("# end of CAL\n", "", None, "is cut off: there is no comment '# end of CAL'"),
         ("joint_names:\n- a\n- b\n", "", 3, "joint_names is missing"),
         ("- a\n- b\n", "", 3, "joint_names is not a list"),
-        ("- a\n- b\n", "  []\n", 3, "joint_names is empty"),
+        ("- a\n- b\n", "  []\n", 4, "joint_names is empty"),
         ("- b", "- a", 5, "joint_names has 'a' twice"),
         ("- b", "- [b]", 5, "holds something that is not a name"),
         ("- b\n", "- b\n- c\n", 10, "point 1: positions has 2 values, there are 3 joints"),
@@ -185,7 +185,7 @@ points:
         ("  - 1.25", "  - 1.25\n ---", 19, "is no YAML"),
         ("# end", "---\nnext: 1\n# end", 20, "holds several documents"),
         ("points:", "points: 1\nothers:", 6, "points is not a list"),
-        ("points:", "points: []\nothers:", 3, "holds no points"),
+        ("points:", "points: []\nothers:", 6, "holds no points"),
         ("points:", "others:", 3, "points is missing"),
         ("points:", "points: []\npoints:", 7, "has the key 'points' twice"),
         ("points:", "? [a]\n: 1\npoints:", 6, "a key is not a word"),

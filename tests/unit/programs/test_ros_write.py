@@ -28,7 +28,7 @@ from posedesign.programs import (
     write,
 )
 from posedesign.programs.registry import dialect_of
-from posedesign.programs.ros.trajectory_times import (
+from posedesign.programs.ros.writer import (
     MOST_SECONDS,
     UNKNOWN_SPEED,
     joint_speeds,

@@ -1,0 +1,299 @@
+"""Lists for ROS: one walk through the tree, lenient for the reader and strict for the validator.
+
+The tools leave out entries of the wrong length without a word, or with one in a log, and those of
+robot_calibration pass over unknown keys in silence. The validator asks:
+
+===============  ================================================================================
+``utf-8``        text in UTF-8
+``yaml``         one well-formed YAML document
+``plain-yaml``   no anchors, aliases and tags, no key twice, no deep nesting, not too many values
+``keys``         the keys of the format, all of them and no others
+``joint-names``  at least one joint name, texts that YAML reads as texts, each once
+``length``       as many values as joint names
+``number``       no quotes, NaN, exponents, nor what YAML 1.1 reads in other ways (010, 1_000, 1:30)
+``range``        joint values within +-720 deg
+``entries``      at least one pose
+``stamp``        a zero stamp: a fixed one would lie in the past when the message is sent
+``frame-id``     frame_id is a text
+``time``         sec from 0 to 2147483647 and nanosec from 0 to 999999999, whole numbers
+``increasing``   each point later than the one before: ros2_control refuses others
+``standstill``   zero velocities at the last point, as ros2_control asks
+``ending``       a name that ends in ``.yaml``: the dialog of MoveIt opens no other
+``same-joints``  the same joints in each entry of robot_calibration
+``features``     features are a list of texts
+===============  ================================================================================
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from posedesign.programs.reading import MOST_JOINT_DEG, number
+from posedesign.programs.recorded import Problem
+from posedesign.programs.ros.tree import Fault, Node, Plain, documents, text_of
+
+MOST_PROBLEMS = 1000
+"""Most problems told by one check: a file that is no list has one in each of its lines."""
+
+_MOST_RAD = math.radians(MOST_JOINT_DEG)
+_BILLION = 1_000_000_000
+_TIME = {"sec": 2_147_483_647, "nanosec": _BILLION - 1}
+_AROUND = ("goal", "trajectory", "joint_trajectory")
+"""Keys that a trajectory is found under in messages that hold one."""
+
+_DECIMAL = r"-?(?:0|[1-9][0-9]{0,8})(?:\.[0-9]{1,20})?"
+_STRICT, _LENIENT = re.compile(f"{_DECIMAL}(?: {_DECIMAL})*"), re.compile(r"[-+.0-9eE ]+")
+_WHOLE = re.compile(r"0|[1-9][0-9]{0,18}")
+_NO_TEXT = re.compile(
+    r"|~|null|y|n|yes|no|true|false|on|off|<<|=|[-+]?\.?[0-9][0-9_.:eExXa-fA-F+-]*"
+    r"|[-+]?\.(?:inf|nan)",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Words for people, and keys: of the file, joint names and entries last, and of an entry.
+
+    None of the file where it is the list of entries, none of an entry where it is one of values.
+    """
+
+    title: str
+    whole: str
+    entry: str
+    entries: str
+    keys: tuple[str, ...] = ()
+    entry_keys: tuple[str, ...] = ()
+
+    @property
+    def timed(self) -> bool:
+        """Whether entries have times, so that the arm can pass through or stand."""
+        return "time_from_start" in self.entry_keys
+
+
+RATES = ("velocities", "accelerations", "effort")
+TRAJECTORY = Layout(
+    *("trajectory_msgs/msg/JointTrajectory", "the trajectory", "point", "points"),
+    ("header", "joint_names", "points"),
+    ("positions", *RATES, "time_from_start"),
+)
+MOVEIT = Layout(
+    *("joint states of moveit_calibration", "the file", "row", "joint values"),
+    ("joint_names", "joint_values"),
+)
+CAPTURES = Layout(
+    *("capture poses of robot_calibration", "the file", "entry", "poses"),
+    entry_keys=("joints", "positions", "features"),
+)
+
+
+def check_list(data: bytes, path: Path, layout: Layout) -> list[Problem]:
+    """Problems in the content of a file, at most a thousand; none for a good one."""
+    walk = Walk(layout, path, strict=True)
+    try:
+        roots = documents(text_of(data))
+        if len(roots) != 1:
+            reason = "holds several documents" if roots else "is empty"
+            raise Fault(reason, roots[1].line if roots else 1)
+        walk.entries(roots[0])
+    except Fault as fault:
+        walk.problems.append(Problem(fault.line or 1, fault.rule, fault.message))
+    if layout is MOVEIT and path.suffix != ".yaml":
+        walk.problems.append(Problem(1, "ending", f"the name {path.name!a} does not end in .yaml"))
+    return walk.problems
+
+
+class Entry(NamedTuple):
+    """Line, joint names and joint values [rad] of a posture."""
+
+    line: int
+    names: tuple[str, ...]
+    values_rad: list[float]
+
+
+@dataclass
+class Walk:
+    """Finds the entries of a list: a Fault ends a lenient walk, a strict one collects problems."""
+
+    layout: Layout
+    path: Path
+    strict: bool
+    problems: list[Problem] = field(default_factory=list)
+    time: int = 0
+
+    def tell(self, rule: str, node: Node, message: str, hint: str = Fault.hint) -> None:
+        """Say what is wrong."""
+        if not self.strict or len(self.problems) == MOST_PROBLEMS - 2:
+            raise Fault(message, node.line, rule, hint)
+        self.problems.append(Problem(node.line, rule, message))
+
+    def entries(self, root: Node) -> list[Entry]:
+        """The entries, their joint values finite and within +-720 deg."""
+        layout, listed = self.layout, root
+        names: tuple[str, ...] = ()
+        if layout.keys:
+            key, last = layout.keys[-2:]
+            if layout.timed and not self.strict:
+                root = _inner(root, layout.whole)
+            fields = self.fields(root, layout.whole, layout.keys, (key, last))
+            if self.strict and "header" in fields:
+                self.header(fields["header"])
+            names = self.names(fields.get(key), key)
+            listed = fields.get(last) or Node([], 0)
+        elif root.kind == "map" and not self.strict:
+            listed = Node([root], root.line)
+        items = listed.items(layout.keys[-1] if layout.keys else layout.whole)
+        if not items and listed.line:
+            self.tell("entries", listed, f"holds no {layout.entries}", "is it the right file?")
+        found: list[Entry] = []
+        for count, item in enumerate(items, start=1):
+            what, values = f"{layout.entry} {count}", item
+            if layout.entry_keys:
+                fields = self.entry_fields(item, what)
+                if not layout.keys:
+                    names = self.names(fields.get("joints"), f"{what}: joints")
+                if self.strict:
+                    self.rest(fields, names, what, last=count == len(items))
+                if "positions" not in fields:
+                    continue
+                what, values = f"{what}: positions", fields["positions"]
+            found.append(Entry(item.line, names, self.values(values, names, what, _MOST_RAD)))
+            if names != found[0].names and set(names) != set(found[0].names):
+                reason = f"{layout.entry} {count} has other joints than entry 1"
+                self.tell("same-joints", item, reason, "keep the joints of one arm")
+        return found
+
+    def entry_fields(self, entry: Node, what: str) -> dict[str, Node]:
+        """The values of an entry that is a map; of a message, those of its joint states."""
+        if not (self.strict or self.layout.keys):
+            state = _by_key(entry, what).get("joint_states")
+            if state is not None:
+                found = self.fields(state, f"{what}: joint_states", (), ("name", "position"))
+                return {"joints": found["name"], "positions": found["position"]}
+        keys = self.layout.entry_keys
+        return self.fields(entry, what, keys, {"joints", "positions"}.intersection(keys))
+
+    def fields(
+        self, node: Node, what: str, keys: Collection[str], few: Collection[str] = ()
+    ) -> dict[str, Node]:
+        """The values of a map by key: all keys of the format, or at least a few where lenient."""
+        found: dict[str, Node] = {}
+        where = "" if what == self.layout.whole else f"{what}: "
+        for node_of_key, value in node.pairs(what):
+            key = str(node_of_key.value)
+            if key in found:
+                self.tell("plain-yaml", node_of_key, f"{where}has the key {key[:60]!r} twice")
+            elif self.strict and key not in keys:
+                self.tell("keys", node_of_key, f"{what} has no key {key[:60]!a}")
+            found.setdefault(key, value)
+        for key in keys if self.strict else few:
+            if key not in found:
+                self.tell("keys", node, f"{where}{key} is missing")
+        return found
+
+    def names(self, node: Node | None, what: str) -> tuple[str, ...]:
+        """Joint names: at least one, each once."""
+        names: list[str] = []
+        for item in node.items(what) if node else ():
+            text = item.value.strip() if isinstance(item.value, str) else ""
+            no_text = self.strict and type(item.value) is Plain and _NO_TEXT.fullmatch(text)
+            if not text or no_text:
+                self.tell("joint-names", item, f"{what} holds something that is not a name")
+            elif item.value in names:
+                self.tell("joint-names", item, f"{what} has {item.value[:60]!r} twice")
+            names.append(str(item.value))
+        if node and not names:
+            self.tell("joint-names", node, f"{what} is empty")
+        return tuple(names)
+
+    def values(self, node: Node, names: tuple[str, ...], what: str, most: float) -> list[float]:
+        """Numbers, one for each name."""
+        items = node.items(what)
+        if len(items) != len(names):
+            reason = f"{what} has {len(items)} values, there are {len(names)} joints"
+            self.tell("length", node, reason)
+        texts = [item.value for item in items if type(item.value) is Plain]
+        usual = _STRICT if self.strict else _LENIENT
+        if len(texts) == len(items) and usual.fullmatch(" ".join(texts)):
+            with suppress(ValueError):  # said below, with the joint
+                values = [float(text) for text in texts]
+                if max(map(abs, values)) <= most:
+                    return values
+        labels = [*names, *["one more"] * len(items)]
+        return [self.value(item, f"{what}: {labels[k]}", most) for k, item in enumerate(items)]
+
+    def value(self, item: Node, what: str, most: float) -> float:
+        text = item.value if isinstance(item.value, str) else ""
+        if item.kind != "value":
+            self.tell("number", item, f"{what} is not a number")
+        elif type(text) is not Plain:
+            reason = f"{what} is {text[:30]!r}, a text in quotes, not a number"
+            self.tell("number", item, reason)
+        elif not self.strict:
+            return number(str(text), what, self.path, item.line, most, "rad")
+        elif not re.fullmatch(_DECIMAL, text):
+            self.tell("number", item, f"{what} is {text[:30]!a}, not a plain number")
+        elif abs(float(text)) > most:
+            self.tell("range", item, f"{what} is {text} rad, beyond +-{most:g} rad")
+        return 0.0
+
+    def rest(
+        self, fields: Mapping[str, Node], names: tuple[str, ...], what: str, *, last: bool
+    ) -> None:
+        """What only the validator looks at in an entry."""
+        for key in RATES:
+            if key in fields and fields[key].items(f"{what}: {key}"):
+                values = self.values(fields[key], names, f"{what}: {key}", math.inf)
+                if last and key == "velocities" and any(values):
+                    self.tell("standstill", fields[key], "the arm still moves at the last point")
+        if "time_from_start" in fields:
+            time = self.nanoseconds(fields["time_from_start"], f"{what}: time_from_start")
+            if time is not None and time <= self.time:
+                reason = f"{what} is not later than what is before"
+                self.tell("increasing", fields["time_from_start"], reason)
+            self.time = self.time if time is None else time
+        features = fields.get("features")
+        for feature in features.items(f"{what}: features") if features else ():
+            if not feature.value or feature.kind != "value":
+                self.tell("features", feature, f"{what} has a feature that is no text")
+
+    def header(self, header: Node) -> None:
+        fields = self.fields(header, "header", ("stamp", "frame_id"))
+        if "stamp" in fields and self.nanoseconds(fields["stamp"], "stamp"):
+            self.tell("stamp", fields["stamp"], "the stamp is not zero")
+        frame = fields.get("frame_id")
+        if frame and (frame.kind != "value" or (not frame.value and type(frame.value) is Plain)):
+            self.tell("frame-id", frame, "frame_id is not a text")
+
+    def nanoseconds(self, node: Node, what: str) -> int | None:
+        """A time; None where it is none."""
+        fields = self.fields(node, what, _TIME)
+        parts: list[int] = []
+        for key in [key for key in _TIME if key in fields]:
+            text, most = fields[key].value, _TIME[key]
+            found = int(text) if type(text) is Plain and _WHOLE.fullmatch(text) else None
+            if found is None or found > most:
+                reason = f"{what}: {key} is not a whole number of 0 to {most}"
+                self.tell("time", fields[key], reason)
+            parts += [] if found is None else [found]
+        return parts[0] * _BILLION + parts[1] if len(parts) == len(_TIME) else None
+
+
+def _inner(root: Node, what: str) -> Node:
+    """The trajectory in the message that holds it."""
+    for _ in _AROUND:
+        fields = _by_key(root, what)
+        key = next((key for key in _AROUND if key in fields), None)
+        if key and "points" not in fields:
+            root = fields[key]
+    return root
+
+
+def _by_key(node: Node, what: str) -> dict[str, Node]:
+    return {str(key.value): value for key, value in node.pairs(what)}

@@ -41,6 +41,7 @@ POSITIVE_AXES: dict[str, tuple[FloatArray, ...]] = {
     "abb": (_Z, _Y, _Y, _X, _Y, _X),
     "kuka": (-_Z, _Y, _Y, -_X, _Y, -_X),
     "staubli": (_Z, _Y, _Y, _Z, _Y, _Z),
+    "kawasaki": (-_Z, -_X, _X, _Z, _X, _Z),
     "ur": (_Z, -_Y, -_Y, -_Y, -_Z, -_Y),
     "franka": (_Z, _Y, _Z, -_Y, _Z, -_Y, -_Z),
 }

@@ -47,7 +47,8 @@ def program(
         typer.Option(
             "--format",
             help="fanuc-ls, kuka-krl, abb-rapid, ur-script, yaskawa-jbi, staubli-val3, "
-            "ros-trajectory, moveit-joints, robot-calibration, robodk-csv. [that of the robot's "
+            "mitsubishi-melfa, kawasaki-as, ros-trajectory, moveit-joints, robot-calibration, "
+            "robodk-csv. [that of the robot's "
             "controller]",
         ),
     ] = None,

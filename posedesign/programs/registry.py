@@ -10,6 +10,7 @@ from calib.errors import FileFormatError, InputError, check_type, near_names
 from posedesign.programs.abb_rapid import AbbRapid
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.fanuc_ls import FanucLs
+from posedesign.programs.kawasaki_as import KawasakiAs
 from posedesign.programs.kuka_krl import KukaKrl
 from posedesign.programs.mitsubishi_melfa import MitsubishiMelfa
 from posedesign.programs.program import Planned, PoseProgram, ProgramOptions
@@ -35,6 +36,7 @@ DIALECTS: dict[str, Dialect] = {
         RobotCalibration(),
         RobodkCsv(),
         MitsubishiMelfa(),
+        KawasakiAs(),
     )
 }
 """All dialects by name. A new controller is a new file and one entry here."""

@@ -7,7 +7,6 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator
-from functools import cache
 from pathlib import Path
 
 import cv2
@@ -18,31 +17,13 @@ from numpy.typing import NDArray
 from calib.errors import FileFormatError, InputError, JointLimitError
 from calib.se3 import FloatArray
 from posedesign.autonomous import FolderRobot
-from posedesign.cell import Cell, cell_template
+from posedesign.cell import Cell
 from posedesign.programs import DIALECTS, Arm, read, validate
+from tests.arms import PULSES, cell_of
 
 POLL_S = 0.002
-PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)
-ARMS = {
-    "fanuc": "r2000ic165f",
-    "kuka": "kr6r900sixx",
-    "abb": "irb120",
-    "ur": "ur5e",
-    "yaskawa": "gp7",
-    "staubli": "tx2_60",
-    None: "panda",
-}
 ROUNDING_DEG = 1.01e-3
 """FANUC's joint 3 is the sum of two values of three decimals."""
-
-
-@cache
-def cell_with(preset: str) -> Cell:
-    text = cell_template(preset, surroundings=False)
-    if preset == "gp7":
-        text = text.replace("[program]\n", f"[program]\npulses_per_deg = {list(PULSES)}\n")
-        assert "pulses_per_deg = [1434.2" in text
-    return Cell.from_text(text)
 
 
 def picture_of(posture: FloatArray, count: int = 1) -> NDArray[np.uint8]:
@@ -215,7 +196,7 @@ def test_a_pendants_joint_3_in_the_column_of_the_urdf_is_refused(reference_cell,
 @pytest.mark.parametrize("name", DIALECTS)
 def test_every_controller(name, tmp_path):
     dialect = DIALECTS[name]
-    cell = cell_with(ARMS[dialect.maker])
+    cell = cell_of(dialect.maker)
     robot = robot_in(cell, tmp_path, dialect=name)
     posture = cell.base_posture + np.deg2rad(0.123456)
     robot.move(posture)
@@ -242,7 +223,7 @@ def test_every_controller(name, tmp_path):
 
 @pytest.mark.parametrize("name", ["kuka-krl", "fanuc-ls", "staubli-val3"])
 def test_the_table_comes_last(name, tmp_path, monkeypatch):
-    cell = cell_with(ARMS[DIALECTS[name].maker])
+    cell = cell_of(DIALECTS[name].maker)
     there: list[list[str]] = []
     rename = os.replace
 

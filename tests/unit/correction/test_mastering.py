@@ -10,6 +10,7 @@ from calib.model.measurements import TouchUp
 from calib.model.parameters import TargetPoints, ToolPoint, ZeroOffsets
 from calib.robots import POSITIVE_AXES, preset_info, preset_names
 from posedesign.identification.correction import mastering
+from tests.arms import DESCRIPTIONS, robot_of
 
 
 def model_of(robot: Robot, joints: tuple[str, ...]) -> CalibrationModel:
@@ -23,14 +24,14 @@ def with_offsets(model: CalibrationModel, degrees: list[float]) -> np.ndarray:
     return x
 
 
-def test_every_maker_has_a_preset():
+def test_every_maker_has_an_arm():
     makers = {preset_info(name)["controller"] for name in preset_names()}
-    assert makers == set(POSITIVE_AXES)
+    assert makers | set(DESCRIPTIONS) == set(POSITIVE_AXES)
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("name", [*preset_names(), *DESCRIPTIONS])
 def test_corrected_pendant_values_take_the_arm_where_the_nominal_one_goes(name):
-    robot = Robot.preset(name)
+    robot = robot_of(name) if name in DESCRIPTIONS else Robot.preset(name)
     assert robot.controller is not None
     rng = np.random.default_rng(0)
     model = model_of(robot, robot.joint_names)

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibError, FileFormatError, InputError
-from calib.robots import Robot
 from posedesign.programs import (
     DIALECTS,
     Arm,
@@ -27,17 +26,8 @@ from posedesign.programs import (
     ProgramPose,
     RecordedProgram,
 )
+from tests.arms import PULSES, robot_of
 
-PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)
-ARMS = {
-    "fanuc": "r2000ic165f",
-    "kuka": "kr6r900sixx",
-    "abb": "irb120",
-    "ur": "ur5e",
-    "yaskawa": "gp7",
-    "staubli": "tx2_60",
-    None: "panda",
-}
 CASES = [(name, form) for name, dialect in DIALECTS.items() for form in dialect.forms]
 RUBBISH = [b"", b"\0", b"\xff\xfe\x00", b"a" * 300_000, b"\n" * 80_000, b"- " * 50_000]
 RUBBISH += [b"{" * 50_000, b"[" * 50_000, b"(" * 100_000, b'"' * 100_000, b"1," * 100_000]
@@ -48,7 +38,7 @@ _TOKEN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 @cache
 def written(name: str, form: str) -> tuple[str, str]:
     """Name and text of the file with the positions."""
-    robot = Robot.preset(ARMS[DIALECTS[name].maker])
+    robot = robot_of(DIALECTS[name].maker)
     rng = np.random.default_rng(5)
     middle = (robot.lower + robot.upper) / 2.0
     q = middle + rng.uniform(-0.35, 0.35, (6, robot.n)) * (robot.upper - robot.lower) * 0.5
@@ -168,6 +158,7 @@ FREE = {
     r'|(?<=Data name=)"[^"]*"|(?<=Parameter name=)"[^"]*"|(?:ioLink|size|xsi)="[^"]*"',
     "kuka-krl": r";.*|&.*|MEASURE|DECL|(?<=AXIS )XP\d|(?<=POS )XP\d|(?<=DAT )\w+",
     "mitsubishi-melfa": r"'.*|MEASURE",
+    "kawasaki-as": r";.*|MEASURE|(?<=PROGRAM )\w+",
     "abb-rapid": r'!.*|"[^"]*"|MEASURE|9E9|LOCAL|MUTATED\w*|speeddata.*|ConfJ.On',
 }
 """Comments, texts, names of the user and words that may be left out: a mutant there is legal."""
@@ -214,7 +205,7 @@ def mutant(line: str, start: int, end: int, how: int, rng: np.random.Generator) 
 def passing_mutants(name: str, form: str, count: int, folder: Path) -> list[str]:
     """Lines of the mutants that a validator takes for good programs."""
     dialect = DIALECTS[name]
-    robot = Robot.preset(ARMS[dialect.maker])
+    robot = robot_of(dialect.maker)
     postures = (robot.lower + robot.upper) / 2.0 + np.array([[0.1], [0.2], [-0.3]])
     poses = tuple(ProgramPose(f"P0{i}", q, via=i == 1) for i, q in enumerate(postures))
     options = ProgramOptions(form=form, fingerprint="abcdef12", pulses_per_deg=PULSES)  # type: ignore[arg-type]

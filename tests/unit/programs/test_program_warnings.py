@@ -9,22 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.robots import Robot
 from posedesign.files import Results, write_text_atomic
 from posedesign.files.origin import checksum
 from posedesign.planning.poses_file import ALL_CHECKED, PoseList, read_poses
 from posedesign.pose_programs import program_options, write_program
 from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.program import MOST_WARNINGS
+from tests.arms import PULSES, robot_of
 
-ARMS = {"fanuc": "r2000ic165f", "abb": "irb120", "kuka": "kr6r900sixx", "ur": "ur10e"}
-ARMS |= {"yaskawa": "hp3", "staubli": "tx2_60", None: "ur10e"}
-PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)
 HOSTILE = "collisions with \"gun\" ; 'table' é ]]> \n END <a>& \\ and " + "x" * 400
 
 
 def program(name: str, **warnings: tuple[str, ...]) -> PoseProgram:
-    robot = Robot.preset(ARMS[DIALECTS[name].maker])
+    robot = robot_of(DIALECTS[name].maker)
     rng = np.random.default_rng(3)
     middle, half = (robot.lower + robot.upper) / 2.0, (robot.upper - robot.lower) / 4.0
     poses = tuple(
@@ -80,7 +77,7 @@ def test_a_warning_is_no_title(name: str, tmp_path: Path) -> None:
 
 
 def listed(*comments: str) -> PoseList:
-    pose = program("ros-trajectory").poses[0]
+    pose = program("ur-script").poses[0]
     return PoseList(
         ("P01",), pose.posture_rad[None], np.array([False]), comments=("posedesign: x", *comments)
     )

@@ -1,0 +1,278 @@
+"""Programs of joint positions in one file: what dialects of such programs share."""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.se3 import FloatArray
+from posedesign.programs.arm import Arm
+from posedesign.programs.dialect import Dialect
+from posedesign.programs.language import Language, Statement
+from posedesign.programs.program import Form, PoseProgram, in_range
+from posedesign.programs.reading import at_rest, joint_deg, refuse
+from posedesign.programs.recorded import (
+    Level,
+    PlanMark,
+    Problem,
+    RecordedPosition,
+    RecordedProgram,
+)
+from posedesign.programs.rules import CONTROL, check_bytes, near, told
+from posedesign.programs.writing import (
+    check_call,
+    check_text,
+    plain,
+    plain_all,
+    shown_deg,
+    warning_lines,
+)
+
+TEXT_LENGTH = 100
+"""Characters of a remark: lines have at most 127 on the oldest controllers."""
+
+JOINTS = 6
+"""Of an arm; values behind them are of axes that carry it, or a part."""
+
+LEAST_S = 0.1
+"""Shortest time that is waited: in it the arm comes to a stop, and an input sees a pulse."""
+
+_NOTE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
+
+
+@dataclass(frozen=True)
+class Phrases:
+    """How a language says the steps of a measuring program: formats that are filled in.
+
+    Attributes
+    ----------
+    remark : str
+        Of its text.
+    head : tuple of str
+        Behind the first remarks: ``percent``, ``call``.
+    move, pulse : tuple of str
+        Steps of ``name``, ``number``, ``joints``, ``percent``; of ``output``, ``time`` [s] and
+        ``ms``.
+    wait, call, keep : str
+        A step of ``time`` and ``ms``; of ``call``, ``argument``; of ``name``, ``register``. Empty
+        where a language keeps no registers.
+    most_output : int
+        Largest number of an output.
+    """
+
+    remark: str
+    head: tuple[str, ...]
+    move: tuple[str, ...]
+    wait: str
+    pulse: tuple[str, ...]
+    call: str
+    keep: str
+    most_output: int
+
+    def steps(self, program: PoseProgram, arm: Arm) -> Iterator[str]:
+        """Steps of a program with their remarks; InputError for what they cannot say."""
+        options = program.options
+        notes = [text for text in (options.comment, program.mark) if text]
+        for note in notes + warning_lines(program, TEXT_LENGTH):
+            yield self.remark.format(note)
+        own = {"name": program.name, "percent": options.speed_percent, "call": options.measure_call}
+        yield from (line.format(**own) for line in self.head)
+        rows = zip(program.numbers, program.poses, shown_deg(arm, program.poses), strict=True)
+        for number, pose, shown in rows:
+            told = pose.name.isascii() and pose.name.isprintable() and len(pose.name) < TEXT_LENGTH
+            yield self.remark.format(f"POSE {number} {pose.name if told else ''}".rstrip())
+            if pose.comment.strip():
+                check_text(f"comment of pose {pose.name!r}", pose.comment, TEXT_LENGTH)
+                yield self.remark.format(pose.comment.strip())
+            joints = ", ".join(plain_all(shown, 6))
+            yield from (line.format(number=number, joints=joints, **own) for line in self.move)
+            if not pose.via:
+                yield from self._measured(program, number)
+
+    def _measured(self, program: PoseProgram, number: int) -> Iterator[str]:
+        options = program.options
+        yield self.wait.format(**_time(options.settle_s))
+        if options.measure_output is not None:
+            pulse = _time(options.measure_pulse_s)
+            yield from (line.format(output=options.measure_output, **pulse) for line in self.pulse)
+        if options.measure_call is not None:
+            argument = options.argument(number)
+            shown = "" if argument is None else argument
+            yield self.call.format(call=options.measure_call, argument=shown)
+        if options.keep == "register":
+            register = options.first_register + number - 1
+            yield self.keep.format(name=program.name, register=register)
+
+
+def _time(seconds: float) -> dict[str, str]:
+    time = max(seconds, LEAST_S)
+    return {"time": plain(time, 3), "ms": plain(1e3 * time, 0)}
+
+
+class JointDialect(Dialect):
+    """A dialect of joint positions in one file."""
+
+    forms: ClassVar[tuple[Form, ...]] = ("joint",)
+    phrases: ClassVar[Phrases]
+    reader: ClassVar[Callable[[bytes, Path], RecordedProgram]]
+    rules: ClassVar[Callable[[bytes, Path], list[Problem]]]
+
+    def parse(self, data: bytes, path: Path) -> RecordedProgram:
+        """A program with its positions; see the module `reader`."""
+        return type(self).reader(data, path)
+
+    def check(self, data: bytes, path: Path) -> list[Problem]:
+        """Check a program; see the module `rules`."""
+        return type(self).rules(data, path)
+
+    def most_poses(self, program: PoseProgram) -> int | None:
+        """Longer programs are split: up to nine steps a pose, whose numbers have four digits."""
+        return 1000
+
+    def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
+        """Text of the file; InputError for what cannot stand in it."""
+        options, phrases = program.options, self.phrases
+        if options.keep == "register" and not phrases.keep:
+            raise InputError(f"{self.title}s keep no registers", hint="keep positions", name="keep")
+        check_call(self.names, options, program.name)
+        check_text("comment", options.comment, TEXT_LENGTH)
+        in_range("settle_s", options.settle_s, 0, 1e4)
+        in_range("measure_pulse_s", options.measure_pulse_s, 0, 1e4)
+        if options.measure_output is not None:
+            in_range("measure_output", options.measure_output, 1, phrases.most_output)
+        lines = self.lines(program, arm, list(phrases.steps(program, arm)))
+        return {f"{program.name}{self.suffixes[0]}": "\n".join([*lines, ""])}
+
+    def lines(self, program: PoseProgram, arm: Arm, steps: list[str]) -> Iterable[str]:
+        """Lines of the file of these steps."""
+        return steps
+
+
+@dataclass
+class Notes:
+    """What the remarks of a program say of its plan.
+
+    Attributes
+    ----------
+    mark : PlanMark or None
+        None: it is of no plan.
+    names : dict of int to str
+        Names of poses by number.
+    rows : dict of int to int
+        Lines of the remarks that name them, and the numbers.
+    """
+
+    mark: PlanMark | None = None
+    names: dict[int, str] = field(default_factory=dict)
+    rows: dict[int, int] = field(default_factory=dict)
+
+    def take(self, row: int, text: str) -> None:
+        """Take what a remark says."""
+        self.mark = self.mark or PlanMark.found_in(text)
+        found = _NOTE.fullmatch(text.strip()) if self.mark else None
+        if found:
+            self.names[int(found[1])] = found[2] or ""
+            self.rows[row] = int(found[1])
+
+
+def joints_of(label: str, row: int, texts: Sequence[str], path: Path) -> FloatArray:
+    """Joint values ``(6,)`` [deg] as they stand in a file; FileFormatError where they do not."""
+    if len(texts) < JOINTS:
+        refuse(f"{label} has {len(texts)} values", path, row)
+    return np.array([joint_deg(text, label, path, row) for text in texts[:JOINTS]])
+
+
+Found = tuple[str, int, Sequence[str]]
+"""What to call a position, its line, and the texts of its values."""
+
+
+def refuse_lost(found: Sequence[Found], path: Path) -> None:
+    """Refuse a file without positions, and one that moves axes behind the arm's."""
+    if not found:
+        refuse("holds no positions", path, None, "save the program with its positions")
+    values = [
+        (label, f"axis {j}", text, row)
+        for label, row, texts in found
+        for j, text in enumerate(texts[JOINTS:], start=JOINTS + 1)
+    ]
+    at_rest(values, path)
+
+
+def program_of(found: Sequence[Found], notes: Notes, path: Path, maker: str) -> RecordedProgram:
+    """The program of positions in the order of its moves.
+
+    The first behind a remark of a pose has its number; others come behind all that are planned.
+    """
+    refuse_lost(found, path)
+    mark = notes.mark or PlanMark()
+    rows, free = sorted(notes.rows), max([*notes.names, mark.measured or 0])
+    chosen: dict[int, RecordedPosition] = {}
+    above = -1
+    for label, row, texts in found:
+        last, above = above, bisect_left(rows, row) - 1
+        own = notes.rows[rows[above]] if above > last else 0
+        free += not own
+        if own in chosen:
+            refuse(f"pose {own} is there twice", path, row)
+        shown = joints_of(label, row, texts, path)
+        chosen[own or free] = RecordedPosition(own or free, notes.names.get(own, ""), row, shown)
+    positions = tuple(position for _, position in sorted(chosen.items()))
+    return RecordedProgram(path.stem, "", mark, positions, maker)
+
+
+@dataclass
+class Standing:
+    """Whether the arm stands, and for how long, where a step begins.
+
+    ``words``: what a language calls the stop and the wait.
+    """
+
+    words: tuple[str, str]
+    moves: bool = False
+    waited: bool = True
+
+    def check(
+        self, row: int, moves: bool, stops: bool, waits: bool, measures: bool
+    ) -> Iterator[Problem]:
+        """Problems of a step that does these."""
+        if self.moves and (moves or measures):
+            reason = f"no {self.words[0]} since the last move"
+            yield Problem(row, "standstill", reason, "measuring")
+        elif measures and not self.waited:
+            reason = f"no {self.words[1]} since the last move"
+            yield Problem(row, "wait-to-measure", reason, "measuring")
+        if moves:
+            self.waited = False
+        self.moves = (self.moves or moves) and not stops
+        self.waited = self.waited or waits
+
+
+def level_of(word: str, known: str, others: str) -> Level:
+    """Of a step that cannot be read: error where its word is one of a grammar's, or nearly.
+
+    ``others`` are those of options and of other instructions that are near to one.
+    """
+    words = known.split()
+    if word in others.split():
+        return "note"
+    return "error" if not word or word in words or near(word, words) else "note"
+
+
+def judged(
+    data: bytes,
+    language: Language,
+    kinds: tuple[str, ...],
+    check: Callable[[list[Statement]], Iterator[Problem]],
+) -> list[Problem]:
+    """Problems of the statements of a file; one of these kinds makes it a program."""
+    statements = language.statements(data.decode("latin-1").replace("\r", ""))
+    if not any(s.kind in kinds for s in statements):
+        return [Problem(1, "syntax", f"there is no {' and no '.join(kinds)} in it")]
+    return told(check(statements), check_bytes(data, CONTROL))

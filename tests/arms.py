@@ -1,0 +1,82 @@
+"""An arm of every maker: a preset, or a small description with the numbers of a public one."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from calib.robots import Robot
+from posedesign.cell import Cell, cell_template
+
+PRESETS = {
+    "fanuc": "r2000ic165f",
+    "kuka": "kr6r900sixx",
+    "abb": "irb120",
+    "ur": "ur5e",
+    "yaskawa": "gp7",
+    "staubli": "tx2_60",
+    None: "panda",
+}
+
+PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)
+"""Of an arm of Yaskawa in one degree."""
+
+Joint = tuple[tuple[float, float, float], tuple[float, float, float], str, float]
+"""Origin [m], its roll, pitch and yaw [deg], axis, and the limit on both sides [deg]."""
+
+DESCRIPTIONS: dict[str, list[Joint]] = {
+    # Kawasaki RS007N: its own khi_robot, rs007n_macro.xacro
+    "kawasaki": [
+        ((0, 0, 0.36), (0, 0, 0), "0 0 -1", 180),
+        ((0, 0, 0), (0, -90, 0), "0 0 1", 135),
+        ((0.355, 0, 0), (0, 0, 0), "0 0 -1", 155),
+        ((0.0925, 0, 0), (0, 90, 0), "0 0 1", 200),
+        ((0, 0, 0.2825), (0, -90, 0), "0 0 -1", 125),
+        ((0.078, 0, 0), (0, 90, 0), "0 0 1", 360),
+    ],
+}
+
+
+def urdf_of(maker: str) -> str:
+    """A description without shapes."""
+    parts = ['<robot name="arm"><link name="l0"/>']
+    for k, (xyz, rpy, axis, limit) in enumerate(DESCRIPTIONS[maker], start=1):
+        turn, most = (" ".join(map(str, np.radians(values))) for values in (rpy, [limit]))
+        parts.append(
+            f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/>'
+            f'<child link="l{k}"/><origin xyz="{" ".join(map(str, xyz))}" rpy="{turn}"/>'
+            f'<axis xyz="{axis}"/><limit lower="-{most}" upper="{most}" velocity="3" effort="1"/>'
+            "</joint>"
+        )
+    return "\n".join([*parts, "</robot>"])
+
+
+@cache
+def robot_of(maker: str | None) -> Robot:
+    """An arm with the controller of this maker; of any for None."""
+    if maker in PRESETS:
+        return Robot.preset(PRESETS[maker])
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(urdf_of(str(maker)))
+        return Robot.from_urdf(path).controlled_by(str(maker))
+
+
+@cache
+def cell_of(maker: str | None) -> Cell:
+    """A cell of this arm; one of Yaskawa's has encoder pulses."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        if maker in PRESETS:
+            text = cell_template(PRESETS[maker], surroundings=False)
+        else:
+            path.write_text(urdf_of(str(maker)))
+            text = cell_template(str(path))
+            text = re.sub("^# controller = .*", f'controller = "{maker}"', text, flags=re.M)
+        if maker == "yaskawa":
+            text = text.replace("[program]\n", f"[program]\npulses_per_deg = {list(PULSES)}\n")
+        return Cell.from_text(text)

@@ -1,9 +1,9 @@
-"""Positions of a file that have names, and their numbers: shared by KUKA and ABB."""
+"""Numbers of the positions of a file: of their names, or of comments above the moves."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -197,4 +197,70 @@ class Numbering:
         for n, position in zip(numbers, positions, strict=True):
             free += n == 0
             out.append((n or free, position))
+        return out
+
+
+_ANNOUNCED = re.compile(r"POSE\s+(\d{1,6})(?!\w)\s*(.*)", re.ASCII)
+
+
+@dataclass
+class Announced:
+    """Numbers and names that comments ``POSE 3 T07`` give to the positions of the moves behind.
+
+    ``found`` has them by what tells a position from the others, ``keys`` that. ``waiting`` is a
+    comment whose move has not come yet: number, name, line. ``mark`` is the plan's.
+    """
+
+    path: Path | str
+    mark: PlanMark = field(default_factory=PlanMark)
+    found: dict[Hashable, tuple[int, str]] = field(default_factory=dict)
+    keys: dict[int, Hashable] = field(default_factory=dict)
+    waiting: tuple[int, str, int] | None = None
+
+    def take(self, remark: str, row: int) -> bool:
+        """Take what a comment says of the next move, or of the plan."""
+        pose = _ANNOUNCED.fullmatch(remark.strip())
+        if pose:
+            self.end()
+            self.waiting = int(pose[1]), pose[2].strip(), row
+        elif remark.lstrip().startswith("PLAN") and not self.mark.fingerprint:
+            self.mark = PlanMark.found_in(remark) or self.mark
+        return pose is not None
+
+    def move(self, key: Hashable, label: str) -> None:
+        """A move goes to a position."""
+        if self.waiting is None:
+            return
+        number, name, row = self.waiting
+        self.waiting = None
+        if number < 1:
+            refuse("poses are counted from 1", self.path, row)
+        if self.keys.setdefault(number, key) != key:
+            refuse(f"POSE {number} is there twice: it stands before two moves", self.path, row)
+        before, _ = self.found.setdefault(key, (number, name))
+        if before != number:
+            reason = f"{label} is the position of POSE {before} and of POSE {number}"
+            refuse(reason, self.path, row, "give each its own position")
+
+    def end(self) -> None:
+        """No comment of a pose may be left without its move."""
+        if self.waiting is not None:
+            reason = f"POSE {self.waiting[0]} is not followed by a move to a position"
+            refuse(reason, self.path, self.waiting[2], "put it back, or remove the comment")
+
+    def numbered(
+        self, positions: Sequence[tuple[Hashable, str]], usual: Mapping[Any, tuple[int, str]]
+    ) -> list[tuple[int, str]]:
+        """Number and name of each of the positions, by key and own name; others behind all.
+
+        ``usual`` are those of a file without any such comment.
+        """
+        found = {key: self.found[key] for key, _ in positions if key in self.found}
+        last = self.mark.measured or 0 if found else 0
+        found = found or dict(usual)
+        last = max([last, *(number for number, _ in found.values())])
+        out = []
+        for key, name in positions:
+            last += key not in found
+            out.append(found.get(key, (last, name)))
         return out

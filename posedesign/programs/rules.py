@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
+from functools import lru_cache
 from itertools import islice
 
 from posedesign.programs.language import Statement
@@ -65,12 +66,17 @@ def near(word: str, known: Iterable[str], least: int = 3, alike: float = 1.0) ->
         Below 1: how much of both is the same. Else one letter is dropped, added or changed, or two
         are swapped.
     """
-    others = [other for other in known if len(other) >= least]
-    if word in others:
+    return _near(word[:60], frozenset(known), least, alike)
+
+
+@lru_cache(maxsize=1024)
+def _near(word: str, known: frozenset[str], least: int, alike: float) -> str:
+    others = sorted(other for other in known if len(other) >= least)
+    if word in known:
         return ""
     if alike < 1.0:
         return next(iter(get_close_matches(word, others, 1, alike)), "")
-    return min((other for other in others if _is_one_edit(word, other)), default="")
+    return next((other for other in others if _is_one_edit(word, other)), "")
 
 
 def _is_one_edit(a: str, b: str) -> bool:

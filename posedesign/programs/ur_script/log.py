@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from posedesign.programs.reading import refuse
+from posedesign.programs.reading import refuse, text_of
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
-from posedesign.programs.ur_script.reader import MOST_JOINT_RAD, decoded, six
+from posedesign.programs.ur_script.reader import MOST_JOINT_RAD, six
 
 _REPORT = re.compile(
     r"\bPOSE\s{1,9}(\d{1,6})\s{0,9}q\s{0,9}=\s{0,9}(?:\[([^\[\]]{0,999})(\]?))?", re.ASCII
@@ -41,7 +41,7 @@ def parse_log(data: bytes, path: Path | str) -> RecordedProgram:
     FileFormatError
         The last run reported no pose, or one that cannot be read, or one pose twice.
     """
-    lines = decoded(data, path).split("\n")
+    lines = text_of(data, path, "name a text file", strict=True).split("\n")
     name, mark, first = "", PlanMark(), 0
     for row, line in enumerate(lines, start=1):
         start = _START.search(line)

@@ -43,8 +43,10 @@ from posedesign.programs.language import (
     text_of,
     words,
 )
+from posedesign.programs.numbering import Announced
 from posedesign.programs.reading import MOST_JOINT_DEG, MOST_POSITION_MM, number, refuse
-from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
+from posedesign.programs.reading import text_of as text_of_file
+from posedesign.programs.recorded import RecordedPosition, RecordedProgram
 from posedesign.programs.ur_script.functions import MOVES, PARAMETERS
 
 Node = Tree[Token] | Token
@@ -63,7 +65,6 @@ BLOCKS = {
 _MOST_LINES = 300
 """Of one statement."""
 
-_CONTROL = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]")
 _QUOTED_OR_REMARK = re.compile(r'("[^"\n]*")|#([^\n]*)')
 _KEYWORD_FIRST = re.compile(r"\s*(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b")
 _OPENS = re.compile(r"\s*(?:def|thread|if|while|for|sec|switch)\b.*:\s*")
@@ -73,7 +74,6 @@ _LONG = 100
 """Characters of a statement that may hold anything."""
 
 _DEGREES = re.compile(r"d2r\(([-+.\deE]{1,40})\)", re.ASCII)
-_POSE = re.compile(r"\s*POSE\s+(\d{1,6})(?!\w)\s*(.*)", re.ASCII)
 _TITLE = re.compile(r"\s*Title:\s*(.*)")
 _STEM = re.compile(r"(.+)_[qp]")
 
@@ -105,16 +105,6 @@ def _whole(row: int, parts: list[str]) -> Iterator[Line]:
 
 
 LANGUAGE = Language(__package__, joined=join_lines, signed=True)
-
-
-def decoded(data: bytes, path: Path | str) -> str:
-    """Text of a file; comments may be in any language, control characters are refused."""
-    data = data.replace(b"\r\n", b"\n")
-    bad = _CONTROL.search(data)
-    if bad:
-        row = data.count(b"\n", 0, bad.start()) + 1
-        refuse(f"holds the byte 0x{bad[0][0]:02x}: it is no text", path, row, "name a text file")
-    return data.decode("latin-1")
 
 
 def arguments(call: Tree[Token]) -> list[tuple[str, Node]]:
@@ -172,7 +162,7 @@ def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
     FileFormatError
         The file is no script, is cut off, or holds a position that cannot be read.
     """
-    text = decoded(data, path)
+    text = text_of_file(data, path, "name a text file", strict=True)
     reader = _Reader(path)
     remarks = [*_remarks(text)][::-1]
     statements = LANGUAGE.statements(text)
@@ -191,7 +181,7 @@ def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
     if not positions:
         refuse("holds no positions", path, None, "name a script with movej, or the log of its run")
     name = reader.name or Path(path).stem
-    return RecordedProgram(name, reader.title, reader.mark, positions, "ur")
+    return RecordedProgram(name, reader.title, reader.announced.mark, positions, "ur")
 
 
 def _remarks(text: str) -> Iterator[tuple[int, str]]:
@@ -237,28 +227,22 @@ class _Reader:
     def __init__(self, path: Path | str) -> None:
         self.path = path
         self.name = self.title = ""
-        self.mark = PlanMark()
+        self.announced = Announced(path)
         self.depth = 0
         self._is_program = False
         self._lists: dict[str, Target] = {}
         self._changed: tuple[str, int] | None = None
         self._tcp: Tree[Token] | None = None
         self._found: dict[tuple[str, int], Target] = {}
-        self._poses: dict[tuple[str, int], tuple[int, str]] = {}
-        self._numbers: dict[int, tuple[str, int]] = {}
-        self._pose: tuple[int, str, int] | None = None
         self._unknown: tuple[str, int] | None = None
 
     def remark(self, row: int, text: str) -> None:
         """Take what stands behind a hash."""
-        pose, title = _POSE.fullmatch(text), _TITLE.fullmatch(text)
-        if pose:
-            self._no_pose_left()
-            self._pose = (int(pose[1]), pose[2].strip(), row)
-        elif title:
+        title = _TITLE.fullmatch(text)
+        if title:
             self.title = self.title or title[1].strip()
-        elif text.lstrip().startswith("PLAN") and not self.mark.fingerprint:
-            self.mark = PlanMark.found_in(text) or self.mark
+        else:
+            self.announced.take(text, row)
 
     def take(self, statement: Statement) -> None:
         """Take one more statement."""
@@ -346,9 +330,9 @@ class _Reader:
     def _move(self, call: Tree[Token], row: int) -> None:
         kind = str(call.children[0])
         place = by_name(kind, arguments(call)).get("q") if kind in MOVES else None
-        target = self._target(place, row, planned=self._pose is not None)
+        target = self._target(place, row, planned=self.announced.waiting is not None)
         if target is None:
-            self._no_pose_left()
+            self.announced.end()
             self._unknown = self._unknown or (shown(place or call), row)
             return
         if target.pose is not None and target.tcp is None:
@@ -356,39 +340,22 @@ class _Reader:
         if self._found.setdefault(target.key, target).tcp != target.tcp:
             reason = f"moves to {target.variable[:30]} with another TCP than before"
             refuse(reason, self.path, row, "give it one TCP, or move to joints")
-        if self._pose is None:
-            return
-        n, name, line = self._pose
-        self._pose = None
-        if self._poses.setdefault(target.key, (n, name))[0] != n:
-            refuse("is the position of two poses", self.path, line, "give each its own")
-        if n < 1:
-            refuse("poses are counted from 1", self.path, line)
-        if self._numbers.setdefault(n, target.key) != target.key:
-            refuse(f"POSE {n} is there twice", self.path, line, "remove one of them")
-
-    def _no_pose_left(self) -> None:
-        if self._pose is not None:
-            reason = f"POSE {self._pose[0]} is not followed by a move to a position"
-            refuse(reason, self.path, self._pose[2], "put the move back, or remove the comment")
+        self.announced.move(target.key, target.variable or "the target")
 
     def positions(self) -> tuple[RecordedPosition, ...]:
         """All positions, numbered."""
-        self._no_pose_left()
-        if self._unknown is not None and not self._poses:
+        self.announced.end()
+        if self._unknown is not None and not self.announced.found:
             text, row = self._unknown
             reason = f"the target {text[:40]!a} cannot be known from the text"
             refuse(reason, self.path, row, "move to a list of joints, or read the log of a run")
         found = self._found or self._listed()
-        numbers = [number for number, _ in self._poses.values()]
-        last = max([*numbers, self.mark.measured or 0]) if numbers else 0
+        numbers = self.announced.numbered([(key, t.name) for key, t in found.items()], {})
         out: list[RecordedPosition] = []
         posed: list[tuple[int, Target]] = []
         frames = next((target.frames for target in found.values() if target.pose is not None), ())
-        for key, target in found.items():
-            last += key not in self._poses
-            number, name = self._poses.get(key, (last, target.name))
-            what = f"position {number}"
+        for (n, name), target in zip(numbers, found.values(), strict=True):
+            what = f"position {n}"
             joints = None
             if target.joints is not None:
                 values = [shown(node) for node in elements(target.joints)]
@@ -399,7 +366,7 @@ class _Reader:
                     reason = f"{what} is in another frame than positions before"
                     hint = "use one frame in pose_trans, or joints"
                     refuse(reason, self.path, target.row, hint)
-            out.append(RecordedPosition(number, name, target.row, joints))
+            out.append(RecordedPosition(n, name, target.row, joints))
         if posed:
             self._add_poses(out, posed, frames)
         return tuple(out)

@@ -33,15 +33,14 @@ rule                   what it asks
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 
 from lark import Token, Tree
 
+from posedesign.programs import rules
 from posedesign.programs.language import Statement, block_faults
 from posedesign.programs.recorded import Problem
 from posedesign.programs.ur_script.functions import FUNCTIONS, MOVES, PARAMETERS, POSES
@@ -57,10 +56,6 @@ from posedesign.programs.ur_script.reader import (
     shown,
 )
 
-MOST_PROBLEMS = 1000
-"""Most problems told by one check: a file that is no script has one in each of its lines."""
-
-_CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]|\r(?!\n)")
 _REPORT = re.compile(r'"POSE (\d{1,6}) q="')
 _ZERO = re.compile(r"0*\.?0*")
 _DIGITS = re.compile(r"\d")
@@ -88,21 +83,13 @@ def check_ur_script(data: bytes) -> list[Problem]:
     if is_log(data):
         return [Problem(1, "log", "this is the log of a run, for which there are no rules")]
     found = LANGUAGE.statements(data.decode("latin-1"))  # any byte is a character: none is lost
-    checks = (
-        _check_bytes(data),
+    return rules.told(
+        rules.check_bytes(data, rules.CONTROL, ("text", *rules.LONE_CR[1:])),
         [] if found else [Problem(1, "program", "there is nothing in it")],
-        (Problem(s.row, "syntax", s.fault) for s in found if s.fault),
+        rules.syntax(found),
         block_faults(found, BLOCKS),
         _Script(found).check(),
     )
-    return list(islice((problem for check in checks for problem in check), MOST_PROBLEMS))
-
-
-def _check_bytes(data: bytes) -> Iterator[Problem]:
-    bad = _CONTROL.search(data)
-    if bad:
-        row = data.count(b"\n", 0, bad.start()) + 1
-        yield Problem(row, "text", f"the byte 0x{bad[0][0]:02x} is no text")
 
 
 @dataclass
@@ -268,18 +255,15 @@ def _nearly(name: str, known: Collection[str], *, is_variable: bool) -> str:
     size = len(name)
     if size < _SHORTEST or len(known) > _MOST_NAMES:
         return ""
-    alike = [k for k in known if len(k) - size in ((-1, 0, 1) if size > _SHORTEST else (1,))]
-    near = difflib.get_close_matches(name, alike, n=1, cutoff=1 - 1.01 / size)
-    if not near:
-        return ""
-    parts, others = name.split("_"), near[0].split("_")
+    near = rules.near(name, known, least=_SHORTEST + (size == _SHORTEST))
+    parts, others = name.split("_"), near.split("_")
     differ = [(a, b) for a, b in zip(parts, others, strict=False) if a != b]
     if is_variable and (
-        _DIGITS.sub("", near[0]) == _DIGITS.sub("", name)
+        _DIGITS.sub("", near) == _DIGITS.sub("", name)
         or any(min(len(a), len(b)) < _SHORTEST for a, b in differ)
     ):
         return ""
-    return near[0]
+    return near
 
 
 def _check_values(name: str, given: dict[str, Node], row: int) -> Iterator[Problem]:

@@ -1,5 +1,64 @@
-"""Yaskawa INFORM jobs (``.JBI``)."""
+"""Yaskawa INFORM jobs (``.JBI``): writer, reader and validator."""
 
-from posedesign.programs.yaskawa_jbi.spec import YaskawaJbi
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from posedesign.programs.arm import Arm
+from posedesign.programs.dialect import Dialect
+from posedesign.programs.program import PoseProgram
+from posedesign.programs.recorded import Problem, RecordedProgram
+from posedesign.programs.yaskawa_jbi import writer
+from posedesign.programs.yaskawa_jbi.pulses import checked
+from posedesign.programs.yaskawa_jbi.reader import parse_yaskawa_jbi
+from posedesign.programs.yaskawa_jbi.rules import check_yaskawa_jbi
 
 __all__ = ["YaskawaJbi"]
+
+
+class YaskawaJbi(Dialect):
+    """Yaskawa INFORM jobs.
+
+    Parameters
+    ----------
+    pulses_per_deg : sequence of float, optional
+        Encoder pulses in one degree of S, L, U, R, B, T, signed. They are needed to read jobs that
+        do not carry them in comments, and to write joint positions where the options of the
+        program have none.
+
+    Raises
+    ------
+    InputError
+        They are not six numbers of a size that arms have.
+    """
+
+    name = "yaskawa-jbi"
+    title = "Yaskawa INFORM job"
+    maker = "yaskawa"
+    suffixes = (".jbi",)
+    names = writer.NAMES
+    newline = "\r\n"
+    numbered_frames = True
+    joint_step_deg = 1e-3
+    """About a pulse: arms have some hundreds to thousands in a degree."""
+
+    def __init__(self, pulses_per_deg: Sequence[float] = ()) -> None:
+        self.pulses_per_deg = checked(pulses_per_deg) if len(pulses_per_deg) else ()
+
+    def render(self, program: PoseProgram, arm: Arm) -> dict[str, str]:
+        pulses = program.options.pulses_per_deg or self.pulses_per_deg
+        return {f"{program.name}.JBI": writer.render_yaskawa_jbi(program, arm, pulses)}
+
+    def most_poses(self, program: PoseProgram) -> int | None:
+        besides, each = writer.lines_besides(program)
+        return (writer.MOST_LINES - besides) // each
+
+    def reading(self, pulses_per_deg: Sequence[float]) -> YaskawaJbi:
+        return YaskawaJbi(pulses_per_deg) if len(pulses_per_deg) else self
+
+    def parse(self, data: bytes, path: Path) -> RecordedProgram:
+        return parse_yaskawa_jbi(data, path, self.pulses_per_deg)
+
+    def check(self, data: bytes, path: Path) -> list[Problem]:
+        return check_yaskawa_jbi(data)

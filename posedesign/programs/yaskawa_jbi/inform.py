@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
 from itertools import islice
 
 from lark import Token, Tree
 
 from posedesign.programs.language import Language, Line, Statement
 from posedesign.programs.recorded import Problem
+from posedesign.programs.rules import near
 
 KINDS = ("C", "BC", "EC", "P", "BP", "EX")
 """Of positions, in the order of ///NPOS: of the job, and variables; of arms, bases, stations."""
@@ -174,21 +174,6 @@ def names_in(move: Tree[Token]) -> list[Name]:
     targets = [part for part in move.children if isinstance(part, Tree) and part.data == "target"]
     points = [target.children[0] for target in targets]
     return [name_of(p) for p in points if isinstance(p, Token) and p.type == "POINT"]
-
-
-@lru_cache(maxsize=256)
-def near(word: str, known: frozenset[str]) -> str:
-    """A known word that an unknown one is a letter dropped, added, changed or swapped from."""
-    others = () if word in known else sorted(known)
-    return next((other for other in others if _is_one_edit(word[:40], other)), "")
-
-
-def _is_one_edit(a: str, b: str) -> bool:
-    same = next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), None)
-    if same is None:
-        return abs(len(a) - len(b)) == 1
-    a, b = a[same:], b[same:]
-    return a[1:] == b or a == b[1:] or a[1:] == b[1:] or (a[:2] == b[1::-1] and a[2:] == b[2:])
 
 
 def _without_argument_names(lines: Iterator[Line]) -> Iterator[Line]:

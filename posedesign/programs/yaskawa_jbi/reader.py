@@ -25,28 +25,19 @@ from typing import NoReturn
 import numpy as np
 
 from calib.errors import InputError
-from calib.se3 import FloatArray, rotation_from_wpr, transform
+from calib.se3 import FloatArray
 from posedesign.programs.configurations import YaskawaConfiguration
 from posedesign.programs.language import Statement, nodes
-from posedesign.programs.reading import MOST_JOINT_DEG, joint_deg, millimetres, refuse
-from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
-from posedesign.programs.yaskawa_jbi.inform import (
-    INSTRUCTIONS,
-    Job,
-    Name,
-    Stored,
-    faults_of,
-    label_of,
-    names_in,
-    near,
-    read_job,
-)
+from posedesign.programs.numbering import Announced
+from posedesign.programs.reading import MOST_JOINT_DEG, pose_values, poses_of, refuse, text_of
+from posedesign.programs.recorded import RecordedPosition, RecordedProgram
+from posedesign.programs.rules import near
+from posedesign.programs.yaskawa_jbi import inform
+from posedesign.programs.yaskawa_jbi.inform import INSTRUCTIONS, Job, Name, Stored, label_of
 from posedesign.programs.yaskawa_jbi.pulses import AXES, checked, found_in
 
-_CONTROL = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]")
 _WHOLE = re.compile(r"[-+]?\d{1,10}", re.ASCII)
 _FRAME = re.compile(r"\d{1,3}", re.ASCII)
-_POSE = re.compile(r"POSE\s+(\d{1,6})(?!\w)\s*(.*)", re.ASCII)
 _NAMED = re.compile(r"(?<![\w#$])(?:C|BC|EC|P|BP|EX)\d{1,5}(?!\w)", re.ASCII)
 _BASE_FRAMES = ("BASE", "ROBOT")
 """The frame on the robot's foot; they differ where a base axis carries the robot, whose positions
@@ -74,15 +65,10 @@ def parse_yaskawa_jbi(
     FileFormatError
         The file is no job, is cut off, or holds no position that can be read.
     """
-    data = data.replace(b"\r\n", b"\n")
     hint = "name a job saved by the controller, .JBI"
-    bad = _CONTROL.search(data)
-    if bad:
-        row = data.count(b"\n", 0, bad.start()) + 1
-        refuse(f"holds the byte 0x{bad[0][0]:02x}: it is no text", path, row, hint)
     # comments may be in any language: positions and instructions are in ASCII
-    job = read_job(data.decode("latin-1"))
-    for problem in faults_of(job):
+    job = inform.read_job(text_of(data, path, hint, strict=True))
+    for problem in inform.faults_of(job):
         if problem.level == "error":
             refuse(problem.message, path, problem.line, hint)
     reader = _Reader(job, path, pulses_per_deg)
@@ -91,14 +77,13 @@ def parse_yaskawa_jbi(
         refuse("has no name behind //NAME", path, job.marks[0].row)
     for statement in job.inst:
         reader.take(statement)
-    reader.end_pose()
+    reader.announced.end()
     positions = reader.positions()
     if not positions:
         refuse("holds no positions", path, job.marks[1].row, "save the job that was touched up")
     comment = next((s.word("TEXT").strip() for s in job.kinds["comm"]), "")
-    return RecordedProgram(
-        name, comment, reader.mark, positions, "yaskawa", empty_registers=reader.untouched
-    )
+    mark, untouched = reader.announced.mark, reader.untouched
+    return RecordedProgram(name, comment, mark, positions, "yaskawa", empty_registers=untouched)
 
 
 class _Reader:
@@ -107,14 +92,12 @@ class _Reader:
     def __init__(self, job: Job, path: Path | str, given: tuple[float, ...]) -> None:
         self.stored = {stored.name: stored for stored in job.stored}
         self.path, self.given = path, given
-        self.mark = PlanMark()
+        self.announced = Announced(path)
         self.ratios: dict[str, float] = {}  # pulses/deg of the axes
         self.used: set[Name] = set()
         self.other_robot: set[Name] = set()
-        self.poses: dict[Name, tuple[int, str, int]] = {}  # number, name, line of the comment
         self.kept: dict[Name, Name] = {}  # the variable that a position was stored in
         self.axes: dict[Name, tuple[int, list[Name]]] = {}  # line, base and station variables
-        self._pose: tuple[int, str, int] | None = None
         self._at: Name | None = None
         self._ratios: tuple[float, ...] = ()
 
@@ -134,7 +117,7 @@ class _Reader:
         elif kind == "move":
             self._move(statement)
         elif kind == "also":
-            self.other_robot.update(names_in(statement.tree))
+            self.other_robot.update(inform.names_in(statement.tree))
         elif kind == "gets" and self._at is not None and statement.word("SYSTEM") == "$PX000":
             place = statement.word("VARIABLE")
             if place.startswith("PX"):
@@ -146,48 +129,29 @@ class _Reader:
             if fault:
                 self.refuse(fault, statement.row, "is it a move?")
 
-    def end_pose(self) -> None:
-        """No comment of a pose may be left without its move."""
-        if self._pose is not None:
-            reason = f"POSE {self._pose[0]} is not followed by a move to a position"
-            self.refuse(reason, self._pose[2], "put the move back, or remove the comment")
-
     def _comment(self, text: str, row: int) -> None:
-        pose = _POSE.fullmatch(text)
         ratio = found_in(text)
-        if pose:
-            self.end_pose()
-            self._pose = (int(pose[1]), pose[2].strip(), row)
-        elif ratio:
+        if ratio:
             axis, value = ratio
             if self.ratios.setdefault(axis, value) != value:
                 self.refuse(f"says the pulses/deg of {axis} twice", row)
-        elif text.startswith("PLAN") and not self.mark.fingerprint:
-            self.mark = PlanMark.found_in(text) or self.mark
+        else:
+            self.announced.take(text, row)
 
     def _move(self, statement: Statement) -> None:
-        names = names_in(statement.tree)
-        others = [name for also in nodes(statement.tree, "also") for name in names_in(also)]
+        names = inform.names_in(statement.tree)
+        others = [n for also in nodes(statement.tree, "also") for n in inform.names_in(also)]
         self.other_robot.update(name for name in others if name[0] in "CP")
         for name in names:
             if "C" in name[0] and name not in self.stored:
                 self.refuse(f"{label_of(name)} is moved to, but not there", statement.row)
         at = self._at = next((name for name in names if name[0] in "CP"), None)
         if at is None:
-            self.end_pose()
+            self.announced.end()
             return
         self.used.add(at)
         self.axes[at] = (statement.row, [name for name in names + others if name[0] not in "CP"])
-        if self._pose is None:
-            return
-        number, _, row = self._pose
-        other = self.poses.setdefault(at, self._pose)
-        self._pose = None
-        if other[0] != number:
-            reason = f"{label_of(at)} is the position of POSE {other[0]} and of POSE {number}"
-            self.refuse(reason, row, "give each its own position")
-        if number < 1:
-            self.refuse("poses are counted from 1", row)
+        self.announced.move(at, label_of(at))
 
     def positions(self) -> tuple[RecordedPosition, ...]:
         """All that the robot moves to, with its own C variables."""
@@ -200,15 +164,15 @@ class _Reader:
             and (name in self.used or (name[0] == "C" and name not in self.other_robot))
         ]
         self._check_carriers(wanted)
-        numbers = self._numbers(wanted)
         taken = [self.stored[source[name]] for name in wanted]
-        posed = {stored.name: self._values(stored) for stored in taken if stored.form != "PULSE"}
-        values = np.array([*posed.values()]).reshape(-1, 6)
-        poses = transform(rotation_from_wpr(np.radians(values[:, 3:])), values[:, :3] * 1e-3)
-        T_user_tool = dict(zip(posed, poses, strict=True))
+        values = [self._values(stored) for stored in taken if stored.form != "PULSE"]
+        poses = iter(poses_of(values))
+        # without any comment, that of the variable
+        usual = {(kind, n): (n + 1, "") for kind, n in wanted if kind == "C"}
+        numbers = self.announced.numbered([(name, "") for name in wanted], usual)
         return tuple(
-            self._position(*numbers[name], stored, T_user_tool.get(stored.name))
-            for name, stored in zip(wanted, taken, strict=True)
+            self._position(*number, stored, None if stored.form == "PULSE" else next(poses))
+            for number, stored in zip(numbers, taken, strict=True)
         )
 
     def _position(
@@ -232,16 +196,10 @@ class _Reader:
             what = said if stored.rconf else f"{stored.label} has no ///RCONF above"
             self.refuse(what, row, error.hint)
         user = user if stored.frame == "USER" else 0
+        # the base frame is the controller's world, whatever the cell's frame
+        world = None if user else np.eye(4)
         return RecordedPosition(
-            number,
-            name,
-            row,
-            T_user_tool=T_user_tool,
-            configuration=configuration,
-            user_frame=user,
-            tool_frame=tool,
-            # the base frame is the controller's world, whatever the cell's frame
-            T_world_user=None if user else np.eye(4),
+            number, name, row, None, T_user_tool, configuration, user, tool, T_world_user=world
         )
 
     def _frame(self, word: str, text: str, row: int) -> int | None:
@@ -257,12 +215,8 @@ class _Reader:
 
     def _values(self, stored: Stored) -> list[float]:
         """X, Y, Z [mm], Rx, Ry, Rz [deg]."""
-        label, path, row = stored.label, self.path, stored.row
-        six = self._six(stored)
-        values = [millimetres(six[k], f"{label}: {'XYZ'[k]}", path, row) for k in range(3)]
-        return values + [
-            joint_deg(six[k], f"{label}: R{'xyz'[k - 3]}", path, row) for k in (3, 4, 5)
-        ]
+        names = ("X", "Y", "Z", "Rx", "Ry", "Rz")
+        return pose_values(self._six(stored), names, stored.label, self.path, stored.row)
 
     def _joints_deg(self, stored: Stored) -> FloatArray:
         values = []
@@ -302,30 +256,12 @@ class _Reader:
             )
         return ratios
 
-    def _numbers(self, wanted: list[Name]) -> dict[Name, tuple[int, str]]:
-        """Number and name of each position: of its comment, else of the variable, or behind all."""
-        numbers = {name: self.poses[name][:2] for name in wanted if name in self.poses}
-        seen: set[int] = set()
-        for name in numbers:
-            number, _, row = self.poses[name]
-            if number in seen:
-                self.refuse(f"POSE {number} stands before two moves", row, "remove one of them")
-            seen.add(number)
-        last = max((*seen, self.mark.measured or 0)) if numbers else 0
-        if not numbers:
-            numbers = {(kind, n): (n + 1, "") for kind, n in wanted if kind == "C"}
-            last = max((number for number, _ in numbers.values()), default=0)
-        for name in wanted:
-            if name not in numbers:
-                last += 1
-                numbers[name] = (last, "")
-        return numbers
-
     def _check_carriers(self, wanted: list[Name]) -> None:
         """Refuse poses between which a base axis or a station moves: it carries arm or target."""
+        announced = self.announced.found
         first: list[tuple[str, object]] | None = None
         for name in wanted:
-            if name not in self.axes or (self.poses and name not in self.poses):
+            if name not in self.axes or (announced and name not in announced):
                 continue
             row, axes = self.axes[name]
             values: list[tuple[str, object]] = [

@@ -44,27 +44,16 @@ from collections import Counter
 from collections.abc import Iterator
 from datetime import datetime
 from functools import lru_cache
-from itertools import chain, islice
+from itertools import chain
 
 from lark import Token, Tree
 
+from posedesign.programs import rules
 from posedesign.programs.language import Block, Statement, block_faults, text_of
 from posedesign.programs.recorded import Level, Problem
-from posedesign.programs.yaskawa_jbi.inform import (
-    INSTRUCTIONS,
-    Job,
-    Name,
-    Stored,
-    faults_of,
-    label_of,
-    name_of,
-    names_in,
-    near,
-    read_job,
-)
-
-MOST_PROBLEMS = 1000
-"""Most problems told by one check: a file that is no job has one in each of its lines."""
+from posedesign.programs.rules import near
+from posedesign.programs.yaskawa_jbi import inform
+from posedesign.programs.yaskawa_jbi.inform import INSTRUCTIONS, Job, Name, Stored
 
 _MOST_FRAME = 63
 _MOST_STEPS = 9999
@@ -103,12 +92,13 @@ _BLOCKS = {
 
 def check_yaskawa_jbi(data: bytes) -> list[Problem]:
     """Problems in the content of a file, at most 1000; none is a good job. Never fails."""
-    job = read_job(data.decode("latin-1"))  # any byte is a character: none is lost
-    other = (s for s in (*job.head, *job.inst, *job.after) if s.fault)
-    checks = (
-        (Problem(s.row, "syntax", s.fault) for s in other),
-        faults_of(job),
-        _check_bytes(data),
+    job = inform.read_job(data.decode("latin-1"))  # any byte is a character: none is lost
+    foreign, control = (("ascii", *asked[1:]) for asked in (rules.FOREIGN, rules.CONTROL))
+    return rules.told(
+        rules.syntax((*job.head, *job.inst, *job.after)),
+        inform.faults_of(job),
+        rules.check_line_ends(data),
+        rules.check_bytes(data, rules.LONE_CR, control, foreign),
         _check_sections(job),
         _check_header(job),
         _check_positions(job),
@@ -116,23 +106,6 @@ def check_yaskawa_jbi(data: bytes) -> list[Problem]:
         _check_steps(job),
         block_faults(job.inst, _BLOCKS),
     )
-    return list(islice((problem for check in checks for problem in check), MOST_PROBLEMS))
-
-
-def _check_bytes(data: bytes) -> Iterator[Problem]:
-    bare = data.count(b"\n") - data.count(b"\r\n") + (data[-1:] != b"\n")
-    asked: tuple[tuple[str, bytes, str, Level], ...] = (
-        ("crlf", rb"(?<!\r)\n", f"{bare} lines are not ended by CR LF", "measuring"),
-        ("crlf", rb"\r(?!\n)", "CR inside the line", "error"),
-        ("ascii", rb"[^\t\r\n -~\x80-\xff]", "the byte 0x{:02x} is not text", "error"),
-        ("ascii", rb"[\x80-\xff]", "the byte 0x{:02x} is not plain ASCII text", "note"),
-    )
-    for rule, pattern, reason, level in asked:
-        # behind the last line nothing tells that it is not ended
-        found = re.search(pattern, data + b"\n" * (rule == "crlf" and data[-1:] != b"\n"))
-        if found:
-            row = data.count(b"\n", 0, found.start()) + 1
-            yield Problem(row, rule, reason.format(found[0][0]), level)
 
 
 def _check_sections(job: Job) -> Iterator[Problem]:
@@ -169,7 +142,9 @@ def _check_header(job: Job) -> Iterator[Problem]:
         row = of["group"][0].row if groups else 1
         yield Problem(row, "header", "///GROUP1 is due, and then 2 and 3 for further ones")
     for statement in of["date"]:
-        if not _is_date(" ".join(statement.words("DATE", "TIME"))):
+        try:
+            datetime.strptime(" ".join(statement.words("DATE", "TIME"))[:16], "%Y/%m/%d %H:%M")
+        except ValueError:
             yield Problem(statement.row, "header", "///DATE is not like 2026/01/31 23:59")
     for statement in of["attr"]:
         said = Counter(statement.words("ATTRIBUTE"))
@@ -180,14 +155,6 @@ def _check_header(job: Job) -> Iterator[Problem]:
     for statement in of["comm"]:
         if len(statement.word("TEXT")) > 32:
             yield Problem(statement.row, "header", "the job's comment is longer than 32 characters")
-
-
-def _is_date(text: str) -> bool:
-    try:
-        datetime.strptime(text[:16], "%Y/%m/%d %H:%M")
-    except ValueError:
-        return False
-    return True
 
 
 def _check_positions(job: Job) -> Iterator[Problem]:
@@ -262,12 +229,14 @@ def _check_use(job: Job) -> Iterator[Problem]:
     for statement in (*job.kinds["move"], *job.kinds["also"]):
         moves = [part for part in statement.tree.children if isinstance(part, Tree)]
         for move in (statement.tree, *(part for part in moves if part.data == "also")):
-            names = {name for name in names_in(move) if "C" in name[0]}
+            names = {name for name in inform.names_in(move) if "C" in name[0]}
             for name in sorted(names - there):
-                yield Problem(statement.row, "position-defined", f"{label_of(name)} is not there")
+                yield Problem(
+                    statement.row, "position-defined", f"{inform.label_of(name)} is not there"
+                )
             used |= names
     for statement in job.kinds["other"]:
-        used |= {name_of(word) for word in statement.words("POINT")}
+        used |= {inform.name_of(word) for word in statement.words("POINT")}
     for stored in job.stored:
         if "C" in stored.name[0] and stored.name not in used:
             reason = f"{stored.label} is never moved to"

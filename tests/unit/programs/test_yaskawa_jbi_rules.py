@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from posedesign.programs import Arm, PoseProgram, Problem, ProgramOptions, ProgramPose
+from posedesign.programs.rules import MOST_PROBLEMS
 from posedesign.programs.yaskawa_jbi import YaskawaJbi, rules
-from posedesign.programs.yaskawa_jbi.rules import MOST_PROBLEMS, check_yaskawa_jbi
+from posedesign.programs.yaskawa_jbi.rules import check_yaskawa_jbi
 
 OPTIONS = ProgramOptions(
     fingerprint="abcdef12",

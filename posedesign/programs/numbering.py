@@ -236,7 +236,7 @@ class Announced:
         if number < 1:
             refuse("poses are counted from 1", self.path, row)
         if self.keys.setdefault(number, key) != key:
-            refuse(f"POSE {number} is there twice: it stands before two moves", self.path, row)
+            refuse(f"POSE {number} stands before two moves", self.path, row)
         before, _ = self.found.setdefault(key, (number, name))
         if before != number:
             reason = f"{label} is the position of POSE {before} and of POSE {number}"

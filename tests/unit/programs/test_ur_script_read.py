@@ -152,7 +152,7 @@ def test_joints_beside_a_pose_are_taken_below_its_number_only() -> None:
         (SMALL, "v=0.3)", "v=0.3", 5, "'textmsg.* cannot stand behind"),
         (SMALL, "movej([0.1", "stopj([0.1", 4, "POSE 1 is not followed by a move"),
         (SMALL, "movej([0.1, -1.5, 1.5, -1.5, -1.5, 0.5]", "movej(q7", 4, "POSE 1 is not followed"),
-        (SMALL, "# POSE 2", "# POSE 1", 7, "POSE 1 is there twice"),
+        (SMALL, "# POSE 2", "# POSE 1", 7, "POSE 1 stands before two moves"),
         (SMALL, "# POSE 2", "# POSE 0", 7, "counted from 1"),
         (POSED, "p[0.4,", "p[400,", 5, "value 1 is 400, beyond"),
         (

@@ -69,6 +69,9 @@ class Setup:
         named = {"kind": kind, "tool": tool, "target": target, "payload": payload}
         arrays = {}
         for name, given in named.items():
+            if isinstance(given, int) and given >= 0:
+                arrays[name] = np.full(count, given, dtype=np.intp)
+                continue
             index = np.asarray(given)
             if not np.array_equal(index, index.astype(np.intp)):
                 raise InputError(f"indices of the {name} are whole numbers", name=name)

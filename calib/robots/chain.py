@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.se3 import FloatArray, transform
+from calib.se3 import FloatArray, IntArray, transform
 
 _BLOCK = 1024
 """Postures walked at once: what a joint needs of them (100 kB) stays in the cache of a core."""
@@ -74,8 +74,14 @@ class ChainState:
             Rows 0 to 2: velocity of the point [m/rad]; rows 3 to 5: angular velocity; both in
             base axes.
         """
-        linear = np.cross(self.axes, point[..., None, :] - self.origins)
-        return np.swapaxes(np.concatenate([linear, self.axes], axis=-1), -1, -2)
+        axes, levers = (
+            np.swapaxes(a, -1, -2) for a in (self.axes, point[..., None, :] - self.origins)
+        )
+        J = np.empty((*axes.shape[:-2], 6, axes.shape[-1]))
+        for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+            J[..., k, :] = axes[..., i, :] * levers[..., j, :] - axes[..., j, :] * levers[..., i, :]
+        J[..., 3:, :] = axes
+        return J
 
 
 class Walk(NamedTuple):
@@ -122,6 +128,9 @@ class Displacement(NamedTuple):
 _AS_DESCRIBED: Mapping[int, Displacement] = MappingProxyType({})
 
 
+_Terms = list[list[tuple[int, float]]]
+
+
 @dataclass(frozen=True, eq=False)
 class _Joint:
     """Constants of one joint, in frames of which it turns columns a and b about column k."""
@@ -131,6 +140,11 @@ class _Joint:
     turning: tuple[int, int, int]  # a, b, k: right-handed
     way: float  # 1 or -1: turns as the column k, or against it
     to_link: FloatArray | None  # (3, 3) from that frame to the link's own, where it is another
+
+    @cached_property
+    def fixed_terms(self) -> _Terms:
+        """See :func:`_terms`."""
+        return _terms(self.fixed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,6 +212,10 @@ class SerialChain:
         R = np.eye(3) if to_link is None else to_link
         return _exact(R @ T[:3, :3]), _steps(R @ T[:3, 3])
 
+    @cached_property
+    def _mount_terms(self) -> _Terms:
+        return _terms(self._mount[0])
+
     def walk(self, q: FloatArray, displaced: Mapping[int, Displacement] = _AS_DESCRIBED) -> Walk:
         """Go from the base to the tip at postures ``(n, S)`` [rad], posture last.
 
@@ -210,6 +228,8 @@ class SerialChain:
         """
         count = q.shape[1]
         sines, cosines = np.sin(q), np.cos(q)
+        if count == 1 and not displaced:
+            return self._walk_one(sines[:, 0].tolist(), cosines[:, 0].tolist())
         columns, origins = np.empty((self.n, 3, 3, count)), np.empty((self.n, 3, count))
         before = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, count))
         origin, spare = np.zeros((3, count)), np.empty((3, count))
@@ -235,11 +255,58 @@ class SerialChain:
         p_base_tip = _moved(origin, before, steps, np.empty((3, count)))
         return Walk(columns, origins, _turned(before, R), p_base_tip, placed)
 
+    def _walk_one(self, sines: list[float], cosines: list[float]) -> Walk:
+        """The same of one posture, number by number: the same products in the same order.
+
+        An array of one number takes as long as one of a hundred.
+        """
+        before: list[_Vector] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+        origin: _Vector = (0.0, 0.0, 0.0)
+        columns, origins = [], []
+        for joint, sine, cosine in zip(self._joints, sines, cosines, strict=True):
+            origin = _moved_one(origin, before, joint.steps)
+            a, b, _ = joint.turning
+            at_zero = _turned_one(before, joint.fixed_terms)
+            s = sine if joint.way > 0 else -sine
+            (ax, ay, az), (bx, by, bz) = at_zero[a], at_zero[b]
+            before = at_zero.copy()
+            before[a] = cosine * ax + s * bx, cosine * ay + s * by, cosine * az + s * bz
+            before[b] = cosine * bx - s * ax, cosine * by - s * ay, cosine * bz - s * az
+            columns.append(before)
+            origins.append(origin)
+        terms, steps = self._mount_terms, self._mount[1]
+        tip, p_base_tip = _turned_one(before, terms), _moved_one(origin, before, steps)
+        columns_, origins_, tip_, p_ = (
+            np.array(part)[..., None] for part in (columns, origins, tip, p_base_tip)
+        )
+        return Walk(columns_, origins_, tip_, p_, {})
+
     def axes_of(self, walk: Walk, joint: int) -> FloatArray:
         """Unit vectors ``(3, S)`` of one joint axis."""
         way, k = self._joints[joint].way, self._joints[joint].turning[2]
         axis: FloatArray = walk.columns[joint, k]
         return axis if way > 0 else -axis
+
+    @cached_property
+    def _ways(self) -> tuple[IntArray, FloatArray]:
+        """Of each joint the column that it turns about, and whether as that or against it."""
+        joints = self._joints
+        ways = np.array([1.0 if joint.way > 0 else -1.0 for joint in joints])
+        return np.array([joint.turning[2] for joint in joints]), ways[:, None, None]
+
+    def all_axes(self, walk: Walk) -> FloatArray:
+        """Unit vectors ``(n, 3, S)`` of the joint axes."""
+        turning, ways = self._ways
+        return np.asarray(walk.columns[np.arange(self.n), turning] * ways)
+
+    def in_base(self, walk: Walk, points: FloatArray) -> FloatArray:
+        """Points ``(n, 3)`` [m], one of each link and in its frame: ``(n, 3, S)`` in the base."""
+        own = [
+            p if joint.to_link is None else joint.to_link @ p
+            for joint, p in zip(self._joints, points, strict=True)
+        ]
+        levers = np.array(own)[:, None] @ walk.columns.reshape(self.n, 3, -1)
+        return np.asarray(walk.origins + levers.reshape(walk.origins.shape))
 
     def link_columns(self, walk: Walk, joint: int) -> FloatArray:
         """Columns, then rows, ``(3, 3, S)`` of ``R_base_link`` of the link that a joint moves."""
@@ -256,8 +323,8 @@ class SerialChain:
         for start in range(0, count, _BLOCK):
             part = slice(start, start + _BLOCK)
             walk = self.walk(np.ascontiguousarray(q[part].T))
+            axes[part] = self.all_axes(walk).transpose(2, 0, 1)
             for j, joint in enumerate(self._joints):
-                axes[part, j] = self.axes_of(walk, j).T
                 if joint.to_link is not None:
                     walk.columns[j] = self.link_columns(walk, j)
             rotations[part] = walk.columns.transpose(3, 0, 2, 1)
@@ -314,6 +381,35 @@ def _turned(columns: FloatArray, R: FloatArray) -> FloatArray:
         for i, weight in terms[1:]:
             out[k] += weight * columns[i]
     return out
+
+
+_Vector = tuple[float, float, float]
+
+
+def _terms(R: FloatArray) -> _Terms:
+    """Of each column of a constant rotation, its rows and numbers that are not nought."""
+    return [[(i, w) for i, w in enumerate(column) if w] for column in R.T.tolist()]
+
+
+def _turned_one(columns: list[_Vector], terms: _Terms) -> list[_Vector]:
+    """As :func:`_turned`, of one posture."""
+    out = []
+    for (i, w), *more in terms:
+        x, y, z = columns[i]
+        x, y, z = w * x, w * y, w * z
+        for i, w in more:
+            c = columns[i]
+            x, y, z = x + w * c[0], y + w * c[1], z + w * c[2]
+        out.append((x, y, z))
+    return out
+
+
+def _moved_one(origin: _Vector, columns: list[_Vector], steps: list[tuple[int, float]]) -> _Vector:
+    """As :func:`_moved`, of one posture."""
+    for k, distance in steps:
+        (x, y, z), c = origin, columns[k]
+        origin = x + distance * c[0], y + distance * c[1], z + distance * c[2]
+    return origin
 
 
 def _moved_along(

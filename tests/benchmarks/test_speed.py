@@ -5,6 +5,7 @@ Absolute times depend on the machine: the fastest round is the one to compare.
 
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -113,6 +114,24 @@ def test_touch_ups(benchmark, kind, count):
         touch_up, (drive, q, jacobian, Loop()), rounds=20, warmup_rounds=1, iterations=1
     )
     assert done.touched.all()
+
+
+def test_time_of_touch_ups_beside_each_other(capsys):
+    """By sight without pictures: 4,000 over 1,000 take four times as long, and 1 a few ms."""
+    seconds = {}
+    for count in (1, 1_000, 4_000):
+        drive, q, jacobian = prepared("fast", count)
+        times = []
+        for _ in range(10 if count == 1 else 3):
+            start = time.process_time()
+            touch_up(drive, q, jacobian, Loop())
+            times.append(time.process_time() - start)
+        seconds[count] = min(times)
+    ratio = seconds[4_000] / seconds[1_000]
+    with capsys.disabled():
+        print(f"\none {1e3 * seconds[1]:.2f} ms, 4,000 over 1,000 {ratio:.1f}")
+    assert ratio < 6.0
+    assert seconds[1] < seconds[1_000] / 5.0
 
 
 def test_a_whole_calibration_with_pictures(benchmark, tmp_path):

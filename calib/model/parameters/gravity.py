@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.batch_last import along, cross, turn
+from calib.batch_last import turn
 from calib.errors import InputError
 from calib.model.context import Setup
 from calib.robots import Robot
 from calib.robots.chain import Walk
-from calib.se3 import FloatArray
+from calib.se3 import FloatArray, skew
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +58,8 @@ class GravityLoad:
         self.robot = robot
         given = [payload] if isinstance(payload, Payload) else list(payload or [])
         self.payloads = tuple(given) or (NOTHING,)
+        self._mass = np.array([p.mass_kg for p in self.payloads], dtype=float)
+        self._com = np.stack([p.com_m for p in self.payloads], axis=-1)
 
     def torques(self, q: FloatArray, setup: Setup) -> tuple[FloatArray, Walk]:
         """Torque vectors ``(n, 3, S)`` [Nm] in base axes at postures ``(n, S)``, and the arm there.
@@ -77,9 +79,7 @@ class GravityLoad:
                 name="payload",
             )
         index = np.tile(setup.payload, q.shape[1] // setup.count)
-        mass = np.array([p.mass_kg for p in self.payloads], dtype=float)[index]
-        com = np.stack([p.com_m for p in self.payloads], axis=-1)[:, index]
-        return _torques(self.robot, q, mass, com)
+        return _torques(self.robot, q, self._mass[index], self._com[:, index])
 
     def joint_torque(self, q: FloatArray, setup: Setup) -> FloatArray:
         """The parts along the joint axes ``(n, S)`` [Nm]: see :func:`gravity_torque`."""
@@ -110,19 +110,17 @@ def _torques(
     robot: Robot, q: FloatArray, mass: FloatArray, com: FloatArray
 ) -> tuple[FloatArray, Walk]:
     """Torque vectors ``(n, 3, S)`` with masses ``(S,)`` at ``(3, S)`` in the tip frame."""
-    chain, gravity = robot.chain, robot.gravity[:, None]
+    chain = robot.chain
     walk = chain.walk(q)
-    moment = mass * (walk.p_base_tip + turn(walk.tip, com))  # of all that a joint carries
-    weight = mass.copy()
-    torque = np.empty((robot.n, 3, q.shape[1]))
-    for j in reversed(range(robot.n)):
-        if robot.link_mass[j]:
-            lever = turn(chain.link_columns(walk, j), robot.link_com[j][:, None])
-            moment += robot.link_mass[j] * (walk.origins[j] + lever)
-            weight += robot.link_mass[j]
-        torque[j] = cross(moment - weight * walk.origins[j], gravity)
-    return torque, walk
+    # of all that a joint carries, from the tip down
+    moment = robot.link_mass[:, None, None] * chain.in_base(walk, robot.link_com)
+    moment[-1] += mass * (walk.p_base_tip + turn(walk.tip, com))
+    for j in reversed(range(robot.n - 1)):
+        moment[j] += moment[j + 1]
+    weight = np.cumsum(robot.link_mass[::-1])[::-1, None] + mass
+    moment -= weight[:, None] * walk.origins
+    return np.asarray(-skew(robot.gravity) @ moment), walk
 
 
 def _along_axes(robot: Robot, torque: FloatArray, walk: Walk) -> FloatArray:
-    return np.stack([along(robot.chain.axes_of(walk, j), torque[j]) for j in range(robot.n)])
+    return np.asarray((robot.chain.all_axes(walk) * torque).sum(axis=1))

@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.batch_last import columns_of, rotation_log
 from calib.robots.bounds import (
     LIMIT_TOLERANCE,
     Bounds,
@@ -22,7 +23,7 @@ from calib.robots.bounds import (
     turned_inside,
 )
 from calib.robots.chain import ChainState, SerialChain
-from calib.se3 import BoolArray, FloatArray, IntArray, rotation_log
+from calib.se3 import BoolArray, FloatArray, IntArray
 
 __all__ = [
     "CLOSURE_TOLERANCE",
@@ -205,7 +206,8 @@ def pose_error(chain: SerialChain, postures: FloatArray, T_wanted: FloatArray) -
 
 def twist_to(state: ChainState, T_wanted: FloatArray) -> FloatArray:
     """Twist ``(..., 6)`` from the tip of a state to wanted poses: see :func:`pose_error`."""
-    turn = rotation_log(T_wanted[..., :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2))
+    R = T_wanted[..., :3, :3] @ np.swapaxes(state.R_base_tip, -1, -2)
+    turn = rotation_log(columns_of(R.reshape(-1, 3, 3))).T.reshape(*R.shape[:-1])
     return np.concatenate([T_wanted[..., :3, 3] - state.p_base_tip, turn], axis=-1)
 
 

@@ -192,6 +192,8 @@ class _Run:
 
     def _ended(self, status: Status, which: IntArray, reasons: list[str]) -> None:
         """Take those of some arms that have a reason out of the loop."""
+        if not any(reasons):
+            return
         for k, reason in zip(which.tolist(), reasons, strict=True):
             if reason:
                 self.status[k], self.reasons[k] = status, reason

@@ -126,6 +126,10 @@ def test_frames_are_the_product_of_placements_and_turns(straight):
             np.testing.assert_allclose(state.origins[i, j], T[:3, 3], atol=1e-14)
             np.testing.assert_allclose(state.axes[i, j], T[:3, :3] @ axes[j], atol=1e-14)
         np.testing.assert_allclose(state.T_base_tip[i], T @ mount, atol=1e-14)
+        # one posture goes by numbers, many by arrays: the same products in the same order
+        alone = chain.forward(q[i])
+        for name in ("rotations", "origins", "axes", "R_base_tip", "p_base_tip"):
+            np.testing.assert_array_equal(getattr(alone, name), getattr(state, name)[i])
 
 
 def test_a_posture_gives_the_same_bits_in_any_batch(reference_robot):

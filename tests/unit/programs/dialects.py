@@ -6,16 +6,28 @@ dialect for what all others do.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from calib.errors import FileFormatError
 from calib.robots import Robot
 from calib.se3 import transform
-from posedesign.programs import DIALECTS, Arm, Dialect, PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs import (
+    DIALECTS,
+    Arm,
+    Dialect,
+    PoseProgram,
+    Problem,
+    ProgramOptions,
+    ProgramPose,
+    RecordedProgram,
+)
 
 PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)
 """Per degree: no arm's own, which are in its controller, but of their size and signs."""
@@ -219,3 +231,47 @@ def random_poses(name: str, rng: np.random.Generator, *, any_name: bool = True) 
 def texts_of(program: PoseProgram, name: str) -> str:
     """The text of all files together."""
     return "\n".join(DIALECTS[name].files(program).values())
+
+
+EXPORTS = Path(__file__).parent / "exports"
+"""Files in the manner of controllers and of people, each with the oddities of its language."""
+
+
+def export(name: str) -> str:
+    """The text of such a file."""
+    return (EXPORTS / name).read_bytes().decode("utf-8" if name.endswith(".dtx") else "latin-1")
+
+
+def shown(program: RecordedProgram) -> dict[int, list[float]]:
+    """Joint values of the positions that have them, by number [deg]."""
+    given = [(p.number, p.shown_deg) for p in program.positions]
+    return {number: [float(v) for v in row] for number, row in given if row is not None}
+
+
+def changed(text: str, old: str, new: str) -> str:
+    """The text with its first ``old`` replaced, which has to be there."""
+    assert old in text
+    return text.replace(old, new, 1)
+
+
+def refused(name: str, file: str, text: str, line: int | None, message: str) -> FileFormatError:
+    """The error of a reader, with file, line and a hint."""
+    with pytest.raises(FileFormatError, match=message) as caught:
+        dialect_of(name).parse(text.encode("utf-8" if ".dtx" in file else "latin-1"), Path(file))
+    assert caught.value.row == line
+    assert caught.value.hint
+    assert file in str(caught.value)
+    return caught.value
+
+
+def breaks(problems: list[Problem], rule: str, message: str, *follow: str) -> None:
+    """The rule is broken, and but for what may follow from that no other."""
+    found = {problem.rule for problem in problems}
+    assert rule in found, problems
+    assert found - {rule} <= set(follow), problems
+    assert message in " ".join(problem.message for problem in problems)
+
+
+def documented_rules(module: Any) -> set[str]:
+    """Names in the table of rules that a module's docstring has."""
+    return set(re.findall(r"(?m)^``([\w-]+)``", module.__doc__ or ""))

@@ -11,6 +11,7 @@ import re
 import tracemalloc
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -18,17 +19,19 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibError, FileFormatError, InputError
-from posedesign.programs import (
-    DIALECTS,
-    Arm,
-    PoseProgram,
-    ProgramOptions,
-    ProgramPose,
-    RecordedProgram,
+from posedesign.programs import DIALECTS, Arm, Dialect, ProgramPose, RecordedProgram
+from posedesign.programs.registry import dialect_of as dialect_of_file
+from tests.unit.programs.dialects import (
+    CASES,
+    EXPORTS,
+    PULSES,
+    dialect_of,
+    each_case,
+    each_dialect,
+    program_of,
+    robot_of,
 )
-from tests.arms import PULSES, robot_of
 
-CASES = [(name, form) for name, dialect in DIALECTS.items() for form in dialect.forms]
 RUBBISH = [b"", b"\0", b"\xff\xfe\x00", b"a" * 300_000, b"\n" * 80_000, b"- " * 50_000]
 RUBBISH += [b"{" * 50_000, b"[" * 50_000, b"(" * 100_000, b'"' * 100_000, b"1," * 100_000]
 RUBBISH += [b"<!--" * 20_000, b"P[" * 50_000, b"[[" * 50_000, b" " * 300_000]
@@ -38,14 +41,14 @@ _TOKEN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 @cache
 def written(name: str, form: str) -> tuple[str, str]:
     """Name and text of the file with the positions."""
-    robot = robot_of(DIALECTS[name].maker)
+    robot = robot_of(name)
     rng = np.random.default_rng(5)
-    middle = (robot.lower + robot.upper) / 2.0
-    q = middle + rng.uniform(-0.35, 0.35, (6, robot.n)) * (robot.upper - robot.lower) * 0.5
-    poses = tuple(ProgramPose(f"P0{i}", posture, via=i == 3) for i, posture in enumerate(q))
-    options = ProgramOptions(form=form, fingerprint="abcdef12", pulses_per_deg=PULSES)  # type: ignore[arg-type]
-    program = PoseProgram("FUZZED", poses, options, Arm.of(robot))
-    return next(iter(DIALECTS[name].files(program).items()))
+    q = rng.uniform(-0.35, 0.35, (6, robot.n)) * (robot.upper - robot.lower) * 0.5
+    q += (robot.lower + robot.upper) / 2.0
+    poses = [ProgramPose(f"P0{i}", posture, via=i == 3) for i, posture in enumerate(q)]
+    program = program_of(name, poses, "FUZZED", form=form, user_frame=0)
+    plain = replace(program, arm=Arm.of(robot))
+    return next(iter(DIALECTS[name].files(plain).items()))
 
 
 def damaged(text: str, rng: np.random.Generator) -> str:
@@ -112,10 +115,9 @@ def assert_stand_in(values: np.ndarray, text: str) -> None:
     assert (off <= 1e-6 * np.maximum(1.0, np.abs(values))).all(), values[np.argmax(off)]
 
 
-def run(name: str, form: str, count: int) -> tuple[int, int]:
-    dialect = DIALECTS[name].reading(PULSES)
-    file, text = written(name, form)
-    rng = np.random.default_rng(sum(map(ord, name + form)))
+def run(dialect: Dialect, file: str, data: bytes, count: int) -> tuple[int, int]:
+    text = data.decode("utf-8" if file.endswith(".dtx") else "latin-1")
+    rng = np.random.default_rng(sum(map(ord, text)))
     refused, said = 0, [""]
     for _ in range(count):
         broken = damaged(text, rng)
@@ -127,27 +129,99 @@ def run(name: str, form: str, count: int) -> tuple[int, int]:
             refused += 1
             said.append(error.message)
             continue
-        assert program.positions
+        numbers = [p.number for p in program.positions]
+        assert len(set(numbers)) == len(numbers) > 0
+        assert min(numbers) >= 1
         assert np.isfinite(numbers_of(program)).all()
         assert_stand_in(numbers_of(program), broken)
     assert max(map(len, said)) < 1000
     assert not any("\n" in message for message in said)
+    assert all(re.match(r"\S+\.\w+(, line \d+)?: .", message) for message in said[1:])
     return refused, count
 
 
-@pytest.mark.parametrize(("name", "form"), CASES)
+@each_case
 def test_damaged_programs(name: str, form: str) -> None:
     file, text = written(name, form)
-    whole = DIALECTS[name].reading(PULSES).parse(text.encode(), Path(file))
-    assert_stand_in(numbers_of(whole), text)
-    refused, count = run(name, form, 60)
+    assert_stand_in(numbers_of(dialect_of(name).parse(text.encode(), Path(file))), text)
+    refused, count = run(dialect_of(name), file, text.encode(), 60)
     assert 0 < refused < count
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "form"), CASES)
+@each_case
 def test_five_thousand_damaged_programs(name: str, form: str) -> None:
-    run(name, form, 5000 // len(DIALECTS[name].forms))
+    file, text = written(name, form)
+    run(dialect_of(name), file, text.encode(), 5000 // len(DIALECTS[name].forms))
+
+
+each_export = pytest.mark.parametrize("file", sorted(path.name for path in EXPORTS.iterdir()))
+
+
+def dialect_of_export(file: str) -> Dialect:
+    named = {".log": "ur-script"}.get(Path(file).suffix)
+    return dialect_of_file(EXPORTS / file, named)
+
+
+@each_export
+def test_programs_of_others_are_read_and_refused_where_they_are_damaged(file: str) -> None:
+    dialect, data = dialect_of_export(file), (EXPORTS / file).read_bytes()
+    assert dialect.recognises(data)
+    assert dialect.parse(data, Path(file)).positions
+    refused, count = run(dialect, file, data, 60)
+    assert 0 < refused < count
+
+
+@pytest.mark.slow
+@each_export
+def test_a_thousand_damaged_programs_of_others(file: str) -> None:
+    run(dialect_of_export(file), file, (EXPORTS / file).read_bytes(), 1000)
+
+
+LONG = 200_000
+# Quadratic work on a line like these would take minutes.
+HOSTILE = {
+    "abb-rapid": [
+        *("CONST " + " " * LONG + "x", "CONST jointtarget jp3" + " " * LONG + ":=[[1"),
+        *("CONST jointtarget jp3:=[[" + "1," * 25_000, "CONST jointtarget jp3:=" + "[" * LONG),
+        *("CONST jointtarget jp3:=[[" + "9" * LONG + "]];", "CONST jointtarget " * 20_000),
+        *("CONST jointtarget " + "x" * LONG + ":=[[1]];", "CONST " * 40_000, "!" * LONG),
+        *(";" * 20_000, "MoveAbsJ" + "\\x" * 25_000, "MoveJ " * 40_000, "PROC a(" * 40_000),
+        *("PROC a " * 40_000, "[1,2,3,4,5" * 20_000, "%%%" * 60_000, "x{" * 25_000),
+        *("x " * 25_000, "-0" * 25_000, "END" * 70_000),
+    ],
+    "kuka-krl": [
+        *("DECL " + " " * LONG + "x", "DECL E6AXIS XP3" + " " * LONG + "={A1 1"),
+        *("XP3={A1 1," + " " * LONG + "x", "XP3={" + "A1 1," * 40_000, "BAS(" + " " * LONG),
+        *("XP3={A1 " + "9" * LONG + "}", "X" * LONG + "={A1 1}", '"' * LONG + '";'),
+        *("PTP " + " " * LONG + "x", ";P1" + " " * LONG, "P[" * 100_000, "DEF " * 50_000),
+        "DECL E6AXIS " + "X[" * 100_000,
+    ],
+    "staubli-val3": [
+        *("<a>" * 30_000, "<a>" * 30_000 + "</a>" * 30_000, f'<Value key="{"1" * LONG}" />'),
+        *(f'<Value key="0" j1="{"1" * LONG}" />', "&#65;" * 50_000),
+        f'<Data name="{"x" * LONG}" type="jointRx" size="1" />',
+        f'<Data name="y" type="jointRx" size="{"9" * LONG}" />',
+    ],
+    "ur-script": [
+        *("movej(" + "get_inverse_kin(" * 30_000, "movej([" + "9" * 6000 + ",1,1,1,1,1])"),
+        "(\n" * 99_999,
+    ],
+    "robodk-csv": ["1" * LONG, "," * LONG, "J" * LONG, "1e" * LONG],
+}
+LINES = [(name, k) for name, lines in HOSTILE.items() for k in range(len(lines))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "k"), LINES)
+def test_a_damaged_line_is_not_tried_in_every_way(name: str, k: int) -> None:
+    file, text = written(name, "joint")
+    rows = text.split("\n")
+    for at in (0, 1, len(rows) // 2, len(rows) - 2):
+        data = "\n".join([*rows[:at], HOSTILE[name][k], *rows[at:]]).encode()
+        with suppress(FileFormatError):
+            assert dialect_of(name).parse(data, Path(file)).positions
+        dialect_of(name).check(data, Path(file))
 
 
 FREE = {
@@ -158,7 +232,6 @@ FREE = {
     r'|(?<=Data name=)"[^"]*"|(?<=Parameter name=)"[^"]*"|(?:ioLink|size|xsi)="[^"]*"',
     "kuka-krl": r";.*|&.*|MEASURE|DECL|(?<=AXIS )XP\d|(?<=POS )XP\d|(?<=DAT )\w+",
     "mitsubishi-melfa": r"'.*|MEASURE",
-    "kawasaki-as": r";.*|MEASURE|(?<=PROGRAM )\w+",
     "abb-rapid": r'!.*|"[^"]*"|MEASURE|9E9|LOCAL|MUTATED\w*|speeddata.*|ConfJ.On',
 }
 """Comments, texts, names of the user and words that may be left out: a mutant there is legal."""
@@ -204,12 +277,12 @@ def mutant(line: str, start: int, end: int, how: int, rng: np.random.Generator) 
 
 def passing_mutants(name: str, form: str, count: int, folder: Path) -> list[str]:
     """Lines of the mutants that a validator takes for good programs."""
-    dialect = DIALECTS[name]
-    robot = robot_of(dialect.maker)
+    dialect, robot = DIALECTS[name], robot_of(name)
     postures = (robot.lower + robot.upper) / 2.0 + np.array([[0.1], [0.2], [-0.3]])
-    poses = tuple(ProgramPose(f"P0{i}", q, via=i == 1) for i, q in enumerate(postures))
-    options = ProgramOptions(form=form, fingerprint="abcdef12", pulses_per_deg=PULSES)  # type: ignore[arg-type]
-    program = PoseProgram("MUTATED", poses, options, Arm.of(robot))
+    poses = [ProgramPose(f"P0{i}", q, via=i == 1) for i, q in enumerate(postures)]
+    program = replace(
+        program_of(name, poses, "MUTATED", form=form, user_frame=0), arm=Arm.of(robot)
+    )
     paths = dialect.write(program, folder)
     passing = []
     for path in paths:
@@ -238,10 +311,10 @@ BOMBS = [b"\n" * 18_000_000, b"," * 3_000_000, b",\n" * 1_500_000, b"X1=" + b"9"
 
 @pytest.mark.slow
 @pytest.mark.full  # memory is traced, which takes minutes
-@pytest.mark.parametrize("name", DIALECTS)
+@each_dialect
 @pytest.mark.parametrize("data", BOMBS, ids=range(len(BOMBS)))
 def test_hostile_files_end_soon_and_small(name: str, data: bytes) -> None:
-    dialect = DIALECTS[name].reading(PULSES)
+    dialect = dialect_of(name)
     path = Path(f"X{dialect.suffixes[0]}")
     file, text = written(name, dialect.forms[0])
     middle = text.index("\n", len(text) // 2) + 1
@@ -257,10 +330,10 @@ def test_hostile_files_end_soon_and_small(name: str, data: bytes) -> None:
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("name", DIALECTS)
+@each_dialect
 @pytest.mark.parametrize("data", RUBBISH, ids=range(len(RUBBISH)))
 def test_rubbish_is_refused_at_once(name: str, data: bytes) -> None:
-    dialect = DIALECTS[name].reading(PULSES)
+    dialect = dialect_of(name)
     path = Path(f"X{dialect.suffixes[0]}")
     with pytest.raises(CalibError) as caught:
         dialect.parse(data, path)
@@ -268,7 +341,7 @@ def test_rubbish_is_refused_at_once(name: str, data: bytes) -> None:
     assert dialect.check(data, path)
 
 
-@pytest.mark.parametrize("name", DIALECTS)
+@each_dialect
 def test_a_huge_file_is_refused_without_being_read(name: str, tmp_path: Path) -> None:
     dialect = DIALECTS[name]
     path = tmp_path / f"X{dialect.suffixes[0]}"

@@ -8,59 +8,13 @@ import pytest
 from calib.errors import FileFormatError
 from posedesign.programs import Arm, RecordedProgram
 from posedesign.programs.fanuc_ls.reader import parse_fanuc_ls
+from tests.unit.programs.dialects import changed, export, refused
 
 # In the manner of a controller with a positioner as second group and a rail: program lines in
 # another language, wrapped and nested lines, numbers without leading zero, comments of all kinds.
 FANUC = Arm.usual("fanuc")
 
-EXPORT = """\
-/PROG  TOUCHUP\t  Macro
-/ATTR
-OWNER\t\t= MNEDITOR;
-COMMENT\t\t= "after service   ";
-LINE_COUNT\t= 6;
-DEFAULT_GROUP\t= 1,1,*,*,*;
-LOCAL_REGISTERS\t= 0,0,0;
-/APPL
-/APPL
-
-AUTO_SINGULARITY_HEADER;
-  ENABLE_SINGULARITY_AVOIDANCE   : FALSE;
-/MN
-   1:  !PLAN 00c0ffee 12 ;
-   2:  WKZ_NUM=1 ;
-   3:J P[1:left] 10% FINE    ;
-   4:J P[2] 100% CNT0 ACC100 ZEIT VOR    .10sek,P-SPS    ;
-      1:  A[23]=AUS ;
-       ------ ;
-   5:C P[3]    \n    :  P[12] 20mm/sec FINE    ;
-   6:  //CALL X(-1)                   ;
-  \n/POS
-P[1:"left"]{
-   GP1:
-\tUF : 0, UT : 1,\t
-\tJ1=    10.000 deg,\tJ2=    20.000 deg,\tJ3=     -.250 deg,
-\tJ4=      .500 deg,\tJ5=   -90.000 deg,\tJ6=     -.000 deg,
-\tE1=   100.000  mm
-   GP2:
-\tUF : F, UT : F,\t
-\tJ1=     7.000 deg,\tJ2=    45.000  mm
-};
-P[2]{
-   GP2:
-\tUF : 0, UT : 1,\tCONFIG : 'N U T, 0, 0, 0',
-\tX =   100.000  mm,\tY = ********  mm
-   GP1:
-\tUF : F, UT : F,\t
-\tJ6=6deg, J5 = 5 deg ,
-\tJ4=4. deg\t, J3=+3.0 deg,J2=2 deg,
-\tE1 =100.000 mm, J1=1 deg
-};
-P [ 12 : "" ] { GP1: UF : 9, UT:10, E1=100.000 mm, J1= 0 deg, J2= 0 deg,
-J3= 0 deg, J4= 0 deg, J5= 0 deg, J6= 0 deg};
-/END
-anything
-"""
+EXPORT = export("fanuc.LS")
 
 
 def parse(text: str) -> RecordedProgram:
@@ -152,12 +106,7 @@ CARTESIAN = """\
 def test_what_is_wrong_is_named_with_its_line(
     old: str, new: str, line: int | None, message: str
 ) -> None:
-    assert SMALL.count(old) == 1
-    with pytest.raises(FileFormatError, match=message) as caught:
-        parse(SMALL.replace(old, new))
-    assert caught.value.row == line
-    assert caught.value.hint
-    assert "X.LS" in str(caught.value)
+    refused("fanuc-ls", "X.LS", changed(SMALL, old, new), line, message)
 
 
 def test_a_cartesian_position_stands_beside_joint_positions() -> None:
@@ -188,9 +137,7 @@ def test_what_is_wrong_with_a_pose_is_named_with_its_line(
 ) -> None:
     text = SMALL[: SMALL.index("\tUF")] + CARTESIAN + "/END\n"
     assert parse(text).positions[0].configuration
-    with pytest.raises(FileFormatError, match=message) as caught:
-        parse(text.replace(old, new, 1))
-    assert caught.value.row == line
+    refused("fanuc-ls", "X.LS", changed(text, old, new), line, message)
 
 
 def test_an_extended_axis_may_not_carry_the_arm() -> None:

@@ -7,31 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from calib.errors import FileFormatError, InputError
 from posedesign.programs import DIALECTS, PoseProgram, ProgramOptions, ProgramPose, read, validate
 from posedesign.programs.fanuc_ls.registers import parse_registers
+from tests.unit.programs.dialects import changed, export, refused
 
-BACKUP = """\
-[*POSREG*]$POSREG  Storage: SHADOW  Access: RW  : ARRAY[2,8] OF Position Reg
-    [1,1] =   'HOME'   Group: 1
-  J1 =    60.000 deg   J2 =   -50.000 deg   J3 =    10.000 deg
-  J4 =   -10.000 deg   J5 =   -95.000 deg   J6 =     -.500 deg
-  EXT1:     0.000 mm
-
-    [1,2] =   '' Uninitialized
-    [1,3] =   'pin'
-  Group: 1   Config: N U T, 0, 0, 1
-  X:  -820.507   Y:  2309.503   Z:   945.836
-  W:    90.594   P:    -1.149   R:  -160.248
-  EXT1:     0.000 mm
-    [1,8] = '' Uninitialized
-    [2,1] =   'turn'   Group: 2
-  J1 =    45.000 deg
-[*POSREG*]$MAXPREGNUM  Storage: CMOS  Access: RW  : INTEGER = 100
-"""
+BACKUP = export("fanuc_registers.VA")
 POSES = tuple(ProgramPose(f"P{i}", np.radians([i, 20, -30, 0, -50, 60])) for i in range(3))
 
 
@@ -69,27 +51,13 @@ def test_a_backup_is_read_by_register(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(old: str, new: str, line: int, message: str) -> None:
-    assert BACKUP.count(old) == 1
-    with pytest.raises(FileFormatError, match=message) as caught:
-        parse_registers(BACKUP.replace(old, new).encode(), "POSREG.VA")
-    assert caught.value.row == line
+    refused("fanuc-ls", "POSREG.VA", changed(BACKUP, old, new), line, message)
 
 
 def test_empty_registers_are_no_positions() -> None:
     text = BACKUP.splitlines()[0] + "\n    [1,1] = '' Uninitialized\n"
     with pytest.raises(FileFormatError, match="all registers are empty"):
         parse_registers(text.encode(), "POSREG.VA")
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.integers(0, len(BACKUP)), st.integers(0, 20), st.text(max_size=5))
-def test_damaged_backups_are_refused_or_read(at: int, length: int, piece: str) -> None:
-    text = BACKUP[:at] + piece + BACKUP[at + length :]
-    try:
-        program = parse_registers(text.encode("utf-8", "surrogatepass"), "POSREG.VA")
-    except FileFormatError:
-        return
-    assert program.positions
 
 
 def test_a_program_keeps_the_touched_up_positions_in_registers(tmp_path: Path) -> None:

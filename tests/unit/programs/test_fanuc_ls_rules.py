@@ -17,6 +17,7 @@ from posedesign.programs import (
 )
 from posedesign.programs.fanuc_ls import rules
 from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
+from tests.unit.programs.dialects import export
 
 (GOOD,) = (
     DIALECTS["fanuc-ls"]
@@ -204,44 +205,7 @@ def test_every_rule_has_such_a_file() -> None:
     assert documented == {rule for rule, *_ in ERRORS + MEASURING}
 
 
-EXPORT = """\
-/PROG  UP001
-/ATTR
-EIGN.\t\t= MNEDITOR;
-KOMMENTAR\t= "Anfahren";
-PROG_GR\u00d6\u00dfE\t= 1250;
-ERSTELL\t\t= TAG 17-02-10  ZEIT 15:34:18;
-DATEI_NAME\t= ;
-ZEILEN\t\t= 6;
-SCHUTZ\t\t= LESEN_SCHREIB;
-TCD:  STACK_GR\u00d6\u00dfE\t= 500,
-      HALT_ANFRAGE\t= 0;
-DEFAULT_GRUP\t= 1,1,*,*,*;
-/APPL
-/MN
-   1:  BENUTZER_NUM=0 ;
-   2:  WKZ_NUM=1 ;
-   3:  TRAGLST[1] ;
-   4:J P[1] 10% CNT0 ACC100 ZEIT VOR   0.00sek,P-SPS    ;
-      1:  WENN (A[12]),AUFRUF MAKRO998 ;
-      2:  FB-PSPS (M[1] [&] !E[30]) ;
-      3:  WARTE (E[9])    ;
-      4:  AUFRUF VW_USER(Basic1,ProgNr=99, ,S-Punkt=31,EIN/AUS=AN) ;
-       ------ ;
-   5:  !Lib. de Herramientas ;
-   6:J P[1] 100% CNT0 ACC100 ZEIT VOR    .10sek,P-SPS Offset,PR[11]    ;
-/POS
-P[1]{
-   GP1:
-\tUF : 0, UT : 1,\t\tKONFIG : 'N U T, 0, 0, 0',
-\tX =   900.000  mm,\tY =     -.000  mm,\tZ =   500.000  mm,
-\tW =  -180.000 deg,\tP =     0.000 deg,\tR =  -180.000 deg
-   GP2:
-\tUF : 0, UT : 1,\t
-\tJ1=   100.000  mm
-};
-/END
-"""
+EXPORT = export("fanuc_german.LS")
 """In the manner of exports of a German controller of a car maker."""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import re
 from pathlib import Path
 
@@ -10,82 +9,20 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError
-from calib.robots import Robot
 from calib.se3 import transform
 from posedesign.programs import (
-    Arm,
-    PoseProgram,
-    ProgramOptions,
-    ProgramPose,
     RecordedPosition,
     RecordedProgram,
     read,
 )
 from posedesign.programs.kuka_krl import KukaKrl
-from posedesign.programs.kuka_krl.writer import render_kuka_krl
+from tests.unit.programs.dialects import changed, export, refused
 
 # In the manner of a controller: headers, folds, data of inline forms, a home, a track at rest.
-EXPORT = """\
-&ACCESS RVP
-&REL 12
-&COMMENT nach Wartung
-&PARAM TEMPLATE = C:\\KRC\\Roboter\\Template\\vorgabe
-DEFDAT  TOUCHUP PUBLIC
-;FOLD EXTERNAL DECLARATIONS;%{PE}%MKUKATPBASIS,%CEXT,%VCOMMON,%P
-;FOLD BASISTECH EXT;%{PE}%MKUKATPBASIS,%CEXT,%VEXT,%P
-EXT  BAS (BAS_COMMAND  :IN,REAL  :IN )
-DECL INT SUCCESS
-;ENDFOLD (BASISTECH EXT)
-;ENDFOLD (EXTERNAL DECLARATIONS)
-; PLAN 00c0ffee 2
-DECL E6AXIS XHOME={A1 0.0,A2 -90.0,A3 90.0,A4 0.0,A5 0.0,A6 0.0,E1 0.0}
-DECL BASIS_SUGG_T LAST_BASIS={POINT1[] "P2;          ",POINT2[] "{A1 1,A2 2}",CP_PARAMS[] "X"}
-DECL E6POS XP1={X 525.0,Y -10.0,Z 890.25,A 10.5,B -1.2E+01,C -178.565933,S 2,T 35,E1 500.0}
-DECL FDAT FP1={TOOL_NO 3,BASE_NO 4,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}
-DECL PDAT PPDAT1={VEL 100.000,ACC 100.000,APO_DIST 100.000,GEAR_JERK 50.0000,EXAX_IGN 0}
-DECL LDAT LCPDAT1={VEL 2.0,ACC 100.0,APO_DIST 100.0,ORI_TYP #VAR}
-DECL GLOBAL E6AXIS xP2={ E6AXIS: a1 1 , a2 -2.5, A3 +3 ,A4 .5,A5 -5.,A6 6,E1 500.001}  ; touched; up
-decl axis Xleft = {A6 6, A5 5, A4 4, A3 3, A2 2, A1 1}
-GLOBAL POS P7={X 1,Y 2,Z 3,A 0,B 0,C 90}
-DECL FRAME XOFFSET={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}
-DECL E6POS XSCRATCH, XOTHER
-DECL E6AXIS TABLE[2]
-TABLE[2]={A1 9,A2 8,A3 7,A4 6,A5 5,A6 4}
-DECL LOAD LNEW={M 5.0,CM {X 0.0,Y 0.0,Z 0.0,A 0.0,B 0.0,C 0.0},J {X 0.0,Y 0.0,Z 0.0}}
-ENDDAT
-"""
+EXPORT = export("kuka.dat")
 
 # In the manner of a generator, with subroutine, loop and inline forms of a pendant.
-SOURCE = """\
-&ACCESS RVP
-DEF measure_all ( )
-  DECL INT I
-;FOLD INI;%{PE}
-  GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )
-  BAS (#INITMOV,0 )
-;ENDFOLD (INI)
-;PLAN abcd1234 3
-$TOOL=TOOL_DATA[5]
-BAS(#BASE, 6)
-;FOLD PTP HOME  Vel= 100 % DEFAULT;%{PE}%MKUKATPBASIS,%CMOVE,%VPTP,%P 1:PTP, 2:HOME, 3:, 5:100
-PTP  XHOME
-;ENDFOLD
-PTP $AXIS_ACT
-PTP {A1 10, A2 -90, A3 90, A4 0, A5 15, A6 0, E1 0, E2 0, E3 0, E4 0, E5 0, E6 0}
-measure(1) ; the first
-ptp {x 500.0,y 0.0,z 700.0,a 0.0,b 90.0,c 0.0,s 'B010',t 'B000010'} C_PTP
-$TOOL={X 0,Y 0,Z 100,A 0,B 0,C 0}
-PTP {A1 11,A2 -90,A3 90,A4 0,A5 15,A6 0}
-FDAT_ACT={TOOL_NO 7,BASE_NO 8,IPO_FRAME #BASE}
-LIN {X 510.0,Y 0.0,Z 700.0,A 0.0,B 90.0,C 0.0}
-FOR I=1 TO 3
-  WAIT SEC 0.1
-ENDFOR
-END
-
-DEF sub( )
-END
-"""
+SOURCE = export("kuka.src")
 
 SMALL = """\
 DEFDAT CAL
@@ -218,7 +155,6 @@ SRC = "DEF CAL( )\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n"
         ("S 2,", "", 4, "XP2 has T and no S"),
         ("S 2", "S 99", 4, "XP2: Status and Turn"),
         ("S 2", "S 'B002'", 4, "cannot make sense"),
-        ("T 35}", "T 35,E1 1.0}", None, ""),
         ("CAL\n", "CAL\n\0", 2, "holds the byte 0x00"),
         (P1, "\u00e4" + P1, 3, "cannot make sense of"),
         (SMALL, SRC.replace("END\n", ""), 3, "there is no END"),
@@ -234,16 +170,7 @@ SRC = "DEF CAL( )\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND\n"
 def test_what_is_wrong_is_named_with_its_line(
     old: str, new: str, line: int | None, message: str
 ) -> None:
-    assert SMALL.count(old) == 1
-    text = SMALL.replace(old, new)
-    if not message:
-        assert len(parse(text).positions) == 2
-        return
-    with pytest.raises(FileFormatError, match=message) as caught:
-        parse(text)
-    assert caught.value.row == line
-    assert caught.value.hint
-    assert "X.dat" in str(caught.value)
+    refused("kuka-krl", "X.dat", changed(SMALL, old, new), line, message)
 
 
 A = "DECL E6POS A\nA={X 1.0,Y 2.0,Z 3.0,A 4.0,B 5.0,C 6.0,S 2,T 35}\n"
@@ -359,148 +286,3 @@ def test_an_external_axis_may_not_carry_the_arm() -> None:
     assert caught.value.row == 4
     home = f"DECL E6AXIS {P1}\n".replace("XP1", "XHOME").replace("6.0}", "6.0,E1 0.0}")
     assert len(parse(both.replace("ENDDAT", home + "ENDDAT")).positions) == 3
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "DECL " + " " * 200_000 + "x",
-        "DECL E6AXIS XP3" + " " * 200_000 + "={A1 1",
-        "XP3={A1 1," + " " * 200_000 + "x",
-        "XP3={" + "A1 1," * 40_000,
-        "XP3={A1 " + "9" * 200_000 + "}",
-        "X" * 200_000 + "={A1 1}",
-        "{" * 200_000,
-        '"' * 200_001 + ";",
-        "BAS(" + " " * 200_000,
-        "PTP " + " " * 200_000 + "x",
-        ";P1" + " " * 200_000,
-        "P[" * 100_000,
-        "DEF " * 50_000,
-        "DECL E6AXIS " + "X[" * 100_000,
-    ],
-    ids=range(14),
-)
-@pytest.mark.parametrize("text", [SMALL, SRC])
-def test_a_damaged_line_is_not_tried_in_every_way(line: str, text: str) -> None:
-    # Quadratic work on a line like these would take minutes.
-    damaged = text.replace("\n", "\n" + line + "\n", 1).encode("ascii")
-    refused_or_read(damaged)
-    KukaKrl().check(damaged, Path("/nowhere/CAL.dat"))
-
-
-def refused_or_read(data: bytes) -> RecordedProgram | None:
-    try:
-        program = KukaKrl().parse(data, Path("X.dat"))
-    except FileFormatError as error:
-        assert re.match(r"X\.dat(, line \d+)?: .", error.message)  # noqa: PT017
-        return None
-    assert program.name
-    assert program.positions
-    for position in program.positions:
-        value = position.T_user_tool if position.shown_deg is None else position.shown_deg
-        assert value is not None
-        assert np.isfinite(value).all()
-    numbers = [position.number for position in program.positions]
-    assert len(set(numbers)) == len(numbers)
-    assert min(numbers) >= 1
-    return program
-
-
-ARM = Arm.of(Robot.preset("kr6r900sixx"))
-TURNS = np.random.default_rng(5).uniform(-1.5, 1.5, (4, 6))
-PLANNED = tuple(ProgramPose(f"T{i}", q, via=i == 2) for i, q in enumerate(TURNS))
-WRITTEN = [
-    render_kuka_krl(
-        PoseProgram("CALPOSE", PLANNED, ProgramOptions(form=form, fingerprint="abcdef12")), ARM
-    )[0]
-    for form in ("joint", "cartesian")
-]
-PIECES = [*"{}[]():;,=.*!'\"/-+#$ \t\r\n", "\0", "\xe9", "A1 ", "XP1=", "DECL ", "E6POS ", "ENDDAT"]
-PIECES += ["1e5", "-0.0", "9" * 30, "DEF A( )\n", "END\n", "PTP ", "XM[1]=", "S 2,", ";FOLD"]
-
-
-def damaged(source: str, rng: random.Random) -> str:
-    kind = rng.randrange(6)
-    lines = source.split("\n")
-    i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
-    if kind == 0:
-        lines[i], lines[j] = lines[j], lines[i]
-    elif kind == 1:
-        lines.insert(i, lines[j])
-    elif kind == 2:
-        del lines[i]
-    elif kind == 3:
-        return source[: rng.randrange(len(source))]
-    else:
-        for _ in range(rng.randint(1, 3)):
-            at = rng.randrange(len(source) + 1)
-            piece = rng.choice(PIECES) if rng.random() < 0.5 else chr(rng.randrange(256))
-            source = source[:at] + piece + source[at + rng.randint(0, 3) :]
-        return source
-    return "\n".join(lines)
-
-
-def number_of_lines(text: str) -> dict[str, int]:
-    """How often each line stands in a text, by its instruction."""
-    lines = [line.split(";")[0].strip() for line in text.split("\n")]
-    return {line: lines.count(line) for line in lines}
-
-
-def check_damaged(seed: int) -> None:
-    """A clear error; or each position is an original one, or one whose line was touched."""
-    rng = random.Random(seed)  # noqa: S311
-    source = rng.choice([*WRITTEN, EXPORT, SMALL])
-    text = damaged(source, rng)
-    data = text.encode("latin-1")
-    KukaKrl().check(data, Path("/nowhere/X.dat"))
-    program = refused_or_read(data)
-    if program is None:
-        return
-    original = {p.number: p for p in parse(source).positions}
-    lines, before = text.split("\n"), number_of_lines(source)
-    for position in program.positions:
-        line = lines[position.line - 1].split(";")[0].strip()
-        if line not in before or not re.search(r"P\d+=", line):
-            continue  # touched, or of a name without a number
-        kept = original[position.number]
-        for now, then in (
-            (position.shown_deg, kept.shown_deg),
-            (position.T_user_tool, kept.T_user_tool),
-        ):
-            assert (now is None) == (then is None)
-            if now is not None and then is not None:
-                np.testing.assert_array_equal(now, then)
-        assert position.configuration == kept.configuration
-
-
-def test_damaged_programs_are_refused_or_read() -> None:
-    for seed in range(500):
-        check_damaged(seed)
-
-
-@pytest.mark.slow
-def test_damaged_programs_are_refused_or_read_long() -> None:
-    for seed in range(5000):
-        check_damaged(seed)
-
-
-def test_sources_with_damage_are_refused_or_read() -> None:
-    rng = random.Random(1)  # noqa: S311
-    for _ in range(300):
-        data = damaged(SOURCE, rng).encode("latin-1")
-        refused_or_read(data)
-        KukaKrl().check(data, Path("/nowhere/measure_all.src"))
-
-
-def test_random_bytes_are_refused() -> None:
-    rng = random.Random(2)  # noqa: S311
-    for n in range(200):
-        data = rng.randbytes(n)
-        assert refused_or_read(data) is None
-        assert KukaKrl().check(data, Path("/nowhere/X.dat"))
-
-
-def test_what_looks_like_a_program_is_recognised() -> None:
-    assert all(KukaKrl().recognises(text.encode()) for text in (EXPORT, SOURCE, SMALL, SRC))
-    assert not KukaKrl().recognises(b"MODULE Cal\n")

@@ -12,93 +12,18 @@ from calib.errors import FileFormatError
 from posedesign.programs import RecordedProgram
 from posedesign.programs.configurations import YaskawaConfiguration
 from posedesign.programs.yaskawa_jbi import YaskawaJbi
+from tests.unit.programs.dialects import changed, export, shown
 
 PULSES = (1000.0, -2000.0, 500.0, 100.0, -100.0, 50.0)
 PATH = Path("X.JBI")
 
 # In the manner of a controller with a rail, a station and a second robot: comments in another
 # character set, tabs, steps added by hand, variables of several kinds.
-EXPORT = """\
-/JOB
-//NAME Touch-up 1
-//POS
-///NPOS 6,2,2,2,0,1
-///TOOL 3
-///POSTYPE PULSE
-///PULSE
-C00000=1000,2000,500,100,100,50
-C00001= 2000 , -4000, 0,+0,0,0
-C00002=9,9,9,9,9,9
-///TOOL 3
-///POSTYPE BASE
-///RECTAN
-///RCONF 1,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0
-C00003=820.000,0.000,614.000,180.0000,0.0000,0.0000
-///USER 12
-///TOOL 4
-///POSTYPE USER
-///RECTAN
-///RCONF 0,0,0,0,0,0,0,0
-C00004=1120.945,125.866,693.276,174.98,-5.28,-4.32
-///POSTYPE ROBOT
-///RECTAN
-C00005=1.,-.5,0.000,180.00,0.00,0.00
-BC00000=0.000,0.000
-BC00001=168.151,-13.261
-///POSTYPE PULSE
-///PULSE
-EC00000=15505
-EC00001=15505
-P00007=3000,0,0,0,0,0
-P00008=0,0,0,0,0,0
-EX00001=7
-//INST
-///DATE 2008/10/23 12:00
-///COMM after service
-///ATTR SC,RW,RJ
-////FRAME BASE
-///GROUP1 RB1,BS1,ST1
-///GROUP2 RB2
-///LVARS 1,0,0,0,0,0,0,0
-NOP
-'\x83e\x83X\x83g
-'PLAN 00c0ffee 2
-\t'PULSES S 1000
-'PULSES L -2000.000
-'PULSES U 500
-'PULSES R 100
-'PULSES B -100
-'PULSES T 50.
-*LOOP
-SET B000 1
-\tMOVJ C00001 BC00001 EC00001 VJ=50.00 +MOVJ C00002
-' POSE 2 left of it
-DOUT OT#(5) ON
-MOVL C00003 BC00000 EC00000 V=100.0 PL=0 NWAIT
-MSG "MOVJ C00099"
-'POSE 1
-MOVJ C00000 BC00000 EC00001 VJ=0.78 PL=0
-CALL JOB:MEASURE
-GETS PX007 $PX000
-MOVL C00004 BC00000 EC00000 V=100.0
-MOVJ C00005 BC00000 EC00000 VJ=3.00
-MOVJ P[I000] VJ=3.00
-MOVJ P0008 BC00000 EC00000 VJ=3.00
-JUMP *LOOP IF IN#(12)=ON
-END
-"""
+EXPORT = export("yaskawa.JBI")
 
 
 def parse(text: str, dialect: YaskawaJbi | None = None) -> RecordedProgram:
     return (dialect or YaskawaJbi()).parse(text.encode("latin-1"), PATH)
-
-
-def shown(program: RecordedProgram) -> dict[int, list[float]]:
-    return {
-        p.number: [float(v) for v in p.shown_deg]
-        for p in program.positions
-        if p.shown_deg is not None
-    }
 
 
 def test_a_controllers_job_is_read() -> None:
@@ -242,9 +167,8 @@ def test_jobs_without_ratios_need_them() -> None:
 def test_what_is_wrong_is_named_with_its_line(
     source: str, old: str, new: str, line: int, message: str
 ) -> None:
-    assert old in source
     with pytest.raises(FileFormatError, match=message) as caught:
-        parse(source.replace(old, new, 1))
+        parse(changed(source, old, new))
     assert caught.value.row == line
     assert caught.value.hint
     assert "X.JBI" in str(caught.value)

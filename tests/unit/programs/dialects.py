@@ -28,9 +28,8 @@ from posedesign.programs import (
     ProgramPose,
     RecordedProgram,
 )
-
-PULSES = (1434.2, -1434.2, 1600.0, 1137.8, -1137.8, 682.7)
-"""Per degree: no arm's own, which are in its controller, but of their size and signs."""
+from tests import arms
+from tests.arms import PULSES
 
 TOOL = transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.01, -0.02, 0.15])
 USER = transform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.5, 0.1, -0.05])
@@ -42,8 +41,6 @@ class How:
 
     Attributes
     ----------
-    preset : str
-        An arm of its maker.
     joint_deg : float
         Most that a joint value is rounded by [deg].
     pose : tuple of float
@@ -66,8 +63,8 @@ class How:
         Programs call another one, and pulse an output.
     own_frames : bool
         A file of poses gives their frames by value.
-    title : bool
-        The title is read back.
+    title, capitals : bool
+        The title is read back, and the name of the program in capitals.
     ascii : bool
         Texts are ASCII.
     line : str
@@ -76,7 +73,6 @@ class How:
         Names of poses that come back, and that are left out.
     """
 
-    preset: str
     joint_deg: float
     pose: tuple[float, float] = (0.0, 0.0)
     name: int = 64
@@ -91,6 +87,7 @@ class How:
     asks: bool = True
     own_frames: bool = False
     title: bool = True
+    capitals: bool = True
     ascii: bool = True
     line: str = ""
     fit: tuple[str, ...] = ("T1",)
@@ -101,11 +98,11 @@ class How:
         return name not in self.unfit and (name.isascii() or not self.ascii)
 
 
-LIST = How("panda", 1e-10, asks=False, ascii=False, fit=("T1", "é: # {x}", "x" * 99), unfit=())
+LIST = How(1e-10, asks=False, ascii=False, fit=("T1", "é: # {x}", "x" * 99), unfit=())
 
 HOW = {
     "fanuc-ls": How(
-        *("r2000ic165f", 5.001e-4, (5.001e-7, 2.7e-5), 8, 16, 32, 327.67),
+        *(5.001e-4, (5.001e-7, 2.7e-5), 8, 16, 32, 327.67),
         told=True,
         by_number=True,
         registers=True,
@@ -114,7 +111,7 @@ HOW = {
         unfit=("seventeen letters", "ends in space ", " starts", 'quote"s', "a]b", "é", "a\nb"),
     ),
     "kuka-krl": How(
-        *("kr6r900sixx", 5.001e-6, (5.001e-8, 2.7e-7), 24, 80, 80, 3600.0),
+        *(5.001e-6, (5.001e-8, 2.7e-7), 24, 80, 80, 3600.0),
         told=True,
         by_number=True,
         registers=True,
@@ -123,7 +120,7 @@ HOW = {
         unfit=("Ö", "a\nb", "x" * 81),
     ),
     "abb-rapid": How(
-        *("irb120", 5.001e-6, (5.001e-8, 4e-9), 32, 80, 80, 3600.0),
+        *(5.001e-6, (5.001e-8, 4e-9), 32, 80, 80, 3600.0),
         told=True,
         by_number=True,
         registers=True,
@@ -133,21 +130,21 @@ HOW = {
         unfit=("Ö", "a\nb", "x" * 81),
     ),
     "ur-script": How(
-        *("ur5e", 3e-6, (5.2e-8, 3e-7), 32, 80, 80, 1e4, 363.0),
+        *(3e-6, (5.2e-8, 3e-7), 32, 80, 80, 1e4, 363.0),
         own_frames=True,
         line=r"movej\(",
         fit=("T 1", "x" * 80),
         unfit=('a "name"', "é", "a\nb", "x" * 81),
     ),
     "yaskawa-jbi": How(
-        *("gp7", 0.51 / 682.0, (5.001e-7, 2.7e-6), 8, 32, 32, 655.35),
+        *(0.51 / 682.0, (5.001e-7, 2.7e-6), 8, 32, 32, 655.35),
         registers=True,
         line=r"C\d{5}=",
         fit=("T 1",),
         unfit=("a name that is far too long", "é", "a\nb"),
     ),
     "staubli-val3": How(
-        *("tx2_60", 5.001e-6, (5.001e-8, 2.7e-7), 15, 60, 60, 1e4),
+        *(5.001e-6, (5.001e-8, 2.7e-7), 15, 60, 60, 1e4),
         by_number=True,
         registers=True,
         own_frames=True,
@@ -156,11 +153,21 @@ HOW = {
         unfit=("]]>", "é", "a\nb", "x" * 61),
     ),
     "mitsubishi-melfa": How(
-        *("lrmate200id", 5.001e-6, (0.0, 0.0), 12, 100, 100, 1e4),
+        *(5.001e-6, (0.0, 0.0), 12, 100, 100, 1e4),
         by_number=True,
         title=False,
         line=r"J\d+=\(",
         fit=("T -1", "x" * 100),
+        unfit=("é", "a\nb", "x" * 101),
+    ),
+    "kawasaki-as": How(
+        *(5.001e-7, (0.0, 0.0), 13, 100, 100, 1e4),
+        title=False,
+        capitals=False,
+        by_number=True,
+        registers=True,
+        line=r"#CALPOSE.p\[\d\] ",
+        fit=("T -1", "x" * 99),
         unfit=("é", "a\nb", "x" * 101),
     ),
     "ros-trajectory": replace(LIST, line=r'- \{"positions"'),
@@ -168,6 +175,9 @@ HOW = {
     "robot-calibration": replace(LIST, passes=False, line="- joints:"),
     "robodk-csv": replace(LIST, joint_deg=5.01e-7, line=r"-?[\d.]+,"),
 }
+
+SIX = "mitsubishi-melfa"
+"""For any robot, but with texts for arms of six joints."""
 
 CASES = [(name, form) for name, dialect in DIALECTS.items() for form in dialect.forms]
 POSED = [name for name, form in CASES if form == "cartesian"]
@@ -177,7 +187,8 @@ each_dialect = pytest.mark.parametrize("name", DIALECTS)
 
 @cache
 def robot_of(name: str) -> Robot:
-    return Robot.preset(HOW[name].preset)
+    """An arm of its maker; of six joints for any robot's programs of such arms."""
+    return Robot.preset("lrmate200id") if name == SIX else arms.robot_of(DIALECTS[name].maker)
 
 
 def arm_of(name: str, *, frames: bool = True) -> Arm:

@@ -80,6 +80,9 @@ SAID = [
     ("mitsubishi-melfa", {"settle_s": 0, "measure_call": None}, " Dly 0.100\n", "-CallP"),
     ("mitsubishi-melfa", {"measure_argument": None}, ' CallP "MEASURE"\n'),
     ("mitsubishi-melfa", {"measure_argument": -4}, ' CallP "MEASURE",-4\n'),
+    ("kawasaki-as", {"settle_s": 0, "measure_call": None}, "TWAIT 0.100\n", "-CALL"),
+    ("kawasaki-as", {"measure_argument": None}, "CALL MEASURE()\n"),
+    ("kawasaki-as", {"measure_argument": -4}, "CALL MEASURE(-4)\n"),
     ("ros-trajectory", {"settle_s": 0}, "-hold"),
 ]
 

@@ -116,6 +116,10 @@ class Dialect(ABC):
         """Whether the content looks like this dialect's, where several have the same ending."""
         return True
 
+    def is_companion(self, data: bytes) -> bool:
+        """Whether it is a companion of this dialect's, of an ending that others have, too."""
+        return False
+
     def parts(self, program: PoseProgram) -> Iterator[PoseProgram]:
         """The program, or its parts where it is too long for one file."""
         most = self.most_poses(program)

@@ -170,6 +170,12 @@ def dialect_of(path: Path, name: str | None = None) -> Dialect:
             name="path",
             value=str(path),
         )
+    beside = [
+        d for d in DIALECTS.values() if path.suffix.lower() in {*d.companions} - {*d.suffixes}
+    ]
+    for dialect in beside if path.is_file() else ():
+        if dialect.is_companion(read_program_bytes(path)):
+            return dialect
     fitting = [d for d in DIALECTS.values() if path.suffix.lower() in d.suffixes]
     if len(fitting) == 1:
         return fitting[0]

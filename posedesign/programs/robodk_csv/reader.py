@@ -2,14 +2,13 @@
 
 Takes what the writer, RoboDK's macros and spreadsheets save: commas, semicolons, tabs or spaces,
 empty lines, comments in lines of their own, a last comma. Without a header all columns are joint
-values; with one they are those that are called J1, J2 and so on, and others (times, errors) are
-left out. The text file beside the list says which pose a row is; without it, rows are counted.
+values; with one those that are called J1, J2 and so on. The text file beside the list says which
+pose a row is; without it, rows are counted.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -21,25 +20,15 @@ from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedPro
 MOST_COLUMNS = 64
 """Most columns of a row: joints, and what RoboDK lists behind them."""
 
-_BEGINNING = "posedesign rows of"
 _JOINT = re.compile(r"(?:J|joint[ _]?)(\d{1,2})(?:\s*[\[(]?\s*(\w{1,10})\s*[\])]?)?", re.IGNORECASE)
 _ROW = re.compile(r"row (\d{1,7}): (pose|via) (\d{1,7})(?:: (.*))?")
 _LETTER = re.compile(r"[A-DF-Za-df-z_]|[eE](?![-+0-9])")
+_COPY = "copy both files again, or remove the text file to count rows from 1"
 
 
-@dataclass
-class _Beside:
-    """What the text file beside a list says.
-
-    ``rows`` is None where there is no such file.
-    """
-
-    name: str = ""
-    title: str = ""
-    mark: PlanMark | None = None
-    maker: str | None = None
-    rows: int | None = None
-    poses: dict[int, tuple[str, int, str]] = field(default_factory=dict)
+def is_beside(data: bytes) -> bool:
+    """Whether a file is the one that the writer puts beside a list."""
+    return data.startswith(b"posedesign rows of")
 
 
 def parse_robodk_csv(data: bytes, path: Path) -> RecordedProgram:
@@ -51,51 +40,51 @@ def parse_robodk_csv(data: bytes, path: Path) -> RecordedProgram:
         A row has not as many finite joint values within +-720 deg as the others, or the file beside
         the list is that of another one.
     """
-    beside = _beside(path)
-    rows, header = _rows(data, path)
-    columns = _columns(header[1], path, header[0]) if header else None
-    width = len(header[1]) if header else len(rows[0][1])
+    if is_beside(data):
+        name = path.with_suffix(".csv").name
+        refuse(f"holds no positions: they are in {name} beside it", path, hint=f"name {name}")
+    words, poses, mark = _beside(path.with_suffix(".txt"))
+    rows, columns, width = _rows(data, path)
     positions = []
     for count, (line, fields) in enumerate(rows, start=1):
         if len(fields) != width:
             refuse(f"row {count} has {len(fields)} values, others have {width}", path, line)
-        taken = fields if columns is None else [fields[k] for k in columns]
+        taken = [fields[k] for k in columns]
         values = [joint_deg(t, f"row {count}: J{j}", path, line) for j, t in enumerate(taken, 1)]
-        number, name = _pose(beside, count, line, path)
+        if words and count not in poses:
+            refuse(f"row {count} is not named in {path.stem}.txt beside it", path, line, _COPY)
+        _, number, name = poses.get(count, ("", count, ""))
         positions.append(RecordedPosition(number, name, line, np.array(values)))
-    if beside.rows is not None and beside.rows != len(positions):
-        refuse(
-            f"has {len(positions)} rows, {path.stem}.txt beside it names {beside.rows}",
-            path,
-            hint="copy both files again, or remove the text file to count rows from 1",
-        )
-    mark = beside.mark or PlanMark()
-    passed = [number for kind, number, _ in beside.poses.values() if kind == "via"]
+    named = words.get("rows", "-1")
+    if words and named != str(len(positions)):
+        reason = f"has {len(positions)} rows, {path.stem}.txt beside it names {named[:9]}"
+        refuse(reason, path, hint=_COPY)
+    passed = [number for kind, number, _ in poses.values() if kind == "via"]
     if passed and mark.measured is None:
         mark = PlanMark(mark.fingerprint, min(passed) - 1)
-    return RecordedProgram(
-        beside.name or path.stem, beside.title, mark, tuple(positions), beside.maker
-    )
+    maker = words.get("controller") if words.get("controller") in POSITIVE_AXES else None
+    name = words.get("program") or path.stem
+    return RecordedProgram(name, words.get("title", ""), mark, tuple(positions), maker)
 
 
-def _rows(
-    data: bytes, path: Path
-) -> tuple[list[tuple[int, list[str]]], tuple[int, list[str]] | None]:
-    """Line and fields of each row, and of the header where there is one."""
+def _rows(data: bytes, path: Path) -> tuple[list[tuple[int, list[str]]], list[int], int]:
+    """Line and fields of each row, columns of the joints, and fields that each row should have."""
     rows: list[tuple[int, list[str]]] = []
-    header = None
+    columns: list[int] = []
+    width = 0
     for line, content in enumerate(text_lines(data.removeprefix(b"\xef\xbb\xbf"), path), start=1):
         text = content.strip()
         if not text or text.startswith(("#", "%", "//")):
             continue
         fields = _fields(text, path, line)
-        if _LETTER.search(text) and header is None and not rows:
-            header = (line, fields)
-        else:
+        if width or not _LETTER.search(text):
             rows.append((line, fields))
+        else:
+            columns = _columns(fields, path, line)
+        width = width or len(fields)
     if not rows:
         refuse("holds no rows of joint values", path, hint="is it the right file?")
-    return rows, header
+    return rows, columns or [*range(width)], width
 
 
 def _fields(text: str, path: Path, line: int) -> list[str]:
@@ -129,44 +118,23 @@ def _columns(names: list[str], path: Path, line: int) -> list[int]:
     return [found[j] for j in sorted(found)]
 
 
-def _pose(beside: _Beside, row: int, line: int, path: Path) -> tuple[int, str]:
-    if beside.rows is None:
-        return row, ""
-    if row not in beside.poses:
-        reason = f"row {row} is not named in {path.stem}.txt beside it"
-        refuse(reason, path, line, "copy both files again, or remove the text file")
-    _, number, name = beside.poses[row]
-    return number, name
-
-
-def _beside(path: Path) -> _Beside:
-    """What the text file beside a list says, where it is one of the writer."""
-    companion = path.with_suffix(".txt")
-    found = _Beside()
-    if not companion.is_file():
-        return found
-    text = read_program_bytes(companion).decode("utf-8", "replace")
-    if not text.startswith(_BEGINNING):
-        return found
-    found.rows = -1
-    numbers: set[int] = set()
+def _beside(path: Path) -> tuple[dict[str, str], dict[int, tuple[str, int, str]], PlanMark]:
+    """What the text file beside a list says by its words, and of its rows; nothing of others."""
+    words: dict[str, str] = {}
+    poses: dict[int, tuple[str, int, str]] = {}
+    numbers, mark = {0}, None
+    data = read_program_bytes(path) if path.is_file() else b""
+    text = data.decode("utf-8", "replace") if is_beside(data) else ""
     for line, content in enumerate(text.splitlines(), start=1):
         row = _ROW.fullmatch(content.strip())
-        key, _, rest = content.partition(": ")
-        if row:
-            number = int(row[3])
-            if int(row[1]) in found.poses or number in numbers or number < 1:
-                refuse(f"row {row[1]} or pose {number} is there twice", companion, line)
-            numbers.add(number)
-            found.poses[int(row[1])] = (row[2], number, (row[4] or "").strip())
-        elif key == "program":
-            found.name = rest.strip()
-        elif key == "title":
-            found.title = rest.strip()
-        elif key == "controller":
-            found.maker = rest.strip() if rest.strip() in POSITIVE_AXES else None
-        elif key == "rows" and rest.strip().isdecimal() and len(rest.strip()) < 9:
-            found.rows = int(rest)
-        elif key != "remark":
-            found.mark = found.mark or PlanMark.found_in(content)
-    return found
+        if row is None:
+            key, _, rest = content.partition(": ")
+            words[key] = rest.strip()
+            mark = mark or PlanMark.found_in(content)
+            continue
+        count, number = int(row[1]), int(row[3])
+        if count in poses or number in numbers:
+            refuse(f"row {row[1]} or pose {number} is there twice", path, line)
+        numbers.add(number)
+        poses[count] = (row[2], number, (row[4] or "").strip())
+    return words, poses, mark or PlanMark()

@@ -3,18 +3,16 @@
 Each rule is what ``LoadList`` of ``robodk.robofileio`` and ``setJoints`` need: every row becomes a
 list of numbers, which the robot is moved to.
 
-============  ====================================================================================
-rule          what it asks
-============  ====================================================================================
-``ascii``     plain ASCII characters
-``rows``      at least one row
-``blank``     no empty lines: each would be a row without joint values
-``text``      no header and no comments: each would be a row of texts
-``columns``   as many values in each row
-``number``    plain decimal numbers between commas: no exponent, no NaN, no ``-0.000``, no empty
-              field
-``range``     joint values within +-720 deg
-============  ====================================================================================
+===========  =======================================================================================
+``ascii``    plain ASCII characters
+``rows``     at least one row
+``blank``    no empty lines: each would be a row without joint values
+``text``     no header and no comments: each would be a row of texts
+``columns``  as many values in each row
+``number``   plain decimal numbers between commas: no exponent, NaN, ``-0.000`` or empty field
+``range``    joint values within +-720 deg
+``beside``   the text file with the names of the rows fits the list beside it
+===========  =======================================================================================
 """
 
 from __future__ import annotations
@@ -22,8 +20,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from itertools import islice
+from pathlib import Path
 
+from calib.errors import FileFormatError
+from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Problem
+from posedesign.programs.robodk_csv.reader import is_beside, parse_robodk_csv
 
 MOST_PROBLEMS = 1000
 """Most problems told by one check."""
@@ -34,15 +36,21 @@ _WORDS = re.compile(rb"[#%\"|]|//|[A-Za-z_]{2}|[jJ][0-9]")
 _NAN = re.compile(rb"nan|inf|infinity", re.IGNORECASE)
 
 
-def check_robodk_csv(data: bytes) -> list[Problem]:
-    """Problems in the content of a file; none for a good one."""
-    return list(islice(_problems(data), MOST_PROBLEMS))
+def check_robodk_csv(data: bytes, path: Path) -> list[Problem]:
+    """Problems in the content of a list, or of the text file beside one; none for a good one."""
+    if not is_beside(data):
+        return list(islice(_problems(data), MOST_PROBLEMS))
+    try:
+        listed = path.with_suffix(".csv")
+        parse_robodk_csv(read_program_bytes(listed), listed)
+    except FileFormatError as error:
+        return [Problem(1, "beside", error.message)]
+    return []
 
 
 def _problems(data: bytes) -> Iterator[Problem]:
     lines = data.replace(b"\r\n", b"\n").split(b"\n")
-    if lines and not lines[-1]:
-        lines.pop()
+    lines = lines[:-1] if not lines[-1] else lines
     if not any(lines):
         yield Problem(1, "rows", "there are no rows")
         return

@@ -1,11 +1,10 @@
 """Joint lists of RoboDK: the writer.
 
-What is known of the layout: RoboDK's own macros (MonitorJoints.py writes such files,
-JointsPlayback.py and ProgramSplitJoints.py of RoboDK/RoboDK-API read them) take J1 to Jn in degrees
-in the first columns, one row a stop, with commas and without a header. They read files by LoadList
-of ``robodk.robofileio``, to which a comment or a header is a row of texts that no robot can be
-moved to. So the CSV holds numbers alone; title, mark of the plan and names stand in a text file
-beside it. RoboDK's documentation of its own import dialogs was not at hand.
+RoboDK's own macros (MonitorJoints.py writes such files, JointsPlayback.py and ProgramSplitJoints.py
+of RoboDK/RoboDK-API read them) take J1 to Jn in degrees in the first columns, one row a stop, with
+commas and without a header: to LoadList of ``robodk.robofileio`` a comment or a header is a row of
+texts that no robot can be moved to. So title, mark of the plan and names stand in a text file
+beside the CSV. RoboDK's documentation of its own import dialogs was not at hand.
 """
 
 from __future__ import annotations
@@ -18,22 +17,12 @@ from posedesign.programs.writing import plain_all, shown_deg, warning_lines
 DECIMALS = 6
 """Of degrees, as RoboDK saves them: joint values are rounded by at most 5e-7 deg."""
 
-COMPANION = "posedesign rows of"
-"""How the text file beside a list begins."""
-
 
 def render_robodk_csv(program: PoseProgram, arm: Arm) -> dict[str, str]:
     r"""Text of the list, and of the file with the names of its rows, lines ended by ``\n``.
 
     Poses that are only passed through are rows as well. The format has no speed, no time to settle
     and no call: the macro that moves the robot sets them.
-
-    Parameters
-    ----------
-    program : PoseProgram
-        What to write.
-    arm : Arm
-        Whose joints, as its pendant shows them.
 
     Raises
     ------
@@ -44,7 +33,7 @@ def render_robodk_csv(program: PoseProgram, arm: Arm) -> dict[str, str]:
     check_options(program)
     options = program.options
     rows = [",".join(plain_all(row, DECIMALS)) for row in shown_deg(arm, program.poses)]
-    beside = [f"{COMPANION} {program.name}.csv", f"program: {program.name}"]
+    beside = [f"posedesign rows of {program.name}.csv", f"program: {program.name}"]
     if options.comment:
         beside.append(f"title: {comment_text('comment', options.comment)}")
     if program.mark:

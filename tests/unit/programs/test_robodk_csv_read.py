@@ -18,8 +18,10 @@ from posedesign.programs import (
     RecordedProgram,
     find_dialect,
     read,
+    validate,
     write,
 )
+from posedesign.programs.registry import dialect_of
 from posedesign.programs.robodk_csv import rules
 from posedesign.programs.robodk_csv.reader import MOST_COLUMNS
 from posedesign.programs.robodk_csv.rules import MOST_PROBLEMS, check_robodk_csv
@@ -124,6 +126,20 @@ def test_a_file_beside_that_does_not_fit_is_refused(
         read(path)
 
 
+def test_the_file_beside_is_no_script(tmp_path: Path) -> None:
+    # URScript's files end in .txt, too, and remarks may hold whatever a script does
+    pose = ProgramPose("movej([0, 0, 0, 0, 0, 0])", np.zeros(6), "def f():")
+    path, beside = write(PoseProgram("CAL", (pose,)), "robodk-csv", tmp_path)
+    assert dialect_of(beside) is ROBODK
+    assert validate(beside) == []
+    with pytest.raises(FileFormatError, match=r"they are in CAL\.csv beside it"):
+        read(beside)
+    path.write_text(path.read_text() * 2)
+    assert [p.rule for p in validate(beside)] == ["beside"]
+    path.unlink()
+    assert [p.rule for p in validate(beside)] == ["beside"]
+
+
 def test_without_the_file_beside_rows_are_counted(tmp_path: Path) -> None:
     path, beside = write(PROGRAM, "robodk-csv", tmp_path)
     assert read(path).maker == "yaskawa"
@@ -170,7 +186,7 @@ def check_damage(count: int) -> None:
                 lines = data.splitlines(keepends=True)
                 rng.shuffle(lines)
                 data = b"".join(lines[: rng.randrange(1, len(lines) + 1)])
-        check_robodk_csv(data)
+        check_robodk_csv(data, NOWHERE)
         try:
             program = ROBODK.parse(data, NOWHERE)
         except FileFormatError as error:
@@ -202,7 +218,7 @@ def test_many_damaged_lists_are_refused_or_read_as_they_stand() -> None:
 def test_long_lines_are_refused_at_once(text: str) -> None:
     with pytest.raises(FileFormatError):
         parse(text)
-    assert check_robodk_csv(text.encode())
+    assert check_robodk_csv(text.encode(), NOWHERE)
 
 
 GOOD = "1.0,-2.5\r\n3,720.000\n"
@@ -224,12 +240,12 @@ BREAKS = [
 @pytest.mark.parametrize(("rule", "old", "new", "line"), BREAKS)
 def test_each_rule_alone(rule: str, old: str, new: str, line: int) -> None:
     assert GOOD.count(old) == 1
-    problems = check_robodk_csv(GOOD.replace(old, new).encode())
+    problems = check_robodk_csv(GOOD.replace(old, new).encode(), NOWHERE)
     assert [(p.rule, p.line) for p in problems] == [(rule, line)]
 
 
 def test_the_good_list_breaks_no_rule_and_each_rule_is_tested() -> None:
-    assert check_robodk_csv(GOOD.encode()) == []
+    assert check_robodk_csv(GOOD.encode(), NOWHERE) == []
     table = set(re.findall(r"^``([\w-]+)``", rules.__doc__ or "", re.MULTILINE))
-    assert {rule for rule, *_ in BREAKS} == table
-    assert len(check_robodk_csv(b"x\n" * 5000)) == MOST_PROBLEMS
+    assert {rule for rule, *_ in BREAKS} | {"beside"} == table
+    assert len(check_robodk_csv(b"x\n" * 5000, NOWHERE)) == MOST_PROBLEMS

@@ -164,7 +164,6 @@ HOW = {
         *(5.001e-7, (0.0, 0.0), 13, 100, 100, 1e4),
         title=False,
         capitals=False,
-        by_number=True,
         registers=True,
         line=r"#CALPOSE.p\[\d\] ",
         fit=("T -1", "x" * 99),

@@ -6,7 +6,6 @@ dialect for what all others do.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -280,8 +279,3 @@ def breaks(problems: list[Problem], rule: str, message: str, *follow: str) -> No
     assert rule in found, problems
     assert found - {rule} <= set(follow), problems
     assert message in " ".join(problem.message for problem in problems)
-
-
-def documented_rules(module: Any) -> set[str]:
-    """Names in the table of rules that a module's docstring has."""
-    return set(re.findall(r"(?m)^``([\w-]+)``", module.__doc__ or ""))

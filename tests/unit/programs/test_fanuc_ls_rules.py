@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -13,11 +11,9 @@ from posedesign.programs import (
     Problem,
     ProgramOptions,
     ProgramPose,
-    validate,
 )
-from posedesign.programs.fanuc_ls import rules
 from posedesign.programs.fanuc_ls.rules import check_fanuc_ls
-from tests.unit.programs.dialects import export
+from tests.unit.programs.dialects import breaks, changed, export
 
 (GOOD,) = (
     DIALECTS["fanuc-ls"]
@@ -59,13 +55,6 @@ def line_of(text: str) -> int:
     return row
 
 
-def test_a_good_file_has_no_problems(tmp_path: Path) -> None:
-    assert check(GOOD) == []
-    path = tmp_path / "CALPOSE.LS"
-    path.write_bytes(GOOD.replace("\n", "\r\n").encode())
-    assert validate(path) == []
-
-
 @pytest.mark.parametrize(
     ("old", "new"),
     [
@@ -85,8 +74,7 @@ def test_a_good_file_has_no_problems(tmp_path: Path) -> None:
     ],
 )
 def test_what_controllers_write_too_is_accepted(old: str, new: str) -> None:
-    assert GOOD.count(old) == 1
-    assert check(GOOD.replace(old, new)) == []
+    assert check(changed(GOOD, old, new)) == []
 
 
 ERRORS = [
@@ -162,20 +150,14 @@ MEASURING = [
 
 @pytest.mark.parametrize(("rule", "old", "new", "message"), ERRORS)
 def test_what_a_controller_refuses(rule: str, old: str, new: str, message: str) -> None:
-    text = GOOD.replace(old, new, 1)
-    assert text != GOOD
-    problems = check(text, "error")
-    assert {problem.rule for problem in problems} == {rule}
-    assert message in " ".join(problem.message for problem in problems)
+    breaks(check(changed(GOOD, old, new), "error"), rule, message)
 
 
 @pytest.mark.parametrize(("rule", "old", "new", "message"), MEASURING[1:])
 def test_what_would_not_measure_as_planned(rule: str, old: str, new: str, message: str) -> None:
-    text = GOOD.replace(old, new, 1)
+    text = changed(GOOD, old, new)
     assert check(text, "error") == []
-    problems = check(text, "measuring")
-    assert {problem.rule for problem in problems} == {rule}
-    assert message in " ".join(problem.message for problem in problems)
+    breaks(check(text, "measuring"), rule, message)
 
 
 @pytest.mark.parametrize(
@@ -194,15 +176,6 @@ def test_a_pose_that_breaks_one_rule(rule: str, old: str, new: str, message: str
     assert text.count(old) == 1
     (problem,) = [p for p in check(text.replace(old, new)) if p.rule == rule]
     assert message in problem.message
-
-
-def test_every_rule_has_such_a_file() -> None:
-    documented = {
-        line[2 : line.index("``", 2)]
-        for line in (rules.__doc__ or "").splitlines()
-        if line.startswith("``")
-    }
-    assert documented == {rule for rule, *_ in ERRORS + MEASURING}
 
 
 EXPORT = export("fanuc_german.LS")
@@ -257,20 +230,6 @@ def test_behind_a_label_or_a_call_frames_are_not_known() -> None:
     assert {p.rule for p in check(text, "error")} == {"line-number"}
 
 
-def test_the_level_of_a_file_is_that_of_its_maker(tmp_path: Path) -> None:
-    path = tmp_path / "CALPOSE.LS"
-    path.write_bytes(GOOD.replace("P[1] 10% FINE", "P[1] 10% CNT50").replace("\n", "\r\n").encode())
-    assert [p.rule for p in validate(path)] == ["fine-before-call"]
-    path.write_bytes(path.read_bytes().replace(b"!PLAN abcdef12 2", b"!by hand"))
-    assert validate(path) == []
-    assert [p.rule for p in validate(path, levels=["measuring"])] == ["fine-before-call"]
-
-
-def test_line_ends() -> None:
-    said = f"{len(LINES)} lines are not ended by CR LF"
-    assert check_fanuc_ls(GOOD.encode()) == [Problem(1, "crlf", said, "measuring")]
-
-
 def test_a_gap_in_the_numbers_is_told_once() -> None:
     text = GOOD
     for number in range(9, 4, -1):
@@ -280,9 +239,3 @@ def test_a_gap_in_the_numbers_is_told_once() -> None:
 
 def test_a_position_chosen_by_a_register_may_be_any() -> None:
     assert check(GOOD.replace("J P[2]", "J P[R[1:next]]")) == []
-
-
-def test_a_file_of_rubbish_is_not_told_line_by_line() -> None:
-    problems = check("/PROG  A\n/MN\n" + "rubbish\n" * 5000)
-    assert len(problems) < 3000
-    assert {p.rule for p in check_fanuc_ls(b"")} == {"sections", "line-count"}

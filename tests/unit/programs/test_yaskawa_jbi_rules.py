@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from posedesign.programs import Arm, PoseProgram, Problem, ProgramOptions, ProgramPose
-from posedesign.programs.rules import MOST_PROBLEMS
-from posedesign.programs.yaskawa_jbi import YaskawaJbi, rules
+from posedesign.programs.yaskawa_jbi import YaskawaJbi
 from posedesign.programs.yaskawa_jbi.rules import check_yaskawa_jbi
+from tests.unit.programs.dialects import breaks, changed
 
 OPTIONS = ProgramOptions(
     fingerprint="abcdef12",
@@ -70,8 +67,7 @@ def with_steps(steps: str) -> str:
     ],
 )
 def test_what_controllers_write_too(source: str, old: str, new: str) -> None:
-    assert old in source
-    assert check(source.replace(old, new, 1)) == []
+    assert check(changed(source, old, new)) == []
 
 
 @pytest.mark.parametrize(
@@ -183,41 +179,12 @@ ONE_RULE = [
 def test_a_file_that_breaks_one_rule(
     rule: str, source: str, old: str, new: str, message: str
 ) -> None:
-    assert old in source
-    text = source.replace(old, new, 1)
+    text = changed(source, old, new)
     if rule == "position-unique":
         text = text.replace("NPOS 2", "NPOS 3")
-    problems = check(text)
-    found = {problem.rule for problem in problems}
     # one that is not understood is missing elsewhere
     allowed = {
         "syntax": {"npos", "header", "position-used", "stop-before-call"},
         "move": {"position-used"},
     }
-    assert rule in found
-    assert found - {rule} <= allowed.get(rule, set())
-    assert message in " ".join(problem.message for problem in problems)
-
-
-def test_every_rule_has_such_a_file() -> None:
-    documented = set(re.findall(r"(?m)^``([a-z-]+)``", rules.__doc__ or ""))
-    assert documented == {rule for rule, *_ in ONE_RULE}
-
-
-def test_what_does_not_measure_is_told_of_programs_of_plans(tmp_path: Path) -> None:
-    path = tmp_path / "CALPOSE.JBI"
-    text = GOOD.replace(" PL=0", "").replace("\n", "\r\n")
-    path.write_bytes(text.encode())
-    assert {p.rule for p in YaskawaJbi().validate(path)} == {"stop-before-call"}
-    path.write_bytes(text.replace("'PLAN abcdef12 2", "'").encode())
-    assert YaskawaJbi().validate(path) == []
-
-
-def test_line_ends_are_told_once() -> None:
-    count = len(GOOD.splitlines())
-    told = Problem(1, "crlf", f"{count} lines are not ended by CR LF", "measuring")
-    assert check_yaskawa_jbi(GOOD.encode()) == [told]
-
-
-def test_a_file_of_rubbish_is_not_told_without_end() -> None:
-    assert len(check("/JOB\n//POS\n" + "rubbish\n" * 5000)) == MOST_PROBLEMS
+    breaks(check(text), rule, message, *allowed.get(rule, set()))

@@ -1,4 +1,4 @@
-"""Commands for a controller's programs: program, validate, import."""
+"""Commands for a controller's programs: program, validate, import, record, convert."""
 
 from __future__ import annotations
 
@@ -37,6 +37,7 @@ def register(app: typer.Typer) -> None:
     app.command()(program)
     app.command()(validate)
     app.command("import")(import_positions)
+    app.command()(record)
     app.command()(convert)
 
 
@@ -255,6 +256,78 @@ def _print_imported(imported: Imported, path: Path, *, planned: bool) -> None:
     else:
         note("note: pass --poses to check that the file belongs to the plan, and was touched up")
     say(f"wrote {path}: {len(names)} touch-ups")
+
+
+MOST_REFUSED = 1000
+"""Poses told in vain: what tells of more is no measuring program."""
+
+
+def record(
+    cell: CellFile,
+    poses: Annotated[Path, typer.Argument(help="The plan that the program was written from.")],
+    host: Annotated[str, typer.Argument(help="Name or address of the UR controller.")],
+    out: OutFolder = Path(),
+    register: Annotated[
+        int,
+        typer.Option(
+            help="Output integer register that the program writes the number of each pose into, "
+            "and 0 before it moves on: 36 to 43, or 12 to 19."
+        ),
+    ] = 36,
+    timeout_s: Annotated[float, typer.Option(help="Longest time without a pose.")] = 3600.0,
+    as_json: AsJson = False,
+    trust_units: TrustUnits = False,
+    overwrite: Overwrite = False,
+) -> int:
+    """Take touch-ups from a UR while its program runs; add each to touchups.csv.
+
+    Stopped and begun again, it goes on with the poses that are missing.
+    """
+    from calib.errors import InputError
+    from posedesign.cell import Cell
+    from posedesign.files import held, make_folder
+    from posedesign.planning.poses_file import read_poses
+    from posedesign.pose_programs.recording import Recording, check_recorded
+    from posedesign.programs.ur_script.live import told_poses
+    from posedesign.workflow import TOUCH_UPS
+
+    loaded = Cell.load(cell)
+    controller = loaded.robot.controller
+    plan = read_poses(poses, loaded.robot.n, controller=controller, trust_units=trust_units)
+    note_misfit(poses, plan)
+    check_recorded(loaded, plan)
+    arriving = told_poses(host, register, timeout_s, note)
+    results = results_in(make_folder(out), "record", poses, overwrite=overwrite)
+    refused: list[str] = []
+    with held(out, "recording"):
+        (claimed,) = results.claim("measured", TOUCH_UPS)
+        recording = Recording.resume(loaded, plan, claimed)
+        total = len(recording.plan.names)
+        if recording.rows:
+            note(f"{claimed}: goes on, {len(recording.missing)} of {total} poses are missing")
+        for told in arriving if recording.missing else ():
+            try:
+                if told.q is None:
+                    raise InputError(f"pose {told.number} {told.problem}")
+                name, moved_m = recording.take(told.number, told.q)
+            except InputError as error:
+                refused.append(error.message)
+                note(f"warning: not recorded: {error}")
+                if len(refused) > MOST_REFUSED:
+                    raise
+                continue
+            line = f"{name}: touched up, {1e3 * moved_m:.3f} mm from the plan"
+            (note if as_json else say)(f"{line} ({total - len(recording.missing)} of {total})")
+            if not recording.missing:
+                break
+    if as_json:
+        said = {"touch_ups": len(recording.rows), "missing": recording.missing, "refused": refused}
+        print_json({"path": str(claimed), **said})
+    else:
+        say(f"{claimed}: {len(recording.rows)} touch-ups")
+    if recording.missing:
+        note(f"warning: the program has ended without {', '.join(recording.missing)}")
+    return NOT_REACHED if recording.missing else DONE
 
 
 class Form(StrEnum):

@@ -64,28 +64,34 @@ def tool_moved_m(cell: Cell, q: FloatArray, planned: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(here - there, axis=1))
 
 
-def exchanged(names: Sequence[str], q: FloatArray, plan: PoseList) -> list[str]:
+def near_others(names: Sequence[str], q: FloatArray, plan: PoseList) -> tuple[list[int], list[str]]:
     """Positions ``(N, n)`` [rad] that are nearer to another pose of the plan than to their own.
 
-    All touch the same target, so that only the joints tell poses apart.
-
-    Raises InputError: most are: the numbers are those of another program.
+    All touch the same target, so that only the joints tell poses apart. Their rows, and the poses.
     """
     planned, known = plan.measured.postures, plan.measured.names
     row_of = {name: k for k, name in enumerate(known)}
     own = planned[[row_of[name] for name in names]]
     found = cKDTree(planned).query(q, p=np.inf)
     apart, nearest = (np.atleast_1d(of_all) for of_all in found)
-    rows = np.flatnonzero(apart < MUCH_NEARER * np.abs(q - own).max(axis=1))
+    rows = np.flatnonzero(apart < MUCH_NEARER * np.abs(q - own).max(axis=1)).tolist()
+    return rows, [known[int(nearest[i])] for i in rows]
+
+
+def exchanged(names: Sequence[str], q: FloatArray, plan: PoseList) -> list[str]:
+    """Positions ``(N, n)`` [rad] of :func:`near_others` in words.
+
+    Raises InputError: most are: the numbers are those of another program.
+    """
+    rows, others = near_others(names, q, plan)
     if 2 * len(rows) > len(q):
-        i = int(rows[0])
         raise InputError(
             f"{len(rows)} of {len(q)} positions stand at other poses of the plan than their "
-            f"numbers say: {names[i]} at {known[int(nearest[i])]}",
+            f"numbers say: {names[rows[0]]} at {others[0]}",
             hint="is it another program, or is program.first_register wrong?",
             name="poses",
         )
-    return [f"{names[i]}: stands nearer to {known[int(nearest[i])]}" for i in rows.tolist()]
+    return [f"{names[i]}: stands nearer to {k}" for i, k in zip(rows, others, strict=True)]
 
 
 def check_near_plan(

@@ -10,7 +10,8 @@ a pose differ from those of the description by what a calibration is after.
 A script cannot be touched up where it stands. It therefore reports: after the measuring call of
 pose 3 it writes ``POSE 3 q=[...]`` with the actual joint positions [rad] into the log, and at its
 start ``PROGRAM NAME PLAN 1a2b3c4d 27``; the saved log is read back (:mod:`.log`). This is so with
-either value of ``keep``. How many digits the log shows is the controller's choice.
+either value of ``keep``. How many digits the log shows is the controller's choice. It also holds
+the number of the pose in an output integer register for half a second, where :mod:`.live` sees it.
 
 URScript refuses functions that it does not know: the measuring call is defined in the script. As
 written it lets the arm be guided by hand (freedrive) until the operator answers that the tool is
@@ -50,7 +51,7 @@ _WORDS = (
     "MOVEJ MOVEL MOVEP MOVEC SERVOJ SPEEDJ SPEEDL STOPJ STOPL SLEEP SYNC POPUP TEXTMSG SET_TCP "
     "SET_PAYLOAD GET_INVERSE_KIN GET_FORWARD_KIN POSE_TRANS POSE_INV POSE_ADD FREEDRIVE_MODE "
     "END_FREEDRIVE_MODE GET_ACTUAL_JOINT_POSITIONS GET_ACTUAL_TCP_POSE "
-    "SET_STANDARD_DIGITAL_OUT"
+    "SET_STANDARD_DIGITAL_OUT WRITE_OUTPUT_INTEGER_REGISTER"
 )
 
 RESERVED = frozenset(_WORDS.split())
@@ -70,6 +71,12 @@ MOST_OUTPUT = 7
 
 MOST_JOINT_DEG = 363.0
 """Joint limits of the arms are no wider."""
+
+REGISTER = 36
+"""Output integer register that the number of a pose is written into: see :mod:`.live`."""
+
+HELD_S = 0.5
+"""Time that it stands there: five times what is looked at."""
 
 TEXT_LENGTH = 80
 """Characters of a remark: longer ones are cut in the log."""
@@ -190,6 +197,7 @@ def _head(program: PoseProgram, arm: Arm) -> Iterator[str]:
     if options.form == "cartesian" and not np.array_equal(arm.T_world_user, np.eye(4)):
         yield f"user_frame = {user}"
     yield f'textmsg("PROGRAM {program.name} {program.mark}")'.replace(' ")', '")')
+    yield f"write_output_integer_register({REGISTER}, 0)"
 
 
 def _payload(load: Load) -> str:
@@ -238,6 +246,9 @@ def _at_pose(
         argument = options.argument(number)
         yield f"{options.measure_call}({'' if argument is None else argument})"
     yield f'textmsg("POSE {number} q=", get_actual_joint_positions())'
+    yield f"write_output_integer_register({REGISTER}, {number})"
+    yield f"sleep({HELD_S})"
+    yield f"write_output_integer_register({REGISTER}, 0)"
 
 
 def _speed(arm: Arm, percent: int) -> str:

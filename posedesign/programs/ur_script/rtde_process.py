@@ -1,0 +1,64 @@
+"""The process that listens to a controller: ``ADDRESS REGISTER``; a line of JSON for each package.
+
+ur_rtde 1.6.5 waits without end for a controller that does not answer, ends its process at a package
+that is shorter than its own header, and reads beyond one that is shorter than it should be. Here it
+can: the process ends when nothing new came in time, with :data:`SILENT`, or when nobody reads what
+it says. A line is ``[time, runtime_state, number, q, qd]``, or a text: why there are no more.
+
+Run by :mod:`posedesign.programs.ur_script.live` only, and imports nothing of the project, so that
+it is there at once.
+"""
+
+import faulthandler
+import json
+import os
+import signal
+import sys
+import time
+
+RATE_HZ = 125.0
+"""The fastest that every controller has."""
+
+CONNECT_S, SILENT_S = 15.0, 5.0
+"""Longest wait for the first values, and for those that follow."""
+
+SILENT = 1
+"""Exit code of ``faulthandler`` when the time is over."""
+
+UPPER = 24
+"""First register that is no field bus's; ur_rtde is told which half to read."""
+
+
+def main(host: str, register: int) -> None:
+    """Say what the controller sends until it ends."""
+    faulthandler.dump_traceback_later(CONNECT_S, exit=True)  # also while ur_rtde holds the GIL
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started this ends it, too
+    out = os.fdopen(os.dup(1), "w", buffering=1)
+    os.dup2(2, 1)  # ur_rtde prints what controllers say
+    variables = ["timestamp", "actual_q", "actual_qd", "runtime_state"]
+    variables.append(f"output_int_register_{register}")
+    try:
+        from rtde_receive import RTDEReceiveInterface
+
+        arm = RTDEReceiveInterface(host, RATE_HZ, variables, False, register >= UPPER)
+        said = None
+        while arm.isConnected():
+            now = arm.getTimestamp()
+            values = [now, arm.getRuntimeState(), arm.getOutputIntRegister(register)]
+            values += [arm.getActualQ(), arm.getActualQd()]
+            if now != said and arm.getTimestamp() == now:  # all of one package
+                out.write(json.dumps(values) + "\n")
+                said = now
+                faulthandler.dump_traceback_later(SILENT_S, exit=True)
+            time.sleep(0.2 / RATE_HZ)
+        out.write('"the connection was closed"\n')
+    except BrokenPipeError:
+        os._exit(0)
+    except (RuntimeError, IndexError, ValueError) as error:
+        out.write(json.dumps(str(error).splitlines()[0][:200]) + "\n")
+    out.flush()
+    os._exit(0)  # ur_rtde would wait for its threads
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]))

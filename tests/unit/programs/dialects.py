@@ -68,6 +68,8 @@ class How:
         Texts are ASCII.
     line : str
         Pattern of a line where a position begins.
+    ends : bool
+        A file that is cut off lacks its end, which the reader notices.
     fit, unfit : tuple of str
         Names of poses that come back, and that are left out.
     """
@@ -89,6 +91,7 @@ class How:
     capitals: bool = True
     ascii: bool = True
     line: str = ""
+    ends: bool = True
     fit: tuple[str, ...] = ("T1",)
     unfit: tuple[str, ...] = ("é", "a\nb")
 
@@ -155,6 +158,7 @@ HOW = {
         *(5.001e-6, (0.0, 0.0), 12, 100, 100, 1e4),
         by_number=True,
         title=False,
+        ends=False,
         line=r"J\d+=\(",
         fit=("T -1", "x" * 100),
         unfit=("é", "a\nb", "x" * 101),
@@ -163,6 +167,7 @@ HOW = {
         *(5.001e-7, (0.0, 0.0), 13, 100, 100, 1e4),
         title=False,
         capitals=False,
+        ends=False,
         registers=True,
         line=r"#CALPOSE.p\[\d\] ",
         fit=("T -1", "x" * 99),
@@ -171,7 +176,7 @@ HOW = {
     "ros-trajectory": replace(LIST, line=r'- \{"positions"'),
     "moveit-joints": replace(LIST, passes=False, line=r"- - -?\d"),
     "robot-calibration": replace(LIST, passes=False, line="- joints:"),
-    "robodk-csv": replace(LIST, joint_deg=5.01e-7, line=r"-?[\d.]+,"),
+    "robodk-csv": replace(LIST, joint_deg=5.01e-7, ends=False, line=r"-?[\d.]+,"),
 }
 
 SIX = "mitsubishi-melfa"
@@ -246,9 +251,14 @@ EXPORTS = Path(__file__).parent / "exports"
 """Files in the manner of controllers and of people, each with the oddities of its language."""
 
 
-def export(name: str) -> str:
+def encoding(file: str) -> str:
+    """How the text of a file stands in bytes."""
+    return "utf-8" if file.endswith((".dtx", ".yaml")) else "latin-1"
+
+
+def export(file: str) -> str:
     """The text of such a file."""
-    return (EXPORTS / name).read_bytes().decode("utf-8" if name.endswith(".dtx") else "latin-1")
+    return (EXPORTS / file).read_bytes().decode(encoding(file))
 
 
 def shown(program: RecordedProgram) -> dict[int, list[float]]:
@@ -266,7 +276,7 @@ def changed(text: str, old: str, new: str) -> str:
 def refused(name: str, file: str, text: str, line: int | None, message: str) -> FileFormatError:
     """The error of a reader, with file, line and a hint."""
     with pytest.raises(FileFormatError, match=message) as caught:
-        dialect_of(name).parse(text.encode("utf-8" if ".dtx" in file else "latin-1"), Path(file))
+        dialect_of(name).parse(text.encode(encoding(file)), Path(file))
     assert caught.value.row == line
     assert caught.value.hint
     assert file in str(caught.value)

@@ -24,6 +24,7 @@ from posedesign.programs.registry import dialect_of as dialect_of_file
 from tests.unit.programs.dialects import (
     CASES,
     EXPORTS,
+    HOW,
     PULSES,
     dialect_of,
     each_case,
@@ -176,6 +177,16 @@ def test_programs_of_others_are_read_and_refused_where_they_are_damaged(file: st
 @each_export
 def test_a_thousand_damaged_programs_of_others(file: str) -> None:
     run(dialect_of_export(file), file, (EXPORTS / file).read_bytes(), 1000)
+
+
+@pytest.mark.parametrize("name", [name for name, how in HOW.items() if how.ends])
+def test_every_cut_is_noticed(name: str) -> None:
+    file, text = written(name, "joint")
+    *_, last, _, _ = (m.end() for m in re.finditer("\n", text))
+    cuts = {*range(len(text) // 4, last, 1 + len(text) // 60), *range(last - 12, last)}
+    for at in cuts:
+        with pytest.raises(FileFormatError):
+            dialect_of(name).parse(text[:at].encode(), Path(file))
 
 
 LONG = 200_000

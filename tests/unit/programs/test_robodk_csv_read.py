@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import re
 from pathlib import Path
 
@@ -153,72 +152,6 @@ def test_poses_passed_through_are_known_without_a_mark(tmp_path: Path) -> None:
     path, beside = write(PROGRAM, "robodk-csv", tmp_path)
     beside.write_text(beside.read_text().replace("PLAN abcdef12 3\n", ""))
     assert [p.name for p in read(path).measured] == ["P0", "P2", "P3"]
-
-
-WRITTEN = ROBODK.files(PROGRAM)["CAL.csv"].encode()
-PIECES = [
-    b"0",
-    b"9",
-    b"-",
-    b".",
-    b"e",
-    b" ",
-    b"\n",
-    b",",
-    b";",
-    b"#",
-    b"nan",
-    b"\x00",
-    b"\xff",
-    b"J1",
-]
-
-
-def check_damage(count: int) -> None:
-    rng = random.Random(count)  # noqa: S311
-    good = [p.shown_deg for p in ROBODK.parse(WRITTEN, NOWHERE).positions]
-    for _ in range(count):
-        data = WRITTEN
-        for _ in range(rng.randrange(1, 4)):
-            at = rng.randrange(len(data))
-            data = data[:at] + rng.choice(PIECES) + data[at + rng.randrange(4) :]
-            if rng.random() < 0.2:
-                lines = data.splitlines(keepends=True)
-                rng.shuffle(lines)
-                data = b"".join(lines[: rng.randrange(1, len(lines) + 1)])
-        check_robodk_csv(data, NOWHERE)
-        try:
-            program = ROBODK.parse(data, NOWHERE)
-        except FileFormatError as error:
-            assert re.match(r"/nowhere/X\.csv(, line \d+)?: .", error.message)  # noqa: PT017
-            continue
-        lines = data.decode().removeprefix("\ufeff").split("\n")
-        for position in program.positions:
-            shown = position.shown_deg
-            assert shown is not None
-            # as it was, or the numbers of its line, all in their order
-            line = re.split(r"[,;\s]+", lines[position.line - 1].strip(" \r,;"))
-            unchanged = any(np.array_equal(shown, row) for row in good)
-            assert unchanged or shown.tolist() == [float(text) for text in line]
-
-
-def test_damaged_lists_are_refused_or_read_as_they_stand() -> None:
-    check_damage(500)
-
-
-@pytest.mark.slow
-def test_many_damaged_lists_are_refused_or_read_as_they_stand() -> None:
-    check_damage(5000)
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["1" * 1_000_000, "," * 1_000_000, " " * 1_000_000 + "x", "J" * 1_000_000, "1e" * 500_000],
-)
-def test_long_lines_are_refused_at_once(text: str) -> None:
-    with pytest.raises(FileFormatError):
-        parse(text)
-    assert check_robodk_csv(text.encode(), NOWHERE)
 
 
 GOOD = "1.0,-2.5\r\n3,720.000\n"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import random
-import re
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +11,12 @@ from calib import Robot
 from calib.errors import FileFormatError, InputError
 from posedesign.programs import (
     Arm,
-    PoseProgram,
-    ProgramOptions,
-    ProgramPose,
     RecordedProgram,
     find_dialect,
 )
 from posedesign.programs.registry import dialect_of
 from posedesign.programs.ros.tree import MOST_DEPTH
+from tests.unit.programs.dialects import changed, export, refused
 
 LISTS = ("ros-trajectory", "moveit-joints", "robot-calibration")
 PATH = Path("X.yaml")
@@ -30,28 +26,7 @@ def parse(text: str, dialect: str = "ros-trajectory") -> RecordedProgram:
     return find_dialect(dialect).parse(text.encode(), PATH)
 
 
-# As ros2 topic echo prints a message: other order, flow style, a document end.
-ECHOED = """\
-header: {stamp: {sec: 12, nanosec: 5}, frame_id: ''}
-joint_names: [elbow_joint, "shoulder_joint"]
-points:
-- time_from_start:
-    sec: 1
-    nanosec: 0
-  positions: [0.1, -2.]
-- {velocities: [0, 0], positions: [1, 5.0e-1], effort: []}   # anything
-- positions: [+1.0, 0.5]
----
-"""
-
-# The goal of an action, and a comment of somebody.
-GOAL = """\
-# my trajectory
-goal:
-  trajectory:
-    points: [{positions: [0.25]}, {positions: [0.5]}]
-    joint_names: [a]
-"""
+ECHOED, GOAL = export("ros_echo.yaml"), export("ros_goal.yaml")
 
 
 def test_what_ros_prints_is_read() -> None:
@@ -205,12 +180,7 @@ points:
 def test_what_is_wrong_is_named_with_its_line(
     old: str, new: str, line: int | None, message: str
 ) -> None:
-    assert SMALL.count(old) == 1
-    with pytest.raises(FileFormatError, match=message) as caught:
-        parse(SMALL.replace(old, new))
-    assert caught.value.row == line
-    assert caught.value.hint
-    assert "X.yaml" in str(caught.value)
+    refused("ros-trajectory", "X.yaml", changed(SMALL, old, new), line, message)
 
 
 def test_the_small_list_is_good() -> None:
@@ -255,29 +225,31 @@ def test_bytes_that_are_no_text_are_named_with_their_line() -> None:
     assert caught.value.hint == "save it in UTF-8"
 
 
-@pytest.mark.parametrize("dialect", LISTS)
-@pytest.mark.parametrize(
-    "text",
-    [
-        "[" * 300_000,
-        "{" * 300_000,
-        "- " * 300_000,
-        "? " * 300_000,
-        "a: " * 100_000,
-        "[a," * 100_000,
-        "[\n" * 100_000,
-        "'" + "x" * 1_000_000,
-        "#" * 1_000_000,
-        "# pose 1: " + "(" * 1_000_000,
-        "\n".join(f"{' ' * k}a:" for k in range(500)),
-        "&a [" * 100_000,
-        "x: &a [1]\ny: [" + "*a," * 10_000 + "]",
-        "[" + "1" * 1_000_000 + "]",
-        "{" + "a," * 50_000 + "}",
-    ],
-    ids=range(15),
-)
-def test_hostile_files_are_refused_at_once(dialect: str, text: str) -> None:
+HOSTILE = [
+    "[" * 300_000,
+    "{" * 300_000,
+    "- " * 300_000,
+    "? " * 300_000,
+    "a: " * 100_000,
+    "[a," * 100_000,
+    "[\n" * 100_000,
+    "'" + "x" * 1_000_000,
+    "#" * 1_000_000,
+    "# pose 1: " + "(" * 1_000_000,
+    "\n".join(f"{' ' * k}a:" for k in range(500)),
+    "&a [" * 100_000,
+    "x: &a [1]\ny: [" + "*a," * 10_000 + "]",
+    "[" + "1" * 1_000_000 + "]",
+    "{" + "a," * 50_000 + "}",
+]
+
+
+@pytest.mark.parametrize("k", range(len(HOSTILE)))
+def test_hostile_files_are_refused_at_once(k: int) -> None:
+    dialect, text = (
+        LISTS[k % 3],
+        HOSTILE[k],
+    )  # they have one parser
     # The parser's time grows with the square of the depth: minutes for the first of these.
     with pytest.raises(FileFormatError):
         parse(text, dialect)
@@ -289,107 +261,3 @@ def test_nesting_is_bounded() -> None:
     deep = "[" * (MOST_DEPTH + 1) + "]" * (MOST_DEPTH + 1)
     with pytest.raises(FileFormatError, match=f"nested more than {MOST_DEPTH} deep"):
         parse(deep)
-
-
-ROBOT = Robot.preset("r2000ic165f")
-WRITTEN = {
-    name: find_dialect(name)
-    .files(
-        PoseProgram(
-            "CAL",
-            tuple(
-                ProgramPose(f"P{k}", np.linspace(-1, 1, 6) * (1 + 0.1 * k), via=k == 1)
-                for k in range(4)
-            ),
-            ProgramOptions(fingerprint="abcdef12", comment="fuzzed"),
-            Arm.of(ROBOT),
-        )
-    )["CAL.yaml"]
-    .encode()
-    for name in LISTS
-}
-PIECES = [b"0", b"9", b"-", b".", b"e", b" ", b"\n", b":", b"#", b"[", b"]", b"{", b"&a", b"*a"]
-PIECES += [b"- ", b"\x00", b"\xff", b"nan", b"# pose 3: P3", b"# hold 2", b"'", b'"', b"!!int "]
-
-
-def damaged(data: bytes, rng: random.Random) -> bytes:
-    """Bytes changed, lines shuffled, cut or doubled."""
-    kind = rng.randrange(5)
-    if kind == 0:
-        return data[: rng.randrange(len(data))]
-    if kind == 1:
-        lines = data.splitlines(keepends=True)
-        at, length = rng.randrange(len(lines)), rng.randrange(1, 12)
-        part = lines[at : at + length]
-        del lines[at : at + length]
-        to = rng.randrange(len(lines) + 1)
-        return b"".join([*lines[:to], *part, *lines[to:]])
-    if kind == 2:
-        lines = data.splitlines(keepends=True)
-        at, length = rng.randrange(len(lines)), rng.randrange(1, 25)
-        return b"".join([*lines[: at + length], *lines[at : at + length], *lines[at + length :]])
-    if kind == 3:
-        lines = data.splitlines(keepends=True)
-        at, length = rng.randrange(len(lines)), rng.randrange(1, 25)
-        return b"".join(lines[:at] + lines[at + length :])
-    at = rng.randrange(len(data))
-    return data[:at] + rng.choice(PIECES) + data[at + rng.randrange(4) :]
-
-
-def values_in(data: bytes) -> set[float]:
-    """Every number that stands in a text, in degrees."""
-    found = re.findall(rb"[-+]?[0-9.]+(?:e[-+]?[0-9]+)?", data, re.IGNORECASE)
-    numbers = set()
-    for text in found:
-        try:
-            numbers.add(float(np.degrees(float(text))))
-        except ValueError:
-            continue
-    return numbers
-
-
-def check_damage(dialect: str, count: int) -> None:
-    rng = random.Random(f"{dialect} {count}")  # noqa: S311
-    chosen = find_dialect(dialect)
-    original = WRITTEN[dialect]
-    good = chosen.parse(original, PATH)
-    for _ in range(count):
-        data = damaged(original, rng)
-        chosen.check(data, PATH)
-        chosen.recognises(data)
-        try:
-            program = chosen.parse(data, PATH)
-        except FileFormatError as error:
-            assert re.match(r"X\.yaml(, line \d+)?: .", error.message)  # noqa: PT017
-            continue
-        numbers = values_in(data)
-        for position in program.positions:
-            assert position.shown_deg is not None
-            assert position.shown_deg.shape == (6,)
-            # all of it is as it was, or stands in the damaged text just so
-            same = [p for p in good.positions if p.number == position.number]
-            if not (same and np.array_equal(same[0].shown_deg, position.shown_deg)):
-                assert set(position.shown_deg.tolist()) <= numbers
-
-
-@pytest.mark.parametrize("dialect", LISTS)
-def test_damaged_files_are_refused_or_read_as_they_stand(dialect: str) -> None:
-    check_damage(dialect, 170)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("dialect", LISTS)
-def test_many_damaged_files_are_refused_or_read_as_they_stand(dialect: str) -> None:
-    check_damage(dialect, 5000)
-
-
-@pytest.mark.parametrize("dialect", LISTS)
-def test_every_cut_is_noticed(dialect: str) -> None:
-    data = WRITTEN[dialect]
-    for length in range(
-        len(b"# trajectory_msgs, joint values\n# program: CAL\n") + 80, len(data) - 6
-    ):
-        if data[:length].rstrip().endswith(b"# end of"):
-            continue
-        with pytest.raises(FileFormatError):
-            find_dialect(dialect).parse(data[:length], PATH)

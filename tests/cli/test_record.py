@@ -125,10 +125,11 @@ def test_a_paused_program_goes_on(record, ur):
 def test_a_lost_connection_is_made_again(record, ur):
     """A number that stands there when it is back may be of before."""
     after = [Stage(2, TOUCHED[1]), *told(3), *told(2), *told(1)]
-    with RtdeServer([*told(1), Raw(), *after]) as server:
+    with RtdeServer([*told(1), Raw(), Raw(), *after]) as server:
         said = record(server)
     assert said.code == 0, said
-    assert server.clients == 2
+    assert server.clients == 3
+    assert said.err.count("trying again") == 1
     assert f"{server.host}:30004: the connection was closed; trying again" in said.err
     assert "pose 2 was told before the connection" in said.err
     assert list(kept(ur)) == ["P02", "P01", "P03"]

@@ -19,7 +19,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 
@@ -53,18 +53,12 @@ PLAYING, ENDED = 2, (0, 1)
 
 @dataclass(frozen=True)
 class Sample:
-    """One package: the controller's time [s], what its program does, register, joints (6,)."""
+    """One package: what the program does, the register, joints (6,) [rad] and their speeds."""
 
-    time_s: float
     state: int
     number: int
-    q: FloatArray
-    qd: FloatArray
-
-    @classmethod
-    def of(cls, time_s: float, state: int, number: int, q: list[float], qd: list[float]) -> Sample:
-        """The values of a line."""
-        return cls(time_s, state, number, np.array(q, dtype=float), np.array(qd, dtype=float))
+    q: Sequence[float]
+    qd: Sequence[float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +103,9 @@ class Watch:
 
 def _judged(window: list[Sample]) -> Told:
     number = window[0].number
-    if any(joints.shape != (JOINTS,) for s in window for joints in (s.q, s.qd)):
+    if any(len(joints) != JOINTS for s in window for joints in (s.q, s.qd)):
         return Told(number, problem=f"has not {JOINTS} joint values")
-    q, qd = np.stack([s.q for s in window]), np.stack([s.qd for s in window])
+    q, qd = np.array([s.q for s in window], float), np.array([s.qd for s in window], float)
     if not (np.abs(q) <= MOST_JOINT_RAD).all():  # nor NaN
         return Told(number, problem="has joint values that no arm has")
     moved, speed = np.ptp(q, axis=0), np.abs(qd).max(axis=0)
@@ -167,13 +161,13 @@ def told_poses(
 def _told(
     host: str, register: int, timeout_s: float, tell: Callable[[str], None]
 ) -> Iterator[Told]:
-    last, ran, connected = time.monotonic(), False, False
+    last, ran, connected, lines = time.monotonic(), False, False, 0
     while True:
         watch = Watch()
         try:
             with closing(_samples(host, register)) as samples:
                 for sample in samples:
-                    connected = True
+                    connected, lines = True, 0
                     told = watch.see(sample)
                     if told is not None:
                         yield told
@@ -195,7 +189,9 @@ def _told(
                     hint="is it the controller's address, and is RTDE on in its security settings?",
                     name="host",
                 ) from lost
-            tell(f"{host}:{PORT}: {lost}; trying again")
+            lines += 1
+            if lines == 1:  # of each time that it is lost
+                tell(f"{host}:{PORT}: {lost}; trying again")
             time.sleep(1.0)
 
 
@@ -214,7 +210,7 @@ def _samples(host: str, register: int) -> Generator[Sample, None, None]:
                 said = json.loads(line)
                 if isinstance(said, str):
                     raise _Lost(said)
-                yield Sample.of(*said)
+                yield Sample(*said)
             silent = process.wait() == rtde_process.SILENT
             raise _Lost("nothing comes" if silent else "it sends what ur_rtde cannot read")
         finally:

@@ -3,7 +3,7 @@
 ur_rtde 1.6.5 waits without end for a controller that does not answer, ends its process at a package
 that is shorter than its own header, and reads beyond one that is shorter than it should be. Here it
 can: the process ends when nothing new came in time, with :data:`SILENT`, or when nobody reads what
-it says. A line is ``[time, runtime_state, number, q, qd]``, or a text: why there are no more.
+it says. A line is ``[runtime_state, number, q, qd]``, or a text: why there are no more.
 
 Run by :mod:`posedesign.programs.ur_script.live` only, and imports nothing of the project, so that
 it is there at once.
@@ -44,7 +44,7 @@ def main(host: str, register: int) -> None:
         said = None
         while arm.isConnected():
             now = arm.getTimestamp()
-            values = [now, arm.getRuntimeState(), arm.getOutputIntRegister(register)]
+            values = [arm.getRuntimeState(), arm.getOutputIntRegister(register)]
             values += [arm.getActualQ(), arm.getActualQd()]
             if now != said and arm.getTimestamp() == now:  # all of one package
                 out.write(json.dumps(values) + "\n")
@@ -54,7 +54,9 @@ def main(host: str, register: int) -> None:
         out.write('"the connection was closed"\n')
     except BrokenPipeError:
         os._exit(0)
-    except (RuntimeError, IndexError, ValueError) as error:
+    except IndexError:  # of joint values that never came
+        out.write('"the connection was closed before any values came"\n')
+    except (RuntimeError, ValueError) as error:
         out.write(json.dumps(str(error).splitlines()[0][:200]) + "\n")
     out.flush()
     os._exit(0)  # ur_rtde would wait for its threads

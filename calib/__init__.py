@@ -6,14 +6,17 @@ must not wait for the robot libraries.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
     from calib import robot_world
     from calib.identification import IdentificationResult, identify
     from calib.model import CalibrationModel
     from calib.robots import Robot, preset_names
+else:
+    __getattr__ = load_when_asked(__name__)
 
 __all__ = [
     "CalibrationModel",
@@ -23,19 +26,3 @@ __all__ = [
     "preset_names",
     "robot_world",
 ]
-
-_WHERE = {
-    "CalibrationModel": "calib.model",
-    "IdentificationResult": "calib.identification",
-    "Robot": "calib.robots",
-    "identify": "calib.identification",
-    "preset_names": "calib.robots",
-}
-
-
-def __getattr__(name: str) -> object:
-    if name in _WHERE:
-        return getattr(import_module(_WHERE[name]), name)
-    if name == "robot_world":
-        return import_module("calib.robot_world")
-    raise AttributeError(f"module 'calib' has no attribute {name!r}")

@@ -1,52 +1,61 @@
 """Quantiles and tails of the distributions that tests of statistics rest on.
 
 ``scipy.stats`` wraps the same functions of ``scipy.special``, gives the same numbers, and takes as
-long to import as everything else that a command needs.
+long to import as everything else that a command needs; these are imported when first asked for.
 """
 
 from __future__ import annotations
 
+from functools import cache
+from types import ModuleType
+
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
 from calib.se3 import FloatArray
 
 
+@cache
+def _special() -> ModuleType:
+    from scipy import special
+
+    return special
+
+
 def normal_quantile(probability: float) -> float:
     """The number of standard deviations that a normal variate is below with this probability."""
-    return float(special.ndtri(probability))
+    return float(_special().ndtri(probability))
 
 
 def chi2_quantile(probability: ArrayLike, freedom: ArrayLike) -> FloatArray:
     """What a χ² of so many degrees of freedom is below with this probability."""
-    return np.asarray(2.0 * special.gammaincinv(_array(freedom) / 2, _array(probability)))
+    return np.asarray(2.0 * _special().gammaincinv(_array(freedom) / 2, _array(probability)))
 
 
 def chi2_tail(value: ArrayLike, freedom: ArrayLike) -> FloatArray:
     """Probability of a χ² above a value; NaN where there is no degree of freedom."""
     k = _array(freedom)
-    return np.where(k > 0.0, special.chdtrc(k, np.maximum(_array(value), 0.0)), np.nan)
+    return np.where(k > 0.0, _special().chdtrc(k, np.maximum(_array(value), 0.0)), np.nan)
 
 
 def student_quantile(probability: float, freedom: float) -> float:
     """What a variate of Student's distribution is below with this probability."""
-    return float(special.stdtrit(freedom, probability))
+    return float(_special().stdtrit(freedom, probability))
 
 
 def student_tail(value: float, freedom: float) -> float:
     """Probability of a variate of Student's distribution above a value."""
-    return float(special.stdtr(freedom, -value))
+    return float(_special().stdtr(freedom, -value))
 
 
 def f_bound(probability: float, one: ArrayLike, other: ArrayLike) -> FloatArray:
     """What a variate of Fisher's F is above with this probability."""
-    return np.asarray(special.fdtri(_array(one), _array(other), 1.0 - probability), dtype=float)
+    return np.asarray(_special().fdtri(_array(one), _array(other), 1.0 - probability), dtype=float)
 
 
 def f_tail(value: float, one: float, other: float) -> float:
     """Probability of a variate of Fisher's F above a value."""
-    return float(special.fdtrc(one, other, max(value, 0.0)))
+    return float(_special().fdtrc(one, other, max(value, 0.0)))
 
 
 def _array(given: ArrayLike) -> FloatArray:

@@ -6,8 +6,9 @@ they are first used, so that ``posedesign --help`` need not wait for the robot l
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from calib.doors import load_when_asked
 
 if TYPE_CHECKING:
     from posedesign import programs, selection
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from posedesign.planning.optimal import OptimalPlan, Request, plan_fewest, plan_optimal
     from posedesign.planning.pose_plan import PosePlan
     from posedesign.selection import indices, select
+else:
+    __getattr__ = load_when_asked(__name__)
 
 __all__ = [
     "Cell",
@@ -30,24 +33,3 @@ __all__ = [
     "select",
     "selection",
 ]
-
-_WHERE = {
-    "Cell": "posedesign.cell",
-    "PosePlan": "posedesign.planning.pose_plan",
-    "plan": "posedesign.planning.loop",
-    "OptimalPlan": "posedesign.planning.optimal",
-    "Request": "posedesign.planning.optimal",
-    "plan_fewest": "posedesign.planning.optimal",
-    "plan_optimal": "posedesign.planning.optimal",
-    "select": "posedesign.selection",
-}
-
-
-def __getattr__(name: str) -> object:
-    if name in _WHERE:
-        return getattr(import_module(_WHERE[name]), name)
-    if name == "indices":
-        return import_module("posedesign.selection.indices")
-    if name in ("programs", "selection"):
-        return import_module(f"posedesign.{name}")
-    raise AttributeError(f"module 'posedesign' has no attribute {name!r}")

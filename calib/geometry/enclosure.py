@@ -9,7 +9,6 @@ from typing import assert_never
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from calib.errors import InputError, near_names
 from calib.robots import SerialChain
@@ -94,6 +93,8 @@ def hull_vertices(mesh: Mesh) -> FloatArray:
     """The vertices ``(K, 3)`` [m] of a mesh that lie on its convex hull."""
     found = _HULLS.get(mesh)
     if found is None:
+        from scipy.spatial import ConvexHull, QhullError
+
         found = mesh.vertices[np.unique(mesh.triangles)]
         with suppress(QhullError):  # all in a plane
             found = found[ConvexHull(found).vertices]

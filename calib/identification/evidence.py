@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
 from calib.errors import ConvergenceError, InputError, near_names
 from calib.identification.identifiability import check_enough, check_identifiable_at
@@ -296,6 +295,8 @@ def _maximise(
     """Logarithms for which the linearised problem is likeliest, from those of the pass before."""
     if not theta.size:
         return theta
+
+    from scipy.optimize import minimize
 
     def worse(t: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = _slope(problem, t, usual)

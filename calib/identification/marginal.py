@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from calib.errors import ConvergenceError
 from calib.model import CalibrationModel
@@ -52,6 +51,8 @@ class LinearEvidence:
 
     def _solve(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Best parameters z ``(p,)``, their covariance ``(p, p)``, and half log of its inverse."""
+        from scipy.linalg import cho_factor, cho_solve
+
         gram = np.einsum("c,cij->ij", self._precisions(theta), self.grams)
         H = gram[:-1, :-1].copy()
         for columns, log_sigma in zip(self.members, theta, strict=False):

@@ -19,8 +19,6 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.special import gammaln
 
 from calib.chance import chi2_quantile
 from calib.errors import InputError
@@ -316,6 +314,9 @@ def gain_of_student(s2: FloatArray, rows: IntArray) -> float:
     Each with the scale that suits it best, of squared residuals ``(N,)`` over their noise, of so
     many rows ``(N,)``.
     """
+    from scipy.optimize import minimize_scalar
+    from scipy.special import gammaln
+
     count = float(rows.sum())
     if count == 0 or not s2.any():
         return 0.0

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtrc
 
+from calib.chance import chi2_tail
 from calib.identification.identifiability import (
     column_lengths,
     covariance_at,
@@ -324,7 +324,7 @@ class NoiseTest:
         """Probability of residuals as large by the noise alone."""
         if self.freedom <= 0:
             return 1.0
-        return float(chdtrc(self.redundancy.sum(), self.chi2))
+        return float(chi2_tail(self.chi2, self.redundancy.sum()))
 
     @cached_property
     def scales(self) -> FloatArray:
@@ -343,7 +343,7 @@ class NoiseTest:
     def doubted(self) -> list[int]:
         """Kinds whose residuals are larger than their noise explains."""
         tested = np.flatnonzero(self.redundancy > 1.0).tolist()
-        chances = chdtrc(np.maximum(self.redundancy, 1.0), self.squares)
+        chances = chi2_tail(self.squares, np.maximum(self.redundancy, 1.0))
         found = [k for k in tested if chances[k] < MODEL_DOUBT]
         if self.chance < MODEL_DOUBT and not found:  # a little in each of several kinds
             return tested

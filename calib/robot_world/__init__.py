@@ -3,38 +3,47 @@
 One file for each method, one result type for all; :data:`METHODS` lists them.
 """
 
-from calib.robot_world import design
-from calib.robot_world.certificate import Certificate, certify
-from calib.robot_world.components import shown_noise
-from calib.robot_world.methods import (
-    METHODS,
-    PAPER_METHODS,
-    Method,
-)
-from calib.robot_world.noise import (
-    Noise,
-    PairCovariances,
-    PairNoise,
-)
+from __future__ import annotations
 
-# for the project's own modules, which give them checked arrays: not public, and not in __all__
-from calib.robot_world.noise import NoiseShown as NoiseShown
-from calib.robot_world.noise import difference as difference
-from calib.robot_world.pairs import PairSets
-from calib.robot_world.results import (
-    RobotWorldBatch,
-    RobotWorldResult,
-    pairs_from_opencv,
-    result_to_opencv,
-)
-from calib.robot_world.results import residuals as residuals
-from calib.robot_world.scale import Scale
-from calib.robot_world.simulation import (
-    Problems,
-    add_noise,
-    random_problems,
-)
-from calib.robot_world.solver import solve, solve_batch
+from typing import TYPE_CHECKING
+
+from calib.doors import load_when_asked
+
+if TYPE_CHECKING:
+    from calib.robot_world import design
+    from calib.robot_world.certificate.certify import Certificate, certify
+    from calib.robot_world.components import shown_noise
+    from calib.robot_world.methods import (
+        METHODS,
+        PAPER_METHODS,
+        Method,
+    )
+    from calib.robot_world.noise import (
+        Noise,
+        PairCovariances,
+        PairNoise,
+    )
+
+    # for the project's own modules, which give them checked arrays: not public, and not in __all__
+    from calib.robot_world.noise import NoiseShown as NoiseShown
+    from calib.robot_world.noise import difference as difference
+    from calib.robot_world.pairs import PairSets
+    from calib.robot_world.results import (
+        RobotWorldBatch,
+        RobotWorldResult,
+        pairs_from_opencv,
+        result_to_opencv,
+    )
+    from calib.robot_world.results import residuals as residuals
+    from calib.robot_world.scale import Scale
+    from calib.robot_world.simulation import (
+        Problems,
+        add_noise,
+        random_problems,
+    )
+    from calib.robot_world.solver import solve, solve_batch
+else:
+    __getattr__ = load_when_asked(__name__)
 
 __all__ = [
     "METHODS",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from calib import se3
 from calib.errors import InputError, one_line
@@ -120,6 +119,8 @@ def check_generator(rng: object) -> None:
 
 
 def _any_rotation(rng: np.random.Generator, count: int) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
     return np.asarray(Rotation.random(count, rng=rng).as_matrix())
 
 

@@ -56,7 +56,8 @@ BoxSteps = Annotated[int, Field(strict=True, ge=1, le=25)]
 class Section(BaseModel):
     """A table of the file; unknown keys are refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
+    # built when first used: with the cell, not a second time by itself before
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False, defer_build=True)
 
 
 Word = Literal[

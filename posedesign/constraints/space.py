@@ -19,7 +19,6 @@ from calib.geometry.scene import CAP_M
 from calib.geometry.ways import TOUCH_M
 from calib.robots import Robot
 from calib.se3 import BoolArray, FloatArray, IntArray, rotation_angle, transform
-from calib.vision.touch_up import follow
 from posedesign.constraints.checker import ROUNDING, Checker, Constraint, Situation
 
 POINT_M = 1e-6
@@ -273,6 +272,8 @@ class Retreat:
         """Postures ``(N, n)`` [rad] with the tool backed off, and which there are ``(N,)``."""
         T = self.robot.fk(q)
         T[:, :3, 3] -= self.length_m * T[:, :3, :3] @ self.axis
+        from calib.vision.touch_up import follow
+
         return follow(self.robot, q, T)
 
     def is_along(self, away: FloatArray, q: FloatArray) -> BoolArray:

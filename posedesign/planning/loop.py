@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from calib.errors import InputError, UnreachableError, check_type
 from calib.identification import check_identifiable, covariance_of
@@ -157,6 +156,8 @@ def repair(cell: Cell, poses: PoseSet, pool: Replacements) -> PoseSet:
     Of the replacements each pose gets the one that is turned least against it; its reason says
     what shut the pose out and by how much the replacement is turned.
     """
+    from scipy.optimize import linear_sum_assignment
+
     gaps = np.flatnonzero([status is PoseStatus.DROPPED for status in poses.status])
     available = pool.postures(len(gaps))
     found = farthest_postures(available, poses.kept, len(gaps), cell.robot.joint_range)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from calib.errors import InputError
 from calib.model import Setup
@@ -69,6 +68,8 @@ def near_others(names: Sequence[str], q: FloatArray, plan: PoseList) -> tuple[li
 
     All touch the same target, so that only the joints tell poses apart. Their rows, and the poses.
     """
+    from scipy.spatial import cKDTree
+
     planned, known = plan.measured.postures, plan.measured.names
     row_of = {name: k for k, name in enumerate(known)}
     own = planned[[row_of[name] for name in names]]

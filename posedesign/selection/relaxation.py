@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
-import scipy.linalg
 
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates
@@ -268,9 +267,11 @@ def minimise_largest(
 
 def newton_step(matrix: FloatArray, right: FloatArray, n: int, missing: float) -> FloatArray:
     """Newton step whose first n entries add what is ``missing`` to their sum; spoils ``matrix``."""
+    from scipy.linalg import cho_factor, cho_solve
+
     ones = np.append(np.ones(n), np.zeros(len(right) - n))
-    factor = scipy.linalg.cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
-    a, b = scipy.linalg.cho_solve(factor, np.column_stack([right, ones]), check_finite=False).T
+    factor = cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
+    a, b = cho_solve(factor, np.column_stack([right, ones]), check_finite=False).T
     return np.asarray(a + (missing - a[:n].sum()) / b[:n].sum() * b)
 
 

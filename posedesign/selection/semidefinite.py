@@ -18,7 +18,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.linalg
 
 from calib.se3 import FloatArray, IntArray
 from posedesign.selection.candidates import Candidates, products_by_pairs
@@ -200,12 +199,14 @@ def _symmetric(matrices: FloatArray) -> FloatArray:
 
 def _matrix_reach(matrix: FloatArray, change: FloatArray) -> float:
     """How far a step may go before a matrix is no longer positive definite."""
+    from scipy.linalg import solve_triangular
+
     try:
         L = np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
         return 0.0
-    half = scipy.linalg.solve_triangular(L, change, lower=True, check_finite=False)
-    inner = scipy.linalg.solve_triangular(L, half.T, lower=True, check_finite=False)
+    half = solve_triangular(L, change, lower=True, check_finite=False)
+    inner = solve_triangular(L, half.T, lower=True, check_finite=False)
     least = float(np.linalg.eigvalsh(_symmetric(inner))[0])
     return 1.0 if least >= 0.0 else min(1.0, TO_THE_WALL / -least)
 

@@ -24,7 +24,6 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.optimize import minimize
 
 from calib.errors import CalibError
 from calib.identification.evidence import PriorGroup, tune_priors
@@ -298,6 +297,8 @@ def _groups(model: CalibrationModel) -> list[PriorGroup]:
 
 def log_odds(found: Tuned, effect: Effect) -> float:
     """Logarithm of the odds of an effect, noise and priors found again with it."""
+    from scipy.optimize import minimize
+
     held = found.held
     model, data = held.model, held.data
     members = tuple(

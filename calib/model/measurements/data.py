@@ -8,9 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from calib.errors import InputError
 from calib.model.context import Setup
@@ -170,6 +167,9 @@ def repeated_together(pose: IntArray, postures: FloatArray) -> IntArray:
     postures : array (N, n)
         [rad]
     """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     same = same_posture(postures)
     width = int(pose.max(initial=-1)) + 1
     link = coo_array(
@@ -186,6 +186,8 @@ def same_posture(postures: FloatArray) -> IntArray:
     All of a group are that close to one of them. They are not chained: an arm that is measured
     while it moves slowly would otherwise be in one posture all along.
     """
+    from scipy.spatial import KDTree
+
     distinct, back = np.unique(postures, axis=0, return_inverse=True)
     first = np.arange(len(distinct))
     if len(distinct) > 1:

@@ -12,7 +12,6 @@ from copy import copy
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from calib.batch_last import along, cross, matrices_of, turn, turn_back
 from calib.errors import InputError
@@ -435,6 +434,8 @@ class Distance(Measurement):
 
 
 def _pose_difference(predicted: FloatArray, observed: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
     # by quaternions: a tenth of the time that matrices take
     shown, read = (Rotation.from_rotvec(rows[3:].T) for rows in (predicted, observed))
     return np.concatenate([predicted[:3] - observed[:3], (shown * read.inv()).as_rotvec().T])

@@ -1,5 +1,14 @@
 """The methods that solve A X = Z B, one file each, and their register."""
 
-from calib.robot_world.methods.registry import METHODS, PAPER_METHODS, Method, find_method
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from calib.doors import load_when_asked
+
+if TYPE_CHECKING:
+    from calib.robot_world.methods.registry import METHODS, PAPER_METHODS, Method, find_method
+else:
+    __getattr__ = load_when_asked(__name__)
 
 __all__ = ["METHODS", "PAPER_METHODS", "Method", "find_method"]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from calib.robots import Robot
 from calib.robots.inverse import NEAR_SINGULAR
@@ -413,6 +412,8 @@ def find_normal(jacobian: ImageJacobian, R_base_tip: FloatArray, ellipses: Float
     The half axes of the ellipses ``(N, 5)`` [px] against those of the circle's image. One picture
     has two answers; the turns between several leave one.
     """
+    from scipy.optimize import least_squares
+
     R_base_camera = R_base_tip @ jacobian.R_tip_camera
     camera = camera_of(jacobian)
     place = np.array([0.0, 0.0, jacobian.distance_m])

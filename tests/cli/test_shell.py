@@ -48,6 +48,14 @@ def test_help_does_not_wait_for_the_robot_libraries(statement):
     assert modules_after(statement).isdisjoint(HEAVY)
 
 
+def test_small_commands_wait_for_no_library_that_they_do_not_use():
+    """One process for all: what any of them needs, each of them may wait for."""
+    commands = "import posedesign\nposedesign.plan\nfrom posedesign.cli.main import run\n"
+    commands += "run(['robots'])\nrun(['new'])\nrun(['validate', 'none.LS'])"
+    unused = {"scipy", "pandas", "matplotlib", "cvxpy", "cv2", "joblib"}
+    assert modules_after(commands).isdisjoint(unused)
+
+
 def test_click_is_not_needed():
     """Typer brings its own since 0.26; a package that nobody asked for may not be there."""
     assert "click" not in modules_after("from posedesign.cli.main import run\nrun(['--help'])")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +19,13 @@ from posedesign.programs import (
     PoseProgram,
     ProgramOptions,
     ProgramPose,
+    RecordedProgram,
     find_dialect,
     read,
     validate,
     write,
 )
+from posedesign.programs.robodk_csv import RobodkCsv
 
 POSE = ProgramPose("T1", np.zeros(6))
 FANUC = Arm.usual("fanuc")
@@ -157,3 +160,24 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
     for call in (read, validate):
         with pytest.raises(FileFormatError, match=r"CAL\.LS: cannot be read: No such file"):
             call(tmp_path / "CAL.LS")
+
+
+def test_reading_pauses_the_collector_and_gives_it_back(tmp_path: Path) -> None:
+    class Watching(RobodkCsv):
+        def parse(self, data: bytes, path: Path) -> RecordedProgram:
+            assert not gc.isenabled()
+            raise FileFormatError("is broken", path=path)
+
+    path = tmp_path / "X.csv"
+    path.write_text("1,2\n")
+    assert gc.isenabled()
+    with pytest.raises(FileFormatError):
+        Watching().read(path)
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        with pytest.raises(FileFormatError):
+            Watching().read(path)
+        assert not gc.isenabled()
+    finally:
+        gc.enable()

@@ -19,9 +19,8 @@ from typing import cast
 import numpy as np
 from lark import Token, Tree
 
-from calib.se3 import rotation_from_wpr, transform
 from posedesign.programs.language import Language, Line, Statement, lines_of, text_of
-from posedesign.programs.reading import joint_deg, millimetres, number, refuse
+from posedesign.programs.reading import joint_deg, number, pose_values, poses_of, refuse
 from posedesign.programs.reading import text_of as text_of_file
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 
@@ -90,7 +89,4 @@ def _with_values(at: RecordedPosition, name: str, texts: list[str], path: Path) 
         refuse(f"{name} has {len(texts)} values", path, at.line)
     if name[0] in "Jj":
         return replace(at, shown_deg=np.array([joint_deg(t, name, path, at.line) for t in texts]))
-    xyz = [millimetres(text, name, path, at.line) for text in texts[:3]]
-    abc = [joint_deg(text, name, path, at.line) for text in texts[3:_MOST]]
-    pose = transform(rotation_from_wpr(np.radians(abc)), np.array(xyz) * 1e-3)
-    return replace(at, T_user_tool=pose)
+    return replace(at, T_user_tool=poses_of(pose_values(texts, "XYZABC", name, path, at.line))[0])

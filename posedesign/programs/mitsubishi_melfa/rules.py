@@ -9,16 +9,15 @@ Dly between a move and CallP. ``unused``: all joint positions of the list are mo
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections import Counter
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 from typing import cast
 
 from lark import Token, Tree
 
+from posedesign.programs import rules
 from posedesign.programs.language import Statement, text_of, words
 from posedesign.programs.mitsubishi_melfa.reader import LANGUAGE, entry_of
 from posedesign.programs.recorded import Level, Problem
@@ -33,7 +32,7 @@ def check_mitsubishi_melfa(data: bytes, path: Path) -> list[Problem]:
     statements = LANGUAGE.statements(data.decode("latin-1").replace("\r", ""))
     if not any(statement.fault == "" for statement in statements):
         return [Problem(1, "syntax", "there is no step in it")]
-    return list(islice(_check(statements), 1000))
+    return rules.told(_check(statements))
 
 
 def _check(statements: list[Statement]) -> Iterator[Problem]:
@@ -78,7 +77,7 @@ def _level(text: str) -> Level:
     word = found[1].lower() if found else ""
     if word in _OTHERS.split():
         return "error" if text.lower().endswith(" on") else "note"  # On says of what
-    near = difflib.get_close_matches(word, _COMMANDS.split(), 1, 0.7)
+    near = word in _COMMANDS.split() or rules.near(word, _COMMANDS.split(), alike=0.7)
     return "error" if near or not word or re.fullmatch(r"[jpm]\d*", word) else "note"
 
 

@@ -22,10 +22,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.errors import FileFormatError, InputError
-from calib.se3 import FloatArray, rotation_from_wpr, transform
+from calib.errors import FileFormatError
+from calib.se3 import FloatArray, rotation_from_moving_xyz, transform
+from posedesign.programs import reading
 from posedesign.programs.configurations import StaubliConfiguration
-from posedesign.programs.reading import joint_deg, millimetres, read_program_bytes, refuse
+from posedesign.programs.reading import read_program_bytes, refuse
 from posedesign.programs.recorded import PlanMark, RecordedPosition, RecordedProgram
 from posedesign.programs.staubli_val3 import project
 from posedesign.programs.staubli_val3.project import Node
@@ -209,43 +210,59 @@ def _recorded(listed: _Listed, arrays: _Data, tool: Node | None) -> tuple[Record
         if element is None:
             hint = "save the application again"
             refuse(f"{label} is not there", arrays.path, array.line, hint)
+        at = RecordedPosition(number, name, element.line)
         if _KINDS[array.type] == "joint":
-            shown = np.array(_values(element, _JOINTS, label, arrays.path))
-            out.append(RecordedPosition(number, name, element.line, shown))
+            texts = {joint: element.attributes.get(joint, "0") for joint in _JOINTS}
+            where = arrays.path, element.line
+            shown = [reading.joint_deg(t, f"{label}: {j}", *where) for j, t in texts.items()]
+            out.append(replace(at, shown_deg=np.array(shown)))
             continue
         own = element.attributes.get("fatherId", "world[0]")
         if own != (father or own):
             reason = f"{label} is in {own[:30]!a}, points before in {father[:30]!a}"
             refuse(reason, arrays.path, element.line, "teach all points in one frame")
         father = own
-        points.append(_values(element, _POINT, label, arrays.path))
-        configuration = _configuration(element, label, arrays.path)
-        out.append(RecordedPosition(number, name, element.line, None, None, configuration))
-    if not points:
-        return tuple(out)
-    T_world_user, T_tip_tool = _frame(father, arrays), None
-    on_flange = tool is not None and tool.attributes.get("fatherId", "flange[0]") == "flange[0]"
-    if tool is not None and on_flange and arrays["tTool"].type == "tool":
-        T_tip_tool = _transforms([_values(tool, _POINT, "tTool[0]", arrays.path)])[0]
-    poses = iter(_transforms(points))
-    return tuple(
-        position
-        if position.shown_deg is not None
-        else replace(
-            position,
-            T_user_tool=next(poses),
-            T_world_user=T_world_user,
-            T_tip_tool=T_tip_tool,
-        )
-        for position in out
-    )
+        points.append(_values(element, label, arrays.path))
+        out.append(replace(at, configuration=_configuration(element, label, arrays.path)))
+    if points:
+        _check_unit(arrays.path)
+        T_world_user, T_tip_tool = _frame(father, arrays), None
+        on_flange = tool is not None and tool.attributes.get("fatherId", "flange[0]") == "flange[0]"
+        if tool is not None and on_flange and arrays["tTool"].type == "tool":
+            T_tip_tool = _transforms([_values(tool, "tTool[0]", arrays.path)])[0]
+        poses = iter(_transforms(points))
+        for i, position in enumerate(out):
+            if position.shown_deg is None:
+                out[i] = replace(
+                    position,
+                    T_user_tool=next(poses),
+                    T_world_user=T_world_user,
+                    T_tip_tool=T_tip_tool,
+                )
+    return tuple(out)
+
+
+def _check_unit(path: Path) -> None:
+    """Refuse points of a project whose lengths are no millimetres: of inches nothing public says.
+
+    The project beside the data says it.
+    """
+    for file in sorted(path.parent.glob("*.pjx")) if path.is_file() else ():
+        try:
+            root = project.parse_xml(read_program_bytes(file))
+        except (FileFormatError, project.XmlFault):
+            continue  # of the data alone nothing is known of it
+        names = [node.get("file").lower() for node in root.all("Data")]
+        for node in root.all("Parameters") if path.name.lower() in names else ():
+            if node.get("millimeterUnit") == "false":
+                hint = "save the application with lengths in millimetres"
+                refuse("the lengths of the project are not in millimetres", file, node.line, hint)
 
 
 def _transforms(points: list[list[float]]) -> FloatArray:
     """Poses ``(N, 4, 4)`` [m] of x, y, z [mm] and rx, ry, rz [deg]."""
     values = np.array(points)
-    turned = rotation_from_wpr(-np.radians(values[:, 3:]))  # of Rx Ry Rz the transpose
-    return transform(np.swapaxes(turned, -1, -2), values[:, :3] * 1e-3)
+    return transform(rotation_from_moving_xyz(np.radians(values[:, 3:])), values[:, :3] * 1e-3)
 
 
 def _frame(father: str, arrays: _Data) -> FloatArray | None:
@@ -259,26 +276,20 @@ def _frame(father: str, arrays: _Data) -> FloatArray | None:
         element = array.elements.get(int(named[2])) if named and array is not None else None
         if array is None or array.type != "frame" or element is None:
             return None
-        T = _transforms([_values(element, _POINT, father, arrays.path)])[0] @ T
+        T = _transforms([_values(element, father, arrays.path)])[0] @ T
         father = element.attributes.get("fatherId", "world[0]")
     return None
 
 
-def _values(element: Node, names: tuple[str, ...], label: str, path: Path) -> list[float]:
-    """Numbers of an element [mm, deg]; what is left out is zero."""
-    return [
-        (millimetres if name in "xyz" else joint_deg)(
-            element.attributes.get(name, "0"), f"{label}: {name}", path, element.line
-        )
-        for name in names
-    ]
+def _values(element: Node, label: str, path: Path) -> list[float]:
+    """Numbers of a point [mm, deg]; what is left out is zero."""
+    texts = [element.attributes.get(name, "0") for name in _POINT]
+    return reading.pose_values(texts, _POINT, label, path, element.line)
 
 
 def _configuration(element: Node, label: str, path: Path) -> StaubliConfiguration | None:
     words = [element.get(name) for name in _CONFIG]
     if not all(words) or any(word.endswith("same") for word in words):
         return None
-    try:
-        return StaubliConfiguration.parse(" ".join(words))
-    except InputError as error:
-        refuse(f"{label}: {error.message}", path, element.line, error.hint)
+    said = " ".join(words)
+    return reading.configuration_in(StaubliConfiguration, said, label, path, element.line)

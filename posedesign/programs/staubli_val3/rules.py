@@ -35,26 +35,22 @@ What a program names is looked for where its project, which lists it, and the da
 
 from __future__ import annotations
 
-import difflib
 import operator
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator
 from functools import cache
-from itertools import islice
 from pathlib import Path
 
 from lark import Token, Tree
 
 from calib.errors import FileFormatError
+from posedesign.programs import rules
 from posedesign.programs.language import Block, block_faults, text_of
 from posedesign.programs.reading import read_program_bytes
 from posedesign.programs.recorded import Level, Problem
 from posedesign.programs.staubli_val3 import project, words
 from posedesign.programs.staubli_val3.project import Node, arguments_of, index_of, name_of
-
-MOST_PROBLEMS = 1000
-"""Most problems told by one check."""
 
 _OLD_ROOTS = ("{DataNameSpace}dataList", "{ProjectNameSpace}project")
 _OLD_PROGRAMS = "{ProgramNameSpace}programList"
@@ -86,7 +82,7 @@ def check_staubli_val3(data: bytes, path: Path) -> list[Problem]:
         return [Problem(1, "xml", f"begins with {data[:40]!a}")]
     if b"xmlns:xsi=" in data[:1000] and _XSI not in data[:1000]:
         return [Problem(root.line, "root", "xsi is none of the namespaces of VAL 3")]
-    return list(islice(_check(root, Path(path)), MOST_PROBLEMS))
+    return rules.told(_check(root, Path(path)))
 
 
 def _check(root: Node, path: Path) -> Iterator[Problem]:
@@ -104,7 +100,8 @@ def _check(root: Node, path: Path) -> Iterator[Problem]:
 
 def _level(word: str, known: Collection[str], alike: float = 0.7) -> Level:
     """Error where a word is nearly a known one: it may otherwise be of a library or newer."""
-    return "error" if difflib.get_close_matches(word, known, 1, alike) else "note"
+    # a known word is one as well
+    return "error" if word in known or rules.near(word, known, least=1, alike=alike) else "note"
 
 
 def _check_elements(root: Node, elements: dict[str, tuple[str, str]]) -> Iterator[Problem]:

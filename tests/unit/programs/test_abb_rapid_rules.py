@@ -86,6 +86,10 @@ def check(text: str, name: str = "CAL.mod") -> list[Problem]:
         ("jp1\\NoEOffs", "[[1,2,3,4,5,6],[9E9,9E9,9E9,9E9,9E9,9E9]]\\NoEOffs,vmax,fine,tool0;\n"
          "MoveAbsJ jp1\\NoEOffs"),
         ("! P1 T0", "! (nan; -0 \""),
+        # RAPID kernel (3HAC16585-1), alias data types: a type is equal to another one
+        ("  PROC CAL_run()", "  ALIAS num level;\n  CONST level low:=2.5;\n  PROC CAL_run()"),
+        # a routine of another module, as public socket servers (MODULE MattServer) call it
+        ("MEASURE 1;", "MoveToHomePos;"),
     ],
 )  # fmt: skip
 def test_what_controllers_and_people_write_too_is_accepted(old: str, new: str) -> None:

@@ -119,6 +119,26 @@ KEPT = SMALL.replace(
 )
 
 
+def test_points_of_a_project_that_is_not_in_millimetres_are_refused(tmp_path: Path) -> None:
+    path, listed = tmp_path / "x.dtx", tmp_path / "x.pjx"
+    joints = re.sub('    <Data name="pPoint".*?</Data>\n', "", EXPORT, flags=re.DOTALL)
+    project = (
+        '<?xml version="1.0" encoding="utf-8" ?>\n'
+        '<Project xmlns="http://www.staubli.com/robotics/VAL3/Project/3">\n'
+        '  <Parameters version="s7.3.1" stackSize="5000" millimeterUnit="false" />\n'
+        '  <Database>\n    <Data file="x.dtx" />\n  </Database>\n</Project>\n'
+    )
+    path.write_text(EXPORT, encoding="utf-8")
+    listed.write_text(project)
+    with pytest.raises(FileFormatError, match="not in millimetres") as caught:
+        parse(EXPORT, path)
+    assert (caught.value.row, str(listed) in str(caught.value)) == (3, True)
+    assert parse(joints, path).positions
+    for other in (project.replace("false", "true"), project.replace("x.dtx", "y.dtx"), "<"):
+        listed.write_text(other)
+        assert len(parse(EXPORT, path).positions) == 5
+
+
 def test_projects_as_they_are_written() -> None:
     program = parse(SMALL)
     assert [(p.number, p.name) for p in program.positions] == [(1, ""), (2, "left"), (3, "")]

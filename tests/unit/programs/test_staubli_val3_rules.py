@@ -9,8 +9,9 @@ import pytest
 
 from calib.robots import Robot
 from posedesign.programs import Arm, PoseProgram, Problem, ProgramOptions, ProgramPose
+from posedesign.programs.rules import MOST_PROBLEMS
 from posedesign.programs.staubli_val3 import StaubliVal3
-from posedesign.programs.staubli_val3.rules import MOST_PROBLEMS, check_staubli_val3
+from posedesign.programs.staubli_val3.rules import check_staubli_val3
 from tests.unit.programs.dialects import breaks, changed
 
 POSES = tuple(ProgramPose(f"T{i}", np.radians([i, 20, 90, 10, -50, 6])) for i in (1, -1))

@@ -31,11 +31,16 @@ MOST_FAULTS = 1000
 MOST_LENGTH = 20_000
 """Characters of a statement that is parsed: of programs they have a few hundred at most."""
 
-MOST_STATEMENTS = 300_000
+MOST_STATEMENTS = 250_000
 """Of a program: one of 10,000 positions has a hundred thousand."""
 
-MOST_KINDS = 20_000
-"""Statements of a program that differ in more than numbers and texts in quotes."""
+MOST_NUMBERS = 600_000
+"""Numbers and texts in quotes of a program, those of equal statements once: 10,000 positions have
+240,000 at most."""
+
+MOST_PARSED = 1_000_000
+"""Characters of statements that differ in more than numbers and texts in quotes: far more than a
+controller's memory holds."""
 
 MOST_IN_LONG = 3_000_000
 """Characters in long statements, such as arrays of positions: 20,000 positions."""
@@ -177,6 +182,7 @@ class Language:
     letters: str = ""
     _builders: dict[str, Build] = field(default_factory=dict, repr=False)
     _parsed: int = field(default=0, repr=False)
+    _filled: int = field(default=0, repr=False)
     _trees: dict[tuple[str, str], Tree[Token]] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -207,16 +213,17 @@ class Language:
     def statements(self, text: str) -> list[Statement]:
         """All statements of a text that are not blank; none behind the thousandth fault.
 
-        What stands behind the most statements, or the most kinds of them, is a fault each.
+        What stands behind the most that is read of statements, their kinds, or numbers in them, is
+        a fault each.
         """
         lines = lines_of(text)
         found: list[Statement] = []
         faults = size = 0
-        self._parsed = 0
+        self._parsed = self._filled = 0
         for line in self.joined(lines) if self.joined else lines:
             size += len(line.text) if len(line.text) > _LONG else 0
-            few = len(found) < MOST_STATEMENTS and self._parsed < MOST_KINDS
-            if few and size < MOST_IN_LONG:
+            few = self._parsed < MOST_PARSED and self._filled < MOST_NUMBERS
+            if few and len(found) < MOST_STATEMENTS and size < MOST_IN_LONG:
                 found.append(self.statement(line))
             else:
                 fault = "the program is too long to be read so far"
@@ -250,7 +257,7 @@ class Language:
             text = pieces.sub(
                 lambda found: " " if found[2] else found[0].lstrip("-"), line.text
             ).strip()
-            self._parsed += 1
+            self._parsed += len(text)
             if _depth(text) > _MOST_DEPTH:
                 return Statement(line.row, line.text, NOTHING, "brackets are too deep")
             try:
@@ -262,6 +269,7 @@ class Language:
                 self._builders.clear()
             build = _builder(tree, spans) or (lambda slots: tree)
             self._builders[shape] = build
+        self._filled += len(slots)
         tree = build(slots)
         if len(line.text) <= _MOST_KEPT:
             if len(self._trees) >= _MOST_SHAPES:

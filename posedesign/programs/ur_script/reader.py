@@ -27,6 +27,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,7 @@ _MOST_LINES = 300
 """Of one statement."""
 
 _QUOTED_OR_REMARK = re.compile(r'("[^"\n]*")|#([^\n]*)')
+_SAID = re.compile(r'"[^"\n]*"|#([ \t]*(?:POSE\s+\d|PLAN|Title:)[^\n]*)|#[^\n]*')
 _KEYWORD_FIRST = re.compile(r"\s*(?:def|thread|sec|if|elif|else|while|end|global|local|return)\b")
 _OPENS = re.compile(r"\s*(?:def|thread|if|while|for|sec|switch)\b.*:\s*")
 _MATTERS = re.compile(r"\b(?:move[jlpc]|set_tcp)\b|[\[=]")
@@ -164,16 +166,18 @@ def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
     """
     text = text_of_file(data, path, "name a text file", strict=True)
     reader = _Reader(path)
-    remarks = [*_remarks(text)][::-1]
+    remarks = _remarks(text)
+    remark = next(remarks, None)
     statements = LANGUAGE.statements(text)
     if sum(1 for statement in statements if statement.fault) >= MOST_FAULTS:
         refuse("is no script: hardly a line of it can be read", path, statements[0].row)
     for statement in statements:
-        while remarks and remarks[-1][0] <= statement.row:
-            reader.remark(*remarks.pop())
+        while remark is not None and remark[0] <= statement.row:
+            reader.remark(*remark)
+            remark = next(remarks, None)
         reader.take(statement)
-    for remark in reversed(remarks):
-        reader.remark(*remark)
+    for said in chain([remark] if remark else [], remarks):
+        reader.remark(*said)
     if reader.depth > 0:
         row = text.count("\n") + 1
         refuse("is cut off: a def, if, while, ... has no end", path, row, "copy it again")
@@ -185,13 +189,13 @@ def parse_ur_script(data: bytes, path: Path | str) -> RecordedProgram:
 
 
 def _remarks(text: str) -> Iterator[tuple[int, str]]:
-    """Lines and texts of the remarks."""
+    """Lines and texts of the remarks that say something of poses, plan or title."""
     row, last = 1, 0
-    for found in _QUOTED_OR_REMARK.finditer(text):
-        if found[2]:
+    for found in _SAID.finditer(text):
+        if found[1]:
             row += text.count("\n", last, found.start())
             last = found.start()
-            yield row, found[2]
+            yield row, found[1]
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,9 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibError, FileFormatError, InputError
-from posedesign.programs import DIALECTS, Arm, Dialect, ProgramPose, RecordedProgram
+from posedesign.programs import DIALECTS, Arm, Dialect, ProgramPose, RecordedProgram, language
 from posedesign.programs.registry import dialect_of as dialect_of_file
+from posedesign.programs.ur_script.reader import LANGUAGE as UR_SCRIPT
 from tests.unit.programs.dialects import (
     CASES,
     EXPORTS,
@@ -361,3 +362,19 @@ def test_a_huge_file_is_refused_without_being_read(name: str, tmp_path: Path) ->
     for call in (dialect.read, dialect.validate):
         with pytest.raises(FileFormatError, match="is larger than 20 MB"):
             call(path)
+
+
+@pytest.mark.parametrize(
+    ("bound", "line"), [("MOST_NUMBERS", "q{0}=[0,0,0,0,0,0]"), ("MOST_PARSED", "{0}({0})")]
+)
+def test_what_is_read_of_a_file_is_bounded(
+    monkeypatch: pytest.MonkeyPatch, bound: str, line: str
+) -> None:
+    # numbers of many lines, and lines that are each another one, cost their time each
+    monkeypatch.setattr(language, bound, 3000)
+    names = ["a" + np.base_repr(k, 2).translate({48: "b", 49: "c"}) for k in range(5000)]
+    text = "\n".join(line.format(k if "q" in line else names[k]) for k in range(5000))
+    faults = [s.fault for s in UR_SCRIPT.statements(text)]
+    assert faults[100] == ""
+    assert faults[-1] == "the program is too long to be read so far"
+    assert len(faults) < 2500

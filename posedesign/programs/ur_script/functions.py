@@ -89,6 +89,9 @@ PARAMETERS = {
         ("get_actual_joint_positions", 0, ""),
         ("freedrive_mode", 0, "freeAxes feature"),
         ("end_freedrive_mode", 0, ""),
+        ("write_output_integer_register", 2, "address value"),
+        ("write_output_boolean_register", 2, "address value"),
+        ("write_output_float_register", 2, "address value"),
     )
 }
 """Arguments that a call must have, and the names of all that it can have."""

@@ -117,6 +117,10 @@ ONE_RULE = [
     ("arguments", GOOD, "v=0.3142)", "a=1.3)", "error", "given twice"),
     ("arguments", GOOD, "v=0.3142)", "v=0, 3)", "error", "without a name behind one with"),
     ("arguments", GOOD, "a=1.4,", 'a="1",', "error", 'a is "1", no number'),
+    (
+        *("arguments", GOOD, "sleep(1.000)", "write_output_integer_register(36% 0)", "error"),
+        "write_output_integer_register has 1 arguments, not 2 to 2",
+    ),
     ("arguments", GOOD, "sleep(1.000)", "sleep(True)", "error", "t is True, no number"),
     ("arguments", GOOD, "  set_tcp", "  set_payload(2, [0, 1])\n  set_tcp", "error", "not three"),
     ("arguments", POSED, "qnear=", "near=", "error", "get_inverse_kin has no near"),

@@ -42,6 +42,7 @@ POSITIVE_AXES: dict[str, tuple[FloatArray, ...]] = {
     "kuka": (-_Z, _Y, _Y, -_X, _Y, -_X),
     "staubli": (_Z, _Y, _Y, _Z, _Y, _Z),
     "kawasaki": (-_Z, -_X, _X, _Z, _X, _Z),
+    "doosan": (_Z, _Y, _Y, _Z, _Y, _Z),
     "ur": (_Z, -_Y, -_Y, -_Y, -_Z, -_Y),
     "franka": (_Z, _Y, _Z, -_Y, _Z, -_Y, -_Z),
 }

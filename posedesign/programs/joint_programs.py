@@ -16,7 +16,7 @@ from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.language import Language, Statement
-from posedesign.programs.program import Form, PoseProgram, in_range
+from posedesign.programs.program import Form, PoseProgram, ProgramOptions, in_range
 from posedesign.programs.reading import at_rest, joint_deg, refuse
 from posedesign.programs.recorded import (
     Level,
@@ -44,6 +44,9 @@ JOINTS = 6
 LEAST_S = 0.1
 """Shortest time that is waited: in it the arm comes to a stop, and an input sees a pulse."""
 
+USUAL_SPEED_RAD_S = np.pi / 2
+"""Joint speed of 100 percent where the robot is not known: no arm's slowest joint is far slower."""
+
 _NOTE = re.compile(r"POSE (\d{1,6})(?: (.*))?")
 
 
@@ -56,10 +59,10 @@ class Phrases:
     remark : str
         Of its text.
     head : tuple of str
-        Behind the first remarks: ``percent``, ``call``.
+        Behind the first remarks: ``name``, ``percent``, ``speed``.
     move, pulse : tuple of str
-        Steps of ``name``, ``number``, ``joints``, ``percent``; of ``output``, ``time`` [s] and
-        ``ms``.
+        Steps of ``name``, ``number``, ``joints`` [deg], ``percent``, ``speed`` [deg/s]; of
+        ``output``, ``time`` [s] and ``ms``.
     wait, call, keep : str
         A step of ``time`` and ``ms``; of ``call``, ``argument``; of ``name``, ``register``. Empty
         where a language keeps no registers.
@@ -82,7 +85,11 @@ class Phrases:
         notes = [text for text in (options.comment, program.mark) if text]
         for note in notes + warning_lines(program, TEXT_LENGTH):
             yield self.remark.format(note)
-        own = {"name": program.name, "percent": options.speed_percent, "call": options.measure_call}
+        own = {
+            "name": program.name,
+            "percent": options.speed_percent,
+            "speed": _speed(arm, options),
+        }
         yield from (line.format(**own) for line in self.head)
         rows = zip(program.numbers, program.poses, shown_deg(arm, program.poses), strict=True)
         for number, pose, shown in rows:
@@ -109,6 +116,13 @@ class Phrases:
         if options.keep == "register":
             register = options.first_register + number - 1
             yield self.keep.format(name=program.name, register=register)
+
+
+def _speed(arm: Arm, options: ProgramOptions) -> str:
+    """So many percent of the speed of the slowest joint [deg/s]."""
+    known = arm.robot.speed[np.isfinite(arm.robot.speed)] if arm.robot is not None else ()
+    slowest = np.degrees(min(known, default=USUAL_SPEED_RAD_S))
+    return plain(max(slowest * options.speed_percent / 100, 0.01), 2)
 
 
 def _time(seconds: float) -> dict[str, str]:

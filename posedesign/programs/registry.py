@@ -9,6 +9,7 @@ from pathlib import Path
 from calib.errors import FileFormatError, InputError, check_type, near_names
 from posedesign.programs.abb_rapid import AbbRapid
 from posedesign.programs.dialect import Dialect
+from posedesign.programs.doosan_drl import DoosanDrl
 from posedesign.programs.fanuc_ls import FanucLs
 from posedesign.programs.kawasaki_as import KawasakiAs
 from posedesign.programs.kuka_krl import KukaKrl
@@ -37,6 +38,7 @@ DIALECTS: dict[str, Dialect] = {
         RobodkCsv(),
         MitsubishiMelfa(),
         KawasakiAs(),
+        DoosanDrl(),
     )
 }
 """All dialects by name. A new controller is a new file and one entry here."""

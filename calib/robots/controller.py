@@ -43,6 +43,7 @@ POSITIVE_AXES: dict[str, tuple[FloatArray, ...]] = {
     "staubli": (_Z, _Y, _Y, _Z, _Y, _Z),
     "kawasaki": (-_Z, -_X, _X, _Z, _X, _Z),
     "doosan": (_Z, _Y, _Y, _Z, _Y, _Z),
+    "denso": (_Z, _Y, _Y, _Z, _Y, _Z),
     "ur": (_Z, -_Y, -_Y, -_Y, -_Z, -_Y),
     "franka": (_Z, _Y, _Z, -_Y, _Z, -_Y, -_Z),
 }

@@ -48,8 +48,8 @@ def program(
         typer.Option(
             "--format",
             help="fanuc-ls, kuka-krl, abb-rapid, ur-script, yaskawa-jbi, staubli-val3, "
-            "mitsubishi-melfa, kawasaki-as, doosan-drl, ros-trajectory, moveit-joints, "
-            "robot-calibration, robodk-csv. [that of the robot's controller]",
+            "mitsubishi-melfa, kawasaki-as, doosan-drl, denso-pac, ros-trajectory, "
+            "moveit-joints, robot-calibration, robodk-csv. [that of the robot's controller]",
         ),
     ] = None,
     out: OutFolder = Path(),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from calib.errors import FileFormatError, InputError, check_type, near_names
 from posedesign.programs.abb_rapid import AbbRapid
+from posedesign.programs.denso_pac import DensoPac
 from posedesign.programs.dialect import Dialect
 from posedesign.programs.doosan_drl import DoosanDrl
 from posedesign.programs.fanuc_ls import FanucLs
@@ -39,6 +40,7 @@ DIALECTS: dict[str, Dialect] = {
         MitsubishiMelfa(),
         KawasakiAs(),
         DoosanDrl(),
+        DensoPac(),
     )
 }
 """All dialects by name. A new controller is a new file and one entry here."""

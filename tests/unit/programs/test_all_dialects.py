@@ -244,6 +244,7 @@ FREE = {
     r'|(?<=Data name=)"[^"]*"|(?<=Parameter name=)"[^"]*"|(?:ioLink|size|xsi)="[^"]*"',
     "kuka-krl": r";.*|&.*|MEASURE|DECL|(?<=AXIS )XP\d|(?<=POS )XP\d|(?<=DAT )\w+",
     "mitsubishi-melfa": r"'.*|MEASURE",
+    "denso-pac": r"'.*|MEASURE",
     "doosan-drl": r'#.*|"[^"]*"',
     "kawasaki-as": r";.*|MEASURE|(?<=PROGRAM )\w+",
     "abb-rapid": r'!.*|"[^"]*"|MEASURE|9E9|LOCAL|MUTATED\w*|speeddata.*|ConfJ.On',

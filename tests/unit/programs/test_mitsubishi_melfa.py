@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calib.errors import FileFormatError, InputError
+from calib.errors import FileFormatError
 from calib.robots import Robot
 from posedesign.programs import Arm, PoseProgram, ProgramOptions, ProgramPose
 from posedesign.programs.mitsubishi_melfa import MitsubishiMelfa
@@ -26,19 +25,6 @@ TEXT = next(iter(DIALECT.files(PROGRAM).values()))
 
 # as RT ToolBox saves it
 EXPORT = export("melfa.mb5")
-
-
-def test_a_program_and_the_way_back() -> None:
-    lines = TEXT.split("\n")
-    assert lines[6:11] == ["7 'POSE 1 T -1", "8 Mov J1", "9 Dly 1.000", *lines[9:11]]
-    assert lines[9:11] == ["10 M_Out(5)=1 Dly 0.500", '11 CallP "MEASURE",1']
-    assert DIALECT.check(TEXT.encode(), PATH) == []
-    back = DIALECT.parse(TEXT.replace("\n", "\r\n").encode(), PATH)
-    assert [(p.number, p.name) for p in back.positions] == [(1, "T -1"), (2, "T 1"), (3, "T 0")]
-    assert (back.mark.fingerprint, back.mark.measured) == ("abcdef12", 2)
-    order = np.argsort(PROGRAM.numbers)
-    found = back.postures(DIALECT.seen(Arm.of(ROBOT)))
-    np.testing.assert_allclose(found, PROGRAM.postures_rad[order], atol=1e-7)
 
 
 def test_a_program_of_others() -> None:
@@ -87,9 +73,3 @@ def test_what_would_be_read_wrong_is_refused(old: str, new: str, message: str) -
 )
 def test_a_program_that_breaks_a_rule(rule: str, old: str, new: str) -> None:
     assert rule in {p.rule for p in DIALECT.check(TEXT.replace(old, new, 1).encode(), PATH)}
-
-
-def test_what_it_does_not_have_is_refused() -> None:
-    for options in (replace(OPTIONS, keep="register"), replace(OPTIONS, form="cartesian")):
-        with pytest.raises(InputError):
-            DIALECT.files(replace(PROGRAM, options=options))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.errors import FileFormatError
-from posedesign.programs import RecordedProgram, registry
+from posedesign.programs import RecordedProgram
 from posedesign.programs.ur_script import UrScript
 from tests.unit.programs.dialects import changed, export, refused
 
@@ -250,17 +250,6 @@ def test_what_is_wrong_in_a_log(old: str, new: str, line: int, message: str) -> 
 def test_a_run_without_reports() -> None:
     with pytest.raises(FileFormatError, match="last run in it reports no POSE"):
         parse(LOG + "PROGRAM Calpose PLAN abcdef12 2\n")
-
-
-def test_files_are_recognised(tmp_path: Path) -> None:
-    assert all(DIALECT.recognises(text.encode("latin-1")) for text in (POLYSCOPE, SMALL, LOG))
-    assert not DIALECT.recognises(b"J1 J2 J3\n1 2 3\n")
-    path = tmp_path / "run.log"
-    path.write_text(LOG)
-    assert len(registry.read(path, "ur-script").positions) == 2
-    path = tmp_path / "cal.script"
-    path.write_text(SMALL)
-    assert len(registry.read(path).positions) == 2
 
 
 def test_a_file_of_faults_is_no_script() -> None:

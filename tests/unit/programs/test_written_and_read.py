@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from calib.robots import Robot, preset_names
+from calib.se3 import inverse, rotation_from_wpr
 from posedesign.programs import DIALECTS, Arm, PoseProgram, ProgramPose, postures_of
 from posedesign.programs.configuration import configuration_of
 from posedesign.programs.recorded import RecordedProgram
@@ -236,31 +237,41 @@ def test_parts_of_a_plan_go_on_counting(name: str, tmp_path: Path) -> None:
     assert (back.mark.measured, len(back.measured)) == (5, 2)
 
 
+def standing(name: str, R: np.ndarray) -> PoseProgram:
+    """A program of one pose with a tool whose frame stands so in the world."""
+    q = program_of(name).postures_rad[0]
+    flange, wanted = robot_of(name).fk(q), np.eye(4)
+    wanted[:3, :3], wanted[:3, 3] = R, flange[:3, 3]
+    arm = replace(arm_of(name), T_world_user=np.eye(4), T_tip_tool=inverse(flange) @ wanted)
+    return replace(program_of(name, form="cartesian", user_frame=0), arm=arm)
+
+
 @pytest.mark.parametrize("middle_deg", [90.0, -90.0])
 @pytest.mark.parametrize("name", POSED)
 def test_where_angles_are_degenerate_the_matrix_is_kept(name: str, middle_deg: float) -> None:
     """The middle one of three angles at +-90 deg: the others are then one too many."""
-    arm = arm_of(name)
-    q = program_of(name).postures_rad
-    tip = arm.tool_poses(q)[0]
-    a, b = np.radians([30.0, middle_deg])
-    turned = np.array(
-        [
-            [np.cos(a) * np.cos(b), -np.sin(a), np.cos(a) * np.sin(b)],
-            [np.sin(a) * np.cos(b), np.cos(a), np.sin(a) * np.sin(b)],
-            [-np.sin(b), 0.0, np.cos(b)],
-        ]
-    )
-    # the tool's frame is chosen so that the tool stands so
-    flange = robot_of(name).fk(q)[0]
-    wanted = tip.copy()
-    wanted[:3, :3] = turned
-    chosen = replace(arm, T_world_user=np.eye(4), T_tip_tool=np.linalg.inv(flange) @ wanted)
-    program = replace(program_of(name, form="cartesian", user_frame=0), arm=chosen)
-    ((file, text), *_) = DIALECTS[name].files(program).items()
-    (position,) = dialect_of(name).parse(text.encode(), Path(file)).positions
-    off = np.abs(np.asarray(position.T_user_tool) - chosen.tool_poses(q)[0])
-    assert off[:3, :3].max() <= 2 * HOW[name].pose[1]
+    for R in (
+        rotation_from_wpr(np.radians([0.0, middle_deg, 30.0])),
+        rotation_from_wpr(np.radians([0.0, middle_deg, 30.0])).T,
+    ):
+        program = standing(name, R)
+        ((file, text), *_) = DIALECTS[name].files(program).items()
+        (position,) = dialect_of(name).parse(text.encode(), Path(file)).positions
+        assert program.arm is not None
+        off = np.asarray(position.T_user_tool) - program.arm.tool_poses(program.postures_rad)[0]
+        assert np.abs(off[:3, :3]).max() <= 2 * HOW[name].pose[1]
+
+
+@pytest.mark.parametrize("name", ["fanuc-ls", "kuka-krl", "yaskawa-jbi"])
+def test_half_a_turn_has_one_name(name: str) -> None:
+    """Angles are in (-180, 180] deg, also where rounding makes them half a turn."""
+    for off in (-1e-9, 1e-9):
+        for axis in (0, 2):
+            wpr = np.zeros(3)
+            wpr[axis] = np.pi + off
+            text = texts_of(standing(name, rotation_from_wpr(wpr)), name)
+            assert re.search(r"(?<!-)\b180\.0", text)
+            assert "-180.0" not in text
 
 
 # Poses that can be worked out by hand from drawings: joint values as the pendant shows them, where

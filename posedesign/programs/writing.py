@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.se3 import FloatArray
 from posedesign.programs.arm import Arm
-from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
 from posedesign.programs.reading import MOST_JOINT_DEG
 
 LONGEST_WARNING = 300
@@ -28,6 +28,12 @@ def plain(value: float, decimals: int) -> str:
 def plain_all(values: ArrayLike, decimals: int) -> list[str]:
     """Numbers with so many decimals each."""
     return [plain(value, decimals) for value in np.ravel(np.asarray(values, dtype=float))]
+
+
+def rounded_deg(angles: ArrayLike, decimals: int) -> FloatArray:
+    """Angles [rad] in degrees with so many decimals, in (-180, 180]: half a turn has one name."""
+    turned = np.round(np.rad2deg(angles), decimals) + 0.0
+    return np.where(turned <= -180.0, 180.0, turned)
 
 
 @dataclass(frozen=True)
@@ -119,6 +125,77 @@ def check_text(what: str, text: str, length: int, forbidden: str = "") -> None:
         value=text,
         bound=length,
     )
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a controller takes of the options of a program.
+
+    Attributes
+    ----------
+    text, remark : int
+        Most characters of the title, and of a comment of a pose.
+    forbidden : str
+        Characters that neither can have.
+    begins : tuple of str
+        What no comment of a pose begins with: it means something when the program is read.
+    settle_s, pulse_s : float, (float, float)
+        Longest wait, and shortest and longest pulse of an output [s].
+    frames : (int, int), optional
+        Largest number of a user and a tool frame; None: numbers mean nothing.
+    outputs : (int, int)
+        First and last number of an output.
+    registers : (int, str), optional
+        Last register for a position that controllers have as delivered, and how it is said.
+    """
+
+    text: int
+    remark: int
+    forbidden: str = ""
+    begins: tuple[str, ...] = ()
+    settle_s: float = 3600.0
+    pulse_s: tuple[float, float] = (0.0, 1e4)
+    frames: tuple[int, int] | None = None
+    outputs: tuple[int, int] = (1, 4096)
+    registers: tuple[int, str] | None = None
+
+    def check(self, program: PoseProgram) -> None:
+        """Raise InputError where an option of a program is outside of them."""
+        options = program.options
+        if self.frames:
+            in_range("user_frame", options.user_frame, 0, self.frames[0])
+            in_range("tool_frame", options.tool_frame, 0, self.frames[1])
+        in_range("settle_s", options.settle_s, 0, self.settle_s)
+        if options.measure_output is not None:
+            in_range("measure_output", options.measure_output, *self.outputs)
+            in_range("measure_pulse_s", options.measure_pulse_s, *self.pulse_s)
+        check_text("comment", options.comment, self.text, self.forbidden)
+        for pose in program.poses:
+            what = f"comment of pose {pose.name!r}"
+            check_text(what, pose.comment, self.remark, self.forbidden)
+            if self.begins and pose.comment.lstrip().startswith(self.begins):
+                raise InputError(
+                    f"{what} {pose.comment!a} would be read as what the program says of its poses",
+                    hint="begin it with another word",
+                    name=pose.name,
+                    value=pose.comment,
+                )
+        last = options.first_register + program.measured_count - 1
+        if self.registers and options.keep == "register" and last > self.registers[0]:
+            most, said = self.registers
+            raise InputError(
+                f"the touched-up positions would need {said.format(last)}, the last that "
+                f"controllers have as delivered is {said.format(most)}",
+                hint="keep them in the positions of the program",
+                name="first_register",
+                value=last,
+                bound=most,
+            )
+
+    def fits(self, name: str, length: int | None = None) -> bool:
+        """Whether a name of a pose can stand in a comment."""
+        legal = re.fullmatch(r"[ -~]*", name) and not set(name) & set(self.forbidden)
+        return bool(legal) and len(name) <= (length or self.remark)
 
 
 def warning_lines(program: PoseProgram, length: int, forbidden: str = "") -> list[str]:

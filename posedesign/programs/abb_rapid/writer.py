@@ -26,11 +26,11 @@ import numpy as np
 
 from calib.se3 import FloatArray, quaternion_from_rotation
 from posedesign.programs.arm import Arm, Load
-from posedesign.programs.program import Form, PoseProgram, ProgramPose, in_range
+from posedesign.programs.program import Form, PoseProgram, ProgramPose
 from posedesign.programs.writing import (
+    Limits,
     NameRule,
     check_call,
-    check_text,
     plain,
     plain_all,
     shown_deg,
@@ -55,11 +55,8 @@ TOOL, WORK_OBJECT, SPEED, MEASURED = "tCalib", "wCalib", "vCalib", "jMeasured"
 TEXT_LENGTH = 80
 """Characters of a comment."""
 
-LONGEST_WAIT_S = 3600.0
-"""No arm takes longer to settle: a larger number is in another unit."""
-
-SHORTEST_PULSE_S, LONGEST_PULSE_S = 0.001, 2000.0
-"""Pulses that PulseDO gives."""
+LIMITS = Limits(TEXT_LENGTH, TEXT_LENGTH, pulse_s=(0.001, 2000.0))
+"""Pulses are those that PulseDO gives."""
 
 FASTEST = 5000, 500, 5000, 1000
 """Of the tool [mm/s], of its rotation [deg/s], and of external axes [mm/s, deg/s]: ``vmax``."""
@@ -71,7 +68,6 @@ JOINT_DECIMALS, PLACE_DECIMALS, QUATERNION_DECIMALS = 5, 4, 9
 """The controller keeps numbers of 24 bits, whose steps at 180 deg and 2000 mm are 0.00002 and
 0.0001."""
 
-_TEXT = re.compile(rf"[ -~]{{1,{TEXT_LENGTH}}}")
 _POSITION = re.compile(r"J?P\d+", re.IGNORECASE)
 _NOT_CONNECTED = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 _UNKNOWN_LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"
@@ -91,8 +87,10 @@ def render_module(program: PoseProgram, arm: Arm) -> str:
     InputError
         A text that a comment cannot hold, a number out of its range, or a joint beyond +-720 deg.
     """
-    _check_options(program)
     options = program.options
+    LIMITS.check(program)
+    for name in (program.name, run_name(program.name)):
+        check_call(NAMES, options, name, _POSITION)
     tool = _tool_name(arm, options.form)
     work_object = _frame_name(arm.T_world_user, WORK_OBJECT, "wobj0")
     lines = [f"MODULE {program.name}"]
@@ -126,18 +124,6 @@ def render_module(program: PoseProgram, arm: Arm) -> str:
 def run_name(name: str) -> str:
     """The routine of a module: its name, shortened where it is long, and ``_run``."""
     return name[: NAMES.length - 4] + "_run"
-
-
-def _check_options(program: PoseProgram) -> None:
-    options = program.options
-    in_range("settle_s", options.settle_s, 0, LONGEST_WAIT_S)
-    if options.measure_output is not None:
-        in_range("measure_pulse_s", options.measure_pulse_s, SHORTEST_PULSE_S, LONGEST_PULSE_S)
-    check_text("comment", options.comment, TEXT_LENGTH)
-    for pose in program.poses:
-        check_text(f"comment of pose {pose.name!r}", pose.comment, TEXT_LENGTH)
-    check_call(NAMES, options, program.name, _POSITION)
-    check_call(NAMES, options, run_name(program.name))
 
 
 def _tool_name(arm: Arm, form: Form) -> str:
@@ -204,7 +190,7 @@ def _positions(program: PoseProgram, arm: Arm) -> list[str]:
 
 
 def _named(number: int, pose: ProgramPose, indent: str) -> list[str]:
-    return [f"{indent}! P{number} {pose.name}"] if _TEXT.fullmatch(pose.name) else []
+    return [f"{indent}! P{number} {pose.name}"] if pose.name and LIMITS.fits(pose.name) else []
 
 
 def _poses(T: FloatArray) -> list[str]:

@@ -10,11 +10,17 @@ import re
 
 import numpy as np
 
-from calib.errors import InputError
-from calib.se3 import FloatArray, wpr_from_rotation
+from calib.se3 import wpr_from_rotation
 from posedesign.programs.arm import Arm
-from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
-from posedesign.programs.writing import NameRule, check_call, check_text, shown_deg, warning_lines
+from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs.writing import (
+    Limits,
+    NameRule,
+    check_call,
+    rounded_deg,
+    shown_deg,
+    warning_lines,
+)
 
 _RESERVED = "ABORT CALL CON ELSE END FOR IF JMP LBL MOVE NUL PAUSE PRN RUN SELECT TO WAIT"
 NAMES = NameRule("a FANUC program name", 8, reserved=frozenset(_RESERVED.split()))
@@ -29,20 +35,15 @@ REMARK_LENGTH = 32
 MOST_LINES = 9999
 """Line numbers have four digits."""
 
-MOST_REGISTER = 100
-"""Position registers that controllers have as delivered; the number can be set higher."""
-
-LONGEST_WAIT_S = 327.67
-"""Largest constant of a WAIT: hundredths of a second in 15 bits."""
-
-SHORTEST_PULSE_S, LONGEST_PULSE_S = 0.1, 25.5
-"""Of a digital output, as FANUC's manuals have it (from general knowledge)."""
-
-MOST_USER_FRAME, MOST_TOOL_FRAME = 9, 10
-"""Frames that every controller has; a number past its own limit is refused at load."""
-
-_SPECIAL = "\"';"
-"""What ends a quoted text or a line."""
+LIMITS = Limits(
+    text=COMMENT_LENGTH,
+    remark=REMARK_LENGTH,
+    forbidden="\"';",  # what ends a quoted text or a line
+    settle_s=327.67,  # hundredths of a second in 15 bits
+    pulse_s=(0.1, 25.5),  # as FANUC's manuals have it (from general knowledge)
+    frames=(9, 10),  # that every controller has; a number past its own limit is refused at load
+    registers=(100, "PR[{}]"),  # the number can be set higher
+)
 
 _POSITION_NAME = re.compile(rf"[A-Za-z0-9_.+#/()-][A-Za-z0-9_.+#/() -]{{0,{COMMENT_LENGTH - 1}}}")
 
@@ -55,17 +56,6 @@ def render_fanuc_ls(program: PoseProgram, arm: Arm) -> str:
     becomes its position's comment where it has 1 to 16 plain characters; longer or other ones are
     left out.
 
-    Parameters
-    ----------
-    program : PoseProgram
-        What to write.
-    arm : Arm
-
-    Returns
-    -------
-    str
-        The program from ``/PROG`` to ``/END``.
-
     Raises
     ------
     InputError
@@ -73,7 +63,8 @@ def render_fanuc_ls(program: PoseProgram, arm: Arm) -> str:
         +-720 deg.
     """
     options = program.options
-    _check_options(program)
+    LIMITS.check(program)
+    check_call(NAMES, options, program.name)
     instructions = _instructions(program)
     lines = [f"/PROG  {program.name}", *_attributes(options, len(instructions)), "/MN"]
     lines += [f"{number:4d}:{text} ;" for number, text in enumerate(instructions, start=1)]
@@ -92,34 +83,11 @@ def lines_besides(program: PoseProgram) -> tuple[int, int]:
     return head, max(1, len(_at_pose(program.options, program.poses[0], 1, measured=True)) + 1)
 
 
-def _check_options(program: PoseProgram) -> None:
-    options = program.options
-    in_range("user_frame", options.user_frame, 0, MOST_USER_FRAME)
-    in_range("tool_frame", options.tool_frame, 0, MOST_TOOL_FRAME)
-    in_range("settle_s", options.settle_s, 0, LONGEST_WAIT_S)
-    if options.measure_output is not None:
-        in_range("measure_pulse_s", options.measure_pulse_s, SHORTEST_PULSE_S, LONGEST_PULSE_S)
-    check_text("comment", options.comment, COMMENT_LENGTH, _SPECIAL)
-    if options.keep == "register":
-        last = options.first_register + program.measured_count - 1
-        if last > MOST_REGISTER:
-            raise InputError(
-                f"the touched-up positions would need PR[{last}], controllers have "
-                f"{MOST_REGISTER} as a rule",
-                hint="keep them in the positions of the program",
-                name="first_register",
-                value=last,
-                bound=MOST_REGISTER,
-            )
-    check_call(NAMES, options, program.name)
-
-
 def _instructions(program: PoseProgram) -> list[str]:
     """Lines of the program as they stand behind their number and colon."""
     lines = _head(program)
     for number, pose in zip(program.numbers, program.poses, strict=True):
         if pose.comment:
-            check_text(f"comment of pose {pose.name!r}", pose.comment, REMARK_LENGTH, _SPECIAL)
             lines.append(f"  !{pose.comment.strip()}")
         lines += _at_pose(program.options, pose, number, measured=not pose.via)
     return lines
@@ -128,7 +96,7 @@ def _instructions(program: PoseProgram) -> list[str]:
 def _head(program: PoseProgram) -> list[str]:
     options = program.options
     mark = [f"  !{program.mark}"] if program.mark else []
-    mark += [f"  !{line}" for line in warning_lines(program, REMARK_LENGTH, _SPECIAL)]
+    mark += [f"  !{line}" for line in warning_lines(program, REMARK_LENGTH, LIMITS.forbidden)]
     return [*mark, f"  UFRAME_NUM={options.user_frame}", f"  UTOOL_NUM={options.tool_frame}"]
 
 
@@ -143,7 +111,7 @@ def _at_pose(
         lines.append(f"  WAIT {_seconds(options.settle_s):>6}(sec)")
     if options.measure_output is not None:
         # tenths of a second with a zero before the point, as controllers export it
-        pulse = max(options.measure_pulse_s, SHORTEST_PULSE_S)
+        pulse = max(options.measure_pulse_s, LIMITS.pulse_s[0])
         lines.append(f"  DO[{options.measure_output}]=PULSE,{pulse:.1f}sec")
     if options.measure_call is not None:
         argument = options.argument(number)
@@ -208,7 +176,7 @@ def _pose_fields(program: PoseProgram, arm: Arm) -> list[list[str]]:
     poses = arm.tool_poses(program.postures_rad)
     words = arm.configurations(program.postures_rad)
     place = np.round(1e3 * poses[:, :3, 3], 3) + 0.0
-    turn = _turns_deg(poses)
+    turn = rounded_deg(wpr_from_rotation(poses[:, :3, :3]), 3)
     found = []
     for config, xyz, wpr in zip(words, place, turn, strict=True):
         frames = (
@@ -218,12 +186,6 @@ def _pose_fields(program: PoseProgram, arm: Arm) -> list[list[str]]:
         fields += [f"{axis} ={v:10.3f} deg" for axis, v in zip("WPR", wpr, strict=True)]
         found.append([frames, *_in_rows(fields)])
     return found
-
-
-def _turns_deg(poses: FloatArray) -> FloatArray:
-    """W P R ``(N, 3)`` [deg] to three decimals, in (-180, 180]."""
-    turn = np.round(np.rad2deg(wpr_from_rotation(poses[:, :3, :3])), 3) + 0.0
-    return np.where(turn <= -180.0, 180.0, turn)
 
 
 def _in_rows(fields: list[str]) -> list[str]:

@@ -26,13 +26,14 @@ from calib.errors import InputError
 from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.kuka_krl.syntax import AXES, MOST_BASE, MOST_TOOL
-from posedesign.programs.program import PoseProgram, ProgramOptions, in_range
+from posedesign.programs.program import PoseProgram, ProgramOptions
 from posedesign.programs.writing import (
+    Limits,
     NameRule,
     check_call,
-    check_text,
     plain,
     plain_all,
+    rounded_deg,
     shown_deg,
     warning_lines,
 )
@@ -50,20 +51,20 @@ TO TRIGGER TRUE UNTIL WAIT WHEN WHILE WITH XM
 NAMES = NameRule("a KUKA program name", 24, small=True, reserved=frozenset(_RESERVED.split()))
 """Names of modules; letters of either case are the same."""
 
-LONGEST_WAIT_S = 3600.0
-"""No arm takes longer to settle: a larger number is in another unit."""
-
-SHORTEST_PULSE_S, LONGEST_PULSE_S = 0.1, 3.0
-"""Pulses that every controller gives."""
-
 TEXT_LENGTH = 80
 """Characters of a comment, so that its line has fewer than 120."""
+
+LIMITS = Limits(
+    text=TEXT_LENGTH,
+    remark=TEXT_LENGTH,
+    pulse_s=(0.1, 3.0),  # that every controller gives
+    frames=(MOST_BASE, MOST_TOOL),
+)
 
 JOINT_DECIMALS, PLACE_DECIMALS, TURN_DECIMALS = 5, 4, 5
 """Of degrees, millimetres and degrees. The controller computes with numbers of 24 bits, whose steps
 at 180 and at 2000 are 0.00002 and 0.0001."""
 
-_TEXT = re.compile(rf"[ -~]{{1,{TEXT_LENGTH}}}")
 _FOLD = re.compile(r"\s*(?:END)?FOLD", re.IGNORECASE)
 _POSITION = re.compile(r"[XF]P\d+|PPDAT1", re.IGNORECASE)
 _FORM = ";%{PE}%R 8.3.42,%MKUKATPBASIS,%CMOVE,%VPTP,%P"
@@ -86,27 +87,16 @@ def render_kuka_krl(program: PoseProgram, arm: Arm) -> tuple[str, str]:
 
 
 def _check_options(program: PoseProgram) -> None:
-    options = program.options
-    in_range("user_frame", options.user_frame, 0, MOST_BASE)
-    in_range("tool_frame", options.tool_frame, 0, MOST_TOOL)
-    in_range("settle_s", options.settle_s, 0, LONGEST_WAIT_S)
-    if options.measure_output is not None:
-        in_range("measure_pulse_s", options.measure_pulse_s, SHORTEST_PULSE_S, LONGEST_PULSE_S)
-    _check_text("comment", options.comment)
-    for pose in program.poses:
-        _check_text(f"comment of pose {pose.name!r}", pose.comment)
-    check_call(NAMES, options, program.name, _POSITION)
-
-
-def _check_text(name: str, text: str) -> None:
-    check_text(name, text, TEXT_LENGTH)
-    if _FOLD.match(text):
-        raise InputError(
-            f"{name} {text!a} would hide the lines behind it",
-            hint="begin it with another word than FOLD and ENDFOLD",
-            name=name,
-            value=text,
-        )
+    LIMITS.check(program)
+    check_call(NAMES, program.options, program.name, _POSITION)
+    for text in (program.options.comment, *(pose.comment for pose in program.poses)):
+        if _FOLD.match(text):
+            raise InputError(
+                f"comment {text!a} would hide the lines behind it",
+                hint="begin it with another word than FOLD and ENDFOLD",
+                name="comment",
+                value=text,
+            )
 
 
 def _head(program: PoseProgram) -> list[str]:
@@ -133,7 +123,7 @@ def _data(program: PoseProgram, arm: Arm) -> str:
     )
     stored = zip(program.numbers, program.poses, aggregates, strict=True)
     for number, pose, aggregate in sorted(stored, key=lambda entry: entry[0]):
-        if _TEXT.fullmatch(pose.name):
+        if pose.name and LIMITS.fits(pose.name):
             lines.append(f";P{number} {pose.name}")
         lines.append(f"DECL {kind} XP{number}={aggregate}")
         if forms:
@@ -162,7 +152,7 @@ def _source(program: PoseProgram, arm: Arm) -> str:
         tool, base = ("{" + fields + "}" for fields in _frames(frames))
         lines += [f"$TOOL={tool}", f"$BASE={base}"]
     for number, pose in zip(program.numbers, program.poses, strict=True):
-        if _TEXT.fullmatch(pose.name):
+        if pose.name and LIMITS.fits(pose.name):
             lines.append(f";P{number} {pose.name}")
         if pose.comment:
             lines.append(f";{pose.comment}")
@@ -222,8 +212,7 @@ def _pose_aggregates(program: PoseProgram, arm: Arm) -> list[str]:
 
 def _frames(T: FloatArray) -> list[str]:
     """X Y Z [mm] and A B C [deg] of transforms ``(N, 4, 4)``; A and C in (-180, 180]."""
-    turn = np.round(np.rad2deg(wpr_from_rotation(T[:, :3, :3])), TURN_DECIMALS)
-    turn = np.where(turn <= -180.0, 180.0, turn)[:, ::-1]
+    turn = rounded_deg(wpr_from_rotation(T[:, :3, :3]), TURN_DECIMALS)[:, ::-1]
     return [
         _fields("XYZ", plain_all(place, PLACE_DECIMALS))
         + ","

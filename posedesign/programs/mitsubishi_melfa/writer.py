@@ -11,11 +11,11 @@ from collections.abc import Iterator
 
 from calib.errors import InputError
 from posedesign.programs.arm import Arm
-from posedesign.programs.program import PoseProgram, ProgramPose, in_range
+from posedesign.programs.program import PoseProgram, ProgramPose
 from posedesign.programs.writing import (
+    Limits,
     NameRule,
     check_call,
-    check_text,
     plain,
     plain_all,
     shown_deg,
@@ -25,6 +25,8 @@ from posedesign.programs.writing import (
 NAMES = NameRule("a MELFA program name", 12)
 TEXT_LENGTH = 100
 """A step has at most 127 characters."""
+
+LIMITS = Limits(TEXT_LENGTH, TEXT_LENGTH, settle_s=1e4)
 
 MOST_POSES = 3000
 """Eight steps a pose, of 32,767."""
@@ -38,8 +40,7 @@ def render_mitsubishi_melfa(program: PoseProgram, arm: Arm) -> dict[str, str]:
     if arm.n > 8:
         raise InputError("a joint position has at most 8 values", name="poses", value=arm.n)
     check_call(NAMES, options, program.name)
-    check_text("comment", options.comment, TEXT_LENGTH)
-    in_range("settle_s", options.settle_s, 0, 1e4)
+    LIMITS.check(program)
     notes = [text for text in (options.comment, program.mark) if text]
     notes += warning_lines(program, TEXT_LENGTH)
     steps = [*(f"'{note}" for note in notes), "Servo On", "Cnt 0", f"JOvrd {options.speed_percent}"]
@@ -54,10 +55,8 @@ def render_mitsubishi_melfa(program: PoseProgram, arm: Arm) -> dict[str, str]:
 
 def _at_pose(program: PoseProgram, pose: ProgramPose, number: int) -> Iterator[str]:
     options = program.options
-    plain_name = pose.name.isascii() and pose.name.isprintable() and len(pose.name) <= TEXT_LENGTH
-    yield f"'POSE {number} {pose.name if plain_name else ''}".rstrip()
+    yield f"'POSE {number} {pose.name if LIMITS.fits(pose.name) else ''}".rstrip()
     if pose.comment.strip():
-        check_text(f"comment of pose {pose.name!r}", pose.comment, TEXT_LENGTH)
         yield f"'{pose.comment.strip()}"
     yield f"Mov J{number}"
     if pose.via:

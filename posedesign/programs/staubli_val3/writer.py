@@ -25,17 +25,23 @@ and 6 apart: joint positions leave nothing open.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 
 import numpy as np
 
 from calib.errors import InputError
-from calib.se3 import FloatArray, wpr_from_rotation
+from calib.se3 import FloatArray, moving_xyz_from_rotation
 from posedesign.programs.arm import Arm
-from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
-from posedesign.programs.writing import NameRule, check_text, plain_all, shown_deg, warning_lines
+from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose
+from posedesign.programs.writing import (
+    Limits,
+    NameRule,
+    plain_all,
+    rounded_deg,
+    shown_deg,
+    warning_lines,
+)
 
 _WORDS = (
     "AND BEGIN BOOL CALL CASE DEFAULT DO ELSE END ENDFOR ENDIF ENDSWITCH ENDWHILE FALSE FOR IF NOT "
@@ -50,13 +56,12 @@ NAMES = NameRule("a VAL 3 name", 15, small=True, reserved=frozenset(_WORDS.split
 TEXT_LENGTH = 60
 """Characters of a title or of a name of a pose: they fit into a string and a line of the editor."""
 
-MOST_OUTPUT = 15
-"""Last output of a BasicIO board."""
+LIMITS = Limits(TEXT_LENGTH, TEXT_LENGTH, settle_s=1e4, outputs=(0, 15))
+"""Outputs are those of a BasicIO board."""
 
 _DATA_NAMES = (
     "jPose pPose jActual nFirst fUser tTool mMeasure nTraj sPlan sTitle sPose bGo doMeasure"
 )
-_TEXT = re.compile(r"[ -~]*")
 _XSI = 'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
 _VAL3 = "http://www.staubli.com/robotics/VAL3"
 _DECLARED = '<?xml version="1.0" encoding="utf-8" ?>'
@@ -105,13 +110,15 @@ _MEASURING = [
 
 def _check_options(program: PoseProgram) -> None:
     options = program.options
-    in_range("settle_s", options.settle_s, 0, 1e4)
-    in_range("measure_pulse_s", options.measure_pulse_s, 0, 1e4)
-    if options.measure_output is not None:
-        in_range("measure_output", options.measure_output, 0, MOST_OUTPUT)
-    _check_text("comment", options.comment)
-    for pose in program.poses:
-        _check_text(f"comment of pose {pose.name!r}", pose.comment)
+    LIMITS.check(program)
+    for text in (options.comment, *(pose.comment for pose in program.poses)):
+        if "]]>" in text:
+            raise InputError(
+                f"comment {text!a} would end the code of a program",
+                hint="leave out ]]>",
+                name="comment",
+                value=text,
+            )
     if options.measure_call is not None:
         NAMES.check(options.measure_call)
         if options.measure_call in _DATA_NAMES.split():
@@ -123,19 +130,8 @@ def _check_options(program: PoseProgram) -> None:
             )
 
 
-def _check_text(what: str, text: str) -> None:
-    check_text(what, text, TEXT_LENGTH)
-    if "]]>" in text:
-        raise InputError(
-            f"{what} {text!a} would end the code of a program",
-            hint="leave out ]]>",
-            name=what,
-            value=text,
-        )
-
-
 def _fits(text: str) -> bool:
-    return len(text) <= TEXT_LENGTH and bool(_TEXT.fullmatch(text)) and "]]>" not in text
+    return LIMITS.fits(text) and "]]>" not in text
 
 
 def _start(program: PoseProgram) -> list[str]:
@@ -238,10 +234,7 @@ def _attributes(names: Iterable[str], values: Sequence[float], decimals: int) ->
 
 def _points(poses: FloatArray) -> Iterator[str]:
     """Coordinates [mm] and angles about X, Y', Z'' [deg] of poses ``(N, 4, 4)``."""
-    # R = Rx Ry Rz, so that the transpose is Rz(-rz) Ry(-ry) Rx(-rx)
-    transposed = np.swapaxes(poses[:, :3, :3], -1, -2)
-    angles = np.round(-np.rad2deg(wpr_from_rotation(transposed)), 5)
-    angles[angles == -180.0] = 180.0  # one name for half a turn
+    angles = rounded_deg(moving_xyz_from_rotation(poses[:, :3, :3]), 5)
     for xyz, turned in zip((poses[:, :3, 3] * 1e3).tolist(), angles.tolist(), strict=True):
         yield f"{_attributes('xyz', xyz, 4)} {_attributes(('rx', 'ry', 'rz'), turned, 5)}"
 

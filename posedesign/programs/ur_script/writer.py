@@ -26,7 +26,6 @@ generates. Nothing was run on a controller.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -36,9 +35,9 @@ from calib.se3 import FloatArray, rotation_log
 from posedesign.programs.arm import Arm, Load
 from posedesign.programs.program import PoseProgram, ProgramPose, in_range
 from posedesign.programs.writing import (
+    Limits,
     NameRule,
     check_call,
-    check_text,
     plain,
     plain_all,
     shown_deg,
@@ -66,9 +65,6 @@ USUAL_SPEED_RAD_S = np.pi
 ACCELERATION_RAD_S2 = 1.4
 """What ``movej`` has by default."""
 
-MOST_OUTPUT = 7
-"""Standard digital outputs are numbered 0 to 7."""
-
 MOST_JOINT_DEG = 363.0
 """Joint limits of the arms are no wider."""
 
@@ -81,16 +77,20 @@ HELD_S = 0.5
 TEXT_LENGTH = 80
 """Characters of a remark: longer ones are cut in the log."""
 
-FORBIDDEN = '"\\'
-"""Quotes and backslashes end or change a text."""
+LIMITS = Limits(
+    text=TEXT_LENGTH,
+    remark=TEXT_LENGTH,
+    forbidden='"\\',  # quotes and backslashes end or change a text
+    begins=("POSE ", "PLAN ", "PROGRAM ", "Title:"),
+    settle_s=1e4,
+    outputs=(0, 7),  # of the standard digital ones
+)
 
 MOST_MASS_KG = 1000.0
 """No arm carries so much."""
 
 MOST_CENTRE_M = 5.0
 """Nor so far from its flange."""
-
-_TEXT = re.compile(r"[ !#-\[\]-~]*")
 
 
 def render_ur_script(program: PoseProgram, arm: Arm) -> str:
@@ -112,7 +112,8 @@ def render_ur_script(program: PoseProgram, arm: Arm) -> str:
         A name or a text that URScript would refuse, a number out of its range, or a joint beyond
         +-363 deg.
     """
-    _check_options(program)
+    LIMITS.check(program)
+    check_call(NAMES, program.options, program.name)
     values = np.radians(_joints_deg(program, arm))
     targets = (
         _poses(program, arm, values) if program.options.form == "cartesian" else _lists(values)
@@ -122,26 +123,6 @@ def render_ur_script(program: PoseProgram, arm: Arm) -> str:
         lines += _at_pose(program, arm, pose, number, target)
     body = "\n".join("  " + line for line in lines)
     return f"def {program.name}():\n{body}\nend\n{program.name}()\n"
-
-
-def _check_options(program: PoseProgram) -> None:
-    options = program.options
-    check_text("comment", options.comment, TEXT_LENGTH, FORBIDDEN)
-    in_range("settle_s", options.settle_s, 0, 1e4)
-    in_range("measure_pulse_s", options.measure_pulse_s, 0, 1e4)
-    if options.measure_output is not None:
-        in_range("measure_output", options.measure_output, 0, MOST_OUTPUT)
-    check_call(NAMES, options, program.name)
-    for pose in program.poses:
-        what = f"comment of pose {pose.name!r}"
-        check_text(what, pose.comment, TEXT_LENGTH, FORBIDDEN)
-        if pose.comment.lstrip().startswith(("POSE ", "PLAN ", "PROGRAM ", "Title:")):
-            raise InputError(
-                f"{what} {pose.comment!a} would be read as what the script says of its poses",
-                hint="begin it with another word",
-                name=pose.name,
-                value=pose.comment,
-            )
 
 
 def _joints_deg(program: PoseProgram, arm: Arm) -> FloatArray:
@@ -185,7 +166,7 @@ def _head(program: PoseProgram, arm: Arm) -> Iterator[str]:
         yield f"# Title: {options.comment}"
     if program.mark:
         yield f"# {program.mark}"
-    for line in warning_lines(program, TEXT_LENGTH, FORBIDDEN):
+    for line in warning_lines(program, TEXT_LENGTH, LIMITS.forbidden):
         yield f"# {line}"
     if options.measure_call is not None:
         yield from _measuring(program)
@@ -229,8 +210,7 @@ def _at_pose(
     program: PoseProgram, arm: Arm, pose: ProgramPose, number: int, target: str
 ) -> Iterator[str]:
     options = program.options
-    named = _TEXT.fullmatch(pose.name) and len(pose.name) <= TEXT_LENGTH
-    yield f"# POSE {number} {pose.name if named else ''}".rstrip()
+    yield f"# POSE {number} {pose.name if LIMITS.fits(pose.name) else ''}".rstrip()
     if pose.comment.strip():
         yield f'textmsg("{pose.comment.strip()}")'
     yield f"movej({target}, a={ACCELERATION_RAD_S2}, v={_speed(arm, options.speed_percent)})"

@@ -25,7 +25,6 @@ The layout is that of these manuals and of exports. Nothing was loaded on a cont
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -35,10 +34,11 @@ from calib.se3 import FloatArray, wpr_from_rotation
 from posedesign.programs.arm import Arm
 from posedesign.programs.program import PoseProgram, ProgramOptions, ProgramPose, in_range
 from posedesign.programs.writing import (
+    Limits,
     NameRule,
     check_call,
-    check_text,
     plain_all,
+    rounded_deg,
     shown_deg,
     warning_lines,
 )
@@ -53,21 +53,18 @@ COMMENT_LENGTH = 32
 MOST_LINES = 2000
 """Instructions of one job: where public post-processors split."""
 
-MOST_FRAME = 63
-"""Highest number of a tool or a user frame; NX100 has fewer."""
-
-MOST_VARIABLE = 127
-"""Last position variable of controllers as delivered."""
-
-LONGEST_TIME_S = 655.35
-"""Of TIMER and PULSE: hundredths of a second in 16 bits."""
-
 MOST_INTEGER = 32767
 """Largest value of an I variable."""
 
-_TEXT = re.compile(r"[ -~]*")
-_RESERVED = ("POSE ", "PLAN ", "PULSES ")
-"""Comments that mean something when the job is read back."""
+LIMITS = Limits(
+    text=COMMENT_LENGTH,
+    remark=COMMENT_LENGTH,
+    begins=("POSE ", "PLAN ", "PULSES "),
+    settle_s=655.35,  # hundredths of a second in 16 bits
+    pulse_s=(0.01, 655.35),
+    frames=(63, 63),  # NX100 has fewer
+    registers=(127, "variable P{}"),
+)
 
 
 def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[float]) -> str:
@@ -91,7 +88,11 @@ def render_yaskawa_jbi(program: PoseProgram, arm: Arm, pulses_per_deg: Sequence[
         a user frame that is not that of the job, or a joint beyond +-720 deg.
     """
     options = program.options
-    _check_options(program)
+    LIMITS.check(program)
+    check_call(NAMES, options, program.name)
+    if options.measure_call is not None:
+        argument = options.argument(program.measured_count)
+        in_range("measure_argument", argument or 0, -MOST_INTEGER - 1, MOST_INTEGER)
     pulses = checked(pulses_per_deg) if options.form == "joint" else ()
     positions = _pulses(program, arm, pulses) if pulses else _rectangular(program, arm)
     return "\n".join(
@@ -116,30 +117,6 @@ def lines_besides(program: PoseProgram) -> tuple[int, int]:
     """Instructions besides those of the poses, and most of one pose, remarks included."""
     pose = ProgramPose("", program.poses[0].posture_rad, comment="-")
     return len(_head(program, (1.0,) * 6)) + 1, len(_at_pose(program.options, pose, 0, 1))
-
-
-def _check_options(program: PoseProgram) -> None:
-    options = program.options
-    in_range("user_frame", options.user_frame, 0, MOST_FRAME)
-    in_range("tool_frame", options.tool_frame, 0, MOST_FRAME)
-    in_range("settle_s", options.settle_s, 0, LONGEST_TIME_S)
-    if options.measure_output is not None:
-        in_range("measure_pulse_s", options.measure_pulse_s, 0.01, LONGEST_TIME_S)
-    check_text("comment", options.comment, COMMENT_LENGTH)
-    check_call(NAMES, options, program.name)
-    argument = options.argument(program.measured_count)
-    if options.measure_call is not None:
-        in_range("measure_argument", argument or 0, -MOST_INTEGER - 1, MOST_INTEGER)
-    last = options.first_register + program.measured_count - 1
-    if options.keep == "register" and last > MOST_VARIABLE:
-        raise InputError(
-            f"the touched-up positions would need variable P{last}, controllers have "
-            f"P{MOST_VARIABLE} as their last",
-            hint="keep them in the positions of the job",
-            name="first_register",
-            value=last,
-            bound=MOST_VARIABLE,
-        )
 
 
 def _pulses(program: PoseProgram, arm: Arm, pulses_per_deg: tuple[float, ...]) -> Iterator[str]:
@@ -173,8 +150,7 @@ def _rectangular(program: PoseProgram, arm: Arm) -> Iterator[str]:
 
 
 def _millimetres(poses: FloatArray) -> Iterator[str]:
-    angles_deg = np.round(np.rad2deg(wpr_from_rotation(poses[:, :3, :3])), 4)
-    angles_deg[angles_deg == -180.0] = 180.0  # one name for half a turn
+    angles_deg = rounded_deg(wpr_from_rotation(poses[:, :3, :3]), 4)
     for xyz, angles in zip(poses[:, :3, 3] * 1e3, angles_deg, strict=True):
         yield ",".join(plain_all(xyz, 3) + plain_all(angles, 4))
 
@@ -189,16 +165,6 @@ def _attributes(options: ProgramOptions) -> list[str]:
 def _instructions(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> list[str]:
     lines = _head(program, pulses_per_deg)
     for k, (number, pose) in enumerate(zip(program.numbers, program.poses, strict=True)):
-        if pose.comment:
-            what = f"comment of pose {pose.name!r}"
-            check_text(what, pose.comment, COMMENT_LENGTH)
-            if pose.comment.lstrip().startswith(_RESERVED):
-                raise InputError(
-                    f"{what} {pose.comment!a} would be read as what the job says of its poses",
-                    hint="begin it with another word",
-                    name=pose.name,
-                    value=pose.comment,
-                )
         lines += _at_pose(program.options, pose, k, number)
     return [*lines, "END"]
 
@@ -213,7 +179,7 @@ def _head(program: PoseProgram, pulses_per_deg: tuple[float, ...]) -> list[str]:
 def _at_pose(options: ProgramOptions, pose: ProgramPose, k: int, number: int) -> list[str]:
     """Instructions of one pose, with position C ``k``."""
     note = f"POSE {number} {pose.name}".rstrip()
-    if len(note) > COMMENT_LENGTH or not _TEXT.fullmatch(note):
+    if not LIMITS.fits(note):
         note = f"POSE {number}"
     lines = [f"'{note}"]
     if pose.comment.strip():
